@@ -1,0 +1,33 @@
+"""contactlearn: learn rigid-body contact from measurements.
+
+Compare contact models with measured planar impacts, see where they fail, and learn which
+physical effect is missing.  The public names below are loaded when they are first used, so that
+`import contactlearn` and the commands' `--help` stay fast.
+"""
+
+from importlib import import_module
+
+__version__ = "0.1.0"
+_PUBLIC = {
+    "Impacts": "contactlearn.impacts",
+    "Prediction": "contactlearn.impacts",
+    "ContactModel": "contactlearn.model",
+    "Law": "contactlearn.laws",
+    "ContactLearnError": "contactlearn.errors",
+    "DataError": "contactlearn.errors",
+    "UnknownNameError": "contactlearn.errors",
+}
+_MODULES = ("bounds", "data", "errors", "fit", "impacts", "laws", "mechanics", "metrics", "model", "shapes")
+__all__ = [*_PUBLIC, *_MODULES, "__version__"]
+
+
+def __getattr__(name: str):
+    if name in _PUBLIC:
+        return getattr(import_module(_PUBLIC[name]), name)
+    if name in _MODULES:
+        return import_module(f"contactlearn.{name}")
+    raise AttributeError(f"module 'contactlearn' has no attribute {name!r}")
+
+
+def __dir__():
+    return __all__

@@ -1,0 +1,30 @@
+"""Every error that contactlearn raises on purpose.
+
+Each message says the rule, the value seen and the likely fix.  `suggest` adds the nearest
+known names when a name is not one of them.
+"""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class ContactLearnError(ValueError):
+    """Base of all errors that a user can mend; its text is meant to be read alone."""
+
+
+class DataError(ContactLearnError):
+    """Measurements that break a rule of `Impacts` or of a data file."""
+
+
+class UnknownNameError(ContactLearnError):
+    """A law, variant, column, norm … that does not exist."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]):
+        known = list(known)
+        super().__init__(f"unknown {kind} {name!r}{suggest(name, known)}; known: {', '.join(known)}")
+
+
+def suggest(name: str, known: Iterable[str]) -> str:
+    """ ", did you mean 'x'?" for the nearest known name, or an empty string."""
+    near = get_close_matches(str(name), list(known), n=1, cutoff=0.5)
+    return f", did you mean {near[0]!r}?" if near else ""

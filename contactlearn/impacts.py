@@ -1,0 +1,181 @@
+"""Impacts: an immutable batch of measured planar impacts.  Prediction: what a model says of one.
+
+Everything downstream of the data sources takes an `Impacts` and nothing reads a file again.  It
+holds float64 tensors in SI units; validation happens once, when it is made.
+
+    mass, inertia      [N]     kg, kg m²   about the centre of mass
+    r                  [N, 2]  m           contact point minus centre of mass, world axes
+    q                  [N, 3]  m, m, rad   pose (x, y, θ) before contact
+    v_pre, v_post      [N, 3]  m/s, rad/s  (v_x, v_y, ω) before and after contact
+    q_post, time       [N, 3], [N]         optional: pose after contact, time of contact in s
+    trial, object      tuples of N names
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+from contactlearn import mechanics
+from contactlearn.errors import DataError
+from contactlearn.shapes import Shape
+
+COMPONENTS = {
+    "mass": ("mass",),
+    "inertia": ("inertia",),
+    "r": ("rx", "ry"),
+    "q": ("x", "y", "theta"),
+    "v_pre": ("vx", "vy", "omega"),
+    "v_post": ("vx_post", "vy_post", "omega_post"),
+    "q_post": ("x_post", "y_post", "theta_post"),
+    "time": ("time",),
+}
+"""The columns of a table file by the field of `Impacts` that they fill."""
+
+OPTIONAL = ("q_post", "time")
+
+
+@dataclass(frozen=True, eq=False)
+class Impacts:
+    """N measured impacts of rigid bodies with a fixed floor; see the module's table for the fields.
+
+    Raises:
+        DataError: naming the rule, the value, the row (counted from 1) and the column, where
+            a number is missing or not finite, a mass or inertia is not positive, a contact
+            point does not approach the floor (v_n ≥ 0), or a trial name occurs twice.
+    """
+
+    mass: Tensor
+    inertia: Tensor
+    r: Tensor
+    q: Tensor
+    v_pre: Tensor
+    v_post: Tensor
+    q_post: Tensor | None = None
+    time: Tensor | None = None
+    trial: tuple[str, ...] = ()
+    object: tuple[str, ...] = ()
+    shape: Shape | None = None
+    source: str = field(default="unnamed", kw_only=True)
+
+    def __post_init__(self):
+        n = len(self.mass)
+        for name, columns in COMPONENTS.items():
+            value = getattr(self, name)
+            if value is None and name in OPTIONAL:
+                continue
+            value = torch.as_tensor(value, dtype=torch.float64)
+            wanted = (n,) if len(columns) == 1 else (n, len(columns))
+            if value.shape != wanted:
+                raise DataError(f"{name} must have shape {wanted}, got {tuple(value.shape)}")
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "trial", tuple(map(str, self.trial)) or tuple(str(i + 1) for i in range(n)))
+        object.__setattr__(self, "object", tuple(map(str, self.object)) or ("body",) * n)
+        self._validate()
+
+    def _validate(self) -> None:
+        n = len(self)
+        if n == 0:
+            raise DataError(f"{self.source}: no impacts; at least one is needed")
+        for name in ("trial", "object"):
+            if len(getattr(self, name)) != n:
+                raise DataError(f"{self.source}: {len(getattr(self, name))} {name} names for {n} impacts")
+        for name, columns in COMPONENTS.items():
+            value = getattr(self, name)
+            if value is None:
+                continue
+            for column, values in zip(columns, value.reshape(n, -1).unbind(-1), strict=True):
+                self._refuse(~torch.isfinite(values), column, values, "must be a finite number")
+        for column in ("mass", "inertia"):
+            values = getattr(self, column)
+            self._refuse(values <= 0, column, values, "must be positive (kg, kg m²)")
+        self._refuse(
+            self.v_c[:, 1] >= 0,
+            "vy",
+            self.v_c[:, 1],
+            "must approach the floor: v_n = vy + rx ω < 0 before contact (are pre- and post-contact columns swapped, or is y down?)",
+        )
+        seen: dict[str, int] = {}
+        for row, name in enumerate(self.trial, 1):
+            if name in seen:
+                raise DataError(
+                    f"{self.source}: trial names must be unique; row {row}, column trial repeats {name!r} of row {seen[name]}"
+                )
+            seen[name] = row
+
+    def _refuse(self, bad: Tensor, column: str, values: Tensor, rule: str) -> None:
+        if bool(bad.any()):
+            row = int(bad.nonzero()[0, 0])
+            more = int(bad.sum()) - 1
+            others = f" (and {more} more rows)" if more else ""
+            raise DataError(
+                f"{self.source}: row {row + 1} (trial {self.trial[row]!r}), column {column}: "
+                f"{rule}; got {values[row].item():g}{others}"
+            )
+
+    def __len__(self) -> int:
+        return len(self.mass)
+
+    def __repr__(self) -> str:
+        objects = ", ".join(dict.fromkeys(self.object))
+        return f"Impacts({len(self)} trials of {objects}, shape={self.shape}, source={self.source!r})"
+
+    def __getitem__(self, rows: Tensor | Sequence[int] | slice) -> "Impacts":
+        """The trials at `rows` (indices, a boolean mask or a slice), in that order."""
+        index = torch.arange(len(self))[rows if isinstance(rows, slice) else torch.as_tensor(rows)]
+        picked = index.tolist()
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        for name in COMPONENTS:
+            if values[name] is not None:
+                values[name] = values[name][index]
+        for name in ("trial", "object"):
+            values[name] = tuple(values[name][i] for i in picked)
+        return Impacts(**values)
+
+    def replace(self, **changes) -> "Impacts":
+        """A copy with some fields changed, validated again."""
+        return replace(self, **changes)
+
+    @cached_property
+    def W(self) -> Tensor:
+        """Inverse effective inertia at the contact, [N, 2, 2] in 1/kg."""
+        return mechanics.inverse_inertia(self.mass, self.inertia, self.r)
+
+    @cached_property
+    def v_c(self) -> Tensor:
+        """Velocity (v_t, v_n) of the contact point before contact, [N, 2] in m/s."""
+        return mechanics.contact_velocity(self.r, self.v_pre)
+
+    @cached_property
+    def wrench(self) -> Tensor:
+        """Measured wrench (P_t, P_n, τ) [N, 3] in (N s, N s, N m s): exact and unique."""
+        return mechanics.measured_wrench(self.mass, self.inertia, self.r, self.v_pre, self.v_post)
+
+    def split(self, test: float, generator: torch.Generator) -> tuple["Impacts", "Impacts"]:
+        """Random (training pool, held-out test) with a share `test` of the trials held out."""
+        held_out = round(test * len(self))
+        if not 0 < held_out < len(self):
+            raise DataError(
+                f"{self.source}: cannot hold out a share {test} of {len(self)} trials; use a share in (0, 1)"
+            )
+        order = torch.randperm(len(self), generator=generator)
+        return self[order[held_out:].sort().values], self[order[:held_out].sort().values]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a model predicts for N impacts; leading axes, such as seeds, may come before N.
+
+    v_post [..., N, 3] in (m/s, m/s, rad/s) and wrench [..., N, 3] in (N s, N s, N m s).
+    """
+
+    v_post: Tensor
+    wrench: Tensor
+
+    @classmethod
+    def from_wrench(cls, impacts: Impacts, wrench: Tensor) -> "Prediction":
+        """The post velocity follows from the wrench (P_t, P_n, τ) by the equation of motion."""
+        v_post = mechanics.apply_wrench(impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, wrench)
+        return cls(v_post, wrench)

@@ -1,0 +1,35 @@
+"""Anitescu & Potra (1997) with Poisson restitution: two complementarity problems.
+
+Compression brings v_n to 0 with impulse P^c; decompression adds the normal impulse ε P_n^c with
+Coulomb friction against the final slip of that phase.  The extra normal impulse of the original
+method, which would keep v_n⁺ ≥ 0, is never needed with one planar contact: where compression
+ends sliding, W_nn > σ μ W_tn, and where it ends sticking the second phase has v_t = 0 to begin with.
+"""
+
+import torch
+from torch import Tensor
+
+from contactlearn.laws.base import Contact, complementary
+
+
+def textbook(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
+    """(P_t, P_n) in N s: the sum of both phases."""
+    w_tt, w_tn, _, v_t, v_n = contact
+    t_c, n_c = complementary(contact, mu, -v_n)
+    n_d = eps * n_c
+    # Tangential impulse that ends the slip of the second phase, clamped to its cone.
+    t_d = -(v_t + w_tt * t_c + w_tn * (n_c + n_d)) / w_tt
+    return t_c + torch.clamp(t_d, -mu * n_d, mu * n_d), n_c + n_d
+
+
+def fazeli2017(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
+    """As computed for the paper: restitution scales P_n alone, without friction.
+
+    P = (P_t^c, (1 + ε) P_n^c).  v_n⁺ = ε W_nn P_n^c ≥ 0, so a second solve is never needed;
+    energy can be gained.
+    """
+    t_c, n_c = complementary(contact, mu, -contact.v_n)
+    return t_c, (1 + eps) * n_c
+
+
+VARIANTS = {"textbook": textbook, "fazeli2017": fazeli2017}

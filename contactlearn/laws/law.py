@@ -1,0 +1,107 @@
+"""Laws by name: `impulse` evaluates one on a batch, `Law` holds its parameters."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from contactlearn.errors import UnknownNameError
+from contactlearn.laws import (
+    anitescu_potra_newton,
+    anitescu_potra_poisson,
+    chatterjee_ruina,
+    drumwright_shell,
+    mirtich,
+    wang_mason,
+    whittaker,
+)
+from contactlearn.laws.base import Contact
+
+_LAWS = {
+    "whittaker": whittaker.VARIANTS,
+    "anitescu_potra_newton": anitescu_potra_newton.VARIANTS,
+    "anitescu_potra_poisson": anitescu_potra_poisson.VARIANTS,
+    "drumwright_shell": drumwright_shell.VARIANTS,
+    "wang_mason": wang_mason.VARIANTS,
+    "mirtich": mirtich.VARIANTS,
+    "chatterjee_ruina": chatterjee_ruina.VARIANTS,
+}
+PAPER_LAWS = tuple(name for name in _LAWS if name != "chatterjee_ruina")
+"""The six laws that the paper compares."""
+
+_BLOCK = 1 << 16  # elements evaluated at once: the temporaries of a law then stay in cache
+
+
+def names() -> tuple[str, ...]:
+    """Names of all laws: the paper's six, then Chatterjee & Ruina's."""
+    return tuple(_LAWS)
+
+
+def check(name: str, variant: str = "textbook") -> None:
+    """Raise UnknownNameError for a law or variant that does not exist."""
+    if name not in _LAWS:
+        raise UnknownNameError("law", name, _LAWS)
+    if variant not in _LAWS[name]:
+        raise UnknownNameError("variant", variant, _LAWS[name])
+
+
+def impulse(
+    name: str,
+    W: Tensor,
+    v_c: Tensor,
+    mu: Tensor | float,
+    eps: Tensor | float,
+    *,
+    variant: str = "textbook",
+    e_t: Tensor | float = 0.0,
+) -> Tensor:
+    """Contact impulse P = (P_t, P_n) [..., N, 2] in N s of the law `name`.
+
+    Args:
+        name: one of `names()`.
+        W: inverse effective inertia [..., N, 2, 2] in 1/kg.
+        v_c: contact-point velocity (v_t, v_n) [..., N, 2] in m/s before contact, v_n < 0.
+        mu: coefficient of friction ≥ 0, broadcast against [..., N]: a (G, 1) tensor sweeps G values.
+        eps: coefficient of restitution in [0, 1], likewise.
+        variant: `textbook`, or `fazeli2017` for what the paper's authors computed.
+        e_t: tangential restitution, Chatterjee & Ruina only.
+
+    Raises:
+        UnknownNameError: no such law or variant.
+    """
+    check(name, variant)
+    contact = Contact(W[..., 0, 0], W[..., 0, 1], W[..., 1, 1], v_c[..., 0], v_c[..., 1])
+    mu, eps, e_t = (torch.as_tensor(x, dtype=W.dtype, device=W.device) for x in (mu, eps, e_t))
+    parameters = (mu, eps, e_t) if name == "chatterjee_ruina" else (mu, eps)
+    law = _LAWS[name][variant]
+    shape = torch.broadcast_shapes(*(x.shape for x in (*contact, *parameters)))
+    inputs = (*contact, *parameters)
+    grad = torch.is_grad_enabled() and any(x.requires_grad for x in inputs)
+    if grad or len(shape) < 2 or shape.numel() <= _BLOCK:
+        return torch.stack(torch.broadcast_tensors(*law(contact, *parameters)), -1)
+    P = torch.empty((*shape, 2), dtype=W.dtype, device=W.device)
+    rows = max(1, _BLOCK * shape[0] // shape.numel())
+    inputs = tuple(x if x.ndim < len(shape) else x.expand(shape[:1] + x.shape[1:]) for x in inputs)
+    for start in range(0, shape[0], rows):
+        block = tuple(x[start : start + rows] if x.ndim == len(shape) else x for x in inputs)
+        P_t, P_n = law(Contact(*block[:5]), *block[5:])
+        P[start : start + rows, ..., 0], P[start : start + rows, ..., 1] = P_t, P_n
+    return P
+
+
+@dataclass(frozen=True)
+class Law:
+    """A law with its parameters: μ (friction), ε (normal restitution), e_t (tangential restitution)."""
+
+    name: str
+    mu: Tensor | float
+    eps: Tensor | float
+    variant: str = "textbook"
+    e_t: Tensor | float = 0.0
+
+    def __post_init__(self):
+        check(self.name, self.variant)
+
+    def impulse(self, W: Tensor, v_c: Tensor) -> Tensor:
+        """Contact impulse P [..., N, 2] in N s; see `impulse`."""
+        return impulse(self.name, W, v_c, self.mu, self.eps, variant=self.variant, e_t=self.e_t)

@@ -1,0 +1,58 @@
+"""Wang & Mason (1992): Routh's path in impulse space with Poisson restitution.
+
+With p = P_n as the clock, dP_t/dp = −s μ while sliding; once v_t = 0 the contact sticks
+(dP_t/dp = −W_tn/W_tt) if the cone allows, otherwise it slides back: both are the sticking slope
+clamped to ±μ.  Compression ends where v_n = 0, at p = p_c; restitution ends at (1 + ε) p_c.
+The five modes (sliding, C-sticking, R-sticking, C-reversed, R-reversed) are the places where the
+slip ends: never, or before or after p_c, in stick or in reversed sliding.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from contactlearn.laws.base import Contact, slip_direction
+
+
+class Path(NamedTuple):
+    """Routh's path: two straight pieces in (p, P_t), and v_n along them."""
+
+    slope: Tensor  # dP_t/dp = −s μ before the slip ends
+    slope_after: Tensor
+    stiffness: Tensor  # dv_n/dp (1/kg) before the slip ends
+    stiffness_after: Tensor
+    p_slip: Tensor  # p at which the initial slip ends (N s), inf where it never does
+    v_slip: Tensor  # v_n gained by then (m/s), inf where the slip never ends
+    p_c: Tensor  # p at which compression ends (N s)
+
+    def impulse(self, p: Tensor) -> tuple[Tensor, Tensor]:
+        """(P_t, P_n) at clock p."""
+        before = torch.minimum(p, self.p_slip)
+        return self.slope * before + self.slope_after * (p - before), p
+
+
+def routh_path(contact: Contact, mu: Tensor) -> Path:
+    """The path of a contact; it does not depend on ε."""
+    w_tt, w_tn, w_nn, v_t, v_n = contact
+    slope = -slip_direction(contact) * mu
+    slope_after = torch.clamp(-w_tn / w_tt, -mu, mu)
+    stiffness, stiffness_after = w_nn + slope * w_tn, w_nn + slope_after * w_tn
+    # |v_t| falls at this rate; at a rate ≤ 0 the slip never ends (and then stiffness > 0).
+    braking = -(w_tn + slope * w_tt) * slip_direction(contact)
+    ends = braking > 0
+    p_slip = torch.where(ends, v_t.abs() / torch.where(ends, braking, 1.0), torch.inf)
+    v_slip = torch.where(ends, stiffness * torch.where(ends, p_slip, 0.0), torch.inf)
+    first = v_slip >= -v_n
+    p_first = -v_n / torch.where(first, stiffness, 1.0)
+    p_second = torch.where(first, 0.0, p_slip) + (-v_n - torch.where(first, 0.0, v_slip)) / stiffness_after
+    return Path(slope, slope_after, stiffness, stiffness_after, p_slip, v_slip, torch.where(first, p_first, p_second))
+
+
+def textbook(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
+    """(P_t, P_n) in N s at the end of restitution."""
+    path = routh_path(contact, mu)
+    return path.impulse((1 + eps) * path.p_c)
+
+
+VARIANTS = {"textbook": textbook, "fazeli2017": textbook}

@@ -1,0 +1,147 @@
+"""Convex planar bodies on a flat floor: the contact point as a function of orientation.
+
+A shape answers one question: where, relative to the centre of mass and in world axes, is the
+body's lowest point at orientation θ?  `contact_point` returns r [..., 2] in metres, r_y < 0.
+Shapes are plain values; `None` stands for an unknown shape.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import torch
+from torch import Tensor
+
+from contactlearn.errors import DataError, UnknownNameError
+
+
+class Shape(Protocol):
+    """A convex body; the body frame has its origin at the centre of mass and is turned by θ."""
+
+    def contact_point(self, theta: Tensor) -> Tensor:
+        """Lowest point r [..., 2] in m at orientation θ [...] in rad."""
+        ...
+
+    def outline(self, points: int = 181) -> Tensor:
+        """Closed boundary [points, 2] in m, in the body frame."""
+        ...
+
+
+def _rotate(x: Tensor, y: Tensor, theta: Tensor) -> Tensor:
+    c, s = theta.cos(), theta.sin()
+    return torch.stack((c * x - s * y, s * x + c * y), -1)
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """Ellipse with `semi_axes` (a, b) in m along the body's x and y axes."""
+
+    semi_axes: tuple[float, float]
+
+    def __post_init__(self):
+        object.__setattr__(self, "semi_axes", _lengths("semi_axes", self.semi_axes, 2))
+
+    def contact_point(self, theta: Tensor) -> Tensor:
+        a, b = self.semi_axes
+        # Support point of the ellipse in the direction that is world −y: (−sin θ, −cos θ) in the body.
+        d_x, d_y = -theta.sin(), -theta.cos()
+        height = torch.sqrt((a * d_x) ** 2 + (b * d_y) ** 2)
+        return _rotate(a**2 * d_x / height, b**2 * d_y / height, theta)
+
+    def outline(self, points: int = 181) -> Tensor:
+        angle = torch.linspace(0, 2 * math.pi, points, dtype=torch.float64)
+        return torch.stack((self.semi_axes[0] * angle.cos(), self.semi_axes[1] * angle.sin()), -1)
+
+
+@dataclass(frozen=True)
+class Disc:
+    """Disc of `radius` in m about its centre of mass."""
+
+    radius: float
+
+    def __post_init__(self):
+        object.__setattr__(self, "radius", _lengths("radius", [self.radius], 1)[0])
+
+    def contact_point(self, theta: Tensor) -> Tensor:
+        return torch.stack((torch.zeros_like(theta), torch.full_like(theta, -self.radius)), -1)
+
+    def outline(self, points: int = 181) -> Tensor:
+        return Ellipse((self.radius, self.radius)).outline(points)
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """Convex polygon with `vertices` [V, 2] in m, in the body frame, in order around the body.
+
+    On a flat side both ends are lowest; the contact point is then the first of them in the
+    given order, so r jumps there, as it does for the real body.
+    """
+
+    vertices: tuple[tuple[float, float], ...]
+
+    def __post_init__(self):
+        try:
+            corners = tuple((float(x), float(y)) for x, y in self.vertices)
+        except (TypeError, ValueError):
+            raise DataError(f"a polygon's vertices are pairs [x, y] in metres, got {self.vertices!r}") from None
+        if len(corners) < 3:
+            raise DataError(f"a polygon needs at least 3 vertices, got {len(corners)}")
+        turns = {
+            math.copysign(1, cross)
+            for (x0, y0), (x1, y1), (x2, y2) in zip(
+                corners, corners[1:] + corners[:1], corners[2:] + corners[:2], strict=True
+            )
+            if (cross := (x1 - x0) * (y2 - y1) - (y1 - y0) * (x2 - x1)) != 0
+        }
+        if len(turns) != 1:
+            raise DataError("a polygon must be convex, with its vertices in order around the body")
+        object.__setattr__(self, "vertices", corners)
+
+    def contact_point(self, theta: Tensor) -> Tensor:
+        corners = torch.tensor(self.vertices, dtype=theta.dtype, device=theta.device)
+        world = _rotate(corners[:, 0], corners[:, 1], theta[..., None])
+        lowest = world[..., 1].argmin(-1)
+        return world.gather(-2, lowest[..., None, None].expand(*lowest.shape, 1, 2))[..., 0, :]
+
+    def outline(self, points: int = 181) -> Tensor:
+        return torch.tensor((*self.vertices, self.vertices[0]), dtype=torch.float64)
+
+
+KINDS = {"ellipse": Ellipse, "polygon": Polygon, "disc": Disc}
+
+
+def make_shape(spec: dict[str, Any] | Shape | None) -> Shape | None:
+    """Shape from `{kind: ellipse, semi_axes: [a, b]}`, `polygon` with `vertices`, `disc` with `radius`, or None.
+
+    Raises:
+        DataError: a missing, unknown or impossible entry.
+        UnknownNameError: a kind that does not exist.
+    """
+    if spec is None or isinstance(spec, tuple(KINDS.values())):
+        return spec
+    entries = dict(spec)
+    kind = str(entries.pop("kind", "none"))
+    if kind not in KINDS:
+        raise UnknownNameError("shape kind", kind, KINDS)
+    try:
+        return KINDS[kind](**{key: _plain(value) for key, value in entries.items()})
+    except TypeError:
+        wanted = ", ".join(KINDS[kind].__dataclass_fields__)
+        raise DataError(f"shape {kind!r} takes {wanted}; got {', '.join(map(str, entries)) or 'nothing'}") from None
+
+
+def _plain(value: Any) -> Any:
+    return (
+        tuple(_plain(item) for item in value) if isinstance(value, Sequence) and not isinstance(value, str) else value
+    )
+
+
+def _lengths(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:
+    try:
+        lengths = tuple(float(value) for value in values)
+    except (TypeError, ValueError):
+        raise DataError(f"{name} must be {count} number(s) in metres, got {values!r}") from None
+    if len(lengths) != count or not all(0 < length < math.inf for length in lengths):
+        raise DataError(f"{name} must be {count} positive number(s) in metres, got {values!r}")
+    return lengths
