@@ -13,7 +13,11 @@ class ContactLearnError(ValueError):
 
 
 class DataError(ContactLearnError):
-    """Measurements that break a rule of `Impacts` or of a data file."""
+    """Measurements that break a rule of `Impacts` or of a data file; `row` (from 1) where one row does."""
+
+    def __init__(self, message: str, *, row: int | None = None):
+        super().__init__(message)
+        self.row = row
 
 
 class UnknownNameError(ContactLearnError):
@@ -21,7 +25,11 @@ class UnknownNameError(ContactLearnError):
 
     def __init__(self, kind: str, name: str, known: Iterable[str]):
         known = list(known)
+        self._arguments = (kind, name, known)
         super().__init__(f"unknown {kind} {name!r}{suggest(name, known)}; known: {', '.join(known)}")
+
+    def __reduce__(self):  # so that it can come back from a worker process
+        return type(self), self._arguments
 
 
 def suggest(name: str, known: Iterable[str]) -> str:

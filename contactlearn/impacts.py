@@ -67,6 +67,7 @@ class Impacts:
             if value is None and name in OPTIONAL:
                 continue
             value = torch.as_tensor(value, dtype=torch.float64)
+            value = value.clone(memory_format=torch.contiguous_format)  # the caller may overwrite theirs
             wanted = (n,) if len(columns) == 1 else (n, len(columns))
             if value.shape != wanted:
                 raise DataError(f"{name} must have shape {wanted}, got {tuple(value.shape)}")
@@ -82,6 +83,9 @@ class Impacts:
         for name in ("trial", "object"):
             if len(getattr(self, name)) != n:
                 raise DataError(f"{self.source}: {len(getattr(self, name))} {name} names for {n} impacts")
+            if "" in getattr(self, name):
+                row = getattr(self, name).index("") + 1
+                raise DataError(f"{self.source}: row {row}, column {name}: must have a name, got an empty one", row=row)
         for name, columns in COMPONENTS.items():
             value = getattr(self, name)
             if value is None:
@@ -95,13 +99,16 @@ class Impacts:
             self.v_c[:, 1] >= 0,
             "vy",
             self.v_c[:, 1],
-            "must approach the floor: v_n = vy + rx ω < 0 before contact (are pre- and post-contact columns swapped, or is y down?)",
+            "must approach the floor: v_n = vy + rx ω < 0 before contact "
+            "(are pre- and post-contact columns swapped, or is y down?)",
         )
         seen: dict[str, int] = {}
         for row, name in enumerate(self.trial, 1):
             if name in seen:
                 raise DataError(
-                    f"{self.source}: trial names must be unique; row {row}, column trial repeats {name!r} of row {seen[name]}"
+                    f"{self.source}: trial names must be unique; row {row}, column trial repeats {name!r} "
+                    f"of row {seen[name]}",
+                    row=row,
                 )
             seen[name] = row
 
@@ -112,7 +119,8 @@ class Impacts:
             others = f" (and {more} more rows)" if more else ""
             raise DataError(
                 f"{self.source}: row {row + 1} (trial {self.trial[row]!r}), column {column}: "
-                f"{rule}; got {values[row].item():g}{others}"
+                f"{rule}; got {values[row].item():g}{others}",
+                row=row + 1,
             )
 
     def __len__(self) -> int:

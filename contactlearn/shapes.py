@@ -6,7 +6,7 @@ Shapes are plain values; `None` stands for an unknown shape.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -87,6 +87,8 @@ class Polygon:
             raise DataError(f"a polygon's vertices are pairs [x, y] in metres, got {self.vertices!r}") from None
         if len(corners) < 3:
             raise DataError(f"a polygon needs at least 3 vertices, got {len(corners)}")
+        if not all(math.isfinite(x) and math.isfinite(y) for x, y in corners):
+            raise DataError(f"a polygon's vertices must be finite numbers in metres, got {corners}")
         turns = {
             math.copysign(1, cross)
             for (x0, y0), (x1, y1), (x2, y2) in zip(
@@ -94,8 +96,16 @@ class Polygon:
             )
             if (cross := (x1 - x0) * (y2 - y1) - (y1 - y0) * (x2 - x1)) != 0
         }
-        if len(turns) != 1:
-            raise DataError("a polygon must be convex, with its vertices in order around the body")
+        # Seen from the centre of mass the outline goes around once: not for a star, nor for a centre outside.
+        around = sum(
+            math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
+            for (x0, y0), (x1, y1) in zip(corners, corners[1:] + corners[:1], strict=True)
+        )
+        if len(turns) != 1 or abs(abs(around) - 2 * math.pi) > 1e-6:
+            raise DataError(
+                "a polygon must be convex, with its vertices in order around the body and its centre of mass, "
+                f"the origin, inside; got {corners}"
+            )
         object.__setattr__(self, "vertices", corners)
 
     def contact_point(self, theta: Tensor) -> Tensor:
@@ -120,6 +130,8 @@ def make_shape(spec: dict[str, Any] | Shape | None) -> Shape | None:
     """
     if spec is None or isinstance(spec, tuple(KINDS.values())):
         return spec
+    if not isinstance(spec, Mapping):
+        raise DataError(f"a shape is given as {{kind: ellipse, semi_axes: [a, b]}}, got {spec!r}")
     entries = dict(spec)
     kind = str(entries.pop("kind", "none"))
     if kind not in KINDS:

@@ -1,0 +1,9 @@
+"""Where measurements come from: each module has one function `load(...) -> Impacts`.
+
+    table          the user's own CSV or Parquet file (and `save`, the exporter)
+    ellipse_drops  the published drops of Fazeli et al. (2017)
+    synthetic      simulated drops with a known law and known noise
+
+A source takes plain keyword arguments, reads or simulates, and leaves validation to `Impacts`.
+Nothing downstream reads a file again.
+"""

@@ -1,0 +1,114 @@
+"""A table file as raw cells: what `table` reads, writes and names in its errors.
+
+CSV goes through the standard library's reader, in strict mode: it knows the line of every row,
+and neither pads, drops nor guesses.  Parquet goes through pyarrow.  A cell stays text (CSV) or a
+plain value (Parquet) until `numbers` or `names` asks for it, so that every error can name it.
+"""
+
+import csv
+import math
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from contactlearn.errors import DataError
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Header and columns of raw cells; `lines` are the rows' lines in a CSV file."""
+
+    path: Path
+    header: list[str]
+    columns: list[list[Any]]
+    lines: list[int] | None = None
+
+    def numbers(self, column: str, unit: str) -> list[float]:
+        """The column as finite numbers; DataError names the first cell that is not one."""
+        values = []
+        for row, cell in enumerate(self.columns[self.header.index(column)], 1):
+            try:
+                values.append(_number(cell))
+            except ValueError as error:
+                place = f"row {row}" + (f" (line {self.lines[row - 1]})" if self.lines else "")
+                rule = f"must be a finite number in {unit}; {error}"
+                raise DataError(f"{self.path}: {place}, column {column}: {rule}", row=row) from None
+        return values
+
+    def names(self, column: str) -> tuple[str, ...]:
+        """The column as text, exactly as written."""
+        return tuple("" if cell is None else str(cell) for cell in self.columns[self.header.index(column)])
+
+
+def _number(cell: Any) -> float:
+    """The number in a cell; the message of its ValueError ends a sentence."""
+    if cell is None or (isinstance(cell, str) and not cell.strip()):
+        raise ValueError("the cell is empty: fill it in or leave the trial out")
+    try:
+        # float() alone would also take True, "1_000" and other things that are not measurements.
+        if isinstance(cell, bool) or not isinstance(cell, str | int | float | Decimal) or "_" in str(cell):
+            raise ValueError
+        value = float(cell)
+    except ValueError:
+        comma = isinstance(cell, str) and cell.count(",") == 1 and "." not in cell
+        hint = f": a decimal comma? write {cell.strip().replace(',', '.')}" if comma else ""
+        raise ValueError(f"got {cell!r}{hint}") from None
+    if not math.isfinite(value):
+        raise ValueError(f"got {cell}: leave the trial out")
+    return value
+
+
+def read_csv(path: Path) -> Sheet:
+    """Cells of a comma-separated UTF-8 file; rows that are blank throughout are passed over."""
+    with path.open(newline="", encoding="utf-8-sig") as file:  # -sig: spreadsheets write a byte-order mark
+        reader = csv.reader(file, strict=True)
+        try:
+            rows = [(reader.line_num, cells) for cells in reader if any(map(str.strip, cells))]
+        except UnicodeDecodeError:
+            raise DataError(f"{path}: must be UTF-8 text; save it as 'CSV UTF-8'") from None
+        except csv.Error as error:
+            raise DataError(f"{path}: line {reader.line_num} is not CSV: {error}; check its quotes") from None
+    if not rows:
+        raise DataError(f"{path}: the file is empty; its first line must name the columns")
+    header = [name.strip() for name in rows[0][1]]
+    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
+        rule = "columns must be separated by commas, not by semicolons or tabs"
+        raise DataError(f"{path}: {rule}; save it as comma-separated CSV with decimal points")
+    for row, (line, cells) in enumerate(rows[1:], 1):
+        if len(cells) != len(header):
+            hint = "a decimal comma?" if len(cells) > len(header) else "a missing comma, or a truncated file?"
+            seen = f"{len(cells)} cells where the header has {len(header)}; {hint}"
+            raise DataError(f"{path}: row {row} (line {line}) has {seen}", row=row)
+    columns = [[cells[i] for _, cells in rows[1:]] for i in range(len(header))]
+    return Sheet(path, header, columns, [line for line, _ in rows[1:]])
+
+
+def read_parquet(path: Path) -> Sheet:
+    """Cells of a Parquet file; its page checksums are verified where it has them."""
+    import pyarrow
+    from pyarrow import parquet
+
+    try:
+        # Not read_table: that one also makes columns out of folder names such as mass=1.
+        with parquet.ParquetFile(path, page_checksum_verification=True) as file:
+            table = file.read()
+        return Sheet(path, table.column_names, [column.to_pylist() for column in table.columns])
+    except (pyarrow.ArrowException, OSError) as error:
+        raise DataError(f"{path}: is not a readable Parquet file ({error}); write or copy it again") from error
+
+
+def write_csv(columns: dict[str, list], path: Path) -> None:
+    """Write a new CSV file; a float is written as its repr, which reads back exactly."""
+    with path.open("x", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+
+
+def write_parquet(columns: dict[str, list], path: Path) -> None:
+    """Write a Parquet file with page checksums."""
+    import pyarrow
+    from pyarrow import parquet
+
+    parquet.write_table(pyarrow.table(columns), path, write_page_checksum=True)

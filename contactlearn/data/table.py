@@ -1,0 +1,127 @@
+"""Impacts from and to a table file: CSV (UTF-8, comma, decimal point) or Parquet, a row a trial.
+
+    mass, inertia                    kg, kg m²       about the centre of mass
+    rx, ry                           m               contact point minus centre of mass
+    x, y, theta                      m, m, rad       pose before contact
+    vx, vy, omega                    m/s, m/s, rad/s before contact
+    vx_post, vy_post, omega_post     likewise        after contact
+    trial, object                    optional        names; by default 1, 2, 3 … and "body"
+    x_post, y_post, theta_post       optional        pose after contact: all three or none
+    time                             optional, s     time of contact
+
+World axes: x right, y up (the floor's normal), theta counter-clockwise.  Columns come in any order.
+A cell is a number or a name, never code.  The body's shape is not a column: it is named beside
+the path.  What `save` writes, `load` gives back: every bit of every number, every name as written.
+"""
+
+import os
+from collections import Counter
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import torch
+
+from contactlearn.data import sheet
+from contactlearn.errors import DataError, suggest
+from contactlearn.impacts import COMPONENTS, OPTIONAL, Impacts
+from contactlearn.shapes import Shape, make_shape
+
+NAMES = ("trial", "object")
+COLUMNS = NAMES + tuple(column for columns in COMPONENTS.values() for column in columns)
+REQUIRED = tuple(column for field, columns in COMPONENTS.items() if field not in OPTIONAL for column in columns)
+
+_UNITS = {"mass": "kg", "inertia": "kg m²", "theta": "rad", "vx": "m/s", "vy": "m/s", "omega": "rad/s", "time": "s"}
+_READERS = {".csv": sheet.read_csv, ".parquet": sheet.read_parquet}
+_WRITERS = {".csv": sheet.write_csv, ".parquet": sheet.write_parquet}
+
+
+def load(path: str | os.PathLike, shape: dict[str, Any] | Shape | None = None) -> Impacts:
+    """Impacts from the table file `path`.
+
+    Args:
+        path: a .csv or .parquet file with the columns of the module's table.
+        shape: the body's shape for `shapes.make_shape`, or None where it is not known.
+
+    Raises:
+        DataError: the file cannot be read, or breaks a rule; it names the row (counted from 1
+            without the header), the line of a CSV file, the column, the value and a fix.
+        UnknownNameError: a shape that does not exist.
+    """
+    path, body = Path(path), make_shape(shape)
+    if path.is_dir():
+        raise DataError(f"{path}: is a directory; give the path of a .csv or .parquet file")
+    read = _READERS[_suffix(path)]
+    if not path.exists():
+        raise DataError(f"{path}: no such file; check the path (relative to {Path.cwd()})")
+    try:
+        cells = read(path)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error}") from error
+    _check_header(path, cells.header)
+    if not cells.columns[0]:
+        raise DataError(f"{path}: has a header but no impacts; at least one row is needed")
+    values: dict[str, Any] = {name: cells.names(name) for name in NAMES if name in cells.header}
+    for field, columns in COMPONENTS.items():
+        if columns[0] in cells.header:
+            numbers = [cells.numbers(column, _UNITS.get(column.removesuffix("_post"), "m")) for column in columns]
+            stacked = torch.tensor(numbers, dtype=torch.float64)
+            values[field] = stacked[0] if len(columns) == 1 else stacked.T
+    try:
+        return Impacts(**values, shape=body, source=str(path))
+    except DataError as error:
+        if error.row is None or cells.lines is None:
+            raise
+        raise DataError(f"{error}; line {cells.lines[error.row - 1]} of the file", row=error.row) from None
+
+
+def save(impacts: Impacts, path: str | os.PathLike) -> Path:
+    """Write impacts to a .csv or .parquet file that `load` reads back exactly; the shape is not saved.
+
+    The file appears whole or not at all: it is written beside its place and then moved there.
+
+    Raises:
+        DataError: another suffix, or the file cannot be written.
+    """
+    path = Path(path)
+    write = _WRITERS[_suffix(path)]
+    columns: dict[str, list] = {name: list(getattr(impacts, name)) for name in NAMES}
+    for field, names in COMPONENTS.items():
+        value = getattr(impacts, field)
+        if value is not None:
+            columns |= zip(names, value.reshape(len(impacts), -1).T.tolist(), strict=True)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=".saving-", dir=path.parent) as folder:
+            part = Path(folder) / path.name
+            write(columns, part)
+            os.replace(part, path)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be written: {error}") from error
+    return path
+
+
+def _suffix(path: Path) -> str:
+    suffix = path.suffix.lower()
+    if suffix not in _READERS:
+        raise DataError(f"{path}: a table is a .csv or .parquet file, got suffix {suffix!r}; export it as CSV")
+    return suffix
+
+
+def _check_header(path: Path, header: list[str]) -> None:
+    twice = [name for name, count in Counter(header).items() if count > 1]
+    if twice:
+        raise DataError(f"{path}: column names must be unique; repeated: {', '.join(map(repr, twice))}")
+    free = [column for column in COLUMNS if column not in header]
+    unknown = [name for name in header if name not in COLUMNS]
+    if unknown:
+        near = "; ".join(repr(name) + suggest(name, free) for name in unknown)
+        index = " (an unnamed index? write the table without it)" if {"", "__index_level_0__"} & set(unknown) else ""
+        raise DataError(f"{path}: unknown column {near}{index}; known: {', '.join(COLUMNS)}")
+    missing = [column for column in REQUIRED if column not in header]
+    if missing:
+        raise DataError(f"{path}: missing column {', '.join(missing)}; needed: {', '.join(REQUIRED)}")
+    pose = COMPONENTS["q_post"]
+    lacking = [column for column in pose if column not in header]
+    if 0 < len(lacking) < len(pose):
+        raise DataError(f"{path}: {', '.join(pose)} come all three or none; missing: {', '.join(lacking)}")

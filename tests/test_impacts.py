@@ -1,0 +1,284 @@
+"""Impacts and the shapes: what they refuse, what they keep, and where a body touches the floor."""
+
+import dataclasses
+import math
+import pickle
+
+import numpy as np
+import pytest
+import torch
+
+from contactlearn.data import synthetic
+from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.impacts import COMPONENTS, Impacts, Prediction
+from contactlearn.shapes import Disc, Ellipse, Polygon, make_shape
+
+ROUNDING = 1e-12  # relative; a few hundred float64 roundings
+POINTS = 400_001
+SPACING = 2 * math.pi * 0.035 / (POINTS - 1)  # m between neighbours of a brute-force outline (1e-6 m steps)
+
+
+def make(n: int = 4, **changes) -> Impacts:
+    """n plain impacts, with some fields changed."""
+    fields = {
+        "mass": torch.full((n,), 0.0364),
+        "inertia": torch.full((n,), 1.7e-5),
+        "r": torch.tensor([[0.005, -0.03]]).repeat(n, 1),
+        "q": torch.tensor([[0.3, 0.03, 0.1]]).repeat(n, 1) + torch.arange(n)[:, None],
+        "v_pre": torch.tensor([[0.5, -2.5, 1.0]]).repeat(n, 1),
+        "v_post": torch.tensor([[0.3, 1.2, 4.0]]).repeat(n, 1),
+    }
+    return Impacts(**(fields | changes))
+
+
+def cell(field: str, row: int, value: float, column: int = 0) -> dict:
+    """A change of one number, row counted from 1."""
+    values = getattr(make(), field)
+    values.view(4, -1)[row - 1, column] = value
+    return {field: values}
+
+
+BAD = {
+    "nan": (cell("r", 2, math.nan, 1), ["drops.csv", "row 2", "'2'", "column ry", "finite", "nan"]),
+    "inf": (cell("v_post", 4, math.inf, 2), ["row 4", "column omega_post", "finite", "inf"]),
+    "zero mass": (cell("mass", 3, 0.0), ["row 3", "column mass", "positive", "kg", "got 0"]),
+    "negative inertia": (cell("inertia", 1, -1e-5), ["row 1", "column inertia", "positive", "kg m²", "-1e-05"]),
+    "no approach": (cell("v_pre", 2, 0.4, 1), ["row 2", "column vy", "approach", "rx ω < 0", "0.405", "swapped"]),
+    "resting": ({"v_pre": torch.zeros(4, 3)}, ["row 1", "column vy", "got 0", "3 more rows"]),
+    "nan in q_post": ({"q_post": torch.full((4, 3), math.nan)}, ["row 1", "column x_post", "3 more rows"]),
+    "nan in time": ({"time": torch.tensor([0.0, 1, 2, math.nan])}, ["row 4", "column time"]),
+    "trial twice": ({"trial": "abca"}, ["row 4", "column trial", "unique", "'a'", "row 1"]),
+    "empty trial": ({"trial": ("1", "2", "", "4")}, ["row 3", "column trial", "name"]),
+    "empty object": ({"object": ("", "b", "c", "d")}, ["row 1", "column object", "name"]),
+    "few names": ({"trial": ("1", "2")}, ["2 trial names for 4 impacts"]),
+    "many objects": ({"object": ("a",) * 5}, ["5 object names for 4 impacts"]),
+    "wrong width": ({"q": torch.zeros(4, 2)}, ["q must have shape (4, 3)", "(4, 2)"]),
+    "wrong length": ({"inertia": torch.ones(3)}, ["inertia must have shape (4,)", "(3,)"]),
+}
+
+
+@pytest.mark.parametrize(("changes", "fragments"), BAD.values(), ids=BAD)
+def test_impacts_refuse(changes, fragments):
+    with pytest.raises(DataError) as caught:
+        make(source="drops.csv", **changes)
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+
+
+def test_no_impacts_are_refused():
+    with pytest.raises(DataError, match="at least one"):
+        make(0)
+
+
+def test_names_default_to_the_row_and_body():
+    impacts = make(3)
+    assert impacts.trial == ("1", "2", "3")
+    assert impacts.object == ("body",) * 3
+    assert make(2, trial=(7, "007")).trial == ("7", "007")
+
+
+def test_numbers_of_any_kind_become_float64():
+    impacts = make(2, mass=[1, 2], inertia=np.array([1, 2]), q=torch.ones(2, 3, dtype=torch.float32))
+    assert {getattr(impacts, name).dtype for name in COMPONENTS if getattr(impacts, name) is not None} == {
+        torch.float64
+    }
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ([2, 0], [2, 0]),
+        (torch.tensor([3, 1]), [3, 1]),
+        (np.array([1, 2]), [1, 2]),
+        (torch.tensor([True, False, False, True]), [0, 3]),
+        ([False, True, True, False], [1, 2]),
+        (slice(1, None), [1, 2, 3]),
+        (slice(None, None, 2), [0, 2]),
+        ([-1], [3]),
+    ],
+    ids=str,
+)
+def test_indexing_picks_every_field_in_the_given_order(rows, expected):
+    impacts = make(
+        4,
+        q_post=torch.arange(12.0).reshape(4, 3),
+        time=torch.arange(4.0),
+        trial="wxyz",
+        object="abcd",
+        shape=Disc(0.03),
+        source="s",
+    )
+    picked = impacts[rows]
+    for name in COMPONENTS:
+        assert torch.equal(getattr(picked, name), getattr(impacts, name)[expected])
+    assert picked.trial == tuple("wxyz"[i] for i in expected)
+    assert picked.object == tuple("abcd"[i] for i in expected)
+    assert (picked.shape, picked.source) == (impacts.shape, "s")
+    assert torch.equal(picked.W, impacts.W[expected])
+
+
+def test_indexing_keeps_absent_fields_absent_and_refuses_repeats():
+    impacts = make()
+    assert impacts[[0]].q_post is None
+    with pytest.raises(DataError, match="unique"):
+        impacts[[1, 1]]
+    with pytest.raises(DataError, match="at least one"):
+        impacts[torch.zeros(4, dtype=torch.bool)]
+
+
+def test_split_partitions_the_trials_and_follows_its_generator():
+    impacts = make(20)
+    pool, test = impacts.split(0.25, torch.Generator().manual_seed(1))
+    assert (len(pool), len(test)) == (15, 5)
+    assert sorted(pool.trial + test.trial, key=int) == list(impacts.trial)
+    assert list(test.trial) == sorted(test.trial, key=int)
+    again = impacts.split(0.25, torch.Generator().manual_seed(1))[1]
+    other = impacts.split(0.25, torch.Generator().manual_seed(2))[1]
+    assert again.trial == test.trial != other.trial
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0, -0.1, 1.5, 0.01])
+def test_split_refuses_an_empty_side(share):
+    with pytest.raises(DataError, match="hold out"):
+        make(20).split(share, torch.Generator())
+
+
+def test_impacts_are_immutable():
+    theirs = torch.full((4,), 0.0364, dtype=torch.float64)
+    array = np.full(4, 1.7e-5)
+    impacts = make(mass=theirs, inertia=array)
+    theirs[0], array[0] = -1, -1
+    assert (impacts.mass > 0).all()
+    assert (impacts.inertia > 0).all()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        impacts.mass = theirs
+    part = impacts[:2]
+    part.q[0] = 99
+    assert impacts.q.max() < 99
+
+
+def test_replace_makes_a_validated_copy():
+    impacts = make()
+    heavy = impacts.replace(mass=2 * impacts.mass)
+    assert torch.equal(heavy.mass, 2 * impacts.mass)
+    assert torch.equal(heavy.W, heavy.replace().W)
+    assert not torch.equal(heavy.W, impacts.W)
+    with pytest.raises(DataError, match="positive"):
+        impacts.replace(mass=-impacts.mass)
+
+
+def test_impacts_say_what_they_are():
+    assert repr(make(shape=Disc(0.03), source="a.csv")) == (
+        "Impacts(4 trials of body, shape=Disc(radius=0.03), source='a.csv')"
+    )
+
+
+def test_prediction_from_the_measured_wrench_is_the_measurement():
+    impacts = synthetic.load(size=50)
+    prediction = Prediction.from_wrench(impacts, impacts.wrench)
+    torch.testing.assert_close(prediction.v_post, impacts.v_post, rtol=1e-10, atol=1e-12)
+
+
+def test_errors_come_back_from_a_worker_process_as_they_are():
+    for error in (UnknownNameError("law", "newton", ["wang_mason"]), DataError("a rule", row=3)):
+        copy = pickle.loads(pickle.dumps(error))
+        assert (type(copy), str(copy), vars(copy)) == (type(error), str(error), vars(error))
+        assert isinstance(copy, ContactLearnError)
+    assert "did you mean 'wang_mason'" in str(UnknownNameError("law", "wang-mason", ["wang_mason", "mirtich"]))
+
+
+THETA = torch.linspace(-7, 7, 57, dtype=torch.float64)
+ROUND = {"ellipse": Ellipse((0.035, 0.025)), "upright": Ellipse((0.01, 0.03)), "disc": Disc(0.03)}
+CORNERED = {
+    "square": Polygon(((0.02, 0.02), (-0.02, 0.02), (-0.02, -0.02), (0.02, -0.02))),
+    "clockwise triangle": Polygon(((0.0, 0.03), (0.02, -0.01), (-0.03, -0.02))),
+    "five sides": Polygon(((0.03, 0), (0.01, 0.025), (-0.02, 0.02), (-0.025, -0.01), (0.005, -0.03))),
+}
+
+
+def lowest(outline: torch.Tensor, theta: torch.Tensor) -> torch.Tensor:
+    """The lowest of the points of a body-frame outline turned by θ: brute force."""
+    c, s = theta.cos(), theta.sin()
+    turned = outline @ torch.stack((torch.stack((c, s)), torch.stack((-s, c))))
+    return turned[turned[:, 1].argmin()]
+
+
+@pytest.mark.parametrize("shape", ROUND.values(), ids=ROUND)
+def test_round_contact_point_is_the_lowest_of_the_outline(shape):
+    outline = shape.outline(POINTS)
+    for theta, r in zip(THETA, shape.contact_point(THETA), strict=True):
+        brute = lowest(outline, theta)
+        # The height is stationary there, so it is off by the spacing squared; the place by a spacing or so.
+        assert abs(r[1] - brute[1]) < SPACING**2 / 0.005
+        assert abs(r[0] - brute[0]) < 2 * SPACING
+
+
+@pytest.mark.parametrize("shape", CORNERED.values(), ids=CORNERED)
+def test_polygon_contact_point_is_the_lowest_of_the_outline(shape):
+    corners = shape.outline()
+    steps = torch.linspace(0, 1, 101, dtype=torch.float64)[:, None, None]
+    sides = (corners[:-1] + steps * (corners[1:] - corners[:-1])).reshape(-1, 2)
+    for theta, r in zip(THETA[:-1] + 0.01, shape.contact_point(THETA[:-1] + 0.01), strict=True):
+        torch.testing.assert_close(r, lowest(sides, theta), rtol=0, atol=ROUNDING)
+
+
+def test_polygon_on_a_flat_side_touches_at_its_first_corner():
+    square = CORNERED["square"]
+    assert square.contact_point(torch.tensor(0.0, dtype=torch.float64)).tolist() == [-0.02, -0.02]
+
+
+@pytest.mark.parametrize("shape", [*ROUND.values(), *CORNERED.values()], ids=[*ROUND, *CORNERED])
+def test_contact_point_of_a_batch_is_that_of_each(shape):
+    theta = THETA[:56].reshape(7, 8) + 0.01
+    batch = shape.contact_point(theta)
+    assert batch.shape == (7, 8, 2)
+    assert (batch[..., 1] < 0).all()
+    torch.testing.assert_close(batch[3, 5], shape.contact_point(theta[3, 5]), rtol=ROUNDING, atol=0)
+
+
+def test_ellipse_outline_is_on_the_ellipse_and_closed():
+    outline = Ellipse((0.035, 0.025)).outline(41)
+    on = (outline / torch.tensor([0.035, 0.025], dtype=torch.float64)).square().sum(-1)
+    torch.testing.assert_close(on, torch.ones(41, dtype=torch.float64), rtol=ROUNDING, atol=0)
+    torch.testing.assert_close(outline[0], outline[-1], rtol=0, atol=ROUNDING)
+
+
+def test_make_shape():
+    assert make_shape(None) is None
+    assert make_shape(Disc(0.1)) == Disc(0.1)
+    assert make_shape({"kind": "ellipse", "semi_axes": [0.035, 0.025]}) == Ellipse((0.035, 0.025))
+    assert make_shape({"kind": "disc", "radius": "0.1"}) == Disc(0.1)
+    corners = [[1, 0], [0, 1], [-1, -1]]
+    assert make_shape({"kind": "polygon", "vertices": corners}) == Polygon(((1, 0), (0, 1), (-1, -1)))
+
+
+BAD_SHAPES = {
+    "unknown": ({"kind": "elipse", "semi_axes": [1, 2]}, ["'elipse'", "did you mean 'ellipse'", "polygon"]),
+    "no kind": ({"radius": 1}, ["unknown shape kind"]),
+    "not a mapping": ("ellipse", ["kind: ellipse", "'ellipse'"]),
+    "missing entry": ({"kind": "disc"}, ["'disc'", "takes radius", "got nothing"]),
+    "wrong entry": ({"kind": "disc", "semi_axes": [1, 1]}, ["takes radius", "got semi_axes"]),
+    "one axis": ({"kind": "ellipse", "semi_axes": [1]}, ["semi_axes", "2 positive", "metres"]),
+    "axis as text": ({"kind": "ellipse", "semi_axes": ["a", 1]}, ["semi_axes", "2 number", "'a'"]),
+    "axes as a number": ({"kind": "ellipse", "semi_axes": 1}, ["semi_axes", "2 number"]),
+    "zero axis": ({"kind": "ellipse", "semi_axes": [0, 1]}, ["positive", "metres"]),
+    "nan radius": ({"kind": "disc", "radius": math.nan}, ["radius", "positive", "nan"]),
+    "two corners": ({"kind": "polygon", "vertices": [[0, 0], [1, 1]]}, ["at least 3", "got 2"]),
+    "not pairs": ({"kind": "polygon", "vertices": [1, 2, 3]}, ["pairs", "metres"]),
+    "nan corner": ({"kind": "polygon", "vertices": [[1, 0], [0, math.nan], [-1, -1]]}, ["finite", "nan"]),
+    "dented": ({"kind": "polygon", "vertices": [[2, -1], [0, 2], [-2, -1], [0, -0.5]]}, ["convex"]),
+    "star": (
+        {"kind": "polygon", "vertices": [[math.cos(2 * k * 1.2566), math.sin(2 * k * 1.2566)] for k in range(5)]},
+        ["convex", "in order"],
+    ),
+    "flat": ({"kind": "polygon", "vertices": [[-1, 0], [0, 0], [1, 0]]}, ["convex"]),
+    "centre outside": ({"kind": "polygon", "vertices": [[1, 1], [2, 1], [1, 2]]}, ["centre of mass", "inside"]),
+}
+
+
+@pytest.mark.parametrize(("spec", "fragments"), BAD_SHAPES.values(), ids=BAD_SHAPES)
+def test_make_shape_refuses(spec, fragments):
+    with pytest.raises(ContactLearnError) as caught:
+        make_shape(spec)
+    for fragment in fragments:
+        assert fragment in str(caught.value)
