@@ -61,13 +61,12 @@ def measured_wrench(mass: Tensor, inertia: Tensor, r: Tensor, v_pre: Tensor, v_p
     return torch.stack((p_t, p_n, tau), -1)
 
 
-def least_squares_impulse(mass: Tensor, inertia: Tensor, r: Tensor, v_pre: Tensor, v_post: Tensor) -> Tensor:
-    """Impulse P [..., 2] that minimises ‖v_post − v_pre − M⁻¹JᵀP‖₂ over (v_x, v_y, ω), unweighted.
+def least_squares_impulse(mass: Tensor, inertia: Tensor, r: Tensor, dv: Tensor) -> Tensor:
+    """Impulse P [..., 2] that minimises ‖Δv − M⁻¹JᵀP‖₂ over Δ(v_x, v_y, ω) [..., 3], unweighted.
 
     What the paper's authors identified with.  It adds metres to radians, so ω (tens of rad/s)
     outweighs the velocities: it is not the momentum change m Δv unless τ = 0.
     """
-    dv = v_post - v_pre
     # In u = P/m the residual is (Δv_x − u_t, Δv_y − u_n, Δω − κ·u) with κ = m (−r_y, r_x)/I, so the
     # normal equations (1 + κκᵀ) u = Δv + κ Δω are inverted by Sherman and Morrison's formula.
     kappa = torch.stack((-r[..., 1], r[..., 0]), -1) * (mass / inertia)[..., None]

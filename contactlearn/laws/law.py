@@ -74,8 +74,8 @@ def impulse(
     mu, eps, e_t = (torch.as_tensor(x, dtype=W.dtype, device=W.device) for x in (mu, eps, e_t))
     parameters = (mu, eps, e_t) if name == "chatterjee_ruina" else (mu, eps)
     law = _LAWS[name][variant]
-    shape = torch.broadcast_shapes(*(x.shape for x in (*contact, *parameters)))
     inputs = (*contact, *parameters)
+    shape = torch.broadcast_tensors(*inputs)[0].shape
     grad = torch.is_grad_enabled() and any(x.requires_grad for x in inputs)
     if grad or len(shape) < 2 or shape.numel() <= _BLOCK:
         return torch.stack(torch.broadcast_tensors(*law(contact, *parameters)), -1)

@@ -1,0 +1,225 @@
+"""Identification of the shared parameters (μ, ε) of a law, Eq. (3.1) of Fazeli et al. (2017).
+
+    minimise over (μ, ε):  C(μ, ε) = 1/k Σ_n ‖P_n − P̂_n(μ, ε)‖₂      over k random trials, m times
+
+C is not smooth (trials change their contact mode) and can have several minima, so it is never
+handed to one local optimiser.  It is evaluated on a grid over the whole box, once for all trials,
+and every subset's surface is a mean of the same values.  The lowest local minima of each surface
+start a pattern search whose first step is the grid's own spacing; the best end wins.  What could
+be missed is a basin narrower than one cell that is higher than its neighbours at every node.
+
+Where all trials stick, μ is only bounded below: `mu_range` and `eps_range` say how far each
+parameter can go before the cost, minimised over the other, rises by 0.1 %.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from torch import Tensor
+
+from contactlearn import mechanics
+from contactlearn.errors import DataError, UnknownNameError
+from contactlearn.impacts import Impacts
+from contactlearn.laws import Law, impulse
+
+TARGETS = ("momentum", "least_squares", "contact")
+
+
+@dataclass(frozen=True)
+class Box:
+    """Where μ and ε are sought, and the nodes of the grid along each."""
+
+    mu: tuple[float, float] = (0.0, 1.0)
+    eps: tuple[float, float] = (0.0, 1.0)
+    nodes: int = 64
+
+    def __post_init__(self):
+        for name, (low, high) in (("mu", self.mu), ("eps", self.eps)):
+            if not 0 <= low < high:
+                raise DataError(f"bounds of {name} must be 0 ≤ low < high, got {[low, high]}")
+        if self.nodes < 3:
+            raise DataError(f"the grid needs at least 3 nodes a parameter, got {self.nodes}")
+
+    @property
+    def low(self) -> Tensor:
+        return torch.tensor((self.mu[0], self.eps[0]), dtype=torch.float64)
+
+    @property
+    def high(self) -> Tensor:
+        return torch.tensor((self.mu[1], self.eps[1]), dtype=torch.float64)
+
+    def axes(self) -> tuple[Tensor, Tensor]:
+        """Grid nodes of μ and of ε, [nodes] each."""
+        mu, eps = (torch.linspace(*ends, self.nodes, dtype=torch.float64) for ends in (self.mu, self.eps))
+        return mu, eps
+
+
+@dataclass(frozen=True)
+class SharedFit:
+    """Parameters identified from subsets of trials: [m, S] for m repetitions and S subset sizes."""
+
+    law: str
+    variant: str
+    sizes: tuple[int, ...]
+    mu: Tensor
+    eps: Tensor
+    cost: Tensor  # mean ‖P − P̂‖ over the subset, N s
+    mu_range: Tensor  # [m, S, 2]
+    eps_range: Tensor
+    mu_flat: Tensor  # whether the subset leaves μ undetermined: mu_range spans over a tenth of the box
+
+    def mean(self) -> tuple[float, float]:
+        """Mean (μ, ε) over the repetitions, at the largest size."""
+        return self.mu[:, -1].mean().item(), self.eps[:, -1].mean().item()
+
+    def std(self) -> tuple[float, float]:
+        """Standard deviation of (μ, ε) over the repetitions, at the largest size."""
+        return self.mu[:, -1].std().item(), self.eps[:, -1].std().item()
+
+    def to_law(self) -> Law:
+        """The law at the mean parameters, as the paper uses it."""
+        return Law(self.law, *self.mean(), variant=self.variant)
+
+
+def measured_impulse(impacts: Impacts, target: str = "momentum") -> Tensor:
+    """The impulse [N, 2] in N s that a law is fitted to.
+
+    `momentum` is m Δ(v_x, v_y), exact; `least_squares` and `contact` solve Δv = M⁻¹JᵀP over
+    (v_x, v_y, ω) without weights (the paper's text) and weighted by M (P = M_c J Δv, the authors'
+    published script).  All three agree where the moment τ is 0.
+    """
+    if target == "momentum":
+        return impacts.wrench[:, :2]
+    dv = impacts.v_post - impacts.v_pre
+    if target == "least_squares":
+        return mechanics.least_squares_impulse(impacts.mass, impacts.inertia, impacts.r, dv)
+    if target == "contact":
+        dv_c = mechanics.contact_velocity(impacts.r, dv)
+        return (mechanics.effective_inertia(impacts.W) @ dv_c[..., None])[..., 0]
+    raise UnknownNameError("impulse target", target, TARGETS)
+
+
+def distances(law: str, impacts: Impacts, mu: Tensor, eps: Tensor, *, variant: str, target: str) -> Tensor:
+    """‖P_n − P̂_n‖₂ [..., N] in N s, broadcast over μ and ε [..., N]."""
+    P = impulse(law, impacts.W, impacts.v_c, mu, eps, variant=variant)
+    return (P - measured_impulse(impacts, target)).norm(dim=-1)
+
+
+def cost_surface(
+    law: str, impacts: Impacts, mu: Tensor, eps: Tensor, *, variant: str = "textbook", target: str = "momentum"
+) -> Tensor:
+    """C(μ, ε) [len(mu), len(eps)] in N s over all given trials (Fig. 3.3)."""
+    return distances(law, impacts, mu[:, None, None], eps[:, None], variant=variant, target=target).mean(-1)
+
+
+def identify(
+    law: str,
+    impacts: Impacts,
+    *,
+    sizes: Sequence[int] = (120,),
+    repetitions: int = 100,
+    generator: torch.Generator | None = None,
+    variant: str = "textbook",
+    target: str = "momentum",
+    box: Box | None = None,
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+) -> SharedFit:
+    """Shared (μ, ε) from the first k trials of m random orders, for every k of `sizes`.
+
+    Args:
+        law, variant: a law of `contactlearn.laws`.
+        impacts: trials to draw from, without replacement within a repetition.
+        sizes: subset sizes k, increasing; the subsets of one repetition are nested.
+        repetitions: m.
+        generator: source of the random orders; seed 0 if left out.
+        target: the measured impulse, see `measured_impulse`.
+        box: bounds and grid.
+        progress: wraps the iteration over repetitions, for a progress bar.
+
+    Raises:
+        DataError: fewer trials than the largest size, or sizes that do not increase.
+        UnknownNameError: no such law, variant or target.
+    """
+    sizes = tuple(sizes)
+    if not sizes or sizes[0] < 1 or any(b <= a for a, b in pairwise(sizes)):
+        raise DataError(f"sizes must be positive and increasing, got {list(sizes)}")
+    if sizes[-1] > len(impacts):
+        raise DataError(
+            f"{impacts.source}: {sizes[-1]} trials asked for, but only {len(impacts)} are there to draw from"
+        )
+    if repetitions < 1:
+        raise DataError(f"repetitions must be at least 1, got {repetitions}")
+    box = box or Box()
+    generator = generator or torch.Generator().manual_seed(0)
+    mu, eps = box.axes()
+    # One evaluation serves every subset: [N, nodes²].
+    grid = distances(law, impacts, mu[:, None, None], eps[:, None], variant=variant, target=target)
+    grid = grid.flatten(0, 1).T.contiguous()
+    P = measured_impulse(impacts, target)
+    found = []
+    for _ in progress(range(repetitions)):
+        order = torch.randperm(len(impacts), generator=generator)[: sizes[-1]]
+        sums = _nested_sums(grid, order, sizes)
+        surfaces = (sums / torch.tensor(sizes)[:, None]).unflatten(1, (box.nodes, box.nodes))
+        starts = _local_minima(surfaces, starts=3 if len(sizes) == 1 else 1)
+        W, v_c, P_order = impacts.W[order], impacts.v_c[order], P[order]
+        member = torch.arange(sizes[-1]) < torch.tensor(sizes)[:, None]
+
+        def cost(x: Tensor, W=W, v_c=v_c, P_order=P_order, member=member) -> Tensor:
+            """Mean distance [..., S] at parameters x [..., S, 2]."""
+            P_hat = impulse(law, W, v_c, x[..., 0, None], x[..., 1, None], variant=variant)
+            return ((P_hat - P_order).norm(dim=-1) * member).sum(-1) / member.sum(-1)
+
+        x, best = _pattern_search(cost, torch.stack((mu[starts[..., 0]], eps[starts[..., 1]]), -1), box)
+        found.append((x, best, *_profile_ranges(surfaces, best, x, mu, eps)))
+    x, best, mu_range, eps_range = (torch.stack(parts) for parts in zip(*found, strict=True))
+    mu_flat = mu_range[..., 1] - mu_range[..., 0] > 0.1 * (box.mu[1] - box.mu[0])
+    return SharedFit(law, variant, sizes, x[..., 0], x[..., 1], best, mu_range, eps_range, mu_flat)
+
+
+def _nested_sums(grid: Tensor, order: Tensor, sizes: tuple[int, ...]) -> Tensor:
+    """Sums of `grid` rows over the first k of `order` for every k: [S, nodes²]."""
+    ends = torch.tensor((0, *sizes))
+    pieces = torch.stack([grid[order[a:b]].sum(0) for a, b in pairwise(ends)])
+    return pieces.cumsum(0)
+
+
+def _local_minima(surfaces: Tensor, starts: int) -> Tensor:
+    """Indices [starts, S, 2] of the lowest local minima of surfaces [S, G, G], the best repeated if fewer."""
+    nodes = surfaces.shape[-1]
+    lowest = -torch.nn.functional.max_pool2d(-surfaces[:, None], 3, stride=1, padding=1)[:, 0]
+    minima = torch.where(surfaces <= lowest, surfaces, torch.inf).flatten(1)
+    value, index = minima.topk(starts, dim=1, largest=False)
+    index = torch.where(value.isfinite(), index, index[:, :1])
+    return torch.stack((index // nodes, index % nodes), -1).transpose(0, 1)
+
+
+def _pattern_search(cost: Callable[[Tensor], Tensor], x: Tensor, box: Box, tolerance: float = 1e-7):
+    """Best (x [S, 2], cost [S]) over the starts x [starts, S, 2]: eight neighbours, halving where none is better."""
+    low, high = box.low, box.high
+    compass = torch.tensor([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j], dtype=torch.float64)
+    step = torch.ones_like(x[..., 0]) / (box.nodes - 1)
+    best = cost(x)
+    while bool((step > tolerance).any()):
+        around = x + compass[:, None, None] * step[..., None] * (high - low)
+        around = torch.minimum(torch.maximum(around, low), high)
+        value, which = cost(around).min(0)
+        better = value < best
+        x = torch.where(better[..., None], around.gather(0, which[None, ..., None].expand(1, *which.shape, 2))[0], x)
+        best = torch.where(better, value, best)
+        step = torch.where(better, step, step / 2)
+    best, which = best.min(0)
+    return x.gather(0, which[None, :, None].expand(1, -1, 2))[0], best
+
+
+def _profile_ranges(surfaces: Tensor, best: Tensor, x: Tensor, mu: Tensor, eps: Tensor, rise: float = 1e-3):
+    """Ranges [S, 2] of μ and of ε over which the profiled cost stays within `rise` of its minimum."""
+    ranges = []
+    for axis, nodes, optimum in ((2, mu, x[:, 0]), (1, eps, x[:, 1])):
+        near = surfaces.amin(axis) <= (1 + rise) * best[:, None] + 1e-12
+        low = torch.where(near, nodes, torch.inf).amin(-1)
+        high = torch.where(near, nodes, -torch.inf).amax(-1)
+        ranges.append(torch.stack((torch.minimum(low, optimum), torch.maximum(high, optimum)), -1))
+    return ranges
