@@ -124,7 +124,7 @@ def identify(
     variant: str = "textbook",
     target: str = "momentum",
     box: Box | None = None,
-    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+    progress: Callable[[Iterable], Iterable] = iter,
 ) -> SharedFit:
     """Shared (μ, ε) from the first k trials of m random orders, for every k of `sizes`.
 
@@ -136,7 +136,7 @@ def identify(
         generator: source of the random orders; seed 0 if left out.
         target: the measured impulse, see `measured_impulse`.
         box: bounds and grid.
-        progress: wraps the iteration over repetitions, for a progress bar.
+        progress: wraps the iteration over blocks of repetitions, for a progress bar.
 
     Raises:
         DataError: fewer trials than the largest size, or sizes that do not increase.
@@ -158,25 +158,29 @@ def identify(
     grid = distances(law, impacts, mu[:, None, None], eps[:, None], variant=variant, target=target)
     grid = grid.flatten(0, 1).T.contiguous()
     P = measured_impulse(impacts, target)
+    orders = torch.stack([torch.randperm(len(impacts), generator=generator)[: sizes[-1]] for _ in range(repetitions)])
+    member = torch.arange(sizes[-1]) < torch.tensor(sizes)[:, None]
     found = []
-    for _ in progress(range(repetitions)):
-        order = torch.randperm(len(impacts), generator=generator)[: sizes[-1]]
-        sums = _nested_sums(grid, order, sizes)
-        surfaces = (sums / torch.tensor(sizes)[:, None]).unflatten(1, (box.nodes, box.nodes))
+    # Repetitions go in blocks, so that a block's surfaces and searches fit in memory.
+    for block in progress(orders.split(max(1, _BLOCK // (len(sizes) * (sizes[-1] + box.nodes**2 // 8))))):
+        surfaces = torch.stack([_nested_sums(grid, order, sizes) for order in block])
+        surfaces = (surfaces / torch.tensor(sizes)[:, None]).unflatten(-1, (box.nodes, box.nodes))
         starts = _local_minima(surfaces, starts=3 if len(sizes) == 1 else 1)
-        W, v_c, P_order = impacts.W[order], impacts.v_c[order], P[order]
-        member = torch.arange(sizes[-1]) < torch.tensor(sizes)[:, None]
+        W, v_c, P_block = impacts.W[block][:, None], impacts.v_c[block][:, None], P[block][:, None]
 
-        def cost(x: Tensor, W=W, v_c=v_c, P_order=P_order, member=member) -> Tensor:
-            """Mean distance [..., S] at parameters x [..., S, 2]."""
+        def cost(x: Tensor, W=W, v_c=v_c, P_block=P_block) -> Tensor:
+            """Mean distance [..., B, S] of the block's subsets at parameters x [..., B, S, 2]."""
             P_hat = impulse(law, W, v_c, x[..., 0, None], x[..., 1, None], variant=variant)
-            return ((P_hat - P_order).norm(dim=-1) * member).sum(-1) / member.sum(-1)
+            return ((P_hat - P_block).norm(dim=-1) * member).sum(-1) / member.sum(-1)
 
         x, best = _pattern_search(cost, torch.stack((mu[starts[..., 0]], eps[starts[..., 1]]), -1), box)
         found.append((x, best, *_profile_ranges(surfaces, best, x, mu, eps)))
-    x, best, mu_range, eps_range = (torch.stack(parts) for parts in zip(*found, strict=True))
+    x, best, mu_range, eps_range = (torch.cat(parts) for parts in zip(*found, strict=True))
     mu_flat = mu_range[..., 1] - mu_range[..., 0] > 0.1 * (box.mu[1] - box.mu[0])
     return SharedFit(law, variant, sizes, x[..., 0], x[..., 1], best, mu_range, eps_range, mu_flat)
+
+
+_BLOCK = 1 << 17
 
 
 def _nested_sums(grid: Tensor, order: Tensor, sizes: tuple[int, ...]) -> Tensor:
@@ -187,38 +191,48 @@ def _nested_sums(grid: Tensor, order: Tensor, sizes: tuple[int, ...]) -> Tensor:
 
 
 def _local_minima(surfaces: Tensor, starts: int) -> Tensor:
-    """Indices [starts, S, 2] of the lowest local minima of surfaces [S, G, G], the best repeated if fewer."""
+    """Indices [starts, B, S, 2] of the lowest local minima of surfaces [B, S, G, G]; the best again if fewer."""
     nodes = surfaces.shape[-1]
-    lowest = -torch.nn.functional.max_pool2d(-surfaces[:, None], 3, stride=1, padding=1)[:, 0]
-    minima = torch.where(surfaces <= lowest, surfaces, torch.inf).flatten(1)
-    value, index = minima.topk(starts, dim=1, largest=False)
-    index = torch.where(value.isfinite(), index, index[:, :1])
-    return torch.stack((index // nodes, index % nodes), -1).transpose(0, 1)
+    lowest = -torch.nn.functional.max_pool2d(-surfaces, 3, stride=1, padding=1)
+    minima = torch.where(surfaces <= lowest, surfaces, torch.inf).flatten(-2)
+    value, index = minima.topk(starts, dim=-1, largest=False)
+    index = torch.where(value.isfinite(), index, index[..., :1])
+    return torch.stack((index // nodes, index % nodes), -1).movedim(-2, 0)
 
 
-def _pattern_search(cost: Callable[[Tensor], Tensor], x: Tensor, box: Box, tolerance: float = 1e-7):
-    """Best (x [S, 2], cost [S]) over the starts x [starts, S, 2]: eight neighbours, halving where none is better."""
+def _pattern_search(cost: Callable[[Tensor], Tensor], x: Tensor, box: Box, tolerance: float = 1e-6):
+    """Best (x [B, S, 2], cost [B, S]) over the starts x [starts, B, S, 2].
+
+    Eight neighbours, one grid spacing away at first, at half the distance where none is better.
+    """
     low, high = box.low, box.high
     compass = torch.tensor([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j], dtype=torch.float64)
-    step = torch.ones_like(x[..., 0]) / (box.nodes - 1)
+    compass = compass.view(8, *(1,) * (x.ndim - 1), 2)
+    spacing = 1 / (box.nodes - 1)
+    step = torch.full_like(x[..., 0], spacing)
     best = cost(x)
     while bool((step > tolerance).any()):
-        around = x + compass[:, None, None] * step[..., None] * (high - low)
-        around = torch.minimum(torch.maximum(around, low), high)
+        around = torch.minimum(torch.maximum(x + compass * step[..., None] * (high - low), low), high)
         value, which = cost(around).min(0)
-        better = value < best
-        x = torch.where(better[..., None], around.gather(0, which[None, ..., None].expand(1, *which.shape, 2))[0], x)
+        better = value < best * (1 - 1e-9)
+        x = torch.where(better[..., None], pick(around, which), x)
         best = torch.where(better, value, best)
-        step = torch.where(better, step, step / 2)
+        # A flat valley is long: the step grows again along it.
+        step = torch.where(better, (2 * step).clamp_max(spacing), step / 2)
     best, which = best.min(0)
-    return x.gather(0, which[None, :, None].expand(1, -1, 2))[0], best
+    return pick(x, which), best
+
+
+def pick(x: Tensor, which: Tensor) -> Tensor:
+    """x[which[...], ..., :] along the first axis."""
+    return x.gather(0, which[None, ..., None].expand(1, *which.shape, x.shape[-1]))[0]
 
 
 def _profile_ranges(surfaces: Tensor, best: Tensor, x: Tensor, mu: Tensor, eps: Tensor, rise: float = 1e-3):
-    """Ranges [S, 2] of μ and of ε over which the profiled cost stays within `rise` of its minimum."""
+    """Ranges [B, S, 2] of μ and of ε over which the profiled cost stays within `rise` of its minimum."""
     ranges = []
-    for axis, nodes, optimum in ((2, mu, x[:, 0]), (1, eps, x[:, 1])):
-        near = surfaces.amin(axis) <= (1 + rise) * best[:, None] + 1e-12
+    for axis, nodes, optimum in ((-1, mu, x[..., 0]), (-2, eps, x[..., 1])):
+        near = surfaces.amin(axis) <= (1 + rise) * best[..., None] + 1e-12
         low = torch.where(near, nodes, torch.inf).amin(-1)
         high = torch.where(near, nodes, -torch.inf).amax(-1)
         ranges.append(torch.stack((torch.minimum(low, optimum), torch.maximum(high, optimum)), -1))

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from contactlearn.fit import Box, measured_impulse
+from contactlearn.fit import Box, measured_impulse, pick
 from contactlearn.impacts import Impacts
 from contactlearn.laws import impulse
 
@@ -59,7 +59,7 @@ def identify_trials(
     problem = _Problem(law, variant, impacts.W, impacts.v_c, measured_impulse(impacts, target), box)
     x, cost, slack = _levenberg_marquardt(problem, problem.starts())
     cost, which = cost.min(0)
-    x, slack = _pick(x, which), slack.gather(0, which[None])[0]
+    x, slack = pick(x, which), slack.gather(0, which[None])[0]
     rows = (slack > 1e-9 * _dot(problem.P, problem.P)).nonzero()[:, 0]
     x[rows], cost[rows] = _edge_of_sticking(problem[rows], *_zoom(problem[rows], x[rows], cost[rows]))
     mu_low, mu_high = _mu_interval(problem, x, cost)
@@ -159,7 +159,7 @@ def _levenberg_marquardt(problem: _Problem, x: Tensor, rounds: int = 8) -> tuple
         before = x
         value, which = problem.cost(*tried.unbind(-1)).min(0)
         better = value < cost * (1 - 1e-9)
-        x = torch.where(better[..., None], _pick(tried, which), x)
+        x = torch.where(better[..., None], pick(tried, which), x)
         cost = torch.where(better, value, cost)
         damping = torch.where(better, 0.1 * damping, 10 * damping)
     # What the linear model still promises at the bounds: nothing at a stationary point.
@@ -174,7 +174,7 @@ def _zoom(problem: _Problem, x: Tensor, cost: Tensor, half: float = 0.1, nodes: 
     while half > 1e-9:
         around = problem.clamp(x + half * offsets)
         value, which = problem.cost(*around.unbind(-1)).min(0)
-        x = torch.where((value < cost)[:, None], _pick(around, which), x)
+        x = torch.where((value < cost)[:, None], pick(around, which), x)
         cost = torch.minimum(value, cost)
         half *= 0.3
     return x, cost
@@ -189,7 +189,7 @@ def _edge_of_sticking(problem: _Problem, x: Tensor, cost: Tensor, nodes: int = 6
         P_t, P_n = (problem.residual(problem.box.high[0], eps) + problem.P).unbind(-1)
         mu = ((1 - 1e-12) * P_t.abs() / P_n.clamp_min(1e-300)).clamp(*problem.box.mu)
         value, which = problem.cost(mu, eps).min(0)
-        found = _pick(torch.stack((mu, eps), -1), which)
+        found = pick(torch.stack((mu, eps), -1), which)
         x, cost = torch.where((value < cost)[:, None], found, x), torch.minimum(value, cost)
         centre, half = found[:, 1], half * 0.1
     return x, cost
@@ -198,11 +198,6 @@ def _edge_of_sticking(problem: _Problem, x: Tensor, cost: Tensor, nodes: int = 6
 def _dot(a: Tensor, b: Tensor) -> Tensor:
     """a·b over a last axis of 2; several times faster than a reduction over so short an axis."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
-
-
-def _pick(x: Tensor, which: Tensor) -> Tensor:
-    """x[which[...], ..., :] along the first axis."""
-    return x.gather(0, which[None, ..., None].expand(1, *which.shape, x.shape[-1]))[0]
 
 
 def _mu_interval(problem: _Problem, x: Tensor, cost: Tensor, nodes: int = 15) -> tuple[Tensor, Tensor]:

@@ -11,6 +11,7 @@ holds float64 tensors in SI units; validation happens once, when it is made.
     trial, object      tuples of N names
 """
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -160,6 +161,14 @@ class Impacts:
     def wrench(self) -> Tensor:
         """Measured wrench (P_t, P_n, τ) [N, 3] in (N s, N s, N m s): exact and unique."""
         return mechanics.measured_wrench(self.mass, self.inertia, self.r, self.v_pre, self.v_post)
+
+    def fingerprint(self) -> str:
+        """SHA-256 of the names and numbers, to tell later which data a result came from."""
+        digest = hashlib.sha256(repr((self.trial, self.object)).encode())
+        for name in COMPONENTS:
+            value = getattr(self, name)
+            digest.update(name.encode() + (b"" if value is None else value.contiguous().numpy().tobytes()))
+        return digest.hexdigest()
 
     def split(self, test: float, generator: torch.Generator) -> tuple["Impacts", "Impacts"]:
         """Random (training pool, held-out test) with a share `test` of the trials held out."""

@@ -1,0 +1,146 @@
+"""One look for all figures: sizes, colours by law, text that is never markup, and saving.
+
+A figure is one column (3.4 in) or two (7 in) of a paper wide, so it is printed at its own size and
+its 8 pt text stays 8 pt.  A law has the same colour, marker and line everywhere: colours are told
+apart with any colour vision, markers and lines without colour.
+"""
+
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import matplotlib.style
+import numpy as np
+import torch
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.font_manager import findfont, get_font
+from torch import Tensor
+
+COLUMN, PAGE = 3.4, 7.0
+"""Widths in inches of a figure over one column and over two."""
+
+FONT_SIZE = 8
+MILLI = 1e3
+"""N s to mN s."""
+DARK = "#222222"
+MAP = "cividis"
+"""Colours of a quantity: dark blue to yellow, uniform to the eye and in grey."""
+
+_FONT = "DejaVu Sans"  # comes with matplotlib, has Greek
+_RC = {
+    "font.family": _FONT,
+    "font.size": FONT_SIZE,
+    "axes.titlesize": FONT_SIZE,
+    "axes.labelsize": FONT_SIZE,
+    "xtick.labelsize": FONT_SIZE,
+    "ytick.labelsize": FONT_SIZE,
+    "legend.fontsize": FONT_SIZE,
+    "figure.titlesize": FONT_SIZE,
+    "figure.labelsize": FONT_SIZE,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 5,
+    "hatch.linewidth": 0.5,
+    "legend.frameon": False,
+    "legend.handlelength": 2.4,
+    "pdf.fonttype": 42,  # TrueType, which publishers ask for
+}
+
+
+class LawStyle(NamedTuple):
+    """How a law or a bound is written and drawn."""
+
+    label: str
+    color: str
+    marker: str
+    linestyle: str | tuple
+
+
+# Okabe & Ito's (2008) colours without yellow, which white paper swallows; wine is Tol's (2021).
+LAW_STYLE = {
+    "whittaker": LawStyle("Whittaker", "#0072B2", "o", "-"),
+    "anitescu_potra_newton": LawStyle("Anitescu–Potra Newton", "#D55E00", "s", "--"),
+    "anitescu_potra_poisson": LawStyle("Anitescu–Potra Poisson", "#E69F00", "D", "-."),
+    "drumwright_shell": LawStyle("Drumwright–Shell", "#009E73", "^", (0, (5, 1))),
+    "wang_mason": LawStyle("Wang–Mason", "#CC79A7", "v", (0, (3, 1, 1, 1))),
+    "mirtich": LawStyle("Mirtich", "#56B4E9", "P", (0, (1, 1))),
+    "chatterjee_ruina": LawStyle("Chatterjee–Ruina", "#882255", "X", (0, (8, 2, 2, 2))),
+    "best_post_hoc": LawStyle("Best Post Hoc", "#000000", "*", (0, (4, 2, 1, 2))),
+    "irb": LawStyle("IRB bound", "#666666", "h", ":"),
+}
+"""By name; the two bounds are black and grey."""
+
+BOUNDS = ("best_post_hoc", "irb")
+
+
+def law_style(name: str) -> LawStyle:
+    """Style of a law or bound by name or label; any other model is drawn in neutral grey."""
+    by_label = {style.label: style for style in LAW_STYLE.values()}
+    return LAW_STYLE.get(name) or by_label.get(name) or LawStyle(plain(name), "#4D4D4D", "o", "-")
+
+
+def plain(text: str, length: int = 40) -> str:
+    """`text` of a user's as one short line that matplotlib shows as it is, whatever it contains.
+
+    `$` starts no formula, a leading `_` hides nothing from a legend, and what the font cannot draw is "?".
+    """
+    font = get_font(findfont(_FONT))
+    line = "".join(c if c.isprintable() and font.get_char_index(ord(c)) else "?" for c in " ".join(str(text).split()))
+    line = line if len(line) <= length else line[: length - 1] + "…"
+    return (" " if line.startswith("_") else "") + line.replace("$", r"\$")
+
+
+@contextmanager
+def look() -> Iterator[None]:
+    """The package's look, whatever the user's matplotlibrc says; usable as a decorator."""
+    with matplotlib.style.context(_RC, after_reset=True):
+        yield
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of `width` × `height` in inches that arranges itself."""
+    return Figure((width, height), layout="constrained")
+
+
+def name_axes(axes: Axes, x: str = "", y: str = "") -> Axes:
+    """Axis labels, and ticks that keep their size when drawn outside `look`."""
+    axes.set(xlabel=x, ylabel=y)
+    axes.tick_params(labelsize=FONT_SIZE, length=2.5)
+    return axes
+
+
+def tint(color: str, strength: float) -> tuple[float, ...]:
+    """An opaque mix of `color` with white, `strength` in [0, 1]; unlike a transparent one it shows no overlaps."""
+    return tuple(1 - strength * (1 - part) for part in to_rgb(color))
+
+
+def array(x: Tensor | Sequence[float]) -> np.ndarray:
+    """`x` as a float64 array, without its gradient."""
+    return torch.as_tensor(x, dtype=torch.float64).detach().cpu().numpy()
+
+
+def save(figure: Figure, folder: str | os.PathLike, name: str) -> tuple[Path, Path]:
+    """Write `name`.png (200 dpi) and `name`.pdf (vector) into `folder`, whole or not at all.
+
+    The same figure gives the same bytes: no date is written.
+
+    Returns:
+        The paths of the PNG and of the PDF.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    targets = tuple(folder / f"{name}{suffix}" for suffix in (".png", ".pdf"))
+    with look(), tempfile.TemporaryDirectory(dir=folder, prefix=".figure-") as draft:
+        png, pdf = (Path(draft) / target.name for target in targets)
+        figure.savefig(png, dpi=200)
+        figure.savefig(pdf, metadata={"CreationDate": None})
+        for source, target in zip((png, pdf), targets, strict=True):
+            os.replace(source, target)
+    return targets

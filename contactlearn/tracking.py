@@ -1,0 +1,54 @@
+"""One run's record: TensorBoard events and, beside them, metrics.jsonl, a line a record.
+
+The x axis of every scalar is the number of training impacts, so that a sweep over sizes draws its
+own learning curve.  Hyperparameters go into the run's one event file: TensorBoard's
+`add_hparams` would make a stray run of its own.
+"""
+
+import io
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from torch.utils.tensorboard import SummaryWriter
+from torch.utils.tensorboard.summary import hparams
+
+
+class Tracker:
+    """Writes scalars, figures and hyperparameters of one run into `folder`; a context manager."""
+
+    def __init__(self, folder: Path, trained_on: int):
+        self._writer = SummaryWriter(str(folder))
+        self._lines = (folder / "metrics.jsonl").open("a", encoding="utf-8")
+        self._trained_on = trained_on
+
+    def __enter__(self) -> "Tracker":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self._writer.close()
+        self._lines.close()
+
+    def scalars(self, values: Mapping[str, float]) -> None:
+        """Log values by tag, such as `mass_error/whittaker`, at the number of training impacts."""
+        for tag, value in values.items():
+            self._writer.add_scalar(tag, value, self._trained_on)
+        self._lines.write(json.dumps({"trained_on": self._trained_on, **values}) + "\n")
+        self._lines.flush()
+
+    def figure(self, tag: str, png: bytes) -> None:
+        """Log a picture."""
+        import numpy as np
+        from PIL import Image
+
+        pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+        self._writer.add_image(tag, pixels, self._trained_on, dataformats="HWC")
+
+    def text(self, tag: str, markdown: str) -> None:
+        """Log a text card."""
+        self._writer.add_text(tag, markdown, self._trained_on)
+
+    def hyperparameters(self, values: Mapping[str, bool | float | str], metrics: Mapping[str, float]) -> None:
+        """Log what the run was made with, and the metrics to compare runs by."""
+        for summary in hparams(dict(values), dict(metrics)):
+            self._writer.file_writer.add_summary(summary)
