@@ -5,6 +5,6 @@
 `textbook`, and `fazeli2017`, what the paper's authors computed.
 """
 
-from contactlearn.laws.law import PAPER_LAWS, Law, impulse, names
+from contactlearn.laws.law import PAPER_LAWS, Law, check, impulse, names
 
-__all__ = ["PAPER_LAWS", "Law", "impulse", "names"]
+__all__ = ["PAPER_LAWS", "Law", "check", "impulse", "names"]

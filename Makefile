@@ -1,0 +1,29 @@
+# make demo    the main job on built-in synthetic drops, no download
+# make test    the whole test suite
+# make bench   every benchmark, one after the other
+PYTHON ?= python3
+PY := .venv/bin/python
+
+.PHONY: demo test bench clean
+
+demo: .venv/ready
+	$(PY) evaluate.py
+
+test: .venv/ready
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
+	$(PY) -m pytest
+
+bench: .venv/ready
+	for script in benchmarks/[a-z]*.py; do $(PY) $$script || exit 1; done
+
+# The lock file pins every package; it is made again from pyproject.toml as CONTRIBUTING.md says.
+.venv/ready: requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "contactlearn needs Python 3.11 or newer; say which with: make PYTHON=python3.12 ..."; exit 1; }
+	$(PYTHON) -m venv .venv
+	$(PY) -m pip install --disable-pip-version-check -c requirements.lock -e '.[test]'
+	touch $@
+
+clean:
+	rm -rf .venv outputs multirun
