@@ -15,17 +15,16 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
-from torch import Tensor
 
 from contactlearn import bounds, laws, metrics
-from contactlearn.errors import ContactLearnError, DataError
-from contactlearn.fit import Box, SharedFit, cost_surface, identify
+from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.fit import TARGETS, Box, SharedFit, cost_surface, identify
 from contactlearn.fit_trials import identify_trials
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.model import ContactModel
 from contactlearn.report import figures, terminal
 from contactlearn.report.impulse_space import energy_ellipse
-from contactlearn.report.predictions import save_predictions
+from contactlearn.report.tables import FORMATS, save_predictions, save_trial_parameters
 from contactlearn.tracking import Tracker
 
 BEST_POST_HOC, IRB = "best_post_hoc", "irb"
@@ -36,9 +35,8 @@ def load_data(cfg: DictConfig) -> Impacts:
     target = str(cfg.get("_target_", ""))
     if not target.startswith("contactlearn.data."):
         raise ContactLearnError(f"data._target_ must be a source under contactlearn.data, got {target!r}")
-    missing = sorted(OmegaConf.missing_keys(cfg))
-    if missing:
-        raise ContactLearnError(f"data.{missing[0]} must be given, for example data.{missing[0]}=drops.csv")
+    for missing in sorted(OmegaConf.missing_keys(cfg)):
+        raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data")
     try:
         return instantiate(cfg, _convert_="all")
     except InstantiationException as error:
@@ -74,8 +72,16 @@ def evaluate(cfg: DictConfig) -> None:
         laws.check(law, cfg.variant)
     if not cfg.laws:
         raise ContactLearnError(f"laws must name at least one law; known: {', '.join(laws.names())}")
+    for kind, name, known in (
+        ("norm", cfg.bounds.norm, bounds.NORMS),
+        ("impulse target", cfg.train.target, TARGETS),
+        ("table format", cfg.tables, FORMATS),
+    ):
+        if name not in known:
+            raise UnknownNameError(kind, name, known)
     folder = _run_folder()
     impacts, pool, test, generator = _split(cfg)
+    drawn_trial = _row(cfg, test)
     with terminal.progress() as bar:
         fits = [_identify(cfg, law, pool, generator, bar) for law in cfg.laws]
         models = {fit.law: ContactModel(fit.to_law()) for fit in fits}
@@ -83,11 +89,19 @@ def evaluate(cfg: DictConfig) -> None:
         best, _ = bounds.best_post_hoc(test, predictions, cfg.bounds.norm)
         predictions |= {BEST_POST_HOC: best, IRB: bounds.irb(test, cfg.bounds.norm)}
         errors = _errors(test, predictions, cfg.bootstrap, generator)
-        drawn = _figures(cfg, pool, test, fits, predictions, errors, generator, bar)
+        trials = [
+            identify_trials(law, impacts, variant=cfg.variant, target=cfg.train.target, box=_box(cfg))
+            for law in bar.track(dict.fromkeys((*cfg.laws, cfg.figures.parameters)), description="fitting every trial")
+        ]
+        drawn = _figures(cfg, pool, test, fits, predictions, errors, generator, bar, drawn_trial)
+        drawn["trial_parameters"] = figures.trial_parameters(
+            next(fit for fit in trials if fit.law == cfg.figures.parameters), impacts, box=_box(cfg)
+        )
     terminal.show_models(fits, errors)
     if cfg.reference is not None:
         terminal.show_reference(fits, OmegaConf.to_container(cfg.reference))
-    save_predictions(test, predictions, folder / f"predictions.{cfg.predictions}")
+    save_predictions(test, predictions, folder / f"predictions.{cfg.tables}")
+    save_trial_parameters(impacts, trials, folder / f"trial_parameters.{cfg.tables}")
     entries = [_fit_entry(fit) for fit in fits]
     _write_json(folder / "results.json", {**_provenance(impacts, cfg), "fits": entries, "errors": errors})
     with Tracker(folder, cfg.train.size) as tracker:
@@ -148,7 +162,7 @@ def _errors(test: Impacts, predictions: dict[str, Prediction], resamples: int, g
     return table
 
 
-def _figures(cfg, pool, test, fits, predictions, errors, generator, bar) -> dict:
+def _figures(cfg, pool, test, fits, predictions, errors, generator, bar, row) -> dict:
     """The figures of an evaluation by name."""
     box, chosen = _box(cfg), {fit.law: fit for fit in fits}
     options = {"variant": cfg.variant, "target": cfg.train.target}
@@ -166,24 +180,22 @@ def _figures(cfg, pool, test, fits, predictions, errors, generator, bar) -> dict
     widths = torch.linspace(0, cfg.bounds.patch, 21, dtype=torch.float64)
     patched = headline.error(test, bounds.irb(test, cfg.bounds.norm, patch=widths[:, None]))
     bands = torch.tensor([metrics.bootstrap(error, generator, cfg.bootstrap) for error in patched])
-    trials = identify_trials(cfg.figures.parameters, test, box=box, **options)
-    row = _drawn_trial(cfg, test, per_trial[best])
+    row = int(per_trial[best].argsort()[len(test) // 2]) if row is None else row
     return {
         "energy_ellipse": energy_ellipse(test, row, {law: fit.to_law() for law, fit in chosen.items()}, box),
         "cost_surface": figures.cost_surface(mu, eps, surface, surface_fit.mean(), surface_law, variant=cfg.variant),
         "convergence": figures.convergence(convergence),
         "error_comparison": figures.error_comparison(per_trial, intervals, axis),
-        "trial_parameters": figures.trial_parameters(trials, test, box=box),
         "patch_curve": figures.patch_curve(
             1e3 * widths, bands, {name: intervals[name][0] for name in (best, BEST_POST_HOC)}, axis
         ),
     }
 
 
-def _drawn_trial(cfg: DictConfig, test: Impacts, error: Tensor) -> int:
-    """Row of the trial to draw: the one asked for, or that of median error."""
+def _row(cfg: DictConfig, test: Impacts) -> int | None:
+    """Row of the trial to draw if one is asked for."""
     if cfg.figures.trial is None:
-        return int(error.argsort()[len(error) // 2])
+        return None
     name = str(cfg.figures.trial)
     if name not in test.trial:
         raise DataError(

@@ -241,8 +241,7 @@ def _least_in_ball(h: Tensor, g: Tensor, radius: Tensor | float) -> Tensor:
         lam = lam + excess * square / (x * x / shifted).sum(0).clamp_min(_TINY)
         if bool(excess.max() <= 1e-9):  # the step just taken squares this
             break
-    x = g / (h + lam)
-    return x * (radius / _root(x.square().sum(0))).clamp_max(1)
+    return g / (h + lam)
 
 
 def _root(x: Tensor) -> Tensor:

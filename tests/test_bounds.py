@@ -343,6 +343,18 @@ def test_a_curve_is_its_widths_one_by_one():
     assert torch.equal(irb(impacts, "mass", torch.zeros(3, 1)).wrench, curve.wrench[:1].expand(3, 50, 3))
 
 
+def test_a_pull_is_not_admissible_at_any_width():
+    # τ = 0 to the last digit, P_n = −1/8, no energy gained, no penetration: only the pull is wrong.
+    one = torch.ones(1, dtype=torch.float64)
+    v_pre, v_post = torch.tensor([[-3.0, -1, 0]]), torch.tensor([[-1, -1.125, 1.875]])
+    impacts = Impacts(one, one, torch.tensor([[1.0, -1]]), 0 * v_pre, v_pre, v_post)
+    assert impacts.wrench.tolist() == [[2, -0.125, 0]]
+    for norm in NORMS:
+        curve = irb(impacts, norm, torch.tensor([[0.0], [1.0]]))
+        assert (curve.wrench[..., 1] >= 0).all()
+        assert torch.equal(curve.wrench[0], irb(impacts, norm).wrench)
+
+
 def assert_same_motion(impacts: Impacts, found: torch.Tensor, wanted: torch.Tensor) -> None:
     """Equal velocities, against the incident speed that the energy allows each component."""
     M = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1)

@@ -11,7 +11,7 @@ Impulses are shown in mN s, lengths in mm.  The figure numbers are those of Faze
 """
 
 from collections.abc import Mapping, Sequence
-from textwrap import fill
+from textwrap import wrap
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -65,7 +65,7 @@ def _mu(law: str, variant: str) -> str:
 
 
 def _title(law: str, variant: str) -> str:
-    return law_style(law).label + ("" if variant == "textbook" else f" ({plain(variant)})")
+    return plain(law_style(law).label) + ("" if variant == "textbook" else f" ({plain(variant)})")
 
 
 @look()
@@ -160,7 +160,7 @@ def error_comparison(
             mean, place + 0.28, xerr=((mean - low,), (high - mean,)), fmt="o", color=DARK, markersize=2.5,
             elinewidth=0.8, capsize=2.5, capthick=0.8,
         )  # fmt: skip
-        labels.append(fill(style.label, 16))
+        labels.append("\n".join(plain(line) for line in wrap(style.label, 16, max_lines=2, placeholder="…")))
     axes.set_yticks(range(len(labels)), labels)
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(len(labels) - 0.45, -0.55)
@@ -187,7 +187,7 @@ def trial_parameters(fit: TrialFit, impacts: Impacts, *, box: Box | None = None)
     if len(fit.mu) != len(impacts):
         raise ContactLearnError(f"the fit must be of these impacts: {len(fit.mu)} trials, got {len(impacts)} impacts")
     box, style = box or Box(), law_style(fit.law)
-    mu, eps, error, open_ = array(fit.mu), array(fit.eps), array(fit.error) * MILLI
+    mu, eps, error = array(fit.mu), array(fit.eps), array(fit.error) * MILLI
     undetermined = array(fit.flat).astype(bool)
     determined = ~undetermined
     figure = new_figure(PAGE, 3.2)
@@ -196,13 +196,14 @@ def trial_parameters(fit: TrialFit, impacts: Impacts, *, box: Box | None = None)
     norm = Normalize(0, max(np.percentile(error, 95), 1e-6))
     low, high = (array(end).clip(*box.mu) for end in (fit.mu_low, fit.mu_high))
     segments = np.stack((np.stack((low, high), -1), np.stack((eps, eps), -1)), -1)[undetermined]
-    lines = LineCollection(segments, array=error[undetermined], cmap=MAP, norm=norm, linewidths=0.6)
+    lines = LineCollection(segments, array=error[undetermined], cmap=MAP, norm=norm, linewidths=0.3, zorder=1)
     axes.add_collection(lines, autolim=False)
-    axes.scatter(mu[determined], eps[determined], 7, error[determined], cmap=MAP, norm=norm, linewidths=0)
+    axes.scatter(mu[determined], eps[determined], 7, error[determined], cmap=MAP, norm=norm, linewidths=0, zorder=2)
     # Where μ is open it is so up to the box's end as a rule: the axis shows the μ that are determined.
     furthest = min(box.mu[1], 1.15 * np.where(determined, mu, low).max() + 1e-3)
-    for set_limits, (start, end) in ((axes.set_xlim, (box.mu[0], furthest)), (axes.set_ylim, box.eps)):
-        set_limits(start - 0.02 * (end - start), end + 0.02 * (end - start))
+    axes.set_xlim(box.mu[0] - 0.02 * (furthest - box.mu[0]), furthest)
+    margin = 0.05 * np.ptp(eps) + 1e-3
+    axes.set_ylim(eps.min() - margin, eps.max() + margin)
     bar = left.colorbar(ScalarMappable(norm, MAP), ax=axes, extend="max", pad=0.02)
     bar.solids.set(rasterized=False, edgecolor="face")
     name_axes(bar.ax, y="Impulse error left (mN s);\ncolours end at the 95th percentile")
@@ -217,7 +218,13 @@ def trial_parameters(fit: TrialFit, impacts: Impacts, *, box: Box | None = None)
     for panel, values, label in ((upper, mu[determined], axes.get_xlabel()), (lower, eps, _EPS)):
         name_axes(panel, label, "Trials (count)")
         if len(values):
-            panel.hist(values, 40, color=tint(style.color, 0.45), edgecolor=style.color, linewidth=0.4)
+            panel.hist(
+                values,
+                round(2 * len(values) ** (1 / 3)),
+                color=tint(style.color, 0.45),
+                edgecolor=style.color,
+                linewidth=0.4,
+            )
             panel.axvline(values.mean(), color=DARK, linestyle="--", linewidth=0.9)
             panel.set_title(f"Mean {values.mean():.3f}, standard deviation {values.std():.3f}")
     upper.set_title(f"{undetermined.sum()} of {len(impacts)} trials leave μ undetermined\n{upper.get_title()}".strip())
@@ -240,7 +247,7 @@ def patch_curve(widths_mm: Sequence[float], errors: Tensor, references: Mapping[
     bound, values = LAW_STYLE["irb"], array(errors)
     for name, value in references.items():
         style = law_style(name)
-        axes.axhline(value, color=style.color, linestyle=style.linestyle, label=style.label)
+        axes.axhline(value, color=style.color, linestyle=style.linestyle, label=plain(style.label, 22))
     axes.fill_between(widths_mm, values[:, 1], values[:, 2], color=tint(bound.color, 0.35), linewidth=0)
     axes.plot(
         widths_mm,
@@ -252,5 +259,5 @@ def patch_curve(widths_mm: Sequence[float], errors: Tensor, references: Mapping[
     )
     axes.margins(x=0.02)
     axes.set_ylim(bottom=0)
-    figure.legend(loc="outside upper center", ncols=2)
+    figure.legend(loc="outside upper center", ncols=2, columnspacing=1.0, handletextpad=0.5)
     return figure

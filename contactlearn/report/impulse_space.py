@@ -20,6 +20,7 @@ from contactlearn.impacts import Impacts
 from contactlearn.laws import Law, impulse
 from contactlearn.report.style import (
     COLUMN,
+    LAW_STYLE,
     DARK,
     MILLI,
     PAGE,
@@ -62,7 +63,12 @@ def energy_ellipse(impacts: Impacts, row: int, laws: Mapping[str, Law], box: Box
     rows = -(-len(laws) // columns)
     width = COLUMN if columns == 1 else PAGE
     panel = (width - 0.6) / columns * (high - low)[1] / (high - low)[0]
-    figure = new_figure(width, min(rows * (panel + 0.4) + (1.4 if columns == 1 else 0.9), 8.5))
+    legend_columns, entries = 2 if columns == 1 else 5, 7 + len(points)
+    titles = 0.4 + 0.13 * any(law.variant != "textbook" for law in laws.values())
+    ragged = columns * rows > len(laws)  # a panel of the last row but one then has axis labels, too
+    height = rows * (panel + titles) + 0.35 * ragged + 0.8 + 0.17 * -(-entries // legend_columns)
+    figure = new_figure(width, min(height, 8.5))
+    across = "Tangential $P_t$ (mN s)" if columns == 4 else "Tangential impulse $P_t$ (mN s)"
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for place, (axes, law, reach, guess) in enumerate(zip(grid.flat, laws.values(), reaches, guesses, strict=False)):
         style = law_style(law.name)
@@ -71,43 +77,32 @@ def energy_ellipse(impacts: Impacts, row: int, laws: Mapping[str, Law], box: Box
         axes.plot(*guess.numpy() * MILLI, style.marker, color=style.color, **_GUESS, zorder=5)
         axes.plot(*array(torch.stack(points)).T * MILLI, color=DARK, linewidth=0.8, zorder=6)
         for point, marker in zip(points, _MEASURED, strict=False):
-            axes.plot(*point.numpy() * MILLI, **marker, zorder=7)
-        variant = "" if law.variant == "textbook" else f" ({plain(law.variant)})"
-        axes.set_title(f"{style.label}{variant}\nμ = {float(law.mu):.3f}, ε = {float(law.eps):.3f}")
+            axes.plot(*point.numpy() * MILLI, **marker, linestyle="none", zorder=7)
+        variant = "" if law.variant == "textbook" else f"({plain(law.variant)})\n"
+        axes.set_title(f"{plain(style.label)}\n{variant}μ = {float(law.mu):.3f}, ε = {float(law.eps):.3f}")
         bottom, left = place + columns >= len(laws), place % columns == 0
-        name_axes(
-            axes,
-            f"Tangential impulse{chr(10) if columns == 4 else ' '}$P_t$ (mN s)" * bottom,
-            "Normal impulse $P_n$ (mN s)" * left,
-        )
+        name_axes(axes, across * bottom, "Normal impulse $P_n$ (mN s)" * left)
         axes.tick_params(labelbottom=bottom)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     for axes in grid.flat[len(laws) :]:
         axes.set_visible(False)
     state = zip(("θ", "$v_t$", "$v_n$"), (trial.q[0, 2], *v_c), ("rad", "m/s", "m/s"), strict=True)
     values = ", ".join(f"{symbol} = {value.item():.2f} {unit}".replace("-", "−") for symbol, value, unit in state)
-    figure.suptitle(f"Trial {plain(trial.trial[0])}: {values}")
-    _legend(figure, [law_style(law.name) for law in laws.values()], len(points) > 1, 2 if columns == 1 else 5)
+    name = plain(trial.trial[0], 25 if columns == 1 else 40)
+    figure.suptitle(f"Trial {name}" + ("\n" if columns == 1 or len(name) > 15 else ": ") + values)
+    _legend(figure, [law_style(law.name) for law in laws.values()], len(points) > 1, legend_columns)
     return figure
 
 
-_GUESS = {"markersize": 6, "markeredgecolor": "white", "markeredgewidth": 0.7, "linestyle": "none"}
+_GUESS = {"markersize": 8, "markeredgecolor": "white", "markeredgewidth": 0.7, "linestyle": "none"}
 _MEASURED = (
+    {"label": "Measured", "marker": "x", "color": "black", "markersize": 5, "markeredgewidth": 1.3},
     {
-        "marker": "x",
-        "color": "black",
-        "markersize": 6,
-        "markeredgewidth": 1.5,
-        "linestyle": "none",
-        "label": "Measured",
-    },
-    {
-        "marker": "o",
-        "color": "black",
-        "markersize": 5,
-        "markerfacecolor": "white",
-        "linestyle": "none",
         "label": "IRB bound",
+        "marker": LAW_STYLE["irb"].marker,
+        "color": DARK,
+        "markersize": 6,
+        "markerfacecolor": "white",
     },
 )
 _LINES = {
@@ -203,7 +198,9 @@ def _limits(ellipse: np.ndarray, points: np.ndarray, reach: np.ndarray) -> tuple
 
 def _legend(figure: Figure, styles: Sequence, outside: bool, columns: int) -> None:
     first = styles[0].color if len(styles) == 1 else "#AAAAAA"
-    guesses = tuple(Line2D([], [], marker=style.marker, color=style.color, **_GUESS) for style in styles[:3])
+    guesses = tuple(
+        Line2D([], [], marker=style.marker, color=style.color, **_GUESS | {"markersize": 6}) for style in styles[:3]
+    )
     handles = {label: Line2D([], [], **line) for label, line in _LINES.items()}
     handles |= {
         "Energy ellipse": Line2D([], [], **_ELLIPSE),
@@ -211,11 +208,14 @@ def _legend(figure: Figure, styles: Sequence, outside: bool, columns: int) -> No
         "Reach over (μ, ε)": Patch(facecolor=first, edgecolor=DARK, linewidth=0.8),
         "Identified (μ, ε)": guesses,
     }
-    handles |= {marker["label"]: Line2D([], [], **marker) for marker in _MEASURED[: 1 + outside]}
+    handles |= {marker["label"]: Line2D([], [], **marker, linestyle="none") for marker in _MEASURED[: 1 + outside]}
     figure.legend(
         handles.values(),
         handles.keys(),
         loc="outside lower center",
         ncols=columns,
-        handler_map={tuple: HandlerTuple(ndivide=None, pad=0.2)},
+        columnspacing=1.0,
+        handlelength=2.0,
+        handletextpad=0.6,
+        handler_map={tuple: HandlerTuple(ndivide=None, pad=0.6)},
     )

@@ -68,12 +68,12 @@ LAW_STYLE = {
     "whittaker": LawStyle("Whittaker", "#0072B2", "o", "-"),
     "anitescu_potra_newton": LawStyle("Anitescu–Potra Newton", "#D55E00", "s", "--"),
     "anitescu_potra_poisson": LawStyle("Anitescu–Potra Poisson", "#E69F00", "D", "-."),
-    "drumwright_shell": LawStyle("Drumwright–Shell", "#009E73", "^", (0, (5, 1))),
-    "wang_mason": LawStyle("Wang–Mason", "#CC79A7", "v", (0, (3, 1, 1, 1))),
+    "drumwright_shell": LawStyle("Drumwright–Shell", "#009E73", "^", (0, (8, 2))),
+    "wang_mason": LawStyle("Wang–Mason", "#CC79A7", "v", (0, (4, 1, 1, 1, 1, 1))),
     "mirtich": LawStyle("Mirtich", "#56B4E9", "P", (0, (1, 1))),
     "chatterjee_ruina": LawStyle("Chatterjee–Ruina", "#882255", "X", (0, (8, 2, 2, 2))),
-    "best_post_hoc": LawStyle("Best Post Hoc", "#000000", "*", (0, (4, 2, 1, 2))),
-    "irb": LawStyle("IRB bound", "#666666", "h", ":"),
+    "best_post_hoc": LawStyle("Best Post Hoc", "#000000", "*", (0, (2, 2))),
+    "irb": LawStyle("IRB bound", "#666666", "h", (0, (5, 1))),
 }
 """By name; the two bounds are black and grey."""
 
@@ -81,9 +81,9 @@ BOUNDS = ("best_post_hoc", "irb")
 
 
 def law_style(name: str) -> LawStyle:
-    """Style of a law or bound by name or label; any other model is drawn in neutral grey."""
+    """Style of a law or bound by name or label; any other model keeps its name and is neutral grey."""
     by_label = {style.label: style for style in LAW_STYLE.values()}
-    return LAW_STYLE.get(name) or by_label.get(name) or LawStyle(plain(name), "#4D4D4D", "o", "-")
+    return LAW_STYLE.get(name) or by_label.get(name) or LawStyle(name, "#4D4D4D", "o", "-")
 
 
 def plain(text: str, length: int = 40) -> str:

@@ -1,0 +1,48 @@
+"""Per-trial results as table files, CSV or Parquet; a file appears whole or not at all."""
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from contactlearn.fit_trials import TrialFit
+from contactlearn.impacts import COMPONENTS, Impacts, Prediction
+from contactlearn.metrics import METRICS, outside_admissible
+
+_WRITERS = {"parquet": pd.DataFrame.to_parquet, "csv": pd.DataFrame.to_csv}
+FORMATS = tuple(_WRITERS)
+"""Suffixes of the files that can be written."""
+
+
+def save_predictions(impacts: Impacts, predictions: Mapping[str, Prediction], path: Path) -> None:
+    """A row for every trial and model: v_post (m/s, rad/s), wrench (N s, N m s), metrics, admissibility."""
+    frames = []
+    for model, prediction in predictions.items():
+        columns = _names(impacts) | {"model": model}
+        columns |= dict(zip(COMPONENTS["v_post"], prediction.v_post.T.tolist(), strict=True))
+        columns |= dict(zip(("P_t", "P_n", "tau"), prediction.wrench.T.tolist(), strict=True))
+        columns |= {name: metric.error(impacts, prediction).tolist() for name, metric in METRICS.items()}
+        columns["outside_admissible"] = outside_admissible(impacts, prediction.wrench[:, :2]).tolist()
+        frames.append(pd.DataFrame(columns))
+    _write(frames, path)
+
+
+def save_trial_parameters(impacts: Impacts, fits: Sequence[TrialFit], path: Path) -> None:
+    """A row for every trial and law: the (μ, ε) that suit the trial best, the error left in N s, the range of μ."""
+    frames = []
+    for fit in fits:
+        columns = _names(impacts) | {"law": fit.law, "variant": fit.variant}
+        columns |= {name: getattr(fit, name).tolist() for name in ("mu", "eps", "error", "mu_low", "mu_high")}
+        frames.append(pd.DataFrame(columns))
+    _write(frames, path)
+
+
+def _names(impacts: Impacts) -> dict:
+    return {"trial": impacts.trial, "object": impacts.object}
+
+
+def _write(frames: list[pd.DataFrame], path: Path) -> None:
+    part = path.with_name(f".{path.name}.part")
+    _WRITERS[path.suffix.removeprefix(".")](pd.concat(frames, ignore_index=True), part, index=False)
+    os.replace(part, path)
