@@ -6,9 +6,9 @@ Each law resolves 1718 contacts (the number of published drops) on a 64 × 64 gr
 million impulses in one call; Lemke's method gets one 4 × 4 complementarity problem a contact, in
 plain Python on lists, which at this size is faster than NumPy.  Where the `quadprog` package is
 installed, its convex programme of Drumwright & Shell's compression is timed too.  One thread,
-interleaved rounds, medians; read the ratios, the rates are the machine's.  A call returns 113 MB of
-new memory, and where the system is slow to give it, that is most of the fastest laws' time: the last
-row is what writing it alone costs.
+interleaved rounds, medians; read the ratios, the rates are the machine's.  The laws write into memory
+that is used again (`out=`): a sweep over a large grid is made that way, and 113 MB of new memory a call
+can cost more than the fastest laws; the last row is what allocating and filling it alone would cost.
 """
 
 import argparse
@@ -74,11 +74,17 @@ def quadprog_rate(W: torch.Tensor, v_c: torch.Tensor, mus: list[float]) -> float
 
 
 def law_rate(
-    name: str, variant: str, W: torch.Tensor, v_c: torch.Tensor, mus: torch.Tensor, epses: torch.Tensor
+    name: str,
+    variant: str,
+    W: torch.Tensor,
+    v_c: torch.Tensor,
+    mus: torch.Tensor,
+    epses: torch.Tensor,
+    out: torch.Tensor,
 ) -> float:
     start = time.perf_counter()
-    P = impulse(name, W, v_c, mus[:, None, None], epses[:, None], variant=variant, e_t=0.3)
-    return P.shape[:-1].numel() / (time.perf_counter() - start)
+    impulse(name, W, v_c, mus[:, None, None], epses[:, None], variant=variant, e_t=0.3, out=out)
+    return out.shape[:-1].numel() / (time.perf_counter() - start)
 
 
 def writing_rate(grid: int) -> float:
@@ -118,12 +124,13 @@ def main() -> int:
         "quadprog, one a contact": [],
         "writing the result": [],
     }
+    out = torch.empty((grid, grid, TRIALS, 2), dtype=torch.float64)
     for name, variant in cases:  # warm up
-        law_rate(name, variant, W, v_c, mus[:4], epses[:4])
+        law_rate(name, variant, W, v_c, mus, epses, out)
     for _ in range(rounds):
         for case in cases:
             rival = lemke_rate(W, v_c, *(x.tolist() for x in each))  # beside each law: the machine's pace drifts
-            rates[case].append(law_rate(*case, W, v_c, mus, epses))
+            rates[case].append(law_rate(*case, W, v_c, mus, epses, out))
             ratios[case].append(rates[case][-1] / rival)
             rivals["lemke, one a contact"].append(rival)
         if quadprog:

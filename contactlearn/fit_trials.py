@@ -4,10 +4,11 @@
 
 For one trial P̂ is smooth within a contact mode and kinked between modes, and where the trial
 sticks it does not depend on μ at all.  So the search is global first and exact afterwards: a grid
-over the box, then Levenberg–Marquardt from seven starts a trial (the best node, the node below it in
-μ, the best local minimum elsewhere in μ, sliding at the measured slope |P_t|/P_n, the μ at which
-sticking gives way to reversed sliding, twice, and no friction), with bounds held by solving for the free
-parameter on the edge.  Where the best end is no stationary point, at a fold or a jump of P̂, a zooming grid finishes.
+over the box, then a few rounds of Levenberg–Marquardt from seven starts a trial (the best node, the
+node below it in μ, the best local minimum elsewhere in μ, sliding at the measured slope |P_t|/P_n, the
+μ at which sticking gives way to reversed sliding, twice, and no friction), with bounds held by solving
+for the free parameter on the edge.  Where the best end is no stationary point, the optimum is at a fold
+or a jump of P̂: a search along the edge of sticking and a zooming grid finish.
 """
 
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from contactlearn.fit import Box, measured_impulse, pick
+from contactlearn.fit import Box, measured_impulse
 from contactlearn.impacts import Impacts
 from contactlearn.laws import impulse
 
@@ -57,18 +58,20 @@ def identify_trials(
     """
     box = box or Box()
     problem = _Problem(law, variant, impacts.W, impacts.v_c, measured_impulse(impacts, target), box)
-    x, cost, slack = _levenberg_marquardt(problem, problem.starts())
-    cost, which = cost.min(0)
-    x, slack = pick(x, which), slack.gather(0, which[None])[0]
-    rows = (slack > 1e-9 * _dot(problem.P, problem.P)).nonzero()[:, 0]
-    x[rows], cost[rows] = _edge_of_sticking(problem[rows], *_zoom(problem[rows], x[rows], cost[rows]))
-    mu_low, mu_high = _mu_interval(problem, x, cost)
-    return TrialFit(law, variant, x[:, 0], x[:, 1], cost.sqrt(), mu_low, mu_high)
+    scale = _square(*problem.P.unbind(-1))
+    ends = _levenberg_marquardt(problem, *problem.starts(), rounds=3)
+    pairs = ((ends[3] > 1e-9 * ends[0]) & (ends[0].amin(0) > 1e-20 * scale)).nonzero(as_tuple=True)
+    _write(ends, pairs, _levenberg_marquardt(problem[pairs[1]], ends[1][pairs], ends[2][pairs], rounds=5))
+    cost, mu, eps, slack = best = _lowest(*ends)
+    rows = (slack > 1e-9 * cost) & (cost > 1e-20 * scale)
+    _write(best, rows, _zoom(problem[rows], *_edge_of_sticking(problem[rows], cost[rows], mu[rows], eps[rows])))
+    mu_low, mu_high = _mu_interval(problem, cost, mu, eps)
+    return TrialFit(law, variant, mu, eps, cost.sqrt(), mu_low, mu_high)
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """N independent problems in two parameters x = (μ, ε); costs are squared distances."""
+    """N independent problems in two parameters (μ, ε); costs are squared distances."""
 
     law: str
     variant: str
@@ -80,156 +83,168 @@ class _Problem:
     def __getitem__(self, rows: Tensor) -> "_Problem":
         return _Problem(self.law, self.variant, self.W[rows], self.v_c[rows], self.P[rows], self.box)
 
-    def residual(self, mu: Tensor, eps: Tensor) -> Tensor:
-        """P̂ − P [..., N, 2]."""
-        return impulse(self.law, self.W, self.v_c, mu, eps, variant=self.variant) - self.P
+    def residual(self, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
+        """P̂ − P by component, [..., N] each."""
+        P_t, P_n = impulse(self.law, self.W, self.v_c, mu, eps, variant=self.variant).unbind(-1)
+        return P_t - self.P[:, 0], P_n - self.P[:, 1]
 
     def cost(self, mu: Tensor, eps: Tensor) -> Tensor:
         """‖P̂ − P‖² [..., N]."""
-        return _dot(r := self.residual(mu, eps), r)
+        return _square(*self.residual(mu, eps))
 
-    def clamp(self, x: Tensor) -> Tensor:
-        return torch.minimum(torch.maximum(x, self.box.low), self.box.high)
-
-    def starts(self, nodes: int = 16) -> Tensor:
-        """Seven starts a trial: x [7, N, 2]."""
-        (mu_low, mu_high), (eps_low, eps_high) = self.box.mu, self.box.eps
+    def starts(self, nodes: int = 16, eps_nodes: int = 16) -> tuple[Tensor, Tensor]:
+        """Seven starts a trial: μ and ε [7, N]."""
+        mu_low, mu_high = self.box.mu
         mu = mu_low + torch.linspace(0, 1, nodes, dtype=torch.float64) ** 2 * (mu_high - mu_low)
-        eps = torch.linspace(eps_low, eps_high, nodes, dtype=torch.float64)
-        cost = self.cost(mu[:, None, None], eps[:, None])
-        profile, eps_best = cost.min(1)
-        lowest = profile.amin(0)
+        eps = torch.linspace(*self.box.eps, eps_nodes, dtype=torch.float64)[:, None]
+        r_t, r_n = self.residual(mu[:, None, None], eps)
+        profile, which = _square(r_t, r_n).min(1)
+        edge = 0.999 * (r_t[-1] + self.P[:, 0]).abs() / (r_n[-1] + self.P[:, 1]).clamp_min(1e-300)
+        eps_best = eps[which, 0]
         # A plateau in μ (sticking) is entered from its far end, where ε alone moves along it.
-        plateau = profile <= lowest * (1 + 1e-9)
+        plateau = profile <= profile.amin(0) * (1 + 1e-9)
         best = nodes - 1 - plateau.flip(0).int().argmax(0)
         below = (plateau.int().argmax(0) - 1).clamp_min(0)
         framed = torch.nn.functional.pad(profile, (0, 0, 1, 1), value=torch.inf)
         elsewhere = (profile < framed[:-2]) & (profile <= framed[2:]) & ~plateau
         second = torch.where(elsewhere, profile, torch.inf).argmin(0)
-        at_nodes = [torch.stack((mu[k], eps[eps_best.gather(0, k[None])[0]]), -1) for k in (best, below, second)]
+        at_nodes = torch.stack((best, below, second, torch.zeros_like(best)))
         # Just below the slope of the measurement and below the μ at which sticking gives way to
         # reversed sliding; friction acts on all of P_n, or in some variants on that of compression.
-        slope = 0.98 * (self.P[:, 0].abs() / self.P[:, 1].clamp_min(1e-300)).expand(nodes, -1)
-        reversal = (self.W[:, 0, 1] / self.W[:, 0, 0]).abs().expand(1, 1, -1)
-        sliding = self._best_in_row(torch.stack((slope, slope * (1 + eps[:, None])), 0), eps)
-        rows = (0.9 * reversal, 0.999 * reversal, torch.full_like(reversal, mu_low))
-        return torch.stack((*at_nodes, sliding, *(self._best_in_row(row, eps) for row in rows)))
+        slope = 0.98 * (self.P[:, 0].abs() / self.P[:, 1].clamp_min(1e-300)).expand(eps_nodes, -1)
+        reversal = (self.W[:, 0, 1] / self.W[:, 0, 0]).abs().expand(eps_nodes, -1)
+        rows = torch.stack((slope, slope * (1 + eps), 0.9 * reversal, 0.999 * reversal, edge)).clamp(mu_low, mu_high)
+        cost, which = self.cost(rows, eps).min(1)
+        rows, eps_rows = rows.gather(1, which[:, None])[:, 0], eps[which, 0]
+        _, *sliding = _lowest(cost[:2], rows[:2], eps_rows[:2])
+        return tuple(
+            torch.cat((nodes_of, one[None], two[2:]))
+            for nodes_of, one, two in zip(
+                (mu[at_nodes], eps_best.gather(0, at_nodes)), sliding, (rows, eps_rows), strict=True
+            )
+        )
 
-    def _best_in_row(self, mu: Tensor, eps: Tensor) -> Tensor:
-        """Best x [N, 2] among rows μ [R, 1 or E, N] with the nodes ε [E]."""
-        mu = mu.clamp(*self.box.mu).expand(-1, len(eps), -1)
-        which = self.cost(mu, eps[:, None]).flatten(0, 1).argmin(0)
-        return torch.stack((mu.flatten(0, 1).gather(0, which[None])[0], eps[which % len(eps)]), -1)
 
-
-def _levenberg_marquardt(problem: _Problem, x: Tensor, rounds: int = 8) -> tuple[Tensor, Tensor, Tensor]:
-    """(x, cost, promised decrease) from starts x [K, N, 2], within the box; the damping is Marquardt's.
+def _levenberg_marquardt(problem: _Problem, mu: Tensor, eps: Tensor, rounds: int = 4):
+    """(cost, μ, ε, promised decrease) [K, N] from starts [K, N], within the box; the damping is Marquardt's.
 
     Each round tries the full step, a shorter one, and the step in either parameter alone, all with the
     free parameter solved again where the other meets its bound, and keeps the best.
     """
-    high = problem.box.high
-    damping = torch.full_like(x[..., 0], 1e-3)
-    cost = problem.cost(*x.unbind(-1))
+    box = problem.box
+    damping = torch.full_like(mu, 1e-3)
+    cost = problem.cost(mu, eps)
     for _ in range(rounds):
-        h = torch.where(x + _STEP > high, -_STEP, _STEP)
-        probes = torch.stack((x, x + h * torch.tensor((1.0, 0.0)), x + h * torch.tensor((0.0, 1.0))))
-        r, r_mu, r_eps = problem.residual(*probes.unbind(-1))
-        d_mu, d_eps = (r_mu - r) / h[..., :1], (r_eps - r) / h[..., 1:]
-        g_mu, g_eps = _dot(d_mu, r), _dot(d_eps, r)
-        a_mu = _dot(d_mu, d_mu) * (1 + damping) + 1e-300
-        a_eps = _dot(d_eps, d_eps) * (1 + damping) + 1e-300
-        cross = _dot(d_mu, d_eps)
+        h_mu = torch.where(mu + _STEP > box.mu[1], -_STEP, _STEP)
+        h_eps = torch.where(eps + _STEP > box.eps[1], -_STEP, _STEP)
+        r_t, r_n = problem.residual(torch.stack((mu, mu + h_mu, mu)), torch.stack((eps, eps, eps + h_eps)))
+        r = r_t[0], r_n[0]
+        d_mu = (r_t[1] - r[0]) / h_mu, (r_n[1] - r[1]) / h_mu
+        d_eps = (r_t[2] - r[0]) / h_eps, (r_n[2] - r[1]) / h_eps
+        g_mu, g_eps, cross = _dot(d_mu, r), _dot(d_eps, r), _dot(d_mu, d_eps)
+        a_mu = _square(*d_mu) * (1 + damping) + 1e-300
+        a_eps = _square(*d_eps) * (1 + damping) + 1e-300
         det = a_mu * a_eps - cross**2
         regular = det > 1e-14 * a_mu * a_eps
-        step_mu = torch.where(regular, (cross * g_eps - a_eps * g_mu) / torch.where(regular, det, 1.0), 0.0)
-        mu = problem.clamp(x + step_mu[..., None])[..., 0]
-        eps = x[..., 1] - (g_eps + cross * (mu - x[..., 0])) / a_eps
-        short = x[..., 0] + 0.3 * (mu - x[..., 0])
-        tried = problem.clamp(
-            torch.stack(
-                (
-                    torch.stack((mu, eps), -1),
-                    torch.stack((short, x[..., 1] - (g_eps + cross * (short - x[..., 0])) / a_eps), -1),
-                    torch.stack((x[..., 0] - g_mu / a_mu, x[..., 1]), -1),
-                    torch.stack((x[..., 0], x[..., 1] - g_eps / a_eps), -1),
-                )
-            )
-        )
-        before = x
-        value, which = problem.cost(*tried.unbind(-1)).min(0)
+        step = torch.where(regular, (cross * g_eps - a_eps * g_mu) / torch.where(regular, det, 1.0), 0.0)
+        step = (mu + step).clamp(*box.mu) - mu
+        tried_mu = torch.stack((mu + step, mu + 0.3 * step, mu - g_mu / a_mu, mu)).clamp(*box.mu)
+        tried_eps = torch.stack((
+            eps - (g_eps + cross * step) / a_eps,
+            eps - (g_eps + cross * (0.3 * step)) / a_eps,
+            eps,
+            eps - g_eps / a_eps,
+        )).clamp(*box.eps)
+        # What either parameter alone promises within its bounds: nothing at a stationary point.
+        promised = g_mu * (mu - tried_mu[2]) + g_eps * (eps - tried_eps[3])
+        value, *at = _lowest(problem.cost(tried_mu, tried_eps), tried_mu, tried_eps)
         better = value < cost * (1 - 1e-9)
-        x = torch.where(better[..., None], pick(tried, which), x)
-        cost = torch.where(better, value, cost)
+        cost, mu, eps = (torch.where(better, a, b) for a, b in zip((value, *at), (cost, mu, eps), strict=True))
         damping = torch.where(better, 0.1 * damping, 10 * damping)
-    # What the linear model still promises at the bounds: nothing at a stationary point.
-    promised = -(g_mu * (tried[0, ..., 0] - before[..., 0]) + g_eps * (tried[0, ..., 1] - before[..., 1]))
-    return x, cost, torch.where(better, torch.inf, promised.clamp_min(0))
+    return cost, mu, eps, torch.where(better, torch.inf, promised)
 
 
-def _zoom(problem: _Problem, x: Tensor, cost: Tensor, half: float = 0.1, nodes: int = 21) -> tuple[Tensor, Tensor]:
-    """Best (x [N, 2], cost [N]) of a grid about x that shrinks about its best node."""
+def _zoom(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, half: float = 0.1, nodes: int = 21, shrink=0.3):
+    """Best (cost, μ, ε) [N] of a grid about (μ, ε) that shrinks about its best node."""
     offsets = torch.linspace(-1, 1, nodes, dtype=torch.float64)
-    offsets = torch.cartesian_prod(offsets, offsets)[:, None]
+    offsets = torch.cartesian_prod(offsets, offsets)[..., None].unbind(1)
     while half > 1e-9:
-        around = problem.clamp(x + half * offsets)
-        value, which = problem.cost(*around.unbind(-1)).min(0)
-        x = torch.where((value < cost)[:, None], pick(around, which), x)
-        cost = torch.minimum(value, cost)
-        half *= 0.3
-    return x, cost
+        around = [(x + half * o).clamp(*b) for x, o, b in zip((mu, eps), offsets, (problem.box.mu, problem.box.eps), strict=True)]
+        cost, mu, eps = _better((cost, mu, eps), _lowest(problem.cost(*around), *around))
+        half *= shrink
+    return cost, mu, eps
 
 
-def _edge_of_sticking(problem: _Problem, x: Tensor, cost: Tensor, nodes: int = 65) -> tuple[Tensor, Tensor]:
-    """Best (x [N, 2], cost [N]) on the curve of the largest μ that still slides, where P̂ may jump."""
+def _edge_of_sticking(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, nodes: int = 65):
+    """Best (cost, μ, ε) [N] on the curve of the largest μ that still slides, where P̂ may jump."""
     low, high = problem.box.eps
     centre, half = torch.full_like(cost, 0.5 * (low + high)), 0.5 * (high - low)
+    best = cost, mu, eps
     while half > 1e-9:
         eps = (centre + half * torch.linspace(-1, 1, nodes, dtype=torch.float64)[:, None]).clamp(low, high)
-        P_t, P_n = (problem.residual(problem.box.high[0], eps) + problem.P).unbind(-1)
+        r_t, r_n = problem.residual(torch.as_tensor(problem.box.mu[1], dtype=torch.float64), eps)
+        P_t, P_n = r_t + problem.P[:, 0], r_n + problem.P[:, 1]
         mu = ((1 - 1e-12) * P_t.abs() / P_n.clamp_min(1e-300)).clamp(*problem.box.mu)
-        value, which = problem.cost(mu, eps).min(0)
-        found = pick(torch.stack((mu, eps), -1), which)
-        x, cost = torch.where((value < cost)[:, None], found, x), torch.minimum(value, cost)
-        centre, half = found[:, 1], half * 0.1
-    return x, cost
+        found = _lowest(problem.cost(mu, eps), mu, eps)
+        best = _better(best, found)
+        centre, half = found[2], half * 0.1
+    return best
 
 
-def _dot(a: Tensor, b: Tensor) -> Tensor:
-    """a·b over a last axis of 2; several times faster than a reduction over so short an axis."""
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
-
-
-def _mu_interval(problem: _Problem, x: Tensor, cost: Tensor, nodes: int = 15) -> tuple[Tensor, Tensor]:
+def _mu_interval(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, nodes: int = 15) -> tuple[Tensor, Tensor]:
     """Ends [N] of the interval of μ about the optimum on which ε alone keeps the error as small."""
     limit = cost.sqrt() + 1e-9 * problem.P.norm(dim=-1)
-    ends = x[:, 0].expand(2, -1).clone()  # still as good: towards the lower and the upper bound
-    bounds = torch.tensor(problem.box.mu)[:, None]
+    ends = mu.expand(2, -1).clone()  # still as good: towards the lower and the upper bound
+    bounds = torch.tensor(problem.box.mu, dtype=torch.float64)[:, None]
     # Most trials determine μ: one probe on each side tells.
     probe = ends + (bounds - ends).clamp(-1e-5, 1e-5)
-    rows = (_best_in_eps(problem, probe, x[:, 1]) <= limit).any(0).nonzero()[:, 0]
-    sub, limit, eps = problem[rows], limit[rows], x[rows, 1]
-    good, bad = ends[:, rows], bounds.expand(-1, len(rows))
-    fraction = torch.linspace(0, 1, nodes + 2, dtype=torch.float64)[:, None, None]
+    side, rows = ((_best_in_eps(problem, probe, eps) <= limit) & (ends != bounds)).nonzero(as_tuple=True)
+    sub, limit, eps = problem[rows], limit[rows], eps[rows]
+    good, bad = ends[side, rows], bounds[side, 0]
+    fraction = torch.linspace(0, 1, nodes + 2, dtype=torch.float64)[:, None]
     width = 1.0
-    while width > 1e-9:
-        mu = good + fraction * (bad - good)  # [nodes + 2, 2, rows], the first is good
+    while width > 1e-9 and len(rows):
+        mu = good + fraction * (bad - good)  # [nodes + 2, pairs], the first is good
         fits = (_best_in_eps(sub, mu, eps) <= limit).cumprod(0).sum(0).clamp_min(1)
         good = mu.gather(0, (fits - 1)[None])[0]
         bad = mu.gather(0, fits.clamp_max(nodes + 1)[None])[0]
         width /= nodes + 1
-    ends[:, rows] = good
-    return torch.minimum(ends[0], x[:, 0]), torch.maximum(ends[1], x[:, 0])
+    ends[side, rows] = good
+    return ends[0], ends[1]
 
 
 def _best_in_eps(problem: _Problem, mu: Tensor, eps: Tensor) -> Tensor:
     """Least error ‖P − P̂‖ at fixed μ [..., N], from two secant steps in ε (P̂ is piecewise linear in it)."""
-    eps = eps.expand_as(mu)
-    best = problem.cost(mu, eps).sqrt()
+    r = problem.residual(mu, eps)
+    best = _square(*r)
     for _ in range(2):
         h = torch.where(eps + _STEP > problem.box.eps[1], -_STEP, _STEP)
-        r, r_eps = problem.residual(mu, torch.stack((eps, eps + h)))
-        d = (r_eps - r) / h[..., None]
-        eps = (eps - _dot(d, r) / (_dot(d, d) + 1e-300)).clamp(*problem.box.eps)
-        best = torch.minimum(best, problem.cost(mu, eps).sqrt())
-    return best
+        d = [(b - a) / h for a, b in zip(r, problem.residual(mu, eps + h), strict=True)]
+        eps = (eps - _dot(d, r) / (_square(*d) + 1e-300)).clamp(*problem.box.eps)
+        r = problem.residual(mu, eps)
+        best = torch.minimum(best, _square(*r))
+    return best.sqrt()
+
+
+def _lowest(cost: Tensor, *values: Tensor) -> tuple[Tensor, ...]:
+    """The least cost along the first axis, and the values that go with it."""
+    cost, which = cost.min(0)
+    return cost, *(value.expand(len(value), *cost.shape).gather(0, which[None])[0] for value in values)
+
+
+def _write(into, where, values) -> None:
+    for x, value in zip(into, values, strict=False):
+        x[where] = value
+
+
+def _better(old: tuple[Tensor, ...], new: tuple[Tensor, ...]) -> list[Tensor]:
+    """(cost, μ, ε) of whichever has the smaller cost."""
+    return [torch.where(new[0] < old[0], b, a) for a, b in zip(old, new, strict=True)]
+
+
+def _dot(a: tuple[Tensor, Tensor], b: tuple[Tensor, Tensor]) -> Tensor:
+    return a[0] * b[0] + a[1] * b[1]
+
+
+def _square(t: Tensor, n: Tensor) -> Tensor:
+    return t * t + n * n

@@ -3,9 +3,12 @@
 import os
 
 import pytest
+import torch
 
 from contactlearn.data import ellipse_drops as source
 from contactlearn.errors import DataError
+
+torch.set_num_threads(1)  # the suite runs in parallel processes
 
 
 @pytest.fixture(scope="session")

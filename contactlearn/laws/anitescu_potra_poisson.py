@@ -9,7 +9,7 @@ ends sliding, W_nn > σ μ W_tn, and where it ends sticking the second phase has
 import torch
 from torch import Tensor
 
-from contactlearn.laws.base import Contact, complementary
+from contactlearn.laws.base import Contact, complementary, within
 
 
 def textbook(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
@@ -19,7 +19,9 @@ def textbook(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]
     n_d = eps * n_c
     # Tangential impulse that ends the slip of the second phase, clamped to its cone.
     t_d = -(v_t + w_tt * t_c + w_tn * (n_c + n_d)) / w_tt
-    return t_c + torch.clamp(t_d, -mu * n_d, mu * n_d), n_c + n_d
+    stuck = t_c.abs() < mu * n_c  # then v_t = 0 but for rounding
+    t_d = torch.where(stuck, within(-w_tn / w_tt, mu) * n_d, within(t_d, mu * n_d))
+    return t_c + t_d, n_c + n_d
 
 
 def fazeli2017(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:

@@ -34,6 +34,11 @@ def stick(contact: Contact, target: Tensor) -> tuple[Tensor, Tensor]:
     return -(w_nn * v_t + w_tn * target) / det, (w_tt * target + w_tn * v_t) / det
 
 
+def within(x: Tensor, bound: Tensor) -> Tensor:
+    """x clamped to ± bound, with a gradient to the bound that also holds where it is 0 (torch.clamp's does not)."""
+    return torch.where(x.abs() < bound, x, x.sign() * bound)
+
+
 def complementary(contact: Contact, mu: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
     """Contact with v_n⁺ − v_n = `target` > 0 and Coulomb friction against the *final* slip.
 
@@ -44,6 +49,6 @@ def complementary(contact: Contact, mu: Tensor, target: Tensor) -> tuple[Tensor,
     """
     t_stick, n_stick = stick(contact, target)
     slope = -t_stick.sign() * mu
-    n_slide = target / (contact.w_nn - slope * contact.w_tn)
     sticks = t_stick.abs() <= mu * n_stick
+    n_slide = target / torch.where(sticks, 1.0, contact.w_nn - slope * contact.w_tn)
     return torch.where(sticks, t_stick, -slope * n_slide), torch.where(sticks, n_stick, n_slide)

@@ -3,7 +3,8 @@
     P = (1 + ε) P_I + (1 + e_t) (P_II − P_I),   P_I = (0, −v_n / W_nn),   P_II = −M_c v_c,
 
 and where |P_t| > μ P_n the factor (1 + e_t) is replaced by the one that puts P on the cone.
-e_t = 0 ends the slip exactly; e_t = 1 reverses it.  It is not one of the paper's six.
+e_t acts on the slip u = v_t − W_tn v_n / W_nn that P_I leaves: v_t⁺ = −e_t u − ε W_tn v_n / W_nn, so
+with W_tn = 0 or ε = 0, e_t = 0 ends the slip and e_t = 1 reverses it.  It is not one of the paper's six.
 """
 
 import torch

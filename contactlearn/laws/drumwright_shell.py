@@ -2,11 +2,13 @@
 
 Compression minimises ½ (v_c + W P)ᵀ M_c (v_c + W P) subject to P_n ≥ 0, |P_t| ≤ μ P_n and
 v_n⁺ ≥ 0; then P = (1 + ε) P^c.  The programme's solution is −M_c v_c where the cone holds it, else
-the better of the two cone edges, where P = N (−σ μ, 1) and
+the best point N (−σ μ, 1) of one cone edge,
 
-    N = max( (−v_n + σ μ v_t) / (W_nn − 2 σ μ W_tn + μ² W_tt),  −v_n / (W_nn − σ μ W_tn) ).
+    N = (−v_n + σ μ v_t) / (W_nn − 2 σ μ W_tn + μ² W_tt).
 
-v_n⁺ = −ε v_n + (1 + ε) v_n^c ≥ 0, so a second compression is never needed.
+v_c⁺ is then at right angles to that edge, v_c⁺ = |v_t⁺| (σ, μ), so v_n⁺ ≥ 0 never binds; and as
+N (W_nn − σ μ W_tn) = v_n⁺ − v_n > 0, the tangential part of −M_c v_c has the sign −σ.
+v_n⁺ = −ε v_n + (1 + ε) v_n^c ≥ 0, so a second compression is never needed either.
 """
 
 import torch
@@ -17,25 +19,12 @@ from contactlearn.laws.base import Contact, stick
 
 def compression(contact: Contact, mu: Tensor) -> tuple[Tensor, Tensor]:
     """(P_t^c, P_n^c) of the convex programme."""
-    t_stick, n_stick = stick(contact, -contact.v_n)
-    n_minus, energy_minus = _edge(contact, -mu)
-    n_plus, energy_plus = _edge(contact, mu)
-    plus = energy_plus <= energy_minus
-    n_edge = torch.where(plus, n_plus, n_minus)
-    t_edge = torch.where(plus, -mu, mu) * n_edge
-    sticks = t_stick.abs() <= mu * n_stick
-    return torch.where(sticks, t_stick, t_edge), torch.where(sticks, n_stick, n_edge)
-
-
-def _edge(contact: Contact, slope: Tensor) -> tuple[Tensor, Tensor]:
-    """Best N on the cone edge P = N (−slope, 1), and the energy there (inf where none is feasible)."""
     w_tt, w_tn, w_nn, v_t, v_n = contact
-    curvature = w_nn + slope * (slope * w_tt - 2 * w_tn)
-    gradient = v_n - slope * v_t
-    stiffness = w_nn - slope * w_tn
-    feasible = stiffness > 0
-    n = torch.maximum(-gradient / curvature, -v_n / torch.where(feasible, stiffness, 1.0))
-    return n, torch.where(feasible, n * (0.5 * curvature * n + gradient), torch.inf)
+    t_stick, n_stick = stick(contact, -v_n)
+    slope = -t_stick.sign() * mu
+    n_edge = (slope * v_t - v_n) / (w_nn + slope * (slope * w_tt - 2 * w_tn))
+    sticks = t_stick.abs() <= mu * n_stick
+    return torch.where(sticks, t_stick, -slope * n_edge), torch.where(sticks, n_stick, n_edge)
 
 
 def textbook(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:

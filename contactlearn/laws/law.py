@@ -54,6 +54,7 @@ def impulse(
     *,
     variant: str = "textbook",
     e_t: Tensor | float = 0.0,
+    out: Tensor | None = None,
 ) -> Tensor:
     """Contact impulse P = (P_t, P_n) [..., N, 2] in N s of the law `name`.
 
@@ -65,6 +66,7 @@ def impulse(
         eps: coefficient of restitution in [0, 1], likewise.
         variant: `textbook`, or `fazeli2017` for what the paper's authors computed.
         e_t: tangential restitution, Chatterjee & Ruina only.
+        out: where to write P, so that repeated sweeps over a large grid reuse their memory; no gradients.
 
     Raises:
         UnknownNameError: no such law or variant.
@@ -77,9 +79,9 @@ def impulse(
     inputs = (*contact, *parameters)
     shape = torch.broadcast_tensors(*inputs)[0].shape
     grad = torch.is_grad_enabled() and any(x.requires_grad for x in inputs)
-    if grad or len(shape) < 2 or shape.numel() <= _BLOCK:
+    if out is None and (grad or len(shape) < 2 or shape.numel() <= _BLOCK):
         return torch.stack(torch.broadcast_tensors(*law(contact, *parameters)), -1)
-    P = torch.empty((*shape, 2), dtype=W.dtype, device=W.device)
+    P = torch.empty((*shape, 2), dtype=W.dtype, device=W.device) if out is None else out
     rows = max(1, _BLOCK * shape[0] // shape.numel())
     inputs = tuple(x if x.ndim < len(shape) else x.expand(shape[:1] + x.shape[1:]) for x in inputs)
     for start in range(0, shape[0], rows):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from contactlearn.laws.base import Contact, slip_direction
+from contactlearn.laws.base import Contact, slip_direction, within
 
 
 class Path(NamedTuple):
@@ -36,7 +36,7 @@ def routh_path(contact: Contact, mu: Tensor) -> Path:
     """The path of a contact; it does not depend on ε."""
     w_tt, w_tn, w_nn, v_t, v_n = contact
     slope = -slip_direction(contact) * mu
-    slope_after = torch.clamp(-w_tn / w_tt, -mu, mu)
+    slope_after = within(-w_tn / w_tt, mu)
     stiffness, stiffness_after = w_nn + slope * w_tn, w_nn + slope_after * w_tn
     # |v_t| falls at this rate; at a rate ≤ 0 the slip never ends (and then stiffness > 0).
     braking = -(w_tn + slope * w_tt) * slip_direction(contact)

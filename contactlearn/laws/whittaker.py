@@ -19,8 +19,8 @@ def textbook(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]
     target = -(1 + eps) * contact.v_n
     t_stick, n_stick = stick(contact, target)
     slope = mu * slip_direction(contact)
-    n_slide = target / (contact.w_nn - slope * contact.w_tn)
     sticks = t_stick.abs() <= mu * n_stick
+    n_slide = target / torch.where(sticks, 1.0, contact.w_nn - slope * contact.w_tn)
     return torch.where(sticks, t_stick, -slope * n_slide), torch.where(sticks, n_stick, n_slide)
 
 

@@ -247,17 +247,12 @@ def patch_curve(widths_mm: Sequence[float], errors: Tensor, references: Mapping[
     bound, values = LAW_STYLE["irb"], array(errors)
     for name, value in references.items():
         style = law_style(name)
-        axes.axhline(value, color=style.color, linestyle=style.linestyle, label=plain(style.label, 22))
+        axes.axhline(value, color=style.color, linestyle=style.linestyle, label=plain(style.label))
     axes.fill_between(widths_mm, values[:, 1], values[:, 2], color=tint(bound.color, 0.35), linewidth=0)
-    axes.plot(
-        widths_mm,
-        values[:, 0],
-        color=bound.color,
-        marker=bound.marker,
-        markersize=4,
-        label=f"{bound.label}, 95 % interval",
-    )
+    line = {"color": bound.color, "linestyle": bound.linestyle, "marker": bound.marker, "markersize": 4}
+    axes.plot(widths_mm, values[:, 0], **line, label=f"{bound.label}, 95 % interval")
     axes.margins(x=0.02)
     axes.set_ylim(bottom=0)
-    figure.legend(loc="outside upper center", ncols=2, columnspacing=1.0, handletextpad=0.5)
+    columns = 2 if all(len(law_style(name).label) < 22 for name in references) else 1
+    figure.legend(loc="outside upper center", ncols=columns, columnspacing=1.0, handlelength=1.8, handletextpad=0.5)
     return figure

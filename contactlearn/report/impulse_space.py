@@ -20,8 +20,8 @@ from contactlearn.impacts import Impacts
 from contactlearn.laws import Law, impulse
 from contactlearn.report.style import (
     COLUMN,
-    LAW_STYLE,
     DARK,
+    LAW_STYLE,
     MILLI,
     PAGE,
     array,
@@ -130,9 +130,10 @@ def _reach(law: Law, W: Tensor, v_c: Tensor, box: Box, nodes: tuple[int, int] = 
     split = jumps.reshape(nodes[0] - 1, finer, nodes[1] - 1, finer).any((1, 3))
     parts = parts[~jumps & split.repeat(finer, 0).repeat(finer, 1)]
     cells = np.concatenate((coarse[~split], parts))
-    cells = np.where((_area(cells) < 0)[:, None, None], cells[:, ::-1], cells)
     unit = size / 4000  # finer than a printer's dot
-    return np.unique(np.round(cells / unit), axis=0) * unit
+    cells = np.round(cells / unit)
+    cells = np.where((_area(cells) < 0)[:, None, None], cells[:, ::-1], cells)
+    return np.unique(cells, axis=0) * unit
 
 
 def _cells(P: np.ndarray) -> np.ndarray:

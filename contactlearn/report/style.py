@@ -129,7 +129,7 @@ def array(x: Tensor | Sequence[float]) -> np.ndarray:
 def save(figure: Figure, folder: str | os.PathLike, name: str) -> tuple[Path, Path]:
     """Write `name`.png (200 dpi) and `name`.pdf (vector) into `folder`, whole or not at all.
 
-    The same figure gives the same bytes: no date is written.
+    A figure that is built and saved in the same way gives the same bytes: no date is written.
 
     Returns:
         The paths of the PNG and of the PDF.

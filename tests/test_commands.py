@@ -1,0 +1,173 @@
+"""The commands as a user types them, on small synthetic data, and what they leave behind."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from contactlearn import cli, laws, metrics
+from contactlearn.data import synthetic, table
+
+ROOT = Path(__file__).parent.parent
+SMALL = ("data.size=80", "train.size=20", "train.repetitions=4", "figures.repetitions=2", "bootstrap=50")
+FIGURES = (
+    "energy_ellipse",
+    "cost_surface",
+    "convergence",
+    "error_comparison",
+    "trial_parameters",
+    "patch_curve",
+)
+
+
+def run(*arguments, cwd=ROOT, status=0):
+    """Run a command from `cwd`; its output."""
+    script = [str(ROOT / arguments[0])] if arguments[0].endswith(".py") else list(arguments[:1])
+    done = subprocess.run(
+        [sys.executable, *script, *arguments[1:]], cwd=cwd, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == status, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+@pytest.fixture(scope="module")
+def evaluation(tmp_path_factory):
+    """One small evaluation: (what it printed, its folder)."""
+    folder = tmp_path_factory.mktemp("evaluation")
+    printed = run("evaluate.py", *SMALL, "tables=csv", f"hydra.run.dir={folder}")
+    return printed, folder
+
+
+def test_evaluation_prints_every_model(evaluation):
+    printed, folder = evaluation
+    for model in (*laws.PAPER_LAWS, "best_post_hoc", "irb"):
+        assert re.search(rf"^ *{model} ", printed, re.MULTILINE), model
+    assert f"tensorboard --logdir {folder}" in printed
+
+
+def test_evaluation_leaves_results(evaluation):
+    _, folder = evaluation
+    results = json.loads((folder / "results.json").read_text())
+    assert {fit["law"] for fit in results["fits"]} == set(laws.PAPER_LAWS)
+    assert results["data"]["trials"] == 80
+    assert len(results["data"]["sha256"]) == 64
+    assert results["config"]["train"]["size"] == 20
+    for entry in results["errors"].values():
+        for metric in metrics.METRICS:
+            assert entry[metric]["low"] <= entry[metric]["mean"] <= entry[metric]["high"]
+    # The true law must win, and no law may beat the bounds, in the norm in which they are closest.
+    error = {model: entry["mass_error"]["mean"] for model, entry in results["errors"].items()}
+    assert min(laws.PAPER_LAWS, key=error.get) in ("wang_mason", "mirtich")
+    assert error["irb"] <= error["best_post_hoc"] <= min(error[law] for law in laws.PAPER_LAWS)
+
+
+def test_evaluation_predictions_agree_with_results(evaluation):
+    _, folder = evaluation
+    results = json.loads((folder / "results.json").read_text())
+    frame = pd.read_csv(folder / "predictions.csv")
+    assert len(frame) == 20 * 8
+    means = frame.groupby("model")["mass_error"].mean()
+    for model, entry in results["errors"].items():
+        assert means[model] == pytest.approx(entry["mass_error"]["mean"], rel=1e-12)
+    parameters = pd.read_csv(folder / "trial_parameters.csv")
+    assert len(parameters) == 80 * len(laws.PAPER_LAWS)
+    assert (parameters["mu_low"] <= parameters["mu_high"]).all()
+
+
+def test_evaluation_figures_and_events(evaluation):
+    _, folder = evaluation
+    for name in FIGURES:
+        assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
+        assert (folder / "figures" / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    events = EventAccumulator(str(folder)).Reload()
+    assert {f"figures/{name}" for name in FIGURES} <= set(events.Tags()["images"])
+    logged = events.Scalars("mass_error/wang_mason")
+    results = json.loads((folder / "results.json").read_text())
+    assert logged[0].step == 20
+    assert logged[0].value == pytest.approx(results["errors"]["wang_mason"]["mass_error"]["mean"], rel=1e-6)
+    assert len(list(folder.glob("events.*"))) == 1  # hyperparameters make no run of their own
+    lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+    assert lines[0]["trained_on"] == 20
+
+
+def test_train_then_evaluate_agree(tmp_path):
+    """Both commands identify the same parameters from the same subsets."""
+    run("train.py", *SMALL[:3], "law=whittaker", "bootstrap=50", f"hydra.run.dir={tmp_path / 'train'}")
+    run("evaluate.py", *SMALL, "laws=[whittaker]", f"hydra.run.dir={tmp_path / 'evaluate'}")
+    trained, evaluated = (json.loads((tmp_path / name / "results.json").read_text()) for name in ("train", "evaluate"))
+    assert trained["fits"] == evaluated["fits"]
+
+
+def test_sweep(tmp_path):
+    run(
+        "train.py", "-m", *SMALL[:3], "train.size=10,20", "law=whittaker", "bootstrap=50", f"hydra.sweep.dir={tmp_path}"
+    )
+    sizes = [json.loads((tmp_path / job / "results.json").read_text())["config"]["train"]["size"] for job in "01"]
+    assert sizes == [10, 20]
+
+
+def test_own_table_round_trip(tmp_path):
+    """Export a source, evaluate the file: the same data gives the same parameters."""
+    run("-m", "contactlearn", "export", str(tmp_path / "drops.csv"), "data.size=60", "data.seed=3")
+    assert (table.load(tmp_path / "drops.csv").v_post == synthetic.load(size=60, seed=3).v_post).all()
+    shape = "data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}"
+    small = ("train.size=20", "train.repetitions=4", "bootstrap=50", "law=mirtich")
+    run("train.py", "data=table", "data.path=drops.csv", shape, *small, "hydra.run.dir=a", cwd=tmp_path)
+    run("train.py", "data.size=60", "data.seed=3", *small, "hydra.run.dir=b", cwd=tmp_path)
+    a, b = (json.loads((tmp_path / name / "results.json").read_text()) for name in "ab")
+    assert a["fits"] == b["fits"]
+
+
+def test_published_table_beside_ours(ellipse_drops, tmp_path):
+    """experiment=fazeli2017 composes, runs on the real drops, and prints every difference in σ."""
+    small = ("train.repetitions=2", "figures.repetitions=1", "bootstrap=20", "laws=[whittaker,anitescu_potra_newton]")
+    printed = run("evaluate.py", "experiment=fazeli2017", *small, f"hydra.run.dir={tmp_path}")
+    assert "Published table beside ours" in printed
+    assert re.search(r"whittaker +0\.111 ± 0\.008 .* 0\.484 ± 0\.011", printed)
+
+
+@pytest.mark.parametrize("script", ["train.py", "evaluate.py"])
+def test_help(script):
+    printed = run(script, "--help")
+    assert "Examples" in printed
+    assert "data=table data.path=drops.csv" in printed
+    assert "threads: 1" in printed
+
+
+ERRORS = {
+    "law": (["evaluate.py", "laws=[witaker]"], "unknown law 'witaker', did you mean 'whittaker'?"),
+    "train law": (["train.py", "law=mirtch"], "did you mean 'mirtich'?"),
+    "variant": (["train.py", "variant=fazeli"], "did you mean 'fazeli2017'?"),
+    "too few": (["train.py", "train.size=1000"], "train.size=1000, but 450 of 600 trials"),
+    "test share": (["train.py", "test=1.5"], "share in (0, 1)"),
+    "no path": (["train.py", "data=table"], "data.path must be given"),
+    "no file": (["train.py", "data=table", "data.path=nowhere.csv"], "nowhere.csv: no such file"),
+    "norm": (["evaluate.py", "bounds.norm=euclid"], "unknown norm 'euclid', did you mean 'euclidean'?"),
+    "target": (["evaluate.py", "train.target=moment"], "did you mean 'momentum'?"),
+    "tables": (["evaluate.py", "tables=xls"], "unknown table format 'xls'"),
+    "trial": (["evaluate.py", "figures.trial=nobody"], "figures.trial=nobody is not among the 150 held-out trials"),
+    "no laws": (["evaluate.py", "laws=[]"], "at least one law"),
+    "bounds": (["train.py", "train.mu=[1,0]"], "bounds of mu must be 0 ≤ low < high"),
+    "foreign target": (["train.py", "data._target_=os.system"], "must be a source under contactlearn.data"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "message"), ERRORS.values(), ids=ERRORS)
+def test_errors_are_one_message(arguments, message, tmp_path, monkeypatch, capsys):
+    script, *overrides = arguments
+    monkeypatch.setattr(sys, "argv", [script, *overrides, f"hydra.run.dir={tmp_path}"])
+    with pytest.raises(SystemExit, match=r"^2$"):
+        getattr(cli, script.removesuffix(".py"))()
+    printed = capsys.readouterr()
+    assert message in printed.err
+    assert "Traceback" not in printed.err + printed.out
+
+
+def test_unknown_setting_is_refused(tmp_path):
+    assert "data.sizes" in run("train.py", "data.sizes=3", f"hydra.run.dir={tmp_path}", status=1)

@@ -1,0 +1,314 @@
+"""Figures: they draw the right numbers, say their units, and no name or data breaks or clips them."""
+
+import itertools
+import re
+import subprocess
+import sys
+
+import matplotlib
+import numpy as np
+import pytest
+import torch
+from matplotlib.colors import to_rgb
+from matplotlib.text import Text
+from scipy.spatial import cKDTree
+
+from contactlearn import bounds, fit, fit_trials, laws, mechanics
+from contactlearn.data import synthetic
+from contactlearn.errors import ContactLearnError
+from contactlearn.impacts import Impacts
+from contactlearn.report import figures
+from contactlearn.report.impulse_space import _area, _reach
+from contactlearn.report.style import LAW_STYLE, law_style, plain
+
+UNIT = re.compile(r"\((mN s|mm|s/m|–|count)\)")
+HOSTILE = (
+    "price_$5",
+    "$x$ & $y",
+    "_hidden",
+    "<b>bold</b>",
+    r"\frac{1}{2}$",
+    "two\nlines\t字",
+    "x" * 60,
+    "long name " * 6,
+)
+PIXEL = 1.5  # px at 100 dpi: text's own extent is rounded outwards
+
+
+@pytest.fixture(scope="module")
+def drops() -> Impacts:
+    return synthetic.load(size=80)
+
+
+def six(variant: str) -> dict[str, laws.Law]:
+    return {name: laws.Law(name, 0.12, 0.55, variant) for name in laws.PAPER_LAWS}
+
+
+def inadmissible(drops: Impacts, name: str = "1") -> Impacts:
+    """One drop that comes back faster than it came."""
+    return drops[[0]].replace(v_post=drops.v_pre[:1] * torch.tensor([1.0, -1.2, 1.0]), trial=(name,))
+
+
+def shared(drops: Impacts, **options) -> fit.SharedFit:
+    return fit.identify("whittaker", drops, **({"sizes": (1, 2, 5, 10, 20), "repetitions": 8} | options))
+
+
+def surface(drops: Impacts):
+    mu, eps = fit.Box(nodes=16).axes()
+    return figures.cost_surface(mu, eps, fit.cost_surface("wang_mason", drops, mu, eps), (0.12, 0.55), "wang_mason")
+
+
+def comparison(names=(*LAW_STYLE, "X1 → (P, τ), 450 trials")):
+    errors = {name: 0.1 + 0.02 * place + torch.rand(60, dtype=torch.float64) for place, name in enumerate(names)}
+    intervals = {name: (x.mean().item(), x.mean().item() - 0.03, x.mean().item() + 0.05) for name, x in errors.items()}
+    return figures.error_comparison(errors, intervals, "Normalised velocity error (–)")
+
+
+def patch(names=("anitescu_potra_newton", "best_post_hoc")):
+    mean = torch.tensor([0.4, 0.3, 0.25])
+    errors = torch.stack((mean, mean - 0.02, mean + 0.02), -1)
+    return figures.patch_curve([0, 1, 2], errors, dict.fromkeys(names, 0.45), "Normalised velocity error (–)")
+
+
+FIGURES = {
+    "ellipse inadmissible": lambda d: figures.energy_ellipse(inadmissible(d), 0, six("fazeli2017")),
+    "ellipse one": lambda d: figures.energy_ellipse(inadmissible(d), 0, {"mirtich": laws.Law("mirtich", 0.1, 0.5)}),
+    "ellipse seven": lambda d: figures.energy_ellipse(d, 5, {n: laws.Law(n, 0.1, 0.5) for n in laws.names()}),
+    "cost surface": surface,
+    "convergence": lambda d: figures.convergence(shared(d)),
+    "convergence once": lambda d: figures.convergence(shared(d, sizes=(3,), repetitions=1)),
+    "error comparison": lambda d: comparison(),
+    "trial parameters": lambda d: figures.trial_parameters(fit_trials.identify_trials("anitescu_potra_newton", d), d),
+    "patch curve": lambda d: patch(),
+}
+
+
+def visible_axes(figure) -> list:
+    return [axes for axes in figure.axes if axes.get_visible()]
+
+
+def assert_fits(figure) -> None:
+    """Nothing written leaves the paper, and no title, axis label or legend entry lies on another."""
+    figure.draw_without_rendering()
+    labels = [figure._suptitle] if figure._suptitle else []
+    for axes in visible_axes(figure):
+        labels += [axes.title, axes.xaxis.label, axes.yaxis.label]
+    for holder in (figure, *figure.subfigs):
+        labels += [text for legend in holder.legends for text in legend.get_texts()]
+    labels = [text for text in labels if text.get_text().strip()]
+    boxes = {text: text.get_window_extent().padded(-PIXEL) for text in labels}
+    for a, b in itertools.combinations(labels, 2):
+        assert not boxes[a].overlaps(boxes[b]), (a, b)
+    ticks = [axes.yaxis.get_tightbbox() for axes in visible_axes(figure)]
+    for text, box in (*boxes.items(), *enumerate(box.padded(-PIXEL) for box in ticks if box)):
+        assert box.x0 >= 0, text
+        assert box.x1 <= figure.bbox.x1, text
+        assert box.y0 >= 0, text
+        assert box.y1 <= figure.bbox.y1, text
+
+
+def assert_units(figure) -> None:
+    """Wherever an axis has numbers, it or the one it is shared with says their unit."""
+    for axes, name in itertools.product(visible_axes(figure), "xy"):
+        numbers = any(re.search(r"^−?\d", tick.get_text()) for tick in getattr(axes, f"get_{name}ticklabels")())
+        siblings = getattr(axes, f"get_shared_{name}_axes")().get_siblings(axes)
+        labels = [getattr(sibling, f"get_{name}label")() for sibling in siblings]
+        assert not numbers or any(UNIT.search(label) for label in labels), (axes, name, labels)
+
+
+@pytest.mark.parametrize("build", FIGURES.values(), ids=FIGURES)
+def test_every_figure_fits_names_its_units_and_is_written_as_vectors(build, drops, tmp_path):
+    before = dict(matplotlib.rcParams)
+    figure = build(drops)
+    assert dict(matplotlib.rcParams) == before
+    assert figure.get_figwidth() in (3.4, 7.0)
+    assert_fits(figure)
+    assert_units(figure)
+    assert all(text.get_fontsize() == 8 for text in figure.findobj(Text) if text.get_text().strip())
+    png, pdf = (path.read_bytes() for path in figures.save(figure, tmp_path / "new", "name"))
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["name.pdf", "name.png"]
+    assert png.startswith(b"\x89PNG")
+    assert int.from_bytes(png[16:20], "big") == round(200 * figure.get_figwidth())
+    assert pdf.startswith(b"%PDF")
+    assert b"/CIDFontType2" in pdf  # TrueType
+    for forbidden in (b"/Type3", b"/Subtype /Image", b"CreationDate"):
+        assert forbidden not in pdf
+    assert len(pdf) < 500_000
+
+
+def test_no_window_system_is_touched():
+    code = "import sys, contactlearn.report.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_same_figure_gives_same_bytes(drops, tmp_path):
+    first, second = ([path.read_bytes() for path in figures.save(surface(drops), tmp_path, "a")] for _ in range(2))
+    assert first == second
+
+
+def test_save_leaves_the_old_files_when_writing_fails(drops, tmp_path, monkeypatch):
+    figure = surface(drops)
+    old = [path.read_bytes() for path in figures.save(figure, tmp_path, "a")]
+    write = figure.savefig
+
+    def fail_on_pdf(path, **options):
+        write(path, **options)
+        if path.suffix == ".pdf":
+            raise OSError("disk full")
+
+    monkeypatch.setattr(figure, "savefig", fail_on_pdf)
+    figure.suptitle("changed")
+    with pytest.raises(OSError, match="disk full"):
+        figures.save(figure, tmp_path, "a")
+    assert [(tmp_path / f"a{suffix}").read_bytes() for suffix in (".png", ".pdf")] == old
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+# --- Names --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_names_are_shown_as_they_are(name, drops):
+    figure = figures.energy_ellipse(inadmissible(drops, name), 0, {"mirtich": laws.Law("mirtich", 0.1, 0.5)})
+    assert_fits(figure)
+    shown = " ".join(name.split())[:9]
+    assert shown in figure.get_suptitle().replace(r"\$", "$")
+    assert_fits(comparison(("wang_mason", name, f"$ {name}")))
+    figure = patch((name, "best_post_hoc"))
+    assert_fits(figure)
+    assert len(figure.legends[0].get_texts()) == 3
+
+
+def test_plain_text_is_no_formula():
+    assert Text(text=plain("$a_b$"))._preprocess_math(plain("$a_b$")) == ("$a_b$", False)
+    assert plain("x" * 60) == "x" * 39 + "…"
+    assert plain("π字") == "π?"
+
+
+# --- Laws ---------------------------------------------------------------------------------------
+
+
+def _seen(color: str, blindness: str) -> np.ndarray:
+    """CIE L*a*b* of a colour as a dichromat sees it (Machado et al., 2009)."""
+    rgb = np.array(to_rgb(color))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    linear = (np.array(MACHADO[blindness]) @ linear).clip(0, 1)
+    to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    x = np.array(to_xyz) @ linear / np.array((0.9505, 1, 1.089))
+    f = np.where(x > 0.008856, np.cbrt(x), 7.787 * x + 16 / 116)
+    return np.array((116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])))
+
+
+MACHADO = {
+    "none": np.eye(3),
+    "protan": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "deutan": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+    "tritan": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+}
+
+
+@pytest.mark.parametrize("blindness", MACHADO)
+def test_every_law_has_its_own_color_marker_and_line(blindness):
+    assert set(LAW_STYLE) == {*laws.names(), "best_post_hoc", "irb"}
+    for part in ("label", "color", "marker", "linestyle"):
+        assert len({getattr(style, part) for style in LAW_STYLE.values()}) == len(LAW_STYLE)
+    colors = {name: _seen(style.color, blindness) for name, style in LAW_STYLE.items()}
+    nearest = min((np.linalg.norm(colors[a] - colors[b]), a, b) for a, b in itertools.combinations(colors, 2))
+    assert nearest[0] > 8, nearest  # ΔE of 2 to 3 is just noticed
+    assert all(color[0] < 80 for color in colors.values())  # seen on white paper
+
+
+def test_styles_are_found_by_name_and_label():
+    assert law_style("Wang–Mason") is law_style("wang_mason") is LAW_STYLE["wang_mason"]
+    assert law_style("my GP").label == "my GP"
+
+
+# --- What is drawn ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("variant", ["textbook", "fazeli2017"])
+@pytest.mark.parametrize("name", laws.names())
+def test_reach_holds_what_the_law_gives_and_nothing_else(name, variant, drops):
+    generator = torch.Generator().manual_seed(0)
+    mu, eps = torch.rand(2, 400, 1, generator=generator, dtype=torch.float64)
+    for row in (3, 8):
+        W, v_c = drops.W[row], drops.v_c[row]
+        cells = _reach(laws.Law(name, 0.1, 0.5, variant), W, v_c, fit.Box())
+        assert (_area(cells) >= -1e-12).all()
+        P = laws.impulse(name, drops.W[[row]], drops.v_c[[row]], mu, eps, variant=variant)[:, 0].numpy()
+        size = np.ptp(mechanics.energy_ellipse(W, v_c).numpy(), axis=0).max()
+        # Every impulse lies near a cell, and every cell near an impulse of a dense sweep.
+        assert cKDTree(cells.mean(1)).query(P)[0].max() < 0.03 * size
+        sweep = torch.linspace(0, 1, 400)[:, None] ** 2, torch.linspace(0, 1, 100)
+        dense = laws.impulse(name, W, v_c, *sweep, variant=variant).reshape(-1, 2)
+        assert cKDTree(dense.numpy()).query(cells.mean(1))[0].max() < 0.02 * size
+
+
+def test_ellipse_shows_measurement_prediction_and_bound(drops):
+    impacts, law = inadmissible(drops), laws.Law("wang_mason", 0.12, 0.55)
+    axes = figures.energy_ellipse(impacts, 0, {"wang_mason": law}).axes[0]
+    points = [line.get_xydata()[0] for line in axes.lines if len(line.get_xydata()) == 1]
+    expected = (law.impulse(impacts.W, impacts.v_c)[0], impacts.wrench[0, :2], bounds.irb(impacts).wrench[0, :2])
+    np.testing.assert_allclose(np.sort(points, 0), np.sort(1e3 * torch.stack(expected).numpy(), 0), rtol=1e-12)
+    shaded = torch.from_numpy(axes.patches[0].get_xy() / 1e3)
+    assert mechanics.admissible(impacts.W[0], impacts.v_c[0], shaded, tolerance=1e-9).all()
+    inside = figures.energy_ellipse(drops, 3, {"wang_mason": law})
+    assert "IRB bound" not in [text.get_text() for text in inside.legends[0].get_texts()]
+
+
+def test_convergence_shows_mean_and_deviation(drops):
+    found = shared(drops)
+    upper = figures.convergence(found).axes[0]
+    drawn = sorted(line.get_ydata()[-1] for line in upper.lines)
+    mean, std = found.mean()[0], found.std()[0]
+    np.testing.assert_allclose(drawn, (mean - std, mean, mean + std), rtol=1e-12)
+
+
+def test_viscous_friction_has_its_unit(drops):
+    found = fit_trials.identify_trials("mirtich", drops[:5], variant="fazeli2017")
+    assert figures.trial_parameters(found, drops[:5]).axes[0].get_xlabel().endswith("(s/m)")
+
+
+def test_trials_that_leave_friction_open_are_intervals(drops):
+    found = fit_trials.identify_trials("anitescu_potra_newton", drops)
+    flat = int(found.flat.sum())
+    assert 0 < flat < len(drops)
+    axes = figures.trial_parameters(found, drops, box=fit.Box(mu=(0.0, 0.5))).axes
+    lines, dots = axes[0].collections
+    assert len(lines.get_segments()) == flat
+    assert len(dots.get_offsets()) == len(drops) - flat
+    assert max(segment[:, 0].max() for segment in lines.get_segments()) <= 0.5
+    assert any(f"{flat} of 80 trials leave μ undetermined" in a.get_title() for a in axes)
+
+
+def test_all_trials_may_leave_friction_open(drops):
+    found = fit_trials.identify_trials("anitescu_potra_newton", drops)
+    rows = found.flat.nonzero()[:, 0]
+    found = fit_trials.identify_trials("anitescu_potra_newton", drops[rows])
+    assert_fits(figures.trial_parameters(found, drops[rows]))
+
+
+def test_comparison_keeps_the_order_and_sets_the_bounds_apart():
+    names = ("irb", "mirtich", "best_post_hoc", "my GP")
+    axes = comparison(names).axes[0]
+    assert [t.get_text() for t in axes.get_yticklabels()] == ["IRB bound", "Mirtich", "Best Post Hoc", "my GP"]
+    assert axes.get_ylim()[0] > axes.get_ylim()[1]  # the first on top
+    assert [bool(patch.get_hatch()) for patch in axes.patches] == [True, False, True, False]
+
+
+BAD = {
+    "no laws": (lambda d: figures.energy_ellipse(d, 0, {}), "at least one law"),
+    "other impacts": (lambda d: figures.trial_parameters(fit_trials.identify_trials("mirtich", d[:4]), d), "4 .* 80"),
+    "no models": (lambda d: figures.error_comparison({}, {}, "e (–)"), "any model"),
+    "no interval": (lambda d: figures.error_comparison({"mirtich": torch.ones(3)}, {}, "e (–)"), "none for mirtich"),
+    "not finite": (
+        lambda d: figures.error_comparison({"a": torch.tensor([1.0, torch.nan])}, {"a": (1, 1, 1)}, "e (–)"),
+        "'a' must be finite, got 1",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("build", "message"), BAD.values(), ids=BAD)
+def test_what_cannot_be_drawn_is_refused(build, message, drops):
+    with pytest.raises(ContactLearnError, match=message):
+        build(drops)
