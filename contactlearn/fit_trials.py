@@ -64,7 +64,9 @@ def identify_trials(
     _write(ends, pairs, _levenberg_marquardt(problem[pairs[1]], ends[1][pairs], ends[2][pairs], rounds=5))
     cost, mu, eps, slack = best = _lowest(*ends)
     rows = (slack > 1e-9 * cost) & (cost > 1e-20 * scale)
-    _write(best, rows, _zoom(problem[rows], *_edge_of_sticking(problem[rows], cost[rows], mu[rows], eps[rows])))
+    _write(best, rows, _edge_of_sticking(problem[rows], cost[rows], mu[rows], eps[rows]))
+    rows &= ~_jumps(problem, mu, eps)
+    _write(best, rows, _zoom(problem[rows], cost[rows], mu[rows], eps[rows]))
     mu_low, mu_high = _mu_interval(problem, cost, mu, eps)
     return TrialFit(law, variant, mu, eps, cost.sqrt(), mu_low, mu_high)
 
@@ -191,9 +193,15 @@ def _edge_of_sticking(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, 
     return best
 
 
+def _jumps(problem: _Problem, mu: Tensor, eps: Tensor) -> Tensor:
+    """Whether P̂ jumps just above (μ, ε) [N]: on the sliding side of such an edge nothing is left to search."""
+    r_t, r_n = problem.residual(torch.stack((mu, mu * (1 + 1e-9))), eps)
+    return _square(r_t[1] - r_t[0], r_n[1] - r_n[0]) > 1e-8 * _square(*problem.P.unbind(-1))
+
+
 def _mu_interval(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, nodes: int = 15) -> tuple[Tensor, Tensor]:
     """Ends [N] of the interval of μ about the optimum on which ε alone keeps the error as small."""
-    limit = cost.sqrt() + 1e-9 * problem.P.norm(dim=-1)
+    limit = cost + 1e-14 * _square(*problem.P.unbind(-1))  # in squares, so that a smooth minimum has no width
     ends = mu.expand(2, -1).clone()  # still as good: towards the lower and the upper bound
     bounds = torch.tensor(problem.box.mu, dtype=torch.float64)[:, None]
     # Most trials determine μ: one probe on each side tells.
@@ -214,7 +222,7 @@ def _mu_interval(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, nodes
 
 
 def _best_in_eps(problem: _Problem, mu: Tensor, eps: Tensor) -> Tensor:
-    """Least error ‖P − P̂‖ at fixed μ [..., N], from two secant steps in ε (P̂ is piecewise linear in it)."""
+    """Least cost at fixed μ [..., N], from two secant steps in ε (P̂ is piecewise linear in it)."""
     r = problem.residual(mu, eps)
     best = _square(*r)
     for _ in range(2):
@@ -223,7 +231,7 @@ def _best_in_eps(problem: _Problem, mu: Tensor, eps: Tensor) -> Tensor:
         eps = (eps - _dot(d, r) / (_square(*d) + 1e-300)).clamp(*problem.box.eps)
         r = problem.residual(mu, eps)
         best = torch.minimum(best, _square(*r))
-    return best.sqrt()
+    return best
 
 
 def _lowest(cost: Tensor, *values: Tensor) -> tuple[Tensor, ...]:

@@ -30,6 +30,7 @@ PAPER_LAWS = tuple(name for name in _LAWS if name != "chatterjee_ruina")
 """The six laws that the paper compares."""
 
 _BLOCK = 1 << 16  # elements evaluated at once: the temporaries of a law then stay in cache
+_COLUMNS = 128  # trials among them
 
 
 def names() -> tuple[str, ...]:
@@ -82,13 +83,24 @@ def impulse(
     if out is None and (grad or len(shape) < 2 or shape.numel() <= _BLOCK):
         return torch.stack(torch.broadcast_tensors(*law(contact, *parameters)), -1)
     P = torch.empty((*shape, 2), dtype=W.dtype, device=W.device) if out is None else out
-    rows = max(1, _BLOCK * shape[0] // shape.numel())
-    inputs = tuple(x if x.ndim < len(shape) else x.expand(shape[:1] + x.shape[1:]) for x in inputs)
-    for start in range(0, shape[0], rows):
-        block = tuple(x[start : start + rows] if x.ndim == len(shape) else x for x in inputs)
-        P_t, P_n = law(Contact(*block[:5]), *block[5:])
-        P[start : start + rows, ..., 0], P[start : start + rows, ..., 1] = P_t, P_n
+    # Blocks of a few rows and columns: what depends on one parameter alone is then computed once for
+    # all rows of a block, and not once for every impulse.
+    columns = min(shape[-1], _COLUMNS)
+    rows = max(1, _BLOCK // (shape[1:-1].numel() * columns))
+    for top in range(0, shape[0], rows):
+        for left in range(0, shape[-1], columns):
+            place = (slice(top, top + rows), ..., slice(left, left + columns))
+            block = tuple(_part(x, len(shape), place) for x in inputs)
+            P_t, P_n = law(Contact(*block[:5]), *block[5:])
+            P[(*place, 0)], P[(*place, 1)] = P_t, P_n
     return P
+
+
+def _part(x: Tensor, dimensions: int, place: tuple) -> Tensor:
+    """The part of an input that a block of the broadcast result needs."""
+    if x.ndim == dimensions and x.shape[0] > 1:
+        x = x[place[0]]
+    return x[..., place[-1]] if x.ndim and x.shape[-1] > 1 else x
 
 
 @dataclass(frozen=True)

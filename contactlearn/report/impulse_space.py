@@ -110,7 +110,7 @@ _LINES = {
     "Sticking": {"linestyle": "-.", "linewidth": 0.8, "color": DARK},
     "No friction": {"linestyle": ":", "linewidth": 0.8, "color": DARK},
 }
-_ADMISSIBLE = {"facecolor": "#EBEBEB", "edgecolor": "none"}
+_ADMISSIBLE = {"facecolor": "#EFEFEF", "edgecolor": "none"}
 _ELLIPSE = {"color": "#777777", "linewidth": 0.8}
 
 
