@@ -97,7 +97,7 @@ def evaluate(cfg: DictConfig) -> None:
         drawn["trial_parameters"] = figures.trial_parameters(
             next(fit for fit in trials if fit.law == cfg.figures.parameters), impacts, box=_box(cfg)
         )
-    terminal.show_models(fits, errors)
+    terminal.show_models(fits, errors, cfg.bounds.norm)
     if cfg.reference is not None:
         terminal.show_reference(fits, OmegaConf.to_container(cfg.reference))
     save_predictions(test, predictions, folder / f"predictions.{cfg.tables}")

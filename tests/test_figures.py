@@ -230,15 +230,17 @@ def test_styles_are_found_by_name_and_label():
 @pytest.mark.parametrize("name", laws.names())
 def test_reach_holds_what_the_law_gives_and_nothing_else(name, variant, drops):
     generator = torch.Generator().manual_seed(0)
-    mu, eps = torch.rand(2, 400, 1, generator=generator, dtype=torch.float64)
+    mu, eps = torch.rand(2, 4000, 1, generator=generator, dtype=torch.float64)
     for row in (3, 8):
         W, v_c = drops.W[row], drops.v_c[row]
         cells = _reach(laws.Law(name, 0.1, 0.5, variant), W, v_c, fit.Box())
         assert (_area(cells) >= -1e-12).all()
-        P = laws.impulse(name, drops.W[[row]], drops.v_c[[row]], mu, eps, variant=variant)[:, 0].numpy()
+        P = laws.impulse(name, drops.W[[row]], drops.v_c[[row]], mu**2, eps, variant=variant)[:, 0].numpy()
         size = np.ptp(mechanics.energy_ellipse(W, v_c).numpy(), axis=0).max()
-        # Every impulse lies near a cell, and every cell near an impulse of a dense sweep.
-        assert cKDTree(cells.mean(1)).query(P)[0].max() < 0.03 * size
+        # Every impulse lies at a cell, and every cell at an impulse of a dense sweep.  Whittaker's P̂ jumps,
+        # and there the cells are small: whole cells left out would leave 0.008.
+        apart = cKDTree(np.concatenate((cells.reshape(-1, 2), cells.mean(1)))).query(P)[0].max()
+        assert apart < (0.006 if (name, variant) == ("whittaker", "textbook") else 0.012) * size
         sweep = torch.linspace(0, 1, 400)[:, None] ** 2, torch.linspace(0, 1, 100)
         dense = laws.impulse(name, W, v_c, *sweep, variant=variant).reshape(-1, 2)
         assert cKDTree(dense.numpy()).query(cells.mean(1))[0].max() < 0.02 * size

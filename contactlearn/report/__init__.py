@@ -1,8 +1,11 @@
-"""What a reader sees: static figures of a comparison or a fit.
+"""What a reader sees of a comparison or a fit.
 
-    style    one look for all figures, one colour and marker a law, and `save`
-    figures  the figures of the paper (2.3, 3.3 to 3.6) and the bound against a patch's width
+    terminal       what a run prints
+    tables         per-trial results as files
+    figures        the figures of the paper (2.3, 3.3 to 3.6) and the bound against a patch's width
+    impulse_space  the first of these figures
+    style          one look for all figures, one colour, marker and line a law
 
 Figures show what other modules computed and fit nothing.  They are matplotlib `Figure` objects
-that no window system or global state knows of, so they can be made in any thread or process.
+that need no window system and are not kept alive by one.
 """

@@ -12,6 +12,7 @@ Impulses are shown in mN s, lengths in mm.  The figure numbers are those of Faze
 
 from collections.abc import Mapping, Sequence
 from textwrap import wrap
+from typing import Any
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -212,7 +213,7 @@ def trial_parameters(fit: TrialFit, impacts: Impacts, *, box: Box | None = None)
     if undetermined.any():
         label = f"Trial that leaves μ undetermined (up to {high[undetermined].max():.2g})"
         handles[label] = Line2D([], [], linewidth=0.6, color=DARK)
-    left.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=2)
+    left.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=2)
 
     upper, lower = right.subplots(2, 1)
     for panel, values, label in ((upper, mu[determined], axes.get_xlabel()), (lower, eps, _EPS)):
@@ -249,7 +250,7 @@ def patch_curve(widths_mm: Sequence[float], errors: Tensor, references: Mapping[
         style = law_style(name)
         axes.axhline(value, color=style.color, linestyle=style.linestyle, label=plain(style.label))
     axes.fill_between(widths_mm, values[:, 1], values[:, 2], color=tint(bound.color, 0.35), linewidth=0)
-    line = {"color": bound.color, "linestyle": bound.linestyle, "marker": bound.marker, "markersize": 4}
+    line: dict[str, Any] = {"color": bound.color, "linestyle": bound.linestyle, "marker": bound.marker, "markersize": 4}
     axes.plot(widths_mm, values[:, 0], **line, label=f"{bound.label}, 95 % interval")
     axes.margins(x=0.02)
     axes.set_ylim(bottom=0)

@@ -1,6 +1,7 @@
 """Impulse space of one impact: what can happen, what each law can give, what was measured (Fig. 2.3)."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -72,7 +73,7 @@ def energy_ellipse(impacts: Impacts, row: int, laws: Mapping[str, Law], box: Box
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for place, (axes, law, reach, guess) in enumerate(zip(grid.flat, laws.values(), reaches, guesses, strict=False)):
         style = law_style(law.name)
-        _draw_space(axes, W, v_c, ellipse)
+        _draw_space(axes, array(W), array(v_c), array(ellipse) * MILLI)
         _draw_reach(axes, reach * MILLI, style.color)
         axes.plot(*guess.numpy() * MILLI, style.marker, color=style.color, **_GUESS, zorder=5)
         axes.plot(*array(torch.stack(points)).T * MILLI, color=DARK, linewidth=0.8, zorder=6)
@@ -94,8 +95,8 @@ def energy_ellipse(impacts: Impacts, row: int, laws: Mapping[str, Law], box: Box
     return figure
 
 
-_GUESS = {"markersize": 8, "markeredgecolor": "white", "markeredgewidth": 0.7, "linestyle": "none"}
-_MEASURED = (
+_GUESS: dict[str, Any] = {"markersize": 8, "markeredgecolor": "white", "markeredgewidth": 0.7, "linestyle": "none"}
+_MEASURED: tuple[dict[str, Any], ...] = (
     {"label": "Measured", "marker": "x", "color": "black", "markersize": 5, "markeredgewidth": 1.3},
     {
         "label": "IRB bound",
@@ -105,13 +106,13 @@ _MEASURED = (
         "markerfacecolor": "white",
     },
 )
-_LINES = {
+_LINES: dict[str, dict[str, Any]] = {
     "Maximum compression": {"linestyle": "--", "linewidth": 0.8, "color": DARK},
     "Sticking": {"linestyle": "-.", "linewidth": 0.8, "color": DARK},
     "No friction": {"linestyle": ":", "linewidth": 0.8, "color": DARK},
 }
-_ADMISSIBLE = {"facecolor": "#EFEFEF", "edgecolor": "none"}
-_ELLIPSE = {"color": "#777777", "linewidth": 0.8}
+_ADMISSIBLE: dict[str, Any] = {"facecolor": "#EFEFEF", "edgecolor": "none"}
+_ELLIPSE: dict[str, Any] = {"color": "#777777", "linewidth": 0.8}
 
 
 def _reach(law: Law, W: Tensor, v_c: Tensor, box: Box, nodes: tuple[int, int] = (65, 33), finer: int = 4) -> np.ndarray:
@@ -160,9 +161,8 @@ def _draw_reach(axes: Axes, cells: np.ndarray, color: str) -> None:
         )
 
 
-def _draw_space(axes: Axes, W: Tensor, v_c: Tensor, ellipse: Tensor) -> None:
-    """Energy ellipse, admissible impulses, and the lines of the contact's kinematics."""
-    W, v_c, ellipse = array(W), array(v_c), array(ellipse) * MILLI
+def _draw_space(axes: Axes, W: np.ndarray, v_c: np.ndarray, ellipse: np.ndarray) -> None:
+    """Energy ellipse [K, 2] in mN s, admissible impulses, and the lines of the contact's kinematics."""
     admissible = _above(_above(ellipse[:-1], np.array((0, 1)), 0.0), W[1], -v_c[1] * MILLI)
     axes.add_patch(Polygon(admissible, **_ADMISSIBLE, zorder=1))
     axes.plot(*ellipse.T, **_ELLIPSE, zorder=2)
@@ -200,9 +200,9 @@ def _limits(ellipse: np.ndarray, points: np.ndarray, reach: np.ndarray) -> tuple
 def _legend(figure: Figure, styles: Sequence, outside: bool, columns: int) -> None:
     first = styles[0].color if len(styles) == 1 else "#AAAAAA"
     guesses = tuple(
-        Line2D([], [], marker=style.marker, color=style.color, **_GUESS | {"markersize": 6}) for style in styles[:3]
+        Line2D([], [], marker=style.marker, color=style.color, **(_GUESS | {"markersize": 6.0})) for style in styles[:3]
     )
-    handles = {label: Line2D([], [], **line) for label, line in _LINES.items()}
+    handles: dict[str, Any] = {label: Line2D([], [], **line) for label, line in _LINES.items()}
     handles |= {
         "Energy ellipse": Line2D([], [], **_ELLIPSE),
         "Admissible": Patch(**_ADMISSIBLE),
@@ -211,8 +211,8 @@ def _legend(figure: Figure, styles: Sequence, outside: bool, columns: int) -> No
     }
     handles |= {marker["label"]: Line2D([], [], **marker, linestyle="none") for marker in _MEASURED[: 1 + outside]}
     figure.legend(
-        handles.values(),
-        handles.keys(),
+        list(handles.values()),
+        list(handles),
         loc="outside lower center",
         ncols=columns,
         columnspacing=1.0,

@@ -136,7 +136,7 @@ def save(figure: Figure, folder: str | os.PathLike, name: str) -> tuple[Path, Pa
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    targets = tuple(folder / f"{name}{suffix}" for suffix in (".png", ".pdf"))
+    targets = folder / f"{name}.png", folder / f"{name}.pdf"
     with look(), tempfile.TemporaryDirectory(dir=folder, prefix=".figure-") as draft:
         png, pdf = (Path(draft) / target.name for target in targets)
         figure.savefig(png, dpi=200)

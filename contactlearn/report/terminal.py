@@ -29,8 +29,8 @@ def show_data(impacts: Impacts, pool: int, test: int) -> None:
     _console.print(Text(f"{impacts.source}: {len(impacts)} impacts, {pool} to identify from, {test} held out"))
 
 
-def show_models(fits: Sequence[SharedFit], errors: Mapping[str, Mapping]) -> None:
-    """Parameters and held-out errors, a row a model."""
+def show_models(fits: Sequence[SharedFit], errors: Mapping[str, Mapping], norm: str = "mass") -> None:
+    """Parameters and held-out errors, a row a model; `norm` is that in which the bounds come closest."""
     units = (f"{_SHORT[name]} {metric.unit}".strip(" –") for name, metric in METRICS.items())
     title = "Errors on the held-out trials: means, and the 95 % interval of the first"
     table = _table(title, "model", "μ", "ε", *units, "outside")
@@ -44,6 +44,8 @@ def show_models(fits: Sequence[SharedFit], errors: Mapping[str, Mapping]) -> Non
         table.add_row(model, mu, eps, *cells, f"{100 * entry['outside_admissible']:.1f} %")
     _print(table)
     _console.print("outside: share of predictions that gain energy, pull or penetrate")
+    if norm != "mass":
+        _console.print(f"note: the bounds come closest in the {norm} norm of (v_x, v_y, ω); they bound no other error")
     for fit in fits:
         share = fit.mu_flat[:, -1].double().mean().item()
         if share > 0.05:
