@@ -14,6 +14,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import InstantiationException
 from hydra.utils import instantiate
+from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 
 from contactlearn import bounds, laws, metrics
@@ -58,10 +59,7 @@ def train(cfg: DictConfig) -> None:
     _write_json(folder / "results.json", {**_provenance(impacts, cfg), "fits": [_fit_entry(fit)], "errors": errors})
     with Tracker(folder, cfg.train.size) as tracker:
         tracker.scalars(_scalars([fit], errors))
-        mu, eps = _box(cfg).axes()
-        surface = cost_surface(cfg.law, pool, mu, eps, variant=cfg.variant, target=cfg.train.target)
-        drawn = {"cost_surface": figures.cost_surface(mu, eps, surface, fit.mean(), cfg.law, variant=cfg.variant)}
-        _save_figures(drawn, folder, tracker)
+        _save_figures({"cost_surface": _cost_surface(cfg, cfg.law, pool)}, folder, tracker)
         tracker.hyperparameters(_hyperparameters(cfg, [cfg.law]), _headline(errors))
     terminal.show_folder(folder)
 
@@ -165,31 +163,37 @@ def _errors(test: Impacts, predictions: dict[str, Prediction], resamples: int, g
 def _figures(cfg, pool, test, fits, predictions, errors, generator, bar, row) -> dict:
     """The figures of an evaluation by name."""
     box, chosen = _box(cfg), {fit.law: fit for fit in fits}
-    options = {"variant": cfg.variant, "target": cfg.train.target}
-    mu, eps = box.axes()
-    surface_law = cfg.figures.surface
-    surface_fit = chosen.get(surface_law) or _identify(cfg, surface_law, pool, generator, bar)
-    surface = cost_surface(surface_law, pool, mu, eps, **options)
     sizes = range(1, cfg.train.size + 1)
-    convergence = _identify(cfg, surface_law, pool, generator, bar, sizes=sizes, repetitions=cfg.figures.repetitions)
+    convergence = _identify(
+        cfg, cfg.figures.surface, pool, generator, bar, sizes=sizes, repetitions=cfg.figures.repetitions
+    )
     headline = metrics.METRICS[metrics.HEADLINE]
     axis = f"{headline.label} ({headline.unit})"
     per_trial = {name: headline.error(test, prediction) for name, prediction in predictions.items()}
     intervals = {name: tuple(errors[name][metrics.HEADLINE].values()) for name in predictions}
     best = min(chosen, key=lambda law: intervals[law])
-    widths = torch.linspace(0, cfg.bounds.patch, 21, dtype=torch.float64)
+    widths = cfg.bounds.patch * torch.linspace(0, 1, 25, dtype=torch.float64) ** 2  # dense where the bound falls
     patched = headline.error(test, bounds.irb(test, cfg.bounds.norm, patch=widths[:, None]))
     bands = torch.tensor([metrics.bootstrap(error, generator, cfg.bootstrap) for error in patched])
     row = int(per_trial[best].argsort()[len(test) // 2]) if row is None else row
     return {
         "energy_ellipse": energy_ellipse(test, row, {law: fit.to_law() for law, fit in chosen.items()}, box),
-        "cost_surface": figures.cost_surface(mu, eps, surface, surface_fit.mean(), surface_law, variant=cfg.variant),
+        "cost_surface": _cost_surface(cfg, cfg.figures.surface, pool),
         "convergence": figures.convergence(convergence),
         "error_comparison": figures.error_comparison(per_trial, intervals, axis),
         "patch_curve": figures.patch_curve(
             1e3 * widths, bands, {name: intervals[name][0] for name in (best, BEST_POST_HOC)}, axis
         ),
     }
+
+
+def _cost_surface(cfg: DictConfig, law: str, pool: Impacts) -> Figure:
+    """The surface of Eq. (3.1) over the whole pool, with its minimum."""
+    mu, eps = _box(cfg).axes()
+    options = {"variant": cfg.variant, "target": cfg.train.target}
+    least = identify(law, pool, sizes=(len(pool),), repetitions=1, box=_box(cfg), **options)
+    surface = cost_surface(law, pool, mu, eps, **options)
+    return figures.cost_surface(mu, eps, surface, least.mean(), law, variant=cfg.variant)
 
 
 def _row(cfg: DictConfig, test: Impacts) -> int | None:

@@ -106,7 +106,9 @@ class _Problem:
         low, high = self.box.mu
         mu = low + torch.linspace(0, 1, nodes, dtype=torch.float64) ** 2 * (high - low)
         eps = torch.linspace(*self.box.eps, nodes, dtype=torch.float64)[:, None]
-        profile, which = self.cost(mu[:, None, None], eps).min(1)
+        # Two values of μ at a time, so that the temporaries stay in cache.
+        blocks = [self.cost(block, eps).min(1) for block in mu[:, None, None].split(2)]
+        profile, which = (torch.cat(parts) for parts in zip(*blocks, strict=True))
         # A plateau in μ (sticking) is entered from its far end, where ε alone moves along it.
         plateau = profile <= profile.amin(0) * (1 + 1e-9)
         best = nodes - 1 - plateau.flip(0).int().argmax(0)
@@ -219,7 +221,7 @@ def _mu_interval(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, nodes
     good, bad = ends[open_], bounds[side, 0]
     fraction = torch.linspace(0, 1, nodes + 2, dtype=torch.float64)[:, None]
     width = 1.0
-    while width > 1e-9:
+    while width > 1e-7:
         mu = good + fraction * (bad - good)  # [nodes + 2, pairs], the first is good
         fits = (_best_in_eps(problem, mu, eps) <= limit).cumprod(0).sum(0).clamp_min(1)
         good = mu.gather(0, (fits - 1)[None])[0]
