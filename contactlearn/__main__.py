@@ -21,6 +21,9 @@ def main(arguments: list[str] | None = None) -> int:
         "overrides", nargs="*", metavar="key=value", help="data=synthetic|ellipse_drops|table, data.KEY=…"
     )
     options = parser.parse_args(arguments)
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+
     from contactlearn.app import load_data
     from contactlearn.cli import compose
     from contactlearn.data import table
@@ -28,8 +31,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         impacts = load_data(compose("evaluate", options.overrides).data)
         path = table.save(impacts, options.file)
-    except ContactLearnError as error:
-        print(f"error: {error}", file=sys.stderr)
+    except (ContactLearnError, HydraException, OmegaConfBaseException) as error:
+        print(f"error: {str(error).splitlines()[0]}", file=sys.stderr)
         return 2
     print(f"{len(impacts)} impacts from {impacts.source} written to {path}")
     return 0

@@ -17,15 +17,15 @@ from hydra.utils import instantiate
 from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 
-from contactlearn import bounds, laws, metrics
-from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.fit import TARGETS, Box, SharedFit, cost_surface, identify
+from contactlearn import bounds, laws, metrics, settings
+from contactlearn.errors import ContactLearnError, DataError
+from contactlearn.fit import Box, SharedFit, cost_surface, identify
 from contactlearn.fit_trials import identify_trials
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.model import ContactModel
 from contactlearn.report import figures, terminal
 from contactlearn.report.impulse_space import energy_ellipse
-from contactlearn.report.tables import FORMATS, save_predictions, save_trial_parameters
+from contactlearn.report.tables import save_predictions, save_trial_parameters
 from contactlearn.tracking import Tracker
 
 BEST_POST_HOC, IRB = "best_post_hoc", "irb"
@@ -48,7 +48,7 @@ def load_data(cfg: DictConfig) -> Impacts:
 
 def train(cfg: DictConfig) -> None:
     """Identify one law from random trials of the training pool; errors on the held-out trials."""
-    laws.check(cfg.law, cfg.variant)
+    settings.check(cfg)
     folder = _run_folder()
     impacts, pool, test, generator = _split(cfg)
     with terminal.progress() as bar:
@@ -66,46 +66,34 @@ def train(cfg: DictConfig) -> None:
 
 def evaluate(cfg: DictConfig) -> None:
     """Compare the laws with Best Post Hoc and the IRB bound on held-out trials."""
-    for law in (*cfg.laws, cfg.figures.surface, cfg.figures.parameters):
-        laws.check(law, cfg.variant)
-    if not cfg.laws:
-        raise ContactLearnError(f"laws must name at least one law; known: {', '.join(laws.names())}")
-    for kind, name, known in (
-        ("norm", cfg.bounds.norm, bounds.NORMS),
-        ("impulse target", cfg.train.target, TARGETS),
-        ("table format", cfg.tables, FORMATS),
-    ):
-        if name not in known:
-            raise UnknownNameError(kind, name, known)
+    settings.check(cfg)
     folder = _run_folder()
     impacts, pool, test, generator = _split(cfg)
-    drawn_trial = _row(cfg, test)
+    row = _row(cfg, test)
+    options = {"variant": cfg.variant, "target": cfg.train.target, "box": _box(cfg)}
     with terminal.progress() as bar:
         fits = [_identify(cfg, law, pool, generator, bar) for law in cfg.laws]
-        models = {fit.law: ContactModel(fit.to_law()) for fit in fits}
-        predictions = {law: model.predict(test) for law, model in models.items()}
+        predictions = {fit.law: ContactModel(fit.to_law()).predict(test) for fit in fits}
         best, _ = bounds.best_post_hoc(test, predictions, cfg.bounds.norm)
         predictions |= {BEST_POST_HOC: best, IRB: bounds.irb(test, cfg.bounds.norm)}
         errors = _errors(test, predictions, cfg.bootstrap, generator)
-        trials = [
-            identify_trials(law, impacts, variant=cfg.variant, target=cfg.train.target, box=_box(cfg))
-            for law in bar.track(dict.fromkeys((*cfg.laws, cfg.figures.parameters)), description="fitting every trial")
-        ]
-        drawn = _figures(cfg, pool, test, fits, predictions, errors, generator, bar, drawn_trial)
-        drawn["trial_parameters"] = figures.trial_parameters(
-            next(fit for fit in trials if fit.law == cfg.figures.parameters), impacts, box=_box(cfg)
-        )
+        every = dict.fromkeys((*cfg.laws, cfg.figures.parameters))
+        trials = {law: identify_trials(law, impacts, **options) for law in bar.track(every, description="every trial")}
     terminal.show_models(fits, errors, cfg.bounds.norm)
     if cfg.reference is not None:
         terminal.show_reference(fits, OmegaConf.to_container(cfg.reference))
     save_predictions(test, predictions, folder / f"predictions.{cfg.tables}")
-    save_trial_parameters(impacts, trials, folder / f"trial_parameters.{cfg.tables}")
+    save_trial_parameters(impacts, list(trials.values()), folder / f"trial_parameters.{cfg.tables}")
     entries = [_fit_entry(fit) for fit in fits]
     _write_json(folder / "results.json", {**_provenance(impacts, cfg), "fits": entries, "errors": errors})
     with Tracker(folder, cfg.train.size) as tracker:
         tracker.scalars(_scalars(fits, errors))
-        _save_figures(drawn, folder, tracker)
         tracker.hyperparameters(_hyperparameters(cfg, cfg.laws), _headline(errors))
+        with terminal.progress() as bar:
+            drawn = _figures(cfg, pool, test, fits, predictions, errors, generator, bar, row)
+            per_trial = trials[cfg.figures.parameters]
+            drawn["trial_parameters"] = figures.trial_parameters(per_trial, impacts, box=_box(cfg))
+            _save_figures(drawn, folder, tracker)
     terminal.show_folder(folder)
 
 
@@ -122,6 +110,12 @@ def _split(cfg: DictConfig) -> tuple[Impacts, Impacts, Impacts, torch.Generator]
         raise DataError(
             f"{impacts.source}: train.size={cfg.train.size}, but {len(pool)} of {len(impacts)} trials are left to "
             f"draw from after holding out a share test={cfg.test}; use train.size={len(pool)} or less"
+        )
+    at_rest = (test.v_post == 0).all(1).nonzero()[:, 0].tolist()
+    if at_rest:
+        raise DataError(
+            f"{impacts.source}: errors are relative to the outcome, which must not be at rest; trial "
+            f"{test.trial[at_rest[0]]!r} has vx_post = vy_post = omega_post = 0: leave it out"
         )
     terminal.show_data(impacts, len(pool), len(test))
     return impacts, pool, test, generator
@@ -163,12 +157,14 @@ def _errors(test: Impacts, predictions: dict[str, Prediction], resamples: int, g
 def _figures(cfg, pool, test, fits, predictions, errors, generator, bar, row) -> dict:
     """The figures of an evaluation by name."""
     box, chosen = _box(cfg), {fit.law: fit for fit in fits}
-    sizes = range(1, cfg.train.size + 1)
+    # Every k up to 120, and as many of a larger range.
+    sizes = torch.linspace(1, cfg.train.size, min(cfg.train.size, 120)).round().int().tolist()
     convergence = _identify(
         cfg, cfg.figures.surface, pool, generator, bar, sizes=sizes, repetitions=cfg.figures.repetitions
     )
     headline = metrics.METRICS[metrics.HEADLINE]
-    axis = f"{headline.label} ({headline.unit})"
+    closest = "" if cfg.bounds.norm == "mass" else f"\n(bounds are closest in the {cfg.bounds.norm} norm)"
+    axis = f"{headline.label} ({headline.unit}){closest}"
     per_trial = {name: headline.error(test, prediction) for name, prediction in predictions.items()}
     intervals = {name: tuple(errors[name][metrics.HEADLINE].values()) for name in predictions}
     best = min(chosen, key=lambda law: intervals[law])
@@ -177,7 +173,9 @@ def _figures(cfg, pool, test, fits, predictions, errors, generator, bar, row) ->
     bands = torch.tensor([metrics.bootstrap(error, generator, cfg.bootstrap) for error in patched])
     row = int(per_trial[best].argsort()[len(test) // 2]) if row is None else row
     return {
-        "energy_ellipse": energy_ellipse(test, row, {law: fit.to_law() for law, fit in chosen.items()}, box),
+        "energy_ellipse": energy_ellipse(
+            test, row, {law: fit.to_law() for law, fit in chosen.items()}, box, target=cfg.train.target
+        ),
         "cost_surface": _cost_surface(cfg, cfg.figures.surface, pool),
         "convergence": figures.convergence(convergence),
         "error_comparison": figures.error_comparison(per_trial, intervals, axis),
@@ -223,10 +221,12 @@ def _fit_entry(fit: SharedFit) -> dict:
         "trials": fit.sizes[-1],
         "repetitions": len(fit.mu),
         "mu": mu,
-        "mu_std": mu_std,
+        "mu_std": mu_std if len(fit.mu) > 1 else None,
         "eps": eps,
-        "eps_std": eps_std,
+        "eps_std": eps_std if len(fit.mu) > 1 else None,
         "cost": fit.cost[:, -1].mean().item(),
+        "mu_range": fit.mu_range[:, -1].mean(0).tolist(),
+        "eps_range": fit.eps_range[:, -1].mean(0).tolist(),
         "mu_undetermined": fit.mu_flat[:, -1].double().mean().item(),
     }
 
@@ -269,5 +269,5 @@ def _own_version() -> str:
 def _write_json(path: Path, content: dict) -> None:
     """Whole or not at all."""
     part = path.with_suffix(".part")
-    part.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    part.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
     os.replace(part, path)

@@ -24,7 +24,8 @@ def _run(job: Callable[[DictConfig], None], cfg: DictConfig) -> None:
     from contactlearn.errors import ContactLearnError
 
     # The tensors here are small: threads cost more than they give, and sweeps run jobs side by side.
-    torch.set_num_threads(cfg.threads)
+    if isinstance(cfg.threads, int) and cfg.threads > 0:  # settings.check refuses anything else
+        torch.set_num_threads(cfg.threads)
     logging.getLogger("fontTools").setLevel(logging.WARNING)  # it tells of every glyph that a PDF embeds
     try:
         job(cfg)

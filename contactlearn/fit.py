@@ -4,14 +4,15 @@
 
 C is not smooth (trials change their contact mode) and can have several minima, so it is never
 handed to one local optimiser.  It is evaluated on a grid over the whole box, once for all trials,
-and every subset's surface is a mean of the same values.  The lowest local minima of each surface
-start a pattern search whose first step is the grid's own spacing; the best end wins.  What could
-be missed is a basin narrower than one cell that is higher than its neighbours at every node.
+and every subset's surface is a mean of the same values.  Around the lowest local minima and the lowest nodes
+of each surface a finer grid is laid, and its best points start a pattern search; the best end wins.
+What could be missed is a basin narrower than a sixth of the spacing, or one that no low node borders.
 
 Where all trials stick, μ is only bounded below: `mu_range` and `eps_range` say how far each
 parameter can go before the cost, minimised over the other, rises by 0.1 %.
 """
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -39,6 +40,8 @@ class Box:
         for name, (low, high) in (("mu", self.mu), ("eps", self.eps)):
             if not 0 <= low < high:
                 raise DataError(f"bounds of {name} must be 0 ≤ low < high, got {[low, high]}")
+        if self.eps[1] > 1:
+            raise DataError(f"bounds of eps must end at 1 or below, got {list(self.eps)}")
         if self.nodes < 3:
             raise DataError(f"the grid needs at least 3 nodes a parameter, got {self.nodes}")
 
@@ -75,7 +78,9 @@ class SharedFit:
         return self.mu[:, -1].mean().item(), self.eps[:, -1].mean().item()
 
     def std(self) -> tuple[float, float]:
-        """Standard deviation of (μ, ε) over the repetitions, at the largest size."""
+        """Standard deviation of (μ, ε) over the repetitions, at the largest size; nan for a single one."""
+        if len(self.mu) < 2:
+            return math.nan, math.nan
         return self.mu[:, -1].std().item(), self.eps[:, -1].std().item()
 
     def to_law(self) -> Law:
@@ -165,7 +170,7 @@ def identify(
     for block in progress(orders.split(max(1, _BLOCK // (len(sizes) * (sizes[-1] + box.nodes**2 // 8))))):
         surfaces = torch.stack([_nested_sums(grid, order, sizes) for order in block])
         surfaces = (surfaces / torch.tensor(sizes)[:, None]).unflatten(-1, (box.nodes, box.nodes))
-        starts = _local_minima(surfaces, starts=3 if len(sizes) == 1 else 1)
+        low = _lowest_nodes(surfaces, *((4, 24) if len(sizes) == 1 else (2, 4)))
         W, v_c, P_block = impacts.W[block][:, None], impacts.v_c[block][:, None], P[block][:, None]
 
         def cost(x: Tensor, W=W, v_c=v_c, P_block=P_block) -> Tensor:
@@ -173,7 +178,7 @@ def identify(
             P_hat = impulse(law, W, v_c, x[..., 0, None], x[..., 1, None], variant=variant)
             return ((P_hat - P_block).norm(dim=-1) * member).sum(-1) / member.sum(-1)
 
-        x, best = _pattern_search(cost, torch.stack((mu[starts[..., 0]], eps[starts[..., 1]]), -1), box)
+        x, best = _pattern_search(cost, _finer(cost, torch.stack((mu[low[..., 0]], eps[low[..., 1]]), -1), box), box)
         found.append((x, best, *_profile_ranges(surfaces, best, x, mu, eps)))
     x, best, mu_range, eps_range = (torch.cat(parts) for parts in zip(*found, strict=True))
     mu_flat = mu_range[..., 1] - mu_range[..., 0] > 0.1 * (box.mu[1] - box.mu[0])
@@ -190,14 +195,29 @@ def _nested_sums(grid: Tensor, order: Tensor, sizes: tuple[int, ...]) -> Tensor:
     return pieces.cumsum(0)
 
 
-def _local_minima(surfaces: Tensor, starts: int) -> Tensor:
-    """Indices [starts, B, S, 2] of the lowest local minima of surfaces [B, S, G, G]; the best again if fewer."""
-    nodes = surfaces.shape[-1]
+def _lowest_nodes(surfaces: Tensor, minima: int, nodes: int) -> Tensor:
+    """Indices [minima + nodes, B, S, 2] of the lowest local minima and of the lowest nodes of surfaces [B, S, G, G]."""
+    width = surfaces.shape[-1]
     lowest = -torch.nn.functional.max_pool2d(-surfaces, 3, stride=1, padding=1)
-    minima = torch.where(surfaces <= lowest, surfaces, torch.inf).flatten(-2)
-    value, index = minima.topk(starts, dim=-1, largest=False)
-    index = torch.where(value.isfinite(), index, index[..., :1])
-    return torch.stack((index // nodes, index % nodes), -1).movedim(-2, 0)
+    basins = torch.where(surfaces <= lowest, surfaces, torch.inf).flatten(-2)
+    value, index = basins.topk(minima, dim=-1, largest=False)
+    index = torch.where(value.isfinite(), index, index[..., :1])  # the best again if there are fewer
+    index = torch.cat((index, surfaces.flatten(-2).topk(nodes, dim=-1, largest=False).indices), -1)
+    return torch.stack((index // width, index % width), -1).movedim(-2, 0)
+
+
+def _finer(cost: Callable[[Tensor], Tensor], x: Tensor, box: Box, keep: int = 3) -> Tensor:
+    """Best points [keep, B, S, 2] among 7 × 7 grids that reach from each x [K, B, S, 2] to its neighbours."""
+    offsets = torch.linspace(-1, 1, 7, dtype=torch.float64) / (box.nodes - 1)
+    offsets = torch.cartesian_prod(offsets, offsets)[:, None, None] * (box.high - box.low)
+    found = []
+    for centre in x:
+        around = torch.minimum(torch.maximum(centre + offsets, box.low), box.high)
+        value, which = cost(around).min(0)
+        found.append((value, pick(around, which)))
+    values, points = (torch.stack(parts) for parts in zip(*found, strict=True))
+    best = values.topk(keep, dim=0, largest=False).indices
+    return points.gather(0, best[..., None].expand(*best.shape, 2))
 
 
 def _pattern_search(cost: Callable[[Tensor], Tensor], x: Tensor, box: Box, tolerance: float = 1e-6):

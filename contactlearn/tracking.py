@@ -1,7 +1,7 @@
 """One run's record: TensorBoard events and, beside them, metrics.jsonl, a line a record.
 
-The x axis of every scalar is the number of training impacts, so that a sweep over sizes draws its
-own learning curve.  Hyperparameters go into the run's one event file: TensorBoard's
+The x axis of every scalar is the number of training impacts, so that the runs of a sweep over sizes
+lie along a learning curve.  Hyperparameters go into the run's one event file: TensorBoard's
 `add_hparams` would make a stray run of its own.
 """
 
@@ -43,10 +43,6 @@ class Tracker:
 
         pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
         self._writer.add_image(tag, pixels, self._trained_on, dataformats="HWC")
-
-    def text(self, tag: str, markdown: str) -> None:
-        """Log a text card."""
-        self._writer.add_text(tag, markdown, self._trained_on)
 
     def hyperparameters(self, values: Mapping[str, bool | float | str], metrics: Mapping[str, float]) -> None:
         """Log what the run was made with, and the metrics to compare runs by."""

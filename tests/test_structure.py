@@ -20,6 +20,7 @@ ORDER = (
     ("data", "bounds", "metrics", "fit"),
     ("fit_trials",),
     ("tracking", "report"),
+    ("settings",),
     ("app",),
     ("cli",),
     ("__main__",),

@@ -16,7 +16,7 @@ from torch import Tensor
 from contactlearn import mechanics
 from contactlearn.bounds import irb
 from contactlearn.errors import ContactLearnError
-from contactlearn.fit import Box
+from contactlearn.fit import Box, measured_impulse
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law, impulse
 from contactlearn.report.style import (
@@ -36,7 +36,9 @@ from contactlearn.report.style import (
 
 
 @look()
-def energy_ellipse(impacts: Impacts, row: int, laws: Mapping[str, Law], box: Box | None = None) -> Figure:
+def energy_ellipse(
+    impacts: Impacts, row: int, laws: Mapping[str, Law], box: Box | None = None, *, target: str = "momentum"
+) -> Figure:
     """Fig. 2.3: which impulses each law can give one impact, with any (μ, ε) in the box.
 
     One panel a law, in impulse space: the admissible impulses, the law's reach in them, its
@@ -47,11 +49,12 @@ def energy_ellipse(impacts: Impacts, row: int, laws: Mapping[str, Law], box: Box
         impacts, row: the impact, counted from 0.
         laws: at their identified parameters, by name; each panel is titled by its law.
         box: the parameters that a law may take; μ and ε in [0, 1] if left out.
+        target: which measured impulse is drawn, see `fit.measured_impulse`.
     """
     if not laws:
         raise ContactLearnError("energy_ellipse needs at least one law, got none")
     trial, box = impacts[[row]], box or Box()
-    W, v_c, measured = trial.W[0], trial.v_c[0], trial.wrench[0, :2]
+    W, v_c, measured = trial.W[0], trial.v_c[0], measured_impulse(trial, target)[0]
     ellipse = mechanics.energy_ellipse(W, v_c)
     points = [measured]
     if not bool(mechanics.admissible(W, v_c, measured)):

@@ -1,5 +1,7 @@
 """What a run prints: the data, progress, the tables and where everything lies."""
 
+import math
+import shlex
 from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
@@ -29,8 +31,8 @@ def show_data(impacts: Impacts, pool: int, test: int) -> None:
     _console.print(Text(f"{impacts.source}: {len(impacts)} impacts, {pool} to identify from, {test} held out"))
 
 
-def show_models(fits: Sequence[SharedFit], errors: Mapping[str, Mapping], norm: str = "mass") -> None:
-    """Parameters and held-out errors, a row a model; `norm` is that in which the bounds come closest."""
+def show_models(fits: Sequence[SharedFit], errors: Mapping[str, Mapping], norm: str | None = None) -> None:
+    """Parameters and held-out errors, a row a model; `norm` is that of the bounds if they are among them."""
     units = (f"{_SHORT[name]} {metric.unit}".strip(" –") for name, metric in METRICS.items())
     title = "Errors on the held-out trials: means, and the 95 % interval of the first"
     table = _table(title, "model", "μ", "ε", *units, "outside")
@@ -38,14 +40,15 @@ def show_models(fits: Sequence[SharedFit], errors: Mapping[str, Mapping], norm: 
     for model, entry in errors.items():
         mu = eps = ""
         if model in by_law:
-            mu, eps = (f"{m:.3f} ± {s:.3f}" for m, s in zip(by_law[model].mean(), by_law[model].std(), strict=True))
+            mu, eps = map(_spread, by_law[model].mean(), by_law[model].std())
         cells = [f"{entry[name]['mean']:.4f}" for name in METRICS]
         cells[0] += f"  {entry[HEADLINE]['low']:.4f}–{entry[HEADLINE]['high']:.4f}"
         table.add_row(model, mu, eps, *cells, f"{100 * entry['outside_admissible']:.1f} %")
     _print(table)
     _console.print("outside: share of predictions that gain energy, pull or penetrate")
-    if norm != "mass":
-        _console.print(f"note: the bounds come closest in the {norm} norm of (v_x, v_y, ω); they bound no other error")
+    if norm is not None:
+        bounded = "only the mass error is bounded" if norm == "mass" else "none of these errors is bounded"
+        _console.print(f"the bounds come closest in the {norm} norm of (v_x, v_y, ω): {bounded}")
     for fit in fits:
         share = fit.mu_flat[:, -1].double().mean().item()
         if share > 0.05:
@@ -64,7 +67,7 @@ def show_reference(fits: Sequence[SharedFit], reference: Mapping[str, Mapping]) 
         for name, mean, std in zip(("mu", "eps"), fit.mean(), fit.std(), strict=True):
             published, published_std = reference[fit.law][name]
             sigma = (std**2 + published_std**2) ** 0.5
-            cells += [f"{published:.3f} ± {published_std:.3f}", f"{mean:.3f} ± {std:.3f}"]
+            cells += [_spread(published, published_std), _spread(mean, std)]
             cells += [f"{mean - published:+.3f}", f"{(mean - published) / sigma:+.1f}"]
         table.add_row(fit.law, *cells)
     _print(table)
@@ -74,7 +77,11 @@ def show_folder(folder: Path) -> None:
     """Where the run's results lie and how to look at them."""
     shown = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
     _console.print(Text(f"results  {shown}"))
-    _console.print(Text(f"look at  tensorboard --logdir {shown}"))
+    _console.print(Text(f"look at  tensorboard --logdir {shlex.quote(str(shown))}"))
+
+
+def _spread(mean: float, std: float) -> str:
+    return f"{mean:.3f} ± {std:.3f}" if math.isfinite(std) else f"{mean:.3f}"
 
 
 def _table(title: str, *headings: str) -> Table:
