@@ -109,7 +109,12 @@ def measured_impulse(impacts: Impacts, target: str = "momentum") -> Tensor:
 def distances(law: str, impacts: Impacts, mu: Tensor, eps: Tensor, *, variant: str, target: str) -> Tensor:
     """‖P_n − P̂_n‖₂ [..., N] in N s, broadcast over μ and ε [..., N]."""
     P = impulse(law, impacts.W, impacts.v_c, mu, eps, variant=variant)
-    return (P - measured_impulse(impacts, target)).norm(dim=-1)
+    return _length(P - measured_impulse(impacts, target))
+
+
+def _length(x: Tensor) -> Tensor:
+    """‖x‖₂ over a last axis of 2; a reduction over so short an axis takes several times as long."""
+    return (x[..., 0] ** 2 + x[..., 1] ** 2).sqrt()
 
 
 def cost_surface(
@@ -165,21 +170,22 @@ def identify(
     P = measured_impulse(impacts, target)
     orders = torch.stack([torch.randperm(len(impacts), generator=generator)[: sizes[-1]] for _ in range(repetitions)])
     member = torch.arange(sizes[-1]) < torch.tensor(sizes)[:, None]
-    found = []
+    found, single = [], len(sizes) == 1
     # Repetitions go in blocks, so that a block's surfaces and searches fit in memory.
     for block in progress(orders.split(max(1, _BLOCK // (len(sizes) * (sizes[-1] + box.nodes**2 // 8))))):
         surfaces = torch.stack([_nested_sums(grid, order, sizes) for order in block])
         surfaces = (surfaces / torch.tensor(sizes)[:, None]).unflatten(-1, (box.nodes, box.nodes))
-        low = _lowest_nodes(surfaces, *((4, 24) if len(sizes) == 1 else (2, 4)))
+        low = _lowest_nodes(surfaces, *((4, 24) if single else (2, 2)))
         W, v_c, P_block = impacts.W[block][:, None], impacts.v_c[block][:, None], P[block][:, None]
 
         def cost(x: Tensor, W=W, v_c=v_c, P_block=P_block) -> Tensor:
             """Mean distance [..., B, S] of the block's subsets at parameters x [..., B, S, 2]."""
             P_hat = impulse(law, W, v_c, x[..., 0, None], x[..., 1, None], variant=variant)
-            return ((P_hat - P_block).norm(dim=-1) * member).sum(-1) / member.sum(-1)
+            return (_length(P_hat - P_block) * member).sum(-1) / member.sum(-1)
 
-        x, best = _pattern_search(cost, _finer(cost, torch.stack((mu[low[..., 0]], eps[low[..., 1]]), -1), box), box)
-        found.append((x, best, *_profile_ranges(surfaces, best, x, mu, eps)))
+        starts = torch.stack((mu[low[..., 0]], eps[low[..., 1]]), -1)
+        x, best = _pattern_search(cost, _finer(cost, starts, box, keep=3 if single else 1), box)
+        found.append((x, best, *_ranges(cost, surfaces, best, x, mu, eps)))
     x, best, mu_range, eps_range = (torch.cat(parts) for parts in zip(*found, strict=True))
     mu_flat = mu_range[..., 1] - mu_range[..., 0] > 0.1 * (box.mu[1] - box.mu[0])
     return SharedFit(law, variant, sizes, x[..., 0], x[..., 1], best, mu_range, eps_range, mu_flat)
@@ -206,7 +212,7 @@ def _lowest_nodes(surfaces: Tensor, minima: int, nodes: int) -> Tensor:
     return torch.stack((index // width, index % width), -1).movedim(-2, 0)
 
 
-def _finer(cost: Callable[[Tensor], Tensor], x: Tensor, box: Box, keep: int = 3) -> Tensor:
+def _finer(cost: Callable[[Tensor], Tensor], x: Tensor, box: Box, keep: int) -> Tensor:
     """Best points [keep, B, S, 2] among 7 × 7 grids that reach from each x [K, B, S, 2] to its neighbours."""
     offsets = torch.linspace(-1, 1, 7, dtype=torch.float64) / (box.nodes - 1)
     offsets = torch.cartesian_prod(offsets, offsets)[:, None, None] * (box.high - box.low)
@@ -223,22 +229,25 @@ def _finer(cost: Callable[[Tensor], Tensor], x: Tensor, box: Box, keep: int = 3)
 def _pattern_search(cost: Callable[[Tensor], Tensor], x: Tensor, box: Box, tolerance: float = 1e-6):
     """Best (x [B, S, 2], cost [B, S]) over the starts x [starts, B, S, 2].
 
-    Eight neighbours, one grid spacing away at first, at half the distance where none is better.
+    Twelve points around, a grid's spacing away at first, nearer where none is better.  The pattern turns
+    from round to round, so that a valley or a jump at any angle is followed.
     """
     low, high = box.low, box.high
-    compass = torch.tensor([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j], dtype=torch.float64)
-    compass = compass.view(8, *(1,) * (x.ndim - 1), 2)
+    clock = 2 * torch.pi / 12 * torch.arange(12, dtype=torch.float64).view(12, *(1,) * (x.ndim - 1))
     spacing = 1 / (box.nodes - 1)
     step = torch.full_like(x[..., 0], spacing)
     best = cost(x)
+    turn = 0.0
     while bool((step > tolerance).any()):
-        around = torch.minimum(torch.maximum(x + compass * step[..., None] * (high - low), low), high)
+        around = torch.stack(((clock + turn).cos(), (clock + turn).sin()), -1) * step[..., None] * (high - low)
+        around = torch.minimum(torch.maximum(x + around, low), high)
         value, which = cost(around).min(0)
         better = value < best * (1 - 1e-9)
         x = torch.where(better[..., None], pick(around, which), x)
         best = torch.where(better, value, best)
         # A flat valley is long: the step grows again along it.
-        step = torch.where(better, (2 * step).clamp_max(spacing), step / 2)
+        step = torch.where(better, (2 * step).clamp_max(spacing), 0.7 * step)
+        turn += 2.4  # the golden angle, rad
     best, which = best.min(0)
     return pick(x, which), best
 
@@ -248,12 +257,19 @@ def pick(x: Tensor, which: Tensor) -> Tensor:
     return x.gather(0, which[None, ..., None].expand(1, *which.shape, x.shape[-1]))[0]
 
 
-def _profile_ranges(surfaces: Tensor, best: Tensor, x: Tensor, mu: Tensor, eps: Tensor, rise: float = 1e-3):
-    """Ranges [B, S, 2] of μ and of ε over which the profiled cost stays within `rise` of its minimum."""
+def _ranges(
+    cost: Callable[[Tensor], Tensor], surfaces: Tensor, best: Tensor, x: Tensor, mu: Tensor, eps: Tensor
+) -> list[Tensor]:
+    """Ranges [B, S, 2] of μ and of ε over which the least cost stays within 0.1 % of its minimum.
+
+    The other parameter is at its best node, or where it is at the optimum, whichever is better.
+    """
+    limit = 1.001 * best[..., None]
     ranges = []
-    for axis, nodes, optimum in ((-1, mu, x[..., 0]), (-2, eps, x[..., 1])):
-        near = surfaces.amin(axis) <= (1 + rise) * best[..., None] + 1e-12
-        low = torch.where(near, nodes, torch.inf).amin(-1)
-        high = torch.where(near, nodes, -torch.inf).amax(-1)
-        ranges.append(torch.stack((torch.minimum(low, optimum), torch.maximum(high, optimum)), -1))
+    for own, nodes, profile in ((0, mu, surfaces.amin(-1)), (1, eps, surfaces.amin(-2))):
+        line = x.expand(len(nodes), *x.shape).clone()
+        line[..., own] = nodes.view(-1, *(1,) * (x.ndim - 1))
+        near = (profile <= limit) | (cost(line).movedim(0, -1) <= limit)
+        low, high = torch.where(near, nodes, torch.inf).amin(-1), torch.where(near, nodes, -torch.inf).amax(-1)
+        ranges.append(torch.stack((torch.minimum(low, x[..., own]), torch.maximum(high, x[..., own])), -1))
     return ranges

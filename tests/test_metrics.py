@@ -1,0 +1,78 @@
+"""Errors against plain NumPy, and the bootstrap against what it promises."""
+
+import numpy as np
+import pytest
+import torch
+
+from contactlearn import metrics
+from contactlearn.data import synthetic
+from contactlearn.impacts import Prediction
+from contactlearn.laws import PAPER_LAWS, Law
+from contactlearn.model import ContactModel
+
+EXACT = 1e-13  # relative: a few roundings
+
+
+@pytest.fixture(scope="module")
+def case():
+    impacts = synthetic.load(size=50)
+    return impacts, ContactModel(Law("whittaker", 0.2, 0.4)).predict(impacts)
+
+
+def test_errors_are_their_formulas(case):
+    impacts, prediction = case
+    e = (prediction.v_post - impacts.v_post).numpy()
+    v = impacts.v_post.numpy()
+    velocity = [np.hypot(*row[:2]) for row in e]
+    speed = [np.hypot(*row[:2]) for row in v]
+    mass = []
+    for i in range(len(impacts)):
+        M = np.diag([impacts.mass[i], impacts.mass[i], impacts.inertia[i]])
+        mass.append(np.sqrt(e[i] @ M @ e[i]) / np.sqrt(v[i] @ M @ v[i]))
+    np.testing.assert_allclose(metrics.velocity_error(impacts, prediction), velocity, rtol=EXACT)
+    ratio = np.array(velocity) / speed
+    np.testing.assert_allclose(metrics.normalised_velocity_error(impacts, prediction), ratio, rtol=EXACT)
+    np.testing.assert_allclose(metrics.mass_error(impacts, prediction), mass, rtol=EXACT)
+
+
+def test_mass_error_does_not_depend_on_units(case):
+    """Grams for kilograms, and millimetres for metres, change nothing."""
+    impacts, prediction = case
+    expected = metrics.mass_error(impacts, prediction)
+    lengths = torch.tensor((1e3, 1e3, 1.0), dtype=torch.float64)
+    changed = impacts.replace(
+        mass=1e3 * impacts.mass,
+        inertia=1e9 * impacts.inertia,
+        r=1e3 * impacts.r,
+        v_pre=impacts.v_pre * lengths,
+        v_post=impacts.v_post * lengths,
+    )
+    actual = metrics.mass_error(changed, Prediction(prediction.v_post * lengths, prediction.wrench))
+    torch.testing.assert_close(actual, expected, rtol=EXACT, atol=0)
+
+
+def test_bootstrap_interval_covers_as_promised():
+    """95 % intervals of the mean of 40 exponential errors hold the true mean nearly that often."""
+    generator = torch.Generator().manual_seed(0)
+    draws = -torch.rand((300, 40), generator=generator, dtype=torch.float64).log()
+    intervals = [metrics.bootstrap(errors, generator, resamples=500) for errors in draws]
+    covered = np.mean([interval.low <= 1 <= interval.high for interval in intervals])
+    # Percentile intervals of a skewed mean fall short by a few per cent; 300 draws add ± 1.5 %.
+    assert 0.88 < covered < 0.98
+    assert all(interval.low < interval.mean < interval.high for interval in intervals)
+    assert intervals[0].mean == pytest.approx(draws[0].mean().item(), rel=EXACT)
+
+
+def test_bootstrap_is_reproducible():
+    errors = torch.rand(30, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    first, again = (metrics.bootstrap(errors, torch.Generator().manual_seed(2), 100) for _ in range(2))
+    assert first == again
+
+
+def test_outside_admissible():
+    impacts = synthetic.load(size=50)
+    for law in PAPER_LAWS[2:]:  # those that never add energy
+        P = Law(law, 0.3, 0.6).impulse(impacts.W, impacts.v_c)
+        assert not metrics.outside_admissible(impacts, P).any()
+        assert metrics.outside_admissible(impacts, 0.5 * P / 1.6).all()  # stops short of the floor's surface
+        assert metrics.outside_admissible(impacts, 3 * P).all()  # gains energy
