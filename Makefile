@@ -3,6 +3,9 @@
 # make bench   every benchmark, one after the other
 PYTHON ?= python3
 PY := .venv/bin/python
+# Measured data is not in the repository; a folder of it in or beside the checkout is found.
+CONTACTLEARN_DATA ?= $(firstword $(abspath $(wildcard data ../data ../shared/data)))
+export CONTACTLEARN_DATA
 
 .PHONY: demo test bench clean
 

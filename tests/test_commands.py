@@ -153,7 +153,14 @@ ERRORS = {
     "tables": (["evaluate.py", "tables=xls"], "unknown table format 'xls'"),
     "trial": (["evaluate.py", "figures.trial=nobody"], "figures.trial=nobody is not among the 150 held-out trials"),
     "no laws": (["evaluate.py", "laws=[]"], "at least one law"),
-    "bounds": (["train.py", "train.mu=[1,0]"], "bounds of mu must be 0 ≤ low < high"),
+    "size": (["train.py", "train.size=2.5"], "train.size must be a whole number, 1 or more, got 2.5"),
+    "resamples": (["train.py", "bootstrap=0"], "bootstrap must be a whole number"),
+    "restitution": (["train.py", "train.eps=[0,1.5]"], "low < high ≤ 1, got [0, 1.5]"),
+    "threads": (["train.py", "threads=0"], "threads must be a whole number"),
+    "one law": (["evaluate.py", "laws=whittaker"], "such as [whittaker], got 'whittaker'"),
+    "patch": (["evaluate.py", "bounds.patch=-1"], "bounds.patch must be a positive half-width in m, got -1"),
+    "reference": (["evaluate.py", "reference={mirtich: {mu: [0.1, 0.1]}}"], "reference.mirtich must hold"),
+    "bounds": (["train.py", "train.mu=[1,0]"], "train.mu must be bounds [low, high] with 0 ≤ low < high, got [1, 0]"),
     "foreign target": (["train.py", "data._target_=os.system"], "must be a source under contactlearn.data"),
 }
 
@@ -167,6 +174,25 @@ def test_errors_are_one_message(arguments, message, tmp_path, monkeypatch, capsy
     printed = capsys.readouterr()
     assert message in printed.err
     assert "Traceback" not in printed.err + printed.out
+
+
+def test_outcomes_at_rest_are_refused(tmp_path, monkeypatch, capsys):
+    """Relative errors have no meaning there; nothing infinite reaches results.json."""
+    drops = synthetic.load(size=60)
+    table.save(drops.replace(v_post=0 * drops.v_post), tmp_path / "rest.csv")
+    overrides = ["data=table", f"data.path={tmp_path / 'rest.csv'}", "train.size=20", f"hydra.run.dir={tmp_path}"]
+    monkeypatch.setattr(sys, "argv", ["train.py", *overrides])
+    with pytest.raises(SystemExit, match=r"^2$"):
+        cli.train()
+    assert "must not be at rest; trial" in capsys.readouterr().err
+
+
+def test_one_repetition_has_no_spread(tmp_path):
+    printed = run("train.py", *SMALL[:2], "train.repetitions=1", "bootstrap=50", f"hydra.run.dir={tmp_path}")
+    assert "nan" not in printed
+    fit = json.loads((tmp_path / "results.json").read_text())["fits"][0]
+    assert fit["mu_std"] is None
+    assert fit["mu_range"][0] <= fit["mu"] <= fit["mu_range"][1]
 
 
 def test_unknown_setting_is_refused(tmp_path):

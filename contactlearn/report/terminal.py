@@ -20,6 +20,11 @@ _console = Console()
 _SHORT = {"mass_error": "mass error", "normalised_velocity_error": "velocity/speed", "velocity_error": "velocity"}
 
 
+def _say(line: str) -> None:
+    """A line as it is: no markup, no folding of paths."""
+    _console.print(Text(line), soft_wrap=True)
+
+
 def progress() -> Progress:
     """A progress display; on a terminal it disappears when it is done."""
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
@@ -28,7 +33,7 @@ def progress() -> Progress:
 
 def show_data(impacts: Impacts, pool: int, test: int) -> None:
     """One line on what is compared on what."""
-    _console.print(Text(f"{impacts.source}: {len(impacts)} impacts, {pool} to identify from, {test} held out"))
+    _say(f"{impacts.source}: {len(impacts)} impacts, {pool} to identify from, {test} held out")
 
 
 def show_models(fits: Sequence[SharedFit], errors: Mapping[str, Mapping], norm: str | None = None) -> None:
@@ -45,14 +50,14 @@ def show_models(fits: Sequence[SharedFit], errors: Mapping[str, Mapping], norm: 
         cells[0] += f"  {entry[HEADLINE]['low']:.4f}–{entry[HEADLINE]['high']:.4f}"
         table.add_row(model, mu, eps, *cells, f"{100 * entry['outside_admissible']:.1f} %")
     _print(table)
-    _console.print("outside: share of predictions that gain energy, pull or penetrate")
+    _say("outside: share of predictions that gain energy, pull or penetrate")
     if norm is not None:
         bounded = "only the mass error is bounded" if norm == "mass" else "none of these errors is bounded"
-        _console.print(f"the bounds come closest in the {norm} norm of (v_x, v_y, ω): {bounded}")
+        _say(f"the bounds come closest in the {norm} norm of (v_x, v_y, ω): {bounded}")
     for fit in fits:
         share = fit.mu_flat[:, -1].double().mean().item()
         if share > 0.05:
-            _console.print(f"note: {100 * share:.0f} % of the subsets leave μ of {fit.law} undetermined (flat cost)")
+            _say(f"note: {100 * share:.0f} % of the subsets leave μ of {fit.law} undetermined (flat cost)")
 
 
 def show_reference(fits: Sequence[SharedFit], reference: Mapping[str, Mapping]) -> None:
@@ -76,8 +81,8 @@ def show_reference(fits: Sequence[SharedFit], reference: Mapping[str, Mapping]) 
 def show_folder(folder: Path) -> None:
     """Where the run's results lie and how to look at them."""
     shown = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
-    _console.print(Text(f"results  {shown}"))
-    _console.print(Text(f"look at  tensorboard --logdir {shlex.quote(str(shown))}"))
+    _say(f"results  {shown}")
+    _say(f"look at  tensorboard --logdir {shlex.quote(str(shown))}")
 
 
 def _spread(mean: float, std: float) -> str:
