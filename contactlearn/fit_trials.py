@@ -106,11 +106,12 @@ class _Problem:
         low, high = self.box.mu
         mu = low + torch.linspace(0, 1, nodes, dtype=torch.float64) ** 2 * (high - low)
         eps = torch.linspace(*self.box.eps, nodes, dtype=torch.float64)[:, None]
-        # Two values of μ at a time, so that the temporaries stay in cache.
-        blocks = [self.cost(block, eps).min(1) for block in mu[:, None, None].split(2)]
-        profile, which = (torch.cat(parts) for parts in zip(*blocks, strict=True))
+        # Few values of μ at a time, so that the temporaries stay in cache; the step that follows makes up for
+        # the coarser grid of ε.
+        blocks = [self.cost(block, eps[::3]).min(1).indices for block in mu[:, None, None].split(4)]
+        profile, eps_best = _best_in_eps(self, mu[:, None], eps[3 * torch.cat(blocks), 0], steps=1)
         # A plateau in μ (sticking) is entered from its far end, where ε alone moves along it.
-        plateau = profile <= profile.amin(0) * (1 + 1e-9)
+        plateau = profile <= profile.amin(0) * (1 + 1e-9) + 1e-12 * _dot(self.P.T, self.P.T)
         best = nodes - 1 - plateau.flip(0).int().argmax(0)
         below = (plateau.int().argmax(0) - 1).clamp_min(0)
         framed = torch.nn.functional.pad(profile, (0, 0, 1, 1), value=torch.inf)
@@ -127,7 +128,7 @@ class _Problem:
         _, mu_slope, eps_slope = _lowest(cost[:2], mu_row[:2], eps_row[:2])
         return (
             torch.cat((mu[at], mu_slope[None], mu_row[2:])),
-            torch.cat((eps[which.gather(0, at), 0], eps_slope[None], eps_row[2:])),
+            torch.cat((eps_best.gather(0, at), eps_slope[None], eps_row[2:])),
         )
 
 
@@ -175,7 +176,7 @@ def _edge_of_sticking(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, 
         eps = (centre + half * torch.linspace(-1, 1, nodes, dtype=torch.float64)[:, None]).clamp(low, high)
         mu = ((1 - 1e-12) * _slope(*problem.impulse(problem.box.mu[1], eps))).clamp(*problem.box.mu)
         found = _lowest(problem.cost(mu, eps), mu, eps)
-        best = tuple(torch.where(found[0] < best[0], a, b) for a, b in zip(found, best, strict=True))
+        best = _lower(found, best)
         centre, half = found[2], half * 0.1
     return best
 
@@ -189,9 +190,9 @@ def _jumps(problem: _Problem, mu: Tensor, eps: Tensor) -> Tensor:
 def _shrinking_grid(
     problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, widest: float = 0.1
 ) -> tuple[Tensor, ...]:
-    """Best (cost, μ, ε) [N] of 5 × 5 grids about the best so far: half as wide after a better centre
-    than its border, twice as wide after a better border, since folds are narrow and oblique valleys."""
-    offsets = torch.linspace(-1, 1, 5, dtype=torch.float64)
+    """Best (cost, μ, ε) [N] of 9 × 9 grids about the best so far, each a quarter as wide as the last; but where
+    the border is best, thrice as wide, since folds are narrow and oblique valleys."""
+    offsets = torch.linspace(-1, 1, 9, dtype=torch.float64)
     offset_mu, offset_eps = torch.cartesian_prod(offsets, offsets)[:, :, None].unbind(1)
     border = torch.maximum(offset_mu.abs(), offset_eps.abs())
     half = torch.full_like(cost, widest)
@@ -203,7 +204,7 @@ def _shrinking_grid(
         *found, out = _lowest(problem.cost(around_mu, around_eps), around_mu, around_eps, border)
         better = found[0] < cost
         cost, mu, eps = (torch.where(better, a, b) for a, b in zip(found, (cost, mu, eps), strict=True))
-        half = torch.where(better & (out == 1), (2 * half).clamp_max(widest), 0.5 * half)
+        half = torch.where(better & (out == 1), (3 * half).clamp_max(widest), 0.25 * half)
     return cost, mu, eps
 
 
@@ -215,15 +216,15 @@ def _mu_interval(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, nodes
     bounds = torch.tensor(problem.box.mu, dtype=torch.float64)[:, None]
     # Most trials determine μ: one probe on each side tells.
     probe = ends + (bounds - ends).clamp(-1e-5, 1e-5)
-    open_ = (_best_in_eps(problem, probe, eps) <= limit) & (ends != bounds)
+    open_ = (_best_in_eps(problem, probe, eps, steps=3)[0] <= limit) & (ends != bounds)
     side, rows = open_.nonzero(as_tuple=True)
     problem, limit, eps = problem[rows], limit[rows], eps[rows]
     good, bad = ends[open_], bounds[side, 0]
     fraction = torch.linspace(0, 1, nodes + 2, dtype=torch.float64)[:, None]
     width = 1.0
     while width > 1e-7:
-        mu = good + fraction * (bad - good)  # [nodes + 2, pairs], the first is good
-        fits = (_best_in_eps(problem, mu, eps) <= limit).cumprod(0).sum(0).clamp_min(1)
+        mu = torch.lerp(good, bad, fraction)  # [nodes + 2, pairs], the first is good
+        fits = (_best_in_eps(problem, mu, eps, steps=3)[0] <= limit).cumprod(0).sum(0).clamp_min(1)
         good = mu.gather(0, (fits - 1)[None])[0]
         bad = mu.gather(0, fits.clamp_max(nodes + 1)[None])[0]
         width /= nodes + 1
@@ -231,16 +232,16 @@ def _mu_interval(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, nodes
     return ends[0], ends[1]
 
 
-def _best_in_eps(problem: _Problem, mu: Tensor, eps: Tensor) -> Tensor:
-    """Least cost at fixed μ [..., N], from two secant steps in ε (P̂ is piecewise linear in it)."""
+def _best_in_eps(problem: _Problem, mu: Tensor, eps: Tensor, steps: int) -> tuple[Tensor, ...]:
+    """Least (cost, ε) at fixed μ [..., N], from secant steps in ε, in which P̂ is nearly piecewise linear."""
     r = problem.residual(mu, eps)
-    best = _dot(r, r)
-    for _ in range(2):
+    best = _dot(r, r), eps.expand_as(r[0])
+    for _ in range(steps):
         h = torch.where(eps + _STEP > problem.box.eps[1], -_STEP, _STEP)
         d = [(b - a) / h for a, b in zip(r, problem.residual(mu, eps + h), strict=True)]
         eps = (eps - _dot(d, r) / (_dot(d, d) + 1e-300)).clamp(*problem.box.eps)
         r = problem.residual(mu, eps)
-        best = torch.minimum(best, _dot(r, r))
+        best = _lower((_dot(r, r), eps), best)
     return best
 
 
@@ -258,6 +259,11 @@ def _lowest(cost: Tensor, *values: Tensor) -> tuple[Tensor, ...]:
     """The least cost along the first axis, and the values that go with it."""
     cost, which = cost.min(0)
     return cost, *(x.expand(-1, *cost.shape).gather(0, which[None])[0] for x in values)
+
+
+def _lower(a: Sequence[Tensor], b: Sequence[Tensor]) -> tuple[Tensor, ...]:
+    """(cost, values) of `a` where its cost is the lower one, else of `b`."""
+    return tuple(torch.where(a[0] < b[0], x, y) for x, y in zip(a, b, strict=True))
 
 
 def _written(values: Sequence[Tensor], where: tuple[Tensor, ...], new: Sequence[Tensor]) -> list[Tensor]:
