@@ -196,6 +196,27 @@ def test_mu_is_bounded_below_by_what_sticking_needs():
     assert ((fit.mu_range[:, 0, 0] - needed).abs() < 1 / (Box().nodes - 1) + PLANTED).all()
 
 
+@pytest.mark.parametrize("law", ["anitescu_potra_newton", "wang_mason", "drumwright_shell"])
+def test_ranges_are_where_the_profiled_cost_stays_low(law):
+    """Node by node: the least cost over the other parameter's nodes, or at its optimum, within 0.1 %."""
+    drops = synthetic.load(60, law, 0.4, 0.55, velocity_noise=0.01, spin_noise=0.5)  # most of them stick
+    box, sizes = Box(nodes=32), (4, 25)
+    fit = identify(law, drops, sizes=sizes, repetitions=3, box=box, generator=seeded(5))
+    axes = box.axes()
+    for i, order in enumerate(orders(len(drops), 25, 3, seed=5)):
+        for j, k in enumerate(sizes):
+            subset, optimum = drops[order[:k]], (fit.mu[i, j, None], fit.eps[i, j, None])
+            surface = cost_surface(law, subset, *axes)
+            for own, found in enumerate((fit.mu_range[i, j], fit.eps_range[i, j])):
+                line = [axes[own] if axis == own else optimum[axis] for axis in (0, 1)]
+                profile = torch.minimum(surface.amin(1 - own), cost_surface(law, subset, *line).flatten())
+                near = torch.cat((axes[own][profile <= 1.001 * fit.cost[i, j]], optimum[own]))
+                torch.testing.assert_close(found, torch.stack((near.min(), near.max())), rtol=0, atol=ROUNDING)
+            wide = fit.mu_range[i, j].diff().item() > 0.1
+            assert fit.mu_flat[i, j].item() == wide
+    assert (fit.mu_range.diff() > 0.05).any()
+
+
 @pytest.mark.parametrize(("law", "variant"), DISTINCT)
 def test_ranges_hold_the_optimum_and_the_box_holds_both(law, variant):
     drops = synthetic.load(60, law, 0.12, 0.55, velocity_noise=0.1, spin_noise=5.0, variant=variant)
