@@ -191,7 +191,7 @@ def identify(
     return SharedFit(law, variant, sizes, x[..., 0], x[..., 1], best, mu_range, eps_range, mu_flat)
 
 
-_BLOCK = 1 << 17
+_BLOCK = 1 << 17  # elements of a block: repetitions × sizes × (trials + an eighth of the nodes)
 
 
 def _nested_sums(grid: Tensor, order: Tensor, sizes: tuple[int, ...]) -> Tensor:
@@ -220,7 +220,7 @@ def _finer(cost: Callable[[Tensor], Tensor], x: Tensor, box: Box, keep: int) -> 
     for centre in x:
         around = torch.minimum(torch.maximum(centre + offsets, box.low), box.high)
         value, which = cost(around).min(0)
-        found.append((value, pick(around, which)))
+        found.append((value, _pick(around, which)))
     values, points = (torch.stack(parts) for parts in zip(*found, strict=True))
     best = values.topk(keep, dim=0, largest=False).indices
     return points.gather(0, best[..., None].expand(*best.shape, 2))
@@ -243,16 +243,16 @@ def _pattern_search(cost: Callable[[Tensor], Tensor], x: Tensor, box: Box, toler
         around = torch.minimum(torch.maximum(x + around, low), high)
         value, which = cost(around).min(0)
         better = value < best * (1 - 1e-9)
-        x = torch.where(better[..., None], pick(around, which), x)
+        x = torch.where(better[..., None], _pick(around, which), x)
         best = torch.where(better, value, best)
         # A flat valley is long: the step grows again along it.
         step = torch.where(better, (2 * step).clamp_max(spacing), 0.7 * step)
         turn += 2.4  # the golden angle, rad
     best, which = best.min(0)
-    return pick(x, which), best
+    return _pick(x, which), best
 
 
-def pick(x: Tensor, which: Tensor) -> Tensor:
+def _pick(x: Tensor, which: Tensor) -> Tensor:
     """x[which[...], ..., :] along the first axis."""
     return x.gather(0, which[None, ..., None].expand(1, *which.shape, x.shape[-1]))[0]
 

@@ -118,8 +118,8 @@ _PHI_3 = tuple(1 / math.factorial(k + 3) for k in range(8))
 def _compression_start(contact: Contact, mu: Tensor) -> Tensor:
     """First guess of p_c on the side of the root where Newton's method is monotone.
 
-    Both the tangent at p = 0 and the asymptote of v_n(p) bound it: from below where v_n is concave
-    (their roots are then too late …) and from above where it is convex; the better of both is used.
+    A concave v_n lies below its tangent at p = 0 and its asymptote, so their roots come before its own;
+    a convex one lies above both, so they come after.  The nearer of the two is used.
     """
     w_tt, w_tn, w_nn, v_t, v_n = contact
     start_rate = w_nn - w_tn * mu * v_t
