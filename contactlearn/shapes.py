@@ -1,8 +1,8 @@
-"""Convex planar bodies on a flat floor: the contact point as a function of orientation.
+"""Convex planar bodies on a flat floor: where they touch it, and how hard they are to turn.
 
-A shape answers one question: where, relative to the centre of mass and in world axes, is the
-body's lowest point at orientation θ?  `contact_point` returns r [..., 2] in metres, r_y < 0.
-Shapes are plain values; `None` stands for an unknown shape.
+`contact_point` is the body's lowest point at orientation θ, relative to the centre of mass and in
+world axes: r [..., 2] in metres, r_y < 0.  `gyration_squared` is I/m of the body if its density is
+uniform.  Shapes are plain values; `None` stands for an unknown shape.
 """
 
 import math
@@ -21,6 +21,10 @@ class Shape(Protocol):
 
     def contact_point(self, theta: Tensor) -> Tensor:
         """Lowest point r [..., 2] in m at orientation θ [...] in rad."""
+        ...
+
+    def gyration_squared(self) -> float:
+        """Squared radius of gyration ρ² = I/m in m² about the centre of mass, at uniform density."""
         ...
 
     def outline(self, points: int = 181) -> Tensor:
@@ -49,6 +53,9 @@ class Ellipse:
         height = torch.sqrt((a * d_x) ** 2 + (b * d_y) ** 2)
         return _rotate(a**2 * d_x / height, b**2 * d_y / height, theta)
 
+    def gyration_squared(self) -> float:
+        return (self.semi_axes[0] ** 2 + self.semi_axes[1] ** 2) / 4
+
     def outline(self, points: int = 181) -> Tensor:
         angle = torch.linspace(0, 2 * math.pi, points, dtype=torch.float64)
         return torch.stack((self.semi_axes[0] * angle.cos(), self.semi_axes[1] * angle.sin()), -1)
@@ -65,6 +72,9 @@ class Disc:
 
     def contact_point(self, theta: Tensor) -> Tensor:
         return torch.stack((torch.zeros_like(theta), torch.full_like(theta, -self.radius)), -1)
+
+    def gyration_squared(self) -> float:
+        return self.radius**2 / 2
 
     def outline(self, points: int = 181) -> Tensor:
         return Ellipse((self.radius, self.radius)).outline(points)
@@ -113,6 +123,25 @@ class Polygon:
         world = _rotate(corners[:, 0], corners[:, 1], theta[..., None])
         lowest = world[..., 1].argmin(-1)
         return world.gather(-2, lowest[..., None, None].expand(*lowest.shape, 1, 2))[..., 0, :]
+
+    def gyration_squared(self) -> float:
+        """ρ² = Σ A_k (|p|² + p·q + |q|²) / (6 Σ A_k) over the triangles from the origin to each side (p, q).
+
+        Raises:
+            DataError: the centroid is not at the origin, so the density cannot be uniform.
+        """
+        p = self.outline()[:-1]
+        q = p.roll(-1, 0)
+        share = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
+        share = share / share.sum()  # of each triangle in the area
+        centroid = share @ (p + q) / 3
+        if centroid.abs().max() > 1e-6 * p.abs().max():
+            x, y = centroid.tolist()
+            raise DataError(
+                "a polygon of uniform density has its centre of mass, the origin, at its centroid, but that is at "
+                f"({x:.9g}, {y:.9g}) m: subtract it from every vertex"
+            )
+        return float(share @ (p * p + p * q + q * q).sum(1)) / 6
 
     def outline(self, points: int = 181) -> Tensor:
         return torch.tensor((*self.vertices, self.vertices[0]), dtype=torch.float64)

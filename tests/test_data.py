@@ -22,7 +22,7 @@ from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import COMPONENTS, Impacts
 from contactlearn.laws import Law, names
 from contactlearn.model import ContactModel
-from contactlearn.shapes import Disc, Ellipse
+from contactlearn.shapes import Disc, Ellipse, Polygon, make_shape
 
 CONFIGS = Path(__file__).parents[1] / "configs" / "data"
 ROUNDING = 1e-12  # relative; a few hundred float64 roundings
@@ -576,6 +576,37 @@ def test_synthetic_without_noise_predicts_itself(law):
     assert drops.wrench[:, 2].abs().max() < ROUNDING
 
 
+def test_synthetic_drops_are_always_the_same():
+    drops = synthetic.load(size=2)
+    wanted = {
+        "q": (0.4874222607587523, 0.03440689397952069, 1.3057707185368015),
+        "v_pre": (0.5696634122503194, -2.253656256264015, -4.743882767464342),
+        "v_post": (0.7767210692931033, 1.0995898736005627, -22.19334717557038),
+        "inertia": 1.6835000000000004e-05,
+    }
+    for name, first in wanted.items():
+        assert getattr(drops, name)[0].tolist() == pytest.approx(first, rel=ROUNDING)
+
+
+BODIES = {
+    "ellipse": {"semi_axes": [0.05, 0.01]},
+    "disc": {"radius": 0.03},
+    "polygon": {"vertices": [[0.06, 0.005], [-0.06, 0.005], [-0.06, -0.005], [0.06, -0.005]]},
+}
+
+
+@pytest.mark.parametrize("kind", BODIES)
+def test_synthetic_drops_of_any_body(kind):
+    body = make_shape({"kind": kind, **BODIES[kind]})
+    drops = synthetic.load(size=200, shape=body, velocity_noise=0, spin_noise=0)
+    assert (drops.shape, set(drops.object)) == (body, {kind})
+    assert torch.equal(drops.inertia, drops.mass * body.gyration_squared())
+    assert torch.equal(drops.r, body.contact_point(drops.q[:, 2]))
+    assert torch.equal(drops.q[:, 1], -drops.r[:, 1])
+    assert drops.wrench[:, 2].abs().max() < ROUNDING  # the momentum balance about the contact point
+    assert_same(drops, synthetic.load(size=200, shape={"kind": kind, **BODIES[kind]}, velocity_noise=0, spin_noise=0))
+
+
 def test_synthetic_is_spread_like_the_real_drops():
     drops = synthetic.load(size=5000, velocity_noise=0, spin_noise=0)
     low = torch.stack((drops.q[:, 0], drops.q[:, 2], drops.v_pre[:, 0], drops.v_pre[:, 1])).aminmax(dim=1)
@@ -603,9 +634,10 @@ def test_synthetic_noise_is_as_asked():
 
 
 def test_synthetic_draws_separating_drops_again():
-    large = synthetic.load(size=300, semi_axes=[3.0, 1.0])
+    large = synthetic.load(size=300, shape=Ellipse((3.0, 1.0)))
+    longest = synthetic.load(size=300, shape=Polygon(((1e6, 1), (-1e6, 1), (-1e6, -1), (1e6, -1))))
     noisy = synthetic.load(size=300, velocity_noise=5.0)
-    for drops in (large, noisy):
+    for drops in (large, longest, noisy):
         assert len(drops) == 300
         assert (drops.v_c[:, 1] < 0).all()
 
@@ -631,7 +663,10 @@ BAD_SYNTHETIC = {
     "no mass": ({"mass": 0}, ["mass", "greater than 0", "got 0"]),
     "negative noise": ({"velocity_noise": -1}, ["velocity_noise", "at least 0", "-1"]),
     "negative spin noise": ({"spin_noise": -1}, ["spin_noise", "at least 0", "-1"]),
-    "one axis": ({"semi_axes": [0.03]}, ["semi_axes", "2 positive", "metres"]),
+    "one axis": ({"shape": {"kind": "ellipse", "semi_axes": [0.03]}}, ["semi_axes", "2 positive", "metres"]),
+    "no such body": ({"shape": {"kind": "rod"}}, ["unknown shape kind 'rod'", "polygon"]),
+    "off its centroid": ({"shape": Polygon(((1, 0), (0, 1), (-1, -0.7)))}, ["centroid", "(0, 0.1) m", "subtract"]),
+    "vanishing body": ({"shape": Ellipse((1e-200, 1e-200))}, ["only 0 of 80000 draws", "underflow", "1e-200"]),
     "negative seed": ({"seed": -1}, ["seed", "at least 0", "-1"]),
     "seed as text": ({"seed": "one"}, ["seed", "integer", "'one'"]),
 }
@@ -675,6 +710,7 @@ def test_configs_load(tmp_path, monkeypatch, no_download, convert):
 
     drops = load("synthetic", size=20)
     assert_same(drops, synthetic.load(size=20))
+    assert load("synthetic", size=20, shape={"kind": "disc", "radius": 0.03}).shape == Disc(0.03)
     path = table.save(drops, tmp_path / "drops.csv")
     loaded = load("table", path=str(path), shape={"kind": "ellipse", "semi_axes": [0.035, 0.025]})
     assert_same(loaded, drops)

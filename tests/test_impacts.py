@@ -4,6 +4,7 @@ import dataclasses
 import math
 import pickle
 
+import matplotlib.path
 import numpy as np
 import pytest
 import torch
@@ -234,6 +235,53 @@ def test_contact_point_of_a_batch_is_that_of_each(shape):
     assert batch.shape == (7, 8, 2)
     assert (batch[..., 1] < 0).all()
     torch.testing.assert_close(batch[3, 5], shape.contact_point(theta[3, 5]), rtol=ROUNDING, atol=0)
+
+
+WEIGHED = {
+    **ROUND,
+    "square": CORNERED["square"],
+    "rod": Polygon(((0.06, 0.005), (-0.06, 0.005), (-0.06, -0.005), (0.06, -0.005))),
+    "clockwise triangle": Polygon(((0.0, 0.03), (0.02, -0.01), (-0.02, -0.02))),
+    "hexagon": Polygon(((0.03, 0.01), (0.01, 0.03), (-0.02, 0.02), (-0.03, -0.01), (-0.01, -0.03), (0.02, -0.02))),
+}
+
+
+@pytest.mark.parametrize("shape", WEIGHED.values(), ids=WEIGHED)
+def test_gyration_is_the_mean_square_distance_of_the_points_inside(shape):
+    outline = shape.outline(2001)
+    low, high = outline.aminmax(dim=0)
+    cells = (torch.arange(500, dtype=torch.float64)[:, None] + 0.5) / 500
+    points = torch.cartesian_prod(*(low + cells * (high - low)).unbind(-1))
+    inside = points[matplotlib.path.Path(outline.numpy()).contains_points(points.numpy())]
+    # The cells that the outline cuts, some 4/500 of all, are in or out as their middles are: ± by chance.
+    assert shape.gyration_squared() == pytest.approx(inside.square().sum(1).mean().item(), rel=1e-3)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, -2.0])
+def test_gyration_of_a_rectangle_however_it_is_written(turn):
+    w, h = 0.12, 0.01
+    corners = [(w / 2, h / 2), (-w / 2, h / 2), (-w / 2, -h / 2), (w / 2, -h / 2)]
+    c, s = math.cos(turn), math.sin(turn)
+    turned = [(c * x - s * y, s * x + c * y) for x, y in corners]
+    for vertices in (turned, turned[::-1], turned[1:] + turned[:1]):
+        assert Polygon(vertices).gyration_squared() == pytest.approx((w**2 + h**2) / 12, rel=ROUNDING)
+
+
+def test_gyration_of_a_disc_is_that_of_its_ellipse_and_of_many_sides():
+    disc = Disc(0.03)
+    assert disc.gyration_squared() == pytest.approx(Ellipse((0.03, 0.03)).gyration_squared(), rel=ROUNDING)
+    sides = 1000  # a regular polygon's ρ² = R² (2 + cos(2π/n)) / 6 falls short of R²/2 by (2π/n)²/6 of it
+    assert Polygon(disc.outline(sides + 1)[:-1].tolist()).gyration_squared() == pytest.approx(
+        0.03**2 * (2 + math.cos(2 * math.pi / sides)) / 6, rel=ROUNDING
+    )
+
+
+def test_polygon_off_its_centroid_has_no_uniform_density():
+    corners = [(0.03, 0.0), (0.0, 0.03), (-0.01, -0.01)]
+    with pytest.raises(DataError, match=r"centroid.*\(0\.00666666667, 0\.00666666667\) m: subtract it"):
+        Polygon(corners).gyration_squared()
+    mended = Polygon([(x - 0.00666666667, y - 0.00666666667) for x, y in corners])
+    assert mended.gyration_squared() > 0
 
 
 def test_ellipse_outline_is_on_the_ellipse_and_closed():
