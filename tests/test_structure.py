@@ -13,9 +13,9 @@ PACKAGE = ROOT / "contactlearn"
 # From the measurements to what is shown.  A module may import those on its own or an earlier line.
 ORDER = (
     ("errors",),
-    ("shapes", "mechanics"),
+    ("shapes", "mechanics", "gp"),
     ("impacts",),
-    ("laws",),
+    ("laws", "features"),
     ("model",),
     ("data", "bounds", "metrics", "fit"),
     ("fit_trials",),

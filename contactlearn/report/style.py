@@ -1,13 +1,13 @@
-"""One look for all figures: sizes, colours by law, text that is never markup, and saving.
+"""One look for all figures: sizes, colours by model, text that is never markup, and saving.
 
 A figure is one column (3.4 in) or two (7 in) of a paper wide, so it is printed at its own size and
-its 8 pt text stays 8 pt.  A law has the same colour, marker and line everywhere: colours are told
-apart with any colour vision, markers and lines without colour.
+its 8 pt text stays 8 pt.  A law or a learned model has the same colour, marker and line everywhere:
+colours are told apart with any colour vision, markers and lines without colour.
 """
 
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -30,6 +30,8 @@ MILLI = 1e3
 DARK = "#222222"
 MAP = "cividis"
 """Colours of a quantity: dark blue to yellow, uniform to the eye and in grey."""
+CONTRAST = ("#004488", "#BB5566", "#DDAA33")
+"""Colours of what is neither law nor model (Tol, 2021): blue, red and yellow, dark to light in grey."""
 
 _FONT = "DejaVu Sans"  # comes with matplotlib, has Greek
 _RC = {
@@ -55,7 +57,7 @@ _RC = {
 
 
 class LawStyle(NamedTuple):
-    """How a law or a bound is written and drawn."""
+    """How a law, a bound or a learned model is written and drawn."""
 
     label: str
     color: str
@@ -79,11 +81,44 @@ LAW_STYLE = {
 
 BOUNDS = ("best_post_hoc", "irb")
 
+# Of Tol's (2021) colours eight that any colour vision tells from each other (ΔE > 18) and from the laws' (> 8).
+MODEL_STYLE = {
+    "state_velocity": LawStyle("10-D → velocity", "#332288", "o", "-"),
+    "x1_impulse": LawStyle("X1 → impulse", "#7EB875", "s", "--"),
+    "x2_impulse": LawStyle("X2 → impulse", "#B997C7", "^", "-."),
+    "x1_wrench": LawStyle("X1 → wrench", "#117733", "D", (0, (1, 1))),
+    "residual_impulse": LawStyle("Law + impulse GP", "#E67F33", "v", (0, (8, 2))),
+    "residual_wrench": LawStyle("Law + wrench GP", "#521A13", "P", (0, (4, 1, 1, 1, 1, 1))),
+    "parameters_identified": LawStyle("Law, (μ, ε) GP, identified", "#EE99AA", "X", (0, (8, 2, 2, 2))),
+    "parameters_likelihood": LawStyle("Law, (μ, ε) GP, likelihood", "#8C4E99", "<", (0, (12, 2, 2, 2, 2, 2))),
+}
+"""Learned models by name: first those of Class I, then those of Class II."""
+
+CLASS_I, CLASS_II = tuple(MODEL_STYLE)[:4], tuple(MODEL_STYLE)[4:]
+"""Names of the data-driven models, which know no law, and of the data-reinforced ones, which correct one."""
+
+STYLES = LAW_STYLE | MODEL_STYLE
+
 
 def law_style(name: str) -> LawStyle:
-    """Style of a law or bound by name or label; any other model keeps its name and is neutral grey."""
-    by_label = {style.label: style for style in LAW_STYLE.values()}
-    return LAW_STYLE.get(name) or by_label.get(name) or LawStyle(name, "#4D4D4D", "o", "-")
+    """Style of a law, bound or learned model by name or label; any other keeps its name and is neutral grey."""
+    by_label = {style.label: style for style in STYLES.values()}
+    return STYLES.get(name) or by_label.get(name) or LawStyle(name, "#4D4D4D", "o", "-")
+
+
+def law_styles(names: Iterable[str], colors: Sequence[str] = ("#4D4D4D",)) -> dict[str, LawStyle]:
+    """Styles of what one figure shows; names without a style of their own differ in marker and line.
+
+    Args:
+        names: names or labels.
+        colors: for the names without a style, used in turn.
+    """
+    styles = {name: law_style(name) for name in names}
+    markers, lines = ([getattr(style, part) for style in MODEL_STYLE.values()] for part in ("marker", "linestyle"))
+    for place, name in enumerate([name for name, style in styles.items() if style not in STYLES.values()]):
+        # 7 markers and 8 lines: the first pair comes back after 56 names.
+        styles[name] = LawStyle(styles[name].label, colors[place % len(colors)], markers[place % 7], lines[place % 8])
+    return styles
 
 
 def plain(text: str, length: int = 40) -> str:

@@ -1,0 +1,6 @@
+"""Gaussian processes on GPyTorch, many at once, with fast paths for training them.
+
+evidence   marginal likelihood of a batch with its closed-form gradient
+bfgs       minimisation of a batch of small problems in lock step
+exact      exact processes: a GPyTorch module that these two train
+"""
