@@ -20,12 +20,14 @@ CONFIGS = next(str(path) for path in (_PACKAGE / "configs", _PACKAGE.parent / "c
 def _run(job: Callable[[DictConfig], None], cfg: DictConfig) -> None:
     """Run a job; an error that the user can mend is one message and exit status 2."""
     import torch
+    from threadpoolctl import threadpool_limits
 
     from contactlearn.errors import ContactLearnError
 
     # The tensors here are small: threads cost more than they give, and sweeps run jobs side by side.
     if isinstance(cfg.threads, int) and cfg.threads > 0:  # settings.check refuses anything else
         torch.set_num_threads(cfg.threads)
+        threadpool_limits(cfg.threads)  # the BLAS of NumPy and SciPy
     logging.getLogger("fontTools").setLevel(logging.WARNING)  # it tells of every glyph that a PDF embeds
     try:
         job(cfg)
@@ -36,7 +38,7 @@ def _run(job: Callable[[DictConfig], None], cfg: DictConfig) -> None:
 
 @hydra.main(version_base="1.3", config_path=CONFIGS, config_name="train")
 def train(cfg: DictConfig) -> None:
-    """Identify one law's parameters."""
+    """Train one model."""
     from contactlearn import app
 
     _run(app.train, cfg)
@@ -44,7 +46,7 @@ def train(cfg: DictConfig) -> None:
 
 @hydra.main(version_base="1.3", config_path=CONFIGS, config_name="evaluate")
 def evaluate(cfg: DictConfig) -> None:
-    """Compare the laws with the bounds."""
+    """Compare laws and learned models with the bounds."""
     from contactlearn import app
 
     _run(app.evaluate, cfg)

@@ -89,3 +89,12 @@ class Standardisation:
     def apply(self, x: Tensor) -> Tensor:
         """Standardised values [..., N, D]."""
         return (x - self.mean) / self.scale
+
+    def undo(self, x: Tensor) -> Tensor:
+        """Values of `apply` in their own units again; a constant column is that constant."""
+        return self.mean + self.spread * x
+
+    @property
+    def spread(self) -> Tensor:
+        """The scale, 0 for a constant column."""
+        return self.scale.nan_to_num(posinf=0.0)

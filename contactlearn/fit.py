@@ -130,6 +130,7 @@ def identify(
     *,
     sizes: Sequence[int] = (120,),
     repetitions: int = 100,
+    orders: Tensor | None = None,
     generator: torch.Generator | None = None,
     variant: str = "textbook",
     target: str = "momentum",
@@ -143,6 +144,7 @@ def identify(
         impacts: trials to draw from, without replacement within a repetition.
         sizes: subset sizes k, increasing; the subsets of one repetition are nested.
         repetitions: m.
+        orders: m orders of the trials [m, k] as rows, at least as many as the largest size; random if left out.
         generator: source of the random orders; seed 0 if left out.
         target: the measured impulse, see `measured_impulse`.
         box: bounds and grid.
@@ -168,7 +170,9 @@ def identify(
     grid = distances(law, impacts, mu[:, None, None], eps[:, None], variant=variant, target=target)
     grid = grid.flatten(0, 1).T.contiguous()
     P = measured_impulse(impacts, target)
-    orders = torch.stack([torch.randperm(len(impacts), generator=generator)[: sizes[-1]] for _ in range(repetitions)])
+    if orders is None:
+        orders = torch.stack([torch.randperm(len(impacts), generator=generator) for _ in range(repetitions)])
+    orders = orders[:, : sizes[-1]]
     member = torch.arange(sizes[-1]) < torch.tensor(sizes)[:, None]
     found, single = [], len(sizes) == 1
     # Repetitions go in blocks, so that a block's surfaces and searches fit in memory.

@@ -185,11 +185,13 @@ class Impacts:
 class Prediction:
     """What a model predicts for N impacts; leading axes, such as seeds, may come before N.
 
-    v_post [..., N, 3] in (m/s, m/s, rad/s) and wrench [..., N, 3] in (N s, N s, N m s).
+    v_post [..., N, 3] in (m/s, m/s, rad/s) and wrench [..., N, 3] in (N s, N s, N m s); covariance
+    [..., N, 3, 3] of the measured v_post about it, for a model that says how sure it is.
     """
 
     v_post: Tensor
     wrench: Tensor
+    covariance: Tensor | None = None
 
     @classmethod
     def from_wrench(cls, impacts: Impacts, wrench: Tensor) -> "Prediction":

@@ -53,6 +53,13 @@ def apply_wrench(mass: Tensor, inertia: Tensor, r: Tensor, v: Tensor, wrench: Te
     return v + torch.stack((p_t / mass, p_n / mass, spin / inertia), -1)
 
 
+def velocity_per_wrench(mass: Tensor, inertia: Tensor, r: Tensor) -> Tensor:
+    """Derivative [..., 3, 3] of v⁺ (v_x, v_y, ω) in the wrench (P_t, P_n, τ): M⁻¹ (Jᵀ, (0, 0, 1)ᵀ)."""
+    turning = torch.stack((torch.zeros_like(mass), torch.zeros_like(mass), torch.ones_like(mass)), -1)
+    columns = torch.cat((contact_jacobian(r).mT, turning[..., None]), -1)
+    return columns / torch.stack((mass, mass, inertia), -1)[..., None]
+
+
 def measured_wrench(mass: Tensor, inertia: Tensor, r: Tensor, v_pre: Tensor, v_post: Tensor) -> Tensor:
     """The one wrench (P_t, P_n, τ) [..., 3] that takes v_pre to v_post: inverse of `apply_wrench`."""
     dv = v_post - v_pre

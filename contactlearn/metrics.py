@@ -7,10 +7,12 @@
 `mass_error` is the headline: it counts the spin, and does not add metres to radians.
 """
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
+from scipy.stats import chi2
 from torch import Tensor
 
 from contactlearn.impacts import Impacts, Prediction
@@ -60,6 +62,42 @@ def outside_admissible(impacts: Impacts, impulse: Tensor) -> Tensor:
     return ~admissible(impacts.W, impacts.v_c, impulse, tolerance=1e-7)
 
 
+def squared_distance(impacts: Impacts, prediction: Prediction) -> Tensor:
+    """Squared Mahalanobis distance [..., N] of the measured v_post: χ² with 3 degrees of freedom if all is Gaussian."""
+    return _whitened(impacts, prediction)[0].square().sum(-1)
+
+
+def negative_log_density(impacts: Impacts, prediction: Prediction) -> Tensor:
+    """−log of the predicted density of the measured v_post [..., N], in nats; v_post in (m/s, m/s, rad/s)."""
+    white, root = _whitened(impacts, prediction)
+    return 0.5 * white.square().sum(-1) + root.log().sum(-1) + 1.5 * math.log(2 * math.pi)
+
+
+def _whitened(impacts: Impacts, prediction: Prediction) -> tuple[Tensor, Tensor]:
+    """Error in units of the predicted covariance's Cholesky factor, and that factor's diagonal, [..., N, 3]."""
+    factor = torch.linalg.cholesky(prediction.covariance)
+    error = impacts.v_post - prediction.v_post
+    white = torch.linalg.solve_triangular(factor, error[..., None], upper=False)[..., 0]
+    return white, factor.diagonal(dim1=-2, dim2=-1)
+
+
+CHI_SQUARED_95 = 7.8147279
+"""95 % of squared distances are below, if the predictions are right."""
+
+
+def calibration(distance: Tensor) -> tuple[Tensor, Tensor]:
+    """Nominal levels [L] and the shares [L] of squared distances [K] inside the ellipsoids of those levels."""
+    levels = torch.linspace(0.02, 0.98, 49, dtype=distance.dtype)
+    radii = torch.from_numpy(chi2.ppf(levels.numpy(), 3))
+    return levels, torch.searchsorted(distance.sort().values, radii, right=True) / len(distance)
+
+
+def covered(impacts: Impacts, prediction: Prediction) -> Tensor:
+    """Whether each of (v_x, v_y, ω) after contact lies in its 95 % interval: bool [..., N, 3]."""
+    spread = prediction.covariance.diagonal(dim1=-2, dim2=-1).sqrt()
+    return (impacts.v_post - prediction.v_post).abs() <= 1.959964 * spread
+
+
 class Interval(NamedTuple):
     """A mean over trials and its bootstrap interval."""
 
@@ -69,7 +107,20 @@ class Interval(NamedTuple):
 
 
 def bootstrap(errors: Tensor, generator: torch.Generator, resamples: int = 2000, level: float = 0.95) -> Interval:
-    """Mean of per-trial errors [N] with its percentile bootstrap interval over trials."""
-    rows = torch.randint(len(errors), (resamples, len(errors)), generator=generator)
-    low, high = errors[rows].mean(-1).quantile(torch.tensor(((1 - level) / 2, (1 + level) / 2), dtype=errors.dtype))
+    """Mean of per-trial errors [N], or [R, N] of R training subsets, with its percentile bootstrap interval.
+
+    Trials are resampled, and so are subsets, independently of them.
+    """
+    rows = torch.randint(errors.shape[-1], (resamples, errors.shape[-1]), generator=generator)
+    if errors.ndim == 1:
+        means = errors[rows].mean(-1)
+    else:
+        subsets = torch.randint(len(errors), (resamples, len(errors)), generator=generator)
+        counts = (torch.zeros(resamples, size, dtype=errors.dtype) for size in errors.shape)
+        by_subset, by_trial = (
+            count.scatter_add_(1, drawn, torch.ones_like(drawn, dtype=errors.dtype)) / drawn.shape[1]
+            for count, drawn in zip(counts, (subsets, rows), strict=True)
+        )
+        means = ((by_subset @ errors) * by_trial).sum(-1)
+    low, high = means.quantile(torch.tensor(((1 - level) / 2, (1 + level) / 2), dtype=errors.dtype))
     return Interval(errors.mean().item(), low.item(), high.item())

@@ -7,7 +7,7 @@ lie along a learning curve.  Hyperparameters go into the run's one event file: T
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from torch.utils.tensorboard import SummaryWriter
@@ -29,12 +29,18 @@ class Tracker:
         self._writer.close()
         self._lines.close()
 
-    def scalars(self, values: Mapping[str, float]) -> None:
-        """Log values by tag, such as `mass_error/whittaker`, at the number of training impacts."""
+    def scalars(self, values: Mapping[str, float], trained_on: int | None = None) -> None:
+        """Log values by tag, such as `mass_error/whittaker`, at a number of training impacts; by default the run's."""
+        step = self._trained_on if trained_on is None else trained_on
         for tag, value in values.items():
-            self._writer.add_scalar(tag, value, self._trained_on)
-        self._lines.write(json.dumps({"trained_on": self._trained_on, **values}) + "\n")
+            self._writer.add_scalar(tag, value, step)
+        self._lines.write(json.dumps({"trained_on": step, **values}) + "\n")
         self._lines.flush()
+
+    def series(self, tag: str, values: Sequence[float]) -> None:
+        """Log a value after each step of a fit; its x axis is the step."""
+        for step, value in enumerate(values):
+            self._writer.add_scalar(tag, value, step)
 
     def figure(self, tag: str, png: bytes) -> None:
         """Log a picture."""

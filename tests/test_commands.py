@@ -8,12 +8,15 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+import torch
 
-from contactlearn import cli, laws, metrics
+from contactlearn import checkpoint, cli, laws, metrics
 from contactlearn.data import synthetic, table
 
 ROOT = Path(__file__).parent.parent
-SMALL = ("data.size=80", "train.size=20", "train.repetitions=4", "figures.repetitions=2", "bootstrap=50")
+SMALL = ("data.size=80", "train.size=20", "train.repetitions=4", "figures.repetitions=2", "bootstrap=50", "model=[]")
+TRAIN = ("data.size=80", "train.size=20", "train.repetitions=4", "bootstrap=50")
+CURVES = ("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10,20,500]", "curves.seeds=3", "workers=2")
 FIGURES = (
     "energy_ellipse",
     "cost_surface",
@@ -98,18 +101,90 @@ def test_evaluation_figures_and_events(evaluation):
 
 def test_train_then_evaluate_agree(tmp_path):
     """Both commands identify the same parameters from the same subsets."""
-    run("train.py", *SMALL[:3], "law=whittaker", "bootstrap=50", f"hydra.run.dir={tmp_path / 'train'}")
+    run("train.py", *TRAIN, "law=whittaker", f"hydra.run.dir={tmp_path / 'train'}")
     run("evaluate.py", *SMALL, "laws=[whittaker]", f"hydra.run.dir={tmp_path / 'evaluate'}")
     trained, evaluated = (json.loads((tmp_path / name / "results.json").read_text()) for name in ("train", "evaluate"))
     assert trained["fits"] == evaluated["fits"]
 
 
 def test_sweep(tmp_path):
-    run(
-        "train.py", "-m", *SMALL[:3], "train.size=10,20", "law=whittaker", "bootstrap=50", f"hydra.sweep.dir={tmp_path}"
-    )
-    sizes = [json.loads((tmp_path / job / "results.json").read_text())["config"]["train"]["size"] for job in "01"]
-    assert sizes == [10, 20]
+    run("train.py", "-m", *TRAIN, "train.size=10,20", "model=analytical,x2_impulse", f"hydra.sweep.dir={tmp_path}")
+    jobs = [json.loads((tmp_path / job / "results.json").read_text()) for job in "0123"]
+    assert [(*job["errors"], job["config"]["train"]["size"]) for job in jobs] == [
+        ("wang_mason", 10), ("x2_impulse", 10), ("wang_mason", 20), ("x2_impulse", 20)
+    ]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """One small evaluation with learning curves: (what it printed, its folder)."""
+    folder = tmp_path_factory.mktemp("study")
+    return run("evaluate.py", *SMALL[:5], *CURVES, "tables=csv", f"hydra.run.dir={folder}"), folder
+
+
+def test_learning_curves(study):
+    printed, folder = study
+    assert "note: sizes 500 are left out, since 60 trials are there" in printed
+    assert re.search(r"^ *x1_wrench .*%", printed, re.MULTILINE)
+    results = json.loads((folder / "results.json").read_text())
+    curves = results["learning_curves"]
+    assert set(curves) == {*laws.PAPER_LAWS, "x1_wrench", "parameters_likelihood"}
+    for model, curve in curves.items():
+        assert curve["sizes"] == [10, 20]
+        for metric in metrics.METRICS:
+            assert all(entry["low"] <= entry["mean"] <= entry["high"] for entry in curve[metric])
+        assert ("coverage" in curve) == (model not in laws.names())
+    # More trials help a model that knows nothing, and the law's own parameters beat it.
+    error = {model: [entry["mean"] for entry in curve["mass_error"]] for model, curve in curves.items()}
+    assert error["x1_wrench"][1] < error["x1_wrench"][0]
+    assert error["parameters_likelihood"][0] < error["x1_wrench"][0]
+
+
+def test_learning_curves_in_tables_and_events(study):
+    _, folder = study
+    results = json.loads((folder / "results.json").read_text())
+    frame = pd.read_csv(folder / "learning_curves.csv")
+    assert len(frame) == 8 * 2 * 3
+    means = frame.groupby(["model", "trained_on"])["mass_error"].mean()
+    for model, curve in results["learning_curves"].items():
+        for size, entry in zip(curve["sizes"], curve["mass_error"], strict=True):
+            assert means[model, size] == pytest.approx(entry["mean"], rel=1e-9)
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    events = EventAccumulator(str(folder)).Reload()
+    assert [event.step for event in events.Scalars("curve_mass_error/x1_wrench")] == [10, 20]
+    for name in ("learning_curve", "error_densities", "calibration", "learning_curve_normalised_velocity_error"):
+        assert (folder / "figures" / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_trained_model_predicts_the_same_from_its_checkpoint(tmp_path):
+    """The errors in results.json are those of the saved model on the same held-out trials."""
+    printed = run("train.py", *TRAIN, "model=residual_wrench", "law=whittaker", f"hydra.run.dir={tmp_path}")
+    assert "Length scales" in printed
+    results = json.loads((tmp_path / "results.json").read_text())
+    model, provenance = checkpoint.load(tmp_path / "model.pt")
+    assert provenance["data"] == results["data"]
+    assert provenance["config"]["train"]["size"] == 20
+    drops = synthetic.load(size=80)
+    assert drops.fingerprint() == results["data"]["sha256"]
+    _, test = drops.split(0.25, torch.Generator().manual_seed(0))
+    error = metrics.mass_error(test, model.predict(test)).mean().item()
+    assert error == pytest.approx(results["errors"]["residual_wrench"]["mass_error"]["mean"], rel=1e-12)
+    assert {entry["output"] for entry in results["processes"]} == {"P_t", "P_n", "τ"}
+    for name in ("predicted_against_measured", "calibration", "training"):
+        assert (tmp_path / "figures" / f"{name}.png").stat().st_size > 5000
+
+
+def test_transfer(tmp_path):
+    small = ("data.size=60", "train.size=30", "transfer.sizes=[4,8]", "transfer.seeds=2", "bootstrap=50", "workers=1")
+    printed = run("evaluate.py", "experiment=transfer", *small, f"hydra.run.dir={tmp_path}")
+    assert "x1_wrench on other bodies" in printed
+    results = json.loads((tmp_path / "results.json").read_text())
+    for bodies in results["transfer"].values():
+        for ways in bodies.values():
+            assert [len(ways[way]) for way in ("zero_shot", "prior", "scratch")] == [1, 2, 2]
+    assert (tmp_path / "figures" / "transfer_x1_wrench.png").stat().st_size > 5000
+    assert (tmp_path / "residual_wrench.pt").exists()
 
 
 def test_own_table_round_trip(tmp_path):
@@ -126,7 +201,13 @@ def test_own_table_round_trip(tmp_path):
 
 def test_published_table_beside_ours(ellipse_drops, tmp_path):
     """experiment=fazeli2017 composes, runs on the real drops, and prints every difference in σ."""
-    small = ("train.repetitions=2", "figures.repetitions=1", "bootstrap=20", "laws=[whittaker,anitescu_potra_newton]")
+    small = (
+        "train.repetitions=2",
+        "figures.repetitions=1",
+        "bootstrap=20",
+        "laws=[whittaker,anitescu_potra_newton]",
+        "model=[]",
+    )
     printed = run("evaluate.py", "experiment=fazeli2017", *small, f"hydra.run.dir={tmp_path}")
     assert "Published table beside ours" in printed
     assert re.search(r"whittaker +0\.111 ± 0\.008 .* 0\.484 ± 0\.011", printed)
@@ -144,14 +225,14 @@ ERRORS = {
     "law": (["evaluate.py", "laws=[witaker]"], "unknown law 'witaker', did you mean 'whittaker'?"),
     "train law": (["train.py", "law=mirtch"], "did you mean 'mirtich'?"),
     "variant": (["train.py", "variant=fazeli"], "did you mean 'fazeli2017'?"),
-    "too few": (["train.py", "train.size=1000"], "train.size=1000, but 450 of 600 trials"),
+    "too few": (["train.py", "train.size=1000"], "train.size=1000, but 600 of 800 trials"),
     "test share": (["train.py", "test=1.5"], "share in (0, 1)"),
     "no path": (["train.py", "data=table"], "data.path must be given"),
     "no file": (["train.py", "data=table", "data.path=nowhere.csv"], "nowhere.csv: no such file"),
     "norm": (["evaluate.py", "bounds.norm=euclid"], "unknown norm 'euclid', did you mean 'euclidean'?"),
     "target": (["evaluate.py", "train.target=moment"], "did you mean 'momentum'?"),
     "tables": (["evaluate.py", "tables=xls"], "unknown table format 'xls'"),
-    "trial": (["evaluate.py", "figures.trial=nobody"], "figures.trial=nobody is not among the 150 held-out trials"),
+    "trial": (["evaluate.py", "figures.trial=nobody"], "figures.trial=nobody is not among the 200 held-out trials"),
     "no laws": (["evaluate.py", "laws=[]"], "at least one law"),
     "size": (["train.py", "train.size=2.5"], "train.size must be a whole number, 1 or more, got 2.5"),
     "resamples": (["train.py", "bootstrap=0"], "bootstrap must be a whole number"),
@@ -161,6 +242,18 @@ ERRORS = {
     "patch": (["evaluate.py", "bounds.patch=-1"], "bounds.patch must be a positive half-width in m, got -1"),
     "reference": (["evaluate.py", "reference={mirtich: {mu: [0.1, 0.1]}}"], "reference.mirtich must hold"),
     "bounds": (["train.py", "train.mu=[1,0]"], "train.mu must be bounds [low, high] with 0 ≤ low < high, got [1, 0]"),
+    "features": (["train.py", "model=x1_impulse", "model.x1_impulse.features=x3"], "unknown feature space 'x3'"),
+    "learned target": (["train.py", "model=x1_impulse", "model.x1_impulse.target=force"], "unknown target 'force'"),
+    "model setting": (["train.py", "+model.mine.lengthscale=3"], "model.mine must hold features, target and law"),
+    "two models": (["train.py", "model=[x1_impulse,x1_wrench]"], "one model is trained at a time"),
+    "no law": (
+        ["evaluate.py", "model=parameters_identified", "model.parameters_identified.law=null"],
+        "target parameters_identified needs a law",
+    ),
+    "sizes": (["evaluate.py", "curves.sizes=[20,10]"], "curves.sizes must be an increasing list"),
+    "one trial": (["train.py", "model=x1_wrench", "train.size=1"], "at least 2 training trials, got 1"),
+    "workers": (["evaluate.py", "workers=0"], "workers must be a whole number, 1 or more, or null"),
+    "transfer": (["evaluate.py", "experiment=transfer", "model=[]"], "transfer needs a learned model and a body"),
     "foreign target": (["train.py", "data._target_=os.system"], "must be a source under contactlearn.data"),
 }
 
@@ -188,7 +281,7 @@ def test_outcomes_at_rest_are_refused(tmp_path, monkeypatch, capsys):
 
 
 def test_one_repetition_has_no_spread(tmp_path):
-    printed = run("train.py", *SMALL[:2], "train.repetitions=1", "bootstrap=50", f"hydra.run.dir={tmp_path}")
+    printed = run("train.py", *TRAIN[:2], "train.repetitions=1", "bootstrap=50", f"hydra.run.dir={tmp_path}")
     assert "nan" not in printed
     fit = json.loads((tmp_path / "results.json").read_text())["fits"][0]
     assert fit["mu_std"] is None

@@ -10,7 +10,7 @@ from matplotlib.image import imread
 from test_figures import HOSTILE, MACHADO, _seen, assert_fits, visible_axes
 
 from contactlearn.errors import ContactLearnError
-from contactlearn.report import learning
+from contactlearn.report import learning, quality
 from contactlearn.report.style import (
     BOUNDS,
     CLASS_I,
@@ -54,12 +54,12 @@ def velocities(size=300, std=True):
     generator = torch.Generator().manual_seed(0)
     measured, noise = torch.randn(2, size, 3, generator=generator, dtype=torch.float64)
     predicted = measured + 0.2 * noise
-    return learning.predicted_against_measured(measured, predicted, torch.full_like(noise, 0.2) if std else None)
+    return quality.predicted_against_measured(measured, predicted, torch.full_like(noise, 0.2) if std else None)
 
 
 def covered(names=MODELS):
     levels = torch.tensor([0.1, 0.5, 0.9, 0.95])
-    return learning.calibration({name: (levels, levels ** (0.8 + 0.1 * k)) for k, name in enumerate(names)})
+    return quality.calibration({name: (levels, levels ** (0.8 + 0.1 * k)) for k, name in enumerate(names)})
 
 
 def transferred(bodies=("Square", "Triangle"), labels=("from scratch", "trained model as prior")):
@@ -70,7 +70,7 @@ def transferred(bodies=("Square", "Triangle"), labels=("from scratch", "trained 
 def trained(processes=3, outputs=("P_t", "P_n", "τ"), features=("v_t", "v_n", "sin 2θ")):
     loss = torch.exp(-torch.arange(100) / 20)[:, None] + torch.arange(max(processes, 1))
     relevances = {output: {feature: 0.1 + k for k, feature in enumerate(features)} for output in outputs}
-    return learning.training(loss if processes else loss[:, 0], relevances)
+    return quality.training(loss if processes else loss[:, 0], relevances)
 
 
 NOT_RUN = torch.full((7, 3), torch.nan)
@@ -246,7 +246,7 @@ def test_outliers_do_not_stretch_the_axis():
 
 def test_velocities_say_how_close_they_are():
     measured = torch.tensor([[0.0, 1.0, 0.0], [1.0, 1.0, 10.0]])
-    axes = learning.predicted_against_measured(measured, measured + torch.tensor([0.1, 0.0, -50.0])).axes
+    axes = quality.predicted_against_measured(measured, measured + torch.tensor([0.1, 0.0, -50.0])).axes
     assert [a.get_title() for a in axes] == [
         "R² = 0.96, rms 0.1 m/s",
         "R² undefined, rms 0 m/s",
@@ -275,7 +275,7 @@ def test_transfer_has_one_legend_and_one_scale_for_all_bodies():
 
 
 def test_training_shows_relevances_of_each_output():
-    figure = learning.training(torch.ones(5), {"P_t": {"v_t": 0.4}, "P_n": {"v_n": 0.7, "v_t": 0.1}})
+    figure = quality.training(torch.ones(5), {"P_t": {"v_t": 0.4}, "P_n": {"v_n": 0.7, "v_t": 0.1}})
     left, right = figure.axes
     assert left.get_legend() is None
     assert [bar.get_width() for bars in right.containers for bar in bars] == [0.4, 0, 0.1, 0.7]
@@ -294,17 +294,17 @@ BAD = {
     "no trial": (lambda: learning.error_densities({"a": torch.ones(0)}, METRIC), "others of .*'a'"),
     "nan": (lambda: learning.error_densities({"a": torch.tensor([torch.nan])}, METRIC), "finite .*'a'"),
     "negative": (lambda: learning.error_densities({"a": -torch.ones(3)}, METRIC), "≥ 0 .*'a'"),
-    "no velocities": (lambda: learning.predicted_against_measured(PAIR[:0], PAIR[:0]), "N ≥ 1"),
-    "other trials": (lambda: learning.predicted_against_measured(PAIR, PAIR[:1]), r"\(2, 3\), \(1, 3\)"),
-    "no spin": (lambda: learning.predicted_against_measured(PAIR[:, :2], PAIR[:, :2]), r"\(2, 2\)"),
-    "no coverage": (lambda: learning.calibration({}), "at least one model"),
-    "no levels": (lambda: learning.calibration({"a": (PAIR[:0, 0], PAIR[:0, 0])}), "got 0 and 0"),
-    "other levels": (lambda: learning.calibration({"a": (PAIR[0], PAIR[0, :2])}), "'a' .* got 3 and 2"),
+    "no velocities": (lambda: quality.predicted_against_measured(PAIR[:0], PAIR[:0]), "N ≥ 1"),
+    "other trials": (lambda: quality.predicted_against_measured(PAIR, PAIR[:1]), r"\(2, 3\), \(1, 3\)"),
+    "no spin": (lambda: quality.predicted_against_measured(PAIR[:, :2], PAIR[:, :2]), r"\(2, 2\)"),
+    "no coverage": (lambda: quality.calibration({}), "at least one model"),
+    "no levels": (lambda: quality.calibration({"a": (PAIR[:0, 0], PAIR[:0, 0])}), "got 0 and 0"),
+    "other levels": (lambda: quality.calibration({"a": (PAIR[0], PAIR[0, :2])}), "'a' .* got 3 and 2"),
     "no bodies": (lambda: learning.transfer(SIZES, {}, {}, METRIC), "at least one body"),
     "no model of a body": (lambda: learning.transfer(SIZES, {"Square": {}}, {}, METRIC), "got 7 and 0"),
     "transfer at other sizes": (lambda: learning.transfer(SIZES[1:], {"Square": ONE}, {}, METRIC), "must be .6, 3"),
-    "no iterations": (lambda: learning.training(torch.ones(0), {"P_t": {"v_t": 1.0}}), "one iteration"),
-    "no features": (lambda: learning.training(torch.ones(3), {"P_t": {}}), "one relevance"),
+    "no iterations": (lambda: quality.training(torch.ones(0), {"P_t": {"v_t": 1.0}}), "one iteration"),
+    "no features": (lambda: quality.training(torch.ones(3), {"P_t": {}}), "one relevance"),
 }
 
 

@@ -29,6 +29,7 @@ class Minimum(NamedTuple):
     value: Tensor  # [B]
     converged: Tensor  # [B] bool: what the next step promises to gain is below the tolerance
     evaluations: Tensor  # [B]
+    history: Tensor  # [rounds, B], the value after each round
 
 
 def minimise(
@@ -47,8 +48,12 @@ def minimise(
     which, step, count = torch.arange(len(x), device=x.device), torch.ones_like(x[:, 0]), 1
     f, g, curvature = objective(x, which, True)
     H = _inverse(curvature + damping)
-    end = Minimum(x.clone(), f.clone(), *torch.zeros(2, len(x), dtype=torch.long, device=x.device))
+    end = Minimum(x.clone(), f.clone(), *torch.zeros(2, len(x), dtype=torch.long, device=x.device), f)
+    history = []
     while True:
+        now = end.value.clone()
+        now[which] = f
+        history.append(now)
         free = ~(((x <= low) & (g > 0)) | ((x >= high) & (g < 0)))
         held = g * free
         p = -(H @ held[..., None])[..., 0] * free
@@ -56,11 +61,11 @@ def minimise(
         converged = (-0.5 * (p * held).sum(-1) < tolerance) & f.isfinite()
         done = converged | (step < 1e-4) | (count >= evaluations) | ~f.isfinite()
         if bool(done.any()):
-            for target, source in zip(end, (x, f, converged.long(), torch.full_like(which, count)), strict=True):
+            for target, source in zip(end[:4], (x, f, converged.long(), torch.full_like(which, count)), strict=True):
                 target[which[done]] = source[done]
             which, x, f, g, H, p, step = (part[~done] for part in (which, x, f, g, H, p, step))
             if not len(which):
-                return end._replace(converged=end.converged.bool())
+                return end._replace(converged=end.converged.bool(), history=torch.stack(history))
         p = p * (_LONGEST / p.abs().amax(-1, keepdim=True).clamp_min(_LONGEST))
         trial = (x + step[:, None] * p).clamp(low, high)
         s = trial - x

@@ -32,7 +32,7 @@ class Evidence:
 
     def __init__(self, x: Tensor, y: Tensor, weight: Tensor | None = None):
         self.x, self.y = x, y if weight is None else weight * y
-        self._log_weight = None if weight is None else weight.log()
+        self._log_weight = torch.zeros_like(y) if weight is None else weight.log()
         n = x.shape[1]
         self._chunk = max(1, _CHUNK // n**2)
         self._K, self._inverse = x.new_empty(2, self._chunk, n, n)
@@ -52,12 +52,10 @@ class Evidence:
         return value, gradient, information if curvature else None
 
     def _evaluate(self, phi: Tensor, which: Tensor, curvature: bool) -> tuple[Tensor, Tensor, Tensor]:
-        x, y = self.x[which], self.y[which]
+        x, y, log_weight = self.x[which], self.y[which], self._log_weight[which]
         b, n, D = x.shape
         z = x * (-phi[:, None, :D]).exp()
-        half = -0.5 * z.square().sum(-1)
-        if self._log_weight is not None:
-            half = half + self._log_weight[which]
+        half = log_weight - 0.5 * z.square().sum(-1)
         one, noise = torch.ones_like(half), phi[:, D + 1, None].exp()
         # log K = z_i·z_j − ½ |z_i|² − ½ |z_j|² + log s², as one product.
         left = torch.cat((z, torch.stack((half + phi[:, D, None], one), -1)), -1)
@@ -67,7 +65,7 @@ class Evidence:
         diagonal = inverse.diagonal(dim1=1, dim2=2)
         diagonal += noise
         root, alpha = _invert(inverse, y)
-        value = 0.5 * ((y * alpha).sum(-1) + n * math.log(2 * math.pi)) + root.log().sum(-1)
+        value = 0.5 * ((y * alpha).sum(-1) + n * math.log(2 * math.pi)) + (root.log() - log_weight).sum(-1)
         information = self._information(K, inverse, z, alpha, noise) if curvature else value[:0]
         A = alpha.square() - diagonal
         by_scale, by_noise = (K.diagonal(dim1=1, dim2=2) * A).sum(-1), (noise * A).sum(-1)
@@ -89,18 +87,29 @@ class Evidence:
         return 0.5 * derivatives.mT @ _symmetric_matmul(inverse, derivatives)
 
 
+def _on_lapack(matrix: Tensor) -> bool:
+    """Whether SciPy's LAPACK works on the tensor in place; torch does the rest."""
+    return matrix.device.type == "cpu" and matrix.dtype == torch.float64
+
+
 def _invert(K: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-    """Diagonal of K's Cholesky factor and K⁻¹y, [B, n] each; K becomes K⁻¹, in its lower triangle only."""
-    if K.device.type != "cpu":
+    """Diagonal of K's Cholesky factor and K⁻¹y, [B, n] each, nan where there is no factor; K becomes K⁻¹.
+
+    Of K⁻¹ only the lower triangle is sure to be set.
+    """
+    if not _on_lapack(K):
         factor, info = torch.linalg.cholesky_ex(K)
-        root = torch.where(info[:, None] > 0, torch.nan, factor.diagonal(dim1=1, dim2=2))
+        factor.masked_fill_(info[:, None, None] > 0, torch.nan)
         K.copy_(torch.cholesky_inverse(factor))
-        return root, (K @ y[..., None])[..., 0]
+        return factor.diagonal(dim1=1, dim2=2), (K @ y[..., None])[..., 0]
     root, alpha = torch.empty_like(y), torch.empty_like(y)
     for matrix, right, diagonal, solution in zip(*(part.numpy() for part in (K, y, root, alpha)), strict=True):
         # LAPACK counts columns first: its upper triangle is our lower one.
         factor, info = lapack.dpotrf(matrix.T, lower=0, clean=0, overwrite_a=1)
-        diagonal[:] = np.nan if info else factor.diagonal()
+        if info:
+            diagonal[:] = solution[:] = np.nan
+            continue
+        diagonal[:] = factor.diagonal()
         lapack.dpotri(factor, lower=0, overwrite_c=1)
         solution[:] = blas.dsymv(1.0, factor, right, lower=0)
     return root, alpha
@@ -108,12 +117,12 @@ def _invert(K: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
 
 def _matmul(M: Tensor, right: Tensor) -> Tensor:
     """M @ right for a few columns, at which NumPy's BLAS is twice as fast as torch's on a CPU."""
-    return M @ right if M.device.type != "cpu" else torch.from_numpy(M.numpy() @ right.numpy())
+    return torch.from_numpy(M.numpy() @ right.numpy()) if _on_lapack(M) else M @ right
 
 
 def _symmetric_matmul(lower: Tensor, right: Tensor) -> Tensor:
     """Product of symmetric matrices, of which the lower triangle is read, with a few columns."""
-    if lower.device.type != "cpu":
+    if not _on_lapack(lower):
         return (lower.tril() + lower.tril(-1).mT) @ right
     pairs = zip(lower.numpy(), right.numpy(), strict=True)
     return torch.from_numpy(np.stack([blas.dsymm(1.0, matrix.T, columns, lower=0) for matrix, columns in pairs]))

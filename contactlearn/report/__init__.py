@@ -4,7 +4,8 @@
     tables         per-trial results as files
     figures        the figures of the paper (2.3, 3.3 to 3.6) and the bound against a patch's width
     impulse_space  the first of these figures
-    learning       the figures of learned models (4.1, 4.2), their calibration, transfer and training
+    learning       learning curves and error densities (4.1, 4.2), and transfer to other bodies
+    quality        one learned model's predictions, calibration and training
     style          one look for all figures, one colour, marker and line a law or learned model
 
 Figures show what other modules computed and fit nothing.  They are matplotlib `Figure` objects

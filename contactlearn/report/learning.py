@@ -1,11 +1,8 @@
-"""The figures of learned models; each takes plain values.
+"""What learned models make of more training impacts; each figure takes plain values.
 
-    error_densities             Fig. 4.1  distributions of the error by model
-    learning_curve              Fig. 4.2  error against the number of training impacts
-    predicted_against_measured            post-contact velocity, component by component
-    calibration                           share of the measurements inside the predicted intervals
-    transfer                              error on a new body against the number of its trials
-    training                              loss of a fit, and how relevant it found each feature
+    error_densities  Fig. 4.1  distributions of the error by model
+    learning_curve   Fig. 4.2  error against the number of training impacts
+    transfer                   error on a new body against the number of its trials
 
 A curve is an array [S, 3] of the mean and the ends of its 95 % interval at S sizes.  Class I are
 the models learned from data alone, Class II those that correct a law.  The figure numbers are those
@@ -19,18 +16,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from scipy.stats import gaussian_kde
 from torch import Tensor
 
 from contactlearn.errors import ContactLearnError
 from contactlearn.report import style as st
 
-__all__ = ["calibration", "error_densities", "learning_curve", "predicted_against_measured", "training", "transfer"]
+__all__ = ["error_densities", "learning_curve", "transfer"]
 
 Interval = tuple[float, float, float]
 """A mean and the ends of its 95 % interval."""
 
-_ROW = 0.15  # height of a legend's row in inches
 _ZERO_SHOT = st.LawStyle("Trained model, no trial of this body", st.DARK, "", (0, (2, 2)))
 
 
@@ -59,7 +56,7 @@ def learning_curve(
     for axes, title, names in panels:
         st.name_axes(axes, "Number of training impacts (–)", metric).label_outer()
         _draw_curves(axes, sizes, {name: values[name] for name in names}, styles)
-        _legend_above(axes, title)
+        st.legend_above(axes, title)
         lines = [_draw_level(axes, levels[name], interval) for name, interval in references.items()]
     axes.set_ylim(0, _top(values.values(), references.values()))
     if references:
@@ -89,15 +86,15 @@ def error_densities(errors: Mapping[str, Tensor], metric: str) -> Figure:
         )
     bounds = _among(values, st.BOUNDS)
     models = [name for name in values if name not in bounds]
-    figure, panels = _class_panels(models or bounds, 2.3 + _ROW * len(bounds))
+    figure, panels = _class_panels(models or bounds, 2.3 + st.ROW * len(bounds))
     x = np.linspace(0, _right_end(np.concatenate(list(values.values()))), 500)
     densities, styles = {name: _density(sample, x) for name, sample in values.items()}, st.law_styles(values)
     for axes, title, names in panels:
         st.name_axes(axes, metric, _density_label(metric)).label_outer()
         for name in dict.fromkeys((*bounds, *names)):
             mean = np.searchsorted(x, values[name].mean())
-            _draw_line(axes, x, densities[name], styles[name], markevery=[mean] if mean < len(x) else [])
-        _legend_above(axes, title)
+            st.draw_line(axes, x, densities[name], styles[name], markevery=[mean] if mean < len(x) else [])
+        st.legend_above(axes, title)
     highest = max(density.max() for density in densities.values())
     top = min(highest, 1.5 * max((densities[name].max() for name in models), default=np.inf))
     axes.set(xlim=(0, x[-1]), ylim=(0, 1.05 * top or 1))
@@ -105,71 +102,10 @@ def error_densities(errors: Mapping[str, Tensor], metric: str) -> Figure:
 
 
 @st.look()
-def predicted_against_measured(measured: Tensor, predicted: Tensor, std: Tensor | None = None) -> Figure:
-    """Post-contact velocity as predicted and as measured, in three panels.
-
-    Args:
-        measured, predicted: (v_x, v_y, ω) [N, 3] in m/s and rad/s.
-        std: standard deviations of the predictions [N, 3], drawn as ± 1.96 of them.
-
-    Raises:
-        ContactLearnError: no trials, or shapes that differ.
-    """
-    shapes = [tuple(x.shape) for x in (measured, predicted, std) if x is not None]
-    if not len(measured) or set(shapes) != {(len(measured), 3)}:
-        raise ContactLearnError(f"measured, predicted and std must all be [N, 3] with N ≥ 1, got {shapes}")
-    figure = st.new_figure(st.PAGE, 2.75)
-    components = zip(("$v_x$", "$v_y$", "ω"), ("m/s", "m/s", "rad/s"), figure.subplots(1, 3), strict=True)
-    for column, (name, unit, axes) in enumerate(components):
-        x, y = st.array(measured)[:, column], st.array(predicted)[:, column]
-        st.name_axes(axes, f"Measured {name} ({unit})", f"Predicted {name} ({unit})").set_box_aspect(1)
-        if std is not None:
-            reach, color = 1.96 * st.array(std)[:, column], st.tint(st.CONTRAST[0], 0.3)
-            axes.vlines(x, y - reach, y + reach, color=color, linewidth=0.6, label="± 1.96 standard deviations")
-        axes.axline((0, 0), slope=1, color=st.DARK, linewidth=0.8, label="Predicted = measured")
-        axes.plot(x, y, "o", color=st.CONTRAST[0], markersize=2, markeredgewidth=0, label="Trial")
-        low, high = min(x.min(), y.min()), max(x.max(), y.max())
-        ends = low - 0.05 * (high - low) - 1e-3, high + 0.05 * (high - low) + 1e-3
-        axes.set(xlim=ends, ylim=ends, title=f"{_r2(x, y)}, rms {np.sqrt(np.mean((y - x) ** 2)):.3g} {unit}")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    return figure
-
-
-@st.look()
-def calibration(coverage: Mapping[str, tuple[Tensor, Tensor]]) -> Figure:
-    """Share of the measurements inside the predicted intervals against the intervals' level.
-
-    A curve below the diagonal belongs to a model that is too sure of itself.
-
-    Args:
-        coverage: nominal levels and empirical shares by model, both [L] in [0, 1].
-
-    Raises:
-        ContactLearnError: no models, or levels and shares that differ in number.
-    """
-    if not coverage:
-        raise ContactLearnError("calibration needs the coverage of at least one model, got none")
-    figure = st.new_figure(st.COLUMN, 3.3 + _ROW * (2 + len(coverage)))
-    axes = st.name_axes(figure.subplots(), "Nominal level (–)", "Share of measurements inside (–)")
-    axes.axline((0, 0), slope=1, color=st.DARK, linewidth=0.8, label="Calibrated")
-    axes.axvline(0.95, color="#AAAAAA", linewidth=0.8, label="95 % interval")
-    for name, style in st.law_styles(coverage).items():
-        levels, shares = map(st.array, coverage[name])
-        if not levels.size or levels.shape != shares.shape:
-            raise ContactLearnError(f"{name!r} needs a share for each level, got {levels.size} and {shares.size}")
-        _draw_line(axes, levels, shares, style)
-    axes.set(xlim=(0, 1.02), ylim=(0, 1.02), aspect="equal")
-    figure.legend(loc="outside lower center")
-    return figure
-
-
-@st.look()
 def transfer(
     sizes: Sequence[int], curves: Mapping[str, Mapping[str, Tensor]], zero_shot: Mapping[str, Interval], metric: str
 ) -> Figure:
-    """Mean error on a new body against the number of its trials, one panel a body.
-
-    The axis ends by the same rule as in `learning_curve`.
+    """Mean error on a new body against the number of its trials, one panel a body; both axes are logarithmic.
 
     Args:
         sizes: numbers of trials [S], increasing.
@@ -184,9 +120,9 @@ def transfer(
         raise ContactLearnError("transfer needs the curves of at least one body, got none")
     values = {body: _checked(sizes, by_label) for body, by_label in curves.items()}
     styles = st.law_styles(dict.fromkeys(label for by_label in values.values() for label in by_label), st.CONTRAST)
-    columns = min(3, len(values))
+    columns = 2 if len(values) == 4 else min(3, len(values))
     rows = -(-len(values) // columns)
-    figure = st.new_figure(st.PAGE if columns > 1 else st.COLUMN, 0.4 + 2.0 * rows + _ROW * (1 + len(styles)))
+    figure = st.new_figure(st.PAGE if columns > 1 else st.COLUMN, 0.4 + 2.0 * rows + st.ROW * (1 + len(styles)))
     handles = {}
     for place, (body, by_label) in enumerate(values.items()):
         axes = figure.add_subplot(rows, columns, place + 1, sharey=figure.axes[0] if place else None)
@@ -197,43 +133,10 @@ def transfer(
             _draw_level(axes, _ZERO_SHOT, zero_shot[body])
         axes.set_title(st.plain(body, 24))
         handles |= {line.get_label(): line for line in axes.get_legend_handles_labels()[0]}
-    axes.set_ylim(0, _top((x for by_label in values.values() for x in by_label.values()), zero_shot.values()))
+    axes.set_yscale("log")
+    ticks = LogLocator(subs=(1, 2, 5)), ScalarFormatter()
+    axes.yaxis.set(major_locator=ticks[0], major_formatter=ticks[1], minor_formatter=NullFormatter())
     figure.legend(handles=list(handles.values()), loc="outside lower center", ncols=1 if columns == 1 else 2)
-    return figure
-
-
-@st.look()
-def training(loss: Tensor, hyperparameters: Mapping[str, Mapping[str, float]]) -> Figure:
-    """The loss of a fit, and the relevance of each feature for each output.
-
-    Args:
-        loss: negative log marginal likelihood per point in nats, [iterations], or [iterations, G] of
-            G Gaussian processes.
-        hyperparameters: by output and feature, 1/lengthscale of the scaled feature.
-
-    Raises:
-        ContactLearnError: no iterations, outputs or features.
-    """
-    losses = st.array(loss)[:, None] if loss.ndim == 1 else st.array(loss)
-    features = list(dict.fromkeys(feature for by_feature in hyperparameters.values() for feature in by_feature))
-    if not losses.size or not features:
-        raise ContactLearnError("training needs the loss of at least one iteration and at least one relevance")
-    outputs = len(hyperparameters)
-    figure = st.new_figure(st.PAGE, max(2.5, 0.9 + _ROW * outputs + 0.075 * (outputs + 1) * len(features)))
-    left, right = figure.subplots(1, 2)
-    st.name_axes(left, "Iteration (–)", "Negative log marginal\nlikelihood per point (nats)").margins(x=0.02)
-    if losses.shape[1] > 1:
-        left.plot(losses, color=st.tint(st.CONTRAST[0], 0.4), linewidth=0.6)[0].set_label("One Gaussian process")
-    left.plot(losses.mean(1), color=st.CONTRAST[0], label=f"Mean of {losses.shape[1]}")
-    st.name_axes(right, "Relevance 1/lengthscale (–)")
-    for place, (output, by_feature) in enumerate(hyperparameters.items()):
-        y = np.arange(len(features)) + 0.8 * ((place + 0.5) / outputs - 0.5)
-        relevance, color = [by_feature.get(feature, 0) for feature in features], st.CONTRAST[place % len(st.CONTRAST)]
-        right.barh(y, relevance, 0.8 / outputs, color=color, label=st.plain(output, 20))
-    right.set_yticks(range(len(features)), [st.plain(feature, 20) for feature in features])
-    right.set_ylim(len(features) - 0.5, -0.5)
-    for axes in (left, right)[losses.shape[1] == 1 :]:  # one line needs no legend
-        _legend_above(axes)
     return figure
 
 
@@ -265,20 +168,9 @@ def _class_panels(names: Iterable[str], height: float) -> tuple[Figure, list[tup
     second = "Class II: data-reinforced" + ", and others" * (rest != reinforced) if reinforced else "Others"
     groups = [(title, names) for title, names in (("Class I: data-driven", first), (second, rest)) if names]
     rows = max(len(first), len(rest))
-    figure = st.new_figure(st.PAGE if len(groups) > 1 else st.COLUMN, height + _ROW * rows)
+    figure = st.new_figure(st.PAGE if len(groups) > 1 else st.COLUMN, height + st.ROW * rows)
     axes = figure.subplots(1, len(groups), sharex=True, sharey=True, squeeze=False)[0]
     return figure, [(panel, *group) for panel, group in zip(axes, groups, strict=True)]
-
-
-def _legend_above(axes: Axes, title: str | None = None) -> None:
-    place = {"loc": "lower left", "bbox_to_anchor": (0, 1), "alignment": "left", "borderpad": 0}
-    axes.legend(title=title, labelspacing=0.25, **place)
-
-
-def _draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, style: st.LawStyle, **options) -> None:
-    look = {"color": style.color, "linestyle": style.linestyle, "marker": style.marker}
-    edge = {"markersize": 6, "markeredgecolor": "white", "markeredgewidth": 0.4}
-    axes.plot(x, y, **look, **edge, label=st.plain(style.label, 30), **options)
 
 
 def _draw_curves(axes: Axes, sizes: Sequence[int], curves: Mapping, styles: Mapping[str, st.LawStyle]) -> None:
@@ -292,7 +184,7 @@ def _draw_curves(axes: Axes, sizes: Sequence[int], curves: Mapping, styles: Mapp
         x = sizes[run] * 10 ** (step * (place - (len(curves) - 1) / 2))
         mean, low, high = curve[run].T
         axes.vlines(x, low, high, color=styles[name].color, linewidth=0.8)
-        _draw_line(axes, x, mean, styles[name])
+        st.draw_line(axes, x, mean, styles[name])
     inches = axes.get_position().width * axes.figure.get_figwidth() / decades
     ticks = [sizes[-1]]
     for size in sizes[-2::-1]:
@@ -338,11 +230,3 @@ def _density_label(metric: str) -> str:
     """Axis label of the density: per m/s for an error in m/s."""
     unit = re.search(r"\(([^()–]+)\)\s*$", metric)
     return f"Density (per {unit[1]})" if unit else "Density (–)"
-
-
-def _r2(measured: np.ndarray, predicted: np.ndarray) -> str:
-    """Coefficient of determination, which equal measurements leave undefined."""
-    spread = np.sum((measured - measured.mean()) ** 2)
-    if spread == 0:
-        return "R² undefined"
-    return f"R² = {1 - np.sum((measured - predicted) ** 2) / spread:.3g}".replace("-", "−")

@@ -25,6 +25,7 @@ COLUMN, PAGE = 3.4, 7.0
 """Widths in inches of a figure over one column and over two."""
 
 FONT_SIZE = 8
+ROW = 0.15  # height of a legend's row in inches
 MILLI = 1e3
 """N s to mN s."""
 DARK = "#222222"
@@ -154,6 +155,19 @@ def name_axes(axes: Axes, x: str = "", y: str = "") -> Axes:
 def tint(color: str, strength: float) -> tuple[float, ...]:
     """An opaque mix of `color` with white, `strength` in [0, 1]; unlike a transparent one it shows no overlaps."""
     return tuple(1 - strength * (1 - part) for part in to_rgb(color))
+
+
+def legend_above(axes: Axes, title: str | None = None) -> None:
+    """A legend above the left end of a panel."""
+    place = {"loc": "lower left", "bbox_to_anchor": (0, 1), "alignment": "left", "borderpad": 0}
+    axes.legend(title=title, labelspacing=0.25, **place)
+
+
+def draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, style: LawStyle, **options) -> None:
+    """A line with markers in the style of a law or model."""
+    look = {"color": style.color, "linestyle": style.linestyle, "marker": style.marker}
+    edge = {"markersize": 6, "markeredgecolor": "white", "markeredgewidth": 0.4}
+    axes.plot(x, y, **look, **edge, label=plain(style.label, 30), **options)
 
 
 def array(x: Tensor | Sequence[float]) -> np.ndarray:

@@ -8,7 +8,8 @@ import pandas as pd
 
 from contactlearn.fit_trials import TrialFit
 from contactlearn.impacts import COMPONENTS, Impacts, Prediction
-from contactlearn.metrics import METRICS, outside_admissible
+from contactlearn.metrics import CHI_SQUARED_95, METRICS, outside_admissible
+from contactlearn.study import Curve
 
 _WRITERS = {"parquet": pd.DataFrame.to_parquet, "csv": pd.DataFrame.to_csv}
 FORMATS = tuple(_WRITERS)
@@ -34,6 +35,21 @@ def save_trial_parameters(impacts: Impacts, fits: Sequence[TrialFit], path: Path
     for fit in fits:
         columns = _names(impacts) | {"law": fit.law, "variant": fit.variant}
         columns |= {name: getattr(fit, name).tolist() for name in ("mu", "eps", "error", "mu_low", "mu_high")}
+        frames.append(pd.DataFrame(columns))
+    _write(frames, path)
+
+
+def save_curves(curves: Mapping[str, Curve], path: Path) -> None:
+    """A row for every model, number of training trials and subset: means over the held-out trials."""
+    frames = []
+    for model, curve in curves.items():
+        subsets = next(iter(curve.errors.values())).shape[1]
+        columns = {"model": model, "trained_on": [size for size in curve.sizes for _ in range(subsets)]}
+        columns["subset"] = [*range(subsets)] * len(curve.sizes)
+        columns |= {name: errors.mean(-1).flatten().tolist() for name, errors in curve.errors.items()}
+        if curve.density is not None:
+            columns["negative_log_density"] = curve.density.mean(-1).flatten().tolist()
+            columns["coverage"] = (curve.distance <= CHI_SQUARED_95).double().mean(-1).flatten().tolist()
         frames.append(pd.DataFrame(columns))
     _write(frames, path)
 

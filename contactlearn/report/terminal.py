@@ -78,6 +78,60 @@ def show_reference(fits: Sequence[SharedFit], reference: Mapping[str, Mapping]) 
     _print(table)
 
 
+def show_processes(entries: Sequence[Mapping]) -> None:
+    """Hyperparameters of a learned model, a row an output."""
+    if not entries:
+        return
+    features = list(entries[0]["length_scales"])
+    table = _table(
+        "Length scales, in standard deviations of each feature over the training trials; – is past what they span",
+        "output", *features, "spread", "noise", "evaluations",
+    )  # fmt: skip
+    for entry in entries:
+        scales = [f"{x:.2f}" if x < 20 else "–" for x in entry["length_scales"].values()]
+        sizes = [f"{entry[name]:.2g} {entry['unit']}".removesuffix(" –") for name in ("spread", "noise")]
+        count = f"{entry['evaluations']}" + ("" if entry["converged"] else " (not converged)")
+        table.add_row(entry["output"], *scales, *sizes, count)
+    _print(table)
+
+
+def show_sizes(sizes: Sequence[int], wanted: Sequence[int], seeds: int, pool: int) -> None:
+    """What the learning curves are drawn from."""
+    _say(f"learning curves: {seeds} random subsets each of {', '.join(map(str, sizes))} trials")
+    left_out = [str(size) for size in wanted if size not in sizes]
+    if left_out:
+        _say(f"note: sizes {', '.join(left_out)} are left out, since {pool} trials are there to draw from")
+    if pool in sizes and seeds > 1:
+        _say(f"note: at {pool} trials all subsets are the same")
+
+
+def show_curves(curves: Mapping[str, Mapping], sizes: Sequence[int]) -> None:
+    """Headline error of each learned model against the number of trials, and how sure it is at the end."""
+    levels = list(next(iter(curves.values()))["below"])
+    title = f"{METRICS[HEADLINE].label} on the held-out trials against the number of training trials"
+    below = [f"< {level}" for level in levels]
+    table = _table(title, "model", *map(str, sizes), *below, "settled", "coverage", "−log density")
+    for model, entry in curves.items():
+        means = [f"{interval['mean']:.3f}" for interval in entry[HEADLINE]]
+        first = [str(entry["below"][level] or "never") for level in levels]
+        sure = f"{100 * entry['coverage'][-1]:.1f} %", f"{entry['negative_log_density'][-1]:.2f}"
+        table.add_row(model, *means, *first, str(entry["settled"]), *sure)
+    _print(table)
+    _say("<: number of trials at which the mean is first below; settled: from which on it is within 5 % of its best")
+    _say("coverage: share of (v_x, v_y, ω) inside the predicted 95 % ellipsoid, and density, at the largest size")
+
+
+def show_transfer(model: str, intervals: Mapping[str, Mapping], sizes: Sequence[int]) -> None:
+    """Headline error on each other body: as trained, and against the number of its trials."""
+    title = f"{model} on other bodies: {METRICS[HEADLINE].label.lower()} against the number of their trials"
+    table = _table(title, "body", "", "0", *map(str, sizes))
+    for body, ways in intervals.items():
+        zero = f"{ways['zero_shot'][0, 0]:.3f}"
+        for way, label, first in (("prior", "trained model as prior", zero), ("scratch", "from scratch", "")):
+            table.add_row(body if first else "", label, first, *(f"{mean:.3f}" for mean in ways[way][:, 0].tolist()))
+    _print(table)
+
+
 def show_folder(folder: Path) -> None:
     """Where the run's results lie and how to look at them."""
     shown = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
@@ -99,4 +153,6 @@ def _table(title: str, *headings: str) -> Table:
 
 def _print(table: Table) -> None:
     """Print at the table's own width: a narrow terminal wraps lines instead of losing cells."""
-    Console(width=max(_console.width, 130)).print(table)
+    wide = Console(width=1000)
+    wide.width = max(_console.width, wide.measure(table).maximum)
+    wide.print(table)

@@ -1,0 +1,16 @@
+"""What the commands do, from a composed configuration to a run folder.
+
+    train      one model from one random subset
+    evaluate   laws and learned models beside the bounds; learning curves
+    transfer   a trained model on other bodies
+    run        what they share: data, splits, errors, files
+
+A run folder holds the configuration (`.hydra/`), results.json, the tables, the figures as PNG and
+PDF, metrics.jsonl and TensorBoard's events.  These modules alone know the configuration's shape.
+"""
+
+from contactlearn.app.evaluate import evaluate
+from contactlearn.app.run import load_data
+from contactlearn.app.train import train
+
+__all__ = ["evaluate", "load_data", "train"]

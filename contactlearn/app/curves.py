@@ -1,0 +1,109 @@
+"""The learning curves of an evaluation: every learned model, at every size, from every seed's subset."""
+
+from pathlib import Path
+
+import torch
+from matplotlib.figure import Figure
+from omegaconf import DictConfig
+from torch import Tensor
+
+from contactlearn import metrics, settings, study
+from contactlearn.app import run
+from contactlearn.impacts import Impacts, Prediction
+from contactlearn.report import learning, quality, terminal
+from contactlearn.report.tables import save_curves
+from contactlearn.tracking import Tracker
+
+
+def learning_study(
+    cfg: DictConfig,
+    pool: Impacts,
+    test: Impacts,
+    yardsticks: dict[str, Prediction],
+    generator: torch.Generator,
+    folder: Path,
+    tracker: Tracker,
+) -> tuple[dict, dict[str, Figure]]:
+    """Train, score, print and log; the entry for results.json and the figures.
+
+    Curves of the laws, identified on the same subsets, are part of the entry and the tables.
+    """
+    recipes = settings.recipes(cfg)
+    sizes = [size for size in cfg.curves.sizes if size <= len(pool)]
+    terminal.show_sizes(sizes, cfg.curves.sizes, cfg.curves.seeds, len(pool))
+    orders = study.nested_orders(len(pool), cfg.curves.seeds, generator)
+    options = {"variant": cfg.variant, "target": cfg.train.target, "box": run.box(cfg)}
+    needed = dict.fromkeys((*cfg.laws, *(recipe.law for recipe in recipes.values() if recipe.law)))
+    with terminal.progress() as bar:
+        fits, law_curves = study.law_curves(
+            bar.track(needed, description="laws on every subset"), pool, test, orders, sizes, **options
+        )
+        learned = study.learning_curves(
+            recipes,
+            pool,
+            test,
+            orders,
+            sizes,
+            fits,
+            impulse=cfg.train.target,
+            box=run.box(cfg),
+            workers=run.workers(cfg),
+            progress=lambda done, total: bar.track(done, total, description="learned models"),
+        )
+    curves = {law: law_curves[law] for law in cfg.laws} | learned
+    levels = {name: _all_errors(test, prediction) for name, prediction in yardsticks.items()}
+    entry = {name: _entry(curve, levels, generator, cfg.bootstrap) for name, curve in curves.items()}
+    terminal.show_curves({name: entry[name] for name in learned}, sizes)
+    save_curves(curves, folder / f"learning_curves.{cfg.tables}")
+    for place, size in enumerate(sizes):
+        tracker.scalars(_scalars(entry, place), size)
+    return entry, _figures(cfg, learned, levels, generator)
+
+
+def _all_errors(test: Impacts, prediction: Prediction) -> dict[str, Tensor]:
+    return {name: metric.error(test, prediction) for name, metric in metrics.METRICS.items()}
+
+
+def _entry(curve: study.Curve, levels: dict, generator: torch.Generator, resamples: int) -> dict:
+    """One model's curve as results.json holds it."""
+    entry = {"sizes": list(curve.sizes)}
+    for metric in metrics.METRICS:
+        intervals = curve.intervals(metric, generator, resamples)
+        entry[metric] = [metrics.Interval(*interval)._asdict() for interval in intervals.tolist()]
+    mean = curve.errors[metrics.HEADLINE].mean((1, 2)).tolist()
+    entry["below"] = {
+        name: study.first_below(mean, curve.sizes, errors[metrics.HEADLINE].mean().item())
+        for name, errors in levels.items()
+    }
+    entry["settled"] = study.settled(mean, curve.sizes)
+    if curve.density is not None:
+        entry["negative_log_density"] = curve.density.mean((1, 2)).tolist()
+        entry["coverage"] = (curve.distance <= metrics.CHI_SQUARED_95).double().mean((1, 2)).tolist()
+        entry["component_coverage"] = curve.covered.double().mean((1, 2)).tolist()
+    return entry
+
+
+def _scalars(entry: dict, place: int) -> dict[str, float]:
+    values = {}
+    for model, curve in entry.items():
+        values |= {f"curve_{metric}/{model}": curve[metric][place]["mean"] for metric in metrics.METRICS}
+        if "coverage" in curve:
+            values[f"curve_coverage/{model}"] = curve["coverage"][place]
+            values[f"curve_negative_log_density/{model}"] = curve["negative_log_density"][place]
+    return values
+
+
+def _figures(cfg: DictConfig, curves: dict, levels: dict, generator: torch.Generator) -> dict[str, Figure]:
+    sizes = next(iter(curves.values())).sizes
+    drawn = {}
+    for metric in (metrics.HEADLINE, "normalised_velocity_error"):
+        suffix = "" if metric == metrics.HEADLINE else f"_{metric}"
+        axis = f"{metrics.METRICS[metric].label} ({metrics.METRICS[metric].unit})"
+        intervals = {name: curve.intervals(metric, generator, cfg.bootstrap) for name, curve in curves.items()}
+        lines = {name: metrics.bootstrap(errors[metric], generator, cfg.bootstrap) for name, errors in levels.items()}
+        drawn[f"learning_curve{suffix}"] = learning.learning_curve(sizes, intervals, lines, axis)
+        densities = {name: curve.errors[metric][-1].flatten() for name, curve in curves.items()}
+        densities |= {name: errors[metric] for name, errors in levels.items()}
+        drawn[f"error_densities{suffix}"] = learning.error_densities(densities, axis)
+    coverage = {name: metrics.calibration(curve.distance[-1].flatten()) for name, curve in curves.items()}
+    return drawn | {"calibration": quality.calibration(coverage)}

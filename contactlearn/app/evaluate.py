@@ -1,0 +1,103 @@
+"""Compare laws and learned models with the bounds on held-out trials, and draw their learning curves."""
+
+import torch
+from matplotlib.figure import Figure
+from omegaconf import DictConfig, OmegaConf
+
+from contactlearn import bounds, metrics, settings
+from contactlearn.app import run
+from contactlearn.app.curves import learning_study
+from contactlearn.app.transfer import transfer
+from contactlearn.errors import DataError
+from contactlearn.fit_trials import identify_trials
+from contactlearn.impacts import Impacts
+from contactlearn.model import ContactModel
+from contactlearn.report import figures, terminal
+from contactlearn.report.impulse_space import energy_ellipse
+from contactlearn.report.tables import save_predictions, save_trial_parameters
+from contactlearn.tracking import Tracker
+
+BEST_POST_HOC, IRB = "best_post_hoc", "irb"
+
+
+def evaluate(cfg: DictConfig) -> None:
+    """Laws and both bounds, then learned models against the number of trials; or transfer to other bodies."""
+    settings.check(cfg)
+    if cfg.transfer is not None:
+        transfer(cfg)
+        return
+    folder = run.run_folder()
+    impacts, pool, test, generator = run.split(cfg)
+    row = _row(cfg, test)
+    options = {"variant": cfg.variant, "target": cfg.train.target, "box": run.box(cfg)}
+    with terminal.progress() as bar:
+        fits = [run.identify_law(cfg, law, pool, generator, bar) for law in cfg.laws]
+        predictions = {fit.law: ContactModel(fit.to_law()).predict(test) for fit in fits}
+        best, _ = bounds.best_post_hoc(test, predictions, cfg.bounds.norm)
+        predictions |= {BEST_POST_HOC: best, IRB: bounds.irb(test, cfg.bounds.norm)}
+        errors = run.error_table(test, predictions, cfg.bootstrap, generator)
+        every = dict.fromkeys((*cfg.laws, cfg.figures.parameters))
+        trials = {law: identify_trials(law, impacts, **options) for law in bar.track(every, description="every trial")}
+    terminal.show_models(fits, errors, cfg.bounds.norm)
+    if cfg.reference is not None:
+        terminal.show_reference(fits, OmegaConf.to_container(cfg.reference))
+    save_predictions(test, predictions, folder / f"predictions.{cfg.tables}")
+    save_trial_parameters(impacts, list(trials.values()), folder / f"trial_parameters.{cfg.tables}")
+    results = {**run.provenance(impacts, cfg), "fits": [run.fit_entry(fit) for fit in fits], "errors": errors}
+    run.write_json(folder / "results.json", results)
+    with Tracker(folder, cfg.train.size) as tracker:
+        tracker.scalars(run.scalars(fits, errors))
+        drawn = {}
+        if cfg.model:
+            yardsticks = {name: predictions[name] for name in (BEST_POST_HOC, IRB)}
+            curves, drawn = learning_study(cfg, pool, test, yardsticks, generator, folder, tracker)
+            run.write_json(folder / "results.json", {**results, "learning_curves": curves})
+        tracker.hyperparameters(run.hyperparameters(cfg, cfg.laws), run.headline(errors))
+        with terminal.progress() as bar:
+            drawn |= _figures(cfg, pool, test, fits, predictions, errors, generator, bar, row)
+            per_trial = trials[cfg.figures.parameters]
+            drawn["trial_parameters"] = figures.trial_parameters(per_trial, impacts, box=run.box(cfg))
+            run.save_figures(drawn, folder, tracker)
+    terminal.show_folder(folder)
+
+
+def _figures(cfg, pool, test, fits, predictions, errors, generator, bar, row) -> dict[str, Figure]:
+    """The figures of an evaluation by name."""
+    box, chosen = run.box(cfg), {fit.law: fit for fit in fits}
+    # Every k up to 120, and as many of a larger range.
+    sizes = torch.linspace(1, cfg.train.size, min(cfg.train.size, 120)).round().int().tolist()
+    options = {"sizes": sizes, "repetitions": cfg.figures.repetitions}
+    convergence = run.identify_law(cfg, cfg.figures.surface, pool, generator, bar, **options)
+    axis = run.headline_axis(cfg)
+    headline = metrics.METRICS[metrics.HEADLINE]
+    per_trial = {name: headline.error(test, prediction) for name, prediction in predictions.items()}
+    intervals = {name: tuple(errors[name][metrics.HEADLINE].values()) for name in predictions}
+    best = min(chosen, key=lambda law: intervals[law])
+    widths = cfg.bounds.patch * torch.linspace(0, 1, 25, dtype=torch.float64) ** 2  # dense where the bound falls
+    patched = headline.error(test, bounds.irb(test, cfg.bounds.norm, patch=widths[:, None]))
+    bands = torch.tensor([metrics.bootstrap(error, generator, cfg.bootstrap) for error in patched])
+    row = int(per_trial[best].argsort()[len(test) // 2]) if row is None else row
+    return {
+        "energy_ellipse": energy_ellipse(
+            test, row, {law: fit.to_law() for law, fit in chosen.items()}, box, target=cfg.train.target
+        ),
+        "cost_surface": run.law_surface(cfg, cfg.figures.surface, pool),
+        "convergence": figures.convergence(convergence),
+        "error_comparison": figures.error_comparison(per_trial, intervals, axis),
+        "patch_curve": figures.patch_curve(
+            1e3 * widths, bands, {name: intervals[name][0] for name in (best, BEST_POST_HOC)}, axis
+        ),
+    }
+
+
+def _row(cfg: DictConfig, test: Impacts) -> int | None:
+    """Row of the trial to draw if one is asked for."""
+    if cfg.figures.trial is None:
+        return None
+    name = str(cfg.figures.trial)
+    if name not in test.trial:
+        raise DataError(
+            f"figures.trial={name} is not among the {len(test)} held-out trials of {test.source}; "
+            f"they begin with {', '.join(test.trial[:5])}"
+        )
+    return test.trial.index(name)

@@ -1,0 +1,185 @@
+"""What the commands share: data, splits, identification, errors, files."""
+
+import json
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+
+import torch
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import InstantiationException
+from hydra.utils import instantiate
+from matplotlib.figure import Figure
+from omegaconf import DictConfig, OmegaConf
+
+import contactlearn
+from contactlearn import laws, metrics
+from contactlearn.errors import ContactLearnError, DataError
+from contactlearn.fit import Box, SharedFit, cost_surface, identify
+from contactlearn.impacts import Impacts, Prediction
+from contactlearn.report import figures, terminal
+from contactlearn.tracking import Tracker
+
+
+def load_data(cfg: DictConfig) -> Impacts:
+    """The `data` part of a configuration as impacts; only this package's own sources are run."""
+    target = str(cfg.get("_target_", ""))
+    if not target.startswith("contactlearn.data."):
+        raise ContactLearnError(f"data._target_ must be a source under contactlearn.data, got {target!r}")
+    for missing in sorted(OmegaConf.missing_keys(cfg)):
+        raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data")
+    try:
+        return instantiate(cfg, _convert_="all")
+    except InstantiationException as error:
+        if isinstance(error.__cause__, ContactLearnError):
+            raise error.__cause__ from None
+        raise
+
+
+def run_folder() -> Path:
+    """Where this run writes."""
+    return Path(HydraConfig.get().runtime.output_dir)
+
+
+def split(cfg: DictConfig) -> tuple[Impacts, Impacts, Impacts, torch.Generator]:
+    """All impacts, the pool to identify from, the held-out trials, and the run's random source."""
+    impacts = load_data(cfg.data)
+    generator = torch.Generator().manual_seed(cfg.seed)
+    pool, test = impacts.split(cfg.test, generator)
+    if len(pool) < cfg.train.size:
+        raise DataError(
+            f"{impacts.source}: train.size={cfg.train.size}, but {len(pool)} of {len(impacts)} trials are left to "
+            f"draw from after holding out a share test={cfg.test}; use train.size={len(pool)} or less"
+        )
+    at_rest = (test.v_post == 0).all(1).nonzero()[:, 0].tolist()
+    if at_rest:
+        raise DataError(
+            f"{impacts.source}: errors are relative to the outcome, which must not be at rest; trial "
+            f"{test.trial[at_rest[0]]!r} has vx_post = vy_post = omega_post = 0: leave it out"
+        )
+    terminal.show_data(impacts, len(pool), len(test))
+    return impacts, pool, test, generator
+
+
+def box(cfg: DictConfig) -> Box:
+    """Where μ and ε are sought."""
+    return Box(tuple(cfg.train.mu), tuple(cfg.train.eps))
+
+
+def identify_law(cfg: DictConfig, law: str, pool: Impacts, generator: torch.Generator, bar, **changes) -> SharedFit:
+    """Shared (μ, ε) of a law as the configuration asks for, with changes to the options of `fit.identify`."""
+    options = {"sizes": (cfg.train.size,), "repetitions": cfg.train.repetitions} | changes
+    what = "converging" if len(options["sizes"]) > 1 else "identifying"
+    return identify(
+        law,
+        pool,
+        generator=generator,
+        variant=cfg.variant,
+        target=cfg.train.target,
+        box=box(cfg),
+        progress=lambda blocks: bar.track(blocks, description=f"{what} {law}"),
+        **options,
+    )
+
+
+def workers(cfg: DictConfig) -> int:
+    """Processes to train in: as asked for, or one for each core that this process may use."""
+    if cfg.workers is not None:
+        return cfg.workers
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def headline_axis(cfg: DictConfig) -> str:
+    """Axis label of the headline error; it says so if the bounds are closest in another norm."""
+    metric = metrics.METRICS[metrics.HEADLINE]
+    closest = "" if cfg.bounds.norm == "mass" else f"\n(bounds are closest in the {cfg.bounds.norm} norm)"
+    return f"{metric.label} ({metric.unit}){closest}"
+
+
+def error_table(test: Impacts, predictions: dict[str, Prediction], resamples: int, generator: torch.Generator) -> dict:
+    """{model: {metric: {mean, low, high}, outside_admissible: share}}; all models on the same resamples."""
+    state = generator.get_state()
+    table = {}
+    for name, prediction in predictions.items():
+        table[name] = {}
+        for key, metric in metrics.METRICS.items():
+            generator.set_state(state)
+            table[name][key] = metrics.bootstrap(metric.error(test, prediction), generator, resamples)._asdict()
+        outside = metrics.outside_admissible(test, prediction.wrench[..., :2])
+        table[name]["outside_admissible"] = outside.double().mean().item()
+    return table
+
+
+def law_surface(cfg: DictConfig, law: str, pool: Impacts) -> Figure:
+    """The surface of Eq. (3.1) over the whole pool, with its minimum."""
+    mu, eps = box(cfg).axes()
+    options = {"variant": cfg.variant, "target": cfg.train.target}
+    least = identify(law, pool, sizes=(len(pool),), repetitions=1, box=box(cfg), **options)
+    surface = cost_surface(law, pool, mu, eps, **options)
+    return figures.cost_surface(mu, eps, surface, least.mean(), law, variant=cfg.variant)
+
+
+def save_figures(drawn: dict[str, Figure], folder: Path, tracker: Tracker) -> None:
+    """As PNG and PDF into the run folder, and to TensorBoard."""
+    for name, figure in drawn.items():
+        png, _ = figures.save(figure, folder / "figures", name)
+        tracker.figure(f"figures/{name}", png.read_bytes())
+
+
+def fit_entry(fit: SharedFit) -> dict:
+    """A law's parameters as results.json holds them."""
+    (mu, eps), (mu_std, eps_std) = fit.mean(), fit.std()
+    return {
+        "law": fit.law,
+        "variant": fit.variant,
+        "trials": fit.sizes[-1],
+        "repetitions": len(fit.mu),
+        "mu": mu,
+        "mu_std": mu_std if len(fit.mu) > 1 else None,
+        "eps": eps,
+        "eps_std": eps_std if len(fit.mu) > 1 else None,
+        "cost": fit.cost[:, -1].mean().item(),
+        "mu_range": fit.mu_range[:, -1].mean(0).tolist(),
+        "eps_range": fit.eps_range[:, -1].mean(0).tolist(),
+        "mu_undetermined": fit.mu_flat[:, -1].double().mean().item(),
+    }
+
+
+def scalars(fits: list[SharedFit], errors: dict) -> dict[str, float]:
+    """What TensorBoard plots of an error table and of fits, by tag."""
+    values = {
+        f"{metric}/{model}": entry[metric]["mean"] for model, entry in errors.items() for metric in metrics.METRICS
+    }
+    values |= {f"outside_admissible/{model}": entry["outside_admissible"] for model, entry in errors.items()}
+    for fit in fits:
+        values |= {f"parameters/{fit.law}/{name}": value for name, value in zip(("mu", "eps"), fit.mean(), strict=True)}
+    return values
+
+
+def headline(errors: dict) -> dict[str, float]:
+    """What runs are compared by."""
+    return {f"{metrics.HEADLINE}/{model}": entry[metrics.HEADLINE]["mean"] for model, entry in errors.items()}
+
+
+def hyperparameters(cfg: DictConfig, chosen: list[str]) -> dict:
+    """What runs differ in; `chosen` are their laws."""
+    keys = {"variant": cfg.variant, "target": cfg.train.target, "train_size": cfg.train.size, "seed": cfg.seed}
+    return keys | {"data": cfg.data._target_.split(".")[-2]} | {f"law_{law}": law in chosen for law in laws.names()}
+
+
+def provenance(impacts: Impacts, cfg: DictConfig) -> dict:
+    """What is needed to say which data, code and configuration gave a result."""
+    packages = {name: version(name) for name in ("torch", "gpytorch", "numpy")}
+    return {
+        "data": {"source": impacts.source, "trials": len(impacts), "sha256": impacts.fingerprint()},
+        "versions": {"contactlearn": contactlearn.__version__, "python": platform.python_version(), **packages},
+        "config": OmegaConf.to_container(cfg, resolve=True),
+    }
+
+
+def write_json(path: Path, content: dict) -> None:
+    """Whole or not at all."""
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    os.replace(part, path)

@@ -1,0 +1,102 @@
+"""Train one model from one random subset of the training pool; errors on the held-out trials."""
+
+import torch
+from matplotlib.figure import Figure
+from omegaconf import DictConfig
+
+from contactlearn import checkpoint, metrics, settings
+from contactlearn.app import run
+from contactlearn.features import SPACES
+from contactlearn.impacts import Impacts, Prediction
+from contactlearn.learn import OUTPUTS, Recipe, learn
+from contactlearn.model import ContactModel
+from contactlearn.regressor import Regressor
+from contactlearn.report import quality, terminal
+from contactlearn.tracking import Tracker
+
+CHECKPOINT = "model.pt"
+
+
+def train(cfg: DictConfig) -> None:
+    """Train the one model of the configuration, save it, and hold its predictions against the held-out trials."""
+    settings.check(cfg)
+    name, recipe = settings.one_recipe(cfg)
+    folder = run.run_folder()
+    impacts, pool, test, generator = run.split(cfg)
+    with terminal.progress() as bar:
+        if recipe is None:
+            name, fits = cfg.law, [run.identify_law(cfg, cfg.law, pool, generator, bar)]
+            model = ContactModel(fits[0].to_law())
+        else:
+            rows = torch.randperm(len(pool), generator=generator)[: cfg.train.size]
+            fits = [run.identify_law(cfg, recipe.law, pool, generator, bar, orders=rows[None])] if recipe.law else []
+            bar.add_task(f"training {name} on {len(rows)} trials", total=None)
+            base = fits[0].to_law() if fits else None
+            model = learn(recipe, pool, rows, base, impulse=cfg.train.target, box=run.box(cfg))
+    prediction = model.predict(test)
+    errors = run.error_table(test, {name: prediction}, cfg.bootstrap, generator)
+    terminal.show_models(fits, errors)
+    processes = [] if recipe is None else _processes(recipe, model.parameters or model.residual)
+    terminal.show_processes(processes)
+    provenance = run.provenance(impacts, cfg)
+    checkpoint.save(model, folder / CHECKPOINT, provenance=provenance)
+    results = {"fits": [run.fit_entry(fit) for fit in fits], "errors": errors, "processes": processes}
+    run.write_json(folder / "results.json", {**provenance, **results})
+    with Tracker(folder, cfg.train.size) as tracker:
+        tracker.scalars(run.scalars(fits, errors) | _hyperparameter_scalars(processes))
+        if recipe is None:
+            drawn = {"cost_surface": run.law_surface(cfg, cfg.law, pool)}
+        else:
+            drawn = _figures(name, recipe, model, test, prediction)
+            loss = (model.parameters or model.residual).status.history
+            tracker.series("loss", loss.mean(-1).tolist())
+        run.save_figures(drawn, folder, tracker)
+        tracker.hyperparameters(run.hyperparameters(cfg, [cfg.law]) | {"model": name}, run.headline(errors))
+    terminal.show_folder(folder)
+
+
+def _processes(recipe: Recipe, regressor: Regressor) -> list[dict]:
+    """What was found for each output: length scales in each feature's unit, spread and noise in the output's."""
+    status, spread = regressor.status, regressor.outputs.spread[0]
+    entries = []
+    for o, (output, unit) in enumerate(OUTPUTS[recipe.target].items()):
+        *lengths, scale, noise = regressor.gps.hyperparameters()[o].tolist()
+        entries.append(
+            {
+                "output": output,
+                "unit": unit,
+                "length_scales": dict(zip(SPACES[recipe.features].columns, lengths, strict=True)),
+                "spread": scale**0.5 * spread[o].item(),
+                "noise": noise**0.5 * spread[o].item(),
+                "loss": status.loss[o].item(),
+                "converged": bool(status.converged[o]),
+                "evaluations": int(status.evaluations[o]),
+            }
+        )
+    return entries
+
+
+def _hyperparameter_scalars(processes: list[dict]) -> dict[str, float]:
+    values = {}
+    for entry in processes:
+        values |= {f"loss/{entry['output']}": entry["loss"], f"noise/{entry['output']}": entry["noise"]}
+        values |= {f"length_scale/{entry['output']}/{name}": x for name, x in entry["length_scales"].items()}
+    return values
+
+
+def _figures(
+    name: str, recipe: Recipe, model: ContactModel, test: Impacts, prediction: Prediction
+) -> dict[str, Figure]:
+    regressor = model.parameters or model.residual
+    columns = list(SPACES[recipe.features].columns)
+    relevance = {
+        output: dict(zip(columns, (1 / lengths[: len(columns)]).tolist(), strict=True))
+        for output, lengths in zip(OUTPUTS[recipe.target], regressor.gps.hyperparameters(), strict=True)
+    }
+    distance = metrics.squared_distance(test, prediction)
+    spread = prediction.covariance.diagonal(dim1=-2, dim2=-1).sqrt()
+    return {
+        "predicted_against_measured": quality.predicted_against_measured(test.v_post, prediction.v_post, spread),
+        "calibration": quality.calibration({name: metrics.calibration(distance)}),
+        "training": quality.training(regressor.status.history, relevance),
+    }

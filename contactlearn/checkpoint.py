@@ -1,0 +1,148 @@
+"""A ContactModel as one .pt file, with where it came from: what `save` writes, `load` gives back.
+
+    description   JSON text: format number, model, provenance; the model as a tree of its parts,
+                  each of a kind, with the shape in place of a tensor
+    tensors       float64 by their place in that tree, such as model.base.mu
+
+A file holds tensors and text, and nothing in it is ever executed.  Gaussian processes are their
+training data and GPyTorch's state dict; how their hyperparameters were found is not kept.
+"""
+
+import json
+import os
+from dataclasses import fields
+from pathlib import Path
+from pickle import UnpicklingError
+from tempfile import TemporaryDirectory
+from typing import Any
+from zipfile import BadZipFile, ZipFile
+
+import torch
+from torch import Tensor
+
+from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.features import SPACES, Standardisation
+from contactlearn.gp.exact import ExactGPs
+from contactlearn.gp.sparse import SparseGPs
+from contactlearn.laws import Law
+from contactlearn.model import RESIDUALS, ContactModel
+from contactlearn.regressor import Regressor
+
+FORMAT = 1
+"""Number of the file format; a file of a higher one is refused."""
+
+_KINDS = {kind.__name__: kind for kind in (ContactModel, Law, Regressor, Standardisation, ExactGPs, SparseGPs)}
+_INFINITE = (".scale", "_bound")  # may be so: of a constant column, of GPyTorch's constraints
+_FIX = "copy the file again, upgrade contactlearn if a newer one wrote it, or save the model again"
+
+
+def save(model: ContactModel, path: str | os.PathLike, *, provenance: dict[str, Any]) -> Path:
+    """Write a model and, as JSON, how it was made: whole or not at all, beside its place and then moved there.
+
+    Raises:
+        DataError: a suffix other than .pt, or the file cannot be written.
+        TypeError: the provenance is not JSON.
+    """
+    path, tensors = Path(path), {}
+    if path.suffix != ".pt":
+        raise DataError(f"{path}: a checkpoint is a .pt file, got suffix {path.suffix!r}")
+    description = {"format": FORMAT, "model": _describe(model, "model", tensors), "provenance": provenance}
+    contents = {"description": json.dumps(description), "tensors": tensors}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=".saving-", dir=path.parent) as folder:
+            part = Path(folder) / path.name
+            torch.save(contents, part)
+            os.replace(part, path)
+    except (OSError, RuntimeError) as error:
+        raise DataError(f"{path}: cannot be written: {error}") from error
+    return path
+
+
+def load(path: str | os.PathLike) -> tuple[ContactModel, dict[str, Any]]:
+    """The model of a file, on the CPU, and its provenance.
+
+    Raises:
+        DataError: no such file, not a checkpoint, not all of one, or one of a newer format.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise DataError(f"{path}: no such file; check the path (relative to {Path.cwd()})")
+    try:
+        return _read(path)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error}") from error
+    except ContactLearnError as error:
+        raise DataError(f"{path}: {error}; {_FIX}") from error
+    except UnpicklingError as error:  # its text tells how to execute the file all the same
+        raise DataError(f"{path}: is not a checkpoint, for it holds more than tensors and text; {_FIX}") from error
+    except Exception as error:  # a damaged file can break anything
+        seen = f"{type(error).__name__}: {error}"
+        raise DataError(f"{path}: is not a checkpoint, or not all of one ({seen}); {_FIX}") from error
+
+
+def _read(path: Path) -> tuple[ContactModel, dict[str, Any]]:
+    with ZipFile(path) as archive:  # PyTorch does not look at the checksums
+        if damaged := archive.testzip():
+            raise BadZipFile(f"wrong checksum of {damaged}")
+    contents = torch.load(path, weights_only=True, map_location="cpu")
+    description, tensors = json.loads(contents["description"]), contents["tensors"]
+    if description["format"] > FORMAT:
+        raise DataError(f"is of format {description['format']}, and the newest known is {FORMAT}")
+    model = _build(description["model"], "model", tensors)
+    if tensors:
+        raise DataError(f"no part of the model has a tensor {', '.join(tensors)}")
+    return model, description["provenance"]
+
+
+def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:
+    """A part in JSON; its tensors are added to `tensors`, as copies: of a view, PyTorch saves all that it views."""
+    if isinstance(part, Tensor | float | int):
+        part = torch.as_tensor(part, dtype=torch.float64).detach().cpu()
+        tensors[name] = part.clone(memory_format=torch.contiguous_format)
+        return part.shape
+    if part is None or isinstance(part, str):
+        return part
+    if isinstance(part, ExactGPs | SparseGPs):
+        own = {"x": part.train_inputs[0][..., 0, :, :], "y": part.train_targets, "weight": part.likelihood.weight}
+        own |= part.state_dict()
+    else:
+        own = {field.name: getattr(part, field.name) for field in fields(part) if field.name != "status"}
+    return {"kind": type(part).__name__} | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
+
+
+def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
+    """The part that `_describe` described; its tensors are removed from `tensors`."""
+    if isinstance(description, list):
+        return _take(tensors, name, tuple(description))
+    if description is None or isinstance(description, str):
+        return description
+    kind = _KINDS[description.pop("kind")]
+    own = {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
+    if kind in (ExactGPs, SparseGPs):
+        gps = kind(*(own.pop(key) for key in ("x", "y", "weight")))
+        gps.load_state_dict(own)
+        return gps.eval()
+    part = kind(**own)
+    if kind is ContactModel and part.target not in RESIDUALS:
+        raise UnknownNameError("target", part.target, RESIDUALS)
+    if kind is Regressor:
+        if part.space not in SPACES:
+            raise UnknownNameError("feature space", part.space, SPACES)
+        wanted, seen = len(SPACES[part.space].columns), part.inputs.mean.shape[-1]
+        if seen != wanted:
+            raise DataError(f"{name}.inputs.mean has {seen} columns, and feature space {part.space} has {wanted}")
+    return part
+
+
+def _take(tensors: dict[str, Tensor], name: str, shape: tuple[int, ...]) -> Tensor:
+    """Remove and return a tensor that is as it should be."""
+    if name not in tensors:
+        raise DataError(f"lacks the tensor {name}")
+    tensor = tensors.pop(name)
+    if (tensor.shape, tensor.dtype) != (shape, torch.float64):
+        raise DataError(f"{name} must be float64 of shape {shape}, got {tensor.dtype} of {tuple(tensor.shape)}")
+    good = ~tensor.isnan() if name.endswith(_INFINITE) else tensor.isfinite()
+    if not good.all():
+        raise DataError(f"{name} must be finite, got {tensor[~good][0].item()}")
+    return tensor

@@ -1,0 +1,182 @@
+"""Learning: from a recipe and training trials to a `ContactModel`.
+
+    target                  what the processes learn                             paper
+    velocity                v_post − v_pre, or − that of the law                 Class I
+    impulse                 (P_t, P_n), or what the law leaves of it             Class I, II; rigid
+    wrench                  (P_t, P_n, τ), likewise                              Class I, II
+    parameters_identified   the (μ, ε) that suit each single trial best          Class II; rigid
+    parameters_likelihood   (μ, ε) such that the law's impulse is likely         Class II; rigid
+
+The second way to learn parameters lets trials that stick, and so say nothing about μ, say nothing.
+Many subsets of equal size are learnt from at once.  Source: Fazeli et al. (2017), Section 4.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from contactlearn import laws
+from contactlearn.errors import ContactLearnError, UnknownNameError
+from contactlearn.features import SPACES, Standardisation
+from contactlearn.fit import Box, measured_impulse
+from contactlearn.fit_trials import identify_trials
+from contactlearn.impacts import Impacts
+from contactlearn.laws import Law
+from contactlearn.model import ContactModel, impulse_per_parameter, predict_with
+from contactlearn.regressor import Regressor
+
+OUTPUTS = {
+    "velocity": {"v_x": "m/s", "v_y": "m/s", "ω": "rad/s"},
+    "impulse": {"P_t": "N s", "P_n": "N s"},
+    "wrench": {"P_t": "N s", "P_n": "N s", "τ": "N m s"},
+    "parameters_identified": {"μ": "–", "ε": "–"},
+    "parameters_likelihood": {"μ": "–", "ε": "–"},
+}
+"""What is learnt for each target, with units."""
+
+TARGETS = tuple(OUTPUTS)
+_ROUNDS = 4  # linearisations of the law; the parameters move little after the third
+_COVERAGE, _CHI_SQUARED = 0.95, 7.8147  # of three degrees of freedom
+_LOG_SIZE = math.log(0.05), math.log(100.0)
+_PRIOR_SPREAD = 0.1  # unit in which the processes see departures of μ and ε from the shared values
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a learned model is made: from `features` to `target`, on top of a `law` or of nothing.
+
+    Raises:
+        UnknownNameError: no such feature space, target or law.
+        ContactLearnError: parameters to learn but no law.
+    """
+
+    features: str
+    target: str
+    law: str | None = None
+    variant: str = "textbook"
+
+    def __post_init__(self):
+        if self.features not in SPACES:
+            raise UnknownNameError("feature space", self.features, SPACES)
+        if self.target not in TARGETS:
+            raise UnknownNameError("target", self.target, TARGETS)
+        if self.law is not None:
+            laws.check(self.law, self.variant)
+        elif self.target.startswith("parameters"):
+            raise ContactLearnError(f"target {self.target} needs a law, got none")
+
+
+def learn(
+    recipe: Recipe,
+    impacts: Impacts,
+    rows: Tensor,
+    base: Law | ContactModel | None = None,
+    *,
+    impulse: str = "momentum",
+    box: Box | None = None,
+) -> ContactModel:
+    """A model for each training subset.
+
+    Args:
+        recipe: what to learn from what.
+        impacts, rows: subsets [..., n] as rows of the impacts.
+        base: the recipe's law with its shared (μ, ε) [..., 1], or any model whose residual is learnt.
+        impulse: the measured impulse, see `fit.measured_impulse`.
+        box: limits of per-trial parameters.
+
+    Raises:
+        DataError: fewer than two training trials.
+    """
+    if recipe.target.startswith("parameters"):
+        if recipe.target == "parameters_identified":
+            found = identify_trials(recipe.law, impacts, variant=recipe.variant, target=impulse, box=box)
+            values = torch.stack((found.mu, found.eps), -1)[rows]
+            regressor = Regressor.fit(recipe.features, impacts, rows, values)
+        else:
+            P = measured_impulse(impacts, impulse)
+            regressor, values = _learn_parameters(recipe, impacts, rows, base, P, box or Box())
+        return _with_noise(ContactModel(base, parameters=regressor), impacts, rows, values)
+    model = ContactModel(base, target=recipe.target)
+    left = model.base_prediction(impacts)
+    values = {
+        "velocity": impacts.v_post - left.v_post,
+        "impulse": measured_impulse(impacts, impulse) - left.wrench[..., :2],
+        "wrench": impacts.wrench - left.wrench,
+    }[recipe.target]
+    values = _at(values, rows)
+    model = replace(model, residual=Regressor.fit(recipe.features, impacts, rows, values))
+    return _with_noise(model, impacts, rows, values)
+
+
+def _learn_parameters(
+    recipe: Recipe, impacts: Impacts, rows: Tensor, law: Law, P: Tensor, box: Box
+) -> tuple[Regressor, Tensor]:
+    """Processes for (μ, ε) that make the measured impulse P [N, 2] likely, and what they were fitted to [..., n, 2].
+
+    Generalised Gauss–Newton: about the present parameters θ₀ of each trial the law is P ≈ P̂ + G (θ − θ₀).
+    With isotropic noise that is an observation θ₀ + G_kᵀ (P − P̂) / |G_k|² of each parameter, of a noise
+    variance ∝ 1/|G_k|²: what a trial does not determine has next to no weight.  The posteriors of the
+    two parameters are taken as independent.
+    """
+    mu, eps = (torch.as_tensor(x, dtype=torch.float64) for x in (law.mu, law.eps))
+    shared = torch.stack(torch.broadcast_tensors(mu, eps), -1)
+    outputs = Standardisation(shared, torch.full_like(shared, _PRIOR_SPREAD))
+    theta = shared.expand(*rows.shape, 2)
+    regressor = None
+    for _ in range(_ROUNDS):
+        theta = torch.minimum(torch.maximum(theta, box.low), box.high)
+        everywhere = _everywhere(theta, rows, len(impacts))
+        G = _at(impulse_per_parameter(law, impacts, everywhere), rows, 2)
+        error = _at(P - predict_with(law, impacts, everywhere).wrench[..., :2], rows)
+        length = G.square().sum(-2).sqrt()
+        typical = length.square().mean(-2, keepdim=True).sqrt().clamp_min(1e-12)
+        weight = (length / typical).clamp_min(1e-3)
+        observed = theta + (G * error[..., None]).sum(-2) / (weight * typical).square()
+        regressor = Regressor.fit(
+            recipe.features, impacts, rows, observed, weight=weight, outputs=outputs, like=regressor
+        )
+        theta = _at(regressor.predict(impacts)[0], rows)
+    return regressor, observed
+
+
+def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Tensor) -> ContactModel:
+    """The model with the covariance of what its processes cannot predict of v_post.
+
+    It has the form of E, the mean of e eᵀ over the errors e of each training trial as if it were left
+    out, and the size t at which the 95 % ellipsoid of V + t E, V being the processes' own uncertainty,
+    holds 95 % of these errors (the rank is that of conformal prediction, so that few trials make it
+    wide).  It is in post velocities because measurement noise is; what a rigid model cannot say, τ, is in it.
+    """
+    regressor = model.parameters or model.residual
+    error, variance = regressor.leave_one_out()
+    learned = _everywhere(values - error, rows, len(impacts))
+    e = _at(impacts.v_post - model.complete(impacts, learned).v_post, rows)
+    V = _at(model.spread(impacts, learned, _everywhere(variance, rows, len(impacts))), rows, 2)
+    scale = e.square().mean(-2).sqrt().clamp_min(1e-12)
+    unit = scale[..., :, None] * scale[..., None, :]
+    e, V = e / scale[..., None, :], V / unit[..., None, :, :]
+    E = (e.mT @ e) / e.shape[-2] + 1e-6 * torch.eye(3, dtype=e.dtype, device=e.device)
+    n = rows.shape[-1]
+    rank = min(n, math.ceil(_COVERAGE * (n + 1)))
+    low, high = (E.new_full(E.shape[:-2], end) for end in _LOG_SIZE)
+    for _ in range(20):
+        middle = (low + high) / 2
+        total = V + (middle.exp()[..., None, None] * E)[..., None, :, :]
+        distance = (e * torch.linalg.solve(total, e)).sum(-1)
+        wide = distance.kthvalue(rank, -1).values <= _CHI_SQUARED
+        low, high = torch.where(wide, low, middle), torch.where(wide, middle, high)
+    return replace(model, noise=high.exp()[..., None, None] * E * unit)
+
+
+def _at(values: Tensor, rows: Tensor, event: int = 1) -> Tensor:
+    """Values [..., N, *event] at rows [..., n]: [..., n, *event]."""
+    values = values.expand(*rows.shape[:-1], *values.shape[-1 - event :])
+    return torch.take_along_dim(values, rows[(..., *(None,) * event)], -1 - event)
+
+
+def _everywhere(values: Tensor, rows: Tensor, N: int) -> Tensor:
+    """Values [..., n, O] of the trials `rows` [..., n] among all N, 0 for the others: [..., N, O]."""
+    index = rows[..., None].expand(values.shape)
+    return values.new_zeros(*rows.shape[:-1], N, values.shape[-1]).scatter(-2, index, values)

@@ -1,0 +1,199 @@
+"""Learning curves: what models make of more and more training trials.
+
+Each seed draws one random order of the pool; the subset of size n is its first n trials, so subsets
+are nested along a curve and the same for every model.  Laws are identified and processes trained on
+nothing but the subset; all seeds of a model at one size are one batch.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+
+import torch
+from threadpoolctl import threadpool_limits
+from torch import Tensor
+
+from contactlearn import metrics
+from contactlearn.fit import Box, SharedFit, identify
+from contactlearn.impacts import Impacts, Prediction
+from contactlearn.laws import Law
+from contactlearn.learn import Recipe, learn
+from contactlearn.model import RESIDUALS, ContactModel
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Scores of one model on N held-out trials at S sizes, trained on R random subsets each."""
+
+    sizes: tuple[int, ...]
+    errors: dict[str, Tensor]  # by name of `metrics.METRICS`, [S, R, N]
+    density: Tensor | None = None  # −log density of the measured v_post, [S, R, N] in nats
+    distance: Tensor | None = None  # squared Mahalanobis distance of it, [S, R, N]
+    covered: Tensor | None = None  # whether each component is in its 95 % interval, [S, R, N, 3] bool
+
+    @classmethod
+    def of(cls, impacts: Impacts, predictions: Mapping[int, Prediction]) -> "Curve":
+        """From predictions [R, N], or [N] of a single subset, by size."""
+        ordered = [predictions[size] for size in sorted(predictions)]
+
+        def scores(score: Callable[[Impacts, Prediction], Tensor], tail: int = 0) -> Tensor:
+            values = torch.stack([score(impacts, prediction) for prediction in ordered])
+            return values if values.ndim == 3 + tail else values[:, None]
+
+        errors = {name: scores(metric.error) for name, metric in metrics.METRICS.items()}
+        sizes = tuple(sorted(predictions))
+        if ordered[0].covariance is None:
+            return cls(sizes, errors)
+        density, distance = scores(metrics.negative_log_density), scores(metrics.squared_distance)
+        return cls(sizes, errors, density, distance, scores(metrics.covered, 1))
+
+    def intervals(self, metric: str, generator: torch.Generator, resamples: int = 2000) -> Tensor:
+        """Mean and its 95 % interval over trials and subsets at each size, [S, 3]."""
+        rows = [metrics.bootstrap(error, generator, resamples) for error in self.errors[metric]]
+        return torch.tensor(rows, dtype=torch.float64)
+
+
+def nested_orders(trials: int, seeds: int, generator: torch.Generator) -> Tensor:
+    """One random order of the trials for each seed, [seeds, trials]."""
+    return torch.stack([torch.randperm(trials, generator=generator) for _ in range(seeds)])
+
+
+def law_curves(
+    laws: Iterable[str], pool: Impacts, test: Impacts, orders: Tensor, sizes: Sequence[int], **options
+) -> tuple[dict[str, SharedFit], dict[str, Curve]]:
+    """Laws identified on every subset, and their curves; the options are those of `fit.identify`."""
+    fits = {law: identify(law, pool, sizes=sizes, orders=orders, **options) for law in laws}
+    curves = {}
+    for name, fit in fits.items():
+        predictions = {size: ContactModel(law_at(fit, size)).predict(test) for size in sizes}
+        curves[name] = Curve.of(test, predictions)
+    return fits, curves
+
+
+def law_at(fit: SharedFit, size: int) -> Law:
+    """The law with the parameters [R, 1] of each subset of that size."""
+    place = fit.sizes.index(size)
+    return Law(fit.law, fit.mu[:, place, None], fit.eps[:, place, None], fit.variant)
+
+
+def learning_curves(
+    recipes: Mapping[str, Recipe],
+    pool: Impacts,
+    test: Impacts,
+    orders: Tensor,
+    sizes: Sequence[int],
+    bases: Mapping[str, SharedFit],
+    *,
+    impulse: str = "momentum",
+    box: Box | None = None,
+    workers: int = 1,
+    progress: Callable[[Iterable, int], Iterable] = lambda done, total: done,
+) -> dict[str, Curve]:
+    """Curves of learned models.
+
+    Args:
+        recipes: by name of the model.
+        pool, test: trials to learn from, and trials held out.
+        orders: of the pool's trials, [R, N], see `nested_orders`.
+        sizes: of the subsets, increasing.
+        bases: fits on these orders and sizes of every law that a recipe names.
+        impulse, box: see `learn.learn`.
+        workers: processes side by side; 1 trains in this one.
+        progress: wraps the trained models as they come, and their number, for a progress bar.
+    """
+    tasks = []
+    for size in sorted(sizes, reverse=True):  # the longest first
+        for name, recipe in recipes.items():
+            base = law_at(bases[recipe.law], size) if recipe.law else None
+            tasks.append((name, size, recipe, pool, test, orders[:, :size], base, impulse, box))
+    found = {name: {} for name in recipes}
+    for name, size, prediction in progress(run(_train_one, tasks, workers), len(tasks)):
+        found[name][size] = prediction
+    return {name: Curve.of(test, predictions) for name, predictions in found.items()}
+
+
+def _train_one(name, size, recipe, pool, test, rows, base, impulse, box) -> tuple[str, int, Prediction]:
+    model = learn(recipe, pool, rows, base, impulse=impulse, box=box)
+    return name, size, model.predict(test)
+
+
+def transfer_curves(
+    recipe: Recipe,
+    source: Impacts,
+    bodies: Mapping[str, tuple[Impacts, Impacts]],
+    sizes: Sequence[int],
+    seeds: int,
+    generator: torch.Generator,
+    *,
+    impulse: str = "momentum",
+    box: Box | None = None,
+    workers: int = 1,
+    progress: Callable[[Iterable, int], Iterable] = lambda done, total: done,
+) -> tuple[ContactModel, dict[str, dict[str, Curve]]]:
+    """A model trained on one body, and what becomes of it on others.
+
+    Args:
+        recipe: of the model; a learned one.
+        source: the trials that it is trained on, all of them.
+        bodies: (pool, held-out trials) of other bodies by name.
+        sizes: numbers of trials of the other body, increasing.
+        seeds: random subsets at each size.
+        generator: source of the subsets.
+        impulse, box, workers, progress: see `learning_curves`.
+
+    Returns:
+        The model, and by body the curves `zero_shot` (the model as it is; one size, 0), `prior` (the
+        model with processes for what it leaves, trained on the body's trials) and `scratch` (the recipe
+        trained on the body's trials alone).
+    """
+    shared = {"variant": recipe.variant, "target": impulse, "box": box}
+    rows = torch.arange(len(source))
+    base = None
+    if recipe.law:
+        base = identify(recipe.law, source, sizes=(len(source),), orders=rows[None], **shared).to_law()
+    model = learn(recipe, source, rows, base, impulse=impulse, box=box)
+    correction = recipe if recipe.target in RESIDUALS else replace(recipe, target="impulse")
+    curves, tasks = {}, []
+    for body, (pool, test) in bodies.items():
+        curves[body] = {"zero_shot": Curve.of(test, {0: model.predict(test)})}
+        orders = nested_orders(len(pool), seeds, generator)
+        fit = identify(recipe.law, pool, sizes=sizes, orders=orders, **shared) if recipe.law else None
+        for size in sorted(sizes, reverse=True):
+            common = pool, test, orders[:, :size]
+            tasks.append(((body, "prior"), size, correction, *common, model, impulse, box))
+            tasks.append(((body, "scratch"), size, recipe, *common, fit and law_at(fit, size), impulse, box))
+    found = {}
+    for key, size, prediction in progress(run(_train_one, tasks, workers), len(tasks)):
+        found.setdefault(key, {})[size] = prediction
+    for (body, way), predictions in found.items():
+        curves[body][way] = Curve.of(bodies[body][1], predictions)
+    return model, curves
+
+
+def run(job: Callable, tasks: Sequence[tuple], workers: int) -> Iterable:
+    """Results of job(*task) as they come, from `workers` processes of one thread each."""
+    if min(workers, len(tasks)) <= 1:
+        yield from (job(*task) for task in tasks)
+        return
+    # New processes instead of forked ones: a fork copies the threads' locks, but not the threads.
+    with ProcessPoolExecutor(min(workers, len(tasks)), get_context("spawn"), initializer=_one_thread) as pool:
+        futures = [pool.submit(job, *task) for task in tasks]
+        yield from (future.result() for future in as_completed(futures))
+
+
+def _one_thread() -> None:
+    torch.set_num_threads(1)
+    threadpool_limits(1)
+
+
+def first_below(curve: Sequence[float], sizes: Sequence[int], reference: float) -> int | None:
+    """Smallest size at which the curve is below a reference; None if it never is."""
+    return next((size for size, value in zip(sizes, curve, strict=True) if value < reference), None)
+
+
+def settled(curve: Sequence[float], sizes: Sequence[int], share: float = 0.05) -> int:
+    """Smallest size from which on the curve stays within a share of its least value."""
+    least = min(curve)
+    late = [value > (1 + share) * least for value in curve]
+    return sizes[len(late) - late[::-1].index(True)] if any(late) else sizes[0]

@@ -1,0 +1,327 @@
+"""Checkpoints: predictions survive a round trip, and no file is believed more than it deserves."""
+
+import json
+import os
+import pickle
+import zipfile
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from contactlearn import checkpoint, regressor
+from contactlearn.data import synthetic
+from contactlearn.errors import DataError
+from contactlearn.gp.sparse import SparseGPs
+from contactlearn.laws import Law
+from contactlearn.learn import TARGETS, Recipe, learn
+from contactlearn.model import ContactModel
+
+ROUNDING = 1e-12
+"""Relative to the largest value: the same arithmetic, though perhaps in another memory layout."""
+
+PROVENANCE = {"recipe": {"law": None, "size": 15}, "data": "sha256 Ω", "versions": ["2.13", 1.5, True]}
+IMPACTS = synthetic.load(size=80)
+ROWS = torch.stack([torch.randperm(80, generator=torch.Generator().manual_seed(seed))[:15] for seed in range(3)])
+SUBSETS = {"one subset": ROWS[0], "three subsets": ROWS}
+
+
+def law(rows: Tensor) -> Law:
+    """With a (μ, ε) for each subset."""
+    mu = 0.1 + 0.02 * torch.arange(3, dtype=torch.float64)[:, None]
+    mu = mu if rows.ndim == 2 else mu[0]
+    return Law("wang_mason", mu, torch.full_like(mu, 0.5))
+
+
+def assert_same(a: ContactModel, b: ContactModel) -> None:
+    a, b = a.predict(IMPACTS), b.predict(IMPACTS)
+    for name in ("v_post", "wrench", "covariance"):
+        mine, theirs = getattr(a, name), getattr(b, name)
+        assert (mine is None) == (theirs is None)
+        if mine is not None:
+            assert mine.shape == theirs.shape
+            assert (mine - theirs).abs().max() <= ROUNDING * mine.abs().max()
+
+
+def round_trip(model: ContactModel, folder: Path) -> ContactModel:
+    path = checkpoint.save(model, folder / "new" / "folder" / "model.pt", provenance=PROVENANCE)
+    assert [entry.name for entry in path.parent.iterdir()] == ["model.pt"]
+    loaded, provenance = checkpoint.load(str(path))
+    assert provenance == PROVENANCE
+    assert_same(loaded, model)
+    return loaded
+
+
+@pytest.mark.parametrize("rows", SUBSETS.values(), ids=SUBSETS)
+@pytest.mark.parametrize("target", TARGETS)
+def test_learned_models_come_back(tmp_path, target, rows):
+    model = learn(Recipe("x1", target, "wang_mason"), IMPACTS, rows, law(rows))
+    loaded = round_trip(model, tmp_path)
+    mine, theirs = (each.parameters or each.residual for each in (model, loaded))
+    assert (loaded.target, type(theirs.gps), theirs.status) == (model.target, type(mine.gps), None)
+    assert not theirs.gps.training
+    for a, b in zip(mine.leave_one_out(), theirs.leave_one_out(), strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-9, atol=1e-9)
+    state = theirs.gps.state_dict()
+    assert state.keys() == mine.gps.state_dict().keys()
+    assert all(torch.equal(value, state[name]) for name, value in mine.gps.state_dict().items())
+
+
+@pytest.mark.parametrize("target", ["wrench", "parameters_likelihood"])
+def test_sparse_processes_come_back(tmp_path, monkeypatch, target):
+    monkeypatch.setattr(regressor, "EXACT_LIMIT", 10)
+    loaded = round_trip(learn(Recipe("x2", target, "wang_mason"), IMPACTS, ROWS, law(ROWS)), tmp_path)
+    assert isinstance((loaded.parameters or loaded.residual).gps, SparseGPs)
+
+
+@pytest.mark.parametrize("space", ["state", "x2_polar"])
+def test_purely_learned_models_come_back(tmp_path, space):
+    loaded = round_trip(learn(Recipe(space, "impulse"), IMPACTS, ROWS), tmp_path)
+    assert loaded.base is None
+    assert loaded.residual.inputs.scale.isinf().any() == (space == "state")  # its mass never changes
+
+
+def test_models_on_models_come_back(tmp_path):
+    base = learn(Recipe("x1", "parameters_likelihood", "wang_mason"), IMPACTS, ROWS, law(ROWS))
+    middle = learn(Recipe("x2", "impulse"), IMPACTS, ROWS, base)
+    loaded = round_trip(learn(Recipe("state", "velocity"), IMPACTS, ROWS, middle), tmp_path)
+    assert loaded.base.base.base.name == "wang_mason"
+
+
+LAWS = {
+    "numbers": Law("chatterjee_ruina", 0.1, 0.55, e_t=0.3),
+    "whole numbers": Law("mirtich", 0, 1),
+    "variant": Law("whittaker", torch.tensor(0.2, dtype=torch.float64), 0.5, "fazeli2017"),
+    "sweep": Law("drumwright_shell", torch.linspace(0, 1, 7, dtype=torch.float64)[:, None], 0.3),
+}
+
+
+@pytest.mark.parametrize("alone", LAWS.values(), ids=LAWS)
+def test_laws_alone_come_back(tmp_path, alone):
+    loaded = round_trip(ContactModel(alone), tmp_path)
+    assert (loaded.base.name, loaded.base.variant) == (alone.name, alone.variant)
+    assert (loaded.residual, loaded.parameters, loaded.noise) == (None, None, None)
+
+
+def test_the_model_of_no_impulse_comes_back(tmp_path):
+    assert round_trip(ContactModel(), tmp_path) == ContactModel()
+
+
+def test_a_file_holds_text_and_no_more_numbers_than_the_model(tmp_path):
+    noise = torch.eye(3, dtype=torch.float64).expand(10_000, 3, 3).clone()[7]
+    path = checkpoint.save(ContactModel(LAWS["numbers"], noise=noise), tmp_path / "model.pt", provenance=PROVENANCE)
+    assert path.stat().st_size < 10_000
+    contents = torch.load(path, weights_only=True)
+    assert json.loads(contents["description"])["provenance"] == PROVENANCE
+    tensors = contents["tensors"]
+    assert set(tensors) == {"model.noise", "model.base.mu", "model.base.eps", "model.base.e_t"}
+    assert torch.equal(tensors["model.noise"], noise)
+
+
+# --- Saving --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fault", [OSError("disk full"), RuntimeError("disk full"), KeyboardInterrupt()], ids=repr)
+def test_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, fault):
+    path = checkpoint.save(ContactModel(), tmp_path / "model.pt", provenance={})
+    before = path.read_bytes()
+
+    def fail(contents, part):
+        part.write_text("half a")
+        raise fault
+
+    monkeypatch.setattr(torch, "save", fail)
+    with pytest.raises(KeyboardInterrupt if isinstance(fault, KeyboardInterrupt) else DataError):
+        checkpoint.save(ContactModel(LAWS["numbers"]), path, provenance={})
+    assert path.read_bytes() == before
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+
+def test_what_cannot_be_saved_is_refused(tmp_path):
+    with pytest.raises(DataError, match=r"model\.pkl: a checkpoint is a \.pt file, got suffix '\.pkl'"):
+        checkpoint.save(ContactModel(), tmp_path / "model.pkl", provenance={})
+    with pytest.raises(TypeError, match="JSON"):
+        checkpoint.save(ContactModel(), tmp_path / "model.pt", provenance={"data": IMPACTS})
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "folder.pt").mkdir()
+    with pytest.raises(DataError, match=r"folder\.pt: cannot be written"):
+        checkpoint.save(ContactModel(), tmp_path / "folder.pt", provenance={})
+
+
+# --- Files that are not what they should be ------------------------------------------------------
+
+
+def refused(path: Path, *fragments: str) -> None:
+    with pytest.raises(DataError) as caught:
+        checkpoint.load(path)
+    for fragment in (str(path), *fragments):
+        assert fragment in str(caught.value)
+
+
+def test_missing_files_and_directories_are_refused(tmp_path):
+    refused(tmp_path / "model.pt", "no such file; check the path")
+    refused(tmp_path, "cannot be read", "directory")
+
+
+class Bomb:
+    """Makes a folder when it is unpickled."""
+
+    def __init__(self, folder: Path):
+        self.folder = str(folder)
+
+    def __reduce__(self):
+        return os.mkdir, (self.folder,)
+
+
+@pytest.mark.parametrize("place", ["pickle", "old file", "whole", "provenance", "tensor"])
+def test_nothing_is_executed(tmp_path, place):
+    path, crater = tmp_path / "model.pt", tmp_path / "crater"
+    bomb = Bomb(crater)
+    if place == "pickle":
+        path.write_bytes(pickle.dumps(bomb))
+    elif place == "old file":
+        torch.save(bomb, path, _use_new_zipfile_serialization=False)
+    elif place == "whole":
+        torch.save(bomb, path)
+    else:
+        checkpoint.save(ContactModel(LAWS["numbers"]), path, provenance={})
+        contents = torch.load(path, weights_only=True)
+        contents["tensors"]["model.base.mu"] = bomb if place == "tensor" else contents["tensors"]["model.base.mu"]
+        torch.save(contents | ({"provenance": bomb} if place == "provenance" else {}), path)
+    refused(path, "is not a checkpoint", "more than tensors and text" if zipfile.is_zipfile(path) else "not a zip file")
+    assert not crater.exists()
+    pickle.loads(pickle.dumps(bomb))  # it would have gone off
+    assert crater.exists()
+
+
+FOREIGN = {
+    "empty": b"",
+    "text": b"epoch,loss\n1,0.3\n",
+    "random": bytes(range(256)) * 9,
+    "empty zip": b"PK\x05\x06" + bytes(18),
+}
+
+
+@pytest.mark.parametrize("content", FOREIGN.values(), ids=FOREIGN)
+def test_foreign_files_are_refused(tmp_path, content):
+    path = tmp_path / "model.pt"
+    path.write_bytes(content)
+    refused(path, "is not a checkpoint", "save the model again")
+
+
+@pytest.mark.parametrize("content", [{}, [], torch.ones(3), {"description": 1, "tensors": {}}, None], ids=repr)
+def test_foreign_torch_files_are_refused(tmp_path, content):
+    path = tmp_path / "model.pt"
+    torch.save(content, path)
+    refused(path, "is not a checkpoint", "save the model again")
+
+
+@pytest.fixture(scope="module")
+def learned(tmp_path_factory) -> Path:
+    """A file with a part of every kind."""
+    model = learn(Recipe("x2", "parameters_likelihood", "wang_mason"), IMPACTS, ROWS, law(ROWS))
+    model = learn(Recipe("state", "wrench"), IMPACTS, ROWS, model)
+    return checkpoint.save(model, tmp_path_factory.mktemp("learned") / "model.pt", provenance=PROVENANCE)
+
+
+def test_truncated_files_are_refused(tmp_path, learned):
+    whole, path = learned.read_bytes(), tmp_path / "model.pt"
+    for length in (3, 100, len(whole) // 2, len(whole) - 200, len(whole) - 1):
+        path.write_bytes(whole[:length])
+        refused(path, "not all of one", "copy the file again")
+
+
+def test_a_changed_byte_is_refused_or_harmless(tmp_path, learned):
+    whole, path = learned.read_bytes(), tmp_path / "model.pt"
+    model, outcomes = checkpoint.load(learned)[0], set()
+    for position in range(40, len(whole), len(whole) // 100):
+        path.write_bytes(whole[:position] + bytes([whole[position] ^ 16]) + whole[position + 1 :])
+        try:
+            assert_same(checkpoint.load(path)[0], model)
+            outcomes.add("harmless")  # such as a time stamp, or filling between tensors
+        except DataError:
+            outcomes.add("refused")
+    assert "refused" in outcomes
+
+
+def changed(path: Path, learned: Path, change) -> Path:
+    """A copy of the file whose description and tensors `change` has changed."""
+    contents = torch.load(learned, weights_only=True)
+    description = json.loads(contents["description"])
+    change(description, contents["tensors"])
+    torch.save(contents | {"description": json.dumps(description)}, path)
+    return path
+
+
+def put(name: str, value):
+    return lambda description, tensors: tensors.update({name: value(tensors[name])})
+
+
+def first(value: float):
+    """Of a tensor with one value changed."""
+    return lambda tensor: torch.cat((torch.tensor([value], dtype=torch.float64), tensor.flatten()[1:])).view_as(tensor)
+
+
+def describe(*keys: str, **values):
+    def change(description, tensors):
+        for key in keys:
+            description = description[key]
+        description.update(values)
+
+    return change
+
+
+MEAN, SCALE, NOISE = "model.residual.inputs.mean", "model.residual.inputs.scale", "model.noise"
+BOUND = "model.residual.gps.likelihood.noise_covar.raw_noise_constraint.upper_bound"
+LENGTH = "model.residual.gps.covar_module.base_kernel.raw_lengthscale"
+UPGRADE = "upgrade contactlearn"
+BAD = {
+    "newer": (describe(format=2), ["format 2", "newest known is 1", UPGRADE]),
+    "format as text": (describe(format="1"), ["is not a checkpoint"]),
+    "no model": (lambda description, tensors: description.pop("model"), ["is not a checkpoint", "model"]),
+    "no provenance": (lambda description, tensors: description.pop("provenance"), ["provenance"]),
+    "law": (
+        describe("model", "base", "base", name="wang_masson"),
+        ["unknown law", "did you mean 'wang_mason'", UPGRADE],
+    ),
+    "variant": (describe("model", "base", "base", variant="new"), ["unknown variant 'new'", UPGRADE]),
+    "space": (describe("model", "residual", space="x9"), ["unknown feature space 'x9'", "known: state", UPGRADE]),
+    "other space": (describe("model", "residual", space="x1"), [MEAN, "11 columns", "x1 has 5"]),
+    "target": (describe("model", target="torque"), ["unknown target 'torque'", "velocity", UPGRADE]),
+    "kind": (describe("model", "residual", "gps", kind="DeepGPs"), ["is not a checkpoint", "DeepGPs", UPGRADE]),
+    "field": (describe("model", friction=None), ["is not a checkpoint", "friction"]),
+    "number": (describe("model", noise=0.3), ["is not a checkpoint"]),
+    "missing": (lambda description, tensors: tensors.pop(LENGTH), [f"lacks the tensor {LENGTH}"]),
+    "extra": (lambda description, tensors: tensors.update(more=torch.ones(1)), ["no part", "tensor more"]),
+    "shape": (put(NOISE, lambda tensor: tensor[0]), [NOISE, "shape (3, 3, 3)", "got", "(3, 3)"]),
+    "transposed": (put("model.residual.gps.x", lambda tensor: tensor.mT), ["gps.x", "(3, 15, 11)", "(3, 11, 15)"]),
+    "single": (put(MEAN, lambda tensor: tensor.float()), [MEAN, "float64", "float32"]),
+    "text": (put(MEAN, str), ["is not a checkpoint"]),
+    "nan": (put(LENGTH, first(torch.nan)), [LENGTH, "finite", "nan"]),
+    "infinite": (put(NOISE, first(-torch.inf)), [NOISE, "finite", "-inf"]),
+    "infinite mean": (put(MEAN, first(torch.inf)), [MEAN, "finite", "inf"]),
+    "scale": (put(SCALE, first(torch.nan)), [SCALE, "finite", "nan"]),
+    "bound": (put(BOUND, lambda tensor: tensor * torch.nan), [BOUND, "finite", "nan"]),
+}
+
+
+@pytest.mark.parametrize(("change", "fragments"), BAD.values(), ids=BAD)
+def test_changed_files_are_refused(tmp_path, learned, change, fragments):
+    refused(changed(tmp_path / "model.pt", learned, change), *fragments)
+
+
+@pytest.mark.parametrize("fault", ["missing", "longer", "nan"])
+def test_every_tensor_is_checked(tmp_path, learned, fault):
+    faults = {
+        "missing": lambda tensors, name: tensors.pop(name),
+        "longer": lambda tensors, name: tensors.update({name: torch.stack([tensors[name]] * 2)}),
+        "nan": lambda tensors, name: tensors.update({name: tensors[name] * torch.nan}),
+    }
+    for name in torch.load(learned, weights_only=True)["tensors"]:
+        refused(changed(tmp_path / "model.pt", learned, lambda _, t, name=name: faults[fault](t, name)), name)
+
+
+def test_an_unchanged_copy_is_accepted(tmp_path, learned):
+    path = changed(tmp_path / "model.pt", learned, lambda description, tensors: None)
+    assert_same(checkpoint.load(path)[0], checkpoint.load(learned)[0])

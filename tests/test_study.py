@@ -1,0 +1,130 @@
+"""Learning curves, transfer, and the scores of models that say how sure they are."""
+
+import math
+
+import pytest
+import torch
+
+from contactlearn import metrics, study
+from contactlearn.data import synthetic
+from contactlearn.fit import identify
+from contactlearn.impacts import Prediction
+from contactlearn.learn import Recipe, learn
+
+EXACT = 1e-12  # the same operations in another process or order
+RECIPES = {"wrench": Recipe("x1", "wrench"), "residual": Recipe("x1", "impulse", "whittaker")}
+
+
+@pytest.fixture(scope="module")
+def drops():
+    return synthetic.load(size=120).split(0.25, torch.Generator().manual_seed(1))
+
+
+@pytest.fixture(scope="module")
+def curves(drops):
+    pool, test = drops
+    orders = study.nested_orders(len(pool), 3, torch.Generator().manual_seed(2))
+    fits, laws = study.law_curves(["whittaker"], pool, test, orders, (10, 30))
+    return orders, fits, laws, study.learning_curves(RECIPES, pool, test, orders, (10, 30), fits)
+
+
+def test_a_curve_is_what_training_by_hand_gives(drops, curves):
+    pool, test = drops
+    orders, fits, _, learned = curves
+    model = learn(RECIPES["residual"], pool, orders[:, :30], study.law_at(fits["whittaker"], 30))
+    for name, metric in metrics.METRICS.items():
+        torch.testing.assert_close(
+            learned["residual"].errors[name][1], metric.error(test, model.predict(test)), rtol=EXACT, atol=EXACT
+        )
+
+
+def test_laws_are_identified_on_the_same_subsets(drops, curves):
+    pool, _ = drops
+    orders, fits, laws, _ = curves
+    alone = identify("whittaker", pool[orders[1, :10]], sizes=(10,), orders=torch.arange(10)[None])
+    assert fits["whittaker"].mu[1, 0] == pytest.approx(alone.mu.item(), abs=1e-6)
+    assert laws["whittaker"].errors["mass_error"].shape == (2, 3, 30)
+    assert laws["whittaker"].density is None
+
+
+def test_more_processes_change_nothing(drops, curves):
+    pool, test = drops
+    orders, fits, _, alone = curves
+    pair = study.learning_curves(RECIPES, pool, test, orders, (10, 30), fits, workers=2)
+    for name, curve in alone.items():
+        assert pair[name].sizes == curve.sizes
+        torch.testing.assert_close(pair[name].distance, curve.distance, rtol=1e-6, atol=1e-9)
+
+
+def test_transfer_learns_the_correction(drops):
+    """On the body that it was trained on a trained model is hard to improve on, and far ahead of a new one."""
+    pool, test = drops
+    other = synthetic.load(size=80, shape={"kind": "disc", "radius": 0.03}, seed=3)
+    bodies = {"the same": (pool, test), "disc": other.split(0.5, torch.Generator().manual_seed(4))}
+    model, curves = study.transfer_curves(RECIPES["wrench"], pool, bodies, (4, 12), 3, torch.Generator().manual_seed(5))
+    mean = {
+        (body, way): curve.errors["mass_error"].mean((1, 2))
+        for body, ways in curves.items()
+        for way, curve in ways.items()
+    }
+    zero = metrics.mass_error(test, model.predict(test)).mean()
+    assert mean["the same", "zero_shot"].item() == pytest.approx(zero.item(), rel=EXACT)
+    assert (mean["the same", "prior"] < 1.3 * zero).all()
+    assert (mean["the same", "scratch"] > 2 * zero).all()
+    assert mean["disc", "prior"][1] < mean["disc", "zero_shot"][0]
+
+
+def test_where_a_curve_crosses_and_settles():
+    sizes, curve = (10, 20, 50, 100), (0.5, 0.3, 0.21, 0.2)
+    assert study.first_below(curve, sizes, 0.4) == 20
+    assert study.first_below(curve, sizes, 0.1) is None
+    assert study.settled(curve, sizes) == 50
+    assert study.settled((0.2, 0.3, 0.2), (10, 20, 50)) == 50
+    assert study.settled((0.2, 0.2), (10, 20)) == 10
+
+
+@pytest.fixture(scope="module")
+def predicted(drops):
+    """Held-out trials and a prediction with a covariance of its own for each."""
+    _, test = drops
+    generator = torch.Generator().manual_seed(6)
+    root = torch.randn(len(test), 3, 3, generator=generator, dtype=torch.float64)
+    covariance = root @ root.mT + 0.1 * torch.eye(3, dtype=torch.float64)
+    v_post = test.v_post + torch.randn(test.v_post.shape, generator=generator, dtype=torch.float64)
+    return test, Prediction(v_post, v_post, covariance)
+
+
+def test_density_is_that_of_the_normal_distribution(predicted):
+    test, prediction = predicted
+    normal = torch.distributions.MultivariateNormal(prediction.v_post, prediction.covariance)
+    torch.testing.assert_close(metrics.negative_log_density(test, prediction), -normal.log_prob(test.v_post))
+
+
+def test_distance_and_coverage(predicted):
+    test, prediction = predicted
+    error = test.v_post - prediction.v_post
+    distance = (error * torch.linalg.solve(prediction.covariance, error)).sum(-1)
+    torch.testing.assert_close(metrics.squared_distance(test, prediction), distance)
+    inside = error.abs() / prediction.covariance.diagonal(dim1=-2, dim2=-1).sqrt() <= 1.95996398454
+    assert (metrics.covered(test, prediction) == inside).all()
+
+
+def test_calibration_of_a_right_model_is_the_diagonal():
+    z = torch.randn(200_000, 3, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
+    levels, shares = metrics.calibration(z.square().sum(-1))
+    assert (levels - shares).abs().max() < 5 * math.sqrt(0.25 / len(z))
+    assert (z.square().sum(-1) <= metrics.CHI_SQUARED_95).double().mean().item() == pytest.approx(0.95, abs=0.003)
+
+
+def test_bootstrap_resamples_subsets_and_trials():
+    """Subsets that differ, or trials that differ, each widen the interval; its variance is their sum."""
+    generator = torch.Generator().manual_seed(8)
+    by_subset = torch.randn(8, 1, generator=generator, dtype=torch.float64).expand(8, 40)
+    by_trial = torch.randn(1, 40, generator=generator, dtype=torch.float64).expand(8, 40)
+    for errors, variance in (
+        (by_subset, by_subset[:, 0].var(correction=0) / 8),
+        (by_trial, by_trial[0].var(correction=0) / 40),
+    ):
+        mean, low, high = metrics.bootstrap(errors, generator, 20_000)
+        assert mean == pytest.approx(errors.mean().item(), abs=1e-12)
+        assert (high - low) / (2 * 1.96) == pytest.approx(variance.sqrt().item(), rel=0.1)
