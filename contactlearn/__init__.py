@@ -13,11 +13,28 @@ _PUBLIC = {
     "Prediction": "contactlearn.impacts",
     "ContactModel": "contactlearn.model",
     "Law": "contactlearn.laws",
+    "Recipe": "contactlearn.learning",
+    "learn": "contactlearn.learning",
     "ContactLearnError": "contactlearn.errors",
     "DataError": "contactlearn.errors",
     "UnknownNameError": "contactlearn.errors",
 }
-_MODULES = ("bounds", "data", "errors", "fit", "impacts", "laws", "mechanics", "metrics", "model", "shapes")
+_MODULES = (
+    "bounds",
+    "checkpoint",
+    "data",
+    "errors",
+    "features",
+    "fit",
+    "gp",
+    "impacts",
+    "laws",
+    "mechanics",
+    "metrics",
+    "model",
+    "shapes",
+    "study",
+)
 __all__ = [*_PUBLIC, *_MODULES, "__version__"]
 
 

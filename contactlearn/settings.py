@@ -9,7 +9,7 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 from contactlearn import bounds, laws
 from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.fit import TARGETS
-from contactlearn.learn import Recipe
+from contactlearn.learning import Recipe
 from contactlearn.report.tables import FORMATS
 
 

@@ -18,7 +18,7 @@ from contactlearn import metrics
 from contactlearn.fit import Box, SharedFit, identify
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
-from contactlearn.learn import Recipe, learn
+from contactlearn.learning import Recipe, learn
 from contactlearn.model import RESIDUALS, ContactModel
 
 
@@ -98,7 +98,7 @@ def learning_curves(
         orders: of the pool's trials, [R, N], see `nested_orders`.
         sizes: of the subsets, increasing.
         bases: fits on these orders and sizes of every law that a recipe names.
-        impulse, box: see `learn.learn`.
+        impulse, box: see `learning.learn`.
         workers: processes side by side; 1 trains in this one.
         progress: wraps the trained models as they come, and their number, for a progress bar.
     """

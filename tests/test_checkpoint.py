@@ -15,7 +15,7 @@ from contactlearn.data import synthetic
 from contactlearn.errors import DataError
 from contactlearn.gp.sparse import SparseGPs
 from contactlearn.laws import Law
-from contactlearn.learn import TARGETS, Recipe, learn
+from contactlearn.learning import TARGETS, Recipe, learn
 from contactlearn.model import ContactModel
 
 ROUNDING = 1e-12

@@ -250,6 +250,32 @@ def test_reproducible_from_the_generator_alone():
     assert not torch.equal(first.mu, run(seeded(4)).mu)
 
 
+def test_orders_may_be_given():
+    """The random ones give what they give when they are drawn; what is beyond the largest size is not looked at."""
+    drops, sizes = synthetic.load(60), (5, 20)
+    drawn = identify("wang_mason", drops, sizes=sizes, repetitions=4, generator=seeded(3))
+    for width in (60, 25, 20):
+        given = identify("wang_mason", drops, sizes=sizes, orders=torch.stack(orders(60, width, 4, seed=3)))
+        for name in ("mu", "eps", "cost", "mu_range", "eps_range", "mu_flat"):
+            assert torch.equal(getattr(given, name), getattr(drawn, name))
+
+
+def test_each_given_order_is_fitted_by_itself():
+    """As if there were no other trials: whatever these are, and one order or three."""
+    drops, rows = synthetic.load(60, velocity_noise=0.05), torch.stack(orders(60, 20, 3, seed=7))
+    options = {"sizes": (5, 20), "generator": seeded(1)}
+    every = identify("whittaker", drops, orders=rows, **options)
+    assert every.mu.shape == (3, 2)
+    for i, order in enumerate(rows):
+        alone = identify("whittaker", drops[order], orders=torch.arange(20)[None], **options)
+        torch.testing.assert_close(every.cost[i], alone.cost[0], rtol=NOT_BEATEN, atol=0)
+        for name in ("mu", "eps", "mu_range", "eps_range"):
+            torch.testing.assert_close(getattr(every, name)[i], getattr(alone, name)[0], rtol=0, atol=PLANTED)
+    outside = torch.ones(60, 1, dtype=torch.bool).index_fill(0, rows.flatten(), False)
+    other = drops.replace(v_post=drops.v_post + outside, q=drops.q + outside)
+    assert torch.equal(identify("whittaker", other, orders=rows, **options).mu, every.mu)
+
+
 def test_one_repetition_has_no_scatter():
     fit = identify("whittaker", synthetic.load(20), sizes=(10,), repetitions=1)
     assert all(math.isnan(x) for x in fit.std())

@@ -91,6 +91,34 @@ def test_wrench_obeys_the_equation_of_motion():
     assert ((v_c - expected).norm(dim=-1) / (expected.norm(dim=-1) + BODIES.v.norm(dim=-1))).max() <= ROUNDING
 
 
+def test_velocity_per_wrench_is_the_derivative():
+    """Of `apply_wrench`, in which the velocity is linear; its inverse is that of `measured_wrench`."""
+    A = mechanics.velocity_per_wrench(*BODIES[:3])
+    assert A.shape == (N, 3, 3)
+    # The effect of each component on its own, from rest.
+    columns = [mechanics.apply_wrench(*BODIES[:3], torch.zeros_like(BODIES.v), unit) for unit in torch.eye(3).double()]
+    torch.testing.assert_close(A, torch.stack(columns, -1), rtol=ROUNDING, atol=0)
+    change = mechanics.apply_wrench(*BODIES, wrenches()) - BODIES.v
+    found = (A @ wrenches()[..., None])[..., 0]
+    size = BODIES.v.norm(dim=-1, keepdim=True) + found.norm(dim=-1, keepdim=True)
+    assert ((change - found) / size).abs().max() <= ROUNDING
+    # The velocity of the contact point per impulse is W, and a moment about it turns the body alone.
+    J = mechanics.contact_jacobian(BODIES.r)
+    torch.testing.assert_close(J @ A[..., :2], CONTACTS.W, rtol=1e-6, atol=ROUNDING)
+    assert (A[:, :2, 2] == 0).all()
+    for i in range(50):
+        body = [part[i] for part in BODIES]
+        measured = torch.autograd.functional.jacobian(lambda v, body=body: mechanics.measured_wrench(*body, v), body[3])
+        torch.testing.assert_close(measured @ A[i], torch.eye(3).double(), rtol=0, atol=ROUNDING)
+
+
+def test_velocity_per_wrench_of_any_leading_axes():
+    bodies = [part[:12].reshape(3, 4, *part.shape[1:]) for part in BODIES[:3]]
+    every = mechanics.velocity_per_wrench(*bodies)
+    assert torch.equal(every.flatten(0, 1), mechanics.velocity_per_wrench(*(part[:12] for part in BODIES[:3])))
+    assert torch.equal(every[1, 2], mechanics.velocity_per_wrench(*(part[6] for part in BODIES[:3])))
+
+
 def test_energy_excess_is_the_kinetic_energy_gained():
     P = wrenches()[:, :2]
     v_post = mechanics.apply_wrench(*BODIES, torch.nn.functional.pad(P, (0, 1)))

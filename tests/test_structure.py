@@ -20,7 +20,7 @@ ORDER = (
     ("model",),
     ("data", "bounds", "metrics", "fit", "checkpoint"),
     ("fit_trials",),
-    ("learn",),
+    ("learning",),
     ("study",),
     ("tracking", "report"),
     ("settings",),

@@ -9,7 +9,7 @@ from contactlearn import metrics, study
 from contactlearn.data import synthetic
 from contactlearn.fit import identify
 from contactlearn.impacts import Prediction
-from contactlearn.learn import Recipe, learn
+from contactlearn.learning import Recipe, learn
 
 EXACT = 1e-12  # the same operations in another process or order
 RECIPES = {"wrench": Recipe("x1", "wrench"), "residual": Recipe("x1", "impulse", "whittaker")}

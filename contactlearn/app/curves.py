@@ -66,16 +66,15 @@ def _all_errors(test: Impacts, prediction: Prediction) -> dict[str, Tensor]:
 
 def _entry(curve: study.Curve, levels: dict, generator: torch.Generator, resamples: int) -> dict:
     """One model's curve as results.json holds it."""
-    entry = {"sizes": list(curve.sizes)}
+    entry = {"sizes": list(curve.sizes), "below": {}, "settled": {}}
     for metric in metrics.METRICS:
         intervals = curve.intervals(metric, generator, resamples)
         entry[metric] = [metrics.Interval(*interval)._asdict() for interval in intervals.tolist()]
-    mean = curve.errors[metrics.HEADLINE].mean((1, 2)).tolist()
-    entry["below"] = {
-        name: study.first_below(mean, curve.sizes, errors[metrics.HEADLINE].mean().item())
-        for name, errors in levels.items()
-    }
-    entry["settled"] = study.settled(mean, curve.sizes)
+        mean = curve.errors[metric].mean((1, 2)).tolist()
+        below = {
+            name: study.first_below(mean, curve.sizes, errors[metric].mean().item()) for name, errors in levels.items()
+        }
+        entry["below"][metric], entry["settled"][metric] = below, study.settled(mean, curve.sizes)
     if curve.density is not None:
         entry["negative_log_density"] = curve.density.mean((1, 2)).tolist()
         entry["coverage"] = (curve.distance <= metrics.CHI_SQUARED_95).double().mean((1, 2)).tolist()

@@ -8,7 +8,7 @@ from contactlearn import checkpoint, metrics, settings
 from contactlearn.app import run
 from contactlearn.features import SPACES
 from contactlearn.impacts import Impacts, Prediction
-from contactlearn.learn import OUTPUTS, Recipe, learn
+from contactlearn.learning import OUTPUTS, Recipe, learn
 from contactlearn.model import ContactModel
 from contactlearn.regressor import Regressor
 from contactlearn.report import quality, terminal

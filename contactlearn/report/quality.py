@@ -70,7 +70,7 @@ def calibration(coverage: Mapping[str, tuple[Tensor, Tensor]]) -> Figure:
         levels, shares = map(st.array, coverage[name])
         if not levels.size or levels.shape != shares.shape:
             raise ContactLearnError(f"{name!r} needs a share for each level, got {levels.size} and {shares.size}")
-        st.draw_line(axes, levels, shares, style)
+        st.draw_line(axes, levels, shares, style, markevery=max(1, len(levels) // 8))
     axes.set(xlim=(0, 1.02), ylim=(0, 1.02), aspect="equal")
     figure.legend(loc="outside lower center")
     return figure

@@ -107,15 +107,15 @@ def show_sizes(sizes: Sequence[int], wanted: Sequence[int], seeds: int, pool: in
 
 def show_curves(curves: Mapping[str, Mapping], sizes: Sequence[int]) -> None:
     """Headline error of each learned model against the number of trials, and how sure it is at the end."""
-    levels = list(next(iter(curves.values()))["below"])
+    levels = list(next(iter(curves.values()))["below"][HEADLINE])
     title = f"{METRICS[HEADLINE].label} on the held-out trials against the number of training trials"
     below = [f"< {level}" for level in levels]
     table = _table(title, "model", *map(str, sizes), *below, "settled", "coverage", "−log density")
     for model, entry in curves.items():
         means = [f"{interval['mean']:.3f}" for interval in entry[HEADLINE]]
-        first = [str(entry["below"][level] or "never") for level in levels]
+        first = [str(entry["below"][HEADLINE][level] or "never") for level in levels]
         sure = f"{100 * entry['coverage'][-1]:.1f} %", f"{entry['negative_log_density'][-1]:.2f}"
-        table.add_row(model, *means, *first, str(entry["settled"]), *sure)
+        table.add_row(model, *means, *first, str(entry["settled"][HEADLINE]), *sure)
     _print(table)
     _say("<: number of trials at which the mean is first below; settled: from which on it is within 5 % of its best")
     _say("coverage: share of (v_x, v_y, ω) inside the predicted 95 % ellipsoid, and density, at the largest size")
