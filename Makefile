@@ -18,6 +18,7 @@ test: .venv/ready
 	$(PY) -m pytest
 
 bench: .venv/ready
+	$(PY) -m pip install --disable-pip-version-check -q -c requirements.lock -e '.[test,bench]'
 	for script in benchmarks/[a-z]*.py; do $(PY) $$script || exit 1; done
 
 # The lock file pins every package; it is made again from pyproject.toml as CONTRIBUTING.md says.

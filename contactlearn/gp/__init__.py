@@ -3,4 +3,5 @@
 evidence   marginal likelihood of a batch with its closed-form gradient
 bfgs       minimisation of a batch of small problems in lock step
 exact      exact processes: a GPyTorch module that these two train
+sparse     sparse variational ones, for many trials
 """
