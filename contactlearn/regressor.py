@@ -58,6 +58,14 @@ class Regressor:
         gps = family(inputs.apply(x), outputs.apply(values).mT, None if weight is None else weight.mT)
         return cls(space, inputs, outputs, gps, gps.fit(like and like.gps))
 
+    @property
+    def kind(self) -> str:
+        """Exact processes, or sparse ones and why."""
+        if isinstance(self.gps, ExactGPs):
+            return "exact"
+        points = self.gps.covar_module.inducing_points.shape[-2]
+        return f"sparse variational ({points} inducing points), since there are more than {EXACT_LIMIT} training trials"
+
     def predict(self, impacts: Impacts) -> tuple[Tensor, Tensor]:
         """Mean and variance [..., N, O], without the noise of a measurement, in the values' units."""
         mean, variance = self.gps.predict(self.inputs.apply(features(self.space, impacts)))

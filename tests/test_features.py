@@ -237,19 +237,20 @@ def test_any_numbers_come_back_or_are_constant(x, new):
 
 @pytest.mark.parametrize("value", [0.0, 0.0364, 0.1, -1e6, 1e-12, 1e300])
 @pytest.mark.parametrize("n", [1, 2, 3, 7, 100])
-def test_a_constant_column_is_exactly_zero_everywhere(value, n):
-    """Also where the mean of n equal numbers is off by a rounding, as that of 0.1 is."""
-    x = sample(n, 2)
-    x[:, 1] = value
+@pytest.mark.parametrize("D", [1, 2])
+def test_a_constant_column_is_exactly_zero_everywhere(value, n, D):
+    """Also where the mean of n equal numbers is off by a rounding, as that of 0.1 is, alone or beside others."""
+    x = sample(n, D)
+    x[:, -1] = value
     standard = Standardisation.of(x)
-    new = sample(50, 2, seed=1)
-    new[:25, 1] = value
+    new = sample(50, D, seed=1)
+    new[:25, -1] = value
     z = standard.apply(new)
     assert z.isfinite().all()
-    assert (z[:, 1] == 0).all()
-    back = standard.undo(sample(50, 2, seed=2))[:, 1]
+    assert (z[:, -1] == 0).all()
+    back = standard.undo(sample(50, D, seed=2))[:, -1]
     close(back, torch.full_like(back, value), rtol=1e-14, atol=0)
-    assert standard.spread[0, 1] == 0
+    assert standard.spread[0, -1] == 0
 
 
 def test_a_column_may_be_constant_in_one_subset_only():

@@ -15,6 +15,7 @@ from contactlearn import mechanics, metrics, regressor
 from contactlearn.data import synthetic
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.fit import Box, measured_impulse
+from contactlearn.fit_trials import identify_trials
 from contactlearn.gp.exact import ExactGPs
 from contactlearn.gp.sparse import SparseGPs
 from contactlearn.impacts import Impacts, Prediction
@@ -136,6 +137,14 @@ def test_a_wrong_law_is_put_right(name, exact):
     assert many < few
 
 
+def test_parameters_are_found_from_afar(exact):
+    """One linearisation of the law leaves a tenth of the error: contacts change their modes on the way."""
+    train, test = exact
+    base = law(mu=0.2, eps=0.3)
+    model = learn(RECIPES["likelihood"], train, subsets(400, 100), base)
+    assert error(model, test).mean() < 0.01 * error(ContactModel(base), test).mean()
+
+
 @pytest.mark.parametrize("name", [*RESIDUALS, "likelihood"])
 def test_the_true_law_is_not_spoilt_by_noise(name, pool, test):
     """There is nothing but noise to learn, and little of it is learnt."""
@@ -231,6 +240,16 @@ def test_friction_stays_as_it_is_shared_where_no_trial_depends_on_it(name):
     theta, variance = model.parameters.predict(synthetic.load(50))
     torch.testing.assert_close(theta[..., 0], wanted.expand(3, 50), rtol=1e-9, atol=0)
     assert variance.isfinite().all()
+
+
+@pytest.mark.parametrize("variant", ["textbook", "fazeli2017"])
+def test_identified_parameters_are_those_of_single_trials(variant, pool):
+    recipe, rows = Recipe("x1", "parameters_identified", "whittaker", variant), subsets(900, 20)
+    model = learn(recipe, pool, rows, Law("whittaker", MU, EPS, variant))
+    found = identify_trials("whittaker", pool, variant=variant)
+    wanted = torch.stack((found.mu, found.eps), -1)[rows]
+    gps, outputs = model.parameters.gps, model.parameters.outputs
+    torch.testing.assert_close(outputs.undo(gps.train_targets.mT), wanted, rtol=0, atol=ALIKE)
 
 
 def test_parameters_that_are_the_same_everywhere_are_constant(exact):

@@ -37,7 +37,8 @@ def train(cfg: DictConfig) -> None:
     errors = run.error_table(test, {name: prediction}, cfg.bootstrap, generator)
     terminal.show_models(fits, errors)
     processes = [] if recipe is None else _processes(recipe, model.parameters or model.residual)
-    terminal.show_processes(processes)
+    if recipe is not None:
+        terminal.show_processes(processes, (model.parameters or model.residual).kind)
     provenance = run.provenance(impacts, cfg)
     checkpoint.save(model, folder / CHECKPOINT, provenance=provenance)
     results = {"fits": [run.fit_entry(fit) for fit in fits], "errors": errors, "processes": processes}

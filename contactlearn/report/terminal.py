@@ -78,10 +78,8 @@ def show_reference(fits: Sequence[SharedFit], reference: Mapping[str, Mapping]) 
     _print(table)
 
 
-def show_processes(entries: Sequence[Mapping]) -> None:
-    """Hyperparameters of a learned model, a row an output."""
-    if not entries:
-        return
+def show_processes(entries: Sequence[Mapping], kind: str) -> None:
+    """Hyperparameters of a learned model, a row an output; `kind` is that of its processes."""
     features = list(entries[0]["length_scales"])
     table = _table(
         "Length scales, in standard deviations of each feature over the training trials; – is past what they span",
@@ -93,6 +91,7 @@ def show_processes(entries: Sequence[Mapping]) -> None:
         count = f"{entry['evaluations']}" + ("" if entry["converged"] else " (not converged)")
         table.add_row(entry["output"], *scales, *sizes, count)
     _print(table)
+    _say(f"Gaussian processes: {kind}")
 
 
 def show_sizes(sizes: Sequence[int], wanted: Sequence[int], seeds: int, pool: int) -> None:
