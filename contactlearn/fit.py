@@ -172,6 +172,8 @@ def identify(
     P = measured_impulse(impacts, target)
     if orders is None:
         orders = torch.stack([torch.randperm(len(impacts), generator=generator) for _ in range(repetitions)])
+    if orders.shape[1] < sizes[-1]:
+        raise DataError(f"orders must hold the largest size, {sizes[-1]} trials each, got {orders.shape[1]}")
     orders = orders[:, : sizes[-1]]
     member = torch.arange(sizes[-1]) < torch.tensor(sizes)[:, None]
     found, single = [], len(sizes) == 1

@@ -40,6 +40,7 @@ TARGETS = tuple(OUTPUTS)
 _ROUNDS = 4  # linearisations of the law; the parameters move little after the third
 _COVERAGE, _CHI_SQUARED = 0.95, 7.8147  # of three degrees of freedom
 _LOG_SIZE = math.log(0.05), math.log(100.0)
+_LEAST_WEIGHT = 0.01  # what holds a parameter that its trial says nothing about where it is
 _PRIOR_SPREAD = 0.1  # unit in which the processes see departures of μ and ε from the shared values
 
 
@@ -88,7 +89,13 @@ def learn(
 
     Raises:
         DataError: fewer than two training trials.
+        ContactLearnError: a base that is not the recipe's.
     """
+    expected = f"the law {recipe.law}" if recipe.law else "nothing, or a model"
+    if not isinstance(base, ContactModel) and getattr(base, "name", None) != recipe.law:
+        raise ContactLearnError(f"the recipe builds on {expected}, got {base}")
+    if isinstance(base, ContactModel) and recipe.target.startswith("parameters"):
+        raise ContactLearnError(f"target {recipe.target} needs a law under it, got a model")
     if recipe.target.startswith("parameters"):
         if recipe.target == "parameters_identified":
             found = identify_trials(recipe.law, impacts, variant=recipe.variant, target=impulse, box=box)
@@ -116,9 +123,10 @@ def _learn_parameters(
     """Processes for (μ, ε) that make the measured impulse P [N, 2] likely, and what they were fitted to [..., n, 2].
 
     Generalised Gauss–Newton: about the present parameters θ₀ of each trial the law is P ≈ P̂ + G (θ − θ₀).
-    With isotropic noise that is an observation θ₀ + G_kᵀ (P − P̂) / |G_k|² of each parameter, of a noise
-    variance ∝ 1/|G_k|²: what a trial does not determine has next to no weight.  The posteriors of the
-    two parameters are taken as independent.
+    With isotropic noise that is an observation of each parameter, θ₀ + H_kᵀ (P − P̂) / (G_kᵀ H_k) with a noise
+    variance ∝ 1/(G_kᵀ H_k), where H_k is what of G_k the other parameter, free by its prior spread, could not
+    do as well.  So a trial that sticks says next to nothing about μ.  The posteriors of the two parameters
+    are taken as independent.
     """
     mu, eps = (torch.as_tensor(x, dtype=torch.float64) for x in (law.mu, law.eps))
     shared = torch.stack(torch.broadcast_tensors(mu, eps), -1)
@@ -130,10 +138,11 @@ def _learn_parameters(
         everywhere = _everywhere(theta, rows, len(impacts))
         G = _at(impulse_per_parameter(law, impacts, everywhere), rows, 2)
         error = _at(P - predict_with(law, impacts, everywhere).wrench[..., :2], rows)
-        length = G.square().sum(-2).sqrt()
-        typical = length.square().mean(-2, keepdim=True).sqrt().clamp_min(1e-12)
-        weight = (length / typical).clamp_min(1e-3)
-        observed = theta + (G * error[..., None]).sum(-2) / (weight * typical).square()
+        other, typical = G.flip(-1), G.square().sum(-2).mean(-2, keepdim=True).amax(-1, keepdim=True).sqrt()
+        shrunk = other.square().sum(-2, keepdim=True) + (_PRIOR_SPREAD * typical[..., None]).square()
+        H = G - (G * other).sum(-2, keepdim=True) / shrunk * other
+        weight = ((G * H).sum(-2).clamp_min(0).sqrt() / typical).clamp_min(_LEAST_WEIGHT)
+        observed = theta + (H * error[..., None]).sum(-2) / (weight * typical).square()
         regressor = Regressor.fit(
             recipe.features, impacts, rows, observed, weight=weight, outputs=outputs, like=regressor
         )
@@ -154,7 +163,8 @@ def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Ten
     learned = _everywhere(values - error, rows, len(impacts))
     e = _at(impacts.v_post - model.complete(impacts, learned).v_post, rows)
     V = _at(model.spread(impacts, learned, _everywhere(variance, rows, len(impacts))), rows, 2)
-    scale = e.square().mean(-2).sqrt().clamp_min(1e-12)
+    speed = _at(impacts.v_post, rows).square().mean(-2).sqrt()
+    scale = torch.maximum(e.square().mean(-2).sqrt(), 1e-6 * speed)
     unit = scale[..., :, None] * scale[..., None, :]
     e, V = e / scale[..., None, :], V / unit[..., None, :, :]
     E = (e.mT @ e) / e.shape[-2] + 1e-6 * torch.eye(3, dtype=e.dtype, device=e.device)

@@ -52,6 +52,15 @@ class ContactModel:
         covariance = self.spread(impacts, mean, variance) + self.noise[..., None, :, :]
         return Prediction(prediction.v_post, prediction.wrench, covariance)
 
+    def __str__(self) -> str:
+        """The parts with their parameters, such as `wang_mason (textbook): μ = 0.120, ε = 0.550 + wrench(x1)`."""
+        parts = [] if self.base is None else [str(self.base)]
+        if self.parameters is not None:
+            parts = [f"{self.base.name} ({self.base.variant}): (μ, ε)({self.parameters.space})"]
+        if self.residual is not None:
+            parts.append(f"{self.target}({self.residual.space})")
+        return " + ".join(parts) or "no impulse"
+
     def base_prediction(self, impacts: Impacts) -> Prediction:
         """What the base alone predicts."""
         if isinstance(self.base, ContactModel):
@@ -89,13 +98,13 @@ def impulse_per_parameter(law: Law, impacts: Impacts, parameters: Tensor) -> Ten
     """Derivative [..., N, 2, 2] of (P_t, P_n) in (μ, ε) at parameters [..., N, 2]."""
     mu, eps = (part.clone().requires_grad_() for part in _clamped(parameters))
     with torch.enable_grad():
-        P = impulse(law.name, impacts.W, impacts.v_c, mu, eps, variant=law.variant)
+        P = impulse(law.name, impacts.W, impacts.v_c, mu, eps, variant=law.variant, e_t=law.e_t)
         rows = [torch.stack(torch.autograd.grad(part.sum(), (mu, eps), retain_graph=True), -1) for part in P.unbind(-1)]
     return torch.stack(rows, -2)
 
 
 def _impulse(law: Law, impacts: Impacts, parameters: Tensor) -> Tensor:
-    return impulse(law.name, impacts.W, impacts.v_c, *_clamped(parameters), variant=law.variant)
+    return impulse(law.name, impacts.W, impacts.v_c, *_clamped(parameters), variant=law.variant, e_t=law.e_t)
 
 
 def _clamped(parameters: Tensor) -> tuple[Tensor, Tensor]:

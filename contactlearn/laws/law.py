@@ -116,6 +116,10 @@ class Law:
     def __post_init__(self):
         check(self.name, self.variant)
 
+    def __str__(self) -> str:
+        mu, eps = (torch.as_tensor(x, dtype=torch.float64).mean().item() for x in (self.mu, self.eps))
+        return f"{self.name} ({self.variant}): μ = {mu:.3f}, ε = {eps:.3f}"
+
     def impulse(self, W: Tensor, v_c: Tensor) -> Tensor:
         """Contact impulse P [..., N, 2] in N s; see `impulse`."""
         return impulse(self.name, W, v_c, self.mu, self.eps, variant=self.variant, e_t=self.e_t)
