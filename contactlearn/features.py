@@ -35,7 +35,9 @@ def _state(impacts: Impacts) -> tuple[Tensor, ...]:
 
 def _x1(impacts: Impacts) -> tuple[Tensor, ...]:
     M_c = mechanics.effective_inertia(impacts.W)
-    return M_c[:, 0, 0], M_c[:, 0, 1], M_c[:, 1, 1], *impacts.v_c.unbind(-1)
+    M_tt, M_tn, M_nn = M_c[:, 0, 0], M_c[:, 0, 1], M_c[:, 1, 1]
+    M_tn = torch.where(M_tn.abs() < 1e-12 * (M_tt * M_nn).sqrt(), 0.0, M_tn)  # a disc's is 0 but for rounding
+    return M_tt, M_tn, M_nn, *impacts.v_c.unbind(-1)
 
 
 def _x2(impacts: Impacts) -> tuple[Tensor, ...]:

@@ -24,6 +24,7 @@ from contactlearn.fit import Box, measured_impulse
 from contactlearn.fit_trials import identify_trials
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
+from contactlearn.metrics import CHI_SQUARED_95
 from contactlearn.model import ContactModel, impulse_per_parameter, predict_with
 from contactlearn.regressor import Regressor
 
@@ -37,8 +38,8 @@ OUTPUTS = {
 """What is learnt for each target, with units."""
 
 TARGETS = tuple(OUTPUTS)
-_ROUNDS = 4  # linearisations of the law; the parameters move little after the third
-_COVERAGE, _CHI_SQUARED = 0.95, 7.8147  # of three degrees of freedom
+_ROUNDS = 4  # linearisations of the law; most parameters move little after the third
+_COVERAGE = 0.95
 _LOG_SIZE = math.log(0.05), math.log(100.0)
 _LEAST_WEIGHT = 0.01  # what holds a parameter that its trial says nothing about where it is
 _PRIOR_SPREAD = 0.1  # unit in which the processes see departures of μ and ε from the shared values
@@ -175,7 +176,7 @@ def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Ten
         middle = (low + high) / 2
         total = V + (middle.exp()[..., None, None] * E)[..., None, :, :]
         distance = (e * torch.linalg.solve(total, e)).sum(-1)
-        wide = distance.kthvalue(rank, -1).values <= _CHI_SQUARED
+        wide = distance.kthvalue(rank, -1).values <= CHI_SQUARED_95
         low, high = torch.where(wide, low, middle), torch.where(wide, middle, high)
     return replace(model, noise=high.exp()[..., None, None] * E * unit)
 

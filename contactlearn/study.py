@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from contactlearn import metrics
+from contactlearn.errors import DataError
 from contactlearn.fit import Box, SharedFit, identify
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
@@ -31,6 +32,8 @@ class Curve:
     density: Tensor | None = None  # −log density of the measured v_post, [S, R, N] in nats
     distance: Tensor | None = None  # squared Mahalanobis distance of it, [S, R, N]
     covered: Tensor | None = None  # whether each component is in its 95 % interval, [S, R, N, 3] bool
+    kinds: tuple[str, ...] = ()  # of the processes at each size
+    converged: tuple[float, ...] = ()  # share of the processes whose training did, at each size
 
     @classmethod
     def of(cls, impacts: Impacts, predictions: Mapping[int, Prediction]) -> "Curve":
@@ -108,14 +111,22 @@ def learning_curves(
             base = law_at(bases[recipe.law], size) if recipe.law else None
             tasks.append((name, size, recipe, pool, test, orders[:, :size], base, impulse, box))
     found = {name: {} for name in recipes}
-    for name, size, prediction in progress(run(_train_one, tasks, workers), len(tasks)):
-        found[name][size] = prediction
-    return {name: Curve.of(test, predictions) for name, predictions in found.items()}
+    for name, size, trained in progress(run(_train_one, tasks, workers), len(tasks)):
+        found[name][size] = trained
+    return {name: _curve(test, trained) for name, trained in found.items()}
 
 
-def _train_one(name, size, recipe, pool, test, rows, base, impulse, box) -> tuple[str, int, Prediction]:
+def _train_one(name, size, recipe, pool, test, rows, base, impulse, box) -> tuple[str, int, tuple]:
+    """Prediction, kind of the processes, and share of them that converged."""
     model = learn(recipe, pool, rows, base, impulse=impulse, box=box)
-    return name, size, model.predict(test)
+    regressor = model.parameters or model.residual
+    return name, size, (model.predict(test), regressor.kind, regressor.status.converged.double().mean().item())
+
+
+def _curve(test: Impacts, trained: Mapping[int, tuple]) -> Curve:
+    """From what `_train_one` gave at each size."""
+    predictions, kinds, converged = ({size: one[k] for size, one in sorted(trained.items())} for k in range(3))
+    return replace(Curve.of(test, predictions), kinds=tuple(kinds.values()), converged=tuple(converged.values()))
 
 
 def transfer_curves(
@@ -156,6 +167,8 @@ def transfer_curves(
     correction = recipe if recipe.target in RESIDUALS else replace(recipe, target="impulse")
     curves, tasks = {}, []
     for body, (pool, test) in bodies.items():
+        if max(sizes) > len(pool):
+            raise DataError(f"{body}: {max(sizes)} trials asked for, but {len(pool)} are there to draw from")
         curves[body] = {"zero_shot": Curve.of(test, {0: model.predict(test)})}
         orders = nested_orders(len(pool), seeds, generator)
         fit = identify(recipe.law, pool, sizes=sizes, orders=orders, **shared) if recipe.law else None
@@ -164,10 +177,10 @@ def transfer_curves(
             tasks.append(((body, "prior"), size, correction, *common, model, impulse, box))
             tasks.append(((body, "scratch"), size, recipe, *common, fit and law_at(fit, size), impulse, box))
     found = {}
-    for key, size, prediction in progress(run(_train_one, tasks, workers), len(tasks)):
-        found.setdefault(key, {})[size] = prediction
-    for (body, way), predictions in found.items():
-        curves[body][way] = Curve.of(bodies[body][1], predictions)
+    for key, size, trained in progress(run(_train_one, tasks, workers), len(tasks)):
+        found.setdefault(key, {})[size] = trained
+    for (body, way), trained in found.items():
+        curves[body][way] = _curve(bodies[body][1], trained)
     return model, curves
 
 
@@ -192,8 +205,10 @@ def first_below(curve: Sequence[float], sizes: Sequence[int], reference: float) 
     return next((size for size, value in zip(sizes, curve, strict=True) if value < reference), None)
 
 
-def settled(curve: Sequence[float], sizes: Sequence[int], share: float = 0.05) -> int:
-    """Smallest size from which on the curve stays within a share of its least value."""
+def settled(curve: Sequence[float], sizes: Sequence[int], share: float = 0.05) -> int | None:
+    """Smallest size from which on the curve stays within a share of its least value; None if it does not end there."""
     least = min(curve)
     late = [value > (1 + share) * least for value in curve]
+    if late[-1]:
+        return None
     return sizes[len(late) - late[::-1].index(True)] if any(late) else sizes[0]

@@ -251,6 +251,11 @@ ERRORS = {
         "target parameters_identified needs a law",
     ),
     "sizes": (["evaluate.py", "curves.sizes=[20,10]"], "curves.sizes must be an increasing list"),
+    "no size": (["evaluate.py", *SMALL[:5], "model=x1_wrench", "curves.sizes=[90]"], "curves.sizes begin at 90"),
+    "body": (
+        ["evaluate.py", "experiment=transfer", "+transfer.bodies.mine={path: a.csv}"],
+        "unexpected keyword argument 'path'",
+    ),
     "one trial": (["train.py", "model=x1_wrench", "train.size=1"], "at least 2 training trials, got 1"),
     "workers": (["evaluate.py", "workers=0"], "workers must be a whole number, 1 or more, or null"),
     "transfer": (["evaluate.py", "experiment=transfer", "model=[]"], "transfer needs a learned model and a body"),
@@ -286,6 +291,11 @@ def test_one_repetition_has_no_spread(tmp_path):
     fit = json.loads((tmp_path / "results.json").read_text())["fits"][0]
     assert fit["mu_std"] is None
     assert fit["mu_range"][0] <= fit["mu"] <= fit["mu_range"][1]
+
+
+def test_a_law_alone_has_no_learning_curve(tmp_path):
+    run("evaluate.py", *SMALL[:5], "model=analytical", f"hydra.run.dir={tmp_path}")
+    assert "learning_curves" not in json.loads((tmp_path / "results.json").read_text())
 
 
 def test_unknown_setting_is_refused(tmp_path):

@@ -284,3 +284,11 @@ def test_statistics_are_of_the_training_rows_alone(space):
         assert torch.equal(getattr(fits[0], name).scale, getattr(fits[1], name).scale)
     for one, two in zip(fits[0].predict(drops), fits[1].predict(drops), strict=True):
         assert torch.equal(one, two)
+
+
+def test_what_is_zero_but_for_rounding_is_constant():
+    """A disc's contact is below its centre: M_c,tn says nothing, whatever its last digits are."""
+    disc = synthetic.load(40, shape={"kind": "ellipse", "semi_axes": [0.03, 0.03]})
+    scale = Standardisation.of(features("x1", disc)).scale
+    assert torch.isinf(scale[0, 1])
+    assert torch.isfinite(scale[0, 3:]).all()

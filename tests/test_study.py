@@ -7,6 +7,7 @@ import torch
 
 from contactlearn import metrics, study
 from contactlearn.data import synthetic
+from contactlearn.errors import DataError
 from contactlearn.fit import identify
 from contactlearn.impacts import Prediction
 from contactlearn.learning import Recipe, learn
@@ -74,6 +75,12 @@ def test_transfer_learns_the_correction(drops):
     assert mean["disc", "prior"][1] < mean["disc", "zero_shot"][0]
 
 
+def test_transfer_refuses_sizes_that_a_body_cannot_give(drops):
+    pool, _ = drops
+    with pytest.raises(DataError, match="disc: 40 trials asked for, but 30 are there"):
+        study.transfer_curves(RECIPES["wrench"], pool, {"disc": (pool[:30], pool[30:])}, (4, 40), 1, torch.Generator())
+
+
 def test_where_a_curve_crosses_and_settles():
     sizes, curve = (10, 20, 50, 100), (0.5, 0.3, 0.21, 0.2)
     assert study.first_below(curve, sizes, 0.4) == 20
@@ -81,6 +88,7 @@ def test_where_a_curve_crosses_and_settles():
     assert study.settled(curve, sizes) == 50
     assert study.settled((0.2, 0.3, 0.2), (10, 20, 50)) == 50
     assert study.settled((0.2, 0.2), (10, 20)) == 10
+    assert study.settled((0.2, 0.3), (10, 20)) is None
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from contactlearn import metrics, settings, study
 from contactlearn.app import run
+from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.report import learning, quality, terminal
 from contactlearn.report.tables import save_curves
@@ -29,6 +30,9 @@ def learning_study(
     Curves of the laws, identified on the same subsets, are part of the entry and the tables.
     """
     recipes = settings.recipes(cfg)
+    if len(pool) < min(cfg.curves.sizes):
+        least = min(cfg.curves.sizes)
+        raise DataError(f"{pool.source}: curves.sizes begin at {least}, but {len(pool)} trials are there to draw from")
     sizes = [size for size in cfg.curves.sizes if size <= len(pool)]
     terminal.show_sizes(sizes, cfg.curves.sizes, cfg.curves.seeds, len(pool))
     orders = study.nested_orders(len(pool), cfg.curves.seeds, generator)
@@ -76,6 +80,7 @@ def _entry(curve: study.Curve, levels: dict, generator: torch.Generator, resampl
         }
         entry["below"][metric], entry["settled"][metric] = below, study.settled(mean, curve.sizes)
     if curve.density is not None:
+        entry["processes"], entry["converged"] = list(curve.kinds), list(curve.converged)
         entry["negative_log_density"] = curve.density.mean((1, 2)).tolist()
         entry["coverage"] = (curve.distance <= metrics.CHI_SQUARED_95).double().mean((1, 2)).tolist()
         entry["component_coverage"] = curve.covered.double().mean((1, 2)).tolist()

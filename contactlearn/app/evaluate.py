@@ -48,7 +48,7 @@ def evaluate(cfg: DictConfig) -> None:
     with Tracker(folder, cfg.train.size) as tracker:
         tracker.scalars(run.scalars(fits, errors))
         drawn = {}
-        if cfg.model:
+        if settings.recipes(cfg):
             yardsticks = {name: predictions[name] for name in (BEST_POST_HOC, IRB)}
             curves, drawn = learning_study(cfg, pool, test, yardsticks, generator, folder, tracker)
             run.write_json(folder / "results.json", {**results, "learning_curves": curves})

@@ -34,6 +34,8 @@ def load_data(cfg: DictConfig) -> Impacts:
     except InstantiationException as error:
         if isinstance(error.__cause__, ContactLearnError):
             raise error.__cause__ from None
+        if isinstance(error.__cause__, TypeError):  # a setting that the source does not have
+            raise ContactLearnError(f"{target}: {error.__cause__}") from None
         raise
 
 
@@ -52,11 +54,11 @@ def split(cfg: DictConfig) -> tuple[Impacts, Impacts, Impacts, torch.Generator]:
             f"{impacts.source}: train.size={cfg.train.size}, but {len(pool)} of {len(impacts)} trials are left to "
             f"draw from after holding out a share test={cfg.test}; use train.size={len(pool)} or less"
         )
-    at_rest = (test.v_post == 0).all(1).nonzero()[:, 0].tolist()
+    at_rest = (test.v_post[:, :2] == 0).all(1).nonzero()[:, 0].tolist()
     if at_rest:
         raise DataError(
             f"{impacts.source}: errors are relative to the outcome, which must not be at rest; trial "
-            f"{test.trial[at_rest[0]]!r} has vx_post = vy_post = omega_post = 0: leave it out"
+            f"{test.trial[at_rest[0]]!r} has vx_post = vy_post = 0: leave it out"
         )
     terminal.show_data(impacts, len(pool), len(test))
     return impacts, pool, test, generator

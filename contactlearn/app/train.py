@@ -52,7 +52,9 @@ def train(cfg: DictConfig) -> None:
             loss = (model.parameters or model.residual).status.history
             tracker.series("loss", loss.mean(-1).tolist())
         run.save_figures(drawn, folder, tracker)
-        tracker.hyperparameters(run.hyperparameters(cfg, [cfg.law]) | {"model": name}, run.headline(errors))
+        tracker.hyperparameters(
+            run.hyperparameters(cfg, [fit.law for fit in fits]) | {"model": name}, run.headline(errors)
+        )
     terminal.show_folder(folder)
 
 

@@ -21,8 +21,9 @@ def transfer(cfg: DictConfig) -> None:
     impacts, pool, _, generator = run.split(cfg)
     source = pool[torch.randperm(len(pool), generator=generator)[: cfg.train.size]]
     bodies = {}
-    for name, changes in cfg.transfer.bodies.items():
-        bodies[name] = run.load_data(OmegaConf.merge(cfg.data, changes)).split(cfg.test, generator)
+    for name, changes in OmegaConf.to_container(cfg.transfer.bodies, resolve=True).items():
+        same = {} if "_target_" in changes else OmegaConf.to_container(cfg.data, resolve=True)
+        bodies[name] = run.load_data(OmegaConf.create(same | changes)).split(cfg.test, generator)
     sizes, metric, results, drawn = list(cfg.transfer.sizes), metrics.HEADLINE, {}, {}
     options = {"impulse": cfg.train.target, "box": run.box(cfg), "workers": run.workers(cfg)}
     with Tracker(folder, cfg.train.size) as tracker:

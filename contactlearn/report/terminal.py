@@ -114,9 +114,14 @@ def show_curves(curves: Mapping[str, Mapping], sizes: Sequence[int]) -> None:
         means = [f"{interval['mean']:.3f}" for interval in entry[HEADLINE]]
         first = [str(entry["below"][HEADLINE][level] or "never") for level in levels]
         sure = f"{100 * entry['coverage'][-1]:.1f} %", f"{entry['negative_log_density'][-1]:.2f}"
-        table.add_row(model, *means, *first, str(entry["settled"][HEADLINE]), *sure)
+        table.add_row(model, *means, *first, str(entry["settled"][HEADLINE] or "not yet"), *sure)
     _print(table)
     _say("<: number of trials at which the mean is first below; settled: from which on it is within 5 % of its best")
+    for model, entry in curves.items():
+        for size, kind, share in zip(entry["sizes"], entry["processes"], entry["converged"], strict=True):
+            if kind != "exact" or share < 1:
+                short = "" if share == 1 else f"; {100 * (1 - share):.0f} % of them did not converge"
+                _say(f"note: the processes of {model} at {size} trials are {kind}{short}")
     _say("coverage: share of (v_x, v_y, ω) inside the predicted 95 % ellipsoid, and density, at the largest size")
 
 
