@@ -42,6 +42,7 @@ from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from contactlearn.data import ellipse_drops, synthetic
+from contactlearn.errors import DataError
 from contactlearn.features import Standardisation, features
 from contactlearn.gp.bfgs import minimise
 from contactlearn.gp.evidence import Evidence
@@ -175,10 +176,12 @@ METHODS: dict[str, Method] = {
 
 
 def load(kind: str) -> Impacts:
-    if kind == "synthetic":
+    try:
+        drops = synthetic.load(size=1718) if kind == "synthetic" else ellipse_drops.load()
+    except DataError as error:
+        print(f"synthetic drops, because {error}")
         return synthetic.load(size=1718)
-    drops = ellipse_drops.load()
-    if kind == "published":
+    if kind != "mirrored":
         return drops
     mirror = torch.tensor((-1.0, 1.0, 1.0), dtype=torch.float64)
     return drops.replace(q=drops.q * mirror, v_pre=drops.v_pre * mirror, v_post=drops.v_post * mirror)

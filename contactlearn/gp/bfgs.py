@@ -1,10 +1,10 @@
 """Many small minimisations in lock step: BFGS with bounds on B independent problems.
 
 Every round evaluates each unfinished problem once, at its own trial point: one problem may be
-halving a step while another goes on to its next direction.  In the first rounds the inverse Hessian
-is that of the objective's own curvature, which halves the evaluations; then BFGS updates take over,
-which converge where that is only near the Hessian.  A variable that sits on a bound and would leave
-it is held there (Bertsekas 1982).  Problems leave the batch as they finish.
+halving a step while another goes on to its next direction.  In the first rounds the Hessian is the
+objective's own curvature, which halves the evaluations; then BFGS updates take over, which converge
+where that is only near the Hessian.  A variable that sits on a bound and would leave it is held there
+(Bertsekas 1982).  Problems leave the batch as they finish.
 """
 
 from collections.abc import Callable
@@ -19,6 +19,7 @@ Objective = Callable[[Tensor, Tensor, bool], tuple[Tensor, Tensor, Tensor | None
 
 _CURVED = 4  # rounds that use the objective's curvature
 _DAMPING = 0.01  # added to it, so that what it says nothing about moves a finite way
+_PATIENCE = 5  # evaluations after which a start may give up
 _LONGEST = 2.0  # a step changes no variable by more: the variables are logarithms
 
 
@@ -33,7 +34,14 @@ class Minimum(NamedTuple):
 
 
 def minimise(
-    objective: Objective, start: Tensor, low: Tensor, high: Tensor, *, tolerance: float, evaluations: int = 100
+    objective: Objective,
+    start: Tensor,
+    low: Tensor,
+    high: Tensor,
+    *,
+    tolerance: float,
+    evaluations: int = 100,
+    starts: int = 1,
 ) -> Minimum:
     """Minimise B functions of P variables within [low, high] [P].
 
@@ -43,31 +51,36 @@ def minimise(
         low, high: bounds [P].
         tolerance: a problem ends where its next step promises to gain less.
         evaluations: a problem ends after so many, not converged.
+        starts: the batch is one problem after the other, and all of them again from each further start.
+            One that cannot hope to overtake another start of its problem gives up, not converged.
     """
     x, damping = start.clamp(low, high), _DAMPING * torch.eye(start.shape[1]).to(start)
     which, step, count = torch.arange(len(x), device=x.device), torch.ones_like(x[:, 0]), 1
     f, g, curvature = objective(x, which, True)
-    H = _inverse(curvature + damping)
+    hessian = curvature + damping
     end = Minimum(x.clone(), f.clone(), *torch.zeros(2, len(x), dtype=torch.long, device=x.device), f)
     history = []
     while True:
         now = end.value.clone()
         now[which] = f
         history.append(now)
-        free = ~(((x <= low) & (g > 0)) | ((x >= high) & (g < 0)))
-        held = g * free
-        p = -(H @ held[..., None])[..., 0] * free
-        p = torch.where(((p * held).sum(-1) < 0)[:, None], p, -held)
-        converged = (-0.5 * (p * held).sum(-1) < tolerance) & f.isfinite()
-        done = converged | (step < 1e-4) | (count >= evaluations) | ~f.isfinite()
+        p, steepest = _directions(hessian, g, x <= low, x >= high)
+        promise = -0.5 * (p * g).sum(-1)
+        converged = (promise < tolerance) & f.isfinite()
+        ahead = now.nan_to_num(torch.inf).view(starts, -1).amin(0).repeat(starts)[which]
+        trails = (f - 2 * promise > ahead) & (count >= _PATIENCE)
+        done = converged | trails | (step < 1e-4) | (count >= evaluations) | ~f.isfinite()
         if bool(done.any()):
             for target, source in zip(end[:4], (x, f, converged.long(), torch.full_like(which, count)), strict=True):
                 target[which[done]] = source[done]
-            which, x, f, g, H, p, step = (part[~done] for part in (which, x, f, g, H, p, step))
+            kept = (part[~done] for part in (which, x, f, g, hessian, p, steepest, step))
+            which, x, f, g, hessian, p, steepest, step = kept
             if not len(which):
                 return end._replace(converged=end.converged.bool(), history=torch.stack(history))
-        p = p * (_LONGEST / p.abs().amax(-1, keepdim=True).clamp_min(_LONGEST))
-        trial = (x + step[:, None] * p).clamp(low, high)
+        trial = (x + step[:, None] * _shortened(p)).clamp(low, high)
+        # A bound that is met on the way may turn the rest of the step uphill.
+        uphill = ((trial - x) * g).sum(-1, keepdim=True) >= 0
+        trial = torch.where(uphill, x + step[:, None] * _shortened(steepest), trial).clamp(low, high)
         s = trial - x
         slope = (s * g).sum(-1)
         f_new, g_new, curvature = objective(trial, which, count < _CURVED)
@@ -76,21 +89,32 @@ def minimise(
         # A refused step is cut to the minimum of the parabola through what is known along it.
         parabola = (-slope / (2 * (f_new - f - slope))).nan_to_num(0.1).clamp(0.1, 0.5)
         step = torch.where(accept, 1.0, step * parabola)
-        H_new = _update(H, s, g_new - g) if curvature is None else _inverse(curvature + damping)
-        H = torch.where(accept[:, None, None], H_new, H)
+        new = _update(hessian, s, g_new - g) if curvature is None else curvature + damping
+        hessian = torch.where(accept[:, None, None], new, hessian)
         x, g = (torch.where(accept[:, None], new, old) for new, old in ((trial, x), (g_new, g)))
         f = torch.where(accept, f_new, f)
 
 
-def _inverse(curvature: Tensor) -> Tensor:
-    return torch.linalg.inv_ex(curvature).inverse
+def _directions(hessian: Tensor, g: Tensor, at_low: Tensor, at_high: Tensor) -> tuple[Tensor, Tensor]:
+    """Newton's step and steepest descent [b, P] in the variables that leave no bound they sit on."""
+    free = ~((at_low & (g > 0)) | (at_high & (g < 0)))
+    steepest, one = -g * free, torch.eye(g.shape[1]).to(g)
+    for _ in range(2):  # the second time without those that the others would push over their bound
+        both = free[:, None] & free[..., None]
+        p = torch.linalg.solve_ex(torch.where(both, hessian, one), -g * free).result
+        free = free & ~((at_low & (p < 0)) | (at_high & (p > 0)))
+    p = p * free
+    return torch.where(((p * g).sum(-1) < 0)[:, None], p, steepest), steepest
 
 
-def _update(H: Tensor, s: Tensor, y: Tensor) -> Tensor:
-    """BFGS update of the inverse Hessian [b, P, P]; none where the curvature along s is not positive."""
-    curvature = (s * y).sum(-1)
+def _shortened(p: Tensor) -> Tensor:
+    return p * (_LONGEST / p.abs().amax(-1, keepdim=True).clamp_min(_LONGEST))
+
+
+def _update(hessian: Tensor, s: Tensor, y: Tensor) -> Tensor:
+    """BFGS update of the Hessian [b, P, P]; none where the curvature along s is not positive."""
+    curvature, Hs = (s * y).sum(-1), (hessian @ s[..., None])[..., 0]
     good = curvature > 1e-10 * s.norm(dim=-1) * y.norm(dim=-1)
-    rho = torch.where(good, 1 / curvature, 0.0)[:, None, None]
-    Hy = H @ y[..., None]
-    mixed = Hy * s[:, None]
-    return H + rho * ((1 + rho * (y[:, None] @ Hy)) * s[..., None] * s[:, None] - mixed - mixed.mT)
+    gained = y[..., None] * y[:, None] / curvature[:, None, None]
+    lost = Hs[..., None] * Hs[:, None] / (s * Hs).sum(-1)[:, None, None]
+    return torch.where(good[:, None, None], hessian + gained - lost, hessian)

@@ -24,7 +24,7 @@ from contactlearn.gp.evidence import Evidence
 
 # Of standardised data: length scales, output scale and noise variance.
 LENGTH, SCALE, NOISE = (0.05, 1e3), (1e-3, 1e3), (1e-6, 10.0)
-STARTS = (0.5, 2.0)  # log length scale; each finds optima that the other misses
+STARTS = (0.5, 2.5)  # log length scale; each finds optima that the other misses
 _BLAS = ThreadpoolController()
 _TOLERANCE = 3e-5  # nats a point
 
@@ -97,7 +97,7 @@ class ExactGPs(gpytorch.models.ExactGP):
             return value, gradient, None if information is None else information + precision.diag()
 
         with _BLAS.limit(limits=1):  # matrices this small gain nothing from threads, which spin against each other
-            found = minimise(objective, starts, *bounds.T, tolerance=_TOLERANCE)
+            found = minimise(objective, starts, *bounds.T, tolerance=_TOLERANCE, starts=len(starts) // B)
         value, x, converged, evaluations = (
             part.unflatten(0, (-1, B)) for part in (found.value, found.x, found.converged, found.evaluations)
         )
