@@ -18,7 +18,9 @@ does by default unless said:
 
 At n = 450 the rivals get the first two seeds, and are compared with ours on the same.  All attained
 likelihoods are evaluated with the same code.  "gap": nats a point above the best that any method or
-ten random starts of ours with a tight tolerance find.  Held-out error: of the mean on 500 other drops.
+ten random starts of ours with a tight tolerance find.  "error":
+root mean square of the mean's on 500 other drops.  A "!" marks a bar that is missed, and less than 97 %
+of our fits within 1e-3 of the best.
 
 One thread for everything; rounds are interleaved and medians reported.
 """
@@ -257,30 +259,29 @@ def timed(method: Method, x: Tensor, y: Tensor) -> tuple[Tensor, float]:
         return phi, time.perf_counter() - begin
 
 
-def report(impacts: Impacts, n: int, seeds: int, rounds: int) -> bool:
-    """Print one size's table; whether every bar is reached."""
+def report(impacts: Impacts, n: int, seeds: int, rounds: int) -> None:
+    """Print one size's table; a bar that is missed is marked."""
     method_times, phi, judge = measure(impacts, n, seeds, rounds)
     losses, best = {name: judge.loss(every) for name, every in phi.items()}, judge.best()
     for loss in losses.values():
         best[: len(loss)] = best[: len(loss)].minimum(loss.nan_to_num(torch.inf))
     error = judge.error(phi["ours, all seeds"])
     print(f"\nn = {n:<24} {'GPs':>5} {'ms a GP':>9} {'ratio':>8} {'bar':>5}   gap mean      max   close   error / ours")
-    passed = True
     for name, seconds in method_times.items():
         ratio, bar = seconds / method_times["ours"], BARS.get(n, {}).get(name)
-        passed &= bar is None or ratio >= bar
         gap = losses[name] - best[: len(losses[name])]
+        close = (gap < CLOSE).double().mean()
+        bar = "" if bar is None else f"{bar}x" + "!" * (ratio < bar)
+        missed = "!" * (name == "ours, all seeds" and bool(close < SHARE))
         worse = (judge.error(phi[name]) / error[: len(gap)]).mean()
         print(
-            f"{name:28} {gap.numel():5} {1e3 * seconds:9.1f} {ratio:7.1f}x {f'{bar}x' if bar else '':>5}"
-            f"   {gap.mean():8.5f} {gap.max():8.4f} {(gap < CLOSE).double().mean():6.0%} {worse:13.3f}",
+            f"{name:28} {gap.numel():5} {1e3 * seconds:9.1f} {ratio:7.1f}x {bar:>5}"
+            f"   {gap.mean():8.5f} {gap.max():8.4f} {close:6.0%}{missed:1} {worse:12.3f}",
             flush=True,
         )
-        passed &= name != "ours, all seeds" or bool((gap < CLOSE).double().mean() >= SHARE)
-    return passed
 
 
-def main() -> int:
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", choices=("published", "mirrored", "synthetic"), default="published")
     parser.add_argument("--rounds", type=int, default=3, help="interleaved rounds, each of all methods")
@@ -291,9 +292,9 @@ def main() -> int:
     print(f"{impacts}; one thread")
     sizes, rounds = ({30: 1}, 1) if arguments.quick else (RIVAL_SEEDS, arguments.rounds)
     with threadpool_limits(1), gpytorch.settings.max_cholesky_size(10**6):
-        passed = [report(impacts, n, seeds, rounds) for n, seeds in sizes.items()]
-    return int(not (arguments.quick or all(passed)))
+        for n, seeds in sizes.items():
+            report(impacts, n, seeds, rounds)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -15,6 +15,7 @@ import torch
 from gpytorch.mlls import ExactMarginalLogLikelihood
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_limits
 from torch import Tensor
 from torch.autograd.functional import jacobian
 from torch.distributions import MultivariateNormal
@@ -76,6 +77,13 @@ def assert_matches_reference(phi: Tensor, which: Tensor, x: Tensor, y: Tensor, w
     rows = [reference(p, x[i], y[i], None if weight is None else weight[i]) for p, i in zip(phi, which, strict=True)]
     for part, wanted in zip(found, zip(*rows, strict=True), strict=True):
         close(part, torch.stack(wanted), **CLOSE)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def one_thread():
+    """SciPy's and NumPy's threads spin against each other, and against the suite's other processes."""
+    with threadpool_limits(1):
+        yield
 
 
 # ---- evidence
