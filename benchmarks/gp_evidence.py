@@ -212,7 +212,7 @@ def measure(n: int, rounds: int) -> dict[str, float]:
     for _ in range(rounds):
         for name, seconds in clocks.items():
             processes = BATCH if "batch" in name else 1
-            repeats = max(1, round(2e4 / n**1.5 / processes))
+            repeats = max(1 if processes > 1 else 5, round(2e4 / n**1.5 / processes))
             times[name].append(statistics.median(seconds() for _ in range(repeats)) / processes)
     return {name: statistics.median(every) for name, every in times.items()}
 
