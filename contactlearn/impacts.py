@@ -8,6 +8,7 @@ holds float64 tensors in SI units; validation happens once, when it is made.
     q                  [N, 3]  m, m, rad   pose (x, y, θ) before contact
     v_pre, v_post      [N, 3]  m/s, rad/s  (v_x, v_y, ω) before and after contact
     q_post, time       [N, 3], [N]         optional: pose after contact, time of contact in s
+    order              [N]                 place in the sequence of measurements; 1, 2, 3 … if left out
     trial, object      tuples of N names
 """
 
@@ -32,10 +33,11 @@ COMPONENTS = {
     "v_post": ("vx_post", "vy_post", "omega_post"),
     "q_post": ("x_post", "y_post", "theta_post"),
     "time": ("time",),
+    "order": ("order",),
 }
 """The columns of a table file by the field of `Impacts` that they fill."""
 
-OPTIONAL = ("q_post", "time")
+OPTIONAL = ("q_post", "time", "order")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +58,7 @@ class Impacts:
     v_post: Tensor
     q_post: Tensor | None = None
     time: Tensor | None = None
+    order: Tensor | None = None
     trial: tuple[str, ...] = ()
     object: tuple[str, ...] = ()
     shape: Shape | None = None
@@ -63,6 +66,8 @@ class Impacts:
 
     def __post_init__(self):
         n = len(self.mass)
+        if self.order is None:
+            object.__setattr__(self, "order", torch.arange(1, n + 1))
         for name, columns in COMPONENTS.items():
             value = getattr(self, name)
             if value is None and name in OPTIONAL:

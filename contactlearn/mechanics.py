@@ -18,6 +18,13 @@ import torch
 from torch import Tensor
 
 
+def rotate(vector: Tensor, angle: Tensor) -> Tensor:
+    """The vector [..., 2] turned counter-clockwise by an angle [...] in rad."""
+    c, s = angle.cos(), angle.sin()
+    x, y = vector.unbind(-1)
+    return torch.stack((c * x - s * y, s * x + c * y), -1)
+
+
 def contact_jacobian(r: Tensor) -> Tensor:
     """Contact Jacobian J [..., 2, 3] (rows t, n) from the contact point r [..., 2] in m."""
     one, zero = torch.ones_like(r[..., 0]), torch.zeros_like(r[..., 0])

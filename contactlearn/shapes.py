@@ -1,7 +1,8 @@
 """Convex planar bodies on a flat floor: where they touch it, and how hard they are to turn.
 
 `contact_point` is the body's lowest point at orientation θ, relative to the centre of mass and in
-world axes: r [..., 2] in metres, r_y < 0.  `gyration_squared` is I/m of the body if its density is
+world axes: r [..., 2] in metres, r_y < 0, differentiable in θ and in the body's scale (a polygon's,
+between the jumps from corner to corner).  `gyration_squared` is I/m of the body if its density is
 uniform.  Shapes are plain values; `None` stands for an unknown shape.
 """
 
@@ -14,13 +15,14 @@ import torch
 from torch import Tensor
 
 from contactlearn.errors import DataError, UnknownNameError
+from contactlearn.mechanics import rotate
 
 
 class Shape(Protocol):
     """A convex body; the body frame has its origin at the centre of mass and is turned by θ."""
 
-    def contact_point(self, theta: Tensor) -> Tensor:
-        """Lowest point r [..., 2] in m at orientation θ [...] in rad."""
+    def support(self, direction: Tensor) -> Tensor:
+        """Farthest point [..., 2] in m in a direction [..., 2] of any length, both in the body frame."""
         ...
 
     def gyration_squared(self) -> float:
@@ -32,9 +34,16 @@ class Shape(Protocol):
         ...
 
 
-def _rotate(x: Tensor, y: Tensor, theta: Tensor) -> Tensor:
-    c, s = theta.cos(), theta.sin()
-    return torch.stack((c * x - s * y, s * x + c * y), -1)
+def contact_point(shape: Shape, theta: Tensor, scale: tuple[Tensor | float, Tensor | float] = (1.0, 1.0)) -> Tensor:
+    """Lowest point r [..., 2] in m at orientation θ [...] in rad.
+
+    The body may be stretched by `scale` along its own x and y axes: the farthest point of S K in the
+    direction d is S times that of K in the direction S d.
+    """
+    s_x, s_y = scale
+    down = torch.stack((-theta.sin() * s_x, -theta.cos() * s_y), -1)  # world −y in the body frame, times S
+    x, y = shape.support(down).unbind(-1)
+    return rotate(torch.stack((s_x * x, s_y * y), -1), theta)
 
 
 @dataclass(frozen=True)
@@ -46,12 +55,11 @@ class Ellipse:
     def __post_init__(self):
         object.__setattr__(self, "semi_axes", _lengths("semi_axes", self.semi_axes, 2))
 
-    def contact_point(self, theta: Tensor) -> Tensor:
+    def support(self, direction: Tensor) -> Tensor:
         a, b = self.semi_axes
-        # Support point of the ellipse in the direction that is world −y: (−sin θ, −cos θ) in the body.
-        d_x, d_y = -theta.sin(), -theta.cos()
+        d_x, d_y = direction.unbind(-1)
         height = torch.sqrt((a * d_x) ** 2 + (b * d_y) ** 2)
-        return _rotate(a**2 * d_x / height, b**2 * d_y / height, theta)
+        return torch.stack((a**2 * d_x / height, b**2 * d_y / height), -1)
 
     def gyration_squared(self) -> float:
         return (self.semi_axes[0] ** 2 + self.semi_axes[1] ** 2) / 4
@@ -70,8 +78,8 @@ class Disc:
     def __post_init__(self):
         object.__setattr__(self, "radius", _lengths("radius", [self.radius], 1)[0])
 
-    def contact_point(self, theta: Tensor) -> Tensor:
-        return torch.stack((torch.zeros_like(theta), torch.full_like(theta, -self.radius)), -1)
+    def support(self, direction: Tensor) -> Tensor:
+        return self.radius * direction / direction.norm(dim=-1, keepdim=True)
 
     def gyration_squared(self) -> float:
         return self.radius**2 / 2
@@ -118,11 +126,9 @@ class Polygon:
             )
         object.__setattr__(self, "vertices", corners)
 
-    def contact_point(self, theta: Tensor) -> Tensor:
-        corners = torch.tensor(self.vertices, dtype=theta.dtype, device=theta.device)
-        world = _rotate(corners[:, 0], corners[:, 1], theta[..., None])
-        lowest = world[..., 1].argmin(-1)
-        return world.gather(-2, lowest[..., None, None].expand(*lowest.shape, 1, 2))[..., 0, :]
+    def support(self, direction: Tensor) -> Tensor:
+        corners = torch.tensor(self.vertices, dtype=direction.dtype, device=direction.device)
+        return corners[(direction @ corners.T).argmax(-1)]
 
     def gyration_squared(self) -> float:
         """ρ² = Σ A_k (|p|² + p·q + |q|²) / (6 Σ A_k) over the triangles from the origin to each side (p, q).

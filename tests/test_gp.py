@@ -519,3 +519,12 @@ def test_the_order_of_points_and_units_of_weights_do_not_matter(seed, n, weighte
         close(one, two, rtol=1e-7, atol=1e-7)
     for one, two in zip(gps.leave_one_out(), other.leave_one_out(), strict=True):
         close(one[..., order], two, rtol=1e-7, atol=1e-7)
+
+
+def test_the_noise_on_new_points_is_not_weighted():
+    x, y, weight = random_data(2, 12, 3, weighted=True)
+    gps = ExactGPs(x, y[:, None], weight[:, None]).eval()
+    new = x[:, None, :5]
+    latent = gps(new)
+    measured = gps.likelihood(latent)
+    assert torch.allclose(measured.variance - latent.variance, gps.likelihood.noise.expand(2, 1, 5))

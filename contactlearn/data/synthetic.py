@@ -23,7 +23,7 @@ from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
 from contactlearn.mechanics import contact_velocity
 from contactlearn.model import ContactModel
-from contactlearn.shapes import Ellipse, Shape, make_shape
+from contactlearn.shapes import Ellipse, Shape, contact_point, make_shape
 
 
 def load(
@@ -89,7 +89,7 @@ def _draw(size: int, body: Shape, sigma: Tensor, generator: torch.Generator) -> 
         x, theta, v_x, v_y = (low + (high - low) * _random(torch.rand, (size, 4), generator)).unbind(-1)
         v = torch.stack((v_x, v_y, 6 * _random(torch.randn, (size,), generator)), -1)
         noise = sigma * _random(torch.randn, (size, 2, 3), generator)
-        r = body.contact_point(theta)
+        r = contact_point(body, theta)
         q = torch.stack((x, -r[:, 1], theta), -1)
         approaches = (contact_velocity(r, v)[:, 1] < 0) & (contact_velocity(r, v + noise[:, 0])[:, 1] < 0)
         batches.append([part[approaches] for part in (r, q, v, noise)])

@@ -8,6 +8,7 @@
     trial, object                    optional        names; by default 1, 2, 3 … and "body"
     x_post, y_post, theta_post       optional        pose after contact: all three or none
     time                             optional, s     time of contact
+    order                            optional        place in the sequence of measurements; by default 1, 2, 3 …
 
 World axes: x right, y up (the floor's normal), theta counter-clockwise.  Columns come in any order.
 A cell is a number or a name, never code.  The body's shape is not a column: it is named beside
@@ -31,7 +32,16 @@ NAMES = ("trial", "object")
 COLUMNS = NAMES + tuple(column for columns in COMPONENTS.values() for column in columns)
 REQUIRED = tuple(column for field, columns in COMPONENTS.items() if field not in OPTIONAL for column in columns)
 
-_UNITS = {"mass": "kg", "inertia": "kg m²", "theta": "rad", "vx": "m/s", "vy": "m/s", "omega": "rad/s", "time": "s"}
+_UNITS = {
+    "mass": "kg",
+    "inertia": "kg m²",
+    "theta": "rad",
+    "vx": "m/s",
+    "vy": "m/s",
+    "omega": "rad/s",
+    "time": "s",
+    "order": "trials",
+}
 _READERS = {".csv": sheet.read_csv, ".parquet": sheet.read_parquet}
 _WRITERS = {".csv": sheet.write_csv, ".parquet": sheet.write_parquet}
 

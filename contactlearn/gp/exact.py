@@ -39,7 +39,7 @@ class Fit(NamedTuple):
 
 
 class WeightedNoise(GaussianLikelihood):
-    """Gaussian noise of variance σ²/w² on the training points [..., n], and σ² elsewhere."""
+    """Gaussian noise of variance σ²/w² on the training points [..., n], and σ² on any other number of points."""
 
     def __init__(self, batch: torch.Size, weight: Tensor | None):
         super().__init__(batch_shape=batch, noise_constraint=Positive())
@@ -50,7 +50,8 @@ class WeightedNoise(GaussianLikelihood):
         return self.noise if self.weight is None else self.noise / self.weight.square()
 
     def _shaped_noise_covar(self, base_shape: torch.Size, *inputs, **kwargs) -> DiagLinearOperator:
-        return DiagLinearOperator(self.variance().expand(base_shape))
+        training = self.weight is None or base_shape[-1:] == self.weight.shape[-1:]
+        return DiagLinearOperator((self.variance() if training else self.noise).expand(base_shape))
 
 
 class ExactGPs(gpytorch.models.ExactGP):
