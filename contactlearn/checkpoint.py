@@ -10,6 +10,7 @@ training data and GPyTorch's state dict; how their hyperparameters were found is
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from pickle import UnpicklingError
@@ -20,6 +21,8 @@ from zipfile import BadZipFile, ZipFile
 import torch
 from torch import Tensor
 
+from contactlearn import effects
+from contactlearn.effects import Effect, columns
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.features import SPACES, Standardisation
 from contactlearn.gp.exact import ExactGPs
@@ -103,6 +106,11 @@ def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         return part.shape
     if part is None or isinstance(part, str):
         return part
+    if isinstance(part, Mapping):
+        return {"kind": "effects"} | {key: _describe(part[key], f"{name}.{key}", tensors) for key in part}
+    if isinstance(part, Effect):
+        values = _describe(columns(*part.values), f"{name}.values", tensors)
+        return {"kind": "effect", "name": part.name, "options": part.options, "values": values}
     if isinstance(part, ExactGPs | SparseGPs):
         own = {"x": part.train_inputs[0][..., 0, :, :], "y": part.train_targets, "weight": part.likelihood.weight}
         own |= part.state_dict()
@@ -117,7 +125,13 @@ def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         return _take(tensors, name, tuple(description))
     if description is None or isinstance(description, str):
         return description
-    kind = _KINDS[description.pop("kind")]
+    kind = description.pop("kind")
+    if kind == "effect":
+        effect = effects.find(description["name"])(**_tuples(description["options"]))
+        return effect.at(_build(description["values"], f"{name}.values", tensors))
+    if kind == "effects":
+        return {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
+    kind = _KINDS[kind]
     own = {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
     if kind in (ExactGPs, SparseGPs):
         gps = kind(*(own.pop(key) for key in ("x", "y", "weight")))
@@ -133,6 +147,13 @@ def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         if seen != wanted:
             raise DataError(f"{name}.inputs.mean has {seen} columns, and feature space {part.space} has {wanted}")
     return part
+
+
+def _tuples(value: Any) -> Any:
+    """JSON's lists as tuples."""
+    if isinstance(value, dict):
+        return {key: _tuples(part) for key, part in value.items()}
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def _take(tensors: dict[str, Tensor], name: str, shape: tuple[int, ...]) -> Tensor:

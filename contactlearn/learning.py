@@ -25,7 +25,7 @@ from contactlearn.fit_trials import identify_trials
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
 from contactlearn.metrics import CHI_SQUARED_95
-from contactlearn.model import ContactModel, impulse_per_parameter, predict_with
+from contactlearn.model import ContactModel, predict_with, wrench_per_parameter
 from contactlearn.regressor import Regressor
 
 OUTPUTS = {
@@ -84,7 +84,8 @@ def learn(
     Args:
         recipe: what to learn from what.
         impacts, rows: subsets [..., n] as rows of the impacts.
-        base: the recipe's law with its shared (μ, ε) [..., 1], or any model whose residual is learnt.
+        base: the recipe's law with its shared (μ, ε) [..., 1], or any model whose residual is learnt; likely
+            parameters can also be learnt of a law with effects.
         impulse: the measured impulse, see `fit.measured_impulse`.
         box: limits of per-trial parameters.
 
@@ -95,17 +96,23 @@ def learn(
     expected = f"the law {recipe.law}" if recipe.law else "nothing, or a model"
     if not isinstance(base, ContactModel) and getattr(base, "name", None) != recipe.law:
         raise ContactLearnError(f"the recipe builds on {expected}, got {base}")
-    if isinstance(base, ContactModel) and recipe.target.startswith("parameters"):
-        raise ContactLearnError(f"target {recipe.target} needs a law under it, got a model")
     if recipe.target.startswith("parameters"):
+        under = base if isinstance(base, ContactModel) else ContactModel(base)
+        if under.residual or under.parameters or not isinstance(under.base, Law):
+            raise ContactLearnError(f"target {recipe.target} needs a law under it, got a model")
+        if under.effects and recipe.target == "parameters_identified":
+            raise ContactLearnError(
+                "target parameters_identified takes each trial's (μ, ε) from the law alone, but there are effects "
+                f"({', '.join(under.effects)}); use target parameters_likelihood"
+            )
         if recipe.target == "parameters_identified":
             found = identify_trials(recipe.law, impacts, variant=recipe.variant, target=impulse, box=box)
             values = torch.stack((found.mu, found.eps), -1)[rows]
             regressor = Regressor.fit(recipe.features, impacts, rows, values)
         else:
             P = measured_impulse(impacts, impulse)
-            regressor, values = _learn_parameters(recipe, impacts, rows, base, P, box or Box())
-        return _with_noise(ContactModel(base, parameters=regressor), impacts, rows, values)
+            regressor, values = _learn_parameters(recipe, impacts, rows, under, P, box or Box())
+        return _with_noise(replace(under, parameters=regressor), impacts, rows, values)
     model = ContactModel(base, target=recipe.target)
     left = model.base_prediction(impacts)
     values = {
@@ -119,7 +126,7 @@ def learn(
 
 
 def _learn_parameters(
-    recipe: Recipe, impacts: Impacts, rows: Tensor, law: Law, P: Tensor, box: Box
+    recipe: Recipe, impacts: Impacts, rows: Tensor, base: ContactModel, P: Tensor, box: Box
 ) -> tuple[Regressor, Tensor]:
     """Processes for (μ, ε) that make the measured impulse P [N, 2] likely, and what they were fitted to [..., n, 2].
 
@@ -129,6 +136,7 @@ def _learn_parameters(
     do as well.  So a trial that sticks says next to nothing about μ.  The posteriors of the two parameters
     are taken as independent.
     """
+    law, effects = base.base, base.effects
     mu, eps = (torch.as_tensor(x, dtype=torch.float64) for x in (law.mu, law.eps))
     shared = torch.stack(torch.broadcast_tensors(mu, eps), -1)
     outputs = Standardisation(shared, torch.full_like(shared, _PRIOR_SPREAD))
@@ -137,8 +145,8 @@ def _learn_parameters(
     for _ in range(_ROUNDS):
         theta = torch.minimum(torch.maximum(theta, box.low), box.high)
         everywhere = _everywhere(theta, rows, len(impacts))
-        G = _at(impulse_per_parameter(law, impacts, everywhere), rows, 2)
-        error = _at(P - predict_with(law, impacts, everywhere).wrench[..., :2], rows)
+        G = _at(wrench_per_parameter(law, impacts, everywhere, effects)[..., :2, :], rows, 2)
+        error = _at(P - predict_with(law, impacts, everywhere, effects).wrench[..., :2], rows)
         other, typical = G.flip(-1), G.square().sum(-2).mean(-2, keepdim=True).amax(-1, keepdim=True).sqrt()
         shrunk = other.square().sum(-2, keepdim=True) + (_PRIOR_SPREAD * typical[..., None]).square()
         H = G - (G * other).sum(-2, keepdim=True) / shrunk * other

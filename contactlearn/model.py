@@ -1,6 +1,7 @@
 """ContactModel: what predicts the outcome of an impact, with one `predict` for every kind.
 
     base         an analytical law, another model, or nothing: no impulse at all
+    effects      physical effects around the law, by name, see `contactlearn.effects`
     parameters   Gaussian processes for (μ, ε) of each impact in place of the law's own
     residual     Gaussian processes on what the base leaves, as impulse, wrench or post velocity
     noise        covariance of the measured post velocity that none of these can predict
@@ -9,13 +10,18 @@ A purely learned model has no base; a law alone has nothing else.  Leading axes,
 subsets, may come before the impacts in every part.
 """
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
 from contactlearn import mechanics
+from contactlearn.effects import PLACES, Effect, State
+from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law, impulse
 from contactlearn.regressor import Regressor
@@ -26,19 +32,31 @@ RESIDUALS = ("velocity", "impulse", "wrench")
 
 @dataclass(frozen=True)
 class ContactModel:
-    """See the module; `target` is one of `RESIDUALS`, `noise` [..., 3, 3] in squares of (m/s, m/s, rad/s)."""
+    """See the module; `target` is one of `RESIDUALS`, `noise` [..., 3, 3] in squares of (m/s, m/s, rad/s).
+
+    `parameter_covariance` [..., K, K] is that of the fitted μ, ε and parameters of the effects, in this order.
+
+    Raises:
+        ContactLearnError: effects without a law for them to act on.
+    """
 
     base: "Law | ContactModel | None" = None
     residual: Regressor | None = None
     target: str = "wrench"
     parameters: Regressor | None = None
     noise: Tensor | None = None
+    effects: Mapping[str, Effect] = field(default_factory=dict)
+    parameter_covariance: Tensor | None = None
+
+    def __post_init__(self):
+        if self.effects and not isinstance(self.base, Law):
+            raise ContactLearnError(f"effects act around a law, got {self.base}; name one, such as law=wang_mason")
 
     def predict(self, impacts: Impacts) -> Prediction:
         """Post velocity, wrench and, where noise is known, covariance of every impact.
 
         The covariance is that of the processes, carried through the equation of motion (and
-        linearly through the law), plus the noise.
+        linearly through the law and its effects), plus the noise.
         """
         if self.parameters is not None:
             mean, variance = self.parameters.predict(impacts)
@@ -53,25 +71,47 @@ class ContactModel:
         return Prediction(prediction.v_post, prediction.wrench, covariance)
 
     def __str__(self) -> str:
-        """The parts with their parameters, such as `wang_mason (textbook): μ = 0.120, ε = 0.550 + wrench(x1)`."""
-        parts = [] if self.base is None else [str(self.base)]
+        """The equation of the model, a line for each effect:
+
+        wang_mason (textbook): μ = 0.120 ± 0.001, ε = 0.550 ± 0.002
+          + spin_damping: τ ← τ − c I ω⁺, c = 0.105 ± 0.004
+          + wrench(x1)
+        """
+        lines = [] if self.base is None else [str(self.base)]
+        if isinstance(self.base, Law) and self.parameter_covariance is not None:
+            values = zip(("μ", "ε"), (self.base.mu, self.base.eps), ("", ""), self.standard_errors()[:2], strict=True)
+            lines = [f"{self.base.name} ({self.base.variant}): {_listed(values)}"]
         if self.parameters is not None:
-            parts = [f"{self.base.name} ({self.base.variant}): (μ, ε)({self.parameters.space})"]
+            lines = [f"{self.base.name} ({self.base.variant}): (μ, ε)({self.parameters.space})"]
+        errors = iter(self.standard_errors()[2:])
+        for name, effect in self.effects.items():
+            values = (
+                (p.symbol, v, p.unit, next(errors)) for p, v in zip(effect.parameters, effect.values, strict=True)
+            )
+            lines.append(f"{name}: {effect.equation}, {_listed(values)}")
         if self.residual is not None:
-            parts.append(f"{self.target}({self.residual.space})")
-        return " + ".join(parts) or "no impulse"
+            lines.append(f"{self.target}({self.residual.space})")
+        return ("\n  + " if self.effects else " + ").join(lines) or "no impulse"
+
+    def standard_errors(self) -> list[float | None]:
+        """Of μ, ε and the parameters of the effects, the mean over leading axes; None where they are not known."""
+        if self.parameter_covariance is None:
+            return [None] * (2 + sum(len(effect.parameters) for effect in self.effects.values()))
+        errors = self.parameter_covariance.diagonal(dim1=-2, dim2=-1).sqrt()
+        return errors.reshape(-1, errors.shape[-1]).mean(0).tolist()
 
     def base_prediction(self, impacts: Impacts) -> Prediction:
-        """What the base alone predicts."""
+        """What the base predicts, with its effects."""
         if isinstance(self.base, ContactModel):
             return self.base.predict(impacts)
-        P = torch.zeros_like(impacts.r) if self.base is None else self.base.impulse(impacts.W, impacts.v_c)
-        return Prediction.from_wrench(impacts, pad(P, (0, 1)))
+        if self.base is None:
+            return Prediction.from_wrench(impacts, pad(torch.zeros_like(impacts.r), (0, 1)))
+        return resolve(self.base, self.effects, State.of(impacts), self.base.mu, self.base.eps)
 
     def complete(self, impacts: Impacts, learned: Tensor) -> Prediction:
         """Prediction from the value [..., N, O] of the learned part: (μ, ε) or the residual."""
         if self.parameters is not None:
-            return predict_with(self.base, impacts, learned)
+            return predict_with(self.base, impacts, learned, self.effects)
         base = self.base_prediction(impacts)
         if self.target == "velocity":
             v_post = base.v_post + learned
@@ -83,29 +123,79 @@ class ContactModel:
         """Covariance [..., N, 3, 3] of v_post from the variance [..., N, O] of the learned part."""
         if self.target == "velocity":
             return torch.diag_embed(variance)
-        slope = mechanics.velocity_per_wrench(impacts.mass, impacts.inertia, impacts.r)[..., : variance.shape[-1]]
+        slope = mechanics.velocity_per_wrench(impacts.mass, impacts.inertia, impacts.r)
         if self.parameters is not None:
-            slope = slope @ impulse_per_parameter(self.base, impacts, learned)
+            slope = slope @ wrench_per_parameter(self.base, impacts, learned, self.effects)
+        slope = slope[..., : variance.shape[-1]]
         return (slope * variance[..., None, :]) @ slope.mT
 
 
-def predict_with(law: Law, impacts: Impacts, parameters: Tensor) -> Prediction:
-    """Prediction of a law with its own (μ, ε) [..., N, 2] for each impact; negative ones count as 0, ε ends at 1."""
-    return Prediction.from_wrench(impacts, pad(_impulse(law, impacts, parameters), (0, 1)))
+def resolve(
+    law: Law, effects: Mapping[str, Effect], measured: State, mu: Tensor | float, eps: Tensor | float
+) -> Prediction:
+    """The outcome of a law with effects around it, with μ and ε broadcast against the impacts [..., N].
+
+    Effects act in the order of their places, and in the given order within one.  The wrench of the prediction is
+    the one that takes the measured body from its measured v_pre to the predicted v_post.
+    """
+    at = {place: [effect for effect in effects.values() if effect.place == place] for place in PLACES}
+    state = measured
+    for effect in at["state"]:
+        state = effect.state(state)
+    mu, eps = (torch.as_tensor(x, dtype=torch.float64) for x in (mu, eps))
+    for effect in at["law"]:
+        mu, eps = effect.law(state, mu, eps)
+    if at["law"]:
+        mu, eps = _clamped(mu, eps)
+    state = state.replace(mu=mu, eps=eps)
+    P = impulse(law.name, state.W, state.approach, mu, eps, variant=law.variant, e_t=law.e_t)
+    wrench = pad(P, (0, 1))
+    for effect in at["wrench"]:
+        wrench = effect.wrench(state, wrench)
+    if not at["state"] and not at["velocity"]:
+        return Prediction.from_wrench(measured, wrench)
+    v_post = state.as_measured(state.v_after(wrench))
+    for effect in at["velocity"]:
+        v_post = effect.velocity(state, v_post)
+    missing = v_post - measured.v_after(wrench)  # exactly 0 where the effects vanish
+    still = torch.zeros_like(missing)
+    return Prediction(
+        v_post, wrench + mechanics.measured_wrench(measured.mass, measured.inertia, measured.r, still, missing)
+    )
 
 
-def impulse_per_parameter(law: Law, impacts: Impacts, parameters: Tensor) -> Tensor:
-    """Derivative [..., N, 2, 2] of (P_t, P_n) in (μ, ε) at parameters [..., N, 2]."""
-    mu, eps = (part.clone().requires_grad_() for part in _clamped(parameters))
+def predict_with(
+    law: Law, impacts: Impacts, parameters: Tensor, effects: Mapping[str, Effect] = MappingProxyType({})
+) -> Prediction:
+    """Prediction with (μ, ε) [..., N, 2] of each impact's own; negative ones count as 0, ε ends at 1."""
+    return resolve(law, effects, State.of(impacts), *_clamped(*parameters.unbind(-1)))
+
+
+def wrench_per_parameter(
+    law: Law, impacts: Impacts, parameters: Tensor, effects: Mapping[str, Effect] = MappingProxyType({})
+) -> Tensor:
+    """Derivative [..., N, 3, 2] of the wrench in (μ, ε) at parameters [..., N, 2] of each impact's own."""
+    own = [part.clone().requires_grad_() for part in _clamped(*parameters.unbind(-1))]
     with torch.enable_grad():
-        P = impulse(law.name, impacts.W, impacts.v_c, mu, eps, variant=law.variant, e_t=law.e_t)
-        rows = [torch.stack(torch.autograd.grad(part.sum(), (mu, eps), retain_graph=True), -1) for part in P.unbind(-1)]
-    return torch.stack(rows, -2)
+        return derivative(resolve(law, effects, State.of(impacts), *own).wrench, own)
 
 
-def _impulse(law: Law, impacts: Impacts, parameters: Tensor) -> Tensor:
-    return impulse(law.name, impacts.W, impacts.v_c, *_clamped(parameters), variant=law.variant, e_t=law.e_t)
+def derivative(outcome: Tensor, parameters: Sequence[Tensor]) -> Tensor:
+    """Derivative [..., N, D, K] of outcomes [..., N, D] in parameters [..., N] of their own impacts alone."""
+    rows = [torch.autograd.grad(part.sum(), parameters, retain_graph=True) for part in outcome.unbind(-1)]
+    return torch.stack([torch.stack(row, -1) for row in rows], -2)
 
 
-def _clamped(parameters: Tensor) -> tuple[Tensor, Tensor]:
-    return parameters[..., 0].clamp_min(0), parameters[..., 1].clamp(0, 1)
+def _clamped(mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
+    return mu.clamp_min(0), eps.clamp(0, 1)
+
+
+def _listed(values: Iterable[tuple[str, Tensor | float, str, float | None]]) -> str:
+    """Symbols, values, units and standard errors as `c = 0.105 ± 0.004 m, …`; values are means over leading axes."""
+    parts = []
+    for symbol, value, unit, error in values:
+        value = torch.as_tensor(value, dtype=torch.float64).mean().item()
+        digits = 3 if not error or not math.isfinite(error) else min(8, max(0, 1 - math.floor(math.log10(error))))
+        spread = "" if error is None else f" ± {error:.{digits}f}"
+        parts.append(f"{symbol} = {value:.{digits}f}{spread}" + (f" {unit}" if unit not in ("", "–") else ""))
+    return ", ".join(parts)

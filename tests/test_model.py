@@ -15,7 +15,7 @@ from contactlearn import mechanics
 from contactlearn.data import synthetic
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law, impulse, names
-from contactlearn.model import RESIDUALS, ContactModel, impulse_per_parameter, predict_with
+from contactlearn.model import RESIDUALS, ContactModel, predict_with, wrench_per_parameter
 
 ROUNDING = 1e-12
 """Relative to the largest number of a column: exact algebra, a few roundings of double precision."""
@@ -236,23 +236,23 @@ CLAMPED = {
 def test_parameters_are_clamped_to_what_they_can_be(given, counted, drops):
     given, counted = (torch.tensor(x, dtype=torch.float64).expand(N, 2) for x in (given, counted))
     assert torch.equal(predict_with(LAW, drops, given).v_post, predict_with(LAW, drops, counted).v_post)
-    assert torch.equal(impulse_per_parameter(LAW, drops, given), impulse_per_parameter(LAW, drops, counted))
+    assert torch.equal(wrench_per_parameter(LAW, drops, given), wrench_per_parameter(LAW, drops, counted))
     P = Law(LAW.name, *counted[0].tolist()).impulse(drops.W, drops.v_c)
     assert_close(predict_with(LAW, drops, given).wrench[:, :2], P)
 
 
 @pytest.mark.parametrize("variant", ["textbook", "fazeli2017"])
 @pytest.mark.parametrize("law", names())
-def test_impulse_per_parameter_against_differences(law, variant, drops):
+def test_wrench_per_parameter_against_differences(law, variant, drops):
     """On the nineteen in twenty contacts whose mode does not change within the step."""
     theta, h = learned_parameters(3).mean, 1e-6
     law = Law(law, 0.1, 0.5, variant)
-    G = impulse_per_parameter(law, drops, theta)
-    assert G.shape == (3, N, 2, 2)
+    G = wrench_per_parameter(law, drops, theta)
+    assert G.shape == (3, N, 3, 2)
     assert not G.requires_grad
     for k in range(2):
         step = h * torch.eye(2, dtype=torch.float64)[k]
-        up, down = (predict_with(law, drops, theta + s).wrench[..., :2] for s in (step, -step))
+        up, down = (predict_with(law, drops, theta + s).wrench for s in (step, -step))
         error = ((up - down) / (2 * h) - G[..., k]).norm(dim=-1)
         assert (error <= DIFFERENCES * drops.mass[0] * 3).double().mean() > 0.95  # impulses are of size m · 3 m/s
 

@@ -15,7 +15,7 @@ ORDER = (
     ("errors",),
     ("shapes", "mechanics", "gp"),
     ("impacts",),
-    ("laws", "features"),
+    ("laws", "features", "effects"),
     ("regressor",),
     ("model",),
     ("data", "bounds", "metrics", "fit", "checkpoint"),

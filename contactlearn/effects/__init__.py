@@ -1,0 +1,45 @@
+"""Physical effects: named corrections of a rigid contact, one a file, with few parameters each.
+
+`Effect` in base.py is the seam; `catalogue()` has every effect by name: the files of this folder,
+those that other packages announce under the entry point `contactlearn.effects`, and any class of
+yours that has been imported.  docs/effects.md lists them with their formulas.
+"""
+
+import importlib
+import pkgutil
+from dataclasses import MISSING, Field, fields
+from importlib.metadata import entry_points
+
+from contactlearn.effects.base import PLACES, Effect, Parameter, parameter
+from contactlearn.effects.state import State, columns
+from contactlearn.errors import UnknownNameError
+
+ENTRY_POINT = "contactlearn.effects"
+
+__all__ = ["ENTRY_POINT", "PLACES", "Effect", "Parameter", "State", "catalogue", "columns", "find", "parameter"]
+
+
+def catalogue() -> dict[str, type[Effect]]:
+    """Every effect that needs no arguments, by name, in the order of the places and then of the alphabet."""
+    for module in pkgutil.iter_modules(__path__):
+        importlib.import_module(f"{__name__}.{module.name}")
+    for entry in entry_points(group=ENTRY_POINT):
+        entry.load()
+    found = [effect for effect in Effect.__subclasses__() if all(_optional(f) for f in fields(effect))]
+    return {effect.name: effect for effect in sorted(found, key=lambda e: (PLACES.index(e.place), e.name))}
+
+
+def find(name: str) -> type[Effect]:
+    """The effect of that name, with or without arguments.
+
+    Raises:
+        UnknownNameError: no such effect; one of another package is known once that has been imported.
+    """
+    known = catalogue() | {effect.name: effect for effect in Effect.__subclasses__()}
+    if name not in known:
+        raise UnknownNameError("effect", name, known)
+    return known[name]
+
+
+def _optional(field: Field) -> bool:
+    return field.default is not MISSING or field.default_factory is not MISSING

@@ -1,0 +1,25 @@
+"""The body is harder or easier to turn than it was thought to be."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from contactlearn.effects.base import Effect, parameter
+from contactlearn.effects.state import State
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaError(Effect):
+    """The moment of inertia is e^κ times the nominal one.
+
+    It is not an error of the mass, which no velocity can tell of.
+    """
+
+    formula = "I ← I e^κ"
+    source = "calibration"
+    adds_energy = True
+    kappa: Tensor | float = parameter("κ", "–", -1.0, 1.0)
+
+    def state(self, state: State) -> State:
+        return state.replace(inertia=state.inertia * torch.as_tensor(self.kappa).exp())

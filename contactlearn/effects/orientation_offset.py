@@ -1,0 +1,27 @@
+"""The camera's zero of the orientation is not the body's."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from contactlearn.effects.base import Effect, parameter
+from contactlearn.effects.state import State
+
+
+@dataclass(frozen=True, eq=False)
+class OrientationOffset(Effect):
+    """θ → θ + δ before the body's shape gives the contact point.
+
+    It is not a tilt of the floor, which also turns the velocities (`surface_tilt`).
+    """
+
+    formula = "θ ← θ + δ, r ← r(θ)"
+    source = "calibration"
+    mirror_symmetric = False
+    adds_energy = True
+    needs_shape = True
+    delta: Tensor | float = parameter("δ", "rad", -0.3, 0.3)
+
+    def state(self, state: State) -> State:
+        return state.turned(torch.as_tensor(self.delta))

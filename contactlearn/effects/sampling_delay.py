@@ -1,0 +1,30 @@
+"""The last frame before contact is not the moment of contact."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from contactlearn.effects.base import Effect, parameter
+from contactlearn.effects.state import State, columns
+
+
+@dataclass(frozen=True, eq=False)
+class SamplingDelay(Effect):
+    """The body moves on for Δt after the last frame, and so touches the floor with another point.
+
+        (x, y, θ) → (x, y, θ) + Δt (v_x, v_y, ω),      r → r(θ)
+
+    The velocities stay: it is not gravity acting on a late frame (`gravity_impulse`).
+    """
+
+    formula = "(x, y, θ) ← (x, y, θ) + Δt v, r ← r(θ)"
+    source = "frame rate"
+    adds_energy = True
+    needs_shape = True
+    dt: Tensor | float = parameter("Δt", "s", -0.02, 0.02)
+
+    def state(self, state: State) -> State:
+        dt = torch.as_tensor(self.dt)
+        moved = (state.q[..., k] + dt * state.v_pre[..., k] for k in (0, 1))
+        return state.replace(q=columns(*moved, state.theta)).turned(dt * state.omega)
