@@ -13,15 +13,15 @@ PACKAGE = ROOT / "contactlearn"
 # From the measurements to what is shown.  A module may import those on its own or an earlier line.
 ORDER = (
     ("errors",),
-    ("shapes", "mechanics", "gp"),
+    ("shapes", "mechanics", "gp", "student"),
     ("impacts",),
     ("laws", "features", "effects"),
     ("regressor",),
     ("model",),
     ("data", "bounds", "metrics", "fit", "checkpoint"),
-    ("fit_trials",),
+    ("fit_trials", "fit_effects"),
     ("learning",),
-    ("study",),
+    ("study", "testing"),
     ("tracking", "report"),
     ("settings",),
     ("app",),

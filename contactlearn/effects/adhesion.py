@@ -18,7 +18,6 @@ class Adhesion(Effect):
 
     formula = "P_n ← P_n − c"
     source = "Johnson, Kendall & Roberts 1971"
-    adds_energy = True
     c: Tensor | float = parameter("c", "N s", 0.0, 0.05)
 
     def wrench(self, state: State, wrench: Tensor) -> Tensor:

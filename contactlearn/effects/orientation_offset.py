@@ -19,7 +19,6 @@ class OrientationOffset(Effect):
     formula = "θ ← θ + δ, r ← r(θ)"
     source = "calibration"
     mirror_symmetric = False
-    adds_energy = True
     needs_shape = True
     delta: Tensor | float = parameter("δ", "rad", -0.3, 0.3)
 

@@ -20,7 +20,6 @@ class SamplingDelay(Effect):
 
     formula = "(x, y, θ) ← (x, y, θ) + Δt v, r ← r(θ)"
     source = "frame rate"
-    adds_energy = True
     needs_shape = True
     dt: Tensor | float = parameter("Δt", "s", -0.02, 0.02)
 

@@ -19,7 +19,6 @@ class ShapeError(Effect):
 
     formula = "r ← r(θ) of the body stretched by (1 + s_a, 1 + s_b)"
     source = "calibration"
-    adds_energy = True
     needs_shape = True
     s_a: Tensor | float = parameter("s_a", "–", -0.3, 0.3)
     s_b: Tensor | float = parameter("s_b", "–", -0.3, 0.3)

@@ -24,7 +24,6 @@ class SurfaceTilt(Effect):
     formula = "(r, v, θ) ← (R(−φ) r, R(−φ) v, θ − φ)"
     source = "calibration"
     mirror_symmetric = False
-    adds_energy = True
     phi: Tensor | float = parameter("φ", "rad", -0.2, 0.2)
 
     def state(self, state: State) -> State:

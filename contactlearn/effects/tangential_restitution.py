@@ -9,12 +9,14 @@ from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State, columns
 from contactlearn.mechanics import effective_inertia
 
+_ROUNDING = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class TangentialRestitution(Effect):
     """Where the contact comes to stick it rebounds: v_t⁺ = −β v_t, as far as the friction cone allows.
 
-        ΔP = s M_c (−(β v_t − u), 0),      s ∈ [0, 1] the largest with |P_t| ≤ μ P_n
+        ΔP = s M_c (u − β v_t, 0),      s ∈ [0, 1] the largest with |P_t| ≤ μ P_n
 
     with the part u of v_t that the law itself already turns back; v_n⁺ stays.  A contact that slides
     throughout is on the cone's edge and does not change.  It is not friction against the slip.
@@ -27,17 +29,18 @@ class TangentialRestitution(Effect):
 
     def wrench(self, state: State, wrench: Tensor) -> Tensor:
         P_t, P_n, tau = wrench.unbind(-1)
-        direction = state.v_t.sign()
-        turned = (-direction * state.contact_after(wrench)[..., 0]).clamp_min(0)
-        change = -direction * (self.beta * state.v_t.abs() - turned).clamp_min(0)
+        direction, rounding = -state.v_t.sign(), _ROUNDING * state.v_c.norm(dim=-1)
+        turned = (direction * state.contact_after(wrench)[..., 0]).clamp_min(0)
+        turned = torch.where(turned < rounding, 0.0, turned)  # the contact sticks
         M_c = effective_inertia(state.W)
-        t, n = M_c[..., 0, 0] * change, M_c[..., 0, 1] * change
+        t, n = M_c[..., 0, 0] * direction, M_c[..., 0, 1] * direction  # impulse per change of v_t, kg
         limit = state.mu * P_n
-        share = torch.minimum(_room(limit - P_t, t - state.mu * n), _room(limit + P_t, -t - state.mu * n))
-        return columns(P_t + share * t, P_n + share * n, tau)
+        room = torch.minimum(_room(limit - P_t, t - state.mu * n), _room(limit + P_t, -t - state.mu * n))
+        change = torch.minimum((self.beta * state.v_t.abs() - turned).clamp_min(0), room)
+        change = torch.where(room < rounding, 0.0, change)  # the contact slides
+        return columns(P_t + change * t, P_n + change * n, tau)
 
 
-def _room(left: Tensor, used: Tensor) -> Tensor:
-    """Largest share s ≤ 1 of a step that uses s·used of what is left."""
-    limited = used > left
-    return torch.where(limited, left.clamp_min(0) / torch.where(limited, used, 1.0), 1.0)
+def _room(left: Tensor, rate: Tensor) -> Tensor:
+    """Change of v_t, m/s, that uses up what is left of the cone."""
+    return torch.where(rate > 0, left / torch.where(rate > 0, rate, 1.0), torch.inf)

@@ -1,0 +1,134 @@
+"""What every effect must obey, as tests that the package of an effect of your own can inherit.
+
+    from contactlearn.testing import EffectContract
+    from my_package import SeamFriction
+
+    class TestSeamFriction(EffectContract):
+        effect = SeamFriction()
+
+pytest then finds the methods: the effect declares itself, changes nothing at its vanishing values, acts
+elsewhere, treats a batch like a loop, has exact gradients, mirrors as it says and adds energy as it says.
+"""
+
+import math
+
+import torch
+from torch import Tensor
+
+from contactlearn.data import synthetic
+from contactlearn.effects import Effect, State, columns
+from contactlearn.fit_effects import assemble
+from contactlearn.impacts import Impacts, Prediction
+from contactlearn.laws import Law
+from contactlearn.model import derivative, resolve
+
+N = 400
+COEFFICIENTS, ELASTIC = torch.tensor(((0.15, 0.6), (0.05, 1.0)), dtype=torch.float64)  # μ and ε
+MIRROR = torch.tensor((-1.0, 1.0, -1.0), dtype=torch.float64)
+ROUNDING = 1e-10  # relative to 1 m/s and 10 rad/s: a few operations more or less
+DIFFERENCES = 1e-3  # of a difference with a step of 1e-6 of the range
+
+
+class EffectContract:
+    """Inherit, and set `effect` to an instance; `law` is the law that it acts around."""
+
+    effect: Effect
+    law: str = "wang_mason"
+
+    def impacts(self) -> Impacts:
+        """Drops from both sides and from different heights, in a sequence."""
+        drops = synthetic.load(size=N, velocity_noise=0, spin_noise=0, seed=5)
+        generator = torch.Generator().manual_seed(6)
+        v = drops.v_pre * (0.5 + torch.rand(N, 1, generator=generator, dtype=torch.float64))
+        v[::2, 0] *= -1
+        steep = v[:, 1] + drops.r[:, 0] * v[:, 2] < -0.1
+        return drops[steep].replace(v_pre=v[steep])
+
+    def predict(self, impacts: Impacts, values: Tensor, coefficients: Tensor = COEFFICIENTS) -> Prediction:
+        """With the effect at values [..., K]."""
+        theta = torch.cat((coefficients.expand(*values.shape[:-1], 2), values), -1)
+        return assemble(self.law, "textbook", {"it": self.prepared}, theta).predict(impacts)
+
+    @property
+    def prepared(self) -> Effect:
+        return self.effect.prepare(self.impacts())
+
+    def samples(self, count: int = 16) -> Tensor:
+        """Values [count, K] spread over a third of the plausible ranges about the vanishing ones."""
+        generator = torch.Generator().manual_seed(7)
+        low, high = torch.tensor([(p.low, p.high) for p in self.effect.parameters], dtype=torch.float64).T
+        at_rest = columns(*self.effect.vanished().values)
+        spread = torch.rand(count, len(low), generator=generator, dtype=torch.float64)
+        return at_rest + (low + spread * (high - low) - at_rest) / 3
+
+    def test_it_declares_itself(self):
+        effect = self.effect
+        assert effect.equation
+        assert effect.__doc__, "say in the docstring what it does, and what it is not"
+        assert effect.parameters, "an effect has at least one parameter"
+        for p in effect.parameters:
+            assert p.unit, f"{p.name} needs a unit, – for a number"
+            assert p.low < p.high
+            assert p.low <= p.start <= p.high
+            assert p.vanishing is None or p.low <= p.vanishing <= p.high
+        assert any(p.vanishing is not None for p in effect.parameters), "some parameter must make it vanish"
+        again = type(effect)(**effect.options).at(columns(*effect.values))
+        assert again.parameters == effect.parameters
+
+    def test_it_vanishes_to_the_last_bit(self):
+        impacts = self.impacts()
+        found = self.predict(impacts, columns(*self.effect.vanished().values))
+        expected = assemble(self.law, "textbook", {}, COEFFICIENTS).predict(impacts)
+        assert torch.equal(found.v_post, expected.v_post)
+        assert torch.equal(found.wrench, expected.wrench)
+
+    def test_it_acts(self):
+        impacts = self.impacts()
+        at_rest = self.predict(impacts, columns(*self.effect.vanished().values)).v_post
+        assert ((self.predict(impacts, self.samples(2)).v_post - at_rest).abs().amax((-2, -1)) > 0).all()
+
+    def test_a_batch_is_a_loop(self):
+        impacts, samples = self.impacts(), self.samples(3)
+        batch = self.predict(impacts, samples)
+        for k in range(3):
+            one = self.predict(impacts, samples[k])
+            assert torch.allclose(batch.v_post[k], one.v_post, rtol=ROUNDING, atol=ROUNDING)
+            assert torch.allclose(batch.wrench[k], one.wrench, rtol=ROUNDING, atol=ROUNDING)
+        some = [3, 141]
+        assert torch.allclose(
+            batch.v_post[:, some], self.predict(impacts[some], samples).v_post, rtol=ROUNDING, atol=ROUNDING
+        )
+
+    def test_its_gradients_are_finite_and_exact(self):
+        """Where it vanishes too; against differences on the nineteen in twenty trials that keep their contact mode."""
+        impacts = self.impacts()
+        state, law = State.of(impacts), Law(self.law, *COEFFICIENTS)
+        width = torch.tensor([p.high - p.low for p in self.effect.parameters], dtype=torch.float64)
+        for values in (columns(*self.effect.vanished().values), *self.samples(2)):
+            own = [value.expand(len(impacts)).clone().requires_grad_() for value in values]
+            outcome = resolve(law, {"it": self.prepared.at(own)}, state, law.mu, law.eps).v_post
+            slopes = derivative(outcome, own) * width
+            assert slopes.isfinite().all()
+            for k, step in enumerate(1e-6 * torch.diag(width)):
+                up, here, down = self.predict(impacts, values + torch.stack((step, 0 * step, -step))).v_post
+                # At a kink, such as that of what acts on one side only, the difference on one side agrees.
+                differences = torch.stack(((up - down) / 2, up - here, here - down)) * 1e6
+                error = (differences - slopes[..., k]).abs().amax(-1).amin(0)
+                assert (error <= DIFFERENCES * (1 + slopes[..., k].abs().amax(-1))).double().mean() > 0.95
+
+    def test_it_mirrors_as_it_says(self):
+        impacts, samples = self.impacts(), self.samples(8)
+        mirrored = impacts.replace(q=impacts.q * MIRROR, r=impacts.r * MIRROR[:2], v_pre=impacts.v_pre * MIRROR)
+        difference = self.predict(mirrored, samples).v_post * MIRROR - self.predict(impacts, samples).v_post
+        difference = difference.abs().max().item()
+        assert (difference < 1e-8) == self.effect.mirror_symmetric, f"{difference:.3g} where mirror_symmetric is stated"
+
+    def test_it_adds_energy_only_if_it_says_so(self):
+        """Around an elastic contact with little friction."""
+        impacts, samples = self.impacts(), self.samples(64)
+        M = columns(impacts.mass, impacts.mass, impacts.inertia)
+        after = (self.predict(impacts, samples, ELASTIC).v_post.square() * M).sum(-1)
+        before = (impacts.v_pre.square() * M).sum(-1)
+        gained = ((after - before) / before).max().item()
+        assert math.isfinite(gained)
+        assert (gained > ROUNDING) <= self.effect.adds_energy, f"a share {gained:.3g} of the energy is added"
