@@ -23,4 +23,4 @@ class Adhesion(Effect):
     def wrench(self, state: State, wrench: Tensor) -> Tensor:
         P_t, P_n, tau = wrench.unbind(-1)
         rebound = (state.contact_after(wrench)[..., 1] / state.W[..., 1, 1]).clamp_min(0)
-        return columns(P_t, P_n - torch.minimum(torch.as_tensor(self.c), rebound), tau)
+        return columns(P_t, P_n - torch.minimum(self.c, rebound), tau)

@@ -96,6 +96,9 @@ class Effect:
     def __post_init__(self):
         if isinstance(self.formula, dict) and self.form not in self.formula:
             raise UnknownNameError(f"form of {self.name}", self.form, self.formula)
+        for f in fields(self):
+            if "parameter" in f.metadata:
+                object.__setattr__(self, f.name, torch.as_tensor(getattr(self, f.name), dtype=torch.float64))
 
     def state(self, state: State) -> State:
         """The state as it really is, from the state as it was measured."""
@@ -128,7 +131,7 @@ class Effect:
     @property
     def values(self) -> tuple[Tensor, ...]:
         """Values of the parameters."""
-        return tuple(torch.as_tensor(getattr(self, p.name), dtype=torch.float64) for p in self.parameters)
+        return tuple(getattr(self, p.name) for p in self.parameters)
 
     @property
     def options(self) -> dict[str, Any]:

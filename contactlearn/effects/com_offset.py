@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -28,7 +27,7 @@ class ComOffset(Effect):
     delta_b: Tensor | float = parameter("δ_b", "m", -0.02, 0.02)
 
     def state(self, state: State) -> State:
-        d = rotate(columns(*map(torch.as_tensor, (self.delta_a, self.delta_b))).to(state.r), state.theta)
+        d = rotate(columns(self.delta_a, self.delta_b), state.theta)
         velocity = state.v_pre[..., :2] + state.omega[..., None] * perpendicular(d)
         return state.replace(
             r=state.r - d,

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -23,5 +22,5 @@ class GravityImpulse(Effect):
     dt: Tensor | float = parameter("Δt", "s", 0.0, 0.1)
 
     def velocity(self, state: State, v_post: Tensor) -> Tensor:
-        fall = STANDARD_GRAVITY * torch.as_tensor(self.dt)
+        fall = STANDARD_GRAVITY * self.dt
         return columns(v_post[..., 0], v_post[..., 1] - fall, v_post[..., 2])

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -22,4 +21,4 @@ class InertiaError(Effect):
     kappa: Tensor | float = parameter("κ", "–", -1.0, 1.0)
 
     def state(self, state: State) -> State:
-        return state.replace(inertia=state.inertia * torch.as_tensor(self.kappa).exp())
+        return state.replace(inertia=state.inertia * self.kappa.exp())

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, known, parameter, typical
@@ -26,4 +25,4 @@ class LoadDependentFriction(Effect):
         return self if self.v_ref else replace(self, v_ref=typical(impacts.v_c[:, 1]))
 
     def law(self, state: State, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
-        return mu * (state.v_n.abs() / known(self.v_ref)) ** torch.as_tensor(self.p), eps
+        return mu * (state.v_n.abs() / known(self.v_ref)) ** self.p, eps

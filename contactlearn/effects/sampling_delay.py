@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -24,6 +23,5 @@ class SamplingDelay(Effect):
     dt: Tensor | float = parameter("Δt", "s", -0.02, 0.02)
 
     def state(self, state: State) -> State:
-        dt = torch.as_tensor(self.dt)
-        moved = (state.q[..., k] + dt * state.v_pre[..., k] for k in (0, 1))
-        return state.replace(q=columns(*moved, state.theta)).turned(dt * state.omega)
+        moved = (state.q[..., k] + self.dt * state.v_pre[..., k] for k in (0, 1))
+        return state.replace(q=columns(*moved, state.theta)).turned(self.dt * state.omega)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -24,6 +23,6 @@ class ShapeError(Effect):
     s_b: Tensor | float = parameter("s_b", "–", -0.3, 0.3)
 
     def state(self, state: State) -> State:
-        scale = 1 + torch.as_tensor(self.s_a), 1 + torch.as_tensor(self.s_b)
+        scale = 1 + self.s_a, 1 + self.s_b
         stretched = contact_point(state.shape, state.theta, scale)
         return state.replace(r=state.r + (stretched - contact_point(state.shape, state.theta)))

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -21,5 +20,5 @@ class SideDrag(Effect):
     c: Tensor | float = parameter("c", "–", 0.0, 0.5)
 
     def velocity(self, state: State, v_post: Tensor) -> Tensor:
-        kept = 1 - torch.as_tensor(self.c)
+        kept = 1 - self.c
         return columns(kept * v_post[..., 0], kept * v_post[..., 1], v_post[..., 2])

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -27,7 +26,7 @@ class SurfaceTilt(Effect):
     phi: Tensor | float = parameter("φ", "rad", -0.2, 0.2)
 
     def state(self, state: State) -> State:
-        phi = torch.as_tensor(self.phi)
+        phi = self.phi
         r = rotate(state.r, -phi)
         theta = state.theta - phi
         if state.shape is not None:

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, known, parameter, typical
@@ -37,5 +36,5 @@ class VelocityDependentRestitution(Effect):
     def law(self, state: State, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
         speed = state.v_n.abs() / known(self.v_ref)
         if self.form == "power":
-            return mu, eps * speed ** -torch.as_tensor(self.p)
+            return mu, eps * speed**-self.p
         return mu, eps * (1 - self.C * (speed**0.2 - 1))

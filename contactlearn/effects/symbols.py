@@ -1,0 +1,122 @@
+"""What a line of mathematics about an impact may speak of: every symbol with its unit and its meaning.
+
+    state symbols     m, I, rx, ry, x, y, theta, vx, … before contact, known at every place
+    the outputs       what the effects of a place change, as it is so far: mu and eps at the law,
+                      Pt, Pn and tau at the wrench, vx_post, vy_post and omega_post at the velocity
+    what follows      mu and eps once the law has them; at the wrench the velocities after the wrench so far
+
+Everything is in contact axes, but for the velocity place, which is in world axes as measured; with a
+level floor these are the same.  Units are SI; – is none.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import torch
+from torch import Tensor
+
+from contactlearn.effects.base import PLACES
+from contactlearn.effects.state import State, columns
+from contactlearn.errors import ContactLearnError, UnknownNameError
+
+OUTPUTS = {
+    "state": ("rx", "ry", "theta"),
+    "law": ("mu", "eps"),
+    "wrench": ("Pt", "Pn", "tau"),
+    "velocity": ("vx_post", "vy_post", "omega_post"),
+}
+"""What an effect of each place changes."""
+
+
+@dataclass(frozen=True)
+class Symbol:
+    """A quantity [..., N]: its letter in formulas, and `of`, which takes it from a state that has it by itself."""
+
+    letter: str
+    unit: str
+    description: str
+    places: tuple[str, ...] = PLACES
+    of: Callable[[State], Tensor] | None = None
+
+
+SYMBOLS = {
+    "m": Symbol("m", "kg", "mass", of=lambda s: s.mass),
+    "I": Symbol("I", "kg m²", "moment of inertia about the centre of mass", of=lambda s: s.inertia),
+    "rx": Symbol("r_x", "m", "contact point minus centre of mass, along the floor", of=lambda s: s.r[..., 0]),
+    "ry": Symbol("r_y", "m", "contact point minus centre of mass, normal to the floor", of=lambda s: s.r[..., 1]),
+    "x": Symbol("x", "m", "position along the floor", of=lambda s: s.x),
+    "y": Symbol("y", "m", "height", of=lambda s: s.q[..., 1]),
+    "theta": Symbol("θ", "rad", "orientation, counter-clockwise", of=lambda s: s.theta),
+    "vx": Symbol("v_x", "m/s", "velocity along the floor before contact", of=lambda s: s.v_pre[..., 0]),
+    "vy": Symbol("v_y", "m/s", "velocity normal to the floor before contact", of=lambda s: s.v_pre[..., 1]),
+    "omega": Symbol("ω", "rad/s", "spin before contact", of=lambda s: s.omega),
+    "vt": Symbol("v_t", "m/s", "slip of the contact point before contact", of=lambda s: s.v_t),
+    "vn": Symbol("v_n", "m/s", "normal velocity of the contact point before contact, negative", of=lambda s: s.v_n),
+    "Wtt": Symbol("W_tt", "1/kg", "inverse effective inertia, slip by tangential impulse", of=lambda s: s.W[..., 0, 0]),
+    "Wtn": Symbol("W_tn", "1/kg", "inverse effective inertia, slip by normal impulse", of=lambda s: s.W[..., 0, 1]),
+    "Wnn": Symbol(
+        "W_nn", "1/kg", "inverse effective inertia, normal velocity by normal impulse", of=lambda s: s.W[..., 1, 1]
+    ),
+    "rho": Symbol("ρ", "m", "radius of gyration, sqrt(I/m)", of=lambda s: (s.inertia / s.mass).sqrt()),
+    "order": Symbol("n", "–", "place in the sequence of measurements", of=lambda s: s.order),
+    "mu": Symbol("μ", "–", "coefficient of friction", ("law", "wrench", "velocity")),
+    "eps": Symbol("ε", "–", "coefficient of restitution", ("law", "wrench", "velocity")),
+    "Pt": Symbol("P_t", "N s", "tangential impulse so far", ("wrench",)),
+    "Pn": Symbol("P_n", "N s", "normal impulse so far", ("wrench",)),
+    "tau": Symbol("τ", "N m s", "moment impulse about the contact point so far", ("wrench",)),
+    "vx_post": Symbol("v_x⁺", "m/s", "velocity along the floor after contact so far", ("wrench", "velocity")),
+    "vy_post": Symbol("v_y⁺", "m/s", "velocity normal to the floor after contact so far", ("wrench", "velocity")),
+    "omega_post": Symbol("ω⁺", "rad/s", "spin after contact so far", ("wrench", "velocity")),
+    "vt_post": Symbol("v_t⁺", "m/s", "slip of the contact point after the wrench so far", ("wrench",)),
+    "vn_post": Symbol("v_n⁺", "m/s", "normal velocity of the contact point after the wrench so far", ("wrench",)),
+}
+"""Every symbol by the name that it has in an expression."""
+
+
+def symbols(
+    state: State,
+    names: Iterable[str],
+    place: str = "state",
+    so_far: Mapping[str, Tensor] = MappingProxyType({}),
+) -> dict[str, Tensor]:
+    """The named symbols [..., N], and no others are computed.
+
+    Args:
+        state: what is known before contact, with `mu` and `eps` once the law has them.
+        names: of `SYMBOLS`.
+        place: one of `contactlearn.effects.PLACES`.
+        so_far: the outputs of the place by name, see `OUTPUTS`; those of the place `state` are in the state.
+
+    Raises:
+        UnknownNameError: no such symbol at this place.
+        ContactLearnError: μ or ε of a state that no law has been given yet.
+    """
+    names, known = tuple(names), dict(so_far)
+    if place == "wrench" and so_far and any(name.endswith("_post") for name in names):
+        wrench = columns(*(so_far[name] for name in OUTPUTS["wrench"]))
+        known |= zip(OUTPUTS["velocity"], state.v_after(wrench).unbind(-1), strict=True)
+        known |= zip(("vt_post", "vn_post"), state.contact_after(wrench).unbind(-1), strict=True)
+    if place in ("wrench", "velocity"):
+        known |= {"mu": state.mu, "eps": state.eps}
+    return {name: _value(name, state, place, known) for name in names}
+
+
+def of_state(state: State) -> dict[str, Tensor]:
+    """Every symbol that a state has by itself."""
+    return symbols(state, (name for name, symbol in SYMBOLS.items() if symbol.of))
+
+
+def at_place(place: str) -> list[str]:
+    """Names of the symbols that are known at a place."""
+    return [name for name, symbol in SYMBOLS.items() if place in symbol.places]
+
+
+def _value(name: str, state: State, place: str, known: Mapping[str, Tensor | None]) -> Tensor:
+    if name not in SYMBOLS or place not in SYMBOLS[name].places:
+        raise UnknownNameError(f"symbol of the place {place}", name, at_place(place))
+    symbol = SYMBOLS[name]
+    value = known.get(name) if symbol.of is None else symbol.of(state)
+    if value is None:
+        raise ContactLearnError(f"{name} is not known yet: give the {place} so far, or a state with mu and eps")
+    return torch.as_tensor(value, dtype=torch.float64)
