@@ -1,7 +1,12 @@
-"""`python -m contactlearn export FILE data=…`: write any data source to a table file."""
+"""`python -m contactlearn COMMAND`: tools beside train and evaluate.
+
+export FILE data=…   write any data source to a table file
+reveal DIR           say what was hidden in the drops of data=mystery
+"""
 
 import argparse
 import sys
+import textwrap
 
 from contactlearn.errors import ContactLearnError
 
@@ -18,24 +23,61 @@ def main(arguments: list[str] | None = None) -> int:
     )
     export.add_argument("file", help="where to write: a .csv or .parquet file")
     export.add_argument(
-        "overrides", nargs="*", metavar="key=value", help="data=synthetic|ellipse_drops|table, data.KEY=…"
+        "overrides", nargs="*", metavar="key=value", help="data=synthetic|ellipse_drops|mystery|table, data.KEY=…"
     )
+    export.set_defaults(run=_export)
+    reveal = commands.add_parser(
+        "reveal",
+        help="say what was hidden in the drops of data=mystery",
+        description="Open the sealed account beside mystery drops: law, parameters, noise and hidden effects.",
+        epilog="example: contactlearn reveal outputs/mystery/seed_7",
+    )
+    reveal.add_argument("folder", metavar="DIR", help="the folder that data=mystery wrote")
+    reveal.set_defaults(run=_reveal)
     options = parser.parse_args(arguments)
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
+    try:
+        print(options.run(options))
+    except (ContactLearnError, HydraException, OmegaConfBaseException) as error:
+        print(f"error: {str(error).splitlines()[0]}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _export(options: argparse.Namespace) -> str:
     from contactlearn.app import load_data
     from contactlearn.cli import compose
     from contactlearn.data import table
 
-    try:
-        impacts = load_data(compose("evaluate", options.overrides).data)
-        path = table.save(impacts, options.file)
-    except (ContactLearnError, HydraException, OmegaConfBaseException) as error:
-        print(f"error: {str(error).splitlines()[0]}", file=sys.stderr)
-        return 2
-    print(f"{len(impacts)} impacts from {impacts.source} written to {path}")
-    return 0
+    impacts = load_data(compose("evaluate", options.overrides).data)
+    path = table.save(impacts, options.file)
+    return f"{len(impacts)} impacts from {impacts.source} written to {path}"
+
+
+def _reveal(options: argparse.Namespace) -> str:
+    from contactlearn.data.mystery import reveal
+
+    truth = reveal(options.folder)
+    noise, effects = truth["noise"], truth["effects"]
+    lines = [
+        f"Mystery drops, seed {truth['seed']}, {truth['size']} drops",
+        f"law    {truth['law']} with μ = {truth['mu']:.4f}, ε = {truth['eps']:.4f}",
+        f"noise  σ = {noise['v']:.4f} m/s on v_x and v_y, {noise['omega']:.3f} rad/s on ω, before and after contact",
+        f"hidden {', '.join(effect['name'] for effect in effects) or 'nothing'}",
+    ]
+    for effect in effects:
+        values = effect["parameters"].items()
+        parameters = ", ".join(f"{symbol} = {value:.4g} {effect['units'][symbol]}".rstrip() for symbol, value in values)
+        lines += [
+            "",
+            effect["name"],
+            textwrap.fill(effect["form"], 100, initial_indent="  ", subsequent_indent="  "),
+            f"  {parameters}",
+            f"  changes the outcome by {100 * effect['relative_change']:.2f} % (rms, mass norm)",
+        ]
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

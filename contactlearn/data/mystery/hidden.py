@@ -1,0 +1,41 @@
+"""The effects that may be hidden, by name.
+
+`EFFECTS` are names of the catalogue of effects, so that what was found can be compared with what was
+hidden; their forms are nature's own, and most are not among those that an analysis would try first.
+`UNKNOWN` are in no catalogue, and hidden only if asked for by name.  `RIVALS` are groups that leave
+nearly the same trace: at most one of each is drawn.
+"""
+
+import random
+
+from contactlearn.data.mystery import camera, floor, unknown  # noqa: F401  (they fill the tables)
+from contactlearn.data.mystery.forms import KNOWN, OTHERS, Form
+from contactlearn.errors import UnknownNameError
+
+EFFECTS = tuple(sorted(KNOWN))
+UNKNOWN = tuple(sorted(OTHERS))
+RIVALS = (
+    {"rolling_resistance", "spin_damping"},
+    {"velocity_dependent_restitution", "adhesion"},
+    {"orientation_dependent_restitution", "configuration_dependent_restitution"},
+    {"gravity_impulse", "side_drag"},
+    {"orientation_offset", "surface_tilt"},
+    {"inertia_error", "contact_patch"},
+)
+
+
+def forms(name: str) -> list[Form]:
+    """The forms of an effect; UnknownNameError where there is none of that name."""
+    table = KNOWN | OTHERS
+    if name not in table:
+        raise UnknownNameError("hidden effect", name, table)
+    return table[name]
+
+
+def choose(rng: random.Random) -> list[str]:
+    """One to three effects of the catalogue that leave different traces."""
+    count = rng.randint(1, 3)
+    while True:
+        names = sorted(rng.sample(EFFECTS, count))
+        if all(len(group.intersection(names)) < 2 for group in RIVALS):
+            return names
