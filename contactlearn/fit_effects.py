@@ -5,7 +5,8 @@ which these are most likely, robustly, many subsets and starts at once.  Derivat
 trial gets parameters of its own, so three backward passes give all of them.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,10 +19,12 @@ from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.fit import Box
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
+from contactlearn.mechanics import velocity_per_wrench
 from contactlearn.model import ContactModel, derivative, resolve
 
 TARGETS = ("velocity", "wrench")
 _OPEN = 0.125  # of its plausible range: a parameter with a larger standard error is not determined
+_HARDLY = 0.07  # weight of a trial at five standard deviations in each of three components
 _ALIKE = 0.95  # correlation from which on two parameters are said to do the same
 
 
@@ -53,6 +56,11 @@ class JointFit:
         error = self.standard_errors
         return self.covariance / (error[..., :, None] * error[..., None, :])
 
+    @property
+    def outliers(self) -> int:
+        """Trials of all subsets that hardly count: what is left of them is over five times what is usual."""
+        return int((self.weight < _HARDLY).sum())
+
     def undetermined(self) -> dict[str, str]:
         """What a single subset's data leave open: parameter → reason with the number that shows it."""
         found = {}
@@ -81,7 +89,7 @@ def identify_jointly(
     variant: str = "textbook",
     box: Box | None = None,
     target: str = "velocity",
-    noise: Tensor | None = None,
+    noise: Sequence[float] | None = None,
     starts: int = 8,
 ) -> JointFit:
     """Fit a law with effects to trials.
@@ -92,7 +100,8 @@ def identify_jointly(
         impacts, rows: subsets [..., n] of equal size as rows of the impacts; all of them if left out.
         box: limits of μ and ε.
         target: what is compared, the post velocity or the wrench.
-        noise: covariance [3, 3] or [N, 3, 3] of the measured target, known up to a factor; else it is estimated.
+        noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), known up to a common factor; else
+            what is left is weighed by its own scatter.
         starts: of the search, for each subset.
 
     Raises:
@@ -100,6 +109,8 @@ def identify_jointly(
         UnknownNameError: no such law, variant or target.
     """
     laws.check(law, variant)
+    if noise is not None and (len(noise) != 3 or not all(0 < sigma < math.inf for sigma in noise)):
+        raise DataError(f"noise must be three positive standard deviations, of v_x, v_y and ω; got {noise}")
     if target not in TARGETS:
         raise UnknownNameError("target of a joint fit", target, TARGETS)
     effects = {name: effect.prepare(impacts) for name, effect in effects.items()}
@@ -161,13 +172,14 @@ class _Problem:
 
     @classmethod
     def of(cls, law, effects, impacts, rows, target, noise, parameters) -> "_Problem":
-        measured = impacts.v_post if target == "velocity" else impacts.wrench
+        measured = (impacts.v_post if target == "velocity" else impacts.wrench)[rows]
+        state, whitening = State.of(impacts, rows), None
         if noise is not None:
-            eye = torch.eye(3, dtype=torch.float64)
-            noise = torch.linalg.solve_triangular(torch.linalg.cholesky(noise), eye, upper=False)
-            noise = noise.expand(len(impacts), 3, 3)[rows]
+            whitening = torch.diag(1 / torch.tensor(noise, dtype=torch.float64)).expand(*rows.shape, 3, 3)
+            if target == "wrench":  # the velocity that goes with it
+                whitening = whitening @ velocity_per_wrench(state.mass, state.inertia, state.r)
         limits = torch.tensor([(p.low, p.high, p.start) for p in parameters], dtype=torch.float64)
-        return cls(law, effects, State.of(impacts, rows), measured[rows], noise, target, *limits.T)
+        return cls(law, effects, state, measured, whitening, target, *limits.T)
 
     def __len__(self) -> int:
         return len(self.measured)

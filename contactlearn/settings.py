@@ -2,12 +2,16 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
+from hydra.utils import get_class
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
-from contactlearn import bounds, laws
-from contactlearn.errors import ContactLearnError, UnknownNameError
+from contactlearn import bounds, fit_effects, laws
+from contactlearn.effects import Effect
+from contactlearn.effects.formula import formula
+from contactlearn.errors import ContactLearnError, UnknownNameError, suggest
 from contactlearn.fit import TARGETS
 from contactlearn.learning import Recipe
 from contactlearn.report.tables import FORMATS
@@ -35,6 +39,10 @@ def _sizes(least: int) -> tuple[Callable[[Any], bool], str]:
     return accept, f"an increasing list of whole numbers, {least} or more, such as [10, 20, 50]"
 
 
+def _positive(x: float) -> bool:
+    return x > 0
+
+
 _RULES = {
     "test": _number(lambda x: 0 < x < 1, "a share in (0, 1)"),
     "seed": _whole(0),
@@ -49,12 +57,18 @@ _RULES = {
     "curves.seeds": _whole(1),
     "transfer.sizes": _sizes(2),
     "transfer.seeds": _whole(1),
+    "fit.starts": _whole(2),
+    "fit.noise": (
+        lambda x: x is None or (isinstance(x, ListConfig) and len(x) == 3 and all(map(_number(_positive, "")[0], x))),
+        "null, or three positive standard deviations, of v_x and v_y in m/s and of ω in rad/s",
+    ),
     "workers": (lambda x: x is None or _whole(1)[0](x), "a whole number, 1 or more, or null for one a core"),
     "figures.repetitions": _whole(1),
     "laws": (lambda x: isinstance(x, ListConfig) and len(x) > 0, "a list of at least one law, such as [whittaker]"),
 }
 _NAMES = {
     "train.target": ("impulse target", TARGETS),
+    "fit.target": ("target of a joint fit", fit_effects.TARGETS),
     "bounds.norm": ("norm", bounds.NORMS),
     "tables": ("table format", FORMATS),
 }
@@ -77,6 +91,8 @@ def check(cfg: DictConfig) -> None:
         if value is not missing and value not in known:
             raise UnknownNameError(kind, str(value), known)
     recipes(cfg)
+    if effects(cfg) and cfg.get("transfer") is not None:
+        raise ContactLearnError("transfer is studied without effects; use effect=[]")
     if cfg.get("transfer") is not None and not (recipes(cfg) and cfg.transfer.get("bodies")):
         raise ContactLearnError("transfer needs a learned model and a body; see configs/experiment/transfer.yaml")
     named = ([cfg.law] if "law" in cfg else []) + list(cfg.get("laws", []))
@@ -122,3 +138,47 @@ def one_recipe(cfg: DictConfig) -> tuple[str, Recipe | None]:
     if len(names) != 1:
         raise ContactLearnError(f"one model is trained at a time, got {names}; sweep over several with -m model=a,b")
     return names[0], recipes(cfg).get(names[0])
+
+
+def effects(cfg: DictConfig) -> dict[str, Effect]:
+    """The effects of `effect`, by name.
+
+    Raises:
+        ContactLearnError: an entry that is no effect, or a setting that it does not have.
+    """
+    found = {}
+    for name, entry in (cfg.get("effect") or {}).items():
+        settings = OmegaConf.to_container(entry, resolve=True) if isinstance(entry, DictConfig) else None
+        if not settings:
+            raise ContactLearnError(
+                f"effect.{name} must hold _target_, a class, or a line of mathematics such as tau: '-c*rx*Pn'; "
+                f"got {entry!r}"
+            )
+        target = settings.pop("_target_", None)
+        if target is None:
+            found[name] = formula(**settings)
+            continue
+        kind = _effect_class(f"effect.{name}._target_", target)
+        options = [field.name for field in fields(kind) if "parameter" not in field.metadata]
+        for key in settings:
+            if key not in options:
+                fitted = " (it is fitted)" if key in kind.__dataclass_fields__ else suggest(key, options)
+                raise ContactLearnError(
+                    f"effect.{name} has no setting {key!r}{fitted}; it has: {', '.join(options) or 'none'}"
+                )
+        found[name] = kind(**{key: tuple(x) if isinstance(x, list) else x for key, x in settings.items()})
+    return found
+
+
+def _effect_class(key: str, target: Any) -> type[Effect]:
+    """The class that a dotted path names; nothing but an effect is made."""
+    try:
+        kind = get_class(str(target))
+    except Exception as error:
+        seen = str(error).splitlines()[0]
+        raise ContactLearnError(
+            f"{key}={target} cannot be imported ({seen}); is its package installed, or its folder on PYTHONPATH?"
+        ) from None
+    if not issubclass(kind, Effect):
+        raise ContactLearnError(f"{key} must be a subclass of contactlearn.effects.Effect, got {target}")
+    return kind

@@ -15,8 +15,10 @@ from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from contactlearn import metrics
+from contactlearn.effects import Effect
 from contactlearn.errors import DataError
 from contactlearn.fit import Box, SharedFit, identify
+from contactlearn.fit_effects import identify_jointly
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
 from contactlearn.learning import Recipe, learn
@@ -74,6 +76,20 @@ def law_curves(
     return fits, curves
 
 
+def effect_curve(
+    law: str,
+    effects: Mapping[str, Effect],
+    pool: Impacts,
+    test: Impacts,
+    orders: Tensor,
+    sizes: Iterable[int],
+    **options,
+) -> tuple[dict[int, ContactModel], Curve]:
+    """A law with effects fitted to every subset, by size, and its curve; options of `identify_jointly`."""
+    models = {size: identify_jointly(law, effects, pool, orders[:, :size], **options).model for size in sizes}
+    return models, Curve.of(test, {size: model.predict(test) for size, model in models.items()})
+
+
 def law_at(fit: SharedFit, size: int) -> Law:
     """The law with the parameters [R, 1] of each subset of that size."""
     place = fit.sizes.index(size)
@@ -86,7 +102,7 @@ def learning_curves(
     test: Impacts,
     orders: Tensor,
     sizes: Sequence[int],
-    bases: Mapping[str, SharedFit],
+    bases: Mapping[str, Mapping[int, Law | ContactModel]],
     *,
     impulse: str = "momentum",
     box: Box | None = None,
@@ -100,7 +116,8 @@ def learning_curves(
         pool, test: trials to learn from, and trials held out.
         orders: of the pool's trials, [R, N], see `nested_orders`.
         sizes: of the subsets, increasing.
-        bases: fits on these orders and sizes of every law that a recipe names.
+        bases: by law and size, the law that a recipe names as identified on these subsets, see `law_at`, with its
+            effects if it has any.
         impulse, box: see `learning.learn`.
         workers: processes side by side; 1 trains in this one.
         progress: wraps the trained models as they come, and their number, for a progress bar.
@@ -108,7 +125,7 @@ def learning_curves(
     tasks = []
     for size in sorted(sizes, reverse=True):  # the longest first
         for name, recipe in recipes.items():
-            base = law_at(bases[recipe.law], size) if recipe.law else None
+            base = bases[recipe.law][size] if recipe.law else None
             tasks.append((name, size, recipe, pool, test, orders[:, :size], base, impulse, box))
     found = {name: {} for name in recipes}
     for name, size, trained in progress(run(_train_one, tasks, workers), len(tasks)):

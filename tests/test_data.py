@@ -17,7 +17,7 @@ from omegaconf import OmegaConf
 from pyarrow import parquet
 
 from contactlearn.data import ellipse_drops as published
-from contactlearn.data import synthetic, table
+from contactlearn.data import mujoco, mystery, synthetic, table
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import COMPONENTS, Impacts
 from contactlearn.laws import Law, names
@@ -682,7 +682,13 @@ def test_synthetic_refuses(options, fragments):
 
 # Configurations
 
-SOURCES = {"ellipse_drops": published, "synthetic": synthetic, "table": table}
+SOURCES = {
+    "ellipse_drops": published,
+    "mujoco": mujoco,
+    "mystery": mystery,
+    "synthetic": synthetic,
+    "table": table,
+}
 
 
 @pytest.mark.parametrize("name", SOURCES)

@@ -42,26 +42,34 @@ def learning_study(
         fits, law_curves = study.law_curves(
             bar.track(needed, description="laws on every subset"), pool, test, orders, sizes, **options
         )
+        bases = {law: {size: study.law_at(fit, size) for size in sizes} for law, fit in fits.items()}
+        augmented = {}
+        if effects := settings.effects(cfg):
+            every = bar.track(sizes, description=f"{cfg.law} and its effects on every subset")
+            bases[cfg.law], curve = study.effect_curve(
+                cfg.law, effects, pool, test, orders, every, **run.joint_options(cfg)
+            )
+            augmented = {run.augmented_name(cfg.law, effects): curve}
         learned = study.learning_curves(
             recipes,
             pool,
             test,
             orders,
             sizes,
-            fits,
+            bases,
             impulse=cfg.train.target,
             box=run.box(cfg),
             workers=run.workers(cfg),
             progress=lambda done, total: bar.track(done, total, description="learned models"),
         )
-    curves = {law: law_curves[law] for law in cfg.laws} | learned
+    curves = {law: law_curves[law] for law in cfg.laws} | augmented | learned
     levels = {name: _all_errors(test, prediction) for name, prediction in yardsticks.items()}
     entry = {name: _entry(curve, levels, generator, cfg.bootstrap) for name, curve in curves.items()}
-    terminal.show_curves({name: entry[name] for name in learned}, sizes)
+    terminal.show_curves({name: entry[name] for name in augmented | learned}, sizes)
     save_curves(curves, folder / f"learning_curves.{cfg.tables}")
     for place, size in enumerate(sizes):
         tracker.scalars(_scalars(entry, place), size)
-    return entry, _figures(cfg, learned, levels, generator)
+    return entry, _figures(cfg, augmented | learned, levels, generator)
 
 
 def _all_errors(test: Impacts, prediction: Prediction) -> dict[str, Tensor]:
@@ -109,5 +117,6 @@ def _figures(cfg: DictConfig, curves: dict, levels: dict, generator: torch.Gener
         densities = {name: curve.errors[metric][-1].flatten() for name, curve in curves.items()}
         densities |= {name: errors[metric] for name, errors in levels.items()}
         drawn[f"error_densities{suffix}"] = learning.error_densities(densities, axis)
-    coverage = {name: metrics.calibration(curve.distance[-1].flatten()) for name, curve in curves.items()}
+    sure = {name: curve for name, curve in curves.items() if curve.distance is not None}
+    coverage = {name: metrics.calibration(curve.distance[-1].flatten()) for name, curve in sure.items()}
     return drawn | {"calibration": quality.calibration(coverage)}

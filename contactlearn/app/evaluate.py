@@ -33,24 +33,40 @@ def evaluate(cfg: DictConfig) -> None:
     with terminal.progress() as bar:
         fits = [run.identify_law(cfg, law, pool, generator, bar) for law in cfg.laws]
         predictions = {fit.law: ContactModel(fit.to_law()).predict(test) for fit in fits}
+        effects, joint = settings.effects(cfg), {}
+        if effects:
+            rows = torch.arange(len(pool))
+            joint = {
+                f"{name} (joint)" if name in predictions else name: fit
+                for name, fit in run.fit_with_effects(cfg, effects, pool, rows, bar).items()
+            }
         best, _ = bounds.best_post_hoc(test, predictions, cfg.bounds.norm)
         predictions |= {BEST_POST_HOC: best, IRB: bounds.irb(test, cfg.bounds.norm)}
+        predictions |= {name: fit.model.predict(test) for name, fit in joint.items()}
         errors = run.error_table(test, predictions, cfg.bootstrap, generator)
         every = dict.fromkeys((*cfg.laws, cfg.figures.parameters))
         trials = {law: identify_trials(law, impacts, **options) for law in bar.track(every, description="every trial")}
-    terminal.show_models(fits, errors, cfg.bounds.norm)
+    terminal.show_models(fits, errors, cfg.bounds.norm, joint)
+    if joint:
+        terminal.show_joint(*list(joint.items())[-1])
     if cfg.reference is not None:
         terminal.show_reference(fits, OmegaConf.to_container(cfg.reference))
     save_predictions(test, predictions, folder / f"predictions.{cfg.tables}")
     save_trial_parameters(impacts, list(trials.values()), folder / f"trial_parameters.{cfg.tables}")
-    results = {**run.provenance(impacts, cfg), "fits": [run.fit_entry(fit) for fit in fits], "errors": errors}
+    results = {
+        **run.provenance(impacts, cfg),
+        "fits": [run.fit_entry(fit) for fit in fits],
+        "joint": {name: run.joint_entry(fit) for name, fit in joint.items()},
+        "errors": errors,
+    }
     run.write_json(folder / "results.json", results)
     with Tracker(folder, cfg.train.size) as tracker:
-        tracker.scalars(run.scalars(fits, errors))
-        drawn = {}
+        tracker.scalars(run.scalars(fits, errors, joint))
+        drawn = run.effect_figures(list(joint.values())[-1].model, test) if joint else {}
         if settings.recipes(cfg):
             yardsticks = {name: predictions[name] for name in (BEST_POST_HOC, IRB)}
-            curves, drawn = learning_study(cfg, pool, test, yardsticks, generator, folder, tracker)
+            curves, figures_of_curves = learning_study(cfg, pool, test, yardsticks, generator, folder, tracker)
+            drawn |= figures_of_curves
             run.write_json(folder / "results.json", {**results, "learning_curves": curves})
         tracker.hyperparameters(run.hyperparameters(cfg, cfg.laws), run.headline(errors))
         with terminal.progress() as bar:

@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 
@@ -12,13 +13,19 @@ from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
 
 import contactlearn
 from contactlearn import laws, metrics
+from contactlearn.effects import Effect, catalogue
 from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.fit import Box, SharedFit, cost_surface, identify
+from contactlearn.fit_effects import JointFit, identify_jointly
 from contactlearn.impacts import Impacts, Prediction
+from contactlearn.model import ContactModel
+from contactlearn.partial import partial_residuals
 from contactlearn.report import figures, terminal
+from contactlearn.report.effects import effect_curve
 from contactlearn.tracking import Tracker
 
 
@@ -85,6 +92,27 @@ def identify_law(cfg: DictConfig, law: str, pool: Impacts, generator: torch.Gene
     )
 
 
+def joint_options(cfg: DictConfig) -> dict:
+    """Options of `fit_effects.identify_jointly` as the configuration asks for."""
+    noise = None if cfg.fit.noise is None else tuple(cfg.fit.noise)
+    return {"variant": cfg.variant, "box": box(cfg), "target": cfg.fit.target, "noise": noise, "starts": cfg.fit.starts}
+
+
+def fit_with_effects(
+    cfg: DictConfig, effects: Mapping[str, Effect], impacts: Impacts, rows: Tensor, bar
+) -> dict[str, JointFit]:
+    """The law alone and with its effects, by name, both fitted to the same trials in the same way."""
+    fits = {}
+    for chosen in bar.track(({}, effects), description=f"fitting {cfg.law} and its effects"):
+        fits[augmented_name(cfg.law, chosen)] = identify_jointly(cfg.law, chosen, impacts, rows, **joint_options(cfg))
+    return fits
+
+
+def augmented_name(law: str, effects: Iterable[str]) -> str:
+    """Such as `wang_mason + surface_tilt + spin_damping`."""
+    return " + ".join((law, *effects))
+
+
 def workers(cfg: DictConfig) -> int:
     """Processes to train in: as asked for, or one for each core that this process may use."""
     if cfg.workers is not None:
@@ -148,7 +176,30 @@ def fit_entry(fit: SharedFit) -> dict:
     }
 
 
-def scalars(fits: list[SharedFit], errors: dict) -> dict[str, float]:
+def joint_entry(fit: JointFit) -> dict:
+    """A law with effects as results.json holds it."""
+    parameters = {
+        p.name: {"symbol": p.symbol, "unit": p.unit, "value": value, "standard_error": error}
+        for p, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True)
+    }
+    return {
+        "equation": str(fit.model),
+        "parameters": parameters,
+        "correlation": fit.correlation.tolist(),
+        "undetermined": fit.undetermined(),
+        "loss": fit.loss.item(),
+        "starts_at_best": fit.agreement.item(),
+        "converged": bool(fit.converged),
+        "outliers": fit.outliers,
+    }
+
+
+def effect_figures(model: ContactModel, test: Impacts) -> dict[str, Figure]:
+    """The curve of each effect over the held-out residuals that it explains."""
+    return {f"effect_{name}": effect_curve(partial_residuals(model, test, name)) for name in model.effects}
+
+
+def scalars(fits: list[SharedFit], errors: dict, joint: Mapping[str, JointFit]) -> dict[str, float]:
     """What TensorBoard plots of an error table and of fits, by tag."""
     values = {
         f"{metric}/{model}": entry[metric]["mean"] for model, entry in errors.items() for metric in metrics.METRICS
@@ -156,18 +207,22 @@ def scalars(fits: list[SharedFit], errors: dict) -> dict[str, float]:
     values |= {f"outside_admissible/{model}": entry["outside_admissible"] for model, entry in errors.items()}
     for fit in fits:
         values |= {f"parameters/{fit.law}/{name}": value for name, value in zip(("mu", "eps"), fit.mean(), strict=True)}
+    for model, fit in joint.items():
+        values |= {f"parameters/{model}/{p.name}": x for p, x in zip(fit.parameters, fit.values.tolist(), strict=True)}
     return values
 
 
 def headline(errors: dict) -> dict[str, float]:
-    """What runs are compared by."""
-    return {f"{metrics.HEADLINE}/{model}": entry[metrics.HEADLINE]["mean"] for model, entry in errors.items()}
+    """What runs are compared by; the last model is also `model`, which every run has."""
+    means = {f"{metrics.HEADLINE}/{model}": entry[metrics.HEADLINE]["mean"] for model, entry in errors.items()}
+    return means | {f"{metrics.HEADLINE}/model": list(means.values())[-1]}
 
 
 def hyperparameters(cfg: DictConfig, chosen: list[str]) -> dict:
     """What runs differ in; `chosen` are their laws."""
     keys = {"variant": cfg.variant, "target": cfg.train.target, "train_size": cfg.train.size, "seed": cfg.seed}
-    return keys | {"data": cfg.data._target_.split(".")[-2]} | {f"law_{law}": law in chosen for law in laws.names()}
+    keys |= {"data": cfg.data._target_.split(".")[-2]} | {f"law_{law}": law in chosen for law in laws.names()}
+    return keys | {f"effect_{effect}": effect in cfg.effect for effect in dict.fromkeys((*catalogue(), *cfg.effect))}
 
 
 def provenance(impacts: Impacts, cfg: DictConfig) -> dict:

@@ -6,6 +6,7 @@ from omegaconf import DictConfig
 
 from contactlearn import checkpoint, metrics, settings
 from contactlearn.app import run
+from contactlearn.errors import ContactLearnError
 from contactlearn.features import SPACES
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.learning import OUTPUTS, Recipe, learn
@@ -21,40 +22,59 @@ def train(cfg: DictConfig) -> None:
     """Train the one model of the configuration, save it, and hold its predictions against the held-out trials."""
     settings.check(cfg)
     name, recipe = settings.one_recipe(cfg)
+    effects = settings.effects(cfg)
+    if effects and recipe is not None and recipe.law is None:
+        raise ContactLearnError(f"effects act around a law, and model {name} has none: {', '.join(effects)}")
     folder = run.run_folder()
     impacts, pool, test, generator = run.split(cfg)
+    fits, joint = [], {}
     with terminal.progress() as bar:
-        if recipe is None:
-            name, fits = cfg.law, [run.identify_law(cfg, cfg.law, pool, generator, bar)]
-            model = ContactModel(fits[0].to_law())
-        else:
+        if recipe is not None or effects:
             rows = torch.randperm(len(pool), generator=generator)[: cfg.train.size]
-            fits = [run.identify_law(cfg, recipe.law, pool, generator, bar, orders=rows[None])] if recipe.law else []
+        if effects:
+            joint = run.fit_with_effects(cfg, effects, pool, rows, bar)
+        elif recipe is None:
+            fits = [run.identify_law(cfg, cfg.law, pool, generator, bar)]
+        elif recipe.law:
+            fits = [run.identify_law(cfg, recipe.law, pool, generator, bar, orders=rows[None])]
+        laws = {fit.law: ContactModel(fit.to_law()) for fit in fits} | {key: fit.model for key, fit in joint.items()}
+        model = list(laws.values())[-1] if laws else None
+        if recipe is not None:
             bar.add_task(f"training {name} on {len(rows)} trials", total=None)
-            base = fits[0].to_law() if fits else None
+            base = model if effects else model and model.base
             model = learn(recipe, pool, rows, base, impulse=cfg.train.target, box=run.box(cfg))
-    prediction = model.predict(test)
-    errors = run.error_table(test, {name: prediction}, cfg.bootstrap, generator)
-    terminal.show_models(fits, errors)
+    name = list(laws)[-1] if recipe is None else run.augmented_name(name, effects)
+    # A law is shown beside the model that it is the base of only if it has effects.
+    models = (laws if effects else {}) | {name: model}
+    predictions = {key: one.predict(test) for key, one in models.items()}
+    errors = run.error_table(test, predictions, cfg.bootstrap, generator)
+    terminal.show_models(fits, errors, joint=joint)
+    if effects:
+        terminal.show_joint(*list(joint.items())[-1])
     processes = [] if recipe is None else _processes(recipe, model.parameters or model.residual)
     if recipe is not None:
         terminal.show_processes(processes, (model.parameters or model.residual).kind)
     provenance = run.provenance(impacts, cfg)
     checkpoint.save(model, folder / CHECKPOINT, provenance=provenance)
-    results = {"fits": [run.fit_entry(fit) for fit in fits], "errors": errors, "processes": processes}
+    results = {
+        "fits": [run.fit_entry(fit) for fit in fits],
+        "joint": {key: run.joint_entry(fit) for key, fit in joint.items()},
+        "errors": errors,
+        "processes": processes,
+    }
     run.write_json(folder / "results.json", {**provenance, **results})
     with Tracker(folder, cfg.train.size) as tracker:
-        tracker.scalars(run.scalars(fits, errors) | _hyperparameter_scalars(processes))
-        if recipe is None:
-            drawn = {"cost_surface": run.law_surface(cfg, cfg.law, pool)}
-        else:
-            drawn = _figures(name, recipe, model, test, prediction)
+        tracker.scalars(run.scalars(fits, errors, joint) | _hyperparameter_scalars(processes))
+        drawn = run.effect_figures(laws[list(laws)[-1]], test) if effects else {}
+        if recipe is None and not effects:
+            drawn["cost_surface"] = run.law_surface(cfg, cfg.law, pool)
+        if recipe is not None:
+            drawn |= _figures(name, recipe, model, test, predictions[name])
             loss = (model.parameters or model.residual).status.history
             tracker.series("loss", loss.mean(-1).tolist())
         run.save_figures(drawn, folder, tracker)
-        tracker.hyperparameters(
-            run.hyperparameters(cfg, [fit.law for fit in fits]) | {"model": name}, run.headline(errors)
-        )
+        chosen = [cfg.law] if effects else [fit.law for fit in fits]
+        tracker.hyperparameters(run.hyperparameters(cfg, chosen) | {"model": name}, run.headline(errors))
     terminal.show_folder(folder)
 
 

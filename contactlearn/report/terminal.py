@@ -5,6 +5,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
+from types import MappingProxyType
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -13,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from contactlearn.fit import SharedFit
+from contactlearn.fit_effects import JointFit
 from contactlearn.impacts import Impacts
 from contactlearn.metrics import HEADLINE, METRICS
 
@@ -36,16 +38,23 @@ def show_data(impacts: Impacts, pool: int, test: int) -> None:
     _say(f"{impacts.source}: {len(impacts)} impacts, {pool} to identify from, {test} held out")
 
 
-def show_models(fits: Sequence[SharedFit], errors: Mapping[str, Mapping], norm: str | None = None) -> None:
-    """Parameters and held-out errors, a row a model; `norm` is that of the bounds if they are among them."""
+def show_models(
+    fits: Sequence[SharedFit],
+    errors: Mapping[str, Mapping],
+    norm: str | None = None,
+    joint: Mapping[str, JointFit] = MappingProxyType({}),
+) -> None:
+    """Parameters and held-out errors, a row a model; `norm` is that of the bounds if they are among them.
+
+    Beside a shared fit stands the spread over its subsets, beside a joint fit the standard error.
+    """
     units = (f"{_SHORT[name]} {metric.unit}".strip(" –") for name, metric in METRICS.items())
     title = "Errors on the held-out trials: means, and the 95 % interval of the first"
     table = _table(title, "model", "μ", "ε", *units, "outside")
-    by_law = {fit.law: fit for fit in fits}
+    found = {fit.law: (fit.mean(), fit.std()) for fit in fits}
+    found |= {name: (fit.values[:2].tolist(), fit.standard_errors[:2].tolist()) for name, fit in joint.items()}
     for model, entry in errors.items():
-        mu = eps = ""
-        if model in by_law:
-            mu, eps = map(_spread, by_law[model].mean(), by_law[model].std())
+        mu, eps = map(_spread, *found[model]) if model in found else ("", "")
         cells = [f"{entry[name]['mean']:.4f}" for name in METRICS]
         cells[0] += f"  {entry[HEADLINE]['low']:.4f}–{entry[HEADLINE]['high']:.4f}"
         table.add_row(model, mu, eps, *cells, f"{100 * entry['outside_admissible']:.1f} %")
@@ -58,6 +67,17 @@ def show_models(fits: Sequence[SharedFit], errors: Mapping[str, Mapping], norm: 
         share = fit.mu_flat[:, -1].double().mean().item()
         if share > 0.05:
             _say(f"note: {100 * share:.0f} % of the subsets leave μ of {fit.law} undetermined (flat cost)")
+
+
+def show_joint(name: str, fit: JointFit) -> None:
+    """A law with effects as an equation, and what the data leave open."""
+    _say(str(fit.model))
+    for parameter, reason in fit.undetermined().items():
+        _say(f"note: the data do not determine {parameter}: {reason}")
+    if fit.outliers:
+        _say(f"note: {fit.outliers} of {len(fit.weight)} trials hardly count, so far off are they")
+    if not fit.converged:
+        _say(f"note: the fit of {name} has not settled; more starts (fit.starts) or fewer effects may help")
 
 
 def show_reference(fits: Sequence[SharedFit], reference: Mapping[str, Mapping]) -> None:
@@ -113,12 +133,15 @@ def show_curves(curves: Mapping[str, Mapping], sizes: Sequence[int]) -> None:
     for model, entry in curves.items():
         means = [f"{interval['mean']:.3f}" for interval in entry[HEADLINE]]
         first = [str(entry["below"][HEADLINE][level] or "never") for level in levels]
-        sure = f"{100 * entry['coverage'][-1]:.1f} %", f"{entry['negative_log_density'][-1]:.2f}"
+        sure = ("", "")  # a law with effects predicts no covariance
+        if "coverage" in entry:
+            sure = f"{100 * entry['coverage'][-1]:.1f} %", f"{entry['negative_log_density'][-1]:.2f}"
         table.add_row(model, *means, *first, str(entry["settled"][HEADLINE] or "not yet"), *sure)
     _print(table)
     _say("<: number of trials at which the mean is first below; settled: from which on it is within 5 % of its best")
     for model, entry in curves.items():
-        for size, kind, share in zip(entry["sizes"], entry["processes"], entry["converged"], strict=True):
+        processes = (entry["sizes"], entry["processes"], entry["converged"]) if "coverage" in entry else ((), (), ())
+        for size, kind, share in zip(*processes, strict=True):
             if kind != "exact" or share < 1:
                 short = "" if share == 1 else f"; {100 * (1 - share):.0f} % of them did not converge"
                 _say(f"note: the processes of {model} at {size} trials are {kind}{short}")
