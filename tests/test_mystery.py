@@ -190,6 +190,9 @@ def test_effects_vanish_at_size_0(name):
     drawn, truth = draw(5, size=30, effects=[name], strength=(0, 0))
     nothing, _ = draw(5, size=30, effects=[])
     assert truth["v_post"] == truth["v_post_without"]
+    # From the noisy states it is off by about the noise, as any model would be.
+    away = torch.tensor(truth["v_post_from_measured"]) - torch.tensor(truth["v_post"])
+    assert 0 < away[:, :2].abs().median() < 3 * truth["noise"]["v"]
     assert truth["effects"][0]["relative_change"] == 0
     if name != "tangential_restitution":  # springs have an error of their own, and always Stronge's restitution
         assert drawn.fingerprint() == nothing.fingerprint()
@@ -347,7 +350,8 @@ def packed(value) -> bytes:
 def truth_with(**changes) -> dict:
     effect = {"name": "a", "form": "b", "parameters": {"c": 1.0}, "units": {"c": "m"}, "relative_change": 0.1}
     truth = {"seed": 1, "size": 1, "law": "mirtich", "mu": 0.1, "eps": 0.5, "noise": {"v": 0.1, "omega": 0.1}}
-    return truth | {"body": {}, "effects": [effect | changes], "v_post": [], "v_post_without": []}
+    outcomes = dict.fromkeys(("v_post", "v_post_from_measured", "v_post_without"), [])
+    return truth | {"body": {}, "effects": [effect | changes], **outcomes}
 
 
 GOOD = packed(truth_with())

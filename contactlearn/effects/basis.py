@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import torch
 from torch import Tensor
 
 
@@ -12,8 +13,12 @@ def span(x: Tensor) -> tuple[float, float]:
 
 
 def smooth(x: Tensor, ends: tuple[float, float], coefficients: Sequence[Tensor | float]) -> Tensor:
-    """c_1 P_1(u) + c_2 P_2(u) + c_3 P_3(u) with Legendre's polynomials; u in [−1, 1] is the place between the ends."""
+    """Σ c_k P_k(u), k = 1, 2, …, with Legendre's polynomials; u in [−1, 1] is the place between the ends."""
     low, high = ends
     u = ((2 * x - low - high) / (high - low)).clamp(-1, 1)
-    c_1, c_2, c_3 = coefficients
-    return c_1 * u + c_2 * (1.5 * u**2 - 0.5) + c_3 * (2.5 * u**3 - 1.5 * u)
+    before, now = torch.ones_like(u), u
+    total = coefficients[0] * now
+    for k, coefficient in enumerate(coefficients[1:], 2):
+        before, now = now, ((2 * k - 1) * u * now - (k - 1) * before) / k
+        total = total + coefficient * now
+    return total

@@ -5,14 +5,16 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
-from contactlearn.effects.state import State, columns
+from contactlearn.effects.moment import with_arm
+from contactlearn.effects.state import State
 
 
 @dataclass(frozen=True, eq=False)
 class ContactPatch(Effect):
-    """τ → τ − k r_x P_n + c P_n: the centre of pressure lies −k r_x + c from the contact point.
+    """The normal impulse acts c − k r_x to the right of the contact point: τ → τ + (c − k r_x) P_n.
 
-    It is not a resistance to rolling, which follows the spin (`rolling_resistance`).
+    The contact responds while it lasts, so that v_n⁺ stays (`moment.with_arm`).  It is not a resistance to
+    rolling, which follows the spin (`rolling_resistance`).
     """
 
     formula = "τ ← τ − k r_x P_n + c P_n"
@@ -23,5 +25,4 @@ class ContactPatch(Effect):
     c: Tensor | float = parameter("c", "m", -0.01, 0.01)
 
     def wrench(self, state: State, wrench: Tensor) -> Tensor:
-        P_t, P_n, tau = wrench.unbind(-1)
-        return columns(P_t, P_n, tau + (self.c - self.k * state.r[..., 0]) * P_n)
+        return with_arm(state, wrench, self.c - self.k * state.r[..., 0])

@@ -9,35 +9,32 @@ from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State, columns
 from contactlearn.mechanics import effective_inertia
 
-_ROUNDING = 1e-9
+_ROUNDING = 1e-9  # relative: nearer to its edge a contact counts as on the cone
 
 
 @dataclass(frozen=True, eq=False)
 class TangentialRestitution(Effect):
-    """Where the contact comes to stick it rebounds: v_t⁺ = −β v_t, as far as the friction cone allows.
+    """Where the slip has come to an end it rebounds: v_t⁺ → v_t⁺ − β v_t, as far as the friction cone allows.
 
-        ΔP = s M_c (u − β v_t, 0),      s ∈ [0, 1] the largest with |P_t| ≤ μ P_n
+        ΔP = −s M_c (β v_t, 0),      s ∈ [0, 1] the largest with |P_t| ≤ μ P_n;  v_n⁺ stays
 
-    with the part u of v_t that the law itself already turns back; v_n⁺ stays.  A contact that slides
-    throughout is on the cone's edge and does not change.  It is not friction against the slip.
+    So v_t⁺ = −β v_t of a contact that sticks; one that slides throughout is on the cone's edge and does not
+    change.  It is not friction against the slip.
     """
 
-    formula = "v_t⁺ ← −β v_t where the contact sticks, within the cone"
+    formula = "v_t⁺ ← v_t⁺ − β v_t within the cone"
     source = "Maw, Barber & Fawcett 1976; Walton 1993"
     adds_energy = True
     beta: Tensor | float = parameter("β", "–", 0.0, 1.0)
 
     def wrench(self, state: State, wrench: Tensor) -> Tensor:
         P_t, P_n, tau = wrench.unbind(-1)
-        direction, rounding = -state.v_t.sign(), _ROUNDING * state.v_c.norm(dim=-1)
-        turned = (direction * state.contact_after(wrench)[..., 0]).clamp_min(0)
-        turned = torch.where(turned < rounding, 0.0, turned)  # the contact sticks
-        M_c = effective_inertia(state.W)
+        direction, M_c = -state.v_t.sign(), effective_inertia(state.W)
         t, n = M_c[..., 0, 0] * direction, M_c[..., 0, 1] * direction  # impulse per change of v_t, kg
         limit = state.mu * P_n
         room = torch.minimum(_room(limit - P_t, t - state.mu * n), _room(limit + P_t, -t - state.mu * n))
-        change = torch.minimum((self.beta * state.v_t.abs() - turned).clamp_min(0), room)
-        change = torch.where(room < rounding, 0.0, change)  # the contact slides
+        change = torch.minimum(self.beta * state.v_t.abs(), room)
+        change = torch.where(room < _ROUNDING * state.v_c.norm(dim=-1), 0.0, change)
         return columns(P_t + change * t, P_n + change * n, tau)
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -11,15 +12,16 @@ from contactlearn.effects.state import State
 
 @dataclass(frozen=True, eq=False)
 class VelocityDependentFriction(Effect):
-    """μ as a function of the slip before contact.
+    """μ as a function of the slip v, averaged over the slip of the impact.
 
-        viscous    μ + c |v_t|
-        stribeck   μ (1 + d exp(−|v_t|/v_s))      more friction at little slip
+        viscous    μ + c v
+        stribeck   μ (1 + d exp(−v/v_s))      more friction at little slip
 
-    It is not friction that changes while the slip does: one μ holds for the whole impact.
+    The slip goes from |v_t| to what the law's own μ and ε would leave of it, or to 0; the average is Simpson's.
+    It is not friction that changes with the load (`load_dependent_friction`).
     """
 
-    formula: ClassVar = {"viscous": "μ ← μ + c |v_t|", "stribeck": "μ ← μ (1 + d exp(−|v_t|/v_s))"}
+    formula: ClassVar = {"viscous": "μ ← μ + c v̄, v the slip", "stribeck": "μ ← μ (1 + d mean exp(−v/v_s)), v the slip"}
     source = "Stribeck 1902"
     c: Tensor | float = parameter("c", "s/m", -0.3, 0.3, form="viscous")
     d: Tensor | float = parameter("d", "–", -1.0, 5.0, form="stribeck")
@@ -27,7 +29,18 @@ class VelocityDependentFriction(Effect):
     form: str = "viscous"
 
     def law(self, state: State, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
-        slip = state.v_t.abs()
+        first, last = state.v_t.abs(), slip_left(state, mu, eps)
         if self.form == "viscous":
-            return mu + self.c * slip, eps
-        return mu * (1 + self.d * (-slip / self.v_s).exp()), eps
+            return mu + self.c * (first + last) / 2, eps
+        weakened = [(-slip / self.v_s).exp() for slip in (first, (first + last) / 2, last)]
+        return mu * (1 + self.d * (weakened[0] + 4 * weakened[1] + weakened[2]) / 6), eps
+
+
+def slip_left(state: State, mu: Tensor, eps: Tensor) -> Tensor:
+    """|v_t| after an impact that slides throughout, or 0 where it would have stopped, m/s."""
+    direction = state.v_t.sign()
+    w_tt, w_tn, w_nn = state.W[..., 0, 0], state.W[..., 0, 1], state.W[..., 1, 1]
+    stiffness = w_nn - direction * mu * w_tn
+    P_n = torch.where(stiffness > 0, (1 + eps) * state.approach[..., 1].abs() / stiffness.clamp_min(1e-300), torch.inf)
+    braking = direction * (direction * mu * w_tt - w_tn)  # of |v_t|, per normal impulse
+    return torch.where(braking > 0, (state.v_t.abs() - braking.clamp_min(0) * P_n).clamp_min(0), state.v_t.abs())

@@ -61,7 +61,9 @@ def draw(
         The impacts, and a dictionary of plain values: `seed`, `size`, `law`, `mu`, `eps`; `noise` with
         the standard deviations of v (m/s) and ω (rad/s); `body`; `effects`, each with its name, form,
         parameters, their units and the `relative_change` that it makes on its own; `v_post`, the
-        outcomes as reported but without noise, and `v_post_without`, the same without hidden effects.
+        outcomes as reported but without noise; `v_post_from_measured`, what nature would make of the noisy
+        states, which is the best that a model can predict from them; and `v_post_without`, the outcomes
+        without noise and hidden effects.
 
     Raises:
         DataError: a value out of its range, or an effect named twice.
@@ -99,9 +101,16 @@ def draw(
         "body": {"semi_axes": list(shape.semi_axes), "mass": mass},
         "effects": [effect.account(plain, drops.states, without) for effect in chosen],
         "v_post": v_post.tolist(),
+        "v_post_from_measured": _from_measured(world, drops, v_post).tolist(),
         "v_post_without": without.tolist(),
     }
     return _reported(drops, v_post, shape, seed), truth
+
+
+def _from_measured(world: World, drops: "_Drops", otherwise: Tensor) -> Tensor:
+    """Outcomes of the reported noisy states; `otherwise` where such a state would not touch the floor."""
+    measured = drops.states._replace(v=drops.states.v + drops.noise[:, 0])
+    return torch.where(world.approaches(measured)[:, None], world.outcome(measured), otherwise)
 
 
 class _Drops(NamedTuple):

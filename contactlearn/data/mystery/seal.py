@@ -23,7 +23,7 @@ TITLE = "contactlearn mystery, sealed truth 1. To open it: python -m contactlear
 _LARGEST = 1 << 28  # bytes of JSON; what a few thousand drops need is a hundredth of it
 _KEYS = {
     **{"seed": int, "size": int, "law": str, "mu": float, "eps": float, "noise": dict, "body": dict},
-    **{"effects": list, "v_post": list, "v_post_without": list},
+    **{"effects": list, "v_post": list, "v_post_from_measured": list, "v_post_without": list},
 }
 _EFFECT_KEYS = {"name": str, "form": str, "parameters": dict, "units": dict, "relative_change": float}
 

@@ -1,0 +1,167 @@
+"""Joint identification of a law with effects: accuracy, robustness, bounds, honesty about what is open."""
+
+import math
+
+import pytest
+import torch
+
+from contactlearn import effects
+from contactlearn.data import synthetic
+from contactlearn.effects import catalogue
+from contactlearn.errors import DataError, UnknownNameError
+from contactlearn.fit import Box
+from contactlearn.fit_effects import assemble, identify_jointly
+from contactlearn.metrics import mass_error
+
+NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
+ROUNDING = 1e-9  # relative: a search that ends at the same optimum on another way
+TRUE = {"surface_tilt": (0.02,), "spin_damping": (0.1,), "contact_patch": (0.03, -2e-4)}
+
+
+def planted(names, n=400, seed=0, law="wang_mason", noise=NOISE):
+    """Drops under a law (μ = 0.15, ε = 0.6) and effects, with noise before and after."""
+    exact = synthetic.load(size=n, velocity_noise=0, spin_noise=0, seed=seed)
+    generator = torch.Generator().manual_seed(seed)
+    v = exact.v_pre.clone()
+    v[::2, 0] *= -1
+    exact = exact.replace(v_pre=v)
+    chosen = {name: catalogue()[name]() for name in names}
+    theta = torch.tensor((0.15, 0.6, *(value for name in names for value in TRUE[name])), dtype=torch.float64)
+    truth = assemble(law, "textbook", chosen, theta).predict(exact).v_post
+    before, after = (noise * torch.randn(n, 3, generator=generator, dtype=torch.float64) for _ in range(2))
+    return exact.replace(v_pre=exact.v_pre + before, v_post=truth + after), chosen, theta
+
+
+def assert_recovered(fit, theta, sigmas=4.0):
+    assert ((fit.values - theta).abs() <= sigmas * fit.standard_errors).all(), (fit.values, theta, fit.standard_errors)
+
+
+@pytest.mark.parametrize("law", ["wang_mason", "mirtich", "anitescu_potra_newton", "drumwright_shell"])
+@pytest.mark.parametrize("target", ["velocity", "wrench"])
+def test_planted_effects_are_found(law, target):
+    drops, chosen, theta = planted(TRUE, law=law)
+    fit = identify_jointly(law, chosen, drops, target=target)
+    assert_recovered(fit, theta)
+    assert fit.converged
+    assert not fit.undetermined()
+    assert [p.name for p in fit.parameters][:3] == ["mu", "eps", "surface_tilt.phi"]
+
+
+def test_without_noise_the_parameters_are_exact():
+    drops, chosen, theta = planted(TRUE, noise=0 * NOISE)
+    fit = identify_jointly("wang_mason", chosen, drops)
+    torch.testing.assert_close(fit.values, theta, rtol=1e-6, atol=1e-8)
+
+
+def test_gross_outliers_hardly_matter():
+    drops, chosen, theta = planted(TRUE, n=500)
+    clean = identify_jointly("wang_mason", chosen, drops)
+    v_post = drops.v_post.clone()
+    v_post[::25] = v_post[::25].flip(0) * -3  # 4 %: another trial's outcome, reversed and thrice as fast
+    fit = identify_jointly("wang_mason", chosen, drops.replace(v_post=v_post))
+    assert_recovered(fit, theta)
+    assert ((fit.values - clean.values).abs() <= 1.5 * clean.standard_errors).all()
+    assert fit.outliers == 20
+    assert (fit.weight[::25] < 0.05).all()
+
+
+def test_standard_errors_are_those_of_many_repetitions():
+    fits = [identify_jointly("wang_mason", *planted(TRUE, 200, seed)[1::-1], starts=2) for seed in range(30)]
+    spread = torch.stack([fit.values for fit in fits]).std(0)
+    stated = torch.stack([fit.standard_errors for fit in fits]).mean(0)
+    assert ((spread / stated).log().abs() < math.log(1.5)).all(), spread / stated
+
+
+def test_subsets_are_a_batch():
+    drops, chosen, _ = planted(TRUE)
+    rows = torch.stack([torch.randperm(400, generator=torch.Generator().manual_seed(k))[:60] for k in range(3)])
+    batch = identify_jointly("wang_mason", chosen, drops, rows)
+    assert batch.values.shape == (3, 6)
+    for k in range(3):
+        one = identify_jointly("wang_mason", chosen, drops, rows[k])
+        torch.testing.assert_close(batch.values[k], one.values, rtol=1e-5, atol=1e-6)
+    predicted = batch.model.predict(drops).v_post
+    assert predicted.shape == (3, 400, 3)
+    alone = assemble("wang_mason", "textbook", batch.model.effects, batch.values[1]).predict(drops).v_post
+    torch.testing.assert_close(predicted[1], alone, rtol=ROUNDING, atol=ROUNDING)
+
+
+def test_bounds_are_respected():
+    drops, chosen, _ = planted(TRUE)
+    fit = identify_jointly("wang_mason", chosen, drops, box=Box(mu=(0.0, 0.1), eps=(0.0, 1.0)))
+    assert fit.values[0] == pytest.approx(0.1)
+    assert "bound" in fit.undetermined()["mu"]
+    low, high = torch.tensor([(p.low, p.high) for p in fit.parameters], dtype=torch.float64).T
+    assert ((fit.values >= low) & (fit.values <= high)).all()
+
+
+def test_known_noise_weighs_the_components():
+    """Spins that are nearly worthless: with their noise known, the velocities alone decide."""
+    noise = torch.tensor((0.005, 0.005, 20.0), dtype=torch.float64)
+    drops, chosen, theta = planted({"surface_tilt": TRUE["surface_tilt"]}, noise=noise)
+    for target in ("velocity", "wrench"):
+        fit = identify_jointly("wang_mason", chosen, drops, noise=(0.005, 0.005, 20.0), target=target)
+        assert fit.standard_errors[2] < 0.02
+    velocity, wrench = (
+        identify_jointly("wang_mason", chosen, drops, noise=noise.tolist(), target=target).values
+        for target in ("velocity", "wrench")
+    )
+    torch.testing.assert_close(velocity, wrench, rtol=1e-4, atol=1e-5)  # the same errors in other units
+
+
+def test_what_does_the_same_is_said_to():
+    """Two tilts: only their sum is determined."""
+    drops, chosen, _ = planted(TRUE)
+    twice = {"one": chosen["surface_tilt"], "other": chosen["surface_tilt"]}
+    found = identify_jointly("wang_mason", twice, drops).undetermined()
+    assert {"one.phi", "other.phi"} <= found.keys()
+
+
+def test_what_never_acts_is_said_to_be_open():
+    """Drops that all start at one place say nothing of the floor elsewhere."""
+    drops, _, _ = planted({})
+    q = drops.q.clone()
+    q[:, 0] = 0.1
+    effect = effects.find("location_dependent_friction")(span=(0.0, 0.2))
+    found = identify_jointly("wang_mason", {"floor": effect}, drops.replace(q=q)).undetermined()
+    assert any(name.startswith("floor.") for name in found)
+
+
+def test_the_effect_takes_the_error_to_the_floor():
+    drops, chosen, theta = planted(TRUE, n=900)
+    pool, test = drops[:500], drops[500:]
+    alone, with_ = (identify_jointly("wang_mason", e, pool).model for e in ({}, chosen))
+    true = assemble("wang_mason", "textbook", chosen, theta)
+    base, found, floor = (mass_error(test, model.predict(test)).mean() for model in (alone, with_, true))
+    assert base > 1.3 * floor
+    assert found < 1.03 * floor
+
+
+REFUSED = {
+    "law": ({"law": "wang"}, UnknownNameError, "did you mean 'wang_mason'"),
+    "target": ({"target": "impulse"}, UnknownNameError, "target of a joint fit"),
+    "noise": ({"noise": (0.1, 0.1)}, DataError, "three positive standard deviations"),
+    "trials": ({"rows": torch.arange(2)}, DataError, "6 parameters need more than 2 trials"),
+}
+
+
+@pytest.mark.parametrize(("changes", "error", "message"), REFUSED.values(), ids=REFUSED)
+def test_what_cannot_be_fitted_is_refused(changes, error, message):
+    drops, chosen, _ = planted(TRUE, 50)
+    with pytest.raises(error, match=message):
+        identify_jointly(**{"law": "wang_mason", "effects": chosen, "impacts": drops} | changes)
+
+
+def test_an_effect_that_needs_a_shape_says_so():
+    drops = synthetic.load(size=50).replace(shape=None)
+    with pytest.raises(DataError, match="needs the body's shape"):
+        identify_jointly("wang_mason", {"late": effects.find("sampling_delay")()}, drops)
+
+
+def test_the_model_prints_itself_as_an_equation():
+    drops, chosen, _ = planted(TRUE)
+    text = str(identify_jointly("wang_mason", chosen, drops).model).splitlines()
+    assert text[0].startswith("wang_mason (textbook): μ = 0.1")
+    assert text[2].startswith("  + spin_damping: τ ← τ − c I ω⁺, c = 0.0976 ± 0.00")
+    assert all("±" in line for line in text)
+    assert text[1].endswith(" rad")
