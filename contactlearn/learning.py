@@ -138,7 +138,7 @@ def _learn_parameters(
     """
     law, effects = base.base, base.effects
     mu, eps = (torch.as_tensor(x, dtype=torch.float64) for x in (law.mu, law.eps))
-    shared = torch.stack(torch.broadcast_tensors(mu, eps), -1)
+    shared = torch.atleast_2d(torch.stack(torch.broadcast_tensors(mu, eps), -1))  # [..., 1, 2]
     outputs = Standardisation(shared, torch.full_like(shared, _PRIOR_SPREAD))
     theta = shared.expand(*rows.shape, 2)
     regressor = None

@@ -5,8 +5,11 @@ import shlex
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
 
 from contactlearn.cli import compose
+from contactlearn.effects import catalogue
+from contactlearn.effects.symbols import SYMBOLS
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("benchmarks/*.md")])
@@ -48,8 +51,40 @@ def test_links_lead_somewhere(document):
 
 def test_every_setting_is_explained():
     """Each value in the shipped configurations has a comment; hydra's own part is Hydra's to explain."""
-    for path in [*ROOT.glob("configs/*.yaml"), *ROOT.glob("configs/data/*.yaml"), *ROOT.glob("configs/model/*.yaml")]:
+    for path in [
+        *ROOT.glob("configs/*.yaml"),
+        *ROOT.glob("configs/data/*.yaml"),
+        *ROOT.glob("configs/model/*.yaml"),
+        *ROOT.glob("configs/effect/*.yaml"),
+    ]:
         ours = re.split(r"^hydra:$", path.read_text("utf-8"), flags=re.MULTILINE)[0]
         for line in ours.splitlines():
             if re.match(r" *[a-z_]+: +\S", line) and not line.lstrip().startswith(("_target_", "defaults")):
                 assert "#" in line, f"{path.name}: {line}"
+
+
+def test_the_document_lists_the_whole_catalogue():
+    """Every effect in every form with its formula and the ranges of its parameters, and every symbol."""
+    text = (ROOT / "docs" / "effects.md").read_text("utf-8").replace("\\|", "|")
+    for kind in catalogue().values():
+        for form in kind.formula if isinstance(kind.formula, dict) else [None]:
+            effect = kind() if form is None else kind(form=form)
+            (row,) = [r for r in text.splitlines() if r.startswith(f"| `{kind.name}`") and str(form or "") in r]
+            assert effect.equation in row
+            assert kind.source in row
+            for p in effect.parameters[:1]:
+                assert f"{p.symbol}" in row
+                assert f"[{p.low:g}, {p.high:g}]" in row
+    for name, symbol in SYMBOLS.items():
+        assert f"| `{name}` | {symbol.unit} | {symbol.description} |" in text
+
+
+def test_every_effect_has_its_configuration():
+    """And no other has one; the options are those of the class, with its defaults."""
+    paths = {path.stem: path for path in (ROOT / "configs" / "effect").glob("*.yaml")}
+    assert paths.keys() == catalogue().keys()
+    for name, path in paths.items():
+        entry = OmegaConf.to_container(OmegaConf.load(path))[name]
+        kind = catalogue()[name]
+        assert entry.pop("_target_") == f"contactlearn.effects.{name}.{kind.__name__}"
+        assert entry == kind().options

@@ -1,9 +1,16 @@
 """Every effect of the catalogue obeys the contract."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
-from contactlearn.effects import catalogue
+from contactlearn.effects import Effect, catalogue
 from contactlearn.testing import EffectContract
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
 
 CASES = [
     effect if form is None else type(effect)(form=form)
@@ -18,3 +25,41 @@ class TestCatalogue(EffectContract):
     @pytest.fixture(autouse=True)
     def _chosen(self, effect, law):
         self.effect, self.law = effect, law
+
+
+def test_the_example_can_inherit_the_contract(tmp_path):
+    """In a process of its own, for an effect that has been imported once is in the catalogue."""
+    lines = (
+        "from cable_torque import CableTorque",
+        "from contactlearn.testing import EffectContract",
+        "class TestCableTorque(EffectContract):",
+        "    effect = CableTorque()",
+    )
+    (tmp_path / "test_cable_torque.py").write_text("\n".join(lines) + "\n")
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
+    done = subprocess.run(command, cwd=EXAMPLES, env=os.environ | {"PYTHONPATH": "."}, capture_output=True, text=True)
+    assert "7 passed" in done.stdout, done.stdout + done.stderr
+
+
+def test_an_effect_acts_at_one_place():
+    with pytest.raises(TypeError, match="must override one of state, law, wrench, velocity, not none"):
+        type("Nowhere", (Effect,), {})
+    both = {"law": Effect.law, "wrench": Effect.wrench}
+    with pytest.raises(TypeError, match="not \\['law', 'wrench'\\]"):
+        type("Everywhere", (Effect,), both)
+
+
+@pytest.mark.parametrize("kind", catalogue().values(), ids=catalogue())
+def test_what_breaks_the_symmetry_does(kind):
+    """No effect says so without need."""
+    contract = EffectContract()
+    contract.effect = kind()
+    claim, kind.mirror_symmetric = kind.mirror_symmetric, True
+    try:
+        if claim:
+            contract.test_it_mirrors_as_it_says()
+        else:
+            with pytest.raises(AssertionError, match="mirror image differs"):
+                contract.test_it_mirrors_as_it_says()
+    finally:
+        kind.mirror_symmetric = claim

@@ -98,7 +98,7 @@ def test_bounds_are_respected():
 def test_known_noise_weighs_the_components():
     """Spins that are nearly worthless: with their noise known, the velocities alone decide."""
     noise = torch.tensor((0.005, 0.005, 20.0), dtype=torch.float64)
-    drops, chosen, theta = planted({"surface_tilt": TRUE["surface_tilt"]}, noise=noise)
+    drops, chosen, _ = planted({"surface_tilt": TRUE["surface_tilt"]}, noise=noise)
     for target in ("velocity", "wrench"):
         fit = identify_jointly("wang_mason", chosen, drops, noise=(0.005, 0.005, 20.0), target=target)
         assert fit.standard_errors[2] < 0.02

@@ -350,7 +350,7 @@ def packed(value) -> bytes:
 def truth_with(**changes) -> dict:
     effect = {"name": "a", "form": "b", "parameters": {"c": 1.0}, "units": {"c": "m"}, "relative_change": 0.1}
     truth = {"seed": 1, "size": 1, "law": "mirtich", "mu": 0.1, "eps": 0.5, "noise": {"v": 0.1, "omega": 0.1}}
-    outcomes = dict.fromkeys(("v_post", "v_post_from_measured", "v_post_without"), [])
+    outcomes = {key: [] for key in ("v_post", "v_post_from_measured", "v_post_without")}
     return truth | {"body": {}, "effects": [effect | changes], **outcomes}
 
 

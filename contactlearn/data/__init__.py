@@ -3,6 +3,8 @@
     table          the user's own CSV or Parquet file (and `save`, the exporter)
     ellipse_drops  the published drops of Fazeli et al. (2017)
     synthetic      simulated drops with a known law and known noise
+    mystery        simulated drops with physics that is hidden from whoever analyses them
+    mujoco         drops simulated by MuJoCo, an optional extra
 
 A source takes plain keyword arguments, reads or simulates, and leaves validation to `Impacts`.
 Nothing downstream reads a file again.

@@ -1,0 +1,31 @@
+"""An effect of one's own: a cable that twists the body back while it is in contact.
+
+    PYTHONPATH=examples python train.py +effect.cable._target_=cable_torque.CableTorque
+
+A test module of one's own holds it to what every effect must obey:
+
+    from contactlearn.testing import EffectContract
+
+    class TestCableTorque(EffectContract):
+        effect = CableTorque()
+"""
+
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from contactlearn.effects import Effect, State, columns, parameter
+
+
+@dataclass(frozen=True, eq=False)
+class CableTorque(Effect):
+    """τ → τ − k sin θ.  It is not a resistance to the spin (`rolling_resistance`)."""
+
+    formula = "τ ← τ − k sin θ"
+    source = "a cable that hangs off the body"
+    adds_energy = True
+    k: Tensor | float = parameter("k", "N m s", -0.001, 0.001)
+
+    def wrench(self, state: State, wrench: Tensor) -> Tensor:
+        P_t, P_n, tau = wrench.unbind(-1)
+        return columns(P_t, P_n, tau - self.k * state.theta.sin())

@@ -1,0 +1,175 @@
+"""Effects from the command line: the catalogue, one's own in three ways, sweeps, and a new one in the package."""
+
+import json
+import shutil
+
+import pytest
+import torch
+from test_commands import ROOT, SMALL, TRAIN, run
+
+from contactlearn import checkpoint
+from contactlearn.data import synthetic
+from contactlearn.effects import catalogue
+from contactlearn.errors import DataError
+
+FORMULA = ('+effect.mine.tau="-c*I*omega_post"', "+effect.mine.parameters.c=[0,1]")
+OWN = '''
+from dataclasses import dataclass
+
+from contactlearn.effects import Effect, columns, parameter
+
+
+@dataclass(frozen=True, eq=False)
+class {name}(Effect):
+    """The body leaves with less of its spin.  It is not spin_damping, if only by name."""
+
+    formula = "τ ← τ − c I ω⁺"
+    c: float = parameter("c", "–", 0.0, 1.0)
+
+    def wrench(self, state, wrench):
+        P_t, P_n, tau = wrench.unbind(-1)
+        return columns(P_t, P_n, tau - self.c * state.inertia * state.v_after(wrench)[..., 2])
+'''
+
+
+def trained(folder, *arguments, **options):
+    """What a training printed and its results."""
+    printed = run("train.py", *TRAIN, f"hydra.run.dir={folder}", *arguments, **options)
+    return printed, json.loads((folder / "results.json").read_text())
+
+
+def test_training_fits_a_law_with_effects(tmp_path):
+    printed, results = trained(tmp_path, "effect=[surface_tilt,spin_damping]")
+    name = "wang_mason + surface_tilt + spin_damping"
+    assert list(results["errors"]) == ["wang_mason", name]
+    found = results["joint"][name]
+    assert list(found["parameters"]) == ["mu", "eps", "surface_tilt.phi", "spin_damping.c"]
+    tilt = found["parameters"]["surface_tilt.phi"]
+    assert abs(tilt["value"]) < 5 * tilt["standard_error"]
+    assert tilt["unit"] == "rad"
+    assert f"+ surface_tilt: {catalogue()['surface_tilt'].formula}, φ = " in printed
+    assert {path.stem for path in (tmp_path / "figures").glob("*.png")} == {
+        "effect_surface_tilt",
+        "effect_spin_damping",
+    }
+    model, _ = checkpoint.load(tmp_path / "model.pt")
+    assert str(model) == found["equation"]
+    drops = synthetic.load(size=20, seed=3)
+    assert model.predict(drops).v_post.isfinite().all()
+
+
+@pytest.mark.parametrize("model", ["residual_wrench", "parameters_likelihood"])
+def test_training_learns_what_a_law_with_effects_leaves(tmp_path, model):
+    _, results = trained(tmp_path, f"model={model}", "effect=[gravity_impulse]", "law=mirtich")
+    assert list(results["errors"]) == ["mirtich", "mirtich + gravity_impulse", f"{model} + gravity_impulse"]
+    loaded, _ = checkpoint.load(tmp_path / "model.pt")
+    assert "gravity_impulse" in str(loaded)
+
+
+def test_evaluation_shows_effects_beside_the_laws(tmp_path):
+    run(
+        *("evaluate.py", *SMALL, "effect=[side_drag]", "model=[residual_wrench]", "curves.sizes=[10,40]"),
+        *("curves.seeds=2", "workers=1", f"hydra.run.dir={tmp_path}"),
+    )
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert {"wang_mason", "wang_mason (joint)", "wang_mason + side_drag", "irb"} <= results["errors"].keys()
+    assert len(results["learning_curves"]["wang_mason + side_drag"]["mass_error"]) == 2
+    assert (tmp_path / "figures" / "effect_side_drag.pdf").exists()
+
+
+def test_subsets_of_effects_are_swept(tmp_path):
+    run("train.py", "-m", *TRAIN, "effect=[],[side_drag],[side_drag,spin_damping]", f"hydra.sweep.dir={tmp_path}")
+    rows = [list(json.loads((tmp_path / str(k) / "results.json").read_text())["joint"]) for k in range(3)]
+    assert rows[0] == []
+    assert rows[1][-1] == "wang_mason + side_drag"
+    assert rows[2][-1] == "wang_mason + side_drag + spin_damping"
+
+
+def test_a_line_of_mathematics_is_the_effect_that_it_spells(tmp_path):
+    _, own = trained(tmp_path / "own", *FORMULA)
+    _, known = trained(tmp_path / "known", "effect=[spin_damping]")
+    values = [
+        [p["value"] for p in results["joint"][f"wang_mason + {name}"]["parameters"].values()]
+        for results, name in ((own, "mine"), (known, "spin_damping"))
+    ]
+    assert values[0] == pytest.approx(values[1], rel=1e-6, abs=1e-9)
+    model, _ = checkpoint.load(tmp_path / "own" / "model.pt")
+    assert "mine: τ ← τ + (-c*I*omega_post), c = " in str(model)
+
+
+def test_a_class_of_ones_own(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(ROOT / "examples"))
+    printed, results = trained(tmp_path, "+effect.cable._target_=cable_torque.CableTorque")
+    assert "wang_mason + cable" in results["joint"]
+    assert "cable: τ ← τ − k sin θ, k = " in printed
+    with pytest.raises(DataError, match="unknown effect 'cable_torque'"):
+        checkpoint.load(tmp_path / "model.pt")  # its class has not been imported here
+
+
+def test_an_effect_of_another_package_is_in_the_catalogue(tmp_path):
+    """Announced under the entry point."""
+    shutil.copy(ROOT / "examples" / "cable_torque.py", tmp_path)
+    about = tmp_path / "theirs-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[contactlearn.effects]\ncable = cable_torque:CableTorque\n")
+    here = f"import sys; sys.path.append({str(tmp_path)!r})"
+    assert "True" in run(
+        "-c", f"{here}; from contactlearn.effects import catalogue; print('cable_torque' in catalogue())"
+    )
+
+
+def test_a_new_effect_of_the_package_is_one_file_and_one_yaml(tmp_path):
+    """In a copy of the package that nothing else is changed in."""
+    for part in ("contactlearn", "configs"):
+        shutil.copytree(ROOT / part, tmp_path / part, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "train.py", tmp_path)
+    before = {path for path in tmp_path.rglob("*") if path.is_file()}
+    (tmp_path / "contactlearn" / "effects" / "spin_loss.py").write_text(OWN.format(name="SpinLoss"))
+    (tmp_path / "configs" / "effect" / "spin_loss.yaml").write_text(
+        "spin_loss:\n  _target_: contactlearn.effects.spin_loss.SpinLoss\n"
+    )
+    here = ("-c", "import contactlearn.effects as e; print(e.__file__, 'spin_loss' in e.catalogue())")
+    assert f"{tmp_path}/contactlearn/effects/__init__.py True" in run(*here, cwd=tmp_path)
+    train = ("-c", "import sys; sys.argv[0] = 'train.py'; from contactlearn.cli import train; train()")
+    folder = tmp_path / "run"
+    run(*train, *TRAIN, "effect=[spin_loss]", f"hydra.run.dir={folder}", cwd=tmp_path)
+    results = json.loads((folder / "results.json").read_text())
+    assert "wang_mason + spin_loss" in results["joint"]
+    changed = {path for path in tmp_path.rglob("*") if path.is_file() and "__pycache__" not in str(path)} - before
+    changed = {path for path in changed if folder not in path.parents}
+    assert {path.name for path in changed} == {"spin_loss.py", "spin_loss.yaml"}
+
+
+REFUSED = {
+    "no law": (["model=x1_wrench", "effect=[side_drag]"], "effects act around a law, and model x1_wrench has none"),
+    "not an effect": (["+effect.mine._target_=os.system"], "Located non-class"),
+    "a class that is none": (["+effect.mine._target_=pathlib.Path"], "must be a subclass"),
+    "not importable": (["+effect.mine._target_=no_such.Thing"], "cannot be imported"),
+    "a fitted parameter": (["effect=[side_drag]", "+effect.side_drag.c=0.1"], "has no setting 'c' (it is fitted)"),
+    "a form": (["effect=[adhesion]", "effect.adhesion.form=glue"], "unknown form of adhesion 'glue'"),
+    "a formula": (['+effect.mine.tau="c*__import__"', "+effect.mine.parameters.c=[0,1]"], "^"),
+    "identified": (["model=parameters_identified", "effect=[side_drag]"], "use target parameters_likelihood"),
+    "noise": (["fit.noise=[0.1,0.1]"], "three positive standard deviations"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "message"), REFUSED.values(), ids=REFUSED)
+def test_what_is_no_effect_is_refused(tmp_path, arguments, message):
+    printed = run("train.py", *TRAIN, f"hydra.run.dir={tmp_path}", *arguments, status=2)
+    assert message in printed
+    assert "Traceback" not in printed
+
+
+def test_a_checkpoint_keeps_leading_axes_and_constants(tmp_path):
+    from contactlearn.fit_effects import identify_jointly
+
+    drops = synthetic.load(size=120)
+    chosen = {name: catalogue()[name]() for name in ("location_dependent_friction", "velocity_dependent_restitution")}
+    rows = torch.arange(120).view(2, 60)
+    model = identify_jointly("mirtich", chosen, drops, rows).model
+    checkpoint.save(model, tmp_path / "model.pt", provenance={})
+    again, _ = checkpoint.load(tmp_path / "model.pt")
+    assert torch.equal(again.predict(drops).v_post, model.predict(drops).v_post)
+    assert torch.equal(again.parameter_covariance, model.parameter_covariance)
+    assert str(again) == str(model)
