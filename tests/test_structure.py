@@ -19,7 +19,7 @@ ORDER = (
     ("regressor",),
     ("model",),
     ("data", "bounds", "metrics", "fit", "checkpoint"),
-    ("fit_trials", "fit_effects"),
+    ("fit_trials", "fit_effects", "partial"),
     ("learning",),
     ("study", "testing"),
     ("tracking", "report"),

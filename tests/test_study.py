@@ -16,6 +16,11 @@ EXACT = 1e-12  # the same operations in another process or order
 RECIPES = {"wrench": Recipe("x1", "wrench"), "residual": Recipe("x1", "impulse", "whittaker")}
 
 
+def bases(fits):
+    """The laws as identified, by size."""
+    return {law: {size: study.law_at(fit, size) for size in (10, 30)} for law, fit in fits.items()}
+
+
 @pytest.fixture(scope="module")
 def drops():
     return synthetic.load(size=120).split(0.25, torch.Generator().manual_seed(1))
@@ -26,7 +31,7 @@ def curves(drops):
     pool, test = drops
     orders = study.nested_orders(len(pool), 3, torch.Generator().manual_seed(2))
     fits, laws = study.law_curves(["whittaker"], pool, test, orders, (10, 30))
-    return orders, fits, laws, study.learning_curves(RECIPES, pool, test, orders, (10, 30), fits)
+    return orders, fits, laws, study.learning_curves(RECIPES, pool, test, orders, (10, 30), bases(fits))
 
 
 def test_a_curve_is_what_training_by_hand_gives(drops, curves):
@@ -51,7 +56,7 @@ def test_laws_are_identified_on_the_same_subsets(drops, curves):
 def test_more_processes_change_nothing(drops, curves):
     pool, test = drops
     orders, fits, _, alone = curves
-    pair = study.learning_curves(RECIPES, pool, test, orders, (10, 30), fits, workers=2)
+    pair = study.learning_curves(RECIPES, pool, test, orders, (10, 30), bases(fits), workers=2)
     for name, curve in alone.items():
         assert pair[name].sizes == curve.sizes
         torch.testing.assert_close(pair[name].distance, curve.distance, rtol=1e-6, atol=1e-9)
