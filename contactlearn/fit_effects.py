@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -23,8 +24,10 @@ from contactlearn.mechanics import velocity_per_wrench
 from contactlearn.model import ContactModel, derivative, resolve
 
 TARGETS = ("velocity", "wrench")
+_SCATTER = 6  # numbers of a scatter matrix; as many again keep it from being singular
 _OPEN = 0.125  # of its plausible range: a parameter with a larger standard error is not determined
 _HARDLY = 0.07  # weight of a trial at five standard deviations in each of three components
+_FEW = 5.0  # trials
 _ALIKE = 0.95  # correlation from which on two parameters are said to do the same
 
 
@@ -41,6 +44,7 @@ class JointFit:
     covariance: Tensor
     scatter: Tensor  # robust covariance [..., 3, 3] of what is left, in squares of the target's units
     weight: Tensor  # [..., n] of the trials, near 0 for gross outliers and 1 for ordinary ones
+    telling: Tensor  # [..., K] how many trials tell of each parameter, in effect
     loss: Tensor  # [...] what was minimised, nats a trial
     agreement: Tensor  # [...] share of the starts followed to the end that came to the best one
     converged: Tensor  # [...]
@@ -62,21 +66,35 @@ class JointFit:
         return int((self.weight < _HARDLY).sum())
 
     def undetermined(self) -> dict[str, str]:
-        """What a single subset's data leave open: parameter → reason with the number that shows it."""
+        """What a single subset's data leave open: parameter → reasons with the numbers that show them."""
         found = {}
-        for k, (p, error) in enumerate(zip(self.parameters, self.standard_errors.tolist(), strict=True)):
+        errors, told = self.standard_errors.tolist(), self.telling.tolist()
+        for k, (p, error) in enumerate(zip(self.parameters, errors, strict=True)):
             others = self.correlation[k].abs().clone()
             others[k] = 0
-            share = error / (p.high - p.low)
+            other, share, reasons = int(others.argmax()), error / (p.high - p.low), []
             if share > _OPEN:
-                found[p.name] = f"its standard error is {share:.0%} of its plausible range"
-            elif others.max() > _ALIKE:
-                other = int(others.argmax())
-                found[p.name] = (
+                reasons.append(f"its standard error is {share:.0%} of its plausible range" if share < 1 else "nothing")
+            if others.max() > _ALIKE:
+                reasons.append(
                     f"its correlation with {self.parameters[other].name} is {self.correlation[k, other]:+.3f}"
                 )
-            elif not p.low < self.values[k] < p.high:
-                found[p.name] = f"it ends at its bound {self.values[k]:g}"
+            if told[k] < _FEW and share <= 1:
+                reasons.append(f"about {max(1, round(told[k]))} trials tell of it")
+            if reasons:
+                found[p.name] = " and ".join(reasons).replace("nothing", "hardly anything depends on it")
+        return found
+
+    def at_bounds(self) -> dict[str, str]:
+        """Parameters of a single subset that end at a bound: parameter → what that means."""
+        found = {}
+        for p, value, error in zip(self.parameters, self.values.tolist(), self.standard_errors.tolist(), strict=True):
+            if p.low < value < p.high:
+                continue
+            if value == p.vanishing:
+                found[p.name] = f"is not seen: |{p.symbol}| < {1.645 * error:.2g} {p.unit} with 95 %".replace(" –", "")
+            else:
+                found[p.name] = f"ends at its bound {value:g}; the other parameters may be biased"
         return found
 
 
@@ -91,6 +109,7 @@ def identify_jointly(
     target: str = "velocity",
     noise: Sequence[float] | None = None,
     starts: int = 8,
+    start: Tensor | None = None,
 ) -> JointFit:
     """Fit a law with effects to trials.
 
@@ -103,6 +122,7 @@ def identify_jointly(
         noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), known up to a common factor; else
             what is left is weighed by its own scatter.
         starts: of the search, for each subset.
+        start: values [..., K] to begin at instead of a search.
 
     Raises:
         DataError: too few trials, or a shape that an effect needs is not known.
@@ -116,18 +136,46 @@ def identify_jointly(
     effects = {name: effect.prepare(impacts) for name, effect in effects.items()}
     rows = torch.arange(len(impacts)) if rows is None else rows
     parameters = named_parameters(effects, box or Box())
-    if 3 * rows.shape[-1] <= len(parameters):
-        raise DataError(f"{len(parameters)} parameters need more than {rows.shape[-1]} trials of three numbers each")
+    least = (len(parameters) + 2 * _SCATTER) // 3 + 1
+    if rows.shape[-1] < least:
+        raise DataError(f"{len(parameters)} parameters need at least {least} trials, got {rows.shape[-1]}")
     flat = rows.reshape(-1, rows.shape[-1])
     problem = _Problem.of(Law(law, 0.0, 0.0, variant), effects, impacts, flat, target, noise, parameters)
-    theta, scatter, loss, agreement, converged = student.search(problem, starts)
-    covariance, weight = student.uncertainty(problem, theta, scatter)
+    theta, scatter, loss, agreement, converged = student.search(problem, starts, start)
+    covariance, weight, telling = student.uncertainty(problem, theta, scatter)
     back = (
         x.reshape(rows.shape[:-1] + x.shape[1:])
-        for x in (theta, covariance, scatter, weight, loss, agreement, converged)
+        for x in (theta, covariance, scatter, weight, telling, loss, agreement, converged)
     )
     theta, covariance, *others = back
     return JointFit(assemble(law, variant, effects, theta, covariance), parameters, theta, covariance, *others)
+
+
+class Linearisation(NamedTuple):
+    """A fit about given parameters: what is left [n, 3], its derivative [n, 3, K], both whitened, and weights [n]."""
+
+    left: Tensor
+    slope: Tensor
+    weight: Tensor
+
+
+def linearise(
+    law: str,
+    effects: Mapping[str, Effect],
+    impacts: Impacts,
+    theta: Tensor,
+    scatter: Tensor,
+    *,
+    variant: str = "textbook",
+    target: str = "velocity",
+    noise: Sequence[float] | None = None,
+) -> Linearisation:
+    """What a law with effects leaves at parameters [K], and how that changes with them; options as of a fit."""
+    rows = torch.arange(len(impacts))[None]
+    parameters = named_parameters(effects, Box())
+    problem = _Problem.of(Law(law, 0.0, 0.0, variant), effects, impacts, rows, target, noise, parameters)
+    left, slope = problem.linearised(theta[None])
+    return Linearisation(*(part[0] for part in student.whitened(left, slope, scatter[None])))
 
 
 def named_parameters(effects: Mapping[str, Effect], box: Box) -> tuple[Parameter, ...]:

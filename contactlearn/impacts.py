@@ -48,6 +48,9 @@ class Impacts:
         DataError: naming the rule, the value, the row (counted from 1) and the column, where
             a number is missing or not finite, a mass or inertia is not positive, a contact
             point does not approach the floor (v_n ≥ 0), or a trial name occurs twice.
+
+    With `suspect` the approach is not asked for: measurements as read, for the audit and for
+    corrections, which need not be in the right frame or order yet.  No model should be given them.
     """
 
     mass: Tensor
@@ -63,6 +66,7 @@ class Impacts:
     object: tuple[str, ...] = ()
     shape: Shape | None = None
     source: str = field(default="unnamed", kw_only=True)
+    suspect: bool = field(default=False, kw_only=True)
 
     def __post_init__(self):
         n = len(self.mass)
@@ -101,13 +105,14 @@ class Impacts:
         for column in ("mass", "inertia"):
             values = getattr(self, column)
             self._refuse(values <= 0, column, values, "must be positive (kg, kg m²)")
-        self._refuse(
-            self.v_c[:, 1] >= 0,
-            "vy",
-            self.v_c[:, 1],
-            "must approach the floor: v_n = vy + rx ω < 0 before contact "
-            "(are pre- and post-contact columns swapped, or is y down?)",
-        )
+        if not self.suspect:
+            self._refuse(
+                self.v_c[:, 1] >= 0,
+                "vy",
+                self.v_c[:, 1],
+                "must approach the floor: v_n = vy + rx ω < 0 before contact "
+                "(are pre- and post-contact columns swapped, or is y down?)",
+            )
         seen: dict[str, int] = {}
         for row, name in enumerate(self.trial, 1):
             if name in seen:

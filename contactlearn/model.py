@@ -135,10 +135,11 @@ def resolve(
 ) -> Prediction:
     """The outcome of a law with effects around it, with μ and ε broadcast against the impacts [..., N].
 
-    Effects act in the order of their places, and in the given order within one.  The wrench of the prediction is
-    the one that takes the measured body from its measured v_pre to the predicted v_post.
+    Effects act in the order of their places, and in the given order within one, `last` ones last.  The wrench of
+    the prediction is the one that takes the measured body from its measured v_pre to the predicted v_post.
     """
-    at = {place: [effect for effect in effects.values() if effect.place == place] for place in PLACES}
+    ordered = sorted(effects.values(), key=lambda effect: effect.last)
+    at = {place: [effect for effect in ordered if effect.place == place] for place in PLACES}
     state = measured
     for effect in at["state"]:
         state = effect.state(state)
@@ -195,7 +196,10 @@ def _listed(values: Iterable[tuple[str, Tensor | float, str, float | None]]) -> 
     parts = []
     for symbol, value, unit, error in values:
         value = torch.as_tensor(value, dtype=torch.float64).mean().item()
-        digits = 3 if not error or not math.isfinite(error) else min(8, max(0, 1 - math.floor(math.log10(error))))
-        spread = "" if error is None else f" ± {error:.{digits}f}"
-        parts.append(f"{symbol} = {value:.{digits}f}{spread}" + (f" {unit}" if unit not in ("", "–") else ""))
+        if error is not None and error > 10 * abs(value) + 0.1:  # open, so no digit of the value is known
+            number = f"{value:.3g} ± {error:.2g}"
+        else:
+            digits = min(8, max(0, 1 - math.floor(math.log10(error)))) if error else 3
+            number = f"{value:.{digits}f}" + ("" if error is None else f" ± {error:.{digits}f}")
+        parts.append(f"{symbol} = {number}" + (f" {unit}" if unit not in ("", "–") else ""))
     return ", ".join(parts)

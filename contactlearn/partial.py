@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from contactlearn.effects import State
+from contactlearn.effects import State, columns
 from contactlearn.effects.symbols import SYMBOLS, of_state
 from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel
@@ -22,6 +22,7 @@ COMPONENTS = {
     "velocity": (("v_x⁺", "m/s"), ("v_y⁺", "m/s"), ("ω⁺", "rad/s")),
 }
 _BINS = 20
+_NUDGE = 0.02
 
 
 @dataclass(frozen=True)
@@ -46,11 +47,18 @@ def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Parti
     quantity = "velocity" if effect.place == "velocity" else "wrench"
     explained = with_.wrench - without.wrench if quantity == "wrench" else with_.v_post - without.v_post
     measured = impacts.wrench - without.wrench if quantity == "wrench" else impacts.v_post - without.v_post
+    # What it would do, were it larger: an effect that is not there is drawn as well, as a line at 0.
+    values = columns(*effect.values)
+    range_ = torch.tensor([p.high - p.low for p in effect.parameters], dtype=values.dtype)
+    larger = replace(model, effects={**model.effects, name: effect.at(values + _NUDGE * range_)})
+    would = larger.base_prediction(impacts)
+    would = would.wrench - without.wrench if quantity == "wrench" else would.v_post - without.v_post
+    shape = explained if (explained != 0).any() else would
     # Medians, because of gross outliers.
     left = (measured - explained).abs().median(0).values
-    best = int((explained.square().mean(0).sqrt() / left.clamp_min(1e-300)).argmax())
+    best = int((shape.square().mean(0).sqrt() / left.clamp_min(1e-300)).argmax())
     known = of_state(State.of(impacts))
-    variable = max(known, key=lambda symbol: share_explained(known[symbol], explained[:, best]))
+    variable = max(known, key=lambda symbol: share_explained(known[symbol], shape[:, best]))
     component, unit = COMPONENTS[quantity][best]
     symbol = SYMBOLS[variable]
     return Partial(

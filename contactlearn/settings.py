@@ -128,6 +128,14 @@ def recipes(cfg: DictConfig) -> dict[str, Recipe]:
     return found
 
 
+def recipes_around(cfg: DictConfig) -> dict[str, Recipe]:
+    """The learned models that can be learnt around a law with effects, or all of them where there are none."""
+    found = recipes(cfg)
+    if not cfg.get("effect"):
+        return found
+    return {name: recipe for name, recipe in found.items() if recipe.target != "parameters_identified"}
+
+
 def one_recipe(cfg: DictConfig) -> tuple[str, Recipe | None]:
     """Name and recipe of the one model to train; None for a law alone.
 

@@ -10,7 +10,7 @@ Starts are the best two nodes of a grid over (μ, ε) with everything else at it
 Sobol sequence over a part of the other parameters' ranges; the worse half is dropped on the way.
 
 Standard errors are those of an M-estimator, A⁻¹ B A⁻¹ from the curvature A and the spread B of the
-trials' gradients, with the HC3 correction for leverage: they hold when trials are unequally noisy.
+trials' gradients, with the HC3 correction for leverage, or those of the curvature alone where these are larger.
 Source: Lange, Little & Taylor 1989; MacKinnon & White 1985.
 """
 
@@ -62,16 +62,20 @@ def _weight(distance: Tensor) -> Tensor:
 def _loss(left: Tensor, scatter: Tensor) -> Tensor:
     """Nats a trial [...]; infinite where something is not a number."""
     spread = torch.linalg.cholesky(scatter).diagonal(dim1=-2, dim2=-1).log().sum(-1)
-    loss = (0.5 * (_NU + 3)) * torch.log1p(_distance(left, scatter) / _NU).mean(-1) + spread
+    loss = robust_distance(left, scatter).mean(-1) + spread
     return torch.where(loss.isnan(), torch.inf, loss)
 
 
-def search(problem: Problem, starts: int) -> tuple[Tensor, ...]:
-    """Best (θ [B, K], Σ [B, 3, 3], loss, agreement, converged [B]) over the starts."""
+def search(problem: Problem, starts: int, start: Tensor | None = None) -> tuple[Tensor, ...]:
+    """Best (θ [B, K], Σ [B, 3, 3], loss, agreement, converged [B]) over the starts, or from the one that is given."""
     B = len(problem)
-    theta = _starts(problem, starts).reshape(-1, problem.low.shape[0])  # [S B, K]
+    if start is None:
+        theta = _starts(problem, starts).reshape(-1, problem.low.shape[0])  # [S B, K]
+    else:
+        theta, starts = start.expand(B, -1).clamp(problem.low, problem.high), 1
     which = torch.arange(B).repeat(starts)
-    scatter = torch.diag_embed(problem[which].left(theta[:, None]).square().median(-2).values + 1e-12)
+    size = problem[which].left(theta[:, None]).square().median(-2).values
+    scatter = torch.diag_embed(torch.where(size.isfinite(), size, 1.0) + 1e-12)
     theta, scatter, loss, _ = _descend(problem[which], theta, scatter, _HALVING)
     if starts > 2:
         kept = loss.view(starts, B).argsort(0)[: starts // 2]  # [S/2, B]
@@ -156,13 +160,23 @@ def _steps(left: Tensor, slope: Tensor, scatter: Tensor, theta: Tensor, problem:
     return torch.linalg.solve(damped, -gradient.masked_fill(held, 0.0)[..., None])[..., 0]
 
 
+def whitened(left: Tensor, slope: Tensor, scatter: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Left [B, n, 3] and slope [B, n, 3, K] in units of the scatter [B, 3, 3], and the trials' weights [B, n]."""
+    factor = torch.linalg.cholesky(scatter)[:, None]
+    left = torch.linalg.solve_triangular(factor, left[..., None], upper=False)[..., 0]
+    slope = torch.linalg.solve_triangular(factor, slope, upper=False)
+    return left, slope, _weight(left.square().sum(-1))
+
+
+def robust_distance(left: Tensor, scatter: Tensor) -> Tensor:
+    """What a trial adds to the loss for a given scatter, ½ (ν + 3) log(1 + d²/ν) [..., n] in nats."""
+    return (0.5 * (_NU + 3)) * torch.log1p(_distance(left, scatter) / _NU)
+
+
 def _normal(left: Tensor, slope: Tensor, scatter: Tensor) -> tuple[Tensor, ...]:
     """Gradient [B, K] and Gauss–Newton curvature [B, K, K] of the loss, the whitened slope and gradients by trial."""
-    factor = torch.linalg.cholesky(scatter)
-    left = torch.linalg.solve_triangular(factor[:, None], left[..., None], upper=False)
-    slope = torch.linalg.solve_triangular(factor[:, None], slope, upper=False)
-    weight = _weight(left.square().sum((-2, -1)))
-    each = (slope * left).sum(-2)  # Jᵀ e
+    left, slope, weight = whitened(left, slope, scatter)
+    each = (slope * left[..., None]).sum(-2)  # Jᵀ e
     gradient = (weight[..., None] * each).mean(-2)
     flat = (weight.sqrt()[..., None, None] * slope).flatten(1, 2)
     return gradient, flat.mT @ flat / left.shape[1], slope, each
@@ -173,10 +187,15 @@ def _picked(x: Tensor, which: Tensor) -> Tensor:
     return x.gather(0, which[None, :, None].expand(1, *x.shape[1:]))[0]
 
 
-def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tensor, Tensor]:
-    """Covariance [B, K, K] of the parameters and weights [B, n] of the trials."""
+def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Covariance [B, K, K] of the parameters, weights [B, n] of the trials, and how many trials tell of each [B, K].
+
+    The variances are the larger ones of the sandwich and of the curvature with the weights' own spread: the
+    first knows trials of unequal noise, the second is not deceived by a trial that a kink of the model happens to
+    fit exactly.
+    """
     left, slope = problem.linearised(theta)
-    distance, n = _distance(left, scatter), left.shape[1]
+    distance, n, K = _distance(left, scatter), left.shape[1], theta.shape[-1]
     _, curvature, slope, each = _normal(left, slope, scatter)
     weight = _weight(distance)
     # A parameter that nothing depends on gets a standard error of a hundred times its range.
@@ -188,8 +207,21 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
     inverse = torch.linalg.inv(A) / n
     leverage = torch.einsum("bnik,bkl,bnil->bn", slope, inverse, slope) * weight / 3
     scores = (weight / (1 - leverage.clamp(0, 0.9)))[..., None] * each
-    covariance = inverse @ (scores.mT @ scores) @ inverse
-    return covariance + inverse @ (n * floor) @ inverse, weight * (_NU / (_NU + 3))
+    sandwich = inverse @ (scores.mT @ scores) @ inverse
+    spread = (weight.square() * distance).sum(-1) / 3 / weight.sum(-1)  # of a whitened residual, as weighted
+    plain = spread[:, None, None] * torch.linalg.inv(curvature + floor) / n
+    free = 3 * n - K - 6  # of 3 n numbers, less the parameters and the scatter
+    small = 3 * n / max(free, 1)
+    # The larger one in every direction.
+    L = torch.linalg.cholesky(plain)
+    half = torch.linalg.solve_triangular(L, torch.linalg.solve_triangular(L, sandwich, upper=False).mT, upper=False)
+    values, vectors = torch.linalg.eigh(half)
+    root = L @ vectors * values.clamp_min(1).sqrt()[:, None]
+    covariance = small * root @ root.mT
+    # Information of each trial on each parameter, the others being free.
+    told = weight[..., None] * (slope @ inverse[:, None]).square().sum(-2)
+    telling = told.sum(1).square() / told.square().sum(1).clamp_min(1e-300)
+    return covariance, weight * (_NU / (_NU + 3)), telling
 
 
 def _scattered(problem: Problem, left: Tensor, scatter: Tensor, steps: int) -> Tensor:

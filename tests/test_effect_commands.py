@@ -149,7 +149,7 @@ REFUSED = {
     "a fitted parameter": (["effect=[side_drag]", "+effect.side_drag.c=0.1"], "has no setting 'c' (it is fitted)"),
     "a form": (["effect=[adhesion]", "effect.adhesion.form=glue"], "unknown form of adhesion 'glue'"),
     "a formula": (['+effect.mine.tau="c*__import__"', "+effect.mine.parameters.c=[0,1]"], "^"),
-    "identified": (["model=parameters_identified", "effect=[side_drag]"], "use target parameters_likelihood"),
+    "identified": (["model=parameters_identified", "effect=[side_drag]"], "use model=parameters_likelihood"),
     "noise": (["fit.noise=[0.1,0.1]"], "three positive standard deviations"),
 }
 

@@ -14,7 +14,7 @@ from torch import Tensor
 from contactlearn import checkpoint
 from contactlearn.data import synthetic
 from contactlearn.effects import PLACES, State, catalogue, find
-from contactlearn.effects.directional_friction import DirectionalFriction
+from contactlearn.effects.configuration_dependent_restitution import ConfigurationDependentRestitution
 from contactlearn.effects.expression import CONSTANTS, FUNCTIONS, MAX_DEPTH, MAX_LENGTH, MAX_STEPS, Expression
 from contactlearn.effects.formula import WrenchFormula, formula
 from contactlearn.effects.orientation_offset import OrientationOffset
@@ -277,7 +277,7 @@ def test_symbols_that_are_not_known_are_refused():
 
 TWINS = {
     "spin_damping": (formula(tau="-c*I*omega_post", parameters=C), SpinDamping(), [0.3]),
-    "friction": (formula(mu="c*mu*sign(vt)", parameters=C), DirectionalFriction(), [0.4]),
+    "restitution": (formula(eps="-c*(rx/rho)**2", parameters=C), ConfigurationDependentRestitution(), [0.2]),
     "orientation_offset": (formula(theta="c", parameters=C), OrientationOffset(), [0.05]),
 }
 

@@ -248,6 +248,7 @@ def test_without_the_engine(monkeypatch):
 
 def test_configuration_says_the_defaults():
     config = OmegaConf.load(CONFIG)
+    assert config.pop("correct") == []
     defaults = {name: p.default for name, p in inspect.signature(mujoco.load).parameters.items()}
     written = {key: tuple(value) if OmegaConf.is_list(value) else value for key, value in config.items()}
     assert written.pop("_target_") == "contactlearn.data.mujoco.load"

@@ -315,6 +315,7 @@ def test_sealed_file_round_trip(tmp_path):
 def test_config(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     config = OmegaConf.load(CONFIG)
+    assert config.pop("correct") == []
     assert OmegaConf.is_missing(config, "seed")
     assert set(config) == {"_target_", *inspect.signature(load).parameters}
     impacts = instantiate(OmegaConf.merge(config, {"seed": 3, "size": 20}), _convert_="all")

@@ -22,6 +22,7 @@ ORDER = (
     ("fit_trials", "fit_effects", "partial"),
     ("learning",),
     ("study", "testing"),
+    ("diagnosis",),
     ("tracking", "report"),
     ("settings",),
     ("app",),

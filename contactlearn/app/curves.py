@@ -29,7 +29,8 @@ def learning_study(
 
     Curves of the laws, identified on the same subsets, are part of the entry and the tables.
     """
-    recipes = settings.recipes(cfg)
+    recipes = settings.recipes_around(cfg)
+    terminal.show_left_out([name for name in settings.recipes(cfg) if name not in recipes])
     if len(pool) < min(cfg.curves.sizes):
         least = min(cfg.curves.sizes)
         raise DataError(f"{pool.source}: curves.sizes begin at {least}, but {len(pool)} trials are there to draw from")

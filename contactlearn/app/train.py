@@ -25,6 +25,11 @@ def train(cfg: DictConfig) -> None:
     effects = settings.effects(cfg)
     if effects and recipe is not None and recipe.law is None:
         raise ContactLearnError(f"effects act around a law, and model {name} has none: {', '.join(effects)}")
+    if recipe is not None and name not in settings.recipes_around(cfg):
+        raise ContactLearnError(
+            f"model {name} takes each trial's (μ, ε) from the law alone, but there are effects "
+            f"({', '.join(effects)}); use model=parameters_likelihood"
+        )
     folder = run.run_folder()
     impacts, pool, test, generator = run.split(cfg)
     fits, joint = [], {}

@@ -46,12 +46,13 @@ _READERS = {".csv": sheet.read_csv, ".parquet": sheet.read_parquet}
 _WRITERS = {".csv": sheet.write_csv, ".parquet": sheet.write_parquet}
 
 
-def load(path: str | os.PathLike, shape: dict[str, Any] | Shape | None = None) -> Impacts:
+def load(path: str | os.PathLike, shape: dict[str, Any] | Shape | None = None, *, suspect: bool = False) -> Impacts:
     """Impacts from the table file `path`.
 
     Args:
         path: a .csv or .parquet file with the columns of the module's table.
         shape: the body's shape for `shapes.make_shape`, or None where it is not known.
+        suspect: read also what does not approach the floor, for the audit and for corrections.
 
     Raises:
         DataError: the file cannot be read, or breaks a rule; it names the row (counted from 1
@@ -78,7 +79,7 @@ def load(path: str | os.PathLike, shape: dict[str, Any] | Shape | None = None) -
             stacked = torch.tensor(numbers, dtype=torch.float64)
             values[field] = stacked[0] if len(columns) == 1 else stacked.T
     try:
-        return Impacts(**values, shape=body, source=str(path))
+        return Impacts(**values, shape=body, source=str(path), suspect=suspect)
     except DataError as error:
         if error.row is None or cells.lines is None:
             raise

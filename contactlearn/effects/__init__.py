@@ -12,7 +12,7 @@ from importlib.metadata import entry_points
 
 from contactlearn.effects.base import PLACES, Effect, Parameter, parameter
 from contactlearn.effects.state import State, columns
-from contactlearn.errors import UnknownNameError
+from contactlearn.errors import ContactLearnError, UnknownNameError
 
 ENTRY_POINT = "contactlearn.effects"
 
@@ -20,13 +20,24 @@ __all__ = ["ENTRY_POINT", "PLACES", "Effect", "Parameter", "State", "catalogue",
 
 
 def catalogue() -> dict[str, type[Effect]]:
-    """Every effect that needs no arguments, by name, in the order of the places and then of the alphabet."""
+    """Every effect that needs no arguments, by name, in the order of the places and then of the alphabet.
+
+    Raises:
+        ContactLearnError: two effects of one name.
+    """
     for module in pkgutil.iter_modules(__path__):
         importlib.import_module(f"{__name__}.{module.name}")
     for entry in entry_points(group=ENTRY_POINT):
         entry.load()
-    found = [effect for effect in Effect.__subclasses__() if all(_optional(f) for f in fields(effect))]
-    return {effect.name: effect for effect in sorted(found, key=lambda e: (PLACES.index(e.place), e.name))}
+    found = {}
+    for effect in sorted(Effect.__subclasses__(), key=lambda e: (PLACES.index(e.place), e.name)):
+        if not all(_optional(f) for f in fields(effect)):
+            continue
+        if effect.name in found:
+            homonyms = f"{found[effect.name].__module__} and {effect.__module__}"
+            raise ContactLearnError(f"two effects are called {effect.name}, in {homonyms}; rename the class of one")
+        found[effect.name] = effect
+    return found
 
 
 def find(name: str) -> type[Effect]:

@@ -17,10 +17,11 @@ class Adhesion(Effect):
         impulse    P_n → P_n − c
         work       v_n⁺ → √(v_n⁺² − 2 w W_nn), by P_n alone
 
-    It is not a lower restitution, whose loss grows with the speed.
+    P_t stays: adhesion carries the friction as a load would, so P_t may exceed μ P_n.  It is not a lower
+    restitution, whose loss grows with the speed.
     """
 
-    formula: ClassVar = {"impulse": "P_n ← P_n − c", "work": "v_n⁺ ← √(v_n⁺² − 2 w W_nn), by P_n"}
+    formula: ClassVar = {"impulse": "P_n ← P_n − c, at most the rebound", "work": "v_n⁺ ← √(v_n⁺² − 2 w W_nn), by P_n"}
     source = "Johnson, Kendall & Roberts 1971"
     c: Tensor | float = parameter("c", "N s", 0.0, 0.05, form="impulse")
     w: Tensor | float = parameter("w", "J", 0.0, 0.1, form="work")

@@ -17,9 +17,11 @@ It overrides one of these methods and declares its parameters as fields:
         def wrench(self, state, wrench): …
 
 Everything else follows from that: fitting, standard errors, curves, tables, the configuration.  At
-its vanishing values an effect changes nothing, to the last bit; `contract` holds it to that and more.
+its vanishing values an effect changes nothing, to the last bit; `contactlearn.testing` holds it to that and
+more.  In a method a parameter broadcasts against [..., N], one value a trial: `columns` puts parts side by side.
 """
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -81,6 +83,8 @@ class Effect:
     """Whether the body may leave with more kinetic energy than it was measured to bring."""
     needs_shape: ClassVar[bool] = False
     """Whether the body's shape must be known."""
+    last: ClassVar[bool] = False
+    """Whether it acts after the others of its place, because it depends on what they change."""
 
     def __init_subclass__(cls, **kwargs):
         super().__init_subclass__(**kwargs)
@@ -163,11 +167,13 @@ def typical(measured: Tensor) -> float:
 
 
 def known(value: float | None) -> float:
-    """A constant that is given, or that `Effect.prepare` has taken from measurements.
+    """A positive constant that is given, or that `Effect.prepare` has taken from measurements.
 
     Raises:
-        ContactLearnError: neither.
+        ContactLearnError: neither, or it is not positive.
     """
     if value is None:
         raise ContactLearnError("a constant of the effect is open: give it, or call effect.prepare(impacts)")
+    if not isinstance(value, int | float) or not 0 < value < math.inf:
+        raise ContactLearnError(f"a reference speed or spin must be a positive number, got {value!r}")
     return value

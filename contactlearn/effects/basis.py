@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from contactlearn.errors import ContactLearnError
+
 
 def span(x: Tensor) -> tuple[float, float]:
     """Ends of the measured places, m, to a tenth of a millimetre outwards."""
@@ -15,6 +17,8 @@ def span(x: Tensor) -> tuple[float, float]:
 def smooth(x: Tensor, ends: tuple[float, float], coefficients: Sequence[Tensor | float]) -> Tensor:
     """Σ c_k P_k(u), k = 1, 2, …, with Legendre's polynomials; u in [−1, 1] is the place between the ends."""
     low, high = ends
+    if not low < high:
+        raise ContactLearnError(f"a span must be [low, high] of x in m with low < high, got {list(ends)}")
     u = ((2 * x - low - high) / (high - low)).clamp(-1, 1)
     before, now = torch.ones_like(u), u
     total = coefficients[0] * now

@@ -23,6 +23,7 @@ class ComOffset(Effect):
     source = "calibration"
     mirror_symmetric = False
     adds_energy = True
+    last = True
     delta_a: Tensor | float = parameter("δ_a", "m", -0.02, 0.02)
     delta_b: Tensor | float = parameter("δ_b", "m", -0.02, 0.02)
 

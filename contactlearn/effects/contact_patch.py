@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
-from contactlearn.effects.moment import with_arm
+from contactlearn.effects.path import retraced
 from contactlearn.effects.state import State
 
 
@@ -13,11 +13,11 @@ from contactlearn.effects.state import State
 class ContactPatch(Effect):
     """The normal impulse acts c − k r_x to the right of the contact point: τ → τ + (c − k r_x) P_n.
 
-    The contact responds while it lasts, so that v_n⁺ stays (`moment.with_arm`).  It is not a resistance to
+    The contact responds while it lasts, so that v_n⁺ stays (`path.retraced`).  It is not a resistance to
     rolling, which follows the spin (`rolling_resistance`).
     """
 
-    formula = "τ ← τ − k r_x P_n + c P_n"
+    formula = "τ ← τ − k r_x P_n + c P_n while the contact lasts, P_t and P_n responding"
     source = "finite contact area"
     mirror_symmetric = False
     adds_energy = True
@@ -25,4 +25,4 @@ class ContactPatch(Effect):
     c: Tensor | float = parameter("c", "m", -0.01, 0.01)
 
     def wrench(self, state: State, wrench: Tensor) -> Tensor:
-        return with_arm(state, wrench, self.c - self.k * state.r[..., 0])
+        return retraced(state, wrench, arm=self.c - self.k * state.r[..., 0])

@@ -5,20 +5,24 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
+from contactlearn.effects.path import retraced
 from contactlearn.effects.state import State
 
 
 @dataclass(frozen=True, eq=False)
 class DirectionalFriction(Effect):
-    """μ → μ (1 + a sign v_t), with the slip before contact.
+    """μ (1 + a) against slip to the right and μ (1 − a) against slip to the left, at every instant.
 
-    It is not a tilt of the floor, which also acts where the contact sticks (`surface_tilt`).
+    What this changes of Routh's path is added to what the law gives (`path.retraced`).  It is not a tilt of the
+    floor, which also acts where the contact sticks at once (`surface_tilt`).
     """
 
-    formula = "μ ← μ (1 + a sign v_t)"
+    formula = "μ ← μ (1 + a sign v_t) at every instant"
     source = "surface texture"
     mirror_symmetric = False
-    a: Tensor | float = parameter("a", "–", -1.0, 1.0)
+    adds_energy = True
+    a: Tensor | float = parameter("a", "–", -0.9, 0.9)
 
-    def law(self, state: State, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
-        return mu * (1 + self.a * state.v_t.sign()), eps
+    def wrench(self, state: State, wrench: Tensor) -> Tensor:
+        grain = self.a * state.v_t.sign()
+        return retraced(state, wrench, friction=(state.mu * (1 + grain), state.mu * (1 - grain)))

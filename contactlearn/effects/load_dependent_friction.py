@@ -22,7 +22,7 @@ class LoadDependentFriction(Effect):
     v_ref: float | None = None  # m/s; None: the median |v_n| of the measurements
 
     def prepare(self, impacts: Impacts) -> "LoadDependentFriction":
-        return self if self.v_ref else replace(self, v_ref=typical(impacts.v_c[:, 1]))
+        return self if self.v_ref is not None else replace(self, v_ref=typical(impacts.v_c[:, 1]))
 
     def law(self, state: State, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
         return mu * (state.v_n.abs() / known(self.v_ref)) ** self.p, eps

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 from torch import Tensor
 
-from contactlearn.effects.base import Effect, known, parameter
+from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.basis import smooth, span
 from contactlearn.effects.state import State
 from contactlearn.impacts import Impacts
@@ -28,8 +28,8 @@ class LocationDependentFriction(Effect):
     span: tuple[float, float] | None = None  # of x in m; None: that of the measurements
 
     def prepare(self, impacts: Impacts) -> "LocationDependentFriction":
-        return self if self.span else replace(self, span=span(impacts.q[:, 0]))
+        return self if self.span is not None else replace(self, span=span(impacts.q[:, 0]))
 
     def law(self, state: State, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
         coefficients = (self.c1, self.c2, self.c3, self.c4, self.c5)
-        return mu + smooth(state.x, known(self.span), coefficients), eps
+        return mu + smooth(state.x, self.span, coefficients), eps

@@ -6,7 +6,6 @@ from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State
-from contactlearn.shapes import contact_point
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +22,5 @@ class ShapeError(Effect):
     s_b: Tensor | float = parameter("s_b", "–", -0.3, 0.3)
 
     def state(self, state: State) -> State:
-        scale = 1 + self.s_a, 1 + self.s_b
-        stretched = contact_point(state.shape, state.theta, scale)
-        return state.replace(r=state.r + (stretched - contact_point(state.shape, state.theta)))
+        longer = state.replace(stretch=(state.stretch[0] * (1 + self.s_a), state.stretch[1] * (1 + self.s_b)))
+        return longer.replace(r=state.r + (longer.lowest(state.theta) - state.lowest(state.theta)))

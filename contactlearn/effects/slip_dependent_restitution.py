@@ -22,7 +22,7 @@ class SlipDependentRestitution(Effect):
     v_ref: float | None = None  # m/s; None: the median |v_t| of the measurements
 
     def prepare(self, impacts: Impacts) -> "SlipDependentRestitution":
-        return self if self.v_ref else replace(self, v_ref=typical(impacts.v_c[:, 0]))
+        return self if self.v_ref is not None else replace(self, v_ref=typical(impacts.v_c[:, 0]))
 
     def law(self, state: State, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
         return mu, eps + self.c * state.v_t.abs() / known(self.v_ref)

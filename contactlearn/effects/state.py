@@ -6,6 +6,8 @@ the place `state` change it, and it remembers how to bring a velocity back to wh
     tilt      angle in rad from the world's axes to those of the contact; r, q and v_pre are in the latter
     offset    centre of mass minus the tracked point, m; v_pre is the centre of mass's
 
+`stretch` is what the body is longer by along its own axes than its nominal shape.
+
 Once the law's coefficients are known they are in `mu` and `eps`.
 """
 
@@ -33,6 +35,7 @@ class State:
     v_pre: Tensor
     order: Tensor
     shape: Shape | None = None
+    stretch: tuple[Tensor | float, Tensor | float] = (1.0, 1.0)
     tilt: Tensor | None = None
     offset: Tensor | None = None
     mu: Tensor | None = None
@@ -99,8 +102,13 @@ class State:
     def turned(self, angle: Tensor) -> "State":
         """With the orientation changed by `angle` [..., N] in rad and the contact point that goes with it."""
         theta = self.theta + angle
-        moved = contact_point(self.shape, theta) - contact_point(self.shape, self.theta)
-        return self.replace(q=columns(*self.q.unbind(-1)[:2], theta), r=self.r + moved)
+        return self.replace(
+            q=columns(*self.q.unbind(-1)[:2], theta), r=self.r + (self.lowest(theta) - self.lowest(self.theta))
+        )
+
+    def lowest(self, theta: Tensor) -> Tensor:
+        """Contact point [..., N, 2] of the stretched body at orientation θ [..., N], m; the shape must be known."""
+        return contact_point(self.shape, theta, self.stretch)
 
     def as_measured(self, v_post: Tensor) -> Tensor:
         """The velocity of the tracked point in world axes, from that of the centre of mass in contact axes."""

@@ -7,7 +7,6 @@ from torch import Tensor
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State, columns
 from contactlearn.mechanics import rotate
-from contactlearn.shapes import contact_point
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +19,7 @@ class SurfaceTilt(Effect):
     It is not an error of the body's orientation, which leaves the velocities alone (`orientation_offset`).
     """
 
-    formula = "(r, v, θ) ← (R(−φ) r, R(−φ) v, θ − φ)"
+    formula = "(r, v, θ) ← (R(−φ) r, R(−φ) v, θ − φ), r at the lowest point"
     source = "calibration"
     mirror_symmetric = False
     phi: Tensor | float = parameter("φ", "rad", -0.2, 0.2)
@@ -30,7 +29,7 @@ class SurfaceTilt(Effect):
         r = rotate(state.r, -phi)
         theta = state.theta - phi
         if state.shape is not None:
-            r = r + (contact_point(state.shape, theta) - rotate(contact_point(state.shape, state.theta), -phi))
+            r = r + (state.lowest(theta) - rotate(state.lowest(state.theta), -phi))
         return state.replace(
             r=r,
             q=columns(*rotate(state.q[..., :2], -phi).unbind(-1), theta),

@@ -21,7 +21,10 @@ class VelocityDependentFriction(Effect):
     It is not friction that changes with the load (`load_dependent_friction`).
     """
 
-    formula: ClassVar = {"viscous": "μ ← μ + c v̄, v the slip", "stribeck": "μ ← μ (1 + d mean exp(−v/v_s)), v the slip"}
+    formula: ClassVar = {
+        "viscous": "μ ← μ + c v̄, v̄ the mean slip",
+        "stribeck": "μ ← μ (1 + d s̄), s̄ the mean of exp(−v/v_s) over the slip",
+    }
     source = "Stribeck 1902"
     c: Tensor | float = parameter("c", "s/m", -0.3, 0.3, form="viscous")
     d: Tensor | float = parameter("d", "–", -1.0, 5.0, form="stribeck")

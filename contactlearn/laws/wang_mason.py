@@ -32,14 +32,22 @@ class Path(NamedTuple):
         return self.slope * before + self.slope_after * (p - before), p
 
 
-def routh_path(contact: Contact, mu: Tensor) -> Path:
-    """The path of a contact; it does not depend on ε."""
+def routh_path(contact: Contact, mu: Tensor, mu_back: Tensor | None = None, w_nt: Tensor | None = None) -> Path:
+    """The path of a contact; it does not depend on ε.
+
+    Two things are as usual if left out: `mu_back`, the friction against slip in the other direction than the
+    initial one, and `w_nt`, the rise of v_n per tangential impulse, which is W_tn without a moment.
+    """
     w_tt, w_tn, w_nn, v_t, v_n = contact
-    slope = -slip_direction(contact) * mu
-    slope_after = within(-w_tn / w_tt, mu)
-    stiffness, stiffness_after = w_nn + slope * w_tn, w_nn + slope_after * w_tn
+    w_nt = w_tn if w_nt is None else w_nt
+    direction = slip_direction(contact)
+    slope = -direction * mu
+    # Once it has stopped, the contact slips on or back as W_tn drives it.
+    limit = mu if mu_back is None else torch.where(w_tn * direction > 0, mu, mu_back)
+    slope_after = within(-w_tn / w_tt, limit)
+    stiffness, stiffness_after = w_nn + slope * w_nt, w_nn + slope_after * w_nt
     # |v_t| falls at this rate; at a rate ≤ 0 the slip never ends (and then stiffness > 0).
-    braking = -(w_tn + slope * w_tt) * slip_direction(contact)
+    braking = -(w_tn + slope * w_tt) * direction
     ends = braking > 0
     p_slip = torch.where(ends, v_t.abs() / torch.where(ends, braking, 1.0), torch.inf)
     v_slip = torch.where(ends, stiffness * torch.where(ends, p_slip, 0.0), torch.inf)

@@ -1,6 +1,7 @@
 """What each effect explains: its curve over the residuals that the model would leave without it."""
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from contactlearn.partial import Partial, binned
 from contactlearn.report import style as st
@@ -22,8 +23,9 @@ def effect_curve(partial: Partial) -> Figure:
     axes = st.name_axes(
         figure.subplots(),
         f"{partial.variable} ({partial.variable_unit})",
-        f"Residual of {partial.component} without the effect ({unit})",
+        f"Residual of {partial.component} ({unit})",
     )
+    axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.axhline(0, color=st.DARK, linewidth=0.6)
     axes.plot(x, measured, ".", color=st.tint(st.DARK, 0.35), markersize=2.5, label="Trials", rasterized=True, zorder=1)
     axes.plot(x, explained, ".", color=st.tint(_COLOR, 0.7), markersize=2, label="Effect, by trial", zorder=2)
@@ -33,6 +35,6 @@ def effect_curve(partial: Partial) -> Figure:
     low, high = sorted(measured)[len(measured) // 100], sorted(measured)[-1 - len(measured) // 100]
     low, high = min(low, explained.min(), 0), max(high, explained.max(), 0)
     axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
-    axes.set_title(st.plain(partial.effect.replace("_", " ")))
+    axes.set_title(f"Without {st.plain(partial.effect.replace('_', ' '))}, and what it adds")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure

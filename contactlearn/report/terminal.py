@@ -19,6 +19,7 @@ from contactlearn.impacts import Impacts
 from contactlearn.metrics import HEADLINE, METRICS
 
 _console = Console()
+_MANY = 20  # trials from which on standard errors cover what they should
 _SHORT = {"mass_error": "mass error", "normalised_velocity_error": "velocity/speed", "velocity_error": "velocity"}
 
 
@@ -74,6 +75,10 @@ def show_joint(name: str, fit: JointFit) -> None:
     _say(str(fit.model))
     for parameter, reason in fit.undetermined().items():
         _say(f"note: the data do not determine {parameter}: {reason}")
+    for parameter, meaning in fit.at_bounds().items():
+        _say(f"note: {parameter} {meaning}")
+    if len(fit.weight) < _MANY:
+        _say(f"note: from {len(fit.weight)} trials standard errors are too small; {_MANY} or more can be trusted")
     if fit.outliers:
         _say(f"note: {fit.outliers} of {len(fit.weight)} trials hardly count, so far off are they")
     if not fit.converged:
@@ -122,6 +127,12 @@ def show_sizes(sizes: Sequence[int], wanted: Sequence[int], seeds: int, pool: in
         _say(f"note: sizes {', '.join(left_out)} are left out, since {pool} trials are there to draw from")
     if pool in sizes and seeds > 1:
         _say(f"note: at {pool} trials all subsets are the same")
+
+
+def show_left_out(models: Sequence[str]) -> None:
+    """Models that cannot be learnt around effects."""
+    if models:
+        _say(f"note: {', '.join(models)} takes each trial's (μ, ε) from the law alone, and is left out with effects")
 
 
 def show_curves(curves: Mapping[str, Mapping], sizes: Sequence[int]) -> None:

@@ -1,0 +1,229 @@
+"""Which effects are missing: forward selection over a catalogue, by score tests and held-out error.
+
+    screen    score test of every candidate from the one fit of the present model: does the loss fall if it is let in?
+    refit     the most promising are fitted together with the law and the effects chosen so far
+    compare   on folds that were not fitted to, trial by trial against the present model
+    admit     the best, if the score test survives Bonferroni's correction over all candidates and the held-out
+              error falls by more than chance and by more than is worth a name
+    re-test   effects chosen earlier that are not missed any more are taken out again
+
+until nothing earns its place.  All folds of a candidate are fitted at once.
+Sources: Rao 1948, with the covariance of White 1982; Stone 1974.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import torch
+from scipy.stats import chi2
+from torch import Tensor
+
+from contactlearn.effects import Effect
+from contactlearn.errors import DataError
+from contactlearn.fit_effects import JointFit, identify_jointly, linearise
+from contactlearn.impacts import Impacts
+from contactlearn.metrics import mass_error
+from contactlearn.student import robust_distance
+
+FALSE_ALARMS = 0.05
+"""Chance that something is admitted where nothing is missing, over all candidates."""
+LEAST_GAIN = 0.03
+"""Share of the held-out error that an effect must take off to be worth a name."""
+_REFITTED = 8
+_MOST = 6
+_SIGMAS = 2.0  # that the held-out gain of an admitted effect must be from 0
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Rows to fit to [B, n] and held out [B, m] of repeated cross-validation; each trial is held out as often."""
+
+    fitted: Tensor
+    held_out: Tensor
+
+    @classmethod
+    def draw(cls, trials: int, generator: torch.Generator, folds: int = 5, repeats: int = 2) -> "Folds":
+        if trials < 4 * folds:
+            raise DataError(f"cross-validation in {folds} folds needs at least {4 * folds} trials, got {trials}")
+        size = trials // folds
+        fitted, held_out = [], []
+        for _ in range(repeats):
+            order = torch.randperm(trials, generator=generator)
+            for k in range(folds):
+                part = torch.zeros(trials, dtype=torch.bool)
+                part[k * size : (k + 1) * size] = True
+                held_out.append(order[part])
+                fitted.append(order[~part])
+        return cls(torch.stack(fitted), torch.stack(held_out))
+
+    def scores(self, score: Tensor) -> Tensor:
+        """Mean score [N] of each trial when it was held out, from scores [B, N]; nan where it never was."""
+        picked = score.gather(1, self.held_out)
+        total = torch.zeros(score.shape[1], dtype=score.dtype).index_add(0, self.held_out.flatten(), picked.flatten())
+        return total / torch.bincount(self.held_out.flatten(), minlength=score.shape[1])
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model on all trials, and what it leaves of each when that is held out [N]."""
+
+    effects: Mapping[str, Effect]
+    fit: JointFit
+    error: Tensor  # mass error
+    loss: Tensor  # robust distance in the scatter of the first model, nats
+
+
+@dataclass(frozen=True)
+class Test:
+    """A candidate beside the present model: its score test, and once refitted its held-out gain."""
+
+    name: str
+    effect: Effect
+    statistic: float
+    p_value: float
+    fitted: Fitted | None = None
+    gain: float = math.nan  # of the held-out loss, nats a trial
+    gain_error: float = math.nan
+    error: float = math.nan  # held-out mass error
+
+    @property
+    def sigmas(self) -> float:
+        return self.gain / self.gain_error if self.gain_error > 0 else math.nan
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one round of the selection saw and did."""
+
+    before: Fitted
+    tests: tuple[Test, ...]
+    admitted: Test | None
+    dropped: tuple[str, ...] = ()
+
+
+class Selection:
+    """Forward selection with re-testing; `steps` tells what was seen."""
+
+    def __init__(
+        self, law: str, impacts: Impacts, candidates: Mapping[str, Effect], folds: Folds,
+        given: Mapping[str, Effect], **options,
+    ):  # fmt: skip
+        self.law, self.impacts, self.folds, self.options = law, impacts, folds, options
+        self.candidates = {name: effect.prepare(impacts) for name, effect in candidates.items()}
+        self.given = dict(given)
+        first = identify_jointly(law, self.given, impacts, **options)
+        self.scatter = first.scatter
+        self.base = self.present = self._validated(self.given, first)
+        self.steps: list[Step] = []
+
+    def run(self, progress: Callable[[Iterable], Iterable] = iter) -> Fitted:
+        """Admit and drop until nothing earns its place; the chosen model."""
+        seen = [frozenset(self.present.effects)]
+        while len(self.present.effects) - len(self.given) < _MOST:
+            before, tests = self.present, self.tests(progress)
+            best = max((t for t in tests if self._earns(t)), key=lambda t: t.gain, default=None)
+            dropped = ()
+            if best is not None:
+                self.present = best.fitted
+                dropped = self._drop(keep=best.name)
+            self.steps.append(Step(before, tuple(tests), best, dropped))
+            chosen = frozenset(self.present.effects)
+            if best is None or chosen in seen:
+                break
+            seen.append(chosen)
+        return self.present
+
+    def tests(self, progress: Callable[[Iterable], Iterable] = iter) -> list[Test]:
+        """Every candidate that is not in the model yet, the most promising ones refitted."""
+        tests = [self.score_test(name) for name in self.candidates if name not in self.present.effects]
+        tests.sort(key=lambda t: t.p_value)
+        promising = [t for t in tests[:_REFITTED] if t.p_value < FALSE_ALARMS]
+        return [self._refitted(t) for t in progress(promising)] + [t for t in tests if t not in promising]
+
+    def score_test(self, name: str) -> Test:
+        """Whether the loss falls if the candidate is let in, from the present fit alone.
+
+        With s the trials' gradients in the candidate's parameters at their vanishing values, made orthogonal to
+        the parameters that are fitted already, (Σ s)ᵀ (Σ s sᵀ)⁻¹ (Σ s) is χ² with as many degrees as parameters.
+        """
+        effect, present = self.candidates[name], self.present
+        own = torch.stack([torch.as_tensor(v) for v in effect.vanished().values])
+        theta = torch.cat((present.fit.values, own))
+        options = {key: self.options[key] for key in ("variant", "target", "noise") if key in self.options}
+        about = linearise(
+            self.law, {**present.effects, name: effect}, self.impacts, theta, present.fit.scatter, **options
+        )
+        slope = about.slope[..., about.slope.abs().amax((0, 1)) > 0]
+        K = present.fit.values.shape[0]
+        K = int((about.slope[..., :K].abs().amax((0, 1)) > 0).sum())
+        weighted = (about.weight[:, None, None] * slope).flatten(0, 1)
+        curvature = slope.flatten(0, 1).T @ weighted
+        gradients = about.weight[:, None] * (slope * about.left[..., None]).sum(1)  # [N, K]
+        known, new = gradients[:, :K], gradients[:, K:]
+        if new.shape[1] == 0:
+            return Test(name, effect, 0.0, 1.0)
+        efficient = new - known @ torch.linalg.lstsq(curvature[:K, :K], curvature[:K, K:]).solution
+        total, spread = efficient.sum(0), efficient.T @ efficient
+        scale = spread.diagonal().sqrt().clamp_min(1e-300)
+        spread = spread / (scale[:, None] * scale) + 1e-9 * torch.eye(len(scale), dtype=spread.dtype)
+        statistic = (total / scale @ torch.linalg.solve(spread, total / scale)).item()
+        return Test(name, effect, statistic, float(chi2.sf(statistic, new.shape[1])))
+
+    def _refitted(self, test: Test) -> Test:
+        effects = {**self.present.effects, test.name: test.effect}
+        start = torch.cat(
+            (self.present.fit.values, torch.stack([torch.as_tensor(v) for v in test.effect.vanished().values]))
+        )
+        near = identify_jointly(self.law, effects, self.impacts, start=start, **self.options)
+        far = identify_jointly(self.law, effects, self.impacts, starts=4, **self.options)
+        fitted = self._validated(effects, near if near.loss <= far.loss + 1e-6 else far)
+        gain, error = _gain(self.present, fitted)
+        return Test(
+            test.name, test.effect, test.statistic, test.p_value, fitted, gain, error, fitted.error.nanmean().item()
+        )
+
+    def _earns(self, test: Test) -> bool:
+        before = self.present.error.nanmean().item()
+        return (
+            test.p_value < FALSE_ALARMS / len(self.candidates)
+            and test.sigmas > _SIGMAS
+            and test.error < (1 - LEAST_GAIN) * before
+        )
+
+    def _drop(self, keep: str) -> tuple[str, ...]:
+        """Take out what is not missed any more, one at a time, never what was given or has just come."""
+        dropped = []
+        while True:
+            costs = []
+            for name in self.present.effects:
+                if name == keep or name in self.given:
+                    continue
+                effects = {key: effect for key, effect in self.present.effects.items() if key != name}
+                fitted = self._validated(
+                    effects, identify_jointly(self.law, effects, self.impacts, starts=4, **self.options)
+                )
+                cost, error = _gain(fitted, self.present)
+                costs.append((cost / max(error, 1e-300), name, fitted))
+            if not costs or min(costs, key=lambda c: c[0])[0] > _SIGMAS:
+                return tuple(dropped)
+            _, name, self.present = min(costs, key=lambda c: c[0])
+            dropped.append(name)
+
+    def _validated(self, effects: Mapping[str, Effect], fit: JointFit) -> Fitted:
+        """Held-out scores of a model whose fit to all trials is known."""
+        held = identify_jointly(
+            self.law, effects, self.impacts, self.folds.fitted, start=fit.values, **self.options
+        ).model.predict(self.impacts)
+        left = self.impacts.v_post - held.v_post
+        return Fitted(
+            effects, fit, self.folds.scores(mass_error(self.impacts, held)),
+            self.folds.scores(robust_distance(left, self.scatter.expand(len(left), 3, 3))),
+        )  # fmt: skip
+
+
+def _gain(before: Fitted, after: Fitted) -> tuple[float, float]:
+    """Mean held-out gain of the loss over the trials in nats, and its standard error."""
+    gain = before.loss - after.loss
+    gain = gain[gain.isfinite()]
+    return gain.mean().item(), (gain.std() / math.sqrt(len(gain))).item()

@@ -1,0 +1,46 @@
+"""What acts while the contact lasts: Routh's path once as it is, and once with a change to it.
+
+A law gives the end of a contact.  A change that acts at every instant, such as a moment or another friction,
+moves the whole path; `retraced` adds to the law's wrench the difference between the two paths, each
+followed until v_n is what the law made it.  The path is continuous in everything, so the change is too.
+"""
+
+import torch
+from torch import Tensor
+
+from contactlearn.effects.state import State, columns
+from contactlearn.laws.base import Contact
+from contactlearn.laws.wang_mason import Path, routh_path
+
+
+def retraced(
+    state: State, wrench: Tensor, *, arm: Tensor | None = None, friction: tuple[Tensor, Tensor] | None = None
+) -> Tensor:
+    """The wrench [..., N, 3] after a change to the path.
+
+    Args:
+        state, wrench: as an effect gets them.
+        arm: the normal impulse acts so far to the right of the contact point, [..., N] in m: τ grows by arm P_n.
+        friction: μ against slip in the direction of the initial one, and against slip in the other.
+    """
+    P_t, P_n, tau = wrench.unbind(-1)
+    W, v = state.W, state.approach
+    contact = Contact(W[..., 0, 0], W[..., 0, 1], W[..., 1, 1], v[..., 0], v[..., 1])
+    mu, w_nt, moved = (state.mu, state.mu), contact.w_tn, contact
+    if arm is not None:
+        turn_t, turn_n = -state.r[..., 1] * arm / state.inertia, state.r[..., 0] * arm / state.inertia
+        moved = contact._replace(w_tn=contact.w_tn + turn_t, w_nn=contact.w_nn + turn_n)
+    rise = (state.contact_after(wrench)[..., 1] - state.v_n).clamp_min(0)
+    before = _until(routh_path(contact, *mu, w_nt), rise)
+    after = _until(routh_path(moved, *(friction or mu), w_nt), rise)
+    P_t, P_n = P_t + (after[0] - before[0]), P_n + (after[1] - before[1])
+    return columns(P_t, P_n, tau if arm is None else tau + arm * P_n)
+
+
+def _until(path: Path, rise: Tensor) -> tuple[Tensor, Tensor]:
+    """(P_t, P_n) where v_n has risen by so much, m/s."""
+    first = rise <= path.v_slip
+    p_first = rise / torch.where(first, path.stiffness, 1.0)
+    left = rise - torch.where(first, 0.0, path.v_slip)
+    p_second = torch.where(first, 0.0, path.p_slip) + left / path.stiffness_after
+    return path.impulse(torch.where(first, p_first, p_second))

@@ -1,0 +1,154 @@
+"""Named corrections: each undoes a corruption that is made here by hand, and the commands apply them."""
+
+import pytest
+import torch
+from corruptions import CORRUPTIONS, corrupt
+from omegaconf import OmegaConf
+
+from contactlearn.app import load_data
+from contactlearn.data import synthetic, table
+from contactlearn.data.corrections import CORRECTIONS, correct, inertia_factor
+from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.impacts import COMPONENTS, Impacts
+
+ROUNDING = 1e-15  # relative: one multiplication and one division
+
+
+@pytest.fixture(scope="module")
+def drops() -> Impacts:
+    return synthetic.load(size=60, seed=4).replace(time=torch.arange(60) * 30.0)
+
+
+INVOLUTIONS = [name for name in CORRUPTIONS if name.startswith(("mirrored", "contact", "swapped"))]
+
+
+def assert_equal(a: Impacts, b: Impacts) -> None:
+    for name in COMPONENTS:
+        torch.testing.assert_close(getattr(a, name), getattr(b, name), rtol=ROUNDING, atol=0, msg=name)
+
+
+@pytest.mark.parametrize("name", CORRUPTIONS)
+def test_correction_undoes_the_corruption(drops, name):
+    corrupted = corrupt(drops, name)
+    assert any(not torch.equal(getattr(corrupted, field), getattr(drops, field)) for field in COMPONENTS)
+    corrected = correct(corrupted, [name])
+    assert_equal(corrected, drops)
+    assert corrected.source == f"{drops.source} (corrected: {name})"
+    assert corrected.suspect
+
+
+@pytest.mark.parametrize("name", INVOLUTIONS)
+def test_mirrors_and_swaps_undo_themselves(drops, name):
+    assert_equal(correct(drops.replace(suspect=True), [name, name]), drops)
+
+
+def test_corrections_are_pure(drops):
+    before = drops.fingerprint()
+    for name in CORRECTIONS:
+        correct(drops.replace(suspect=True), [name])
+    assert drops.fingerprint() == before
+
+
+def test_every_correction_is_tested_and_explained():
+    others = {"inertia_scaled", "drop_duplicates", "drop_outliers", "ordered_by_time"}
+    assert set(CORRECTIONS) == set(CORRUPTIONS) | others
+    assert all(correction.description for correction in CORRECTIONS.values())
+
+
+@pytest.mark.parametrize("factor", [1e-3, 0.4, 2.5, 1e6])
+def test_inertia_comes_from_the_moment_balance(drops, factor):
+    corrected = correct(drops.replace(inertia=drops.inertia * factor), ["inertia_scaled"])
+    assert (corrected.inertia / drops.inertia).tolist() == pytest.approx([1.0] * len(drops), rel=0.02)  # the noise
+    assert inertia_factor(corrected) == pytest.approx(1, rel=1e-12)
+
+
+def test_a_negative_inertia_is_refused(drops):
+    with pytest.raises(DataError, match=r"no positive moment of inertia .* correct the signs first"):
+        correct(corrupt(drops, "mirrored_theta"), ["inertia_scaled"])
+
+
+def test_duplicates_keep_the_first(drops):
+    rows = torch.tensor([0, 1, 0, 2, 1, 0, 3])
+    values = {name: getattr(drops, name)[rows] for name in COMPONENTS}
+    twice = Impacts(**values, trial=tuple("abcdefg"))
+    assert correct(twice, ["drop_duplicates"]).trial == ("a", "b", "d", "g")
+    assert correct(drops, ["drop_duplicates"]).trial == drops.trial
+
+
+def test_outliers_are_dropped_and_only_they(drops):
+    omega, vy, mass = drops.v_post.clone(), drops.v_pre.clone(), drops.mass.clone()
+    omega[7, 2] += 300
+    vy[11, 1] *= -1  # comes from below
+    mass[13] *= 10
+    bad = drops.replace(v_post=omega, v_pre=vy, mass=mass, suspect=True)
+    kept = correct(bad, ["drop_outliers"])
+    assert set(drops.trial) - set(kept.trial) == {"8", "12", "14"}
+    assert not kept.replace(suspect=False).suspect
+    assert correct(drops, ["drop_outliers"]).trial == drops.trial
+
+
+def test_nothing_left_is_refused(drops):
+    with pytest.raises(DataError, match="none of 60 trials would be left"):
+        correct(corrupt(drops, "mirrored_y"), ["drop_outliers"])
+
+
+def test_order_follows_time(drops):
+    mixed = drops.replace(time=drops.time.flip(0))
+    assert correct(mixed, ["ordered_by_time"]).order.tolist() == list(range(60, 0, -1))
+    with pytest.raises(DataError, match="no column time"):
+        correct(drops.replace(time=None), ["ordered_by_time"])
+
+
+def test_optional_poses_may_be_missing(drops):
+    for name in set(CORRECTIONS) - {"ordered_by_time"}:
+        assert correct(drops.replace(q_post=None, suspect=True), [name]).q_post is None
+
+
+def test_names(drops):
+    assert correct(drops, []) is drops
+    with pytest.raises(UnknownNameError, match=r"unknown correction 'mirror_x', did you mean 'mirrored_x'"):
+        correct(drops, ["mirror_x"])
+    with pytest.raises(DataError, match=r"must be a list of names, such as \[mirrored_x\]"):
+        correct(drops, "mirrored_x")
+    with pytest.raises(DataError, match="approach the floor"):  # validated in full
+        correct(drops, ["mirrored_y"])
+
+
+# --- Through the configuration -----------------------------------------------------------------
+
+
+def config(path, **changes):
+    return OmegaConf.create({"_target_": "contactlearn.data.table.load", "path": str(path), "shape": None, **changes})
+
+
+@pytest.mark.parametrize("name", ["swapped_pre_post", "mirrored_y", "swapped_axes"])
+def test_a_table_that_would_be_refused_is_corrected(tmp_path, drops, name):
+    corrupted = corrupt(drops, name)
+    path = table.save(corrupted, tmp_path / "drops.csv")
+    with pytest.raises(DataError, match="approach the floor"):
+        load_data(config(path))
+    corrected = load_data(config(path, correct=[name]))
+    assert_equal(corrected, drops)
+    assert (corrected.suspect, corrected.source) == (False, f"{path} (corrected: {name})")
+    read = load_data(config(path, correct=[]), suspect=True)
+    assert read.suspect
+    assert read.fingerprint() == corrupted.fingerprint()
+    with pytest.raises(DataError, match="approach the floor"):  # a correction that does not do
+        load_data(config(path, correct=["grams"]))
+
+
+def test_every_source_can_be_corrected():
+    cfg = OmegaConf.create({"_target_": "contactlearn.data.synthetic.load", "size": 5, "correct": ["mirrored_x"]})
+    corrected = load_data(cfg)
+    assert_equal(corrected, corrupt(synthetic.load(size=5), "mirrored_x"))
+    assert corrected.source.endswith("(corrected: mirrored_x)")
+    assert cfg.correct == ["mirrored_x"]  # the configuration is as it was
+
+
+def test_configured_corrections_must_be_a_list_of_known_names():
+    cfg = OmegaConf.create({"_target_": "contactlearn.data.synthetic.load", "size": 5})
+    with pytest.raises(UnknownNameError, match="did you mean 'mirrored_x'"):
+        load_data(OmegaConf.merge(cfg, {"correct": ["miror_x"]}))
+    with pytest.raises(ContactLearnError, match=r"such as \[mirrored_x\]"):
+        load_data(OmegaConf.merge(cfg, {"correct": "mirrored_x"}))
+    assert load_data(OmegaConf.merge(cfg, {"correct": None})).source == "synthetic drops (wang_mason, seed 0)"
