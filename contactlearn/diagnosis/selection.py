@@ -31,7 +31,7 @@ FALSE_ALARMS = 0.05
 LEAST_GAIN = 0.03
 """Share of the held-out error that an effect must take off to be worth a name."""
 _REFITTED = 8
-_MOST = 6
+_MOST = 10
 _SIGMAS = 2.0  # that the held-out gain of an admitted effect must be from 0
 
 
@@ -114,7 +114,7 @@ class Selection:
         self.given = dict(given)
         first = identify_jointly(law, self.given, impacts, **options)
         self.scatter = first.scatter
-        self.base = self.present = self._validated(self.given, first)
+        self.base = self.present = self.validated(self.given, first)
         self.steps: list[Step] = []
 
     def run(self, progress: Callable[[Iterable], Iterable] = iter) -> Fitted:
@@ -125,6 +125,7 @@ class Selection:
             best = max((t for t in tests if self._earns(t)), key=lambda t: t.gain, default=None)
             dropped = ()
             if best is not None:
+                best = self._searched(best)
                 self.present = best.fitted
                 dropped = self._drop(keep=best.name)
             self.steps.append(Step(before, tuple(tests), best, dropped))
@@ -168,20 +169,36 @@ class Selection:
         scale = spread.diagonal().sqrt().clamp_min(1e-300)
         spread = spread / (scale[:, None] * scale) + 1e-9 * torch.eye(len(scale), dtype=spread.dtype)
         statistic = (total / scale @ torch.linalg.solve(spread, total / scale)).item()
+        # At a bound, and drawn beyond it: it would stay where it vanishes.
+        only = effect.parameters[0]
+        if len(effect.parameters) == 1 and only.vanishing in (only.low, only.high):
+            outwards = total.item() > 0 if only.vanishing == only.low else total.item() < 0  # the loss rises inwards
+            if outwards:
+                return Test(name, effect, 0.0, 1.0)
         return Test(name, effect, statistic, float(chi2.sf(statistic, new.shape[1])))
 
     def _refitted(self, test: Test) -> Test:
-        effects = {**self.present.effects, test.name: test.effect}
-        start = torch.cat(
-            (self.present.fit.values, torch.stack([torch.as_tensor(v) for v in test.effect.vanished().values]))
+        own = torch.stack([torch.as_tensor(v) for v in test.effect.vanished().values])
+        start = torch.cat((self.present.fit.values, own))
+        return self.compared(
+            test, identify_jointly(self.law, self._with(test), self.impacts, start=start, **self.options)
         )
-        near = identify_jointly(self.law, effects, self.impacts, start=start, **self.options)
-        far = identify_jointly(self.law, effects, self.impacts, starts=4, **self.options)
-        fitted = self._validated(effects, near if near.loss <= far.loss + 1e-6 else far)
-        gain, error = _gain(self.present, fitted)
+
+    def compared(self, test: Test, fit: JointFit) -> Test:
+        """The candidate with a fit of it beside the present model."""
+        fitted = self.validated(self._with(test), fit)
+        gain, error = paired_gain(self.present, fitted)
         return Test(
             test.name, test.effect, test.statistic, test.p_value, fitted, gain, error, fitted.error.nanmean().item()
         )
+
+    def _searched(self, test: Test) -> Test:
+        """The candidate from other starts as well, where that is better."""
+        fit = identify_jointly(self.law, self._with(test), self.impacts, starts=4, **self.options)
+        return self.compared(test, fit) if fit.loss < test.fitted.fit.loss - 1e-6 else test
+
+    def _with(self, test: Test) -> dict[str, Effect]:
+        return {**self.present.effects, test.name: test.effect}
 
     def _earns(self, test: Test) -> bool:
         before = self.present.error.nanmean().item()
@@ -200,17 +217,17 @@ class Selection:
                 if name == keep or name in self.given:
                     continue
                 effects = {key: effect for key, effect in self.present.effects.items() if key != name}
-                fitted = self._validated(
+                fitted = self.validated(
                     effects, identify_jointly(self.law, effects, self.impacts, starts=4, **self.options)
                 )
-                cost, error = _gain(fitted, self.present)
+                cost, error = paired_gain(fitted, self.present)
                 costs.append((cost / max(error, 1e-300), name, fitted))
             if not costs or min(costs, key=lambda c: c[0])[0] > _SIGMAS:
                 return tuple(dropped)
             _, name, self.present = min(costs, key=lambda c: c[0])
             dropped.append(name)
 
-    def _validated(self, effects: Mapping[str, Effect], fit: JointFit) -> Fitted:
+    def validated(self, effects: Mapping[str, Effect], fit: JointFit) -> Fitted:
         """Held-out scores of a model whose fit to all trials is known."""
         held = identify_jointly(
             self.law, effects, self.impacts, self.folds.fitted, start=fit.values, **self.options
@@ -222,7 +239,7 @@ class Selection:
         )  # fmt: skip
 
 
-def _gain(before: Fitted, after: Fitted) -> tuple[float, float]:
+def paired_gain(before: Fitted, after: Fitted) -> tuple[float, float]:
     """Mean held-out gain of the loss over the trials in nats, and its standard error."""
     gain = before.loss - after.loss
     gain = gain[gain.isfinite()]

@@ -1,0 +1,241 @@
+"""The diagnosis: from measurements and a law to what is missing, or to what can honestly be said instead.
+
+    audit        what is wrong with the measurements; what can be mended is mended and said first
+    law          the one that was named, or the one that is best on trials held out
+    selection    effects of the catalogue that earn their place, by held-out error
+    regions      where the law alone fails, and where the effects help
+    equivalents  what could stand in an effect's place on these data, and the drops that would tell
+    remainder    what a flexible model still finds, and formulas for it
+    ladder       law, each effect, flexible model: held-out errors
+
+All errors are the held-out mass error.  `Diagnosis.to_dict` is diagnosis.json; docs/diagnosis.md is its schema.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from statistics import NormalDist
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from contactlearn import bounds
+from contactlearn.data.corrections import correct
+from contactlearn.diagnosis.audit import Finding, audit
+from contactlearn.diagnosis.regions import Region, find_regions, improvement_by_region
+from contactlearn.diagnosis.selection import Fitted, Folds, Selection, paired_gain
+from contactlearn.effects import Effect, catalogue
+from contactlearn.errors import ContactLearnError
+from contactlearn.fit_effects import identify_jointly
+from contactlearn.impacts import Impacts
+from contactlearn.laws import PAPER_LAWS
+from contactlearn.metrics import Interval, bootstrap, mass_error
+
+VERDICTS = ("effects", "none", "unknown", "bad_data")
+REPEATS = {True: 2, False: 1}  # of the cross-validation, by whether there are few trials
+_FEW = 600
+_RESAMPLES = 1000
+
+
+@dataclass(frozen=True)
+class Missing:
+    """An effect that is missing: errors before and after it in the ladder, and its fitted parameters."""
+
+    name: str
+    effect: Effect
+    error_before: Interval
+    error_after: Interval
+    takes_off: float  # mass error without it, the others staying, less that with it
+    confidence: float  # that its held-out gain is not chance
+    parameters: dict[str, dict[str, Any]]
+    helps: tuple[str, ...] = ()  # regions in which the error falls
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "name": self.name.partition(":")[0],
+            "form": self.name.partition(":")[2] or None,
+            "error_before": self.error_before.mean,
+            "error_after": self.error_after.mean,
+            "takes_off": self.takes_off,
+            "confidence": self.confidence,
+            "parameters": self.parameters,
+            "helps": list(self.helps),
+        }
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found; see `to_dict` for the parts."""
+
+    verdict: str
+    law: str
+    laws: dict[str, float]  # held-out error of each law, where the law was chosen
+    findings: tuple[Finding, ...]
+    missing: tuple[Missing, ...] = ()
+    ladder: tuple[tuple[str, Interval], ...] = ()
+    budget: dict[str, Any] = field(default_factory=dict)
+    regions: tuple[Region, ...] = ()
+    equation: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As diagnosis.json."""
+        return {
+            "verdict": self.verdict,
+            "law": self.law,
+            "laws": self.laws,
+            "missing_effects": [missing.to_dict() for missing in self.missing],
+            "data_problems": [asdict(finding) for finding in self.findings],
+            "budget": self.budget,
+            "regions": [region.to_dict() for region in self.regions],
+            "ladder": [{"step": step, **interval._asdict()} for step, interval in self.ladder],
+            "equation": self.equation,
+        }
+
+    @property
+    def effects(self) -> list[str]:
+        """Names of the missing effects, in the order of what they take off."""
+        return [missing.name.partition(":")[0] for missing in self.missing]
+
+
+def all_candidates(mine: Mapping[str, Effect] | None = None) -> dict[str, Effect]:
+    """Every effect of the catalogue in each of its forms, as `name` or `name:form`, and those given."""
+    found = dict(mine or {})
+    for name, kind in catalogue().items():
+        if isinstance(kind.formula, dict):
+            found |= {f"{name}:{form}": kind(form=form) for form in kind.formula}
+        else:
+            found[name] = kind()
+    return found
+
+
+def diagnose(
+    impacts: Impacts,
+    law: str = "best",
+    effects: Mapping[str, Effect] | None = None,
+    *,
+    candidates: Mapping[str, Effect] | None = None,
+    variant: str = "textbook",
+    noise: tuple[float, float, float] | None = None,
+    seed: int = 0,
+    say: Callable[[str, Any], None] = lambda stage, result: None,
+    progress: Callable[[Iterable, str], Iterable] = lambda items, what: items,
+) -> Diagnosis:
+    """Find out which physical effects a contact model is missing.
+
+    Args:
+        impacts: measurements; `suspect` ones are audited and corrected, or refused.
+        law: an analytical law, or `best` for the one with the least held-out error.
+        effects: that are in the model already.
+        candidates: what may be missing, by name; the whole catalogue if left out.
+        variant: of the law.
+        noise: standard deviations of the measured v_x, v_y and ω where they are known.
+        seed: of the folds and resamples.
+        say: is told each stage's result as soon as it is known.
+        progress: wraps what takes long, with a description.
+
+    Raises:
+        ContactLearnError: no candidates, or too few trials.
+    """
+    effects, generator = dict(effects or {}), torch.Generator().manual_seed(seed)
+    findings = audit(impacts)
+    say("audit", findings)
+    if any(finding.fatal for finding in findings):
+        return Diagnosis("bad_data", law, {}, findings)
+    repairs = [finding.correction for finding in findings if finding.correction]
+    impacts = correct(impacts, repairs) if repairs else impacts
+    options = {"variant": variant, "noise": noise}
+    folds = Folds.draw(len(impacts), generator, repeats=REPEATS[len(impacts) <= _FEW])
+    laws = {}
+    if law == "best":
+        laws = {name: _held_out(name, effects, impacts, folds, options) for name in progress(PAPER_LAWS, "laws")}
+        law = min(laws, key=laws.get)
+        say("laws", laws)
+    usable = _usable(candidates or all_candidates(), impacts)
+    if not usable:
+        raise ContactLearnError("there are no candidates to choose from")
+    selection = Selection(law, impacts, usable, folds, effects, **options)
+    prediction = selection.base.fit.model.predict(impacts)
+    regions = tuple(find_regions(impacts, prediction, generator=generator))
+    say("regions", regions)
+    selection.run(lambda items: progress(items, f"effects around {law}"))
+    steps, missing = _ladder(selection, regions, generator)
+    say("missing", missing)
+    budget = {
+        "base": steps[0][1]._asdict(),
+        "named": steps[-1][1]._asdict(),
+        "bound": bootstrap(mass_error(impacts, bounds.irb(impacts, "mass")), generator, _RESAMPLES)._asdict(),
+    }
+    verdict = "bad_data" if findings else "effects" if missing else "none"
+    return Diagnosis(
+        verdict, law, laws, findings, missing, steps, budget, regions, str(selection.present.fit.model)
+    )  # fmt: skip
+
+
+def _usable(given: Mapping[str, Effect], impacts: Impacts) -> dict[str, Effect]:
+    """Candidates that these measurements can speak of: without a shape, none that needs one."""
+    return {name: effect for name, effect in given.items() if impacts.shape is not None or not effect.needs_shape}
+
+
+def _held_out(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds, options: dict) -> float:
+    """Mean held-out mass error of a law with effects."""
+    model = identify_jointly(law, effects, impacts, folds.fitted, starts=2, **options).model
+    return folds.scores(mass_error(impacts, model.predict(impacts))).nanmean().item()
+
+
+def _ladder(
+    selection: Selection, regions: tuple[Region, ...], generator: torch.Generator
+) -> tuple[tuple[tuple[str, Interval], ...], tuple[Missing, ...]]:
+    """Law, and effect after effect in the order of what each takes off; and the effects."""
+    final = selection.present
+    names = [name for name in final.effects if name not in selection.given]
+    without = {name: _fitted(selection, [other for other in names if other != name]) for name in names}
+    takes_off = {name: (without[name].error - final.error).nanmean().item() for name in names}
+    names.sort(key=takes_off.get, reverse=True)
+    rungs = [selection.base, *(_fitted(selection, names[:k]) for k in range(1, len(names))), final][: len(names) + 1]
+    intervals = [_interval(rung.error, generator) for rung in rungs]
+    found = []
+    for k, name in enumerate(names):
+        gain, error = paired_gain(without[name], final)
+        helped = improvement_by_region(list(regions), _filled(rungs[k].error), _filled(rungs[k + 1].error))
+        confidence = NormalDist().cdf(gain / error) if error > 0 else 0.0
+        found.append(
+            Missing(
+                name,
+                final.fit.model.effects[name],
+                intervals[k],
+                intervals[k + 1],
+                takes_off[name],
+                confidence,
+                _parameters(final, name),
+                tuple(str(change) for change in helped if change.helped),
+            )  # fmt: skip
+        )
+    steps = zip((selection.law, *(f"+ {name}" for name in names)), intervals, strict=True)
+    return tuple(steps), tuple(found)
+
+
+def _fitted(selection: Selection, names: list[str]) -> Fitted:
+    """The given effects and those named, fitted and validated."""
+    effects = {**selection.given, **{name: selection.candidates[name] for name in names}}
+    fit = identify_jointly(selection.law, effects, selection.impacts, starts=4, **selection.options)
+    return selection.validated(effects, fit)
+
+
+def _interval(error: Tensor, generator: torch.Generator) -> Interval:
+    return bootstrap(error[error.isfinite()], generator, _RESAMPLES)
+
+
+def _filled(error: Tensor) -> Tensor:
+    """Errors [N] with the mean where a trial was never held out."""
+    return torch.where(error.isfinite(), error, error.nanmean())
+
+
+def _parameters(fitted: Fitted, name: str) -> dict[str, dict[str, Any]]:
+    """Value, standard error and unit of each parameter of one effect."""
+    entries = {}
+    fit = fitted.fit
+    for p, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True):
+        if p.name.startswith(f"{name}."):
+            own = p.name.removeprefix(f"{name}.")
+            entries[own] = {"symbol": p.symbol, "value": value, "standard_error": error, "unit": p.unit}
+    return entries
