@@ -52,6 +52,14 @@ def evaluate(cfg: DictConfig) -> None:
     _run(app.evaluate, cfg)
 
 
+@hydra.main(version_base="1.3", config_path=CONFIGS, config_name="diagnose")
+def diagnose(cfg: DictConfig) -> None:
+    """Find out which physical effect is missing."""
+    from contactlearn import app
+
+    _run(app.diagnose, cfg)
+
+
 def compose(config_name: str, overrides: list[str]) -> DictConfig:
     """A configuration composed as the commands compose theirs."""
     with hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)):

@@ -23,7 +23,7 @@ _MANY = 20  # trials from which on standard errors cover what they should
 _SHORT = {"mass_error": "mass error", "normalised_velocity_error": "velocity/speed", "velocity_error": "velocity"}
 
 
-def _say(line: str) -> None:
+def say(line: str) -> None:
     """A line as it is: no markup, no folding of paths."""
     _console.print(Text(line), soft_wrap=True)
 
@@ -36,7 +36,7 @@ def progress() -> Progress:
 
 def show_data(impacts: Impacts, pool: int, test: int) -> None:
     """One line on what is compared on what."""
-    _say(f"{impacts.source}: {len(impacts)} impacts, {pool} to identify from, {test} held out")
+    say(f"{impacts.source}: {len(impacts)} impacts, {pool} to identify from, {test} held out")
 
 
 def show_models(
@@ -60,29 +60,29 @@ def show_models(
         cells[0] += f"  {entry[HEADLINE]['low']:.4f}–{entry[HEADLINE]['high']:.4f}"
         table.add_row(model, mu, eps, *cells, f"{100 * entry['outside_admissible']:.1f} %")
     _print(table)
-    _say("outside: share of predictions that gain energy, pull or penetrate")
+    say("outside: share of predictions that gain energy, pull or penetrate")
     if norm is not None:
         bounded = "only the mass error is bounded" if norm == "mass" else "none of these errors is bounded"
-        _say(f"the bounds come closest in the {norm} norm of (v_x, v_y, ω): {bounded}")
+        say(f"the bounds come closest in the {norm} norm of (v_x, v_y, ω): {bounded}")
     for fit in fits:
         share = fit.mu_flat[:, -1].double().mean().item()
         if share > 0.05:
-            _say(f"note: {100 * share:.0f} % of the subsets leave μ of {fit.law} undetermined (flat cost)")
+            say(f"note: {100 * share:.0f} % of the subsets leave μ of {fit.law} undetermined (flat cost)")
 
 
 def show_joint(name: str, fit: JointFit) -> None:
     """A law with effects as an equation, and what the data leave open."""
-    _say(str(fit.model))
+    say(str(fit.model))
     for parameter, reason in fit.undetermined().items():
-        _say(f"note: the data do not determine {parameter}: {reason}")
+        say(f"note: the data do not determine {parameter}: {reason}")
     for parameter, meaning in fit.at_bounds().items():
-        _say(f"note: {parameter} {meaning}")
+        say(f"note: {parameter} {meaning}")
     if len(fit.weight) < _MANY:
-        _say(f"note: from {len(fit.weight)} trials standard errors are too small; {_MANY} or more can be trusted")
+        say(f"note: from {len(fit.weight)} trials standard errors are too small; {_MANY} or more can be trusted")
     if fit.outliers:
-        _say(f"note: {fit.outliers} of {len(fit.weight)} trials hardly count, so far off are they")
+        say(f"note: {fit.outliers} of {len(fit.weight)} trials hardly count, so far off are they")
     if not fit.converged:
-        _say(f"note: the fit of {name} has not settled; more starts (fit.starts) or fewer effects may help")
+        say(f"note: the fit of {name} has not settled; more starts (fit.starts) or fewer effects may help")
 
 
 def show_reference(fits: Sequence[SharedFit], reference: Mapping[str, Mapping]) -> None:
@@ -116,23 +116,23 @@ def show_processes(entries: Sequence[Mapping], kind: str) -> None:
         count = f"{entry['evaluations']}" + ("" if entry["converged"] else " (not converged)")
         table.add_row(entry["output"], *scales, *sizes, count)
     _print(table)
-    _say(f"Gaussian processes: {kind}")
+    say(f"Gaussian processes: {kind}")
 
 
 def show_sizes(sizes: Sequence[int], wanted: Sequence[int], seeds: int, pool: int) -> None:
     """What the learning curves are drawn from."""
-    _say(f"learning curves: {seeds} random subsets each of {', '.join(map(str, sizes))} trials")
+    say(f"learning curves: {seeds} random subsets each of {', '.join(map(str, sizes))} trials")
     left_out = [str(size) for size in wanted if size not in sizes]
     if left_out:
-        _say(f"note: sizes {', '.join(left_out)} are left out, since {pool} trials are there to draw from")
+        say(f"note: sizes {', '.join(left_out)} are left out, since {pool} trials are there to draw from")
     if pool in sizes and seeds > 1:
-        _say(f"note: at {pool} trials all subsets are the same")
+        say(f"note: at {pool} trials all subsets are the same")
 
 
 def show_left_out(models: Sequence[str]) -> None:
     """Models that cannot be learnt around effects."""
     if models:
-        _say(f"note: {', '.join(models)} takes each trial's (μ, ε) from the law alone, and is left out with effects")
+        say(f"note: {', '.join(models)} takes each trial's (μ, ε) from the law alone, and is left out with effects")
 
 
 def show_curves(curves: Mapping[str, Mapping], sizes: Sequence[int]) -> None:
@@ -149,14 +149,14 @@ def show_curves(curves: Mapping[str, Mapping], sizes: Sequence[int]) -> None:
             sure = f"{100 * entry['coverage'][-1]:.1f} %", f"{entry['negative_log_density'][-1]:.2f}"
         table.add_row(model, *means, *first, str(entry["settled"][HEADLINE] or "not yet"), *sure)
     _print(table)
-    _say("<: number of trials at which the mean is first below; settled: from which on it is within 5 % of its best")
+    say("<: number of trials at which the mean is first below; settled: from which on it is within 5 % of its best")
     for model, entry in curves.items():
         processes = (entry["sizes"], entry["processes"], entry["converged"]) if "coverage" in entry else ((), (), ())
         for size, kind, share in zip(*processes, strict=True):
             if kind != "exact" or share < 1:
                 short = "" if share == 1 else f"; {100 * (1 - share):.0f} % of them did not converge"
-                _say(f"note: the processes of {model} at {size} trials are {kind}{short}")
-    _say("coverage: share of (v_x, v_y, ω) inside the predicted 95 % ellipsoid, and density, at the largest size")
+                say(f"note: the processes of {model} at {size} trials are {kind}{short}")
+    say("coverage: share of (v_x, v_y, ω) inside the predicted 95 % ellipsoid, and density, at the largest size")
 
 
 def show_transfer(model: str, intervals: Mapping[str, Mapping], sizes: Sequence[int]) -> None:
@@ -173,8 +173,8 @@ def show_transfer(model: str, intervals: Mapping[str, Mapping], sizes: Sequence[
 def show_folder(folder: Path) -> None:
     """Where the run's results lie and how to look at them."""
     shown = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
-    _say(f"results  {shown}")
-    _say(f"look at  tensorboard --logdir {shlex.quote(str(shown))}")
+    say(f"results  {shown}")
+    say(f"look at  tensorboard --logdir {shlex.quote(str(shown))}")
 
 
 def _spread(mean: float, std: float) -> str:
