@@ -1,0 +1,149 @@
+"""The diagnosis: on nature's own physics, through Python and through the commands."""
+
+import json
+import re
+import shlex
+
+import pytest
+import torch
+from test_commands import ROOT, run
+
+from contactlearn.data import mystery, synthetic, table
+from contactlearn.diagnosis.diagnosis import VERDICTS, all_candidates, diagnose
+from contactlearn.diagnosis.selection import Folds, Selection
+from contactlearn.effects import catalogue
+from contactlearn.effects.formula import formula
+from contactlearn.errors import DataError
+from contactlearn.impacts import Prediction
+from contactlearn.metrics import mass_error
+
+
+def few(*names):
+    """Some candidates, so that tests are quick."""
+    return {name: effect for name, effect in all_candidates().items() if name.partition(":")[0] in names}
+
+
+def test_folds_hold_every_trial_out_as_often():
+    folds = Folds.draw(103, torch.Generator().manual_seed(0), folds=5, repeats=3)
+    assert folds.fitted.shape == (15, 83)
+    counts = torch.bincount(folds.held_out.flatten(), minlength=103)
+    assert counts.max() == 3
+    assert counts.sum() == 15 * 20
+    for fitted, held_out in zip(folds.fitted.tolist(), folds.held_out.tolist(), strict=True):
+        assert not set(fitted) & set(held_out)
+        assert len({*fitted, *held_out}) == 103
+    score = torch.arange(103, dtype=torch.float64).expand(15, -1)
+    found = folds.scores(score)
+    assert torch.equal(found[counts > 0], score[0][counts > 0])
+    assert found[counts == 0].isnan().all()
+    with pytest.raises(DataError, match="needs at least 20 trials, got 12"):
+        Folds.draw(12, torch.Generator())
+
+
+def test_score_tests_are_those_of_a_refit():
+    """Where little is missing, the statistic is the fall of the likelihood that a refit finds, twice."""
+    drops = synthetic.load(size=600, seed=4)
+    selection = Selection("wang_mason", drops, few("surface_tilt", "contact_patch", "inertia_error"),
+                          Folds.draw(600, torch.Generator().manual_seed(0)), {})  # fmt: skip
+    for test in selection.tests():
+        assert test.statistic < 25
+        assert test.p_value > 1e-5
+
+
+def test_score_tests_hold_their_level():
+    """With nothing missing, p-values are spread evenly: a tenth of them is below a tenth."""
+    found = []
+    for seed in range(20):
+        drops = synthetic.load(size=200, seed=seed)
+        folds = Folds.draw(200, torch.Generator().manual_seed(0), repeats=1)
+        names = ("surface_tilt", "contact_patch", "inertia_error", "location_dependent_restitution", "com_offset")
+        selection = Selection("wang_mason", drops, few(*names), folds, {})
+        found += [selection.score_test(name).p_value for name in selection.candidates]
+    found = torch.tensor(found)
+    for level in (0.1, 0.5):
+        assert abs((found < level).double().mean() - level) < 0.1
+
+
+@pytest.mark.parametrize("name", ["surface_tilt", "rolling_resistance", "location_dependent_restitution"])
+def test_a_hidden_effect_is_named(name):
+    impacts, truth = mystery.draw(12, effects=[name], size=300)
+    found = diagnose(impacts, truth["law"])
+    assert found.verdict == "effects"
+    assert found.effects[0] == name
+    floor = mass_error(impacts, Prediction(torch.tensor(truth["v_post_from_measured"]), None)).mean()
+    base, named = (interval.mean for _, interval in (found.ladder[0], found.ladder[-1]))
+    assert base - named > 0.85 * (base - floor)
+    parameters = found.missing[0].parameters.values()
+    assert all(p["standard_error"] > 0 for p in parameters)
+
+
+def test_nothing_is_found_where_nothing_is_missing():
+    for seed in range(3):
+        impacts, _ = mystery.draw(40 + seed, effects=[], size=200)
+        found = diagnose(impacts, "best")
+        assert found.verdict == "none"
+        assert found.missing == ()
+
+
+def test_ones_own_effect_is_a_candidate_like_any_other():
+    impacts, truth = mystery.draw(3, effects=["spin_damping"], size=250)
+    mine = {"mine": formula(tau="-c*I*omega_post", parameters={"c": [0, 1]})}
+    found = diagnose(impacts, truth["law"], candidates=mine | few("surface_tilt", "adhesion"))
+    assert found.effects == ["mine"]
+
+
+def test_what_is_in_the_model_already_is_not_missing():
+    impacts, truth = mystery.draw(3, effects=["spin_damping"], size=250)
+    given = {"spin_damping": catalogue()["spin_damping"]()}
+    found = diagnose(impacts, truth["law"], given)
+    assert found.verdict == "none"
+    assert "spin_damping" in found.equation
+
+
+def test_corrupted_data_are_mended_first_and_then_explained():
+    impacts, truth = mystery.draw(5, effects=["side_drag"], size=250)
+    flip = torch.tensor((-1.0, 1.0, 1.0), dtype=torch.float64)
+    spoilt = impacts.replace(q=impacts.q * flip, v_pre=impacts.v_pre * flip, v_post=impacts.v_post * flip, suspect=True)
+    told = []
+    found = diagnose(spoilt, truth["law"], say=lambda stage, result: told.append(stage))
+    assert told[0] == "audit"
+    assert found.verdict == "bad_data"
+    assert [finding.correction for finding in found.findings] == ["mirrored_x"]
+    assert found.effects == ["side_drag"]
+
+
+def test_data_of_no_impact_are_refused():
+    impacts, _ = mystery.draw(5, effects=[], size=120)
+    order = torch.randperm(120, generator=torch.Generator().manual_seed(0))
+    found = diagnose(
+        impacts.replace(v_post=impacts.v_post[order] * torch.tensor((1.0, -1.0, 3.0)), suspect=True), "best"
+    )
+    assert found.verdict == "bad_data"
+    assert any(finding.fatal for finding in found.findings)
+    assert found.missing == ()
+
+
+def test_the_loop_from_the_command_line(tmp_path):
+    """Make data, diagnose, add what it says, evaluate: the held-out error falls to near the floor."""
+    impacts, truth = mystery.draw(8, effects=["contact_patch"], size=300)
+    a, b = impacts.shape.semi_axes
+    table.save(impacts, tmp_path / "drops.csv")
+    shape = f"data.shape={{kind: ellipse, semi_axes: [{a}, {b}]}}"
+    printed = run(
+        "diagnose.py", "data=table", f"data.path={tmp_path / 'drops.csv'}", shape, f"hydra.run.dir={tmp_path / 'found'}"
+    )
+    result = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
+    assert result["verdict"] in VERDICTS
+    assert result["missing_effects"][0]["name"] == "contact_patch"
+    assert (tmp_path / "found" / "figures" / "ladder.png").exists()
+    assert "missing: contact_patch, error" in printed
+    assert "verdict: physical effects are missing" in printed
+    (command,) = re.findall(r"to use it: python (.*)", printed)
+    assert command == result["command"].removeprefix("python ")
+    run(*shlex.split(command), "train.repetitions=5", "figures.repetitions=2", "bootstrap=50",
+        f"hydra.run.dir={tmp_path / 'used'}", cwd=ROOT)  # fmt: skip
+    errors = json.loads((tmp_path / "used" / "results.json").read_text())["errors"]
+    with_ = next(entry for name, entry in errors.items() if "contact_patch" in name)["mass_error"]["mean"]
+    floor = mass_error(impacts, Prediction(torch.tensor(truth["v_post_from_measured"]), None)).mean().item()
+    base = errors[result["law"]]["mass_error"]["mean"]
+    assert base - with_ > 0.85 * (base - floor)
