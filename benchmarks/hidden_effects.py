@@ -79,12 +79,12 @@ def one(group: str, names: tuple, seed: int, size: int, noise: float) -> dict:
     entry = {
         "group": group, "names": names, "size": size, "noise": noise, "found": found.effects, "seconds": seconds,
         "verdict": found.verdict, "law": found.law,
-        "components": found.to_dict().get("unexplained", {}).get("components", []),
-        "equivalents": {k: [e["name"] for e in v] for k, v in found.to_dict().get("equivalents", {}).items()},
+        "components": list(found.remainder.components) if found.remainder else [],
+        "equivalents": {k: [e["name"] for e in v] for k, v in found.to_dict()["equivalents"].items()},
     }  # fmt: skip
     if truth is not None and found.ladder:
         best = _error(impacts, truth["v_post_from_measured"])
-        base, named = found.ladder[0][1].mean, found.ladder[-1][1].mean
+        base, named = found.budget["base"]["mean"], found.budget["named"]["mean"]
         entry["way"] = (base - named) / (base - best) if base > 1.05 * best else None
         entry["hidden_share"] = 1 - best / base
     return entry

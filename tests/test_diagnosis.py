@@ -71,7 +71,7 @@ def test_a_hidden_effect_is_named(name):
     assert found.verdict == "effects"
     assert found.effects[0] == name
     floor = mass_error(impacts, Prediction(torch.tensor(truth["v_post_from_measured"]), None)).mean()
-    base, named = (interval.mean for _, interval in (found.ladder[0], found.ladder[-1]))
+    base, named = (found.budget[key]["mean"] for key in ("base", "named"))
     assert base - named > 0.85 * (base - floor)
     parameters = found.missing[0].parameters.values()
     assert all(p["standard_error"] > 0 for p in parameters)
@@ -147,3 +147,21 @@ def test_the_loop_from_the_command_line(tmp_path):
     floor = mass_error(impacts, Prediction(torch.tensor(truth["v_post_from_measured"]), None)).mean().item()
     base = errors[result["law"]]["mass_error"]["mean"]
     assert base - with_ > 0.85 * (base - floor)
+
+
+@pytest.mark.parametrize("options", [{"noise": (0.01, 0.01, 0.4)}, {"target": "wrench"}], ids=["noise", "wrench"])
+def test_what_is_compared_does_not_change_what_is_found(options):
+    impacts, truth = mystery.draw(12, effects=["surface_tilt"], size=250)
+    folds = Folds.draw(250, torch.Generator().manual_seed(0))
+    selection = Selection(truth["law"], impacts, few("surface_tilt", "com_offset", "adhesion"), folds, {}, **options)
+    assert list(selection.run().effects) == ["surface_tilt"]
+
+
+def test_an_unknown_effect_is_said_to_be_unknown():
+    impacts, truth = mystery.draw(7, effects=["magnetic_pull"], size=300)
+    found = diagnose(impacts, truth["law"])
+    assert found.verdict == "unknown"
+    assert found.remainder.components[0] == "tau"
+    assert max(found.remainder.variables, key=found.remainder.variables.get) == "theta"
+    assert "+effect.mine.tau=" in str(found.formulas[0])
+    assert json.loads(json.dumps(found.to_dict()))["unexplained"]["components"][0] == "tau"

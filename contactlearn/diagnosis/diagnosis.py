@@ -22,7 +22,11 @@ from torch import Tensor
 from contactlearn import bounds
 from contactlearn.data.corrections import correct
 from contactlearn.diagnosis.audit import Finding, audit
+from contactlearn.diagnosis.equivalents import Equivalent, equivalents
+from contactlearn.diagnosis.experiment import Experiment, next_experiment
+from contactlearn.diagnosis.formulas import Formula, formulas
 from contactlearn.diagnosis.regions import Region, find_regions, improvement_by_region
+from contactlearn.diagnosis.remainder import Remainder, remainder
 from contactlearn.diagnosis.selection import Fitted, Folds, Selection, paired_gain
 from contactlearn.effects import Effect, catalogue
 from contactlearn.errors import ContactLearnError
@@ -30,8 +34,12 @@ from contactlearn.fit_effects import identify_jointly
 from contactlearn.impacts import Impacts
 from contactlearn.laws import PAPER_LAWS
 from contactlearn.metrics import Interval, bootstrap, mass_error
+from contactlearn.model import ContactModel
 
 VERDICTS = ("effects", "none", "unknown", "bad_data")
+CLEARLY = 0.1
+"""Share of the named model's error that a flexible one must take off for something unknown to be missing; half of it
+must be certain."""
 REPEATS = {True: 2, False: 1}  # of the cross-validation, by whether there are few trials
 _FEW = 600
 _RESAMPLES = 1000
@@ -76,6 +84,10 @@ class Diagnosis:
     budget: dict[str, Any] = field(default_factory=dict)
     regions: tuple[Region, ...] = ()
     equation: str = ""
+    equivalents: Mapping[str, list[Equivalent]] = field(default_factory=dict)
+    experiment: Experiment | None = None  # that would tell the effects from their equivalents
+    remainder: Remainder | None = None
+    formulas: tuple[Formula, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As diagnosis.json."""
@@ -86,6 +98,15 @@ class Diagnosis:
             "missing_effects": [missing.to_dict() for missing in self.missing],
             "data_problems": [asdict(finding) for finding in self.findings],
             "budget": self.budget,
+            "equivalents": {
+                name.partition(":")[0]: [{**one.to_dict(), "name": one.name.partition(":")[0]} for one in others]
+                for name, others in self.equivalents.items()
+                if others
+            },
+            "unexplained": None
+            if self.remainder is None
+            else self.remainder.to_dict() | {"formulas": [str(formula) for formula in self.formulas]},
+            "next_experiment": None if self.experiment is None else self.experiment.to_dict(),
             "regions": [region.to_dict() for region in self.regions],
             "ladder": [{"step": step, **interval._asdict()} for step, interval in self.ladder],
             "equation": self.equation,
@@ -160,15 +181,53 @@ def diagnose(
     selection.run(lambda items: progress(items, f"effects around {law}"))
     steps, missing = _ladder(selection, regions, generator)
     say("missing", missing)
+    alike = equivalents(selection, lambda items: progress(items, "what could stand in its place"))
+    experiment = _experiment(selection, alike, generator)
+    fit = selection.present.fit
+    left = remainder(impacts, fit.model, folds, generator=generator, weight=fit.weight)
+    unknown = left.found and left.share.mean > CLEARLY and left.share.low > CLEARLY / 2
+    written = _formulas(impacts, fit.model, left, folds) if unknown else []
+    steps = (*steps, ("+ processes on what remains", _interval(left.error, generator)))
     budget = {
         "base": steps[0][1]._asdict(),
-        "named": steps[-1][1]._asdict(),
+        "named": steps[-2][1]._asdict(),
+        "flexible": steps[-1][1]._asdict(),
         "bound": bootstrap(mass_error(impacts, bounds.irb(impacts, "mass")), generator, _RESAMPLES)._asdict(),
     }
-    verdict = "bad_data" if findings else "effects" if missing else "none"
+    verdict = "bad_data" if findings else "unknown" if unknown else "effects" if missing else "none"
     return Diagnosis(
-        verdict, law, laws, findings, missing, steps, budget, regions, str(selection.present.fit.model)
-    )  # fmt: skip
+        verdict,
+        law,
+        laws,
+        findings,
+        missing,
+        steps,
+        budget,
+        regions,
+        str(fit.model),
+        alike,
+        experiment,
+        left,
+        tuple(written),
+    )
+
+
+def _experiment(
+    selection: Selection, alike: Mapping[str, list[Equivalent]], generator: torch.Generator
+) -> Experiment | None:
+    """Drops that would tell the chosen effects from their equivalents."""
+    rivals = {f"{other.name} for {name}": other.fitted.fit.model for name, others in alike.items() for other in others}
+    if not rivals:
+        return None
+    return next_experiment(selection.impacts, selection.present.fit.model, rivals, generator=generator)
+
+
+def _formulas(impacts: Impacts, model: ContactModel, left: Remainder, folds: Folds) -> list[Formula]:
+    """For the component that takes most off the error; none without the library that finds them."""
+    try:
+        return formulas(impacts, model, left.components[0], folds)
+    except ContactLearnError:
+        return []
 
 
 def _usable(given: Mapping[str, Effect], impacts: Impacts) -> dict[str, Effect]:
@@ -208,7 +267,7 @@ def _ladder(
                 confidence,
                 _parameters(final, name),
                 tuple(str(change) for change in helped if change.helped),
-            )  # fmt: skip
+            )
         )
     steps = zip((selection.law, *(f"+ {name}" for name in names)), intervals, strict=True)
     return tuple(steps), tuple(found)

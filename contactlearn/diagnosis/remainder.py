@@ -133,7 +133,9 @@ def remainder(
     before = mass_error(impacts, base).where(error.isfinite(), torch.nan)
     said = usual & error.isfinite()
     tested = tuple(
-        Component(name, *_r_squared(folds, left[:, k], learned[..., k], said), (before - held_out(k))[said].mean().item())
+        Component(
+            name, *_r_squared(folds, left[:, k], learned[..., k], said), (before - held_out(k))[said].mean().item()
+        )
         for k, name in enumerate(COMPONENTS)
     )
     clear = sorted((c for c in tested if c.clear), key=lambda c: -c.taken)

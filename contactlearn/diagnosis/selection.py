@@ -113,7 +113,9 @@ class Selection:
         self.candidates = {name: effect.prepare(impacts) for name, effect in candidates.items()}
         self.given = dict(given)
         first = identify_jointly(law, self.given, impacts, **options)
-        self.scatter = first.scatter
+        # What the first model leaves of v_post, whatever the fits compare: the yardstick of all held-out losses.
+        left = impacts.v_post - first.model.predict(impacts).v_post
+        self.scatter = (left.T * first.weight) @ left / first.weight.sum()
         self.base = self.present = self.validated(self.given, first)
         self.steps: list[Step] = []
 

@@ -59,6 +59,17 @@ def show_verdict(found: Diagnosis, command: str) -> None:
     """Effects one by one, the ladder, the verdict, and what to do next."""
     for missing in found.missing:
         say(_effect(missing))
+    for name, others in found.equivalents.items():
+        for other in others:
+            say(f"cannot be told apart here: {name} and {other}")
+    if found.experiment is not None:
+        for drop in found.experiment.drops:
+            say(f"next experiment: {drop}")
+        for rival, needed in found.experiment.needed.items():
+            enough = f"about {needed} drops like these would rule out" if needed else "no drops within reach rule out"
+            say(f"{enough} {rival}")
+    if found.remainder is not None:
+        _remainder(found)
     for step, interval in found.ladder:
         say(f"  {interval.mean:.4f}  {interval.low:.4f}–{interval.high:.4f}  {step}")
     if found.equation:
@@ -66,6 +77,22 @@ def show_verdict(found: Diagnosis, command: str) -> None:
     say(f"verdict: {_VERDICTS[found.verdict]}")
     if found.missing:
         say(f"to use it: {command}")
+
+
+def _remainder(found: Diagnosis) -> None:
+    """What flexible processes still take off, in which component, and by what."""
+    left = found.remainder
+    if not left.found:
+        say("what remains: nothing that Gaussian processes could predict")
+        return
+    components = ", ".join({"t": "P_t", "n": "P_n", "tau": "τ"}[name] for name in left.components)
+    matter = ", ".join(f"{name} {share:.0%}" for name, share in left.variables.items())
+    say(
+        f"what remains: Gaussian processes take {left.share.mean:.0%} ({left.share.low:.0%} to {left.share.high:.0%}) "
+        f"more off the error, in {components}; it depends on {matter}"
+    )
+    for one in found.formulas:
+        say(f"a formula for it: {one}")
 
 
 def _effect(missing: Missing) -> str:
@@ -80,7 +107,7 @@ def _effect(missing: Missing) -> str:
 @st.look()
 def ladder(found: Diagnosis) -> Figure:
     """Held-out error of the law, and with effect after effect, with 95 % intervals; the IRB bound as a line."""
-    figure = st.new_figure(st.COLUMN, 0.9 + 0.3 * len(found.ladder))
+    figure = st.new_figure(st.PAGE, 0.9 + 0.25 * len(found.ladder))
     axes = st.name_axes(figure.subplots(), f"{METRICS[HEADLINE].label} ({METRICS[HEADLINE].unit})")
     for place, (_, interval) in enumerate(found.ladder):
         axes.barh(place, interval.mean, color=st.tint(st.CONTRAST[0], 0.45), height=0.6)

@@ -1,0 +1,298 @@
+"""Effects that coincide on the data are reported as equivalents, others are not; the next drops tell them apart."""
+
+import json
+import math
+
+import pytest
+import torch
+
+from contactlearn.data import mystery, synthetic
+from contactlearn.diagnosis.contest import Contest, robust_covariance
+from contactlearn.diagnosis.equivalents import equivalents, similarity
+from contactlearn.diagnosis.experiment import (
+    STATES,
+    Drop,
+    next_experiment,
+    reachable,
+    separation,
+)
+from contactlearn.diagnosis.selection import Folds, Selection, paired_gain
+from contactlearn.effects import catalogue, find
+from contactlearn.errors import DataError, UnknownNameError
+from contactlearn.fit_effects import identify_jointly
+from contactlearn.impacts import Impacts
+from contactlearn.laws import Law
+from contactlearn.model import ContactModel
+from contactlearn.shapes import contact_point
+
+NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
+POWER, VISCOELASTIC = (f"velocity_dependent_restitution:{form}" for form in ("power", "kuwabara_kono"))
+WIDE = {"v_x": (-2.0, 2.0), "v_y": (-4.0, -1.0), "omega": (-20.0, 20.0)}
+
+
+def seeded(seed):
+    return torch.Generator().manual_seed(seed)
+
+
+def candidates(*names):
+    """Those effects in all their forms; the whole catalogue if none is named."""
+    kinds = {name: find(name) for name in names} or catalogue()
+    found = {}
+    for name, kind in kinds.items():
+        forms = kind.formula if isinstance(kind.formula, dict) else (None,)
+        found |= {f"{name}:{form}" if form else name: kind(form=form) if form else kind() for form in forms}
+    return found
+
+
+def measured(states, effect, seed):
+    """What wang_mason with an effect makes of states, and noise."""
+    noise = NOISE * torch.randn((len(states), 3), generator=seeded(seed), dtype=torch.float64)
+    model = ContactModel(Law("wang_mason", 0.12, 0.55), effects={effect.name: effect})
+    return states.replace(v_post=model.predict(states).v_post + noise)
+
+
+def drops(effect, size, seed=0, width=1.0):
+    """Synthetic drops whose speeds of falling and spins are spread by a share `width` of the usual."""
+    states = synthetic.load(size=size, seed=seed)
+    v = states.v_pre.clone()
+    v[:, 1] = -2.55 + width * (v[:, 1] + 2.55)
+    v[:, 2] *= width
+    states = states.replace(v_pre=v)
+    return measured(states, effect.prepare(states), seed)
+
+
+def having(impacts, *names, among=()):
+    """A selection that has chosen these effects."""
+    folds = Folds.draw(len(impacts), seeded(0))
+    selection = Selection("wang_mason", impacts, candidates(*among), folds, {})
+    chosen = {name: selection.candidates[name] for name in names}
+    selection.present = selection.validated(chosen, identify_jointly(selection.law, chosen, impacts))
+    return selection
+
+
+def gravity(dt):
+    return find("gravity_impulse")(dt=dt)
+
+
+def slowing(p):
+    return find("velocity_dependent_restitution")(p=p)
+
+
+@pytest.fixture(scope="module")
+def one_height():
+    """Sixty drops from one height with a late frame, and what could stand for it."""
+    selection = having(drops(gravity(0.004), 60, seed=1, width=0.1), "gravity_impulse")
+    return selection, equivalents(selection)["gravity_impulse"]
+
+
+@pytest.fixture(scope="module")
+def rivals(one_height):
+    selection, found = one_height
+    models = {e.name: e.fitted.fit.model for e in found}
+    return selection.impacts, selection.present.fit.model, {"contact_patch": models["contact_patch"]}
+
+
+def test_drops_from_one_height_do_not_tell_a_late_frame_from_an_offset_of_the_contact(one_height):
+    _, found = one_height
+    patch = next(e for e in found if e.name == "contact_patch")
+    assert patch.alike > 0.95
+    assert patch.worse < 2 * patch.error
+    assert patch.fitted.effects.keys() == {"contact_patch"}
+    assert str(patch).startswith("contact_patch: R² = 0.99, held-out loss +0.0")
+    assert json.loads(json.dumps(patch.to_dict()))["sentence"] == str(patch)
+    assert [e.worse for e in found] == sorted(e.worse for e in found)
+    assert "spin_damping" not in [e.name for e in found]  # which mimics some of it only with the wrong sign
+
+
+def test_many_drops_from_many_heights_do():
+    assert equivalents(having(drops(gravity(0.02), 400), "gravity_impulse")) == {"gravity_impulse": []}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_few_drops_do_not_tell_a_weak_dependence_on_the_speed_from_adhesion(seed):
+    selection = having(drops(slowing(-0.04), 60, seed), POWER, among=("velocity_dependent_restitution", "adhesion"))
+    assert "adhesion:work" in [e.name for e in equivalents(selection)[POWER]]
+
+
+def test_adhesion_cannot_stand_for_a_restitution_that_falls_with_the_speed():
+    """It mimics that to first order, but would have to be negative: the refit says so."""
+    selection = having(drops(slowing(0.25), 100), POWER, among=("velocity_dependent_restitution", "adhesion"))
+    assert similarity(selection, POWER)["adhesion:work"][0] > 0.5
+    assert equivalents(selection) == {POWER: []}
+
+
+def test_forms_of_one_effect_are_not_equivalents_of_each_other():
+    selection = having(drops(slowing(0.1), 60), POWER, among=("velocity_dependent_restitution",))
+    chosen = {VISCOELASTIC: selection.candidates[VISCOELASTIC]}
+    other = selection.validated(chosen, identify_jointly(selection.law, chosen, selection.impacts))
+    assert abs(paired_gain(selection.present, other)[0]) < 0.01  # though they are as good
+    assert equivalents(selection) == {POWER: []}
+
+
+def test_a_hidden_tilt_has_no_equivalent():
+    impacts, truth = mystery.draw(1, effects=["surface_tilt"], size=500)
+    selection = Selection(truth["law"], impacts, candidates(), Folds.draw(500, seeded(0)), {})
+    selection.run()
+    assert equivalents(selection) == {"surface_tilt": []}
+
+
+def test_given_effects_are_not_asked_about():
+    impacts = drops(gravity(0.004), 60, seed=1, width=0.1)
+    given = {"gravity_impulse": gravity(0.0)}
+    assert equivalents(Selection("wang_mason", impacts, candidates(), Folds.draw(60, seeded(0)), given)) == {}
+
+
+def test_next_drops_separate_better_than_random_ones(rivals):
+    impacts, chosen, others = rivals
+    best = next_experiment(impacts, chosen, others, generator=seeded(0), limits=WIDE).drops
+    everywhere = next_experiment(impacts, chosen, others, generator=seeded(5), limits=WIDE, count=64, drawn=64).drops
+    expected = [sum(d.differences["contact_patch"] ** 2 for d in some) / len(some) for some in (best, everywhere)]
+    assert expected[0] > 2 * expected[1]
+    assert expected[1] > separation(impacts, chosen, others, impacts).mean()  # than the drops that were made
+
+
+def test_next_drops_are_within_limits_approach_and_differ(rivals):
+    impacts, chosen, others = rivals
+    limits = WIDE | {"theta": (-0.5, 0.5)}
+    found = next_experiment(impacts, chosen, others, generator=seeded(0), limits=limits).drops
+    assert len(found) == len({str(d) for d in found}) == 6
+    for drop in found:
+        assert drop.x is None  # which neither of the two depends on
+        for name, (low, high) in limits.items():
+            assert low <= getattr(drop, name) <= high
+        r_x = contact_point(impacts.shape, torch.tensor(drop.theta, dtype=torch.float64))[0].item()
+        assert drop.v_y + r_x * drop.omega < 0
+    assert max(d.v_y for d in found) - min(d.v_y for d in found) > 1
+
+
+def test_next_drops_are_reproducible(rivals):
+    impacts, chosen, others = rivals
+    first, again, other = (next_experiment(impacts, chosen, others, generator=seeded(s)) for s in (3, 3, 4))
+    assert first == again != other
+    assert json.loads(json.dumps(first.to_dict()))["drops"][0]["sentence"] == str(first.drops[0])
+
+
+def test_next_drops_made_tell_the_two_apart(rivals):
+    """After as many as are said to be needed the evidence is that promised; after some more there is no equivalent."""
+    impacts, chosen, others = rivals
+    planned = next_experiment(impacts, chosen, others, generator=seeded(0), limits=WIDE)
+    made, needed = placed(impacts, planned.drops * 2), planned.needed["contact_patch"]
+    patch, evidence = candidates("contact_patch"), []
+    for seed in range(6):
+        together = joined(impacts, measured(made[:needed], gravity(0.004), seed))
+        losses = [
+            identify_jointly("wang_mason", effects, together).loss.item()
+            for effects in (patch, {"gravity_impulse": gravity(0.0)})
+        ]
+        evidence.append((losses[0] - losses[1]) * len(together))
+    assert math.log(20) - 1 < sum(evidence) / 6 < math.log(20) + 4
+    together = joined(impacts, measured(made, gravity(0.004), seed=9))
+    selection = having(together, "gravity_impulse", among=("gravity_impulse", "contact_patch"))
+    assert equivalents(selection) == {"gravity_impulse": []}
+
+
+def placed(impacts, made):
+    """The drops as states of the body."""
+    values = torch.tensor([[d.theta, d.v_x, d.v_y, d.omega] for d in made], dtype=torch.float64)
+    r = contact_point(impacts.shape, values[:, 0])
+    q = torch.stack((torch.full((len(made),), 0.3, dtype=torch.float64), -r[:, 1], values[:, 0]), -1)
+    body = (x[:1].expand(len(made)) for x in (impacts.mass, impacts.inertia))
+    return Impacts(*body, r, q, values[:, 1:], values[:, 1:], shape=impacts.shape)
+
+
+def joined(first, second):
+    names = ("mass", "inertia", "r", "q", "v_pre", "v_post")
+    return Impacts(*(torch.cat((getattr(first, n), getattr(second, n))) for n in names), shape=first.shape)
+
+
+def test_without_a_shape_poses_are_those_measured(rivals):
+    impacts, chosen, others = rivals
+    found = next_experiment(impacts.replace(shape=None), chosen, others, generator=seeded(0)).drops
+    assert all(d.theta in impacts.q[:, 2].tolist() for d in found)
+
+
+def test_the_place_is_said_where_it_matters(rivals):
+    impacts, _, _ = rivals
+    bending = find("location_dependent_restitution")().prepare(impacts)
+    bent = bending.at([0.1] * len(bending.parameters))
+    law = Law("wang_mason", 0.12, 0.55)
+    models = {"bent": ContactModel(law, effects={bent.name: bent})}
+    found = next_experiment(impacts, ContactModel(law), models, generator=seeded(0)).drops
+    low, high = impacts.q[:, 0].aminmax()
+    assert all(low <= d.x <= high and f"x = {d.x:.3g} m" in str(d) for d in found)
+
+
+def test_a_drop_is_a_sentence():
+    drop = Drop(math.radians(35), 0.9, -2.9, 12.0, {"adhesion": 3.14})
+    state = "drop at θ = 35°, v = (0.9, −2.9) m/s, ω = 12 rad/s: "
+    assert str(drop) == state + "the two differ by 3.1 standard deviations"
+    drop = Drop(math.radians(35), 0.9, -2.9, 12.0, {"adhesion": 3.14, "contact_patch": 1.0})
+    assert str(drop) == state + "the chosen model differs by 3.1 from adhesion, 1.0 from contact_patch " + (
+        "standard deviations"
+    )
+
+
+def test_each_rival_gets_its_drops(one_height):
+    selection, found = one_height
+    models = {e.name: e.fitted.fit.model for e in found}
+    assert len(models) >= 2
+    planned = next_experiment(selection.impacts, selection.present.fit.model, models, generator=seeded(0), limits=WIDE)
+    assert planned.needed.keys() == models.keys()
+    assert all(needed <= 60 for needed in planned.needed.values())
+
+
+def test_evidence_drop_by_drop_is_that_of_all_of_them_together():
+    difference, slope, root = (
+        torch.randn(shape, generator=seeded(k), dtype=torch.float64)
+        for k, shape in enumerate(((4, 3), (4, 3, 5), (5, 5)))
+    )
+    noise, covariance = torch.diag(NOISE), root @ root.T
+    contest, total = Contest(difference, slope, covariance, noise), 0.0
+    for k in range(4):
+        total += contest.squared()[k]
+        contest.make(k)
+    J = slope.flatten(0, 1)
+    together = torch.block_diag(*[noise] * 4) + J @ covariance @ J.T
+    assert total == pytest.approx((difference.flatten() @ torch.linalg.solve(together, difference.flatten())).item())
+
+
+def test_models_without_uncertainty_need_the_drops_of_a_likelihood_ratio(rivals):
+    """With d standard deviations each, log(20) / (d²/2) of them."""
+    impacts, _, _ = rivals
+    law, none = Law("wang_mason", 0.12, 0.55), {"none": ContactModel(Law("wang_mason", 0.12, 0.55))}
+    late = ContactModel(law, effects={"gravity_impulse": gravity(0.001)})
+    found = next_experiment(impacts, late, none, generator=seeded(0), count=1)
+    assert found.needed["none"] == math.ceil(math.log(20) / (found.drops[0].differences["none"] ** 2 / 2))
+    assert next_experiment(impacts, late, {"itself": late}, generator=seeded(0)).needed == {"itself": None}
+
+
+def test_noise_is_seen_through_outliers():
+    left = NOISE * torch.randn((2000, 3), generator=seeded(0), dtype=torch.float64)
+    left[:40] *= 30
+    assert (robust_covariance(left).diagonal().sqrt() / NOISE - 1).abs().max() < 0.08
+
+
+def test_limits_reach_a_quarter_beyond_what_was_measured(rivals):
+    impacts, _, _ = rivals
+    within = dict(zip(STATES, reachable(impacts, {"v_x": (0.0, 1.0)}).tolist(), strict=True))
+    assert within["v_x"] == [0.0, 1.0]
+    assert within["v_y"] == pytest.approx(
+        [1.25 * impacts.v_pre[:, 1].min().item(), 0.75 * impacts.v_pre[:, 1].max().item()]
+    )
+    assert within["x"] == [impacts.q[:, 0].min(), impacts.q[:, 0].max()]
+
+
+@pytest.mark.parametrize(
+    ("limits", "error", "words"),
+    [
+        ({"v_n": (-2, -1)}, UnknownNameError, "v_n"),
+        ({"v_y": (-1, -2)}, DataError, "limits of v_y must be finite numbers"),
+        ({"v_y": (1.0, 2.0), "omega": (0.0, 0.0)}, DataError, "no drop within the limits approaches the floor"),
+    ],
+)
+def test_impossible_limits_are_refused(rivals, limits, error, words):
+    impacts, chosen, others = rivals
+    with pytest.raises(error, match=words):
+        next_experiment(impacts, chosen, others, generator=seeded(0), limits=limits)
+    with pytest.raises(DataError, match="at least one rival"):
+        next_experiment(impacts, chosen, {}, generator=seeded(0))
