@@ -23,9 +23,9 @@ def _blocks(language):
 
 
 def _commands():
-    """(script, overrides) of every `python train.py …` or `evaluate.py …` in the documents and the help."""
+    """(script, overrides) of every `python train.py …`, `evaluate.py …` or `diagnose.py …` in the documents and the help."""
     for document in [*DOCUMENTS, *HELP]:
-        for line in re.findall(r"python ((?:train|evaluate)\.py .*)", document.read_text("utf-8")):
+        for line in re.findall(r"python ((?:train|evaluate|diagnose)\.py .*)", document.read_text("utf-8")):
             script, *words = shlex.split(re.split(r"\s{2,}|`|\s#", line)[0])
             yield pytest.param(script, words, id=f"{document.name}: {script} {' '.join(words)}")
 
