@@ -19,6 +19,7 @@ import torch
 from scipy.stats import chi2
 from torch import Tensor
 
+from contactlearn.diagnosis.contest import robust_covariance
 from contactlearn.effects import Effect
 from contactlearn.errors import DataError
 from contactlearn.fit_effects import JointFit, identify_jointly, linearise
@@ -71,7 +72,7 @@ class Fitted:
     effects: Mapping[str, Effect]
     fit: JointFit
     error: Tensor  # mass error
-    loss: Tensor  # robust distance in the scatter of the first model, nats
+    loss: Tensor  # −log density of v_post but for a constant, robust and in the scatter that the model leaves, nats
 
 
 @dataclass(frozen=True)
@@ -113,9 +114,7 @@ class Selection:
         self.candidates = {name: effect.prepare(impacts) for name, effect in candidates.items()}
         self.given = dict(given)
         first = identify_jointly(law, self.given, impacts, **options)
-        # What the first model leaves of v_post, whatever the fits compare: the yardstick of all held-out losses.
-        left = impacts.v_post - first.model.predict(impacts).v_post
-        self.scatter = (left.T * first.weight) @ left / first.weight.sum()
+        self.scatter: Tensor | None = None  # one yardstick for all losses; None: each model's own
         self.base = self.present = self.validated(self.given, first)
         self.steps: list[Step] = []
 
@@ -234,11 +233,11 @@ class Selection:
         held = identify_jointly(
             self.law, effects, self.impacts, self.folds.fitted, start=fit.values, **self.options
         ).model.predict(self.impacts)
+        whole = self.impacts.v_post - fit.model.predict(self.impacts).v_post
+        scatter = robust_covariance(whole) if self.scatter is None else self.scatter
         left = self.impacts.v_post - held.v_post
-        return Fitted(
-            effects, fit, self.folds.scores(mass_error(self.impacts, held)),
-            self.folds.scores(robust_distance(left, self.scatter.expand(len(left), 3, 3))),
-        )  # fmt: skip
+        loss = robust_distance(left, scatter.expand(len(left), 3, 3)) + 0.5 * scatter.logdet()
+        return Fitted(effects, fit, self.folds.scores(mass_error(self.impacts, held)), self.folds.scores(loss))
 
 
 def paired_gain(before: Fitted, after: Fitted) -> tuple[float, float]:
