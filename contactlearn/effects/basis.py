@@ -9,8 +9,11 @@ from contactlearn.errors import ContactLearnError
 
 
 def span(x: Tensor) -> tuple[float, float]:
-    """Ends of the measured places, m, to a tenth of a millimetre outwards."""
-    low, high = x.min().item(), x.max().item()
+    """Where the middle nine tenths of the measured places are, m, to a tenth of a millimetre outwards.
+
+    Single trials far out would otherwise bend the functions to themselves.
+    """
+    low, high = x.quantile(torch.tensor((0.05, 0.95), dtype=x.dtype)).tolist()
     return round(low - 5e-5, 4), round(high + 5e-5, 4)
 
 

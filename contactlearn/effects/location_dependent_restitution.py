@@ -25,7 +25,7 @@ class LocationDependentRestitution(Effect):
     c3: Tensor | float = parameter("c₃", "–", -0.5, 0.5)
     c4: Tensor | float = parameter("c₄", "–", -0.5, 0.5)
     c5: Tensor | float = parameter("c₅", "–", -0.5, 0.5)
-    span: tuple[float, float] | None = None  # of x in m; None: that of the measurements
+    span: tuple[float, float] | None = None  # of x in m; None: that of nine tenths of the measurements
 
     def prepare(self, impacts: Impacts) -> "LocationDependentRestitution":
         return self if self.span is not None else replace(self, span=span(impacts.q[:, 0]))

@@ -35,6 +35,6 @@ def effect_curve(partial: Partial) -> Figure:
     low, high = sorted(measured)[len(measured) // 100], sorted(measured)[-1 - len(measured) // 100]
     low, high = min(low, explained.min(), 0), max(high, explained.max(), 0)
     axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
-    axes.set_title(f"Without {st.plain(partial.effect.replace('_', ' '))}, and what it adds")
+    axes.set_title(st.plain(partial.effect.replace("_", " ")))
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
