@@ -27,6 +27,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from contactlearn.data import mujoco, mystery
+from contactlearn.data.corrections import correct
 from contactlearn.data.mystery.hidden import RIVALS
 from contactlearn.diagnosis.diagnosis import diagnose
 from contactlearn.impacts import Impacts, Prediction
@@ -40,6 +41,8 @@ MUJOCO = {
     "inertia_error": {"inertia_error": 0.2},
     "gravity_impulse": {"delay": 0.008},
 }
+CORRUPTIONS = ("mirrored_x", "mirrored_theta", "contact_point_sign", "swapped_pre_post")
+"""Corrections that undo themselves, and so spoil what is right."""
 
 
 def tasks(scale: float) -> list[tuple]:
@@ -61,6 +64,9 @@ def tasks(scale: float) -> list[tuple]:
     for group in RIVALS:
         for k in range(count(2)):
             found.append(("confounded", tuple(sorted(group)), 500 + k, 500, 1.0))
+    for name in CORRUPTIONS:
+        for k in range(count(6)):
+            found.append(("corrupted", (name,), 700 + k, (150, 500)[k % 2], 1.0))
     for name in MUJOCO:
         for k in range(count(3)):
             found.append(("mujoco", (name,), 600 + k, 500, 1.0))
@@ -71,6 +77,9 @@ def one(group: str, names: tuple, seed: int, size: int, noise: float) -> dict:
     """Diagnose one data set, then look at the truth."""
     if group == "mujoco":
         impacts, truth = mujoco.load(size=size, seed=seed, **MUJOCO[names[0]]), None
+    elif group == "corrupted":
+        impacts, truth = mystery.draw(seed, effects=[], size=size)[0].replace(suspect=True), None
+        impacts = correct(impacts, names)
     else:
         impacts, truth = mystery.draw(seed, effects=list(names), size=size, noise=noise)
     began = time.perf_counter()
@@ -79,6 +88,7 @@ def one(group: str, names: tuple, seed: int, size: int, noise: float) -> dict:
     entry = {
         "group": group, "names": names, "size": size, "noise": noise, "found": found.effects, "seconds": seconds,
         "verdict": found.verdict, "law": found.law,
+        "repairs": [finding.correction for finding in found.findings],
         "components": list(found.remainder.components) if found.remainder else [],
         "equivalents": {k: [e["name"] for e in v] for k, v in found.to_dict()["equivalents"].items()},
     }  # fmt: skip
@@ -110,14 +120,13 @@ def report(entries: list[dict]) -> None:
             else f"single, {entry['size']} trials, noise × {entry['noise']:g}"
         )
         groups[key].append(entry)
-    print(
-        "| group | sets | as asked | precision | recall | way, median | seconds, median (max) |\n|---|---|---|---|---|---|---|"
-    )
+    print("| group | sets | as asked | precision | recall | way, median | seconds, median (max) |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
     for key, group in groups.items():
         asked = [_as_asked(entry) for entry in group]
         hits = sum(name in entry["names"] for entry in group for name in entry["found"])
         claims = sum(len(entry["found"]) for entry in group)
-        hidden = sum(len(entry["names"]) for entry in group)
+        hidden = sum(len(entry["names"]) for entry in group if key != "corrupted")
         recall = sum(named(entry, name) for entry in group for name in entry["names"])
         ways = [entry["way"] for entry in group if entry.get("way") is not None]
         times = [entry["seconds"] for entry in group]
@@ -132,7 +141,9 @@ def _as_asked(entry: dict) -> bool:
     """Named first, or both named, or nothing named, or said to be unknown."""
     found, names = entry["found"], entry["names"]
     if entry["group"] == "none":
-        return not found
+        return not found and not entry["repairs"]
+    if entry["group"] == "corrupted":
+        return entry["repairs"] == list(names) and not found
     if entry["group"] == "unknown":
         return entry["verdict"] == "unknown" and COMPONENTS[names[0]] in entry["components"]
     if entry["group"] in ("single", "mujoco"):

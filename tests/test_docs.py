@@ -23,7 +23,7 @@ def _blocks(language):
 
 
 def _commands():
-    """(script, overrides) of every `python train.py …`, `evaluate.py …` or `diagnose.py …` in the documents and the help."""
+    """(script, overrides) of every `python train.py …`, evaluate.py and diagnose.py in the documents and the help."""
     for document in [*DOCUMENTS, *HELP]:
         for line in re.findall(r"python ((?:train|evaluate|diagnose)\.py .*)", document.read_text("utf-8")):
             script, *words = shlex.split(re.split(r"\s{2,}|`|\s#", line)[0])

@@ -29,7 +29,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from contactlearn.data.synthetic import _integer, _number, _random
+from contactlearn.data.settings import integer, number, random
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import Impacts
 from contactlearn.mechanics import contact_velocity, rotate
@@ -113,25 +113,25 @@ def load(
         DataError: a value out of its range, or settings under which hardly any drop is a single contact.
         UnknownNameError: no such kind of body.
     """
-    size, seed = _integer("size", size, 1), _integer("seed", seed, 0)
+    size, seed = integer("size", size, 1), integer("seed", seed, 0)
     if kind not in KINDS:
         raise UnknownNameError("kind of body", kind, KINDS)
     a, b = _pair("semi_axes", semi_axes, (1e-3, 1e-3), (10, 10))
     body = Ellipse((a, b)) if kind == "ellipse" else Polygon(((a, b), (-a, b), (-a, -b), (a, -b)))
-    mass = _number("mass", mass, 1e-6, 1e3)
+    mass = number("mass", mass, 1e-6, 1e3)
     inertia = mass * body.gyration_squared()
-    sigma_v, sigma_omega = _number("velocity_noise", velocity_noise, 0), _number("spin_noise", spin_noise, 0)
+    sigma_v, sigma_omega = number("velocity_noise", velocity_noise, 0), number("spin_noise", spin_noise, 0)
     bench = _Bench(
         body,
         mass,
-        inertia * math.exp(_number("inertia_error", inertia_error, -1, 1)),
-        mu=_number("mu", mu, 0, 100),
-        eps=_number("eps", eps, 0.2, 1),
-        contact_time=_number("contact_time", contact_time, 1e-5, 1e-3),
-        tilt=_number("tilt", tilt, -0.5, 0.5),
+        inertia * math.exp(number("inertia_error", inertia_error, -1, 1)),
+        mu=number("mu", mu, 0, 100),
+        eps=number("eps", eps, 0.2, 1),
+        contact_time=number("contact_time", contact_time, 1e-5, 1e-3),
+        tilt=number("tilt", tilt, -0.5, 0.5),
         com_offset=_pair("com_offset", com_offset, (-a, -b), (a, b)),
-        damping=_number("damping", damping, 0, 1e6),
-        delay=_number("delay", delay, 0, 0.1),
+        damping=number("damping", damping, 0, 1e6),
+        delay=number("delay", delay, 0, 0.1),
     )
     sigma = torch.tensor((sigma_v, sigma_v, sigma_omega), dtype=torch.float64)
     q, v_pre, q_post, v_post = _collect(size, bench, sigma, torch.Generator().manual_seed(seed))
@@ -238,10 +238,10 @@ def _collect(size: int, bench: _Bench, sigma: Tensor, generator: torch.Generator
 def _draw(size: int, bench: _Bench, sigma: Tensor, generator: torch.Generator) -> tuple[Tensor, ...]:
     """Pose and true velocity [n, 3] at touch and noise [n, 2, 3], n ≤ size; those that seem to approach."""
     low, high = torch.tensor(((0.08, -math.pi, 0.3, -2.9), (0.5, math.pi, 0.9, -2.2)), dtype=torch.float64)
-    x, theta, v_x, v_y = (low + (high - low) * _random(torch.rand, (size, 4), generator)).unbind(-1)
-    v_x = torch.where(_random(torch.rand, (size,), generator) < 0.5, -v_x, v_x)
-    v = torch.stack((v_x, v_y, 6 * _random(torch.randn, (size,), generator)), -1)
-    noise = sigma * _random(torch.randn, (size, 2, 3), generator)
+    x, theta, v_x, v_y = (low + (high - low) * random(torch.rand, (size, 4), generator)).unbind(-1)
+    v_x = torch.where(random(torch.rand, (size,), generator) < 0.5, -v_x, v_x)
+    v = torch.stack((v_x, v_y, 6 * random(torch.randn, (size,), generator)), -1)
+    noise = sigma * random(torch.randn, (size, 2, 3), generator)
     point = bench.touch(theta)
     y = (x + point[:, 0]) * math.tan(bench.tilt) - point[:, 1]  # the point is on the floor
     measured = contact_velocity(contact_point(bench.body, theta), v + noise[:, 0])
@@ -300,4 +300,4 @@ def _pair(
         first, second = values
     except (TypeError, ValueError):
         raise DataError(f"{name} must be two numbers in m, got {values!r}") from None
-    return _number(name, first, low[0], high[0]), _number(name, second, low[1], high[1])
+    return number(name, first, low[0], high[0]), number(name, second, low[1], high[1])

@@ -18,6 +18,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from contactlearn.data.settings import integer, number, random
 from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
@@ -57,10 +58,10 @@ def load(
         DataError: a value out of its range, or a polygon whose centroid is not at the origin.
         UnknownNameError: no such law, variant or kind of shape.
     """
-    size, seed = _integer("size", size, 1), _integer("seed", seed, 0)
-    true = Law(law, _number("mu", mu, 0), _number("eps", eps, 0, 1), variant)
-    mass = _number("mass", mass, 0, above=True)
-    sigma_v, sigma_omega = _number("velocity_noise", velocity_noise, 0), _number("spin_noise", spin_noise, 0)
+    size, seed = integer("size", size, 1), integer("seed", seed, 0)
+    true = Law(law, number("mu", mu, 0), number("eps", eps, 0, 1), variant)
+    mass = number("mass", mass, 0, above=True)
+    sigma_v, sigma_omega = number("velocity_noise", velocity_noise, 0), number("spin_noise", spin_noise, 0)
     sigma = torch.tensor((sigma_v, sigma_v, sigma_omega), dtype=torch.float64)
     body = make_shape(shape) or Ellipse((0.035, 0.025))
     r, q, v, noise = _draw(size, body, sigma, torch.Generator().manual_seed(seed))
@@ -86,9 +87,9 @@ def _draw(size: int, body: Shape, sigma: Tensor, generator: torch.Generator) -> 
     low, high = torch.tensor(((0.08, -math.pi, 0.3, -2.9), (0.5, math.pi, 0.9, -2.2)), dtype=torch.float64)
     batches, found = [], 0
     for _ in range(100):
-        x, theta, v_x, v_y = (low + (high - low) * _random(torch.rand, (size, 4), generator)).unbind(-1)
-        v = torch.stack((v_x, v_y, 6 * _random(torch.randn, (size,), generator)), -1)
-        noise = sigma * _random(torch.randn, (size, 2, 3), generator)
+        x, theta, v_x, v_y = (low + (high - low) * random(torch.rand, (size, 4), generator)).unbind(-1)
+        v = torch.stack((v_x, v_y, 6 * random(torch.randn, (size,), generator)), -1)
+        noise = sigma * random(torch.randn, (size, 2, 3), generator)
         r = contact_point(body, theta)
         q = torch.stack((x, -r[:, 1], theta), -1)
         approaches = (contact_velocity(r, v)[:, 1] < 0) & (contact_velocity(r, v + noise[:, 0])[:, 1] < 0)
@@ -101,25 +102,3 @@ def _draw(size: int, body: Shape, sigma: Tensor, generator: torch.Generator) -> 
         f"only {found} of {100 * size} draws approach the floor, so their numbers overflow or underflow: "
         f"are the lengths in metres, {body}, and the noise what was meant?"
     )
-
-
-def _random(draw, shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
-    return draw(shape, generator=generator, dtype=torch.float64)
-
-
-def _number(name: str, value: float, low: float, high: float = math.inf, above: bool = False) -> float:
-    """`value` as a finite float in [low, high], or greater than low if `above`."""
-    span = f"in [{low}, {high}]" if high < math.inf else f"{'greater than' if above else 'at least'} {low}"
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not (low < number if above else low <= number) or not number <= high or math.isinf(number):
-        raise DataError(f"{name} must be a finite number {span}, got {value!r}")
-    return number
-
-
-def _integer(name: str, value: int, low: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value < 2**63:
-        raise DataError(f"{name} must be an integer, at least {low}, got {value!r}")
-    return value
