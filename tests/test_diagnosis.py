@@ -165,3 +165,14 @@ def test_an_unknown_effect_is_said_to_be_unknown():
     assert max(found.remainder.variables, key=found.remainder.variables.get) == "theta"
     assert "+effect.mine.tau=" in str(found.formulas[0])
     assert json.loads(json.dumps(found.to_dict()))["unexplained"]["components"][0] == "tau"
+
+
+def test_a_law_that_was_chosen_without_the_effects_is_chosen_again_with_them():
+    """Alone, the law of the complementarity problem fits these drops better than the one that is true."""
+    impacts, truth = mystery.draw(31, size=500)
+    told = []
+    found = diagnose(impacts, "best", candidates=few("spin_damping", "adhesion"),
+                     say=lambda stage, result: told.append((stage, result)))  # fmt: skip
+    assert min(found.laws, key=found.laws.get) != found.law == truth["law"]
+    assert ("law", truth["law"]) in told
+    assert set(found.effects) == {effect["name"] for effect in truth["effects"]}

@@ -1,7 +1,7 @@
 """The diagnosis: from measurements and a law to what is missing, or to what can honestly be said instead.
 
     audit        what is wrong with the measurements; what can be mended is mended and said first
-    law          the one that was named, or the one that is best on trials held out
+    law          the one that was named, or the one that is best on trials held out, alone and then with the effects
     selection    effects of the catalogue that earn their place, by held-out error
     regions      where the law alone fails, and where the effects help
     equivalents  what could stand in an effect's place on these data, and the drops that would tell
@@ -42,6 +42,8 @@ CLEARLY = 0.1
 must be certain."""
 REPEATS = {True: 2, False: 1}  # of the cross-validation, by whether there are few trials
 _FEW = 600
+_NEAR = 1.3  # times the error of the chosen law: laws that are tried again with the effects
+_BETTER = 0.97  # times the error with the effects, from which on a law replaces the chosen one
 _RESAMPLES = 1000
 
 
@@ -179,6 +181,11 @@ def diagnose(
     regions = tuple(find_regions(impacts, prediction, generator=generator))
     say("regions", regions)
     selection.run(lambda items: progress(items, f"effects around {law}"))
+    if laws:
+        selection = _with_better_law(selection, laws, usable, options, progress)
+        if selection.law != law:
+            law = selection.law
+            say("law", law)
     steps, missing = _ladder(selection, regions, generator)
     say("missing", missing)
     alike = equivalents(selection, lambda items: progress(items, "what could stand in its place"))
@@ -239,6 +246,30 @@ def _held_out(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: 
     """Mean held-out mass error of a law with effects."""
     model = identify_jointly(law, effects, impacts, folds.fitted, starts=2, **options).model
     return folds.scores(mass_error(impacts, model.predict(impacts))).nanmean().item()
+
+
+def _with_better_law(
+    selection: Selection,
+    laws: Mapping[str, float],
+    candidates: Mapping[str, Effect],
+    options: dict,
+    progress: Callable[[Iterable, str], Iterable],
+) -> Selection:
+    """The selection around another law, if with these effects that law does clearly better after all."""
+    present, errors = selection.present, {}
+    near = [name for name, error in laws.items() if name != selection.law and error < _NEAR * laws[selection.law]]
+    for name in near:
+        fit = identify_jointly(name, present.effects, selection.impacts, start=present.fit.values, **options)
+        held = identify_jointly(
+            name, present.effects, selection.impacts, selection.folds.fitted, start=fit.values, **options
+        ).model.predict(selection.impacts)
+        errors[name] = selection.folds.scores(mass_error(selection.impacts, held)).nanmean().item()
+    other = min(errors, key=errors.get, default=None)
+    if other is None or errors[other] > _BETTER * present.error.nanmean().item():
+        return selection
+    again = Selection(other, selection.impacts, candidates, selection.folds, selection.given, **options)
+    again.run(lambda items: progress(items, f"effects around {other}"))
+    return again if again.present.error.nanmean() < present.error.nanmean() else selection
 
 
 def _ladder(

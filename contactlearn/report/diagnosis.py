@@ -27,7 +27,8 @@ def show_start(impacts: Impacts) -> None:
 
 def show_stage(stage: str, result: Any) -> None:
     """A stage's result as soon as it is known."""
-    {"audit": _audit, "laws": _laws, "regions": _regions, "missing": lambda found: None}[stage](result)
+    if stage in _STAGES:
+        _STAGES[stage](result)
 
 
 def _audit(findings: Sequence[Finding]) -> None:
@@ -53,6 +54,13 @@ def _regions(regions: Sequence[Any]) -> None:
         say(f"where it fails: {region}")
     if not regions:
         say("where it fails: the error is much the same everywhere")
+
+
+def _law(name: str) -> None:
+    say(f"law: with the effects that were found {name} does better, so it is taken")
+
+
+_STAGES = {"audit": _audit, "laws": _laws, "regions": _regions, "law": _law}
 
 
 def show_verdict(found: Diagnosis, command: str) -> None:
