@@ -120,9 +120,9 @@ class Diagnosis:
         return [missing.name.partition(":")[0] for missing in self.missing]
 
 
-def all_candidates(mine: Mapping[str, Effect] | None = None) -> dict[str, Effect]:
-    """Every effect of the catalogue in each of its forms, as `name` or `name:form`, and those given."""
-    found = dict(mine or {})
+def all_candidates() -> dict[str, Effect]:
+    """Every effect of the catalogue in each of its forms, as `name` or `name:form`."""
+    found = {}
     for name, kind in catalogue().items():
         if isinstance(kind.formula, dict):
             found |= {f"{name}:{form}": kind(form=form) for form in kind.formula}
@@ -193,7 +193,7 @@ def diagnose(
     fit = selection.present.fit
     left = remainder(impacts, fit.model, folds, generator=generator, weight=fit.weight)
     unknown = left.found and left.share.mean > CLEARLY and left.share.low > CLEARLY / 2
-    written = _formulas(impacts, fit.model, left, folds) if unknown else []
+    written = _formulas(impacts, fit.model, left, folds, say) if unknown else []
     steps = (*steps, ("+ processes on what remains", _interval(left.error, generator)))
     budget = {
         "base": steps[0][1]._asdict(),
@@ -229,11 +229,14 @@ def _experiment(
     return next_experiment(selection.impacts, selection.present.fit.model, rivals, generator=generator)
 
 
-def _formulas(impacts: Impacts, model: ContactModel, left: Remainder, folds: Folds) -> list[Formula]:
-    """For the component that takes most off the error; none without the library that finds them."""
+def _formulas(
+    impacts: Impacts, model: ContactModel, left: Remainder, folds: Folds, say: Callable[[str, Any], None]
+) -> list[Formula]:
+    """For the component that takes most off the error; without the library that finds them, word of that."""
     try:
         return formulas(impacts, model, left.components[0], folds)
-    except ContactLearnError:
+    except ContactLearnError as error:
+        say("no formulas", str(error))
         return []
 
 
@@ -242,9 +245,11 @@ def _usable(given: Mapping[str, Effect], impacts: Impacts) -> dict[str, Effect]:
     return {name: effect for name, effect in given.items() if impacts.shape is not None or not effect.needs_shape}
 
 
-def _held_out(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds, options: dict) -> float:
-    """Mean held-out mass error of a law with effects."""
-    model = identify_jointly(law, effects, impacts, folds.fitted, starts=2, **options).model
+def _held_out(
+    law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds, options: dict, start: Tensor | None = None
+) -> float:
+    """Mean held-out mass error of a law with effects, fitted from a start if one is given."""
+    model = identify_jointly(law, effects, impacts, folds.fitted, starts=2, start=start, **options).model
     return folds.scores(mass_error(impacts, model.predict(impacts))).nanmean().item()
 
 
@@ -260,10 +265,7 @@ def _with_better_law(
     near = [name for name, error in laws.items() if name != selection.law and error < _NEAR * laws[selection.law]]
     for name in near:
         fit = identify_jointly(name, present.effects, selection.impacts, start=present.fit.values, **options)
-        held = identify_jointly(
-            name, present.effects, selection.impacts, selection.folds.fitted, start=fit.values, **options
-        ).model.predict(selection.impacts)
-        errors[name] = selection.folds.scores(mass_error(selection.impacts, held)).nanmean().item()
+        errors[name] = _held_out(name, present.effects, selection.impacts, selection.folds, options, start=fit.values)
     other = min(errors, key=errors.get, default=None)
     if other is None or errors[other] > _BETTER * present.error.nanmean().item():
         return selection

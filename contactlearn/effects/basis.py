@@ -1,31 +1,48 @@
-"""Smooth functions along the floor."""
+"""What depends on the place along the floor: smooth functions on the span of the measurements."""
 
-from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
 
 import torch
 from torch import Tensor
 
+from contactlearn.effects.base import parameter
 from contactlearn.errors import ContactLearnError
+from contactlearn.impacts import Impacts
 
 
-def span(x: Tensor) -> tuple[float, float]:
-    """Where the middle nine tenths of the measured places are, m, to a tenth of a millimetre outwards.
+@dataclass(frozen=True, eq=False)
+class AlongFloor:
+    """Σ c_k P_k(u), k = 1 … 5, with Legendre's polynomials; u in [−1, 1] is the place on the span, or its nearer end.
 
-    Single trials far out would otherwise bend the functions to themselves.
+    The span is left open for `prepare`: the middle nine tenths of the measured places, for single trials far out
+    would otherwise bend the functions to themselves.
     """
-    low, high = x.quantile(torch.tensor((0.05, 0.95), dtype=x.dtype)).tolist()
-    return round(low - 5e-5, 4), round(high + 5e-5, 4)
 
+    c1: Tensor | float = parameter("c₁", "–", -0.5, 0.5)
+    c2: Tensor | float = parameter("c₂", "–", -0.5, 0.5)
+    c3: Tensor | float = parameter("c₃", "–", -0.5, 0.5)
+    c4: Tensor | float = parameter("c₄", "–", -0.5, 0.5)
+    c5: Tensor | float = parameter("c₅", "–", -0.5, 0.5)
+    span: tuple[float, float] | None = None  # of x in m; None: that of nine tenths of the measurements
 
-def smooth(x: Tensor, ends: tuple[float, float], coefficients: Sequence[Tensor | float]) -> Tensor:
-    """Σ c_k P_k(u), k = 1, 2, …, with Legendre's polynomials; u in [−1, 1] is the place between the ends."""
-    low, high = ends
-    if not low < high:
-        raise ContactLearnError(f"a span must be [low, high] of x in m with low < high, got {list(ends)}")
-    u = ((2 * x - low - high) / (high - low)).clamp(-1, 1)
-    before, now = torch.ones_like(u), u
-    total = coefficients[0] * now
-    for k, coefficient in enumerate(coefficients[1:], 2):
-        before, now = now, ((2 * k - 1) * u * now - (k - 1) * before) / k
-        total = total + coefficient * now
-    return total
+    def prepare(self, impacts: Impacts) -> Self:
+        """With the span of the impacts where it is open, to a tenth of a millimetre outwards."""
+        if self.span is not None:
+            return self
+        low, high = impacts.q[:, 0].quantile(torch.tensor((0.05, 0.95), dtype=torch.float64)).tolist()
+        return replace(self, span=(round(low - 5e-5, 4), round(high + 5e-5, 4)))
+
+    def change(self, x: Tensor) -> Tensor:
+        """The function at x [..., N] in m."""
+        if self.span is None or not self.span[0] < self.span[1]:
+            rule = "a span must be [low, high] of x in m with low < high, given or taken by prepare(impacts)"
+            raise ContactLearnError(f"{rule}; got {self.span}")
+        low, high = self.span
+        u = ((2 * x - low - high) / (high - low)).clamp(-1, 1)
+        before, now = torch.ones_like(u), u
+        total = self.c1 * now
+        for k, coefficient in enumerate((self.c2, self.c3, self.c4, self.c5), 2):
+            before, now = now, ((2 * k - 1) * u * now - (k - 1) * before) / k
+            total = total + coefficient * now
+        return total

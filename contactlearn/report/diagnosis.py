@@ -60,7 +60,11 @@ def _law(name: str) -> None:
     say(f"law: with the effects that were found {name} does better, so it is taken")
 
 
-_STAGES = {"audit": _audit, "laws": _laws, "regions": _regions, "law": _law}
+def _no_formulas(reason: str) -> None:
+    say(f"note: no formulas for what remains: {reason}")
+
+
+_STAGES = {"audit": _audit, "laws": _laws, "regions": _regions, "law": _law, "no formulas": _no_formulas}
 
 
 def show_verdict(found: Diagnosis, command: str) -> None:

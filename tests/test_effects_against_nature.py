@@ -1,0 +1,68 @@
+"""The catalogue against physics that it shares no line with: signs, frames and sizes of the fitted parameters.
+
+What plants its own form would not notice a wrong sign; the mystery generator and MuJoCo do.
+"""
+
+import math
+
+import pytest
+
+from contactlearn.data import mujoco, mystery
+from contactlearn.effects import catalogue
+from contactlearn.fit_effects import identify_jointly
+
+SIGMAS, SHARE = 4.0, 0.04  # of the standard error, and of the value: nature is stepwise, and forms differ a little
+
+# Fitted parameters by what nature calls them, and as they follow from its own.
+NATURE = {
+    "surface_tilt": lambda p: {"phi": p["φ"]},
+    "com_offset": lambda p: {"delta_a": p["δ_a"], "delta_b": p["δ_b"]},
+    "inertia_error": lambda p: {"kappa": p["κ"]},
+    "orientation_offset": lambda p: {"delta": p["δ"]},
+    "sampling_delay": lambda p: {"dt": p["Δt"]},
+    "shape_error": lambda p: {"s_a": p["s_a"], "s_b": p["s_b"]},
+    "gravity_impulse": lambda p: {"dt": p["Δt"]},
+    "side_drag": lambda p: {"c": 1 - math.exp(-p["c"])},
+    "load_dependent_friction": lambda p: {"p": p["k"]},
+    "directional_friction": lambda p: {"a": p["a"]},
+    "rolling_resistance": lambda p: {"c": p["c"]},
+    "contact_patch": lambda p: {"k": p["k"], "c": 0.0},
+}
+
+
+def assert_found(fit, wanted):
+    for p, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True):
+        if p.name in wanted:
+            true = wanted[p.name]
+            assert abs(value - true) <= SIGMAS * error + SHARE * abs(true), f"{p.name}: {value} ± {error}, truly {true}"
+
+
+@pytest.mark.parametrize("name", NATURE)
+@pytest.mark.parametrize("seed", [3, 8])
+def test_parameters_are_natures(name, seed):
+    impacts, truth = mystery.draw(seed, effects=[name], size=400)
+    effect = catalogue()[name]()
+    wanted = NATURE[name](truth["effects"][0]["parameters"])
+    fit = identify_jointly(truth["law"], {name: effect}, impacts)
+    assert_found(fit, {f"{name}.{key}": value for key, value in wanted.items()})
+
+
+@pytest.mark.parametrize(("form", "parameter"), [("after", "c"), ("during", "b")])
+def test_both_ways_of_losing_spin(form, parameter):
+    """The first seeds whose nature has the one or the other."""
+    marks = {"after": "after contact", "during": "along the contact"}
+    draws = (mystery.draw(seed, effects=["spin_damping"], size=400) for seed in range(20))
+    impacts, truth = next(d for d in draws if d[1]["effects"][0]["form"].startswith(marks[form]))
+    c = truth["effects"][0]["parameters"]["c"]
+    fit = identify_jointly(truth["law"], {"spin": catalogue()["spin_damping"](form=form)}, impacts)
+    assert_found(fit, {f"spin.{parameter}": 1 - math.exp(-c) if form == "after" else c})
+
+
+@pytest.mark.parametrize("kind", ["ellipse", "box"])
+def test_mujoco_agrees_on_three_at_once(kind):
+    hidden = {"tilt": 0.03, "com_offset": (1e-3, -5e-4), "inertia_error": 0.15}
+    drops = mujoco.load(size=250, kind=kind, seed=2, **hidden)
+    names = ("surface_tilt", "com_offset", "inertia_error")
+    fit = identify_jointly("mirtich", {name: catalogue()[name]() for name in names}, drops)
+    wanted = {"surface_tilt.phi": 0.03, "com_offset.delta_a": 1e-3, "com_offset.delta_b": -5e-4}
+    assert_found(fit, wanted | {"inertia_error.kappa": 0.15})
