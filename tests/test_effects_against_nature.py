@@ -6,10 +6,13 @@ What plants its own form would not notice a wrong sign; the mystery generator an
 import math
 
 import pytest
+import torch
 
-from contactlearn.data import mujoco, mystery
+from contactlearn.data import mujoco, mystery, synthetic
 from contactlearn.effects import catalogue
 from contactlearn.fit_effects import identify_jointly
+from contactlearn.laws import Law
+from contactlearn.model import ContactModel
 
 SIGMAS, SHARE = 4.0, 0.04  # of the standard error, and of the value: nature is stepwise, and forms differ a little
 
@@ -66,3 +69,21 @@ def test_mujoco_agrees_on_three_at_once(kind):
     fit = identify_jointly("mirtich", {name: catalogue()[name]() for name in names}, drops)
     wanted = {"surface_tilt.phi": 0.03, "com_offset.delta_a": 1e-3, "com_offset.delta_b": -5e-4}
     assert_found(fit, wanted | {"inertia_error.kappa": 0.15})
+
+
+def test_an_offset_centre_of_mass_is_rigid_body_kinematics():
+    """Seen from its centre of mass the body obeys the law; what is measured is another point of it."""
+    seen = synthetic.load(size=50, velocity_noise=0, spin_noise=0)
+    delta = torch.tensor((2e-3, -3e-3), dtype=torch.float64)
+    c, s = seen.q[:, 2].cos(), seen.q[:, 2].sin()
+    d = torch.stack((c * delta[0] - s * delta[1], s * delta[0] + c * delta[1]), -1)
+
+    def moved(v, by):  # the velocity of the point that lies `by` from the one with velocity v
+        return torch.stack((v[:, 0] - v[:, 2] * by[:, 1], v[:, 1] + v[:, 2] * by[:, 0], v[:, 2]), -1)
+
+    law = Law("wang_mason", 0.15, 0.6)
+    centre = seen.replace(r=seen.r - d, v_pre=moved(seen.v_pre, d))
+    expected = moved(ContactModel(law).predict(centre).v_post, -d)
+    effect = catalogue()["com_offset"]().at(delta)
+    found = ContactModel(law, effects={"com_offset": effect}).predict(seen).v_post
+    torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)

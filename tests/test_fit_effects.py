@@ -15,6 +15,7 @@ from contactlearn.fit import Box
 from contactlearn.fit_effects import assemble, identify_jointly
 from contactlearn.metrics import mass_error
 from contactlearn.model import ContactModel
+from contactlearn.partial import partial_residuals
 
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
 ROUNDING = 1e-9  # relative: a search that ends at the same optimum on another way
@@ -231,3 +232,27 @@ def test_what_acts_during_the_contact_does_not_jump(name, law):
     size = (with_ - alone).abs().amax(0)
     jumps = (added > 0.1 * size + 3 * own + 1e-9).double().mean()
     assert jumps < 0.05, jumps
+
+
+def test_a_trial_that_is_met_exactly_does_not_look_certain():
+    """One trial tells of the parameter, so nothing is left of it: its error is that of the others' scatter."""
+    drops, _, _ = planted({})
+    q = drops.q.clone()
+    q[:, 0] = 0.0
+    q[7, 0] = 1.0
+    alone = formula(tau="c*x*Pn", parameters={"c": {"low": -0.1, "high": 0.1, "unit": "m"}})
+    fit = identify_jointly("wang_mason", {"alone": alone}, drops.replace(q=q))
+    # Of ω, given the two other components, which say nothing of a moment.
+    spread = (1 / torch.linalg.inv(fit.scatter)[2, 2]).sqrt()
+    expected = spread * drops.inertia[7] / fit.model.predict(drops).wrench[7, 1]
+    assert 0.7 < fit.standard_errors[2] / expected < 1.6
+
+
+def test_partial_residuals_leave_the_other_effects_in():
+    """Without noise, what is measured beyond the model without an effect is what the effect explains."""
+    drops, chosen, theta = planted(("surface_tilt", "contact_patch"), noise=0 * NOISE)
+    model = assemble("wang_mason", "textbook", chosen, theta)
+    for name in chosen:
+        partial = partial_residuals(model, drops, name)
+        torch.testing.assert_close(partial.measured, partial.explained, rtol=1e-6, atol=1e-9)
+        assert partial.explained.abs().max() > 1e-6
