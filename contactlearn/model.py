@@ -183,8 +183,10 @@ def wrench_per_parameter(
 
 def derivative(outcome: Tensor, parameters: Sequence[Tensor]) -> Tensor:
     """Derivative [..., N, D, K] of outcomes [..., N, D] in parameters [..., N] of their own impacts alone."""
-    rows = [torch.autograd.grad(part.sum(), parameters, retain_graph=True) for part in outcome.unbind(-1)]
-    return torch.stack([torch.stack(row, -1) for row in rows], -2)
+    size = outcome.shape[-1]
+    each = torch.eye(size, dtype=outcome.dtype).expand(*outcome.shape[:-1], size, size).movedim(-2, 0)
+    rows = torch.autograd.grad(outcome, parameters, each, is_grads_batched=True)
+    return torch.stack(rows, -1).movedim(0, -2)
 
 
 def _clamped(mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:

@@ -76,8 +76,8 @@ def search(problem: Problem, starts: int, start: Tensor | None = None) -> tuple[
     which = torch.arange(B).repeat(starts)
     size = problem[which].left(theta[:, None]).square().median(-2).values
     scatter = torch.diag_embed(torch.where(size.isfinite(), size, 1.0) + 1e-12)
-    theta, scatter, loss, _ = _descend(problem[which], theta, scatter, _HALVING)
     if starts > 2:
+        theta, scatter, loss, _ = _descend(problem[which], theta, scatter, _HALVING)
         kept = loss.view(starts, B).argsort(0)[: starts // 2]  # [S/2, B]
         kept = (kept * B + torch.arange(B)).flatten()
         which, theta, scatter = which[kept], theta[kept], scatter[kept]
@@ -132,7 +132,7 @@ def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int) -> t
         theta = torch.where(better[:, None], _picked(tried, pick), theta)
         damping = damping * torch.where(better, torch.tensor((0.1, 1.0, 10.0), dtype=theta.dtype)[pick], 100.0)
         calm = torch.where(loss - new.minimum(loss) < _TOLERANCE, calm + 1, 0)
-        done = (calm >= 3) | (damping > 1e10)
+        done = (calm >= 2) | (damping > 1e10)
         for whole, part in zip(result, (theta, scatter, new.minimum(loss), done), strict=True):
             whole[active] = part
         if done.all():
@@ -195,28 +195,31 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
     fit exactly.
     """
     left, slope = problem.linearised(theta)
+    width = problem.high - problem.low
+    slope = slope * width  # parameters in units of their ranges from here on
     distance, n, K = _distance(left, scatter), left.shape[1], theta.shape[-1]
     _, curvature, slope, each = _normal(left, slope, scatter)
     weight = _weight(distance)
-    # A parameter that nothing depends on gets a standard error of a hundred times its range.
-    floor = torch.diag_embed((1e-4 / n) / (problem.high - problem.low) ** 2)
     flat = each * (2 * weight.square() / (_NU + 3))[..., None]
     observed = curvature - each.mT @ flat / n
     definite = torch.linalg.eigvalsh(observed)[:, 0] > 1e-3 * torch.linalg.eigvalsh(curvature)[:, 0]
-    A = torch.where(definite[:, None, None], observed, curvature) + floor
-    inverse = torch.linalg.inv(A) / n
+    (values, vectors), (stretch, turn) = (
+        torch.linalg.eigh(A) for A in (torch.where(definite[:, None, None], observed, curvature), curvature)
+    )
+    # A parameter that nothing depends on gets a standard error of a hundred times its range.
+    information, plain = (n * x.clamp_min(0) + 1e-4 for x in (values, stretch))
+    inverse = (vectors / information[:, None]) @ vectors.mT
     leverage = torch.einsum("bnik,bkl,bnil->bn", slope, inverse, slope) * weight / 3
     scores = (weight / (1 - leverage.clamp(0, 0.9)))[..., None] * each
     sandwich = inverse @ (scores.mT @ scores) @ inverse
     spread = (weight.square() * distance).sum(-1) / 3 / weight.sum(-1)  # of a whitened residual, as weighted
-    plain = spread[:, None, None] * torch.linalg.inv(curvature + floor) / n
     free = 3 * n - K - 6  # of 3 n numbers, less the parameters and the scatter
     small = 3 * n / max(free, 1)
     # The larger one in every direction.
-    L = torch.linalg.cholesky(plain)
-    half = torch.linalg.solve_triangular(L, torch.linalg.solve_triangular(L, sandwich, upper=False).mT, upper=False)
-    values, vectors = torch.linalg.eigh(half)
-    root = L @ vectors * values.clamp_min(1).sqrt()[:, None]
+    scale = (spread[:, None] / plain).sqrt()  # standard errors by the curvature, along its axes
+    along = turn.mT @ sandwich @ turn / (scale[:, :, None] * scale[:, None, :])
+    values, vectors = torch.linalg.eigh(along)
+    root = width[:, None] * (turn * scale[:, None] @ vectors) * values.clamp_min(1).sqrt()[:, None]
     covariance = small * root @ root.mT
     # Information of each trial on each parameter, the others being free.
     told = weight[..., None] * (slope @ inverse[:, None]).square().sum(-2)
