@@ -27,7 +27,7 @@ from contactlearn.diagnosis.experiment import Experiment, next_experiment
 from contactlearn.diagnosis.formulas import Formula, formulas
 from contactlearn.diagnosis.regions import Region, find_regions, improvement_by_region
 from contactlearn.diagnosis.remainder import Remainder, remainder
-from contactlearn.diagnosis.selection import Fitted, Folds, Selection, paired_gain
+from contactlearn.diagnosis.selection import Fitted, Folds, Selection, paired_gain, without
 from contactlearn.effects import Effect, catalogue
 from contactlearn.errors import ContactLearnError
 from contactlearn.fit_effects import identify_jointly
@@ -280,14 +280,18 @@ def _ladder(
     """Law, and effect after effect in the order of what each takes off; and the effects."""
     final = selection.present
     names = [name for name in final.effects if name not in selection.given]
-    without = {name: _fitted(selection, [other for other in names if other != name]) for name in names}
-    takes_off = {name: (without[name].error - final.error).nanmean().item() for name in names}
+    less = {name: selection.without(name) for name in names}
+    takes_off = {name: (less[name].error - final.error).nanmean().item() for name in names}
     names.sort(key=takes_off.get, reverse=True)
-    rungs = [selection.base, *(_fitted(selection, names[:k]) for k in range(1, len(names))), final][: len(names) + 1]
+    rungs = [final]
+    for name in reversed(names[1:]):
+        others, values = without(rungs[0], name)
+        rungs.insert(0, less[name] if rungs[0] is final else selection.validated(others, selection.fit(others, values)))
+    rungs = [selection.base, *rungs] if names else rungs
     intervals = [_interval(rung.error, generator) for rung in rungs]
     found = []
     for k, name in enumerate(names):
-        gain, error = paired_gain(without[name], final)
+        gain, error = paired_gain(less[name], final)
         helped = improvement_by_region(list(regions), _filled(rungs[k].error), _filled(rungs[k + 1].error))
         confidence = NormalDist().cdf(gain / error) if error > 0 else 0.0
         found.append(
@@ -304,13 +308,6 @@ def _ladder(
         )
     steps = zip((selection.law, *(f"+ {name}" for name in names)), intervals, strict=True)
     return tuple(steps), tuple(found)
-
-
-def _fitted(selection: Selection, names: list[str]) -> Fitted:
-    """The given effects and those named, fitted and validated."""
-    effects = {**selection.given, **{name: selection.candidates[name] for name in names}}
-    fit = identify_jointly(selection.law, effects, selection.impacts, starts=4, **selection.options)
-    return selection.validated(effects, fit)
 
 
 def _interval(error: Tensor, generator: torch.Generator) -> Interval:

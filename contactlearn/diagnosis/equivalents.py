@@ -24,9 +24,9 @@ import torch
 from torch import Tensor
 
 from contactlearn.diagnosis.contest import ODDS, robust_covariance
-from contactlearn.diagnosis.selection import Fitted, Selection, paired_gain
-from contactlearn.effects import Effect
-from contactlearn.fit_effects import Linearisation, identify_jointly, linearise
+from contactlearn.diagnosis.selection import Fitted, Selection, paired_gain, without
+from contactlearn.effects import Effect, columns
+from contactlearn.fit_effects import Linearisation, linearise
 
 ALIKE = 0.5
 """Share of the change that a candidate must be able to mimic to be refitted."""
@@ -78,13 +78,13 @@ def equivalents(selection: Selection, progress: Callable[[Iterable], Iterable] =
 def similarity(selection: Selection, name: str) -> dict[str, tuple[float, Tensor]]:
     """Of each candidate for the place of a chosen effect: R², and the parameters [K] that reach it to first order."""
     present, found = selection.present, {}
-    others, values = _without(present, name)
+    others, values = without(present, name)
     whole = _about(selection, present.effects, present.fit.values)
     taken = {_family(effect) for effect in present.effects}
     for candidate, effect in selection.candidates.items():
         if _family(candidate) in taken:
             continue
-        start = torch.cat((values, _vanishing(effect)))
+        start = torch.cat((values, columns(*effect.vanished().values)))
         less = _about(selection, {**others, candidate: effect}, start)
         root = whole.weight.sqrt()[:, None]
         change = (root * (less.left - whole.left)).flatten()
@@ -113,26 +113,15 @@ def _as_good(chosen: Fitted, other: Fitted, worse: float, error: float) -> bool:
 
 def _replaced(selection: Selection, name: str, candidate: str, start: Tensor) -> Fitted:
     """The chosen model with a candidate in the place of one effect, refitted and validated on the same folds."""
-    others, _ = _without(selection.present, name)
+    others, _ = without(selection.present, name)
     effects = {**others, candidate: selection.candidates[candidate]}
-    near = identify_jointly(selection.law, effects, selection.impacts, start=start, **selection.options)
-    far = identify_jointly(selection.law, effects, selection.impacts, starts=4, **selection.options)
+    near, far = selection.fit(effects, start=start), selection.fit(effects)
     return selection.validated(effects, near if near.loss <= far.loss + 1e-6 else far)
 
 
 def _about(selection: Selection, effects: dict[str, Effect], theta: Tensor) -> Linearisation:
     options = {key: selection.options[key] for key in ("variant", "target", "noise") if key in selection.options}
     return linearise(selection.law, effects, selection.impacts, theta, selection.present.fit.scatter, **options)
-
-
-def _without(present: Fitted, name: str) -> tuple[dict[str, Effect], Tensor]:
-    """The other effects of a model, and the values of its parameters but for those of the one."""
-    kept = [not p.name.startswith(f"{name}.") for p in present.fit.parameters]
-    return {key: e for key, e in present.effects.items() if key != name}, present.fit.values[torch.tensor(kept)]
-
-
-def _vanishing(effect: Effect) -> Tensor:
-    return torch.stack([torch.as_tensor(value) for value in effect.vanished().values])
 
 
 def _fitted(slope: Tensor, change: Tensor) -> tuple[Tensor, Tensor]:

@@ -2,7 +2,7 @@
 
     screen    score test of every candidate from the one fit of the present model: does the loss fall if it is let in?
     refit     the most promising are fitted together with the law and the effects chosen so far
-    compare   on folds that were not fitted to, trial by trial against the present model
+    compare   the best of these, on folds that were not fitted to, trial by trial against the present model
     admit     the best, if the score test survives Bonferroni's correction over all candidates and the held-out
               error falls by more than chance and by more than is worth a name
     re-test   effects chosen earlier that are not missed any more are taken out again
@@ -20,7 +20,7 @@ from scipy.stats import chi2
 from torch import Tensor
 
 from contactlearn.diagnosis.contest import robust_covariance
-from contactlearn.effects import Effect
+from contactlearn.effects import Effect, columns
 from contactlearn.errors import DataError
 from contactlearn.fit_effects import JointFit, identify_jointly, linearise
 from contactlearn.impacts import Impacts
@@ -31,8 +31,9 @@ FALSE_ALARMS = 0.05
 """Chance that something is admitted where nothing is missing, over all candidates."""
 LEAST_GAIN = 0.03
 """Share of the held-out error that an effect must take off to be worth a name."""
-_REFITTED = 8
+_REFITTED, _COMPARED = 8, 4
 _MOST = 10
+_SURE = 60.0  # Wald statistic from which on an effect is missed without a doubt
 _SIGMAS = 2.0  # that the held-out gain of an admitted effect must be from 0
 
 
@@ -137,11 +138,16 @@ class Selection:
         return self.present
 
     def tests(self, progress: Callable[[Iterable], Iterable] = iter) -> list[Test]:
-        """Every candidate that is not in the model yet, the most promising ones refitted."""
+        """Every candidate that is not in the model yet, the most promising ones refitted and compared."""
         tests = [self.score_test(name) for name in self.candidates if name not in self.present.effects]
         tests.sort(key=lambda t: t.p_value)
-        promising = [t for t in tests[:_REFITTED] if t.p_value < FALSE_ALARMS]
-        return [self._refitted(t) for t in progress(promising)] + [t for t in tests if t not in promising]
+        refits = {}
+        for test in progress([t for t in tests[:_REFITTED] if t.p_value < FALSE_ALARMS]):
+            own = columns(*test.effect.vanished().values)
+            refits[test.name] = self.fit(self._with(test), start=torch.cat((self.present.fit.values, own)))
+        trials = len(self.impacts)
+        best = sorted(refits, key=lambda name: refits[name].loss.item() + len(refits[name].parameters) / trials)
+        return [self._compared(t, refits[t.name]) if t.name in best[:_COMPARED] else t for t in tests]
 
     def score_test(self, name: str) -> Test:
         """Whether the loss falls if the candidate is let in, from the present fit alone.
@@ -150,7 +156,7 @@ class Selection:
         the parameters that are fitted already, (Σ s)ᵀ (Σ s sᵀ)⁻¹ (Σ s) is χ² with as many degrees as parameters.
         """
         effect, present = self.candidates[name], self.present
-        own = torch.stack([torch.as_tensor(v) for v in effect.vanished().values])
+        own = columns(*effect.vanished().values)
         theta = torch.cat((present.fit.values, own))
         options = {key: self.options[key] for key in ("variant", "target", "noise") if key in self.options}
         about = linearise(
@@ -178,14 +184,16 @@ class Selection:
                 return Test(name, effect, 0.0, 1.0)
         return Test(name, effect, statistic, float(chi2.sf(statistic, new.shape[1])))
 
-    def _refitted(self, test: Test) -> Test:
-        own = torch.stack([torch.as_tensor(v) for v in test.effect.vanished().values])
-        start = torch.cat((self.present.fit.values, own))
-        return self.compared(
-            test, identify_jointly(self.law, self._with(test), self.impacts, start=start, **self.options)
-        )
+    def fit(self, effects: Mapping[str, Effect], start: Tensor | None = None) -> JointFit:
+        """The law with effects, fitted to all trials: from a start, or by a search."""
+        return identify_jointly(self.law, effects, self.impacts, starts=4, start=start, **self.options)
 
-    def compared(self, test: Test, fit: JointFit) -> Test:
+    def without(self, name: str) -> Fitted:
+        """The present model without one of its effects, fitted again and validated."""
+        others, values = without(self.present, name)
+        return self.validated(others, self.fit(others, start=values))
+
+    def _compared(self, test: Test, fit: JointFit) -> Test:
         """The candidate with a fit of it beside the present model."""
         fitted = self.validated(self._with(test), fit)
         gain, error = paired_gain(self.present, fitted)
@@ -195,8 +203,8 @@ class Selection:
 
     def _searched(self, test: Test) -> Test:
         """The candidate from other starts as well, where that is better."""
-        fit = identify_jointly(self.law, self._with(test), self.impacts, starts=4, **self.options)
-        return self.compared(test, fit) if fit.loss < test.fitted.fit.loss - 1e-6 else test
+        fit = self.fit(self._with(test))
+        return self._compared(test, fit) if fit.loss < test.fitted.fit.loss - 1e-6 else test
 
     def _with(self, test: Test) -> dict[str, Effect]:
         return {**self.present.effects, test.name: test.effect}
@@ -215,12 +223,9 @@ class Selection:
         while True:
             costs = []
             for name in self.present.effects:
-                if name == keep or name in self.given:
+                if name == keep or name in self.given or wald(self.present, name) > _SURE:
                     continue
-                effects = {key: effect for key, effect in self.present.effects.items() if key != name}
-                fitted = self.validated(
-                    effects, identify_jointly(self.law, effects, self.impacts, starts=4, **self.options)
-                )
+                fitted = self.without(name)
                 cost, error = paired_gain(fitted, self.present)
                 costs.append((cost / max(error, 1e-300), name, fitted))
             if not costs or min(costs, key=lambda c: c[0])[0] > _SIGMAS:
@@ -238,6 +243,24 @@ class Selection:
         left = self.impacts.v_post - held.v_post
         loss = robust_distance(left, scatter.expand(len(left), 3, 3)) + 0.5 * scatter.logdet()
         return Fitted(effects, fit, self.folds.scores(mass_error(self.impacts, held)), self.folds.scores(loss))
+
+
+def without(model: Fitted, name: str) -> tuple[dict[str, Effect], Tensor]:
+    """The other effects of a model, and the values of its parameters but for those of the one."""
+    kept = ~_own(model, name)
+    return {key: effect for key, effect in model.effects.items() if key != name}, model.fit.values[kept]
+
+
+def wald(model: Fitted, name: str) -> float:
+    """How far the parameters of an effect are from where it vanishes, χ² with as many degrees of freedom."""
+    own = _own(model, name)
+    away = model.fit.values[own] - columns(*model.effects[name].vanished().values)
+    return (away @ torch.linalg.solve(model.fit.covariance[own][:, own], away)).item()
+
+
+def _own(model: Fitted, name: str) -> Tensor:
+    """Which of a model's parameters [K] are those of one effect."""
+    return torch.tensor([p.name.startswith(f"{name}.") for p in model.fit.parameters])
 
 
 def paired_gain(before: Fitted, after: Fitted) -> tuple[float, float]:
