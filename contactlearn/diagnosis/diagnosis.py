@@ -75,7 +75,11 @@ class Missing:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was found; see `to_dict` for the parts."""
+    """What was found; see `to_dict` for the parts.
+
+    `impacts` are those of the models, corrected where they had to be; `base` the law with the effects that were given,
+    `model` with those that are missing, both fitted to all of them.
+    """
 
     verdict: str
     law: str
@@ -90,6 +94,9 @@ class Diagnosis:
     experiment: Experiment | None = None  # that would tell the effects from their equivalents
     remainder: Remainder | None = None
     formulas: tuple[Formula, ...] = ()
+    impacts: Impacts | None = None
+    base: ContactModel | None = None
+    model: ContactModel | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As diagnosis.json."""
@@ -216,6 +223,9 @@ def diagnose(
         experiment,
         left,
         tuple(written),
+        impacts,
+        selection.base.fit.model,
+        fit.model,
     )
 
 
