@@ -61,9 +61,14 @@ class JointFit:
         return self.covariance / (error[..., :, None] * error[..., None, :])
 
     @property
+    def usual(self) -> Tensor:
+        """Trials [..., n] that count; of the others over five times as much is left as is usual."""
+        return self.weight >= _HARDLY
+
+    @property
     def outliers(self) -> int:
-        """Trials of all subsets that hardly count: what is left of them is over five times what is usual."""
-        return int((self.weight < _HARDLY).sum())
+        """Trials of all subsets that hardly count."""
+        return int((~self.usual).sum())
 
     def undetermined(self) -> dict[str, str]:
         """What a single subset's data leave open: parameter → reasons with the numbers that show them."""

@@ -70,7 +70,7 @@ def unknown(request):
 def test_nothing_remains_where_nothing_is_hidden():
     for seed in range(SETS):
         drops, _, fit = hidden(seed=seed)
-        found = what_remains(drops, fit, seed, weight=fit.weight)
+        found = what_remains(drops, fit, seed, usual=fit.usual)
         assert found.components == ()
         assert found.variables == {}
         assert not found.found
@@ -81,7 +81,7 @@ def test_nothing_remains_where_nothing_is_hidden():
 def test_an_unknown_effect_remains_with_its_component_and_symbols(unknown):
     name, drops, truth, fit, _ = unknown
     component, symbols, _ = UNKNOWN[name]
-    found = what_remains(drops, fit, weight=fit.weight)
+    found = what_remains(drops, fit, usual=fit.usual)
     assert found.components == (component,)
     assert found.found
     assert found.share.low > 0.3
@@ -109,7 +109,7 @@ def test_gross_outliers_change_nothing_of_what_is_said():
     v_post[::30] += torch.tensor([4.0, -4.0, 300.0])
     drops = drops.replace(v_post=v_post)
     fit = identify_jointly(fit.model.base.name, {}, drops)
-    for options in ({}, {"weight": fit.weight}):
+    for options in ({}, {"usual": fit.usual}):
         found = what_remains(drops, fit, **options)
         assert found.components == ("n",)
         assert found.share.mean == pytest.approx(clean.share.mean, abs=0.05)
@@ -153,7 +153,7 @@ def test_a_component_needs_both_size_and_certainty():
 def test_too_few_trials_are_refused():
     drops, _, fit = hidden(size=30)
     with pytest.raises(DataError, match="at least 2 trials"):
-        what_remains(drops, fit, weight=torch.zeros(30))
+        what_remains(drops, fit, usual=torch.zeros(30, dtype=bool))
 
 
 # --- Formulas ----------------------------------------------------------------------------------

@@ -2,11 +2,12 @@
 
     audit        what is wrong with the measurements; what can be mended is mended and said first
     law          the one that was named, or the one that is best on trials held out, alone and then with the effects
+    budget       error of the law, of processes that learn all they can, of the best rigid contact, of the noise
     selection    effects of the catalogue that earn their place, by held-out error
     regions      where the law alone fails, and where the effects help
     equivalents  what could stand in an effect's place on these data, and the drops that would tell
     remainder    what a flexible model still finds, and formulas for it
-    ladder       law, each effect, flexible model: held-out errors
+    ladder       law, each effect, flexible model, noise: held-out errors
 
 All errors are the held-out mass error.  `Diagnosis.to_dict` is diagnosis.json; docs/diagnosis.md is its schema.
 """
@@ -25,6 +26,7 @@ from contactlearn.diagnosis.audit import Finding, audit
 from contactlearn.diagnosis.equivalents import Equivalent, equivalents
 from contactlearn.diagnosis.experiment import Experiment, next_experiment
 from contactlearn.diagnosis.formulas import Formula, formulas
+from contactlearn.diagnosis.noise import HOW, Floor, noise_floor
 from contactlearn.diagnosis.regions import Region, find_regions, improvement_by_region
 from contactlearn.diagnosis.remainder import Remainder, remainder
 from contactlearn.diagnosis.selection import Fitted, Folds, Selection, paired_gain, without
@@ -187,6 +189,8 @@ def diagnose(
     prediction = selection.base.fit.model.predict(impacts)
     regions = tuple(find_regions(impacts, prediction, generator=generator))
     say("regions", regions)
+    budget = _budget(selection, generator)
+    say("budget", budget)
     selection.run(lambda items: progress(items, f"effects around {law}"))
     if laws:
         selection = _with_better_law(selection, laws, usable, options, progress)
@@ -198,16 +202,12 @@ def diagnose(
     alike = equivalents(selection, lambda items: progress(items, "what could stand in its place"))
     experiment = _experiment(selection, alike, generator)
     fit = selection.present.fit
-    left = remainder(impacts, fit.model, folds, generator=generator, weight=fit.weight)
+    left = remainder(impacts, fit.model, folds, generator=generator, usual=fit.usual)
     unknown = left.found and left.share.mean > CLEARLY and left.share.low > CLEARLY / 2
     written = _formulas(impacts, fit.model, left, folds, say) if unknown else []
-    steps = (*steps, ("+ processes on what remains", _interval(left.error, generator)))
-    budget = {
-        "base": steps[0][1]._asdict(),
-        "named": steps[-2][1]._asdict(),
-        "flexible": steps[-1][1]._asdict(),
-        "bound": bootstrap(mass_error(impacts, bounds.irb(impacts, "mass")), generator, _RESAMPLES)._asdict(),
-    }
+    floor = noise_floor(impacts, fit.model, generator=generator, noise=noise, usual=fit.usual)
+    steps = (*steps, ("+ processes on what remains", _interval(left.error, generator)), ("noise floor", floor.error))
+    budget = _shared(budget, steps, floor)
     verdict = "bad_data" if findings else "unknown" if unknown else "effects" if missing else "none"
     return Diagnosis(
         verdict,
@@ -227,6 +227,35 @@ def diagnose(
         selection.base.fit.model,
         fit.model,
     )
+
+
+def _budget(selection: Selection, generator: torch.Generator) -> dict[str, Any]:
+    """Errors of the base, of processes on top of it that see the whole state, and of the best rigid contact."""
+    impacts, fit = selection.impacts, selection.base.fit
+    ceiling = remainder(impacts, fit.model, selection.folds, generator=generator, usual=fit.usual)
+    return {
+        "base": _interval(selection.base.error, generator)._asdict(),
+        "ceiling": _interval(ceiling.error, generator)._asdict(),
+        "bound": bootstrap(mass_error(impacts, bounds.irb(impacts, "mass")), generator, _RESAMPLES)._asdict(),
+    }
+
+
+def _shared(budget: dict[str, Any], steps: tuple[tuple[str, Interval], ...], floor: Floor) -> dict[str, Any]:
+    """The budget with what was found, and the error of the law in shares."""
+    *_, (_, named), (_, flexible), _ = steps
+    base, noise = steps[0][1].mean, floor.error.mean
+    return budget | {
+        "base": steps[0][1]._asdict(),
+        "named": named._asdict(),
+        "flexible": flexible._asdict(),
+        "noise": floor.error._asdict() | {"how": HOW[floor.how]},
+        "shares": {
+            "noise": noise / base,
+            "explained": 1 - named.mean / base,
+            "left": max(0.0, named.mean - noise) / base,
+            "beyond_rigid": max(0.0, budget["bound"]["mean"] - noise) / base,
+        },
+    }
 
 
 def _experiment(

@@ -36,6 +36,7 @@ OUTPUT = {"t": "Pt", "n": "Pn", "tau": "tau"}
 _RANGE = 4.0  # of a parameter on either side of 0, in units of its value in the regression
 _STARTS = 3  # single terms that are fitted
 _SIGMAS = 2.0  # that a held-out gain must be from 0
+_WORTH = 0.01  # share of the held-out error that a formula must take off to be told
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +142,8 @@ def formulas(
     two = [tried(pair) for pair in {frozenset(pair): pair for pair in pairs}.values()]
     two = [f for f in two if all(_clearly(single.error - f.error) for single in one)]
     found = sorted((*one, *two), key=lambda f: f.error.nanmean().item())
-    told = [f for f in found if _clearly(f.before - f.error) and not _clearly(f.error - found[0].error)]
+    told = [f for f in found if f.gain > _WORTH and _clearly(f.before - f.error)]
+    told = [f for f in told if not _clearly(f.error - told[0].error)]
     return [f for f in told if f is told[0] or not {*told[0].terms} & {*f.terms}][:most]
 
 

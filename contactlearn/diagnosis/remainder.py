@@ -44,7 +44,7 @@ LEAST = 0.04
 _TRIALS = 450  # of a fold that are learnt from, at most
 _INPUTS = ("m", "I", "rx", "ry", "x", "y", "theta", "vx", "vy", "omega", "order")
 _FOLLOWS = 0.85  # share of a symbol's variance along θ from which on it is taken to follow from it
-_GROSS, _HARDLY = 8.0, 0.07  # robust standard deviations, where no weights are given; weight of an outlier
+_GROSS = 8.0  # robust standard deviations, where it is not said which trials are usual
 _NAMED = 0.05  # share below which a variable is not named
 _PERMUTATIONS, _RESAMPLES = 2, 2000
 
@@ -103,7 +103,7 @@ def remainder(
     folds: Folds,
     *,
     generator: torch.Generator,
-    weight: Tensor | None = None,
+    usual: Tensor | None = None,
 ) -> Remainder:
     """What the model leaves of the impacts and flexible models can predict.
 
@@ -111,15 +111,15 @@ def remainder(
         model: fitted to these impacts, without leading axes.
         folds: what is learnt from and what is held out; all are learnt at once.
         generator: of the permutations and the bootstrap.
-        weight: of the trials [N] in the fit, see `JointFit`; those next to 0 are gross outliers.  If left out these
-            are trials with a component beyond eight robust standard deviations.
+        usual: trials [N] that are no gross outliers, see `JointFit`.  If left out, those without a component beyond
+            eight robust standard deviations.
 
     Raises:
         DataError: fewer than two trials to learn from.
     """
     base = model.base_prediction(impacts)
     left = impacts.wrench - base.wrench
-    usual = _usual(left) if weight is None else weight >= _HARDLY
+    usual = _usual(left) if usual is None else usual
     processes = _Processes.of(impacts, left, _rows(folds, usual))
     learned = processes.at(folds.held_out)
 
