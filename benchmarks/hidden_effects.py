@@ -1,6 +1,6 @@
 """Does the diagnosis find what is hidden?  On data whose physics is nature's own, not the catalogue's.
 
-    python benchmarks/hidden_effects.py [--workers 2] [--scale 1.0]
+    python benchmarks/hidden_effects.py [--workers 2] [--scale 1.0] [--only single] [--keep entries.jsonl]
 
 `data=mystery` hides effects whose size is two to five times the noise in the outcome.  Each data set is diagnosed with
 law=best and the whole catalogue, knowing nothing; only then is the truth looked at.
@@ -9,18 +9,25 @@ law=best and the whole catalogue, knowing nothing; only then is the truth looked
     pair        two effects, both found
     none        nothing hidden: anything named is a false alarm
     unknown     effects that no catalogue entry describes: said to be unknown, with the right component
+    confounded  two effects that leave nearly the same trace, both found or said to be equivalent
     corrupted   columns, axes and units of clean drops spoilt: caught, and clean data not accused
     mujoco      tilt, offset centre of mass, wrong inertia, late sample, by another engine
 
     way         share of the way from the law alone to nature's own prediction that the named effects bring
     precision   share of the effects named that were hidden;  recall: share of those hidden that were named
+    coverage    of the 95 % intervals of parameters that mean the same to nature and to the catalogue
+
+With --keep, what is done is kept in a file, and a run that was interrupted goes on from there.
 """
 
 import argparse
+import json
+import math
 import random
 import time
 from collections import defaultdict
 from itertools import combinations
+from pathlib import Path
 from statistics import mean, median
 
 import torch
@@ -29,75 +36,95 @@ from threadpoolctl import threadpool_limits
 from contactlearn.data import mujoco, mystery
 from contactlearn.data.corrections import correct
 from contactlearn.data.mystery.hidden import RIVALS
-from contactlearn.diagnosis.diagnosis import diagnose
+from contactlearn.diagnosis.diagnosis import Diagnosis, diagnose
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.metrics import mass_error
 from contactlearn.study import run
 
 COMPONENTS = {"magnetic_pull": "tau", "elastic_strap": "t", "spin_lift": "n"}
 MUJOCO = {
-    "surface_tilt": {"tilt": 0.03},
-    "com_offset": {"com_offset": (1e-3, -5e-4)},
-    "inertia_error": {"inertia_error": 0.2},
-    "gravity_impulse": {"delay": 0.008},
+    "surface_tilt": ({"tilt": 0.03}, {"phi": 0.03}),
+    "com_offset": ({"com_offset": (1e-3, -5e-4)}, {"delta_a": 1e-3, "delta_b": -5e-4}),
+    "inertia_error": ({"inertia_error": 0.2}, {"kappa": 0.2}),
+    "gravity_impulse": ({"delay": 0.008}, {"dt": 0.008}),
 }
-CORRUPTIONS = ("mirrored_x", "mirrored_theta", "contact_point_sign", "swapped_pre_post")
-"""Corrections that undo themselves, and so spoil what is right."""
+DEGREES = torch.tensor((1.0, 1.0, 180 / math.pi), dtype=torch.float64)
+CORRUPTIONS = {
+    **{
+        name: lambda d, name=name: correct(d, [name]) for name in ("mirrored_x", "mirrored_theta")
+    },  # their own inverses
+    **{name: lambda d, name=name: correct(d, [name]) for name in ("contact_point_sign", "swapped_pre_post")},
+    "degrees": lambda d: d.replace(q=d.q * DEGREES, v_pre=d.v_pre * DEGREES, v_post=d.v_post * DEGREES),
+    "millimetres": lambda d: d.replace(q=d.q * 1e3 / torch.tensor((1.0, 1.0, 1e3)), r=d.r * 1e3),
+}
+Z_95 = 1.959964
 
 
 def tasks(scale: float) -> list[tuple]:
     """(group, names, seed, size, noise) of every data set."""
     rng, found = random.Random(0), []
-    count = lambda n: max(1, round(n * scale))  # noqa: E731
+    kinds = ((150, 1.0), (500, 1.0), (500, 2.0), (1500, 1.0))
+
+    def add(group: str, names: tuple, seed: int, count: int, among: tuple = kinds) -> None:
+        for k in range(max(1, round(count * scale))):
+            found.append((group, names, seed + k, *among[k % len(among)]))
+
     for name in mystery.EFFECTS:
-        for k in range(count(4)):
-            size, noise = ((150, 1.0), (500, 1.0), (500, 2.0), (1500, 1.0))[k % 4]
-            found.append(("single", (name,), 100 + k, size, noise))
-    pairs = [p for p in combinations(mystery.EFFECTS, 2) if not any(set(p) <= group for group in RIVALS)]
-    for k, pair in enumerate(rng.sample(pairs, count(60))):
-        found.append(("pair", pair, 200 + k, 500, 1.0))
-    for k in range(count(60)):
-        found.append(("none", (), 300 + k, (150, 500)[k % 2], (1.0, 2.0)[k // 2 % 2]))
+        add("single", (name,), 100, 4)
+    pairs = [pair for pair in combinations(mystery.EFFECTS, 2) if not any(set(pair) <= group for group in RIVALS)]
+    for k, pair in enumerate(rng.sample(pairs, max(1, round(60 * scale)))):
+        found.append(("pair", pair, 200 + k, 500, (1.0, 2.0)[k % 2]))
+    add("none", (), 300, 60)
     for name in mystery.UNKNOWN:
-        for k in range(count(8)):
-            found.append(("unknown", (name,), 400 + k, 500, 1.0))
+        add("unknown", (name,), 400, 10, kinds[1:])
     for group in RIVALS:
-        for k in range(count(2)):
-            found.append(("confounded", tuple(sorted(group)), 500 + k, 500, 1.0))
+        add("confounded", tuple(sorted(group)), 500, 2, kinds[1:3])
     for name in CORRUPTIONS:
-        for k in range(count(6)):
-            found.append(("corrupted", (name,), 700 + k, (150, 500)[k % 2], 1.0))
+        add("corrupted", (name,), 700, 6)
     for name in MUJOCO:
-        for k in range(count(3)):
-            found.append(("mujoco", (name,), 600 + k, 500, 1.0))
+        add("mujoco", (name,), 600, 4, ((150, 1.0), (500, 1.0)))
     return found
 
 
 def one(group: str, names: tuple, seed: int, size: int, noise: float) -> dict:
     """Diagnose one data set, then look at the truth."""
+    truth, expected = None, {}
     if group == "mujoco":
-        impacts, truth = mujoco.load(size=size, seed=seed, **MUJOCO[names[0]]), None
+        options, expected = MUJOCO[names[0]]
+        impacts, expected = mujoco.load(size=size, seed=seed, **options), {names[0]: expected}
     elif group == "corrupted":
-        impacts, truth = mystery.draw(seed, effects=[], size=size)[0].replace(suspect=True), None
-        impacts = correct(impacts, names)
+        impacts, _ = mystery.draw(seed, effects=[], size=size, noise=noise)
+        impacts = CORRUPTIONS[names[0]](impacts.replace(suspect=True))
     else:
         impacts, truth = mystery.draw(seed, effects=list(names), size=size, noise=noise)
+        expected = {effect["name"]: mystery.meant(effect["name"], effect["parameters"]) for effect in truth["effects"]}
     began = time.perf_counter()
     found = diagnose(impacts, "best")
     seconds = time.perf_counter() - began
     entry = {
-        "group": group, "names": names, "size": size, "noise": noise, "found": found.effects, "seconds": seconds,
-        "verdict": found.verdict, "law": found.law,
+        "group": group, "names": names, "size": size, "noise": noise, "seed": seed, "found": found.effects,
+        "seconds": seconds, "verdict": found.verdict, "law": found.law,
         "repairs": [finding.correction for finding in found.findings],
         "components": list(found.remainder.components) if found.remainder else [],
         "equivalents": {k: [e["name"] for e in v] for k, v in found.to_dict()["equivalents"].items()},
+        "sigmas": _sigmas(found, expected),
     }  # fmt: skip
     if truth is not None and found.ladder:
         best = _error(impacts, truth["v_post_from_measured"])
         base, named = found.budget["base"]["mean"], found.budget["named"]["mean"]
         entry["way"] = (base - named) / (base - best) if base > 1.05 * best else None
         entry["hidden_share"] = 1 - best / base
+        entry["floor"] = found.budget["noise"]["mean"] / best
     return entry
+
+
+def _sigmas(found: Diagnosis, expected: dict[str, dict[str, float]]) -> list[float]:
+    """How many standard errors the parameters of effects that were rightly named are off."""
+    return [
+        (missing.parameters[key]["value"] - value) / missing.parameters[key]["standard_error"]
+        for missing in found.missing
+        for key, value in expected.get(missing.name, {}).items()
+    ]
 
 
 def _error(impacts: Impacts, v_post: list) -> float:
@@ -114,26 +141,25 @@ def named(entry: dict, name: str) -> bool:
 def report(entries: list[dict]) -> None:
     groups = defaultdict(list)
     for entry in entries:
-        key = (
-            entry["group"]
-            if entry["group"] != "single"
-            else f"single, {entry['size']} trials, noise × {entry['noise']:g}"
-        )
+        key = entry["group"]
+        if key in ("single", "none", "pair"):
+            key += f", {entry['size']} trials, noise × {entry['noise']:g}"
         groups[key].append(entry)
-    print("| group | sets | as asked | precision | recall | way, median | seconds, median (max) |")
-    print("| --- | --- | --- | --- | --- | --- | --- |")
+    print("| group | sets | as asked | precision | recall | way, median | coverage | seconds, median (max) |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for key, group in groups.items():
         asked = [_as_asked(entry) for entry in group]
         hits = sum(name in entry["names"] for entry in group for name in entry["found"])
         claims = sum(len(entry["found"]) for entry in group)
-        hidden = sum(len(entry["names"]) for entry in group if key != "corrupted")
+        hidden = sum(len(entry["names"]) for entry in group if entry["group"] != "corrupted")
         recall = sum(named(entry, name) for entry in group for name in entry["names"])
         ways = [entry["way"] for entry in group if entry.get("way") is not None]
         times = [entry["seconds"] for entry in group]
+        inside = [abs(sigma) < Z_95 for entry in group for sigma in entry["sigmas"]]
         print(
             f"| {key} | {len(group)} | {mean(asked):.0%} | {hits / claims if claims else 1:.0%} | "
             f"{recall / hidden if hidden else 1:.0%} | {f'{median(ways):.0%}' if ways else ''} | "
-            f"{median(times):.1f} ({max(times):.1f}) |"
+            f"{f'{mean(inside):.0%} of {len(inside)}' if inside else ''} | {median(times):.1f} ({max(times):.1f}) |"
         )
 
 
@@ -143,7 +169,7 @@ def _as_asked(entry: dict) -> bool:
     if entry["group"] == "none":
         return not found and not entry["repairs"]
     if entry["group"] == "corrupted":
-        return entry["repairs"] == list(names) and not found
+        return names[0] in entry["repairs"] and not found
     if entry["group"] == "unknown":
         return entry["verdict"] == "unknown" and COMPONENTS[names[0]] in entry["components"]
     if entry["group"] in ("single", "mujoco"):
@@ -156,15 +182,22 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--scale", type=float, default=1.0, help="of the number of data sets")
     parser.add_argument("--only", help="one group")
+    parser.add_argument("--keep", type=Path, help="file of what is done, one data set a line")
     options = parser.parse_args()
     torch.set_num_threads(1)
     threadpool_limits(1)
+    done = [json.loads(line) for line in options.keep.open()] if options.keep and options.keep.exists() else []
+    known = {(e["group"], tuple(e["names"]), e["seed"], e["size"], e["noise"]) for e in done}
     chosen = [task for task in tasks(options.scale) if options.only in (None, task[0])]
-    entries = []
-    for entry in run(one, chosen, options.workers):
+    entries = [e for e in done if options.only in (None, e["group"])]
+    for entry in run(one, [task for task in chosen if task not in known], options.workers):
         entries.append(entry)
+        if options.keep:
+            with options.keep.open("a") as file:
+                file.write(json.dumps(entry) + "\n")
         if not _as_asked(entry):
-            print(f"  missed: {entry['group']} {entry['names']} n = {entry['size']}: {entry['found']}", flush=True)
+            said = entry["found"] or entry["repairs"] or entry["verdict"]
+            print(f"  missed: {entry['group']} {entry['names']} n = {entry['size']}: {said}", flush=True)
     report(entries)
 
 

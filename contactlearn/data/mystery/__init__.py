@@ -11,7 +11,7 @@ there to be found.
 """
 
 from contactlearn.data.mystery.drops import draw
-from contactlearn.data.mystery.hidden import EFFECTS, UNKNOWN
+from contactlearn.data.mystery.hidden import EFFECTS, UNKNOWN, meant
 from contactlearn.data.mystery.seal import load, reveal
 
-__all__ = ["EFFECTS", "UNKNOWN", "draw", "load", "reveal"]
+__all__ = ["EFFECTS", "UNKNOWN", "draw", "load", "meant", "reveal"]

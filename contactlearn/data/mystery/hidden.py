@@ -6,6 +6,7 @@ hidden; their forms are nature's own, and most are not among those that an analy
 nearly the same trace: at most one of each is drawn.
 """
 
+import math
 import random
 
 from contactlearn.data.mystery import camera, floor, unknown  # noqa: F401  (they fill the tables)
@@ -22,6 +23,28 @@ RIVALS = (
     {"orientation_offset", "surface_tilt"},
     {"inertia_error", "contact_patch"},
 )
+
+
+# The catalogue's parameters as they follow from nature's, where both mean the same.
+_MEANT = {
+    "surface_tilt": lambda p: {"phi": p["φ"]},
+    "com_offset": lambda p: {"delta_a": p["δ_a"], "delta_b": p["δ_b"]},
+    "inertia_error": lambda p: {"kappa": p["κ"]},
+    "orientation_offset": lambda p: {"delta": p["δ"]},
+    "sampling_delay": lambda p: {"dt": p["Δt"]},
+    "shape_error": lambda p: {"s_a": p["s_a"], "s_b": p["s_b"]},
+    "gravity_impulse": lambda p: {"dt": p["Δt"]},
+    "side_drag": lambda p: {"c": 1 - math.exp(-p["c"])},
+    "load_dependent_friction": lambda p: {"p": p["k"]},
+    "directional_friction": lambda p: {"a": p["a"]},
+    "rolling_resistance": lambda p: {"c": p["c"]},
+    "contact_patch": lambda p: {"k": p["k"], "c": 0.0},
+}
+
+
+def meant(name: str, parameters: dict[str, float]) -> dict[str, float]:
+    """Values that the catalogue's parameters of an effect should be found at; empty where its form is another one."""
+    return _MEANT[name](parameters) if name in _MEANT else {}
 
 
 def forms(name: str) -> list[Form]:
