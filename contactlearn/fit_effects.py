@@ -222,6 +222,7 @@ class _Problem:
     low: Tensor
     high: Tensor
     start: Tensor
+    reach: Tensor
 
     @classmethod
     def of(cls, law, effects, impacts, rows, target, noise, parameters) -> "_Problem":
@@ -232,7 +233,10 @@ class _Problem:
             if target == "wrench":  # the velocity that goes with it
                 whitening = whitening @ velocity_per_wrench(state.mass, state.inertia, state.r)
         limits = torch.tensor([(p.low, p.high, p.start) for p in parameters], dtype=torch.float64)
-        return cls(law, effects, state, measured, whitening, target, *limits.T)
+        low, high, start = limits.T
+        nuisance = torch.tensor([p.vanishing is None for p in parameters])
+        reach = torch.where(nuisance, high - low, (high - low) / 3)
+        return cls(law, effects, state, measured, whitening, target, low, high, start, reach)
 
     def __len__(self) -> int:
         return len(self.measured)

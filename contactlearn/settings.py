@@ -150,31 +150,31 @@ def one_recipe(cfg: DictConfig) -> tuple[str, Recipe | None]:
     return names[0], recipes(cfg).get(names[0])
 
 
-def effects(cfg: DictConfig) -> dict[str, Effect]:
-    """The effects of `effect`, by name.
+def effects(cfg: DictConfig, part: str = "effect") -> dict[str, Effect]:
+    """The effects of a part of the configuration, `effect` or `candidate`, by name.
 
     Raises:
         ContactLearnError: an entry that is no effect, or a setting that it does not have.
     """
     found = {}
-    for name, entry in (cfg.get("effect") or {}).items():
+    for name, entry in (cfg.get(part) or {}).items():
         settings = OmegaConf.to_container(entry, resolve=True) if isinstance(entry, DictConfig) else None
         if not settings:
             raise ContactLearnError(
-                f"effect.{name} must hold _target_, a class, or a line of mathematics such as tau: '-c*rx*Pn'; "
+                f"{part}.{name} must hold _target_, a class, or a line of mathematics such as tau: '-c*rx*Pn'; "
                 f"got {entry!r}"
             )
         target = settings.pop("_target_", None)
         if target is None:
             found[name] = formula(**settings)
             continue
-        kind = _effect_class(f"effect.{name}._target_", target)
+        kind = _effect_class(f"{part}.{name}._target_", target)
         options = [field.name for field in fields(kind) if "parameter" not in field.metadata]
         for key in settings:
             if key not in options:
                 fitted = " (it is fitted)" if key in kind.__dataclass_fields__ else suggest(key, options)
                 raise ContactLearnError(
-                    f"effect.{name} has no setting {key!r}{fitted}; it has: {', '.join(options) or 'none'}"
+                    f"{part}.{name} has no setting {key!r}{fitted}; it has: {', '.join(options) or 'none'}"
                 )
         found[name] = kind(**{key: tuple(x) if isinstance(x, list) else x for key, x in settings.items()})
     return found

@@ -7,7 +7,8 @@ predicted to; where the noise is known, e_k is whitened by it and Σ is a factor
 
 Levenberg–Marquardt steps in θ within the bounds alternate with expectation–maximisation steps in Σ.
 Starts are the best two nodes of a grid over (μ, ε) with everything else at its start, and points of a
-Sobol sequence over a part of the other parameters' ranges; the worse half is dropped on the way.
+Sobol sequence over a part of the other parameters' ranges, or all of those whose parameter means nothing where its
+effect vanishes; the worse half is dropped on the way.
 
 Standard errors are those of an M-estimator, A⁻¹ B A⁻¹ from the curvature A and the spread B of the
 trials' gradients, with the HC3 correction for leverage, or those of the curvature alone where these are larger.
@@ -30,6 +31,7 @@ class Problem(Protocol):
     low: Tensor  # [K]
     high: Tensor
     start: Tensor
+    reach: Tensor  # about the start
     scaled: bool
 
     def __len__(self) -> int: ...
@@ -90,7 +92,7 @@ def search(problem: Problem, starts: int, start: Tensor | None = None) -> tuple[
 
 
 def _starts(problem: Problem, starts: int) -> Tensor:
-    """[S, B, K]: two nodes of (μ, ε), with the effects vanished, then with them anywhere in a third of their range."""
+    """[S, B, K]: two nodes of (μ, ε), with the effects vanished, then with them anywhere within their reach."""
     few, low, high, start = problem.thinned(300), problem.low, problem.high, problem.start
     nodes = torch.linspace(0, 1, 15, dtype=torch.float64)[1:-1] ** torch.tensor([[2.0], [1.0]])  # μ is small more often
     grid = torch.cartesian_prod(*(low[:2, None] + nodes * (high - low)[:2, None]))
@@ -105,8 +107,7 @@ def _starts(problem: Problem, starts: int) -> Tensor:
     points[..., :2] = grid[torch.stack((best, second))[torch.arange(starts) % 2]]
     if K > 2 and starts > 2:
         sobol = torch.quasirandom.SobolEngine(K - 2, scramble=True, seed=0).draw(starts - 2, dtype=torch.float64)
-        reach = (high - low)[2:] / 3
-        points[2:, :, 2:] = start[2:] + (sobol[:, None] - 0.5) * reach
+        points[2:, :, 2:] = start[2:] + (sobol[:, None] - 0.5) * problem.reach[2:]
     return points.clamp(low, high)
 
 

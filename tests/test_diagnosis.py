@@ -9,7 +9,8 @@ import torch
 from test_commands import ROOT, run
 
 from contactlearn.data import mystery, synthetic, table
-from contactlearn.diagnosis.diagnosis import VERDICTS, all_candidates, diagnose
+from contactlearn.diagnosis.candidates import all_candidates
+from contactlearn.diagnosis.diagnosis import VERDICTS, diagnose
 from contactlearn.diagnosis.selection import Folds, Selection
 from contactlearn.effects import catalogue
 from contactlearn.effects.formula import formula
@@ -101,6 +102,24 @@ def test_nothing_is_found_where_nothing_is_missing():
         found = diagnose(impacts, "best")
         assert found.verdict == "none"
         assert found.missing == ()
+
+
+def test_the_budget_adds_up():
+    """Noise, explained and left are the whole error; the floor is what nature's own prediction leaves."""
+    impacts, truth = mystery.draw(8, effects=["contact_patch"], size=300)
+    noise = truth["noise"]
+    known = Prediction(torch.tensor(truth["v_post_from_measured"], dtype=torch.float64), impacts.wrench)
+    floor = mass_error(impacts, known).mean().item()
+    for stated in (None, (noise["v"], noise["v"], noise["omega"])):
+        budget = diagnose(impacts, truth["law"], candidates=few("contact_patch"), noise=stated).budget
+        shares = budget["shares"]
+        assert budget["noise"]["mean"] == pytest.approx(floor, rel=0.1)
+        assert shares["noise"] + shares["explained"] + shares["left"] == pytest.approx(1, abs=0.03)
+        assert shares["explained"] == pytest.approx(1 - floor / budget["base"]["mean"], abs=0.05)
+        assert budget["named"]["mean"] < budget["ceiling"]["mean"] < budget["base"]["mean"]
+        assert budget["named"]["mean"] < budget["bound"]["mean"]  # a moment is beyond any point contact
+        assert shares["beyond_rigid"] > 0.05
+        assert budget["noise"]["how"].startswith("from the stated" if stated else "from the differences")
 
 
 def test_ones_own_effect_is_a_candidate_like_any_other():

@@ -23,9 +23,8 @@ def learning_study(
     yardsticks: dict[str, Prediction],
     generator: torch.Generator,
     folder: Path,
-    tracker: Tracker,
 ) -> tuple[dict, dict[str, Figure]]:
-    """Train, score, print and log; the entry for results.json and the figures.
+    """Train, score and print; the entry for results.json and the figures.
 
     Curves of the laws, identified on the same subsets, are part of the entry and the tables.
     """
@@ -68,8 +67,6 @@ def learning_study(
     entry = {name: _entry(curve, levels, generator, cfg.bootstrap) for name, curve in curves.items()}
     terminal.show_curves({name: entry[name] for name in augmented | learned}, sizes)
     save_curves(curves, folder / f"learning_curves.{cfg.tables}")
-    for place, size in enumerate(sizes):
-        tracker.scalars(_scalars(entry, place), size)
     return entry, _figures(cfg, augmented | learned, levels, generator)
 
 
@@ -96,14 +93,20 @@ def _entry(curve: study.Curve, levels: dict, generator: torch.Generator, resampl
     return entry
 
 
-def _scalars(entry: dict, place: int) -> dict[str, float]:
-    values = {}
-    for model, curve in entry.items():
-        values |= {f"curve_{metric}/{model}": curve[metric][place]["mean"] for metric in metrics.METRICS}
-        if "coverage" in curve:
-            values[f"curve_coverage/{model}"] = curve["coverage"][place]
-            values[f"curve_negative_log_density/{model}"] = curve["negative_log_density"][place]
-    return values
+def log_curves(tracker: Tracker, entry: dict, bounds: dict) -> None:
+    """Every curve and, as lines beside them, the bounds' entries of an error table."""
+    for place, size in enumerate(next(iter(entry.values()))["sizes"]):
+        rows = {model: {metric: curve[metric][place] for metric in metrics.METRICS} for model, curve in entry.items()}
+        values = {
+            f"curve_{metric}/{model}": metrics.Interval(**row[metric])
+            for model, row in (rows | bounds).items()
+            for metric in metrics.METRICS
+        }
+        for model, curve in entry.items():
+            if "coverage" in curve:
+                values[f"curve_coverage/{model}"] = curve["coverage"][place]
+                values[f"curve_negative_log_density/{model}"] = curve["negative_log_density"][place]
+        tracker.scalars(values, size)
 
 
 def _figures(cfg: DictConfig, curves: dict, levels: dict, generator: torch.Generator) -> dict[str, Figure]:

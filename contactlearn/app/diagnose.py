@@ -1,21 +1,30 @@
-"""Diagnose a contact model: findings as they come, the verdict, diagnosis.json, the ladder."""
+"""Diagnose a contact model: findings as they come, the verdict, diagnosis.json, figures."""
 
 import shlex
+from collections.abc import Mapping
 
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from contactlearn import settings
 from contactlearn.app import run
-from contactlearn.diagnosis.diagnosis import Diagnosis, all_candidates
+from contactlearn.diagnosis.candidates import all_candidates
+from contactlearn.diagnosis.diagnosis import Diagnosis
 from contactlearn.diagnosis.diagnosis import diagnose as find_out
+from contactlearn.effects import Effect, catalogue
+from contactlearn.errors import ContactLearnError
+from contactlearn.impacts import Impacts
+from contactlearn.metrics import HEADLINE, Interval
 from contactlearn.report import diagnosis as report
 from contactlearn.report import terminal
+from contactlearn.report.diagnosis_figures import drawn
+from contactlearn.report.page.content import write_report
+from contactlearn.report.page.words import headline
 from contactlearn.tracking import Tracker
 
 
 def diagnose(cfg: DictConfig) -> None:
-    """Audit, law, regions, effects, ladder; each is printed as soon as it is known."""
+    """Audit, law, regions, effects, ladder, figures; each finding is printed as soon as it is known."""
     settings.check(cfg)
     effects = settings.effects(cfg)
     folder = run.run_folder()
@@ -26,7 +35,7 @@ def diagnose(cfg: DictConfig) -> None:
             impacts,
             cfg.law,
             effects,
-            candidates=all_candidates(),
+            candidates=_candidates(cfg, effects),
             variant=cfg.variant,
             noise=None if cfg.fit.noise is None else tuple(cfg.fit.noise),
             seed=cfg.seed,
@@ -35,18 +44,49 @@ def diagnose(cfg: DictConfig) -> None:
         )
     command = _command(cfg, found)
     report.show_verdict(found, command)
-    content = found.to_dict() | {"command": command} | run.provenance(impacts, cfg)
-    run.write_json(folder / "diagnosis.json", content)
+    provenance = run.provenance(impacts, cfg)
+    run.write_json(folder / "diagnosis.json", found.to_dict() | {"command": command} | provenance)
     with Tracker(folder, len(impacts)) as tracker:
-        if found.ladder:
-            tracker.scalars({f"ladder/{k}": interval.mean for k, (_, interval) in enumerate(found.ladder)})
-            run.save_figures({"ladder": report.ladder(found)}, folder, tracker)
-        chosen = {f"effect_{name}": name in (*found.effects, *effects) for name in all_candidates() if ":" not in name}
-        tracker.hyperparameters(
-            {"law": found.law, "verdict": found.verdict, "seed": cfg.seed} | chosen,
-            {"mass_error/model": found.ladder[-1][1].mean} if found.ladder else {},
+        _log(tracker, cfg, found, impacts)
+        verdict = {"Verdict": headline(found), "To use it": command}
+        run.log_card(tracker, provenance, [found.equation] if found.equation else [], dict(found.ladder), verdict)
+        run.save_figures(drawn(found, impacts), folder, tracker)
+    with terminal.progress() as bar:
+        write_report(
+            folder,
+            found,
+            run.command_line(),
+            provenance,
+            use=command if found.missing else "",
+            noise=None if cfg.fit.noise is None else tuple(cfg.fit.noise),
+            progress=lambda items: bar.track(items, description="choices of effects"),
         )
     terminal.show_folder(folder)
+
+
+def _log(tracker: Tracker, cfg: DictConfig, found: Diagnosis, impacts: Impacts) -> None:
+    """The ladder as a chart, its law and its model as runs of the other commands log theirs."""
+    tag, effects = f"ladder/{HEADLINE}", dict.fromkeys((*cfg.effect, *found.effects))
+    if found.ladder:
+        rungs = [interval for _, interval in found.ladder]
+        tracker.series(tag, rungs)
+        bound = Interval(*(found.budget["bound"][end] for end in Interval._fields))
+        model = {
+            f"{HEADLINE}/{run.augmented_name(found.law, cfg.effect)}": rungs[0],
+            run.MODEL: rungs[len(found.missing)],
+        }
+        tracker.scalars(model | {run.BOUND: bound})
+    tracker.charts(run.charts() | {"Ladder of a diagnosis": {"Mass error by rung; the run card names the rungs": tag}})
+    run.log_hyperparameters(tracker, cfg, impacts, len(impacts), found.law if found.ladder else None, effects)
+
+
+def _candidates(cfg: DictConfig, effects: Mapping[str, Effect]) -> dict[str, Effect]:
+    """The catalogue and the configuration's own, under names that nothing else has."""
+    known, own = all_candidates(), settings.effects(cfg, "candidate")
+    for name in own:
+        if name in effects or name in {other.partition(":")[0] for other in known}:
+            raise ContactLearnError(f"candidate.{name} has the name of another effect; give it one of its own")
+    return known | own
 
 
 def _command(cfg: DictConfig, found: Diagnosis) -> str:
@@ -58,12 +98,21 @@ def _command(cfg: DictConfig, found: Diagnosis) -> str:
         words = [word for word in words if not word.startswith("data.correct")]
         words.append(f"data.correct=[{','.join([*cfg.data.correct, *repairs])}]")
     words.append(f"law={found.law}")
-    given = [word for word in task if word.lstrip("+").startswith("effect.")]
-    names = list(dict.fromkeys((*(name for name in cfg.effect if _in_catalogue(name)), *found.effects)))
-    words += [f"effect=[{','.join(names)}]", *given]
-    forms = (missing.name.partition(":") for missing in found.missing)
-    return shlex.join([*words, *(f"effect.{name}.form={form}" for name, _, form in forms if form), "model=[]"])
+    names = [name for name in dict.fromkeys((*cfg.effect, *found.effects)) if _named(name)]
+    words.append(f"effect=[{','.join(names)}]")
+    words += [word for word in task if word.lstrip("+").startswith("effect.")]
+    for missing in found.missing:
+        name, _, form = missing.name.partition(":")
+        if name in cfg.candidate:
+            own = [word.lstrip("+") for word in task if word.lstrip("+").startswith(f"candidate.{name}.")]
+            words += [f"+effect.{word.removeprefix('candidate.')}" for word in own]
+        elif not _named(name):
+            words.append(f"+effect.{name}._target_={type(missing.effect).__module__}.{type(missing.effect).__name__}")
+        if form:
+            words.append(f"{'' if _named(name) else '+'}effect.{name}.form={form}")
+    return shlex.join([*words, "model=[]"])
 
 
-def _in_catalogue(name: str) -> bool:
-    return name in {candidate.partition(":")[0] for candidate in all_candidates()}
+def _named(name: str) -> bool:
+    """Whether `effect=[name]` is all that it takes: it comes with this package, not with another one."""
+    return name in catalogue() and catalogue()[name].__module__.startswith("contactlearn.effects.")

@@ -1,19 +1,23 @@
 """Compare laws and learned models with the bounds on held-out trials, and draw their learning curves."""
 
+from collections.abc import Mapping
+
 import torch
 from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 
 from contactlearn import bounds, metrics, settings
 from contactlearn.app import run
-from contactlearn.app.curves import learning_study
+from contactlearn.app.curves import learning_study, log_curves
 from contactlearn.app.transfer import transfer
 from contactlearn.errors import DataError
+from contactlearn.fit_effects import JointFit
 from contactlearn.fit_trials import identify_trials
 from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel
 from contactlearn.report import figures, terminal
 from contactlearn.report.impulse_space import energy_ellipse
+from contactlearn.report.page.comparison import write_evaluation
 from contactlearn.report.tables import save_predictions, save_trial_parameters
 from contactlearn.tracking import Tracker
 
@@ -53,28 +57,47 @@ def evaluate(cfg: DictConfig) -> None:
         terminal.show_reference(fits, OmegaConf.to_container(cfg.reference))
     save_predictions(test, predictions, folder / f"predictions.{cfg.tables}")
     save_trial_parameters(impacts, list(trials.values()), folder / f"trial_parameters.{cfg.tables}")
+    provenance = run.provenance(impacts, cfg)
     results = {
-        **run.provenance(impacts, cfg),
+        **provenance,
         "fits": [run.fit_entry(fit) for fit in fits],
         "joint": {name: run.joint_entry(fit) for name, fit in joint.items()},
         "errors": errors,
     }
     run.write_json(folder / "results.json", results)
     with Tracker(folder, cfg.train.size) as tracker:
-        tracker.scalars(run.scalars(fits, errors, joint))
+        tracker.scalars(run.scalars(fits, {name: errors[name] for name in errors if name not in joint}, {}))
+        if joint:  # fitted to the whole pool
+            tracker.scalars(run.scalars([], {name: errors[name] for name in joint}, joint), len(pool))
+        _log_model(tracker, cfg, impacts, len(pool) if joint else cfg.train.size, joint, errors)
+        equations = (*map(run.law_equation, fits), *(str(fit.model) for fit in joint.values()))
+        run.log_card(tracker, provenance, equations, run.headline(errors))
+        curves, yardsticks = {}, {name: predictions[name] for name in (BEST_POST_HOC, IRB)}
         drawn = run.effect_figures(list(joint.values())[-1].model, test) if joint else {}
         if settings.recipes(cfg):
-            yardsticks = {name: predictions[name] for name in (BEST_POST_HOC, IRB)}
-            curves, figures_of_curves = learning_study(cfg, pool, test, yardsticks, generator, folder, tracker)
+            curves, figures_of_curves = learning_study(cfg, pool, test, yardsticks, generator, folder)
+            log_curves(tracker, curves, {name: errors[name] for name in yardsticks})
             drawn |= figures_of_curves
             run.write_json(folder / "results.json", {**results, "learning_curves": curves})
-        tracker.hyperparameters(run.hyperparameters(cfg, cfg.laws), run.headline(errors))
+        tracker.charts(run.charts((*curves, *yardsticks) if curves else ()))
         with terminal.progress() as bar:
             drawn |= _figures(cfg, pool, test, fits, predictions, errors, generator, bar, row)
             per_trial = trials[cfg.figures.parameters]
             drawn["trial_parameters"] = figures.trial_parameters(per_trial, impacts, box=run.box(cfg))
             run.save_figures(drawn, folder, tracker)
+    laws = {fit.law: fit.to_law() for fit in fits}
+    write_evaluation(folder, test, predictions, errors, laws, run.command_line(), provenance, curves=curves)
     terminal.show_folder(folder)
+
+
+def _log_model(
+    tracker: Tracker, cfg: DictConfig, impacts: Impacts, trained_on: int, joint: Mapping[str, JointFit], errors: dict
+) -> None:
+    """What runs are compared by: the law with its effects, else the law, or the best if that is not there."""
+    errors = run.headline(errors)
+    law = cfg.law if joint or cfg.law in cfg.laws else min(cfg.laws, key=errors.get)
+    tracker.scalars({run.MODEL: errors[list(joint)[-1] if joint else law]}, trained_on)
+    run.log_hyperparameters(tracker, cfg, impacts, trained_on, law, cfg.effect)
 
 
 def _figures(cfg, pool, test, fits, predictions, errors, generator, bar, row) -> dict[str, Figure]:

@@ -3,9 +3,11 @@
 import json
 import os
 import platform
+import shlex
 from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 
 import torch
 from hydra.core.hydra_config import HydraConfig
@@ -23,11 +25,16 @@ from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.fit import Box, SharedFit, cost_surface, identify
 from contactlearn.fit_effects import JointFit, identify_jointly
 from contactlearn.impacts import Impacts, Prediction
+from contactlearn.metrics import Interval
 from contactlearn.model import ContactModel
 from contactlearn.partial import partial_residuals
 from contactlearn.report import figures, terminal
 from contactlearn.report.effects import effect_curve
-from contactlearn.tracking import Tracker
+from contactlearn.tracking import Tracker, ends
+
+MODEL, BOUND = f"{metrics.HEADLINE}/model", f"{metrics.HEADLINE}/irb"
+"""Tags that every run has: the error of its one model, and the bound below it."""
+NONE = "none"
 
 
 def load_data(cfg: DictConfig, suspect: bool = False) -> Impacts:
@@ -58,6 +65,12 @@ def _read(cfg: DictConfig, suspect: bool) -> Impacts:
         if isinstance(error.__cause__, TypeError):  # a setting that the source does not have
             raise ContactLearnError(f"{target}: {error.__cause__}") from None
         raise
+
+
+def command_line() -> str:
+    """The command of this run."""
+    job = HydraConfig.get()
+    return shlex.join(["python", f"{job.job.name}.py", *job.overrides.task])
 
 
 def run_folder() -> Path:
@@ -214,10 +227,10 @@ def effect_figures(model: ContactModel, test: Impacts) -> dict[str, Figure]:
     return {f"effect_{name}": effect_curve(partial_residuals(model, test, name)) for name in model.effects}
 
 
-def scalars(fits: list[SharedFit], errors: dict, joint: Mapping[str, JointFit]) -> dict[str, float]:
+def scalars(fits: list[SharedFit], errors: dict, joint: Mapping[str, JointFit]) -> dict[str, float | Interval]:
     """What TensorBoard plots of an error table and of fits, by tag."""
     values = {
-        f"{metric}/{model}": entry[metric]["mean"] for model, entry in errors.items() for metric in metrics.METRICS
+        f"{metric}/{model}": Interval(**entry[metric]) for model, entry in errors.items() for metric in metrics.METRICS
     }
     values |= {f"outside_admissible/{model}": entry["outside_admissible"] for model, entry in errors.items()}
     for fit in fits:
@@ -227,17 +240,85 @@ def scalars(fits: list[SharedFit], errors: dict, joint: Mapping[str, JointFit]) 
     return values
 
 
-def headline(errors: dict) -> dict[str, float]:
-    """What runs are compared by; the last model is also `model`, which every run has."""
-    means = {f"{metrics.HEADLINE}/{model}": entry[metrics.HEADLINE]["mean"] for model, entry in errors.items()}
-    return means | {f"{metrics.HEADLINE}/model": list(means.values())[-1]}
+def headline(errors: dict) -> dict[str, Interval]:
+    """The headline error of each model in an error table."""
+    return {model: Interval(**entry[metrics.HEADLINE]) for model, entry in errors.items()}
 
 
-def hyperparameters(cfg: DictConfig, chosen: list[str]) -> dict:
-    """What runs differ in; `chosen` are their laws."""
-    keys = {"variant": cfg.variant, "target": cfg.train.target, "train_size": cfg.train.size, "seed": cfg.seed}
-    keys |= {"data": cfg.data._target_.split(".")[-2]} | {f"law_{law}": law in chosen for law in laws.names()}
-    return keys | {f"effect_{effect}": effect in cfg.effect for effect in dict.fromkeys((*catalogue(), *cfg.effect))}
+def log_hyperparameters(
+    tracker: Tracker,
+    cfg: DictConfig,
+    impacts: Impacts,
+    trained_on: int,
+    law: str | None,
+    effects: Iterable[str],
+    model: str = "analytical",
+) -> None:
+    """What the run differs in from others, under the same names in every run of every command.
+
+    The metrics are those of the run's one model, `MODEL`, and of the bound that is below it.
+    """
+    job, effects = HydraConfig.get(), list(effects)
+    values = {
+        "command": job.job.name,
+        "data": impacts.source,
+        "effects": ", ".join(effects) or NONE,
+        "law": law or NONE,
+        "model": model,
+        "seed": cfg.seed,
+        "settings": " ".join(job.overrides.task),
+        "train_size": trained_on,
+        "variant": cfg.variant,
+    }
+    values |= {f"effect_{name}": name in effects for name in dict.fromkeys((*catalogue(), *effects))}
+    choices = {"command": ("train", "evaluate", "diagnose"), "law": (*laws.names(), NONE)}
+    shown = dict(zip((MODEL, *ends(MODEL), BOUND), ("mass error", "low, 95 %", "high, 95 %", "IRB bound"), strict=True))
+    tracker.hyperparameters(values, choices, shown)
+
+
+def log_card(
+    tracker: Tracker,
+    provenance: dict,
+    equations: Iterable[str],
+    errors: Mapping[str, Interval],
+    verdict: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """What was run on what, the models as they print themselves, and held-out errors by model or rung."""
+    data = provenance["data"]
+    about = {
+        "Command": command_line(),
+        **verdict,
+        "Data": f"{data['source']}, {data['trials']} impacts",
+        "SHA-256 of the data": data["sha256"],
+        "Versions": ", ".join(f"{name} {number}" for name, number in provenance["versions"].items()),
+    }
+    parts = [line.strip().removeprefix("+ ").partition(": ") for equation in equations for line in equation.split("\n")]
+    rows = [(name, f"{x.mean:.4f}", f"{x.low:.4f}–{x.high:.4f}") for name, x in errors.items()]
+    tracker.card(
+        (
+            [("Run", ""), *about.items()],
+            [("Law and effects", "Equation, parameters ± standard errors"), *((name, rest) for name, _, rest in parts)],
+            [("Held-out mass error", "Mean", "95 % interval"), *rows],
+        )
+    )
+
+
+def charts(curves: Iterable[str] = ()) -> dict[str, dict[str, str | list[str]]]:
+    """The charts of every run, and those of an evaluation with learning curves."""
+    chosen = {"Each run's model, and the IRB bound": [f"{MODEL}$", f"{BOUND}$"]}
+    if curves := list(curves):
+        tag, named = f"curve_{metrics.HEADLINE}/", "|".join(laws.names())
+        chosen["Learned models, Best Post Hoc and IRB bound"] = [f"{tag}(?!({named})$)"]
+        chosen["Laws, Best Post Hoc and IRB bound"] = [f"{tag}({named}|best_post_hoc|irb)$"]
+        chosen |= {f"{name}: learning curve with 95 % interval": f"{tag}{name}" for name in curves}
+    return {"Held-out mass error against the number of training impacts": chosen}
+
+
+def law_equation(fit: SharedFit) -> str:
+    """A law with the mean and the spread of its parameters over the subsets, as models print themselves."""
+    numbers = zip(("μ", "ε"), fit.mean(), fit.std(), strict=True)
+    spread = (f"{symbol} = {mean:.4f}" + (f" ± {std:.4f}" if std == std else "") for symbol, mean, std in numbers)
+    return f"{fit.law} ({fit.variant}): {', '.join(spread)}; ± is the spread over {len(fit.mu)} subsets"
 
 
 def provenance(impacts: Impacts, cfg: DictConfig) -> dict:

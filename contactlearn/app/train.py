@@ -4,7 +4,7 @@ import torch
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
 
-from contactlearn import checkpoint, metrics, settings
+from contactlearn import bounds, checkpoint, metrics, settings
 from contactlearn.app import run
 from contactlearn.errors import ContactLearnError
 from contactlearn.features import SPACES
@@ -68,18 +68,24 @@ def train(cfg: DictConfig) -> None:
         "processes": processes,
     }
     run.write_json(folder / "results.json", {**provenance, **results})
+    bound = metrics.bootstrap(metrics.mass_error(test, bounds.irb(test)), generator, cfg.bootstrap)
+    shown = run.headline(errors) | {"irb": bound}
     with Tracker(folder, cfg.train.size) as tracker:
-        tracker.scalars(run.scalars(fits, errors, joint) | _hyperparameter_scalars(processes))
+        values = run.scalars(fits, errors, joint) | _hyperparameter_scalars(processes)
+        tracker.scalars(values | {run.MODEL: shown[name], run.BOUND: bound})
+        tracker.charts(run.charts())
         drawn = run.effect_figures(laws[list(laws)[-1]], test) if effects else {}
         if recipe is None and not effects:
             drawn["cost_surface"] = run.law_surface(cfg, cfg.law, pool)
         if recipe is not None:
             drawn |= _figures(name, recipe, model, test, predictions[name])
             loss = (model.parameters or model.residual).status.history
-            tracker.series("loss", loss.mean(-1).tolist())
+            tracker.series("fit/loss", loss.mean(-1).tolist())
         run.save_figures(drawn, folder, tracker)
-        chosen = [cfg.law] if effects else [fit.law for fit in fits]
-        tracker.hyperparameters(run.hyperparameters(cfg, chosen) | {"model": name}, run.headline(errors))
+        law = cfg.law if recipe is None else recipe.law
+        run.log_hyperparameters(tracker, cfg, impacts, cfg.train.size, law, effects, next(iter(cfg.model)))
+        equations = [run.law_equation(fit) for fit in fits] if recipe is None and fits else [str(model)]
+        run.log_card(tracker, provenance, equations, shown)
     terminal.show_folder(folder)
 
 

@@ -45,8 +45,8 @@ def transfer(cfg: DictConfig) -> None:
             terminal.show_transfer(name, intervals, sizes)
             for place, size in enumerate(sizes):
                 for body, ways in intervals.items():
-                    tags = {f"transfer_{metric}/{body}/{name}/{way}": ways[way][place, 0].item() for way in WAYS}
-                    tracker.scalars(tags, size)
+                    tags = {f"transfer_{metric}/{body}/{name}/{way}": ways[way][place].tolist() for way in WAYS}
+                    tracker.scalars({tag: metrics.Interval(*interval) for tag, interval in tags.items()}, size)
             drawn[f"transfer_{name}"] = learning.transfer(
                 sizes,
                 {body: {label: ways[way] for way, label in WAYS.items()} for body, ways in intervals.items()},
@@ -55,4 +55,8 @@ def transfer(cfg: DictConfig) -> None:
             )
         run.write_json(folder / "results.json", {**run.provenance(impacts, cfg), "sizes": sizes, "transfer": results})
         run.save_figures(drawn, folder, tracker)
+        bodies_chart = {"Each model from scratch, and with the trained one as prior": [f"transfer_{metric}/"]}
+        tracker.charts(run.charts() | {"Transfer to other bodies, against their training impacts": bodies_chart})
+        run.log_hyperparameters(tracker, cfg, impacts, cfg.train.size, cfg.law, (), ", ".join(settings.recipes(cfg)))
+        run.log_card(tracker, run.provenance(impacts, cfg), (), {})
     terminal.show_folder(folder)

@@ -14,28 +14,29 @@ All errors are the held-out mass error.  `Diagnosis.to_dict` is diagnosis.json; 
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
-from statistics import NormalDist
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from contactlearn import bounds
 from contactlearn.data.corrections import correct
 from contactlearn.diagnosis.audit import Finding, audit
+from contactlearn.diagnosis.budget import first_budget, full_budget
+from contactlearn.diagnosis.candidates import all_candidates, usable
 from contactlearn.diagnosis.equivalents import Equivalent, equivalents
 from contactlearn.diagnosis.experiment import Experiment, next_experiment
 from contactlearn.diagnosis.formulas import Formula, formulas
-from contactlearn.diagnosis.noise import HOW, Floor, noise_floor
-from contactlearn.diagnosis.regions import Region, find_regions, improvement_by_region
+from contactlearn.diagnosis.ladder import Missing, interval, ladder
+from contactlearn.diagnosis.noise import noise_floor
+from contactlearn.diagnosis.regions import Region, find_regions
 from contactlearn.diagnosis.remainder import Remainder, remainder
-from contactlearn.diagnosis.selection import Fitted, Folds, Selection, paired_gain, without
-from contactlearn.effects import Effect, catalogue
+from contactlearn.diagnosis.selection import Folds, Selection
+from contactlearn.effects import Effect
 from contactlearn.errors import ContactLearnError
 from contactlearn.fit_effects import identify_jointly
 from contactlearn.impacts import Impacts
 from contactlearn.laws import PAPER_LAWS
-from contactlearn.metrics import Interval, bootstrap, mass_error
+from contactlearn.metrics import Interval, mass_error
 from contactlearn.model import ContactModel
 
 VERDICTS = ("effects", "none", "unknown", "bad_data")
@@ -44,35 +45,8 @@ CLEARLY = 0.1
 must be certain."""
 REPEATS = {True: 2, False: 1}  # of the cross-validation, by whether there are few trials
 _FEW = 600
-_NEAR = 1.3  # times the error of the chosen law: laws that are tried again with the effects
+_NEAR = 2.0  # times the error of the chosen law: laws that are tried again with the effects
 _BETTER = 0.97  # times the error with the effects, from which on a law replaces the chosen one
-_RESAMPLES = 1000
-
-
-@dataclass(frozen=True)
-class Missing:
-    """An effect that is missing: errors before and after it in the ladder, and its fitted parameters."""
-
-    name: str
-    effect: Effect
-    error_before: Interval
-    error_after: Interval
-    takes_off: float  # mass error without it, the others staying, less that with it
-    confidence: float  # that its held-out gain is not chance
-    parameters: dict[str, dict[str, Any]]
-    helps: tuple[str, ...] = ()  # regions in which the error falls
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "name": self.name.partition(":")[0],
-            "form": self.name.partition(":")[2] or None,
-            "error_before": self.error_before.mean,
-            "error_after": self.error_after.mean,
-            "takes_off": self.takes_off,
-            "confidence": self.confidence,
-            "parameters": self.parameters,
-            "helps": list(self.helps),
-        }
 
 
 @dataclass(frozen=True)
@@ -129,17 +103,6 @@ class Diagnosis:
         return [missing.name.partition(":")[0] for missing in self.missing]
 
 
-def all_candidates() -> dict[str, Effect]:
-    """Every effect of the catalogue in each of its forms, as `name` or `name:form`."""
-    found = {}
-    for name, kind in catalogue().items():
-        if isinstance(kind.formula, dict):
-            found |= {f"{name}:{form}": kind(form=form) for form in kind.formula}
-        else:
-            found[name] = kind()
-    return found
-
-
 def diagnose(
     impacts: Impacts,
     law: str = "best",
@@ -158,7 +121,8 @@ def diagnose(
         impacts: measurements; `suspect` ones are audited and corrected, or refused.
         law: an analytical law, or `best` for the one with the least held-out error.
         effects: that are in the model already.
-        candidates: what may be missing, by name; the whole catalogue if left out.
+        candidates: what may be missing, by name; the whole catalogue if left out.  See `candidates.usable` for those
+            that are refused.
         variant: of the law.
         noise: standard deviations of the measured v_x, v_y and ω where they are known.
         seed: of the folds and resamples.
@@ -182,22 +146,20 @@ def diagnose(
         laws = {name: _held_out(name, effects, impacts, folds, options) for name in progress(PAPER_LAWS, "laws")}
         law = min(laws, key=laws.get)
         say("laws", laws)
-    usable = _usable(candidates or all_candidates(), impacts)
-    if not usable:
-        raise ContactLearnError("there are no candidates to choose from")
-    selection = Selection(law, impacts, usable, folds, effects, **options)
+    among = usable(candidates or all_candidates(), impacts)
+    selection = Selection(law, impacts, among, folds, effects, **options)
+    budget = first_budget(selection, generator)
+    say("budget", budget)
     prediction = selection.base.fit.model.predict(impacts)
     regions = tuple(find_regions(impacts, prediction, generator=generator))
     say("regions", regions)
-    budget = _budget(selection, generator)
-    say("budget", budget)
     selection.run(lambda items: progress(items, f"effects around {law}"))
     if laws:
-        selection = _with_better_law(selection, laws, usable, options, progress)
+        selection = _with_better_law(selection, laws, among, options, progress)
         if selection.law != law:
             law = selection.law
             say("law", law)
-    steps, missing = _ladder(selection, regions, generator)
+    steps, missing = ladder(selection, regions, generator)
     say("missing", missing)
     alike = equivalents(selection, lambda items: progress(items, "what could stand in its place"))
     experiment = _experiment(selection, alike, generator)
@@ -206,8 +168,8 @@ def diagnose(
     unknown = left.found and left.share.mean > CLEARLY and left.share.low > CLEARLY / 2
     written = _formulas(impacts, fit.model, left, folds, say) if unknown else []
     floor = noise_floor(impacts, fit.model, generator=generator, noise=noise, usual=fit.usual)
-    steps = (*steps, ("+ processes on what remains", _interval(left.error, generator)), ("noise floor", floor.error))
-    budget = _shared(budget, steps, floor)
+    steps = (*steps, ("+ processes on what remains", interval(left.error, generator)), ("noise floor", floor.error))
+    budget = full_budget(budget, steps, floor)
     verdict = "bad_data" if findings else "unknown" if unknown else "effects" if missing else "none"
     return Diagnosis(
         verdict,
@@ -229,35 +191,6 @@ def diagnose(
     )
 
 
-def _budget(selection: Selection, generator: torch.Generator) -> dict[str, Any]:
-    """Errors of the base, of processes on top of it that see the whole state, and of the best rigid contact."""
-    impacts, fit = selection.impacts, selection.base.fit
-    ceiling = remainder(impacts, fit.model, selection.folds, generator=generator, usual=fit.usual)
-    return {
-        "base": _interval(selection.base.error, generator)._asdict(),
-        "ceiling": _interval(ceiling.error, generator)._asdict(),
-        "bound": bootstrap(mass_error(impacts, bounds.irb(impacts, "mass")), generator, _RESAMPLES)._asdict(),
-    }
-
-
-def _shared(budget: dict[str, Any], steps: tuple[tuple[str, Interval], ...], floor: Floor) -> dict[str, Any]:
-    """The budget with what was found, and the error of the law in shares."""
-    *_, (_, named), (_, flexible), _ = steps
-    base, noise = steps[0][1].mean, floor.error.mean
-    return budget | {
-        "base": steps[0][1]._asdict(),
-        "named": named._asdict(),
-        "flexible": flexible._asdict(),
-        "noise": floor.error._asdict() | {"how": HOW[floor.how]},
-        "shares": {
-            "noise": noise / base,
-            "explained": 1 - named.mean / base,
-            "left": max(0.0, named.mean - noise) / base,
-            "beyond_rigid": max(0.0, budget["bound"]["mean"] - noise) / base,
-        },
-    }
-
-
 def _experiment(
     selection: Selection, alike: Mapping[str, list[Equivalent]], generator: torch.Generator
 ) -> Experiment | None:
@@ -277,11 +210,6 @@ def _formulas(
     except ContactLearnError as error:
         say("no formulas", str(error))
         return []
-
-
-def _usable(given: Mapping[str, Effect], impacts: Impacts) -> dict[str, Effect]:
-    """Candidates that these measurements can speak of: without a shape, none that needs one."""
-    return {name: effect for name, effect in given.items() if impacts.shape is not None or not effect.needs_shape}
 
 
 def _held_out(
@@ -311,59 +239,3 @@ def _with_better_law(
     again = Selection(other, selection.impacts, candidates, selection.folds, selection.given, **options)
     again.run(lambda items: progress(items, f"effects around {other}"))
     return again if again.present.error.nanmean() < present.error.nanmean() else selection
-
-
-def _ladder(
-    selection: Selection, regions: tuple[Region, ...], generator: torch.Generator
-) -> tuple[tuple[tuple[str, Interval], ...], tuple[Missing, ...]]:
-    """Law, and effect after effect in the order of what each takes off; and the effects."""
-    final = selection.present
-    names = [name for name in final.effects if name not in selection.given]
-    less = {name: selection.without(name) for name in names}
-    takes_off = {name: (less[name].error - final.error).nanmean().item() for name in names}
-    names.sort(key=takes_off.get, reverse=True)
-    rungs = [final]
-    for name in reversed(names[1:]):
-        others, values = without(rungs[0], name)
-        rungs.insert(0, less[name] if rungs[0] is final else selection.validated(others, selection.fit(others, values)))
-    rungs = [selection.base, *rungs] if names else rungs
-    intervals = [_interval(rung.error, generator) for rung in rungs]
-    found = []
-    for k, name in enumerate(names):
-        gain, error = paired_gain(less[name], final)
-        helped = improvement_by_region(list(regions), _filled(rungs[k].error), _filled(rungs[k + 1].error))
-        confidence = NormalDist().cdf(gain / error) if error > 0 else 0.0
-        found.append(
-            Missing(
-                name,
-                final.fit.model.effects[name],
-                intervals[k],
-                intervals[k + 1],
-                takes_off[name],
-                confidence,
-                _parameters(final, name),
-                tuple(str(change) for change in helped if change.helped),
-            )
-        )
-    steps = zip((selection.law, *(f"+ {name}" for name in names)), intervals, strict=True)
-    return tuple(steps), tuple(found)
-
-
-def _interval(error: Tensor, generator: torch.Generator) -> Interval:
-    return bootstrap(error[error.isfinite()], generator, _RESAMPLES)
-
-
-def _filled(error: Tensor) -> Tensor:
-    """Errors [N] with the mean where a trial was never held out."""
-    return torch.where(error.isfinite(), error, error.nanmean())
-
-
-def _parameters(fitted: Fitted, name: str) -> dict[str, dict[str, Any]]:
-    """Value, standard error and unit of each parameter of one effect."""
-    entries = {}
-    fit = fitted.fit
-    for p, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True):
-        if p.name.startswith(f"{name}."):
-            own = p.name.removeprefix(f"{name}.")
-            entries[own] = {"symbol": p.symbol, "value": value, "standard_error": error, "unit": p.unit}
-    return entries

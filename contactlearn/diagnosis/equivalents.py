@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 
 from contactlearn.diagnosis.contest import ODDS, robust_covariance
-from contactlearn.diagnosis.selection import Fitted, Selection, paired_gain, without
+from contactlearn.diagnosis.selection import Fitted, Selection, family, paired_gain, without
 from contactlearn.effects import Effect, columns
 from contactlearn.fit_effects import Linearisation, linearise
 
@@ -80,9 +80,9 @@ def similarity(selection: Selection, name: str) -> dict[str, tuple[float, Tensor
     present, found = selection.present, {}
     others, values = without(present, name)
     whole = _about(selection, present.effects, present.fit.values)
-    taken = {_family(effect) for effect in present.effects}
+    taken = {family(effect) for effect in present.effects}
     for candidate, effect in selection.candidates.items():
-        if _family(candidate) in taken:
+        if family(candidate) in taken:
             continue
         start = torch.cat((values, columns(*effect.vanished().values)))
         less = _about(selection, {**others, candidate: effect}, start)
@@ -129,8 +129,3 @@ def _fitted(slope: Tensor, change: Tensor) -> tuple[Tensor, Tensor]:
     scale = slope.norm(dim=0).clamp_min(1e-300)
     step = torch.linalg.lstsq(slope / scale, change[:, None]).solution[:, 0]
     return step / scale, (change - slope / scale @ step).square().sum()
-
-
-def _family(name: str) -> str:
-    """The effect's name without its form."""
-    return name.partition(":")[0]

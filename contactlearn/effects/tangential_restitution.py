@@ -14,15 +14,17 @@ _ROUNDING = 1e-9  # relative: nearer to its edge a contact counts as on the cone
 
 @dataclass(frozen=True, eq=False)
 class TangentialRestitution(Effect):
-    """Where the slip has come to an end it rebounds: v_t⁺ → v_t⁺ − β v_t, as far as the friction cone allows.
+    """Where the slip has come to an end it rebounds, as far as the friction cone allows; v_n⁺ stays.
 
-        ΔP = −s M_c (β v_t, 0),      s ∈ [0, 1] the largest with |P_t| ≤ μ P_n;  v_n⁺ stays
+        v_t⁺ → v_t⁺ − s β (|v_t| + ½ ⟨−s W_tn P_n⟩),      s = sign v_t, ⟨x⟩ = x where x > 0 and 0 elsewhere
 
-    So v_t⁺ = −β v_t of a contact that sticks; one that slides throughout is on the cone's edge and does not
-    change.  It is not friction against the slip.
+    A tangent that yields gives back a share β of the slip that it stopped.  And it answers late: where the
+    normal impulse drives the contact back, at W_tn P_n, a part of that goes unresisted.  Where it drives on,
+    the tangent is stretched against it already, and nothing is added.  One that slides throughout is on the cone's
+    edge and does not change.  The impulse is M_c times the change.  It is not friction against the slip.
     """
 
-    formula = "v_t⁺ ← v_t⁺ − β v_t within the cone"
+    formula = "v_t⁺ ← v_t⁺ − s β (|v_t| + ½⟨−s W_tn P_n⟩) within the cone, s = sign v_t"
     source = "Maw, Barber & Fawcett 1976; Walton 1993"
     adds_energy = True
     beta: Tensor | float = parameter("β", "–", 0.0, 1.0)
@@ -33,7 +35,8 @@ class TangentialRestitution(Effect):
         t, n = M_c[..., 0, 0] * direction, M_c[..., 0, 1] * direction  # impulse per change of v_t, kg
         limit = state.mu * P_n
         room = torch.minimum(_room(limit - P_t, t - state.mu * n), _room(limit + P_t, -t - state.mu * n))
-        change = torch.minimum(self.beta * state.v_t.abs(), room)
+        back = (direction * state.W[..., 0, 1] * P_n).clamp_min(0)  # m/s that the coupling drives against the slip
+        change = torch.minimum(self.beta * (state.v_t.abs() + back / 2), room)
         change = torch.where(room < _ROUNDING * state.v_c.norm(dim=-1), 0.0, change)
         return columns(P_t + change * t, P_n + change * n, tau)
 

@@ -6,6 +6,9 @@
     impulse_space  the first of these figures
     learning       learning curves and error densities (4.1, 4.2), and transfer to other bodies
     quality        one learned model's predictions, calibration and training
+    diagnosis      what a diagnosis prints
+    diagnosis_figures, audit_figures, effects   figures of a diagnosis, of its audit, of what each effect explains
+    page           report.html: all of it on one page, alive in a browser
     style          one look for all figures, one colour, marker and line a law or learned model
 
 Figures show what other modules computed and fit nothing.  They are matplotlib `Figure` objects

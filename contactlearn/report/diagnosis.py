@@ -1,15 +1,12 @@
-"""What a diagnosis prints, and its ladder."""
+"""What a diagnosis prints."""
 
 from collections.abc import Sequence
 from typing import Any
 
-from matplotlib.figure import Figure
-
 from contactlearn.diagnosis.audit import Finding
-from contactlearn.diagnosis.diagnosis import Diagnosis, Missing
+from contactlearn.diagnosis.diagnosis import Diagnosis
+from contactlearn.diagnosis.ladder import Missing
 from contactlearn.impacts import Impacts
-from contactlearn.metrics import HEADLINE, METRICS
-from contactlearn.report import style as st
 from contactlearn.report.terminal import say
 
 _VERDICTS = {
@@ -56,6 +53,19 @@ def _regions(regions: Sequence[Any]) -> None:
         say("where it fails: the error is much the same everywhere")
 
 
+def _budget(budget: dict[str, dict]) -> None:
+    base, ceiling, bound = (budget[key]["mean"] for key in ("base", "ceiling", "bound"))
+    say(
+        f"budget: the law leaves {base:.4f}; Gaussian processes that see the whole state take it to {ceiling:.4f}; "
+        f"no rigid point contact gets below {bound:.4f}"
+    )
+
+
+def _missing(effects: Sequence[Missing]) -> None:
+    for missing in effects:
+        say(_effect(missing))
+
+
 def _law(name: str) -> None:
     say(f"law: with the effects that were found {name} does better, so it is taken")
 
@@ -64,13 +74,19 @@ def _no_formulas(reason: str) -> None:
     say(f"note: no formulas for what remains: {reason}")
 
 
-_STAGES = {"audit": _audit, "laws": _laws, "regions": _regions, "law": _law, "no formulas": _no_formulas}
+_STAGES = {
+    "audit": _audit,
+    "laws": _laws,
+    "regions": _regions,
+    "budget": _budget,
+    "law": _law,
+    "missing": _missing,
+    "no formulas": _no_formulas,
+}
 
 
 def show_verdict(found: Diagnosis, command: str) -> None:
-    """Effects one by one, the ladder, the verdict, and what to do next."""
-    for missing in found.missing:
-        say(_effect(missing))
+    """What cannot be told apart, what remains, the ladder, the verdict, and what to do next."""
     for name, others in found.equivalents.items():
         for other in others:
             say(f"cannot be told apart here: {name} and {other}")
@@ -84,11 +100,22 @@ def show_verdict(found: Diagnosis, command: str) -> None:
         _remainder(found)
     for step, interval in found.ladder:
         say(f"  {interval.mean:.4f}  {interval.low:.4f}–{interval.high:.4f}  {step}")
+    if "shares" in found.budget:
+        _shares(found.budget)
     if found.equation:
         say(found.equation)
     say(f"verdict: {_VERDICTS[found.verdict]}")
     if found.missing:
         say(f"to use it: {command}")
+
+
+def _shares(budget: dict[str, dict]) -> None:
+    shares, noise = budget["shares"], budget["noise"]
+    say(
+        f"of the error {shares['explained']:.0%} is explained by the effects, {shares['noise']:.0%} is noise "
+        f"({noise['mean']:.4f}, {noise['how']}), {shares['left']:.0%} is left; {shares['beyond_rigid']:.0%} more than "
+        "noise is out of reach of any rigid point contact"
+    )
 
 
 def _remainder(found: Diagnosis) -> None:
@@ -113,22 +140,7 @@ def _effect(missing: Missing) -> str:
         for p in missing.parameters.values()
     )
     before, after = missing.error_before.mean, missing.error_after.mean
-    return f"missing: {missing.name}, error {before:.4f} → {after:.4f}; {values}"
-
-
-@st.look()
-def ladder(found: Diagnosis) -> Figure:
-    """Held-out error of the law, and with effect after effect, with 95 % intervals; the IRB bound as a line."""
-    figure = st.new_figure(st.PAGE, 0.9 + 0.25 * len(found.ladder))
-    axes = st.name_axes(figure.subplots(), f"{METRICS[HEADLINE].label} ({METRICS[HEADLINE].unit})")
-    for place, (_, interval) in enumerate(found.ladder):
-        axes.barh(place, interval.mean, color=st.tint(st.CONTRAST[0], 0.45), height=0.6)
-        axes.plot((interval.low, interval.high), (place, place), color=st.DARK)
-    axes.set_yticks(range(len(found.ladder)), [st.plain(step.replace("_", " ")) for step, _ in found.ladder])
-    axes.tick_params(axis="y", length=0)
-    axes.invert_yaxis()
-    style = st.law_style("irb")
-    axes.axvline(found.budget["bound"]["mean"], color=style.color, linestyle=style.linestyle, label=style.label)
-    axes.set_xlim(left=0)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center")
-    return figure
+    line = f"missing: {missing.name}, error {before:.4f} → {after:.4f}; {values}"
+    if missing.inadmissible[1] > missing.inadmissible[0]:
+        line += f"; {missing.inadmissible[1]:.1%} of its impulses gain energy, pull or penetrate"
+    return line + "".join(f"\n  it helps where {region}" for region in missing.helps)

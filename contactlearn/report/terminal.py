@@ -174,6 +174,8 @@ def show_folder(folder: Path) -> None:
     """Where the run's results lie and how to look at them."""
     shown = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
     say(f"results  {shown}")
+    if (folder / "report.html").exists():
+        say(f"open     {shlex.quote(str(shown / 'report.html'))}")
     say(f"look at  tensorboard --logdir {shlex.quote(str(shown))}")
 
 

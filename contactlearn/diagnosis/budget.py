@@ -1,0 +1,41 @@
+"""The error budget: what of the error of a law is noise, explained, left, or out of reach of any rigid contact."""
+
+from typing import Any
+
+import torch
+
+from contactlearn import bounds
+from contactlearn.diagnosis.ladder import RESAMPLES, interval
+from contactlearn.diagnosis.noise import HOW, Floor
+from contactlearn.diagnosis.remainder import remainder
+from contactlearn.diagnosis.selection import Selection
+from contactlearn.metrics import Interval, bootstrap, mass_error
+
+
+def first_budget(selection: Selection, generator: torch.Generator) -> dict[str, Any]:
+    """Errors of the base, of processes on top of it that see the whole state, and of the best rigid contact."""
+    impacts, fit = selection.impacts, selection.base.fit
+    ceiling = remainder(impacts, fit.model, selection.folds, generator=generator, usual=fit.usual)
+    return {
+        "base": interval(selection.base.error, generator)._asdict(),
+        "ceiling": interval(ceiling.error, generator)._asdict(),
+        "bound": bootstrap(mass_error(impacts, bounds.irb(impacts, "mass")), generator, RESAMPLES)._asdict(),
+    }
+
+
+def full_budget(budget: dict[str, Any], steps: tuple[tuple[str, Interval], ...], floor: Floor) -> dict[str, Any]:
+    """The budget with what was found, and the error of the law in shares."""
+    *_, (_, named), (_, flexible), _ = steps
+    base, noise = steps[0][1].mean, floor.error.mean
+    return budget | {
+        "base": steps[0][1]._asdict(),
+        "named": named._asdict(),
+        "flexible": flexible._asdict(),
+        "noise": floor.error._asdict() | {"how": HOW[floor.how]},
+        "shares": {
+            "noise": noise / base,
+            "explained": 1 - named.mean / base,
+            "left": max(0.0, named.mean - noise) / base,
+            "beyond_rigid": max(0.0, budget["bound"]["mean"] - noise) / base,
+        },
+    }

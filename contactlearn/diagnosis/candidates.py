@@ -1,0 +1,64 @@
+"""Which effects may be missing: the catalogue in all its forms, the user's own, and what is refused.
+
+An effect is refused if it could explain anything: with a parameter for every few trials, or with constants that it
+takes from the outcomes it is to predict.  What needs a body's shape is left out where that is not known.
+"""
+
+from collections.abc import Mapping
+
+import torch
+
+from contactlearn.effects import Effect, State, catalogue, columns
+from contactlearn.errors import ContactLearnError
+from contactlearn.impacts import Impacts
+from contactlearn.laws import Law
+from contactlearn.model import resolve
+
+TRIALS = 10
+"""That a parameter must have to itself."""
+_NUDGE = 0.1  # of a parameter's range: where an effect is looked at
+
+
+def all_candidates() -> dict[str, Effect]:
+    """Every effect of the catalogue in each of its forms, as `name` or `name:form`."""
+    found = {}
+    for name, kind in catalogue().items():
+        if isinstance(kind.formula, dict):
+            found |= {f"{name}:{form}": kind(form=form) for form in kind.formula}
+        else:
+            found[name] = kind()
+    return found
+
+
+def usable(candidates: Mapping[str, Effect], impacts: Impacts) -> dict[str, Effect]:
+    """The candidates that these measurements can speak of.
+
+    Raises:
+        ContactLearnError: none is left, or one takes its constants from the outcomes.
+    """
+    able = {name: effect for name, effect in candidates.items() if impacts.shape is not None or not effect.needs_shape}
+    able = {name: effect for name, effect in able.items() if len(effect.parameters) * TRIALS <= len(impacts)}
+    if not able:
+        most = max((len(effect.parameters) for effect in candidates.values()), default=0)
+        raise ContactLearnError(
+            f"there are no candidates to choose from: {len(candidates)} given, of up to {most} parameters, for "
+            f"{len(impacts)} trials; a parameter must have {TRIALS} trials to itself"
+        )
+    for name, effect in able.items():
+        if _sees_outcomes(effect, impacts):
+            raise ContactLearnError(
+                f"candidate {name} changes its predictions with the measured v_post, so it could explain anything; its "
+                "prepare() must take constants from the state before impact alone"
+            )
+    return able
+
+
+def _sees_outcomes(effect: Effect, impacts: Impacts) -> bool:
+    """Whether it acts differently once the outcomes of the trials are exchanged."""
+    other = impacts.replace(v_post=impacts.v_post.flip(0), suspect=True)
+    moved = columns(*effect.vanished().values) + _NUDGE * torch.tensor([p.high - p.low for p in effect.parameters])
+    first, second = (
+        resolve(Law("wang_mason", 0.2, 0.5), {"": effect.prepare(known).at(moved)}, State.of(impacts), 0.2, 0.5)
+        for known in (impacts, other)
+    )
+    return not torch.equal(first.v_post.nan_to_num(), second.v_post.nan_to_num())

@@ -1,0 +1,90 @@
+"""The data of a page and the templates to one HTML file."""
+
+import base64
+import hashlib
+import json
+import os
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import plotly
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from contactlearn.report.page.arrays import compressed
+
+FILE = "report.html"
+_SCRIPTS = ("numbers.js", "figures.js", "live.js")
+_ESCAPED = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
+
+
+def write(folder: Path, content: dict[str, Any]) -> Path:
+    """report.html, whole or not at all."""
+    return save(folder / FILE, render(content))
+
+
+def save(path: Path, text: str) -> Path:
+    """A page, whole or not at all; what UTF-8 cannot hold is "?"."""
+    part = path.with_suffix(".part")
+    part.write_text(text, encoding="utf-8", errors="replace")
+    os.replace(part, path)
+    return path
+
+
+def render(content: dict[str, Any], template: str = "report.html.j2", *, scripts: tuple[str, ...] = ()) -> str:
+    """The page; everything in `content` is escaped.
+
+    Args:
+        content: what the template says; scripts have it as `page`, but for `block` and what begins with "_".
+        template: the page's.
+        scripts: that come after those of every page.
+    """
+    templates = Environment(
+        loader=PackageLoader("contactlearn.report.page"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    templates.filters |= {"number": _number, "interval": _interval, "pretty": _pretty}
+
+    def source(name: str) -> str:
+        return templates.loader.get_source(templates, name)[0]
+
+    library = (Path(plotly.__file__).parent / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
+    script = "".join(source(name) for name in (*_SCRIPTS, *scripts))
+    return templates.get_template(template).render(
+        content,
+        style=Markup(source("style.css")),
+        script=Markup(script),
+        hashes=Markup(" ".join(_hash(text) for text in (script, library))),
+        data=Markup(embedded({key: value for key, value in content.items() if key != "block" and key[0] != "_"})),
+        library=compressed(library.encode()),
+        plotly=version("plotly"),
+    )
+
+
+def embedded(content: Any) -> str:
+    """JSON that may stand in a script element."""
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text.translate(str.maketrans(_ESCAPED))
+
+
+def _hash(script: str) -> str:
+    """As a Content-Security-Policy names a script."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+
+
+def _number(x: float | None, digits: int = 4) -> str:
+    if x is None:
+        return "–"
+    return f"{x:.{digits}g}".replace("-", "−") if isinstance(x, float) else str(x)
+
+
+def _interval(x: dict[str, float]) -> str:
+    return f"{x['mean']:.4f} ({x['low']:.4f}–{x['high']:.4f})"
+
+
+def _pretty(x: Any) -> str:
+    return json.dumps(x, indent=2, ensure_ascii=False)

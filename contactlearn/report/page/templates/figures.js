@@ -1,0 +1,263 @@
+// The figures; text that comes from data is escaped, because plotly takes some HTML.
+const plain = text => String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
+const color = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+const get = id => document.getElementById(id);
+const narrow = () => document.documentElement.clientWidth < 640;
+
+function draw(id, traces, {summary, ...layout}) {
+  const div = get(id);
+  const axis = {gridcolor: color("line"), zerolinecolor: color("line"), linecolor: color("muted"), automargin: true};
+  const {xaxis, yaxis, ...rest} = layout;
+  const whole = {
+    paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", margin: {l: 50, r: 15, t: 15, b: 45},
+    font: {color: color("text"), size: narrow() ? 12 : 14, family: getComputedStyle(document.body).fontFamily},
+    legend: {orientation: "h", yref: "container", yanchor: "bottom", y: 0, x: 0, font: {size: 12}, itemsizing: "constant"},
+    hovermode: "closest", hoverlabel: {align: "left", namelength: -1}, dragmode: narrow() ? false : "zoom",
+    modebar: {bgcolor: "rgba(0,0,0,0)", color: color("muted"), activecolor: color("accent")},
+    xaxis: {...axis, ...xaxis}, yaxis: {...axis, ...yaxis}, ...rest, width: div.clientWidth, height: div.clientHeight,
+  };
+  div.setAttribute("aria-label", summary ? `${div.dataset.what}. ${summary}` : div.dataset.what);
+  return Plotly.react(div, traces, whole, {
+    displaylogo: false, showSendToCloud: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
+    toImageButtonOptions: {format: "svg", filename: id},
+  });
+}
+
+// Error over two variables; the selected trial is ringed, trials outside the region are faint.
+function drawMap(state) {
+  const [x, y] = [state.across, state.up].map(k => trials.variables[k]), error = massErrors(state.model);
+  const most = share(massErrors(page.yardstick), 0.97), region = page.regions?.[state.region];
+  const inside = new Set(region?.rows), marked = region ? [region] : page.regions ?? [], name = page.models[state.model].label ?? page.models[state.model].name;
+  const spread = variable => variable.labels.length
+    ? variable.values.map((value, i) => value + 0.5 * (i * 0.618 % 1 - 0.5)) : variable.values;
+  const at = {x: spread(x), y: spread(y)};
+  const axis = variable => ({
+    title: {text: plain(variable.label)}, zeroline: false,
+    ...(variable.labels.length && {tickvals: [-1, 0, 1], ticktext: variable.labels.map(plain)}),
+  });
+  const points = {
+    type: "scatter", mode: "markers", ...at, showlegend: false, hoverinfo: "text",
+    text: error.map((value, i) => `trial ${plain(trials.name[i])}<br>error ${value.toFixed(4)}`),
+    marker: {
+      color: error, cmin: 0, cmax: most, colorscale: "Cividis", size: narrow() ? 6 : 7,
+      opacity: region ? error.map((_, i) => inside.has(i) ? 1 : 0.15) : 0.9,
+      colorbar: {
+        title: {text: "Mass error", side: "top"}, thickness: 12, len: 0.9, outlinewidth: 0, orientation: "h", y: 1.02, yanchor: "bottom",
+      },
+      line: {width: 0.4, color: color("muted")},
+    },
+  };
+  const ring = {
+    type: "scatter", mode: "markers", x: [at.x[state.trial]], y: [at.y[state.trial]], hoverinfo: "skip", showlegend: false,
+    marker: {symbol: "circle-open", size: 17, color: color("red"), line: {width: 3}},
+  };
+  return draw("map", [points, ring], {
+    xaxis: axis(x), yaxis: axis(y), shapes: marked.flatMap(one => [...bands(one, x, "x"), ...bands(one, y, "y")]),
+    uirevision: `${state.across} ${state.up}`,
+    summary: `${plain(y.label)} over ${plain(x.label)} for ${name}: mean error ${average(error).toFixed(4)}, largest ${
+      Math.max(...error).toFixed(2)} of trial ${trials.name[error.indexOf(Math.max(...error))]}.`,
+  });
+}
+
+// The window of a region along an axis of its variable; around a circle it may come in two parts.
+function bands(region, variable, along) {
+  if (region.variable !== variable.name || variable.labels.length) return [];
+  const scale = variable.scale, other = along === "x" ? "y" : "x";
+  const ends = [Math.min(...variable.values), Math.max(...variable.values)];
+  const turns = variable.period ? [-1, 0, 1].map(k => k * variable.period) : [0];
+  return turns.map(turn => [
+    Math.max(ends[0], (region.low ?? -Infinity) * scale + turn), Math.min(ends[1], (region.high ?? Infinity) * scale + turn),
+  ]).filter(([low, high]) => low < high).map(([low, high]) => ({
+    type: "rect", layer: "below", fillcolor: color("yellow"), opacity: 0.22, line: {width: 0},
+    [`${along}0`]: low, [`${along}1`]: high, [`${other}0`]: 0, [`${other}1`]: 1, [`${other}ref`]: "paper",
+  }));
+}
+
+// The body above the floor, its contact point at 0; velocities as arrows of its centre of mass.
+function drawPicture(state) {
+  const i = state.trial, r = [trials.rx[i], trials.ry[i]], theta = trials.theta[i], mm = 1000;
+  const com = [-r[0] * mm, -r[1] * mm], size = Math.hypot(...r) * mm;
+  const velocities = [
+    ["Before", before(i), "muted", "dot"], ["After, measured", measured(i), "text", "solid"],
+    ["After, predicted", predicted(state.model, i), "red", "dash"],
+  ];
+  const longest = Math.max(...velocities.map(([, v]) => Math.hypot(v[0], v[1])));
+  const scale = 1.6 * size / (longest || 1);
+  const traces = [];
+  let ends = [[0, 0], com];
+  if (trials.outline) {
+    const [c, s] = [Math.cos(theta), Math.sin(theta)];
+    const outline = trials.outline[0].map((x, k) => [
+      com[0] + mm * (c * x - s * trials.outline[1][k]), com[1] + mm * (s * x + c * trials.outline[1][k])]);
+    ends = ends.concat(outline);
+    traces.push({
+      type: "scatter", mode: "lines", x: outline.map(p => p[0]), y: outline.map(p => p[1]), fill: "toself",
+      fillcolor: "rgba(128,140,155,0.22)", line: {color: color("muted"), width: 1.5}, name: "Body", hoverinfo: "skip",
+    });
+  }
+  traces.push({
+    type: "scatter", mode: "lines+markers", x: [com[0], 0], y: [com[1], 0], name: "Contact point", hoverinfo: "skip",
+    line: {color: color("muted"), width: 1, dash: "dot"}, marker: {size: [5, 10], color: color("accent")},
+  });
+  for (const [k, [name, v, ink, dash]] of velocities.entries()) {
+    const arrow = [0, 1].map(end => com.map((value, j) => value + scale * v[j] * (k ? end : end - 1)));  // before: comes in
+    ends.push(...arrow);
+    traces.push({
+      type: "scatter", mode: "lines+markers", x: arrow.map(p => p[0]), y: arrow.map(p => p[1]), hoverinfo: "text",
+      name: `${name}, ω = ${digits(v[2])} rad/s`, text: `${name}: v = (${digits(v[0])}, ${digits(v[1])}) m/s`,
+      line: {color: color(ink), width: 2.5, dash},
+      marker: {color: color(ink), symbol: ["circle", "arrow"], size: [0, 14], angleref: "previous", opacity: [0, 1]},
+    });
+  }
+  const [x, y] = [0, 1].map(k => [Math.min(...ends.map(p => p[k])), Math.max(...ends.map(p => p[k]))]);
+  const margin = 0.08 * Math.max(x[1] - x[0], y[1] - y[0]);
+  return draw("picture", traces, {
+    xaxis: {title: {text: "From the contact point (mm)"}, range: [x[0] - margin, x[1] + margin], zeroline: false},
+    yaxis: {scaleanchor: "x", range: [Math.min(0, y[0]) - margin, y[1] + margin], zeroline: true, zerolinecolor: color("text"), zerolinewidth: 3},
+    summary: `Trial ${trials.name[i]} at θ = ${digits(theta * 180 / Math.PI)}°. ` + velocities.map(([name, v]) =>
+      `${name}: v = (${digits(v[0])}, ${digits(v[1])}) m/s, ω = ${digits(v[2])} rad/s`).join(". ") + ".",
+  });
+}
+
+// Impulses of one impact: energy ellipse, admissible part, friction cone, laws, the reach of one, and the measurement.
+function drawImpulse(state) {
+  const i = state.trial, at = contact(i), milli = 1000, {W, v, centre} = at;
+  const ellipse = energyEllipse(at), law = page.fitted[state.law];
+  const admissible = above(above(ellipse, p => p[1]), p => v[1] + W[1] * p[0] + W[2] * p[1]);
+  const line = (points, name, style) => ({
+    type: "scatter", mode: "lines", x: points.map(p => milli * p[0]), y: points.map(p => milli * p[1]), name, hoverinfo: "name", ...style,
+  });
+  const thin = dash => ({line: {color: color("muted"), width: 1.2, dash}});
+  const chord = direction => {  // through the centre, P = centre ± d with dᵀ W d = v_cᵀ M_c v_c
+    const [a, b] = direction, size = W[0] * a * a + 2 * W[1] * a * b + W[2] * b * b;
+    const d = Math.sqrt(Math.max(0, -(v[0] * centre[0] + v[1] * centre[1])) / size);
+    return [-1, 1].map(sign => [centre[0] + sign * d * a, centre[1] + sign * d * b]);
+  };
+  const top = Math.max(...ellipse.map(p => p[1])), cone = [[-law.mu * top, top], [0, 0], [law.mu * top, top]];
+  const given = page.fitted.map((_, k) => [arrays.impulse(k, i, 0), arrays.impulse(k, i, 1)]);
+  const real = wrench(i, minus(measured(i), before(i)));
+  const model = wrench(i, minus(predicted(state.model, i), before(i)));
+  const point = ([x, y], name, marker) => ({
+    type: "scatter", mode: "markers", x: [milli * x], y: [milli * y], name: plain(name), hoverinfo: "text",
+    text: `${plain(name)}: P = (${digits(milli * x)}, ${digits(milli * y)}) mN s`, marker,
+  });
+  const traces = [
+    line(admissible, "Admissible", {fill: "toself", fillcolor: "rgba(128,140,155,0.16)", line: {width: 0}}),
+    line(ellipse, "Energy ellipse", {line: {color: color("muted"), width: 1.5}}),
+    line(reach(state.law, i, Math.hypot(...centre)), `Reach of ${law.label}`, {
+      fill: "toself", fillcolor: law.color, opacity: 0.45, line: {color: law.color, width: 2}}),
+    line(cone, `Friction cone, μ = ${digits(law.mu)}`, {line: {color: law.color, width: 1.5, dash: "dash"}}),
+    line(chord([W[2], -W[1]]), "Maximum compression", thin("dash")),
+    line(chord([W[1], -W[0]]), "Sticking", thin("dashdot")),
+    ...page.fitted.map((one, k) => point(given[k], one.label, {
+      symbol: one.symbol, color: one.color, size: 12, line: {width: 1, color: color("ground")}})),
+    point(model, "Chosen model", {symbol: "circle-open", size: 16, color: color("red"), line: {width: 3}}),
+    point(real, "Measured", {symbol: "x-thin", size: 13, color: color("text"), line: {width: 3, color: color("text")}}),
+  ];
+  const points = [...ellipse, ...given, real, model];
+  const range = k => {
+    const low = Math.min(...points.map(p => milli * p[k])), high = Math.max(...points.map(p => milli * p[k]));
+    return [low - 0.08 * (high - low), high + 0.08 * (high - low)];
+  };
+  return draw("impulse", traces, {
+    xaxis: {title: {text: "Tangential impulse P_t (mN s)"}, range: range(0)},
+    yaxis: {title: {text: "Normal impulse P_n (mN s)"}, range: range(1), scaleanchor: "x"},
+    summary: `Measured P = (${digits(milli * real[0])}, ${digits(milli * real[1])}) mN s; ` + page.fitted.map((one, k) =>
+      `${one.label} (${digits(milli * given[k][0])}, ${digits(milli * given[k][1])})`).join(", ") + ".",
+  });
+}
+
+// The cells of a law's (μ, ε) grid as it maps them, counter-clockwise, a gap between each two.
+function reach(law, i, momentum) {
+  const [, , A, B] = page.arrays.reach.shape, outlines = [];
+  for (let a = 0; a + 1 < A; a++) for (let b = 0; b + 1 < B; b++) {
+    if (arrays.torn(law, i, a, b)) continue;
+    const cell = [[a, b], [a + 1, b], [a + 1, b + 1], [a, b + 1]].map(node =>
+      [0, 1].map(k => momentum * arrays.reach(law, i, ...node, k)));
+    const [p, q, s, t] = cell, area = (s[0] - p[0]) * (t[1] - q[1]) - (s[1] - p[1]) * (t[0] - q[0]);
+    const turned = area < 0 ? cell.reverse() : cell;
+    outlines.push(...turned, turned[0], [null, null]);
+  }
+  return outlines.map(p => p[0] === null ? [NaN, NaN] : p);
+}
+
+// Partial residuals of one effect, and what the ticked model leaves.
+function drawCurve(state, k) {
+  const {curve} = page.effects[k], {component, quantity, x} = curve;
+  const on = state.ticked(page.effects[k].name), wrenches = quantity === "wrench";
+  const milli = wrenches ? 1000 : 1, unit = `${wrenches ? "m" : ""}${curve.unit}`;
+  const explained = trials.name.map((_, i) => milli * arrays.explained(i, k));
+  const left = trials.name.map((_, i) => {
+    const difference = minus(measured(i), predicted(state.model, i));
+    return milli * (wrenches ? wrench(i, difference) : difference)[component];
+  });
+  const without = left.map((value, i) => value + (on ? explained[i] : 0));
+  const [middle, mean] = binned(x, without), [, effect] = binned(x, explained), [, rest] = binned(x, left);
+  const ends = [share(without, 0.01), share(without, 0.99), ...explained, ...rest, 0];
+  const low = Math.min(...ends), high = Math.max(...ends), dots = {type: "scatter", mode: "markers", hoverinfo: "skip"};
+  return draw(`curve-${k}`, [
+    {...dots, x, y: without, name: "Trials without it", marker: {size: 3.5, color: color("muted"), opacity: 0.45}},
+    {...dots, x, y: explained, name: "Effect, by trial", marker: {size: 3, color: color("red"), opacity: 0.55}},
+    {type: "scatter", mode: "lines", x: middle, y: effect, name: "Effect, mean", line: {color: color("red"), width: 2.5, dash: on ? "solid" : "dot"}},
+    {type: "scatter", mode: "markers", x: middle, y: mean, name: "Trials, mean of a twentieth", marker: {size: 8, color: color("text")}},
+    {type: "scatter", mode: "lines+markers", x: middle, y: rest, name: "Left by the ticked model",
+     line: {color: color("accent"), width: 1.5}, marker: {size: 8, symbol: "square-open", color: color("accent"), line: {width: 2}}},
+  ], {
+    xaxis: {title: {text: plain(curve.variable + (curve.variable_unit && ` (${curve.variable_unit})`))}},
+    yaxis: {title: {text: plain(`${curve.letter} not explained (${unit})`)}, range: [low - 0.05 * (high - low), high + 0.05 * (high - low)]},
+    summary: `The effect goes from ${digits(Math.min(...effect))} to ${digits(Math.max(...effect))} ${unit}; the ticked model leaves means from ${
+      digits(Math.min(...rest))} to ${digits(Math.max(...rest))} ${unit}.`,
+  });
+}
+
+// States before impact, and the drops to make next.
+function drawDrops(state) {
+  const {axes, drops} = page.experiment, [x, y] = [axes[state.dropAcross], axes[state.dropUp]];
+  const of = axis => drops.map(drop => drop[axis.name]);
+  return draw("drops", [
+    {type: "scatter", mode: "markers", x: trials[x.column].map(value => x.scale * value), y: trials[y.column].map(value => y.scale * value), name: "Measured", hoverinfo: "skip",
+     marker: {size: 5, color: color("muted"), opacity: 0.5}},
+    {type: "scatter", mode: "markers+text", x: of(x), y: of(y), name: "To make next", text: drops.map((_, k) => `${k + 1}`),
+     textposition: "top center", textfont: {size: 16, color: color("text")}, hoverinfo: "x+y",
+     marker: {size: 13, symbol: "diamond", color: color("red"), line: {width: 1.5, color: color("ground")}}},
+  ], {
+    xaxis: {title: {text: plain(x.label)}}, yaxis: {title: {text: plain(y.label)}},
+    summary: `${drops.length} drops; the table below has their states.`,
+  });
+}
+
+// Mean error of each model against the number of training trials; yardsticks are level lines.
+function drawLearning() {
+  const traces = page.curves.flatMap(({label, color: ink, symbol, dash, sizes, intervals, level}) => {
+    const band = sizes.length > 1 ? [{
+      type: "scatter", mode: "lines", x: [...sizes, ...[...sizes].reverse()], hoverinfo: "skip", showlegend: false,
+      y: [...intervals.map(one => one.high), ...intervals.map(one => one.low).reverse()],
+      fill: "toself", fillcolor: ink, opacity: 0.15, line: {width: 0},
+    }] : [];
+    return [...band, {
+      type: "scatter", mode: level ? "lines" : "lines+markers", x: sizes, y: intervals.map(one => one.mean), name: plain(label),
+      line: {color: visible(ink), dash}, marker: {symbol, size: 8, color: visible(ink)},
+    }];
+  });
+  return draw("curve", traces, {
+    xaxis: {title: {text: "Training trials"}, type: "log", tickvals: page.curves[0].sizes, ticktext: page.curves[0].sizes.map(String)},
+    yaxis: {title: {text: "Mass error"}, rangemode: "tozero"},
+    summary: page.curves.map(one => `${one.label}: ${one.intervals.at(-1).mean} at ${one.sizes.at(-1)}`).join("; ") + ".",
+  });
+}
+
+// Boxes of the error of each model over the trials, whiskers at the 5th and 95th percentile.
+function drawDistributions() {
+  const shown = page.models.map((one, k) => ({...one, errors: massErrors(k)})).reverse();
+  return draw("distributions", shown.map(one => ({
+    type: "box", orientation: "h", y: [plain(one.label)], lowerfence: [share(one.errors, 0.05)], q1: [share(one.errors, 0.25)],
+    median: [share(one.errors, 0.5)], q3: [share(one.errors, 0.75)], upperfence: [share(one.errors, 0.95)], mean: [one.mean],
+    boxmean: true, showlegend: false, hoverinfo: "x", line: {color: visible(one.color), width: 1.5},
+  })), {
+    xaxis: {title: {text: "Mass error"}, rangemode: "tozero"}, yaxis: {showgrid: false, type: "category"},
+    summary: shown.map(one => `${one.label}: median ${share(one.errors, 0.5).toFixed(4)}`).reverse().join("; ") + ".",
+  });
+}
+
+// Black is not seen on black.
+const visible = ink => ink === "#000000" ? color("text") : ink;

@@ -1,0 +1,166 @@
+// What is chosen, and what follows when that changes.
+const state = {
+  model: 0, trial: 0, region: -1, law: 0, across: 0, up: 0, dropAcross: 0, dropUp: 0,
+  ticked: name => {
+    const bit = (page.switches ?? []).findIndex(one => one.name === name);
+    return bit < 0 || Boolean(state.model >> bit & 1);
+  },
+};
+
+const model = () => page.models[state.model];
+const interval = one => `${one.mean.toFixed(4)} (${one.low.toFixed(4)}–${one.high.toFixed(4)})`;
+
+function showModel() {
+  for (const box of document.querySelectorAll("[data-bit]")) box.checked = Boolean(state.model >> box.dataset.bit & 1);
+  const change = 1 - model().mean / page.models[0].mean;
+  for (const output of document.querySelectorAll(".ticked")) {
+    output.textContent = `Error ${interval(model())}` + (state.model ? `, ${Math.abs(100 * change).toFixed(0)} % ${
+      change < 0 ? "above" : "below"} ${page.models[0].name}` : "");
+  }
+  const row = get("ticked-row");
+  if (row) {
+    const most = Number(row.closest("table").dataset.most), width = x => `${100 * x / most}%`, [bar, whisker] = row.querySelector(".scale").children;
+    row.querySelector("th").textContent = model().name;
+    row.querySelector(".value").textContent = interval(model());
+    bar.style.width = width(model().mean);
+    Object.assign(whisker.style, {left: width(model().low), width: width(model().high - model().low)});
+  }
+  page.regions?.forEach((region, k) => {
+    const cells = get("regions").tBodies[0].rows[k], inside = new Set(region.rows), error = massErrors(state.model);
+    cells.querySelector(".there").textContent = average(error.filter((_, i) => inside.has(i))).toFixed(4);
+    cells.querySelector(".elsewhere").textContent = average(error.filter((_, i) => !inside.has(i))).toFixed(4);
+  });
+}
+
+function showTrial() {
+  const i = state.trial, rank = massErrors(state.model).filter(error => error > massErrors(state.model)[i]).length + 1;
+  get("number").value = i + 1;
+  get("name").value = trials.name[i];
+  get("trial-name").textContent = `Trial ${trials.name[i]} of ${trials.object[i]}, θ = ${digits(trials.theta[i] * 180 / Math.PI)}°: error ${
+    massErrors(state.model)[i].toFixed(4)}, number ${rank} of ${trials.count} from the worst`;
+  const impulse = v => wrench(i, minus(v, before(i))).map(value => 1000 * value);
+  const rows = [["Before", before(i), false], ["After, measured", measured(i), true], ["After, predicted", predicted(state.model, i), true]];
+  get("numbers").tBodies[0].replaceChildren(...rows.map(([name, v, after]) => {
+    const row = document.createElement("tr"), head = document.createElement("th");
+    head.textContent = name;
+    head.scope = "row";
+    row.append(head);
+    for (const value of [...v, ...(after ? impulse(v) : [])]) row.insertCell().textContent = digits(value, 4);
+    if (!after) row.insertCell().colSpan = 3;
+    return row;
+  }));
+}
+
+const drawn = {
+  map: () => drawMap(state), picture: () => drawPicture(state), impulse: () => drawImpulse(state),
+  drops: () => drawDrops(state), curve: drawLearning, distributions: drawDistributions,
+};
+page.effects?.forEach((_, k) => { drawn[`curve-${k}`] = () => drawCurve(state, k); });
+
+// Figures are drawn when they are near the window, or all of them for paper.
+const stale = new Set(), near = new Set();
+
+function redraw(...ids) {
+  for (const id of ids) if (get(id)) stale.add(id);
+  for (const id of stale) {
+    if (!near.has(id) && !document.documentElement.classList.contains("paper")) continue;
+    stale.delete(id);
+    drawn[id]();
+    if (id === "map" && !get("map").dataset.clicks) {
+      get("map").dataset.clicks = "yes";
+      get("map").on("plotly_click", event => { if (event.points[0].curveNumber === 0) select(event.points[0].pointIndex); });
+    }
+  }
+}
+
+const watch = new IntersectionObserver(entries => {
+  for (const {target, isIntersecting} of entries) isIntersecting ? near.add(target.id) : near.delete(target.id);
+  redraw();
+}, {rootMargin: "400px"});
+
+const ofModel = () => ["map", "picture", "impulse", ...Object.keys(drawn).filter(id => id.startsWith("curve-"))];
+
+function choose(number) {
+  state.model = number;
+  showModel();
+  showTrial();
+  redraw(...ofModel());
+}
+
+function select(trial) {
+  if (!(trial >= 0 && trial < trials.count)) return;
+  state.trial = trial;
+  showTrial();
+  redraw("map", "picture", "impulse");
+}
+
+// A select for each axis: its options, what it starts at, and the figure that it moves.
+function axes(id, key, labels, start, figure) {
+  const list = get(id);
+  if (!list) return;
+  list.replaceChildren(...labels.map((label, k) => new Option(label, k, k === start, k === start)));
+  state[key] = start;
+  list.addEventListener("change", () => { state[key] = Number(list.value); redraw(figure); });
+}
+
+function listen() {
+  const on = (id, event, act) => get(id)?.addEventListener(event, act);
+  for (const box of document.querySelectorAll("[data-bit]")) {
+    box.addEventListener("change", () => choose(box.checked ? state.model | 1 << box.dataset.bit : state.model & ~(1 << box.dataset.bit)));
+  }
+  on("model", "change", event => choose(Number(event.target.value)));
+  on("region", "change", event => { state.region = Number(event.target.value); redraw("map"); });
+  on("law", "change", event => { state.law = Number(event.target.value); redraw("impulse"); });
+  on("number", "change", event => select(Number(event.target.value) - 1));
+  on("name", "change", event => select(trials.name.indexOf(event.target.value.trim())));
+  on("previous", "click", () => select((state.trial + trials.count - 1) % trials.count));
+  on("next", "click", () => select((state.trial + 1) % trials.count));
+  on("worst", "click", () => select(worst()));
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => redraw(...Object.keys(drawn)));
+  const paper = on => {
+    document.documentElement.classList.toggle("paper", on);
+    redraw(...Object.keys(drawn));
+  };
+  addEventListener("beforeprint", () => paper(true));
+  addEventListener("afterprint", () => paper(false));
+}
+
+const worst = () => massErrors(state.model).indexOf(Math.max(...massErrors(state.model)));
+
+async function start() {
+  get("sections").replaceChildren(...[...document.querySelectorAll("main > section")].map(section => {
+    const link = document.createElement("a"), item = document.createElement("li");
+    link.href = `#${section.id}`;
+    link.textContent = section.querySelector("h2").textContent;
+    item.append(link);
+    return item;
+  }));
+  if (!trials) return;
+  const [library, block] = await Promise.all([unpacked("library"), unpacked("block")]);
+  const script = document.createElement("script");
+  script.textContent = new TextDecoder().decode(library);
+  document.head.append(script);
+  for (const [name, entry] of Object.entries(page.arrays)) arrays[name] = view(block, entry);
+  const labels = trials.variables.map(one => one.label), place = name => trials.variables.findIndex(one => one.name === name);
+  const up = page.regions?.[0]?.variable ?? "theta", pose = ["theta", "theta_folded", "lever_arm", "lever_length"].includes(up);
+  axes("map-x", "across", labels, place(pose ? "incidence" : "theta"), "map");
+  axes("map-y", "up", labels, place(up), "map");
+  if (page.experiment) {
+    const states = page.experiment.axes.map(one => one.label), known = name => page.experiment.axes.findIndex(one => one.name === name);
+    axes("drops-x", "dropAcross", states, known("theta"), "drops");
+    axes("drops-y", "dropUp", states, known("v_x"), "drops");
+  }
+  state.model = page.chosen;
+  state.law = Math.max(0, page.fitted.findIndex(one => one.name === page.law.name));
+  get("law").value = state.law;
+  if (get("model")) get("model").value = state.model;
+  state.trial = worst();
+  showModel();
+  showTrial();
+  listen();
+  const resized = new ResizeObserver(entries => redraw(...entries.map(one => one.target.id)));
+  for (const figure of document.querySelectorAll(".plot")) { watch.observe(figure); resized.observe(figure); }
+  document.documentElement.dataset.ready = "yes";
+}
+
+start();

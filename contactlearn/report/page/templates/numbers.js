@@ -1,0 +1,89 @@
+"use strict";
+// The data of the page, and the mechanics of one impact: as in contactlearn/mechanics.py and metrics.py.
+const page = JSON.parse(document.getElementById("data").textContent);
+const trials = page.trials;
+
+async function unpacked(id) {
+  const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), c => c.charCodeAt(0));
+  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
+}
+
+// An array of the block: at(i, j, …) is one number.
+function view(block, {offset, shape, step}) {
+  const numbers = new DataView(block);
+  return (...index) => {
+    const place = shape.reduce((sum, size, k) => sum * size + index[k], 0);
+    const whole = numbers.getInt16(2 * (offset + place), true);
+    return whole === -32768 ? NaN : whole * step[index.at(-1) % step.length];
+  };
+}
+
+const arrays = {};
+const errors = [];  // of each model that was looked at, by trial
+
+const measured = i => [trials.vx_post[i], trials.vy_post[i], trials.omega_post[i]];
+const before = i => [trials.vx[i], trials.vy[i], trials.omega[i]];
+const predicted = (model, i) => [0, 1, 2].map(k => arrays.v_post(model, i, k));
+const mass = i => [trials.mass[i], trials.mass[i], trials.inertia[i]];
+
+// √(eᵀ M e) / √(vᵀ M v)
+function massErrors(model) {
+  errors[model] ??= trials.name.map((_, i) => {
+    const v = measured(i), u = predicted(model, i), M = mass(i);
+    const norm = x => Math.sqrt(x.reduce((sum, value, k) => sum + M[k] * value * value, 0));
+    return norm(v.map((value, k) => u[k] - value)) / norm(v);
+  });
+  return errors[model];
+}
+
+// The wrench (P_t, P_n, τ) in N s and N m s that changes the velocity by dv.
+function wrench(i, dv) {
+  const [m, , I] = mass(i), P = [m * dv[0], m * dv[1]];
+  return [...P, I * dv[2] - (trials.rx[i] * P[1] - trials.ry[i] * P[0])];
+}
+
+const minus = (a, b) => a.map((value, k) => value - b[k]);
+
+// W (1/kg), v_c (m/s) and the momentum −M_c v_c (N s), which is the centre of the energy ellipse.
+function contact(i) {
+  const [m, , I] = mass(i), x = trials.rx[i], y = trials.ry[i], [vx, vy, omega] = before(i);
+  const W = [1 / m + y * y / I, -x * y / I, 1 / m + x * x / I], v = [vx - y * omega, vy + x * omega];
+  const det = W[0] * W[2] - W[1] * W[1];
+  const centre = [-(W[2] * v[0] - W[1] * v[1]) / det, -(W[0] * v[1] - W[1] * v[0]) / det];
+  return {W, v, centre};
+}
+
+// Impulses (P + M_c v_c)ᵀ W (P + M_c v_c) = v_cᵀ M_c v_c.
+function energyEllipse({W, v, centre}) {
+  const radius = Math.sqrt(Math.max(0, -(centre[0] * v[0] + centre[1] * v[1])));
+  const a = Math.sqrt(W[0]), b = W[1] / a, c = Math.sqrt(W[2] - b * b);  // W = L Lᵀ
+  return Array.from({length: 181}, (_, k) => {
+    const angle = k * Math.PI / 90, y = radius * Math.sin(angle) / c;
+    return [centre[0] + (radius * Math.cos(angle) - b * y) / a, centre[1] + y];
+  });
+}
+
+// The part of a convex polygon where the height is not negative.
+function above(polygon, height) {
+  return polygon.flatMap((p, k) => {
+    const q = polygon[(k + 1) % polygon.length], h = height(p), g = height(q);
+    const cut = h * g < 0 ? [p.map((value, j) => value + h / (h - g) * (q[j] - value))] : [];
+    return h >= 0 ? [p, ...cut] : cut;
+  });
+}
+
+// Means of y over groups of equal number along x.
+function binned(x, y, groups = 20) {
+  const order = [...x.keys()].sort((i, j) => x[i] - x[j]), size = x.length / Math.min(groups, x.length);
+  const middle = [], mean = [];
+  for (let start = 0; Math.round(start) < x.length; start += size) {
+    const part = order.slice(Math.round(start), Math.round(start + size));
+    middle.push(average(part.map(i => x[i])));
+    mean.push(average(part.map(i => y[i])));
+  }
+  return [middle, mean];
+}
+
+const average = values => values.reduce((sum, value) => sum + value, 0) / values.length;
+const share = (values, part) => [...values].sort((a, b) => a - b)[Math.round(part * (values.length - 1))];
+const digits = (x, count = 3) => Number(x.toPrecision(count)).toString().replace("-", "−");

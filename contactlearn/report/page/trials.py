@@ -1,0 +1,113 @@
+"""What a page holds of every trial, and what the laws can do to it."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from contactlearn import laws, mechanics
+from contactlearn.diagnosis.variables import Variable, variables
+from contactlearn.fit import Box
+from contactlearn.impacts import COMPONENTS, Impacts, Prediction
+from contactlearn.laws import Law
+from contactlearn.report.style import law_style
+
+REACH = 0.002
+"""Step of reachable impulses, in units of the momentum of the contact."""
+_NODES, _FINER = (9, 5), 4  # of μ and ε; between two of them, to see where an impulse jumps
+_JUMP = 0.15  # of the momentum, between neighbours of the finer grid
+_SYMBOLS = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle-up", "v": "triangle-down", "P": "cross",
+            "X": "x", "*": "star", "h": "hexagon", "<": "triangle-left"}  # fmt: skip
+_DASHES = {"-": "solid", "--": "dash", "-.": "dashdot"}
+
+
+def of_trials(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
+    """Names, states, outcomes, the body's outline, and the variables in which the map is drawn.
+
+    `prediction` decides which trials are said to stick.
+    """
+    fields = ("mass", "inertia", "r", "q", "v_pre", "v_post")
+    columns = {
+        column: digits(values, 6)
+        for name in fields
+        for column, values in zip(COMPONENTS[name], getattr(impacts, name).reshape(len(impacts), -1).T, strict=True)
+    }
+    v_x, v_y = impacts.v_pre[:, 0], impacts.v_pre[:, 1]
+    plain = [Variable("v_x", "v_x", "m/s", v_x), Variable("v_y", "v_y", "m/s", v_y)]
+    return {
+        "count": len(impacts),
+        "name": list(impacts.trial),
+        "object": list(impacts.object),
+        **columns,
+        "outline": None if impacts.shape is None else digits(impacts.shape.outline(91).T),
+        "variables": [_variable(one) for one in (*variables(impacts, prediction), *plain)],
+    }
+
+
+def of_laws(impacts: Impacts, fitted: Mapping[str, Law]) -> tuple[list[dict[str, Any]], dict[str, Tensor]]:
+    """The laws at their fitted parameters; and arrays: their impulses [L, N, 2] in N s, and what they can reach.
+
+    `reach` [L, N, A, B, 2] is the impulse at nodes of (μ, ε), in units of the momentum ‖M_c v_c‖; between nodes where
+    `torn` [L, N, A − 1, B − 1] is 1 it jumps.
+    """
+    entries = [
+        {"name": name, "mu": digits(float(law.mu), 4), "eps": digits(float(law.eps), 4), **look(name)}
+        for name, law in fitted.items()
+    ]
+    W, v_c = impacts.W, impacts.v_c
+    impulses = torch.stack([law.impulse(W, v_c).detach() for law in fitted.values()])
+    reach, torn = zip(*(_reach(law, W, v_c) for law in fitted.values()), strict=True)
+    return entries, {"impulse": impulses, "reach": torch.stack(reach), "torn": torch.stack(torn)}
+
+
+def _reach(law: Law, W: Tensor, v_c: Tensor) -> tuple[Tensor, Tensor]:
+    """Impulses [N, A, B, 2] at nodes of (μ, ε), and where between them they jump [N, A − 1, B − 1]."""
+    box = Box()
+    u, w = (torch.linspace(0, 1, _FINER * (n - 1) + 1, dtype=W.dtype) for n in _NODES)
+    mu, eps = box.mu[0] + u**2 * (box.mu[1] - box.mu[0]), box.eps[0] + w * (box.eps[1] - box.eps[0])
+    P = laws.impulse(law.name, W, v_c, mu[:, None, None], eps[:, None], variant=law.variant, e_t=law.e_t)
+    momentum = (mechanics.effective_inertia(W) @ v_c[..., None])[..., 0].norm(dim=-1)
+    P = (P / momentum[:, None]).movedim(2, 0)
+    along, across = ((step.norm(dim=-1) > _JUMP) for step in (P.diff(dim=1), P.diff(dim=2)))
+    jumps = along[:, :, 1:] | across[:, 1:]
+    cells = jumps.unflatten(2, (_NODES[1] - 1, _FINER)).unflatten(1, (_NODES[0] - 1, _FINER))
+    return P[:, ::_FINER, ::_FINER], cells.any(4).any(2)
+
+
+def look(name: str) -> dict[str, str]:
+    """How plotly draws a law, bound or learned model."""
+    style = law_style(name)
+    line = style.linestyle
+    dash = _DASHES[line] if isinstance(line, str) else " ".join(f"{part}px" for part in line[1])
+    return {"label": style.label, "color": style.color, "symbol": _SYMBOLS[style.marker], "dash": dash}
+
+
+def digits(x: Any, count: int = 5) -> Any:
+    """Numbers rounded to significant digits, as JSON holds them: what is not finite is None."""
+    if isinstance(x, Tensor):
+        x = x.tolist()
+    if isinstance(x, Mapping):
+        return {key: digits(value, count) for key, value in x.items()}
+    if isinstance(x, Sequence) and not isinstance(x, str):
+        return [digits(value, count) for value in x]
+    if isinstance(x, float):
+        return float(f"{x:.{count}g}") if abs(x) < float("inf") else None
+    return x
+
+
+def _variable(one: Variable) -> dict[str, Any]:
+    values = one.values
+    if one.period:
+        values = values.remainder(one.period)
+        values = torch.where((one.period > 6.2) & (values > one.period / 2), values - one.period, values)
+    unit = "" if one.unit == "–" else one.unit
+    modulo = f" modulo {one.period * one.scale:g}°" if one.period and one.period < 6.2 else ""
+    return {
+        "name": one.name,
+        "label": f"{one.letter}{modulo}" + (f" ({unit})" if unit else ""),
+        "period": one.period and digits(one.period * one.scale),
+        "scale": one.scale,
+        "labels": list(one.labels),
+        "values": digits(one.scale * values, 4),
+    }

@@ -1,0 +1,99 @@
+"""What may be missing, what is refused, and the user's own effects on the command line."""
+
+import json
+import shlex
+from dataclasses import dataclass, replace
+
+import pytest
+import torch
+from test_commands import run
+
+from contactlearn.data import synthetic, table
+from contactlearn.diagnosis.candidates import all_candidates, usable
+from contactlearn.effects import Effect, catalogue, parameter
+from contactlearn.effects.formula import formula
+from contactlearn.errors import ContactLearnError
+from contactlearn.fit_effects import assemble
+
+
+@dataclass(frozen=True, eq=False)
+class Oracle(Effect):
+    """Restitution that follows what was measured afterwards."""
+
+    formula = "ε ← ε + c (v_y⁺ of the trial − mean)"
+    trials: int  # without a default it is not in the catalogue
+    c: torch.Tensor | float = parameter("c", "s/m", -1.0, 1.0)
+    seen: torch.Tensor | None = None
+
+    def prepare(self, impacts):
+        return replace(self, seen=impacts.v_post[:, 1] - impacts.v_post[:, 1].mean())
+
+    def law(self, state, mu, eps):
+        return mu, eps + self.c * self.seen
+
+
+def test_the_whole_catalogue_is_usable():
+    drops = synthetic.load(size=200)
+    assert usable(all_candidates(), drops).keys() == all_candidates().keys()
+    assert {name.partition(":")[0] for name in all_candidates()} == catalogue().keys()
+
+
+def test_without_a_shape_what_needs_one_is_left_out():
+    drops = synthetic.load(size=200).replace(shape=None)
+    missing = all_candidates().keys() - usable(all_candidates(), drops).keys()
+    assert missing == {name for name, effect in all_candidates().items() if effect.needs_shape}
+    assert missing
+
+
+def test_an_effect_that_sees_the_outcomes_is_refused():
+    with pytest.raises(ContactLearnError, match="candidate oracle changes its predictions with the measured v_post"):
+        usable({"oracle": Oracle(100)}, synthetic.load(size=100))
+
+
+def test_a_parameter_for_every_few_trials_is_refused():
+    terms = {f"c{k}": [-1, 1] for k in range(8)}
+    many = formula(terms, tau=" + ".join(f"{c}*Pn*rx*sin({k}*order)" for k, c in enumerate(terms)))
+    few = formula({"c": [-1, 1]}, tau="c*rx*Pn")
+    drops = synthetic.load(size=60)
+    assert usable({"many": many, "few": few}, drops).keys() == {"few"}
+    with pytest.raises(ContactLearnError, match="of up to 8 parameters, for 60 trials"):
+        usable({"many": many}, drops)
+
+
+def test_ones_own_candidate_is_found_from_the_command_line(tmp_path):
+    """The printed command takes it into the model, and the held-out error falls."""
+    drops = synthetic.load(size=250, velocity_noise=0, spin_noise=0)
+    mine = formula({"c": [-0.02, 0.02]}, tau="c*Pn*sin(3*theta)")
+    model = assemble("wang_mason", "textbook", {"mine": mine}, torch.tensor((0.12, 0.55, 0.004), dtype=torch.float64))
+    noise = torch.randn(250, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    v_post = model.predict(drops).v_post + noise * torch.tensor((0.01, 0.01, 0.5))
+    table.save(drops.replace(v_post=v_post), tmp_path / "drops.csv")
+    words = [
+        "data=table",
+        f"data.path={tmp_path / 'drops.csv'}",
+        "data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}",
+    ]
+    own = ['+candidate.mine.tau="c*Pn*sin(3*theta)"', "+candidate.mine.parameters.c=[-0.02,0.02]"]
+    run("diagnose.py", *words, *own, "law=wang_mason", f"hydra.run.dir={tmp_path / 'found'}")
+    found = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
+    assert [missing["name"] for missing in found["missing_effects"]] == ["mine"]
+    command = shlex.split(found["command"])
+    assert '+effect.mine.tau="c*Pn*sin(3*theta)"' in command
+    run(
+        *command[1:],
+        "train.repetitions=2",
+        "figures.repetitions=2",
+        "bootstrap=50",
+        f"hydra.run.dir={tmp_path / 'used'}",
+    )
+    errors = json.loads((tmp_path / "used" / "results.json").read_text())["errors"]
+    assert errors["wang_mason + mine"]["mass_error"]["high"] < errors["wang_mason"]["mass_error"]["low"]
+    value = found["missing_effects"][0]["parameters"]["c"]
+    assert value["value"] == pytest.approx(0.004, abs=4 * value["standard_error"])
+
+
+def test_a_candidate_with_the_name_of_another_effect_is_refused():
+    said = run(
+        "diagnose.py", "+candidate.surface_tilt.tau=c*Pn", "+candidate.surface_tilt.parameters.c=[0,1]", status=2
+    )
+    assert "candidate.surface_tilt has the name of another effect" in said

@@ -1,0 +1,430 @@
+"""Figures of a diagnosis: they show its numbers, say their units, and no finding or name breaks them."""
+
+import itertools
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from corruptions import corrupt
+from matplotlib.text import Text
+from test_diagnosis import few
+from test_figures import HOSTILE, assert_fits, visible_axes
+
+from contactlearn.data import mystery
+from contactlearn.data.corrections import CORRECTIONS, correct, gross_outliers, kinetic_energy, torque
+from contactlearn.diagnosis.audit import Finding, audit
+from contactlearn.diagnosis.diagnosis import Diagnosis, diagnose
+from contactlearn.diagnosis.frame import balance, contradictions
+from contactlearn.diagnosis.regions import Region
+from contactlearn.diagnosis.remainder import COMPONENTS, Component
+from contactlearn.diagnosis.variables import variables
+from contactlearn.impacts import Impacts
+from contactlearn.metrics import Interval, mass_error
+from contactlearn.report import style as st
+from contactlearn.report.audit_figures import audit_figure
+from contactlearn.report.diagnosis_figures import drawn, ladder, regions_figure, remainder_figure
+from contactlearn.shapes import contact_point
+
+UNIT = re.compile(r"\((\$10\^\{-?\d+\}\$ )?(mN m s|mN s|mm|m/s|rad/s|rad|°|kg|m|s|–|count)\)")
+TRIALS = 150
+
+
+@pytest.fixture(scope="module")
+def drops() -> Impacts:
+    return mystery.draw(700, effects=[], size=TRIALS)[0]
+
+
+@pytest.fixture(scope="module")
+def found() -> Diagnosis:
+    impacts, truth = mystery.draw(3, effects=["spin_damping"], size=250)
+    return diagnose(impacts, truth["law"], candidates=few("spin_damping", "adhesion"))
+
+
+def again(drops: Impacts) -> Impacts:
+    """With three rows once more."""
+    rows = torch.cat((torch.arange(TRIALS), torch.tensor((3, 9, 77))))
+    names = tuple(f"{drops.trial[row]} {k}" for k, row in enumerate(rows.tolist()))
+    return Impacts(**{name: getattr(drops, name)[rows] for name in ("mass", "inertia", "r", "q", "v_pre", "v_post")},
+                   trial=names, shape=drops.shape)  # fmt: skip
+
+
+def wild(drops: Impacts, name: str = "wild") -> Impacts:
+    """One trial for each reason to call it a gross outlier."""
+    v_pre, v_post, mass, trial = drops.v_pre.clone(), drops.v_post.clone(), drops.mass.clone(), list(drops.trial)
+    v_post[3] *= 5
+    v_pre[120, 1] *= -1
+    mass[60] *= 5
+    trial[3] = name
+    return drops.replace(v_pre=v_pre, v_post=v_post, mass=mass, trial=tuple(trial), suspect=True)
+
+
+def driven(drops: Impacts) -> Impacts:
+    """Every third trial leaves with 1.4 times the energy that it came with, by a sounder bounce."""
+    before, after = kinetic_energy(drops)
+    faster = (1.4 * before / after).sqrt()[:, None]
+    chosen = (torch.arange(TRIALS) % 3 == 0)[:, None]
+    v_post = torch.where(chosen, faster * drops.v_post, drops.v_post)
+    spin = torque(drops.replace(v_post=v_post))
+    v_post[:, 2] = drops.v_pre[:, 2] + spin.normal + spin.tangential  # the moments balance still
+    return drops.replace(v_post=v_post)
+
+
+def shuffled(drops: Impacts) -> Impacts:
+    order = torch.randperm(TRIALS, generator=torch.Generator().manual_seed(0))
+    return drops.replace(v_post=drops.v_post[order] * torch.tensor((1.0, -1.0, 3.0)), suspect=True)
+
+
+def out_of_order(drops: Impacts) -> Impacts:
+    time = 60.0 * torch.arange(TRIALS)
+    time[50:70] = time[50:70].flip(0)
+    return drops.replace(time=time)
+
+
+SPOILT = {
+    "mirrored_x": lambda d: corrupt(d, "mirrored_x"),
+    "swapped_axes": lambda d: corrupt(d, "swapped_axes"),
+    "swapped_pre_post": lambda d: corrupt(d.replace(q_post=d.q), "swapped_pre_post"),
+    "degrees": lambda d: corrupt(d, "degrees"),
+    "millimetres": lambda d: corrupt(d, "millimetres"),
+    "inertia_scaled": lambda d: d.replace(inertia=1e7 * d.inertia),
+    "duplicated_trials": again,
+    "gross_outliers": wild,
+    "energy_gained": driven,
+    "contact_point_off_shape": lambda d: d.replace(q=d.q + torch.tensor((0, 0, 0.5)), suspect=True),
+    "out_of_order": out_of_order,
+    "impossible": shuffled,
+}  # fmt: skip
+"""Data with each kind of finding, by its name."""
+
+
+def assert_sound(figure) -> None:
+    """It fits its paper, has units wherever it has numbers, and one size of text."""
+    assert_fits(figure)
+    assert figure.get_figwidth() in (st.COLUMN, st.PAGE)
+    for axes, name in itertools.product(visible_axes(figure), "xy"):
+        numbers = any(re.search(r"^−?\d", tick.get_text()) for tick in getattr(axes, f"get_{name}ticklabels")())
+        siblings = getattr(axes, f"get_shared_{name}_axes")().get_siblings(axes)
+        labels = [getattr(other, f"get_{name}label")() for other in siblings]
+        assert not numbers or any(UNIT.search(label) for label in labels), (name, labels)
+    assert {text.get_fontsize() for text in figure.findobj(Text) if text.get_text().strip()} == {st.FONT_SIZE}
+
+
+def line(axes, label: str) -> np.ndarray:
+    """Points [n, 2] of what a panel's legend calls `label`."""
+    (one,) = (one for one in axes.lines if one.get_label() == label)
+    return np.stack(one.get_data(), -1)
+
+
+# --- The audit ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_every_finding_has_a_figure(name, drops, tmp_path):
+    spoilt = SPOILT[name](drops)
+    findings = audit(spoilt)
+    assert name in [finding.name for finding in findings]
+    figures = drawn(Diagnosis("bad_data", "best", {}, findings), spoilt)
+    assert list(figures) == [f"audit_{finding.name}" for finding in findings]
+    for figure in figures.values():
+        assert_sound(figure)
+    figure = figures[f"audit_{name}"]
+    (sentence,) = (finding.sentence for finding in findings if finding.name == name)
+    assert " ".join(figure.get_suptitle().split()) == sentence
+    png, pdf = st.save(figure, tmp_path, name)
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert pdf.read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.parametrize("name", ["mirrored_x", "degrees", "inertia_scaled"])
+def test_the_moment_balance_is_shown_without_and_with_the_correction(name, drops):
+    spoilt = SPOILT[name](drops)
+    mended = correct(spoilt, [name])
+    (finding,) = audit(spoilt)
+    *panels, answers = audit_figure(finding, spoilt, mended).axes
+    for axes, impacts, said in zip(panels, (spoilt, mended), ("Without", "With"), strict=True):
+        title, *slopes = axes.get_title().replace("−", "-").splitlines()
+        assert title == f"{said} {name}"
+        fit = balance(impacts)
+        for text, value, error in zip(slopes, (fit.a, fit.b), (fit.a_error, fit.b_error), strict=True):
+            if error == math.inf:
+                assert text.endswith("is open")
+            else:
+                assert float(text.split()[2]) == pytest.approx(value, rel=0.01)
+        power = re.search(r"10\^\{(-?\d+)\}", axes.get_xlabel())
+        unit = 1e-3 * 10.0 ** (int(power[1]) if power else 0)
+        terms = torque(impacts)
+        made, spin = (unit * line(axes, "Trial")).T
+        assert made == pytest.approx((impacts.inertia * (terms.normal + terms.tangential)).numpy(), rel=1e-9)
+        assert spin == pytest.approx((impacts.inertia * terms.spin).numpy(), rel=1e-9)
+        balanced = next(one for one in axes.lines if one.get_label() == "Slope 1: balanced")
+        assert balanced.get_slope() == 1
+        assert axes.get_xlim() == axes.get_ylim() == (-axes.get_xlim()[1], axes.get_xlim()[1])
+    for impacts, said in ((spoilt, "Without"), (mended, "With")):
+        means = [answer.mean().item() for answer in contradictions(impacts).values()]
+        assert line(answers, f"{said} {name}")[:, 0] == pytest.approx(means)
+    assert len(answers.get_yticklabels()) == len(means)
+
+
+def test_each_of_two_corrections_is_shown_after_the_one_before_it(drops):
+    spoilt = corrupt(drops, "mirrored_x", "grams")
+    findings = audit(spoilt)
+    first, second = drawn(Diagnosis("bad_data", "best", {}, findings), spoilt).values()
+    assert [finding.correction for finding in findings] == ["mirrored_x", "grams"]
+    half = correct(spoilt, ["mirrored_x"])
+    shown = line(first.axes[1], "Trial"), line(second.axes[0], "Trial"), line(second.axes[1], "Trial")
+    assert (shown[0] == shown[1]).all()
+    assert (shown[1][:, 1] == (1e3 * half.inertia * torque(half).spin).numpy()).all()
+    assert abs(shown[2][:, 0] - shown[2][:, 1]).max() < 0.2
+
+
+def test_gross_outliers_are_marked_and_named(drops):
+    spoilt = wild(drops)
+    (finding,) = audit(spoilt)
+    figure = audit_figure(finding, spoilt, correct(spoilt, ["drop_outliers"]))
+    reasons = {name: bad for name, bad in gross_outliers(spoilt).items() if bad.any()}
+    assert set(reasons) == {"moment", "energy", "approach", "mass"}
+    for axes, bad in zip(figure.axes, reasons.values(), strict=True):
+        assert line(axes, "Gross outlier")[:, 0].tolist() == (bad.nonzero()[:, 0] + 1).tolist()
+        assert len(line(axes, "Trial")) == TRIALS - int(bad.sum())
+        named = {text.get_text() for text in axes.texts}
+        assert named
+        assert named <= {spoilt.trial[row] for row in bad.nonzero()[:, 0].tolist()}
+    moment, energy, approach, mass = figure.axes
+    assert "wild" in {text.get_text() for text in moment.texts}
+    before, after = kinetic_energy(spoilt)
+    assert line(energy, "Gross outlier")[0, 1] == pytest.approx((after / before)[3].item())
+    assert line(approach, "Gross outlier")[:, 1] > 0
+    assert line(mass, "Gross outlier").tolist() == [[61, 5]]
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_trial_names_are_shown_as_they_are(name, drops):
+    spoilt = wild(drops, name)
+    (finding,) = audit(spoilt)
+    figure = audit_figure(finding, spoilt, spoilt)
+    assert_sound(figure)
+    shown = figure.axes[0].texts[0].get_text().replace(r"\$", "$").strip()
+    assert shown[:10] == " ".join(name.split())[:10].replace("字", "?")
+
+
+def test_names_of_neighbours_do_not_lie_on_each_other(drops):
+    v_post = drops.v_post.clone()
+    v_post[10:24] *= 6
+    v_post[138:150] *= 6
+    spoilt = drops.replace(v_post=v_post, trial=tuple(f"long name {k}" for k in range(TRIALS)))
+    (finding,) = (finding for finding in audit(spoilt) if finding.name == "gross_outliers")
+    figure = audit_figure(finding, spoilt, spoilt)
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        boxes = [text.get_window_extent() for text in axes.texts]
+        assert boxes
+        assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+        assert all(box.x0 >= 0 and box.x1 <= figure.bbox.x1 for box in boxes)
+
+
+def test_energies_repeats_times_and_shapes_are_those_of_the_data(drops):
+    shown = {name: drawn(Diagnosis("bad_data", "best", {}, audit(SPOILT[name](drops))), SPOILT[name](drops))
+             for name in ("energy_gained", "duplicated_trials", "out_of_order", "contact_point_off_shape")}  # fmt: skip
+    axes = shown["energy_gained"]["audit_energy_gained"].axes[0]
+    assert [one.get_xdata()[0] for one in axes.lines] == [1, 1.25]
+    spoilt = driven(drops)
+    good = ~torch.stack([*gross_outliers(spoilt).values()]).any(0)
+    assert sum(bar.get_height() for bar in axes.patches) == good.sum()
+
+    axes = shown["duplicated_trials"]["audit_duplicated_trials"].axes[0]
+    assert line(axes, "Repeated trial").tolist() == [[TRIALS + 1, 4], [TRIALS + 2, 10], [TRIALS + 3, 78]]
+
+    axes = shown["out_of_order"]["audit_out_of_order"].axes[0]
+    assert line(axes, "Before the last one")[:, 0].tolist() == list(range(52, 71))
+    assert len(line(axes, "Trial")) == TRIALS - 19
+
+    spoilt = SPOILT["contact_point_off_shape"](drops)
+    expected = contact_point(spoilt.shape, spoilt.q[:, 2])
+    for k, axes in enumerate(shown["contact_point_off_shape"]["audit_contact_point_off_shape"].axes):
+        assert line(axes, "Trial") == pytest.approx(1e3 * np.stack((expected[:, k], spoilt.r[:, k]), -1))
+
+
+def test_a_finding_without_correction_shows_the_data_as_read(drops):
+    (finding,) = audit(shuffled(drops))
+    assert finding.fatal
+    best = replace(finding, evidence={**finding.evidence, "best": "mirrored_x"})
+    found = Diagnosis("bad_data", "best", {}, (best,))
+    *panels, _ = drawn(found, shuffled(drops))["audit_impossible"].axes
+    assert [axes.get_title().splitlines()[0] for axes in panels] == ["As read", "Under the best hypothesis"]
+    best = replace(finding, evidence={**finding.evidence, "best": "as they are"})
+    panels = drawn(replace(found, findings=(best,)), shuffled(drops))["audit_impossible"].axes
+    assert len(panels) == 2
+
+
+def test_every_correction_of_a_frame_can_be_drawn(drops):
+    """Whatever finding names it."""
+    for name in CORRECTIONS:
+        if name not in ("drop_duplicates", "drop_outliers", "ordered_by_time", "swapped_pre_post"):
+            spoilt = drops.replace(suspect=True)
+            assert_sound(audit_figure(Finding(name, "a sentence", {}, name), spoilt, correct(spoilt, [name])))
+
+
+# --- Regions ------------------------------------------------------------------------------------
+
+
+def with_regions(found: Diagnosis, *limits: tuple[str, float, float]) -> Diagnosis:
+    known = {v.name: v for v in variables(found.impacts, found.base.predict(found.impacts))}
+    regions = (Region(name, low, high, known[name].said(low, high), 2.3, (1.5, 3), 3e-8, torch.ones(250) > 0)
+               for name, low, high in limits)  # fmt: skip
+    return replace(found, regions=tuple(regions))
+
+
+def shaded(axes) -> tuple[float, float]:
+    (span,) = (patch for patch in axes.patches if patch.get_label() == "Region")
+    return span.get_x(), span.get_x() + span.get_width()
+
+
+DEGREE = math.pi / 180
+LIMITS = {
+    "inside": ("spin", -3.0, 2.5, (-3, 2.5), "ω (rad/s)"),
+    "degrees": ("incidence", 10 * DEGREE, 30 * DEGREE, (10, 30), "incidence (°)"),
+    "folded": ("theta_folded", -20 * DEGREE, 18 * DEGREE, (160, 198), "θ (°)"),
+    "around": ("theta", 170 * DEGREE, 210 * DEGREE, (-190, -150), "θ (°)"),
+    "mode": ("mode", -0.5, 0.5, (-0.5, 0.5), ""),
+    "direction": ("direction", 0.5, math.inf, (0.5, 1.5), ""),
+}
+
+
+@pytest.mark.parametrize("case", LIMITS)
+def test_the_shaded_span_is_the_region(case, found):
+    name, low, high, wanted, label = LIMITS[case]
+    (axes,) = regions_figure(with_regions(found, (name, low, high))).axes
+    assert shaded(axes) == pytest.approx(wanted)
+    assert axes.get_xlabel() == label
+    assert axes.get_ylabel() == "Mass-weighted velocity error (–)"
+    assert axes.get_xlim()[0] <= wanted[0] < wanted[1] <= axes.get_xlim()[1]
+    if "θ" in label:
+        assert sum(axes.get_xlim()) / 2 == pytest.approx(sum(wanted) / 2)
+
+
+def test_open_regions_reach_the_end_of_the_axis(found):
+    left, right = regions_figure(with_regions(found, ("location", -math.inf, 0.3), ("spin_rate", 4, math.inf))).axes
+    assert shaded(left) == pytest.approx((left.get_xlim()[0], 0.3))
+    assert shaded(right) == pytest.approx((4, right.get_xlim()[1]))
+
+
+def test_errors_of_law_and_model_are_those_of_all_trials(found):
+    (axes,) = regions_figure(with_regions(found, ("spin", -3, 2.5))).axes
+    impacts = found.impacts
+    before, after = (mass_error(impacts, model.predict(impacts)) for model in (found.base, found.model))
+    points = line(axes, "Trial, law")
+    assert len(points) == 250
+    assert (points[:, 0] == impacts.v_pre[:, 2].numpy()).all()
+    assert (points[:, 1] == before.numpy()).all()
+    order = impacts.v_pre[:, 2].argsort()
+    for label, errors in (("Law", before), ("With effects", after)):
+        middle = line(axes, f"{label}, running median")[-1]
+        last = order[-20:]
+        assert middle == pytest.approx((np.median(impacts.v_pre[last, 2]), np.median(errors[last])))
+    title = axes.get_title().splitlines()
+    assert title == ["-3 ≤ ω < 2.5 rad/s", "error 2.3 times the rest, 250 trials, p = 3e-8"]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_up_to_five_regions_have_a_panel_each(count, found):
+    limits = [limits[:3] for limits in LIMITS.values()][:count]
+    figure = regions_figure(with_regions(found, *limits))
+    assert len(visible_axes(figure)) == count
+    assert_sound(figure)
+
+
+def test_without_effects_there_is_one_median(found):
+    alone = replace(with_regions(found, ("mode", -0.5, 0.5), ("spin", -3, 2)), missing=())
+    figure = regions_figure(alone)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "Region",
+        "Trial, law",
+        "Law, running median",
+    ]
+
+
+# --- What remains -------------------------------------------------------------------------------
+
+
+def with_remainder(found: Diagnosis, components: tuple[str, ...], variables: dict[str, float]) -> Diagnosis:
+    tested = tuple(Component(name, 0.1 + 0.2 * k, 0.03, 0.1) for k, name in enumerate(COMPONENTS))
+    share = Interval(0.3, 0.2, 0.4) if components else Interval(0.0, -0.1, 0.1)
+    left = replace(found.remainder, components=components, variables=variables, tested=tested, share=share)
+    return replace(found, remainder=left)
+
+
+@pytest.mark.parametrize(
+    ("components", "variables"),
+    [(("n",), {"vx": 0.9}), (("tau", "t"), {"theta": 0.6, "omega": 0.3, "x": 0.1}), (COMPONENTS, {"m": 1.0}), ((), {})],
+    ids=["one", "two by two", "three", "nothing"],
+)
+def test_what_remains_is_the_measured_wrench_without_the_models(components, variables, found):
+    figure = remainder_figure(with_remainder(found, components, variables))
+    assert_sound(figure)
+    columns, rows = min(2, len(variables)) or 1, len(components) or 1
+    assert len(figure.axes) == columns * rows
+    left = 1e3 * (found.impacts.wrench - found.model.predict(found.impacts).wrench)
+    for axes, name in zip(figure.axes[::columns], components or ("tau",), strict=True):
+        k = COMPONENTS.index(name)
+        label = ("Left of P_t (mN s)", "Left of P_n (mN s)", "Left of τ (mN m s)")[k]
+        assert axes.get_ylabel() == label
+        assert f"R² = {0.1 + 0.2 * k:.2f} ± 0.03" in axes.get_title(loc="left")
+        shown = line(axes, "Trial")[:, 1]
+        assert set(shown) <= set(left[:, k].tolist())
+        assert 0.97 * 250 <= len(shown) <= 0.99 * 250
+        bars = next(one for one in axes.containers if "Mean of" in one.get_label())
+        y = bars.lines[0].get_ydata()
+        assert len(y) == 20
+        assert y.mean() == pytest.approx(shown.mean(), abs=0.1 * shown.std())
+    said = " ".join(figure.get_suptitle().split())
+    assert said == (
+        "Gaussian processes take 30% (20% to 40%) more off the error"
+        if components
+        else "Nothing remains that Gaussian processes could predict"
+    )
+
+
+def test_means_and_standard_errors_are_those_of_the_trials_in_a_group(found):
+    (axes,) = remainder_figure(with_remainder(found, ("n",), {"vx": 1.0})).axes
+    assert axes.get_xlabel() == "v_x (m/s), 100% of what they predict"
+    points = line(axes, "Trial")
+    points = points[points[:, 0].argsort(kind="stable")]
+    groups = np.array_split(points, 20)
+    bars = next(one for one in axes.containers if "Mean of" in one.get_label())
+    assert np.stack(bars.lines[0].get_data(), -1) == pytest.approx(np.stack([group.mean(0) for group in groups]))
+    heights = [np.ptp(segment[:, 1]) / 2 for segment in bars.lines[2][0].get_segments()]
+    wanted = [group[:, 1].std() / math.sqrt(len(points) / 20) for group in groups]
+    assert heights == pytest.approx(wanted)
+
+
+def test_orientation_is_shown_in_one_turn(found):
+    turned = found.impacts.replace(q=found.impacts.q + torch.tensor((0, 0, 14 * math.pi), dtype=torch.float64))
+    (axes,) = remainder_figure(with_remainder(replace(found, impacts=turned), ("tau",), {"theta": 1.0})).axes
+    assert abs(line(axes, "Trial")[:, 0]).max() <= math.pi
+
+
+# --- All of them --------------------------------------------------------------------------------
+
+
+def test_a_diagnosis_is_drawn_by_name(found):
+    figures = drawn(with_regions(found, ("spin", -3, 2)), found.impacts)
+    effects = [f"effect_{missing.name.replace(':', '_')}" for missing in found.missing]
+    assert found.effects == ["spin_damping"]
+    assert list(figures) == ["regions", "remainder", *effects, "ladder"]
+    for name in ("regions", "remainder", "ladder"):
+        assert_sound(figures[name])
+    assert "regions" not in drawn(replace(found, regions=()), found.impacts)
+
+
+def test_the_ladder_shows_errors_intervals_and_the_bound(found):
+    (axes,) = ladder(found).axes
+    assert [bar.get_width() for bar in axes.patches] == [interval.mean for _, interval in found.ladder]
+    *intervals, bound = axes.lines
+    assert [tuple(one.get_xdata()) for one in intervals] == [(i.low, i.high) for _, i in found.ladder]
+    assert bound.get_xdata()[0] == found.budget["bound"]["mean"]
+    assert axes.get_xlim()[0] == 0
+    hostile = replace(found, ladder=tuple((name, found.ladder[0][1]) for name in HOSTILE))
+    assert_sound(ladder(hostile))

@@ -1,0 +1,306 @@
+"""TensorBoard: what runs leave for it, read back through TensorBoard's own readers and plugins."""
+
+import html
+import json
+import re
+import warnings
+
+import pytest
+import torch
+from tensorboard.backend.event_processing.data_provider import MultiplexerDataProvider
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.backend.event_processing.plugin_event_multiplexer import EventMultiplexer
+from tensorboard.context import RequestContext
+from tensorboard.plugins.base_plugin import TBContext
+from tensorboard.plugins.custom_scalar.layout_pb2 import Layout
+from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
+from test_commands import SMALL, TRAIN, run
+
+from contactlearn import laws
+from contactlearn.data import mystery, table
+from contactlearn.effects import catalogue
+from contactlearn.metrics import Interval
+from contactlearn.tracking import Tracker, ends
+
+with warnings.catch_warnings():  # the copy of html5lib in TensorBoard warns of itself
+    warnings.simplefilter("ignore", DeprecationWarning)
+    from tensorboard.plugin_util import markdown_to_safe_html
+    from tensorboard.plugins.custom_scalar.custom_scalars_plugin import CustomScalarsPlugin
+
+HOSTILE = "a|b <img src=x onerror=alert(1)> *c* [d](javascript:e) `f`\n# g &amp; h_i_j ~~k~~ \\| {{l}}"
+HELD_OUT = "Held-out mass error against the number of training impacts"
+COMMANDS = {
+    "train": ("train.py", *TRAIN, "effect=[surface_tilt]"),
+    "learned": ("train.py", *TRAIN, "model=x1_wrench"),
+    "evaluate": ("evaluate.py", *SMALL[:5], "model=[x1_wrench]", "curves.sizes=[10,20]", "curves.seeds=2",
+                 "workers=1"),
+    "evaluate_with": ("evaluate.py", *SMALL, "effect=[side_drag]", "laws=[whittaker]"),
+    "transfer": ("evaluate.py", "experiment=transfer", "model=[x1_wrench]", "data.size=60", "train.size=30",
+                 "transfer.sizes=[4,8]", "transfer.seeds=2", "bootstrap=50", "~transfer.bodies.rod", "workers=1"),
+    "diagnose": ("diagnose.py", "data=mystery", "data.seed=11", "data.size=150", "law=wang_mason"),
+}  # fmt: skip
+
+
+def read(folder):
+    """The events of a run, which are all in one file."""
+    assert len(list(folder.rglob("events.*"))) == 1
+    return EventAccumulator(str(folder)).Reload()
+
+
+def hparams(events, part):
+    """One of the three messages to the hparams plugin."""
+    tag = f"_hparams_/{part}"
+    return getattr(HParamsPluginData.FromString(events.SummaryMetadata(tag).plugin_data.content), part)
+
+
+def values(events):
+    """Hyperparameters as Python values, by name."""
+    return {name: getattr(x, x.WhichOneof("kind")) for name, x in hparams(events, "session_start_info").hparams.items()}
+
+
+def layout(events):
+    """{category: {title: chart}} of one run."""
+    (event,) = events.Tensors("custom_scalars__config__")
+    found = Layout.FromString(event.tensor_proto.string_val[0])
+    return {category.title: {chart.title: chart for chart in category.chart} for category in found.category}
+
+
+def merged(folder):
+    """{category: [titles]} as the custom scalars tab gets them from all runs below a folder."""
+    multiplexer = EventMultiplexer().AddRunsFromDirectory(str(folder)).Reload()
+    provider = MultiplexerDataProvider(multiplexer, str(folder))
+    found = CustomScalarsPlugin(TBContext(data_provider=provider)).layout_impl(RequestContext(), "")
+    return {part["title"]: [chart["title"] for chart in part["chart"]] for part in json.loads(found)["category"]}
+
+
+def card(events):
+    """Rows of the card as TensorBoard shows them, each a list of cells without markup."""
+    (event,) = events.Tensors("run_card/text_summary")
+    shown = markdown_to_safe_html(event.tensor_proto.string_val[0].decode())
+    rows = [
+        re.findall(r"<t[hd]>(.*?)</t[hd]>", row, re.DOTALL) for row in re.findall(r"<tr>(.*?)</tr>", shown, re.DOTALL)
+    ]
+    assert not re.search(r"<(?!/?(table|thead|tbody|tr|th|td|p)>)", shown)
+    return [[html.unescape(cell) for cell in row] for row in rows]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """A folder with one small run of each kind, and their events by name."""
+    folder = tmp_path_factory.mktemp("runs")
+    for name, command in COMMANDS.items():
+        run(*command, f"hydra.run.dir={folder / name}")
+    return folder, {name: read(folder / name) for name in COMMANDS}
+
+
+def test_a_mean_and_the_ends_of_its_interval(tmp_path):
+    with Tracker(tmp_path, 40) as tracker:
+        tracker.scalars({"error/a": Interval(0.5, 0.25, 1.0), "share/a": 0.125})
+        tracker.scalars({"error/a": Interval(0.25, 0.125, 0.5)}, 80)
+        tracker.series("ladder", [Interval(2.0, 1.0, 3.0), 1.5])
+    events = read(tmp_path)
+    seen = {tag: [(event.step, event.value) for event in events.Scalars(tag)] for tag in events.Tags()["scalars"]}
+    assert seen == {
+        "error/a": [(40, 0.5), (80, 0.25)],
+        "interval/error/a/low": [(40, 0.25), (80, 0.125)],
+        "interval/error/a/high": [(40, 1.0), (80, 0.5)],
+        "share/a": [(40, 0.125)],
+        "ladder": [(0, 2.0), (1, 1.5)],
+        "interval/ladder/low": [(0, 1.0)],
+        "interval/ladder/high": [(0, 3.0)],
+    }
+    lines = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
+    assert [line["trained_on"] for line in lines] == [40, 80]
+    assert lines[0]["interval/error/a/high"] == 1.0
+
+
+def test_hyperparameters_keep_their_kinds(tmp_path):
+    with Tracker(tmp_path, 1) as tracker:
+        given = {"law": "mirtich", "effect_a": True, "effect_b": False, "train_size": 20}
+        tracker.hyperparameters(given, {"law": ("mirtich", "whittaker")}, {"error/model": "error"})
+    events = read(tmp_path)
+    assert values(events) == given
+    assert values(events)["effect_a"] is True
+    experiment = hparams(events, "experiment")
+    offered = {info.name: list(info.domain_discrete) for info in experiment.hparam_infos}
+    assert offered == {
+        "law": ["mirtich", "whittaker"],
+        "effect_a": [False, True],
+        "effect_b": [False, True],
+        "train_size": [],
+    }
+    assert [info.name for info in experiment.hparam_infos if info.differs] == ["law", "train_size"]  # shown at first
+    assert [(info.name.tag, info.display_name) for info in experiment.metric_infos] == [("error/model", "error")]
+
+
+def test_a_card_holds_names_and_no_markup(tmp_path):
+    with Tracker(tmp_path, 1) as tracker:
+        tracker.card([[("Run", HOSTILE), (HOSTILE, "x")], [("Model", "Mean"), ("wang_mason + a_b", "0.5")]])
+    name = " ".join(HOSTILE.split())
+    assert card(read(tmp_path)) == [["Run", name], [name, "x"], ["Model", "Mean"], ["wang_mason + a_b", "0.5"]]
+
+
+def test_charts_of_all_runs_are_kept(tmp_path):
+    """TensorBoard merges layouts, and loses charts under a category that the first run lacks."""
+    for name in "abcd":
+        with Tracker(tmp_path / name, 1) as tracker:
+            tracker.charts({"shared": {"all": ["error/"], name: f"error/{name}"}})
+    assert merged(tmp_path) == {"shared": ["all", *"abcd"]}
+
+
+def test_every_run_has_the_same_hyperparameters_and_metrics(runs):
+    _, events = runs
+    names = {name: list(values(found)) for name, found in events.items()}
+    metrics = {
+        name: [info.name.tag for info in hparams(found, "experiment").metric_infos] for name, found in events.items()
+    }
+    assert len({tuple(sorted(keys)) for keys in names.values()}) == 1
+    assert len({tuple(tags) for tags in metrics.values()}) == 1
+    assert {f"effect_{name}" for name in catalogue()} <= set(names["diagnose"])
+    for name, found in events.items():
+        if name != "transfer":  # which has no error of one model
+            assert set(metrics[name]) <= set(found.Tags()["scalars"]), name
+        offered = [(info.name, str(info.domain_discrete)) for info in hparams(found, "experiment").hparam_infos]
+        assert offered == [
+            (i.name, str(i.domain_discrete)) for i in hparams(events["train"], "experiment").hparam_infos
+        ]
+
+
+def test_runs_say_what_they_were_made_with(runs):
+    folder, events = runs
+    made = {name: values(found) for name, found in events.items()}
+    found = json.loads((folder / "diagnose" / "diagnosis.json").read_text())
+    missing = [effect["name"] for effect in found["missing_effects"]]
+    assert missing
+    expected = {
+        "train": ("train", "wang_mason", "analytical", 20, ["surface_tilt"]),
+        "learned": ("train", "none", "x1_wrench", 20, []),
+        "evaluate": ("evaluate", "wang_mason", "analytical", 20, []),
+        "evaluate_with": ("evaluate", "wang_mason", "analytical", 60, ["side_drag"]),
+        "transfer": ("evaluate", "drumwright_shell", "x1_wrench", 30, []),
+        "diagnose": ("diagnose", "wang_mason", "analytical", 150, missing),
+    }
+    for name, (*told, effects) in expected.items():
+        assert [made[name][key] for key in ("command", "law", "model", "train_size")] == told, name
+        assert [key for key, value in made[name].items() if value is True] == sorted(f"effect_{e}" for e in effects)
+        assert made[name]["effects"] == (", ".join(effects) or "none")
+        assert made[name]["settings"].startswith(" ".join(COMMANDS[name][1:3]))
+
+
+@pytest.mark.parametrize(
+    ("name", "model", "size"),
+    [("train", "wang_mason + surface_tilt", 20), ("learned", "x1_wrench", 20), ("evaluate", "wang_mason", 20),
+     ("evaluate_with", "wang_mason + side_drag", 60)],
+)  # fmt: skip
+def test_the_metric_is_the_error_of_the_runs_model(runs, name, model, size):
+    folder, events = runs
+    entry = json.loads((folder / name / "results.json").read_text())["errors"][model]["mass_error"]
+    for tag, key in zip(("mass_error/model", *ends("mass_error/model")), ("mean", "low", "high"), strict=True):
+        (event,) = events[name].Scalars(tag)
+        assert (event.step, event.value) == (size, torch.tensor(entry[key], dtype=torch.float32).item())
+
+
+def test_learning_curves_have_the_bounds_beside_them(runs):
+    folder, events = runs
+    results = json.loads((folder / "evaluate" / "results.json").read_text())
+    charts = layout(events["evaluate"])[HELD_OUT]
+    bounds = {"best_post_hoc", "irb"}
+    shown = {"Laws": bounds | set(laws.PAPER_LAWS), "Learned models": bounds | {"x1_wrench"}}
+    for kind, names in shown.items():
+        (pattern,) = charts[f"{kind}, Best Post Hoc and IRB bound"].multiline.tag
+        tags = {tag for tag in events["evaluate"].Tags()["scalars"] if re.match(pattern, tag)}
+        assert tags == {f"curve_mass_error/{name}" for name in names}
+        for tag in tags:
+            assert [event.step for event in events["evaluate"].Scalars(tag)] == [10, 20]
+    for name in ("best_post_hoc", "irb"):
+        level = torch.tensor(results["errors"][name]["mass_error"]["mean"], dtype=torch.float32).item()
+        assert [event.value for event in events["evaluate"].Scalars(f"curve_mass_error/{name}")] == [level, level]
+
+
+def test_every_chart_has_its_data(runs):
+    """Margin charts name tags that are there, with the mean inside; lines match something."""
+    _, events = runs
+    for name, found in events.items():
+        tags, charts = found.Tags()["scalars"], [chart for part in layout(found).values() for chart in part.values()]
+        assert next(iter(layout(found))) == HELD_OUT
+        for chart in charts:
+            for series in chart.margin.series:
+                for low, mean, high in zip(
+                    *map(found.Scalars, (series.lower, series.value, series.upper)), strict=True
+                ):
+                    assert low.value <= mean.value <= high.value
+                    assert low.step == mean.step == high.step
+            for pattern in chart.multiline.tag:
+                assert name == "transfer" or any(re.match(pattern, tag) for tag in tags), (name, pattern)
+    assert {"whittaker", "x1_wrench", "irb"} <= {
+        title.partition(":")[0] for title in layout(events["evaluate"])[HELD_OUT]
+    }
+
+
+def test_the_charts_of_all_commands_stand_together(runs):
+    folder, events = runs
+    titles = {name: [title for part in layout(found).values() for title in part] for name, found in events.items()}
+    shown = merged(folder)
+    assert {title for part in shown.values() for title in part} == {title for part in titles.values() for title in part}
+    assert list(shown) == [
+        HELD_OUT,
+        "Ladder of a diagnosis",
+        "Transfer to other bodies, against their training impacts",
+    ]
+
+
+def test_the_ladder_is_a_chart(runs):
+    folder, events = runs
+    found, events = json.loads((folder / "diagnose" / "diagnosis.json").read_text()), events["diagnose"]
+    ladder = [rung["mean"] for rung in found["ladder"]]
+    assert [event.value for event in events.Scalars("ladder/mass_error")] == torch.tensor(ladder).tolist()
+    assert [event.step for event in events.Scalars("ladder/mass_error")] == list(range(len(ladder)))
+    (series,) = next(iter(layout(events)["Ladder of a diagnosis"].values())).margin.series
+    assert series.value == "ladder/mass_error"
+    steps = {"wang_mason": ladder[0], "model": ladder[len(found["missing_effects"])]}
+    for name, level in steps.items():
+        assert events.Scalars(f"mass_error/{name}")[0].value == torch.tensor(level).item()
+    assert "figures/ladder" in events.Tags()["images"]
+
+
+def test_cards_tell_what_was_run_and_found(runs):
+    folder, events = runs
+    for name, command in COMMANDS.items():
+        rows = dict(row[:2] for row in card(events[name]))
+        result = next((folder / name).glob("[rd]*s.json"))
+        data = json.loads(result.read_text())["data"]
+        assert rows["Command"].startswith(f"python {' '.join(command[:2])}")
+        assert rows["SHA-256 of the data"] == data["sha256"]
+        assert rows["Data"] == f"{data['source']}, {data['trials']} impacts"
+        assert "contactlearn 0." in rows["Versions"]
+    rows = dict(row[:2] for row in card(events["train"]))
+    assert re.fullmatch(r"μ = 0\.\d+ ± 0\.\d+, ε = 0\.\d+ ± 0\.\d+", rows["wang_mason (textbook)"])
+    assert rows["surface_tilt"].startswith(catalogue()["surface_tilt"].formula)
+    assert re.search(r"φ = -?0\.\d+ ± 0\.\d+ rad$", rows["surface_tilt"])
+    errors = json.loads((folder / "train" / "results.json").read_text())["errors"]
+    shown = {row[0]: row[1:] for row in card(events["train"]) if len(row) == 3}
+    entry = errors["wang_mason + surface_tilt"]["mass_error"]
+    assert shown["wang_mason + surface_tilt"] == [f"{entry['mean']:.4f}", f"{entry['low']:.4f}–{entry['high']:.4f}"]
+
+
+def test_the_card_of_a_diagnosis_has_the_verdict_and_the_rungs(runs):
+    folder, events = runs
+    found = json.loads((folder / "diagnose" / "diagnosis.json").read_text())
+    rows = card(events["diagnose"])
+    assert "missing from Wang–Mason" in dict(row[:2] for row in rows)["Verdict"]
+    assert dict(row[:2] for row in rows)["To use it"] == found["command"]
+    assert [row[0] for row in rows[-len(found["ladder"]) :]] == [rung["step"] for rung in found["ladder"]]
+    assert any(row[0] == found["missing_effects"][0]["name"] for row in rows)
+
+
+def test_a_diagnosis_of_no_impacts_is_a_run_too(tmp_path, runs):
+    impacts, _ = mystery.draw(5, effects=[], size=120)
+    order = torch.randperm(120, generator=torch.Generator().manual_seed(0))
+    spoilt = impacts.v_post[order] * torch.tensor((1.0, -1.0, 3.0))
+    table.save(impacts.replace(v_post=spoilt, suspect=True), tmp_path / "drops.csv")
+    run("diagnose.py", "data=table", f"data.path={tmp_path / 'drops.csv'}", f"hydra.run.dir={tmp_path / 'run'}")
+    events = read(tmp_path / "run")
+    assert "contradict themselves" in dict(row[:2] for row in card(events))["Verdict"]
+    assert values(events).keys() == values(runs[1]["train"]).keys()
+    assert values(events)["law"] == "none"
+    assert "ladder/mass_error" not in events.Tags()["scalars"]
