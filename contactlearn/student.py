@@ -119,7 +119,7 @@ def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int) -> t
         theta.new_full(theta.shape[:1], torch.inf),
         torch.zeros(len(theta), dtype=bool),
     ]
-    active, damping = torch.arange(len(theta)), theta.new_full(theta.shape[:1], 1e-2)
+    active, damping = torch.arange(len(theta)), theta.new_full(theta.shape[:1], 1e-3)
     calm = torch.zeros(len(theta), dtype=torch.long)
     for _ in range(rounds):
         left, slope = problem.linearised(theta)

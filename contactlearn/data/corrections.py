@@ -230,6 +230,15 @@ def _drop_outliers(impacts: Impacts) -> Impacts:
     return _drop(impacts, torch.stack([*gross_outliers(impacts).values()]).any(0))
 
 
+def _averaged(column: int) -> Callable[[Impacts], Impacts]:
+    def average(impacts: Impacts) -> Impacts:
+        v_pre = impacts.v_pre.clone()
+        v_pre[:, column] = v_pre[:, column].mean()
+        return impacts.replace(v_pre=v_pre)
+
+    return average
+
+
 def _ordered_by_time(impacts: Impacts) -> Impacts:
     if impacts.time is None:
         raise DataError(f"{impacts.source}: has no column time to order the trials by")
@@ -267,6 +276,9 @@ CORRECTIONS = {
         "trials occur more than once: the first is kept", lambda impacts: _drop(impacts, repeated(impacts))
     ),
     "drop_outliers": Correction("gross outliers, which cannot be what was measured", _drop_outliers),
+    "averaged_vx": Correction("v_x before impact varies by no more than its noise: its mean is used", _averaged(0)),
+    "averaged_vy": Correction("v_y before impact varies by no more than its noise: its mean is used", _averaged(1)),
+    "averaged_omega": Correction("ω before impact varies by no more than its noise: its mean is used", _averaged(2)),
     "ordered_by_time": Correction("the order of the trials is not that of their times", _ordered_by_time),
 }
 """By name; the order is that in which several are applied where the audit proposes them together."""

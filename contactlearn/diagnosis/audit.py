@@ -50,6 +50,7 @@ class Finding:
     evidence: dict[str, float | str]
     correction: str | None = None
     fatal: bool = False
+    mistake: bool = True  # else something that has to be known, but nobody's mistake
 
 
 def audit(impacts: Impacts) -> tuple[Finding, ...]:

@@ -85,7 +85,7 @@ def robust_covariance(left: Tensor) -> Tensor:
         scatter = left.T @ (8 / (5 + distance)[:, None] * left) / len(left)
         scatter = scatter + 1e-12 * torch.eye(3, dtype=left.dtype)
     distance = (left * torch.linalg.solve(scatter, left.T).T).sum(-1)
-    return scatter * (distance.median() / _CHI_SQUARED_50)
+    return scatter * (distance.median() / _CHI_SQUARED_50).clamp_min(1e-6)  # of exact data
 
 
 def _known(model: ContactModel, states: Impacts) -> tuple[Tensor, Tensor]:

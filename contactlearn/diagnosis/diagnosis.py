@@ -31,18 +31,18 @@ from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.diagnosis.regions import Region, find_regions
 from contactlearn.diagnosis.remainder import Remainder, remainder
 from contactlearn.diagnosis.selection import Folds, Selection
+from contactlearn.diagnosis.spread import averaged
 from contactlearn.effects import Effect
-from contactlearn.errors import ContactLearnError
+from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.fit_effects import identify_jointly
 from contactlearn.impacts import Impacts
 from contactlearn.laws import PAPER_LAWS
 from contactlearn.metrics import Interval, mass_error
 from contactlearn.model import ContactModel
 
+FEWEST = 20
+"""Trials of a diagnosis."""
 VERDICTS = ("effects", "none", "unknown", "bad_data")
-CLEARLY = 0.1
-"""Share of the named model's error that a flexible one must take off for something unknown to be missing; half of it
-must be certain."""
 REPEATS = {True: 2, False: 1}  # of the cross-validation, by whether there are few trials
 _FEW = 600
 _NEAR = 2.0  # times the error of the chosen law: laws that are tried again with the effects
@@ -133,6 +133,8 @@ def diagnose(
         ContactLearnError: no candidates, or too few trials.
     """
     effects, generator = dict(effects or {}), torch.Generator().manual_seed(seed)
+    if len(impacts) < FEWEST:
+        raise DataError(f"{impacts.source}: a diagnosis needs at least {FEWEST} trials, got {len(impacts)}")
     findings = audit(impacts)
     say("audit", findings)
     if any(finding.fatal for finding in findings):
@@ -141,20 +143,27 @@ def diagnose(
     impacts = correct(impacts, repairs) if repairs else impacts
     options = {"variant": variant, "noise": noise}
     folds = Folds.draw(len(impacts), generator, repeats=REPEATS[len(impacts) <= _FEW])
-    laws = {}
-    if law == "best":
-        laws = {name: _held_out(name, effects, impacts, folds, options) for name in progress(PAPER_LAWS, "laws")}
-        law = min(laws, key=laws.get)
-        say("laws", laws)
+    laws = {
+        name: _held_out(name, effects, impacts, folds, options)
+        for name in progress(dict.fromkeys((*PAPER_LAWS, *({law} - {"best"}))), "laws")
+    }
+    chosen, law = law == "best", min(laws, key=laws.get) if law == "best" else law
+    say("laws", (law, laws))
     among = usable(candidates or all_candidates(), impacts)
     selection = Selection(law, impacts, among, folds, effects, **options)
+    notes = averaged(impacts, selection.base.fit, lambda drops: _held_out(law, effects, drops, folds, options))
+    if notes:
+        say("notes", notes)
+        findings += notes
+        impacts = correct(impacts, [note.correction for note in notes])
+        selection = Selection(law, impacts, among, folds, effects, **options)
     budget = first_budget(selection, generator)
     say("budget", budget)
     prediction = selection.base.fit.model.predict(impacts)
     regions = tuple(find_regions(impacts, prediction, generator=generator))
     say("regions", regions)
     selection.run(lambda items: progress(items, f"effects around {law}"))
-    if laws:
+    if chosen:
         selection = _with_better_law(selection, laws, among, options, progress)
         if selection.law != law:
             law = selection.law
@@ -165,12 +174,13 @@ def diagnose(
     experiment = _experiment(selection, alike, generator)
     fit = selection.present.fit
     left = remainder(impacts, fit.model, folds, generator=generator, usual=fit.usual)
-    unknown = left.found and left.share.mean > CLEARLY and left.share.low > CLEARLY / 2
-    written = _formulas(impacts, fit.model, left, folds, say) if unknown else []
-    floor = noise_floor(impacts, fit.model, generator=generator, noise=noise, usual=fit.usual)
+    written = _formulas(impacts, fit.model, left, folds, say) if left.large else []
+    better = left.v_post if left.large else None
+    floor = noise_floor(impacts, fit.model, generator=generator, noise=noise, usual=fit.usual, predicted=better)
     steps = (*steps, ("+ processes on what remains", interval(left.error, generator)), ("noise floor", floor.error))
     budget = full_budget(budget, steps, floor)
-    verdict = "bad_data" if findings else "unknown" if unknown else "effects" if missing else "none"
+    mistakes = any(finding.mistake for finding in findings)
+    verdict = "bad_data" if mistakes else "unknown" if left.large else "effects" if missing else "none"
     return Diagnosis(
         verdict,
         law,

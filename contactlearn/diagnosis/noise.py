@@ -19,7 +19,7 @@ from torch import Tensor
 
 from contactlearn.effects import State
 from contactlearn.effects.symbols import of_state
-from contactlearn.impacts import Impacts
+from contactlearn.impacts import Impacts, Prediction
 from contactlearn.metrics import Interval, bootstrap, mass_error
 from contactlearn.model import ContactModel
 
@@ -45,6 +45,7 @@ def noise_floor(
     generator: torch.Generator,
     noise: Sequence[float] | None = None,
     usual: Tensor | None = None,
+    predicted: Tensor | None = None,
 ) -> Floor:
     """The mass error of a model that misses nothing.
 
@@ -52,13 +53,20 @@ def noise_floor(
         model: the best at hand, fitted to these impacts.
         noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), before impact as after it; estimated if
             left out.
-        usual: trials [N] that are no gross outliers; all of them if left out.
+        usual: trials [N] that are no gross outliers; all of them if left out.  What an outlier leaves is all noise.
+        predicted: v_post [N, 3] by something that knows more than the model, on trials that it was not fitted to.
     """
     if noise is not None:
         return Floor(_stated(impacts, model, noise, generator), "stated")
-    sound = impacts if usual is None else impacts[usual]
-    few = sound[torch.randperm(len(sound), generator=generator)[:_TRIALS]]
-    return Floor(_estimated(few, model, generator), "estimated")
+    expected = model.predict(impacts).v_post
+    predicted = expected if predicted is None else torch.where(predicted.isfinite(), predicted, expected)
+    usual = torch.ones(len(impacts), dtype=torch.bool) if usual is None else usual
+    rows = usual.nonzero()[:, 0]
+    rows = rows[torch.randperm(len(rows), generator=generator)[:_TRIALS]]
+    error = _estimated(impacts[rows], predicted[rows], generator)
+    outliers = mass_error(impacts, Prediction(predicted, impacts.wrench))[~usual].sum().item() / len(impacts)
+    share = usual.double().mean().item()
+    return Floor(Interval(*(share * end + outliers for end in error)), "estimated")
 
 
 def _stated(impacts: Impacts, model: ContactModel, noise: Sequence[float], generator: torch.Generator) -> Interval:
@@ -71,13 +79,14 @@ def _stated(impacts: Impacts, model: ContactModel, noise: Sequence[float], gener
     return bootstrap(torch.stack(errors).mean(0), generator, _RESAMPLES)
 
 
-def _estimated(impacts: Impacts, model: ContactModel, generator: torch.Generator) -> Interval:
+def _estimated(impacts: Impacts, predicted: Tensor, generator: torch.Generator) -> Interval:
     mass = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1).sqrt()
-    left = mass * (impacts.v_post - model.predict(impacts).v_post)
+    left = mass * (impacts.v_post - predicted)
     size = (mass * impacts.v_post).norm(dim=-1, keepdim=True)
     known = of_state(State.of(impacts))
     began = torch.stack([known[name] for name in _INPUTS], -1)
-    began = (began - began.mean(0)) / began.std(0).clamp_min(1e-300)
+    varies = began.std(0) > 1e-9 * began.abs().amax(0)
+    began = ((began - began.mean(0)) / began.std(0))[:, varies]
     apart = torch.cdist(began, began).fill_diagonal_(torch.inf)
     distance, neighbour = apart.topk(min(_NEIGHBOURS, len(impacts) - 1), largest=False)  # [N, K]
     differs = (left[:, None] - left[neighbour]).norm(dim=-1) / size / 2**0.5

@@ -1,7 +1,7 @@
 """What remains: whether a flexible model still does clearly better than the best named one, and in what.
 
-Gaussian processes learn the wrench (P_t, P_n, τ) that the model leaves, from the full state and the order
-of the trials, on the fitted rows of each fold, and are tested on the rows held out:
+Gaussian processes learn the wrench (P_t, P_n, τ) that the model leaves, per unit mass and inertia, from the full state
+and the order of the trials, on the fitted rows of each fold, and are tested on the rows held out:
 
     share        how far the held-out mass error falls: with the model of a law alone this is the ceiling
     components   those of the wrench that are predicted better than by 0, by held-out R² and its standard error
@@ -37,6 +37,9 @@ from contactlearn.partial import share_explained
 COMPONENTS = ("t", "n", "tau")
 """Of the wrench: P_t, P_n (N s) and τ (N m s)."""
 
+CLEARLY = 0.1
+"""Share of the model's error that the processes must take off for something unknown to be missing; half of it must be
+certain."""
 SIGMAS = 3.0
 """Standard errors by which the R² of a component must be above 0 …"""
 LEAST = 0.04
@@ -73,17 +76,24 @@ class Remainder:
     """See the module.
 
     `before` and `error` [N] are the mass errors of the model alone and with the processes on held-out trials, nan
-    where one never was; `share` the relative fall of their means with its 95 % interval, at or below 0 where there is
-    nothing to learn.  `components` are the clear ones, the one that takes most off the error first, `variables` the
+    where one never was, `v_post` [N, 3] what these predict there, in (m/s, m/s, rad/s); `share` the relative fall of
+    the mean errors with its 95 % interval, at or below 0 where there is nothing to learn.  `components` are the
+    clear ones, the one that takes most off the error first, and that one if the share is large; `variables` the
     shares of those symbols that matter for them, `tested` the numbers behind the components.
     """
 
     error: Tensor
     before: Tensor
+    v_post: Tensor
     share: Interval
     components: tuple[str, ...]
     variables: dict[str, float]
     tested: tuple[Component, ...]
+
+    @property
+    def large(self) -> bool:
+        """Whether so much remains that something unknown must be missing."""
+        return _large(self.share)
 
     @property
     def found(self) -> bool:
@@ -123,13 +133,17 @@ def remainder(
     processes = _Processes.of(impacts, left, _rows(folds, usual))
     learned = processes.at(folds.held_out)
 
-    def held_out(*which: int) -> Tensor:
+    def predicted(*which: int) -> Prediction:
         added = torch.zeros(len(learned), len(impacts), 3, dtype=torch.float64)
         index = folds.held_out[..., None].expand(-1, -1, len(which))
         added[..., list(which)] = added[..., list(which)].scatter(1, index, learned[..., list(which)])
-        return folds.scores(mass_error(impacts, Prediction.from_wrench(impacts, base.wrench + added)))
+        return Prediction.from_wrench(impacts, base.wrench + added)
+
+    def held_out(*which: int) -> Tensor:
+        return folds.scores(mass_error(impacts, predicted(*which)))
 
     error = held_out(0, 1, 2)
+    v_post = torch.stack([folds.scores(part) for part in predicted(0, 1, 2).v_post.unbind(-1)], -1)
     before = mass_error(impacts, base).where(error.isfinite(), torch.nan)
     said = usual & error.isfinite()
     tested = tuple(
@@ -138,11 +152,14 @@ def remainder(
         )
         for k, name in enumerate(COMPONENTS)
     )
-    clear = sorted((c for c in tested if c.clear), key=lambda c: -c.taken)
+    share = _share(before[said], error[said], generator)
+    most = max(tested, key=lambda c: c.taken)
+    clear = sorted((c for c in tested if c.clear or (c is most and _large(share))), key=lambda c: -c.taken)
     return Remainder(
         error,
         before,
-        _share(before[said], error[said], generator),
+        v_post,
+        share,
         tuple(c.name for c in clear),
         _variables(impacts, processes, folds, learned, [COMPONENTS.index(c.name) for c in clear], generator),
         tested,
@@ -154,6 +171,7 @@ class _Processes:
     """Processes of each fold for the three components; `x` [N, D] is what they see of the trials."""
 
     x: Tensor
+    unit: Tensor  # [N, 3], of the wrench: mass, mass, inertia
     inputs: Standardisation
     outputs: Standardisation
     gps: ExactGPs
@@ -163,15 +181,18 @@ class _Processes:
         if rows.shape[-1] < 2:
             raise DataError(f"what remains needs at least 2 trials to learn from, got {rows.shape[-1]}")
         x = torch.cat([columns for columns in _columns(impacts).values()], -1)
+        unit = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1)
+        left = left / unit
         inputs, outputs = Standardisation.of(x[rows]), Standardisation.of(left[rows])
         gps = ExactGPs(inputs.apply(x[rows]), outputs.apply(left[rows]).mT)
         gps.fit()
-        return cls(x, inputs, outputs, gps)
+        return cls(x, unit, inputs, outputs, gps)
 
     def at(self, rows: Tensor, x: Tensor | None = None) -> Tensor:
         """Predicted wrench [B, m, 3] of the rows [B, m], or of inputs x [B, m, D]."""
         mean, _ = self.gps.predict(self.inputs.apply(self.x[rows] if x is None else x))
-        return self.outputs.undo(mean.mT)
+        unit = self.unit[rows].repeat(1, mean.shape[-1] // rows.shape[1], 1)
+        return self.outputs.undo(mean.mT) * unit
 
 
 def _columns(impacts: Impacts) -> dict[str, Tensor]:
@@ -202,6 +223,10 @@ def _r_squared(folds: Folds, left: Tensor, learned: Tensor, said: Tensor) -> tup
     limit = _GROSS * gain.abs().median() + size  # curbs trials by which the mean would stand or fall
     gain = gain.clamp(-limit, limit) / size
     return gain.mean().item(), (gain.std() / math.sqrt(len(gain))).item()
+
+
+def _large(share: Interval) -> bool:
+    return share.mean > CLEARLY and share.low > CLEARLY / 2
 
 
 def _share(before: Tensor, error: Tensor, generator: torch.Generator) -> Interval:

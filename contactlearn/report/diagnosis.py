@@ -6,9 +6,11 @@ from typing import Any
 from contactlearn.diagnosis.audit import Finding
 from contactlearn.diagnosis.diagnosis import Diagnosis
 from contactlearn.diagnosis.ladder import Missing
+from contactlearn.diagnosis.noise import HOW
 from contactlearn.impacts import Impacts
 from contactlearn.report.terminal import say
 
+_OFF = 1.4  # times the stated noise
 _VERDICTS = {
     "effects": "physical effects are missing",
     "none": "nothing is missing that these data could show",
@@ -36,14 +38,22 @@ def _audit(findings: Sequence[Finding]) -> None:
         say(f"audit: {finding.sentence}{fix}")
 
 
-def _laws(errors: dict[str, float]) -> None:
+def _laws(result: tuple[str, dict[str, float]]) -> None:
+    law, errors = result
     ranked = sorted(errors, key=errors.get)
-    first, second = ranked[:2]
-    margin = errors[second] / errors[first] - 1
-    say(
-        f"law: {first} with a held-out mass error of {errors[first]:.4f}, {margin:.1%} below {second}; "
-        f"{ranked[-1]} is the worst with {errors[ranked[-1]]:.4f}"
-    )
+    best, worst = ranked[0], ranked[-1]
+    line = f"law: {law} leaves a held-out mass error of {_number(errors[law])}"
+    if law == best:
+        margin = errors[ranked[1]] / errors[law] - 1
+        line += f", {margin:.1%} below {ranked[1]}; {worst} is the worst with {_number(errors[worst])}"
+    else:
+        line += f", as given; {best} would leave {_number(errors[best])}, {errors[law] / errors[best]:.1f} times less"
+    say(line)
+
+
+def _notes(notes: Sequence[Finding]) -> None:
+    for note in notes:
+        say(f"note: {note.sentence}; done from here on, as data.correct=[{note.correction}] does")
 
 
 def _regions(regions: Sequence[Any]) -> None:
@@ -55,9 +65,10 @@ def _regions(regions: Sequence[Any]) -> None:
 
 def _budget(budget: dict[str, dict]) -> None:
     base, ceiling, bound = (budget[key]["mean"] for key in ("base", "ceiling", "bound"))
+    learned = f"take it to {_number(ceiling)}" if ceiling < base else "find nothing more"
     say(
-        f"budget: the law leaves {base:.4f}; Gaussian processes that see the whole state take it to {ceiling:.4f}; "
-        f"no rigid point contact gets below {bound:.4f}"
+        f"budget: the law leaves {_number(base)}; Gaussian processes that see the whole state {learned}; "
+        f"the best impulse of a rigid point contact, chosen after the fact, leaves {_number(bound)}"
     )
 
 
@@ -77,6 +88,7 @@ def _no_formulas(reason: str) -> None:
 _STAGES = {
     "audit": _audit,
     "laws": _laws,
+    "notes": _notes,
     "regions": _regions,
     "budget": _budget,
     "law": _law,
@@ -99,23 +111,33 @@ def show_verdict(found: Diagnosis, command: str) -> None:
     if found.remainder is not None:
         _remainder(found)
     for step, interval in found.ladder:
-        say(f"  {interval.mean:.4f}  {interval.low:.4f}–{interval.high:.4f}  {step}")
+        say(f"  {_number(interval.mean)}  {_number(interval.low)}–{_number(interval.high)}  {step}")
     if "shares" in found.budget:
-        _shares(found.budget)
+        _shares(found)
     if found.equation:
         say(found.equation)
-    say(f"verdict: {_VERDICTS[found.verdict]}")
+    say(f"verdict: {_verdict(found)}")
     if found.missing:
         say(f"to use it: {command}")
 
 
-def _shares(budget: dict[str, dict]) -> None:
-    shares, noise = budget["shares"], budget["noise"]
+def _verdict(found: Diagnosis) -> str:
+    if found.verdict != "bad_data" or not found.ladder:
+        return _VERDICTS[found.verdict]
+    rest = "unknown" if found.remainder.large else "effects" if found.missing else "none"
+    return f"{_VERDICTS['bad_data']}; corrected, {_VERDICTS[rest]}"
+
+
+def _shares(found: Diagnosis) -> None:
+    shares, noise = found.budget["shares"], found.budget["noise"]
     say(
-        f"of the error {shares['explained']:.0%} is explained by the effects, {shares['noise']:.0%} is noise "
-        f"({noise['mean']:.4f}, {noise['how']}), {shares['left']:.0%} is left; {shares['beyond_rigid']:.0%} more than "
-        "noise is out of reach of any rigid point contact"
+        f"of the error {shares['explained']:.0%} is explained by the effects, {min(1, shares['noise']):.0%} is noise "
+        f"({_number(noise['mean'])}, {noise['how']}), {shares['left']:.0%} is left; {shares['beyond_rigid']:.0%} more "
+        "than noise is out of reach of any rigid point contact"
     )
+    factor = found.budget["named"]["mean"] / noise["mean"] if noise["mean"] else 1.0
+    if noise["how"] == HOW["stated"] and (factor < 1 / _OFF or (factor > _OFF and not found.remainder.found)):
+        say(f"note: what is left is {factor:.2g} times what the stated noise would make; is that in m/s and rad/s?")
 
 
 def _remainder(found: Diagnosis) -> None:
@@ -134,13 +156,18 @@ def _remainder(found: Diagnosis) -> None:
         say(f"a formula for it: {one}")
 
 
+def _number(error: float) -> str:
+    """Four decimals, or two digits of what would be none."""
+    return f"{error:.4f}" if error >= 1e-3 or error == 0 else f"{error:.2g}"
+
+
 def _effect(missing: Missing) -> str:
     values = ", ".join(
         f"{p['symbol']} = {p['value']:.3g} ± {p['standard_error']:.1g}" + ("" if p["unit"] == "–" else f" {p['unit']}")
         for p in missing.parameters.values()
     )
     before, after = missing.error_before.mean, missing.error_after.mean
-    line = f"missing: {missing.name}, error {before:.4f} → {after:.4f}; {values}"
+    line = f"missing: {missing.name}, error {_number(before)} → {_number(after)}; {values}"
     if missing.inadmissible[1] > missing.inadmissible[0]:
         line += f"; {missing.inadmissible[1]:.1%} of its impulses gain energy, pull or penetrate"
     return line + "".join(f"\n  it helps where {region}" for region in missing.helps)

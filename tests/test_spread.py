@@ -1,0 +1,55 @@
+"""Drops that all begin alike: scatter of the velocities before impact is noise, and no effect."""
+
+import math
+
+import pytest
+import torch
+
+from contactlearn.data import mystery
+from contactlearn.data.corrections import correct
+from contactlearn.diagnosis.diagnosis import diagnose
+from contactlearn.impacts import Impacts
+from contactlearn.laws import Law
+from contactlearn.model import ContactModel
+from contactlearn.shapes import Ellipse, contact_point
+
+NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
+
+
+def alike(seed, size=100, spread=0.0):
+    """Drops of the published ellipse from one height at any orientation, by Wang and Mason's law."""
+    generator = torch.Generator().manual_seed(seed)
+    shape = Ellipse((0.035, 0.025))
+    theta = 2 * math.pi * torch.rand(size, dtype=torch.float64, generator=generator)
+    r = contact_point(shape, theta)
+    draws = torch.randn(3, size, 3, dtype=torch.float64, generator=generator)
+    v_pre = torch.tensor((0.5, -2.5, 0.0), dtype=torch.float64) + spread * NOISE * draws[0]
+    mass = torch.full((size,), 0.036, dtype=torch.float64)
+    q = torch.stack((torch.zeros(size, dtype=torch.float64), -r[:, 1], theta), -1)
+    true = Impacts(
+        mass=mass, inertia=mass * (0.035**2 + 0.025**2) / 4, r=r, q=q, v_pre=v_pre, v_post=v_pre, shape=shape
+    )
+    v_post = ContactModel(Law("wang_mason", 0.12, 0.55)).predict(true).v_post
+    return true.replace(v_pre=v_pre + NOISE * draws[1], v_post=v_post + NOISE * draws[2])
+
+
+@pytest.mark.parametrize("size", [100, 300])
+def test_scatter_is_no_effect(size):
+    for seed in range(5):
+        found = diagnose(alike(seed, size), "wang_mason")
+        assert found.effects == []
+        assert found.verdict == "none"
+        assert "averaged_vy" in [finding.correction for finding in found.findings]
+
+
+def test_what_varies_is_measured():
+    """Five times the noise is variation, and mystery drops vary."""
+    for drops in (alike(0, spread=5.0), mystery.draw(3, effects=[], size=120)[0]):
+        assert diagnose(drops, "wang_mason").findings == ()
+
+
+def test_the_mean_is_that_of_the_column():
+    drops = alike(0)
+    mended = correct(drops, ["averaged_vy"])
+    torch.testing.assert_close(mended.v_pre[:, 1], drops.v_pre[:, 1].mean().expand(100))
+    torch.testing.assert_close(mended.v_pre[:, [0, 2]], drops.v_pre[:, [0, 2]])
