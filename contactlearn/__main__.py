@@ -2,6 +2,7 @@
 
 export FILE data=…   write any data source to a table file
 reveal DIR           say what was hidden in the drops of data=mystery
+report DIR…          one page over several runs or a whole sweep
 """
 
 import argparse
@@ -34,6 +35,28 @@ def main(arguments: list[str] | None = None) -> int:
     )
     reveal.add_argument("folder", metavar="DIR", help="the folder that data=mystery wrote")
     reveal.set_defaults(run=_reveal)
+    report = commands.add_parser(
+        "report",
+        help="one page over several runs or a whole sweep",
+        description="Write one self-contained page that opens offline: what the runs differ in, their held-out errors, "
+        "verdicts and missing effects in a table to sort and filter, learning curves where train.size differs, and the "
+        "ladders of diagnoses. Runs that cannot be read are named on it, with the reason.",
+        epilog="examples: contactlearn report outputs/train/2026-01-31_12-00-00_sweep; "
+        "contactlearn report outputs/diagnose outputs/evaluate --out all.html",
+    )
+    report.add_argument(
+        "folders",
+        nargs="+",
+        metavar="DIR",
+        help="a run, a sweep, or any folder above some: every diagnosis.json and results.json in it is a run",
+    )
+    report.add_argument(
+        "--out",
+        metavar="FILE",
+        help="the page, an .html file (default: report.html in DIR if it is one folder and no run itself, else "
+        "./report.html); a run's own report.html is never replaced",
+    )
+    report.set_defaults(run=_report)
     options = parser.parse_args(arguments)
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
@@ -78,6 +101,21 @@ def _reveal(options: argparse.Namespace) -> str:
             f"  changes the outcome by {100 * effect['relative_change']:.2f} % (rms, mass norm)",
         ]
     return "\n".join(lines)
+
+
+def _report(options: argparse.Namespace) -> str:
+    from contactlearn.report import terminal
+    from contactlearn.report.page.runs import write_runs
+    from contactlearn.report.page.runs_read import text
+
+    with terminal.progress() as bar:
+        track = lambda items, what: bar.track(items, description=what)  # noqa: E731
+        page, runs, skipped = write_runs(options.folders, options.out, track)
+    lines = [f"left out {name}: {reason}" for name, reason in skipped]
+    counted = f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}"
+    return "\n".join(
+        [*lines, f"{counted}{f', {len(skipped)} left out' if skipped else ''}", f"open     {text(str(page))}"]
+    )
 
 
 if __name__ == "__main__":

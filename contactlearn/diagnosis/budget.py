@@ -7,15 +7,14 @@ import torch
 from contactlearn import bounds
 from contactlearn.diagnosis.ladder import RESAMPLES, interval
 from contactlearn.diagnosis.noise import HOW, Floor
-from contactlearn.diagnosis.remainder import remainder
+from contactlearn.diagnosis.remainder import Remainder
 from contactlearn.diagnosis.selection import Selection
 from contactlearn.metrics import Interval, bootstrap, mass_error
 
 
-def first_budget(selection: Selection, generator: torch.Generator) -> dict[str, Any]:
+def first_budget(selection: Selection, ceiling: Remainder, generator: torch.Generator) -> dict[str, Any]:
     """Errors of the base, of processes on top of it that see the whole state, and of the best rigid contact."""
-    impacts, fit = selection.impacts, selection.base.fit
-    ceiling = remainder(impacts, fit.model, selection.folds, generator=generator, usual=fit.usual)
+    impacts = selection.impacts
     return {
         "base": interval(selection.base.error, generator)._asdict(),
         "ceiling": interval(ceiling.error, generator)._asdict(),

@@ -30,7 +30,7 @@ from contactlearn.diagnosis.ladder import Missing, interval, ladder
 from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.diagnosis.regions import Region, find_regions
 from contactlearn.diagnosis.remainder import Remainder, remainder
-from contactlearn.diagnosis.selection import Folds, Selection
+from contactlearn.diagnosis.selection import Fitted, Folds, Selection
 from contactlearn.diagnosis.spread import averaged
 from contactlearn.effects import Effect
 from contactlearn.errors import ContactLearnError, DataError
@@ -151,13 +151,15 @@ def diagnose(
     say("laws", (law, laws))
     among = usable(candidates or all_candidates(), impacts)
     selection = Selection(law, impacts, among, folds, effects, **options)
-    notes = averaged(impacts, selection.base.fit, lambda drops: _held_out(law, effects, drops, folds, options))
+    ceiling = _remainder(selection.base, impacts, folds, generator)
+    notes = averaged(impacts, ceiling.v_post, lambda drops: _held_out(law, effects, drops, folds, options))
     if notes:
         say("notes", notes)
         findings += notes
         impacts = correct(impacts, [note.correction for note in notes])
         selection = Selection(law, impacts, among, folds, effects, **options)
-    budget = first_budget(selection, generator)
+        ceiling = _remainder(selection.base, impacts, folds, generator)
+    budget = first_budget(selection, ceiling, generator)
     say("budget", budget)
     prediction = selection.base.fit.model.predict(impacts)
     regions = tuple(find_regions(impacts, prediction, generator=generator))
@@ -173,7 +175,7 @@ def diagnose(
     alike = equivalents(selection, lambda items: progress(items, "what could stand in its place"))
     experiment = _experiment(selection, alike, generator)
     fit = selection.present.fit
-    left = remainder(impacts, fit.model, folds, generator=generator, usual=fit.usual)
+    left = _remainder(selection.present, impacts, folds, generator)
     written = _formulas(impacts, fit.model, left, folds, say) if left.large else []
     better = left.v_post if left.large else None
     floor = noise_floor(impacts, fit.model, generator=generator, noise=noise, usual=fit.usual, predicted=better)
@@ -199,6 +201,10 @@ def diagnose(
         selection.base.fit.model,
         fit.model,
     )
+
+
+def _remainder(fitted: Fitted, impacts: Impacts, folds: Folds, generator: torch.Generator) -> Remainder:
+    return remainder(impacts, fitted.fit.model, folds, generator=generator, usual=fitted.fit.usual)
 
 
 def _experiment(

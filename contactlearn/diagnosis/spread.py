@@ -1,31 +1,34 @@
 """Velocities before impact that vary by no more than their noise: a constant height of the drops, no spin.
 
 Their scatter is then mistaken for variation: a law that answers to it predicts worse than one that is told the mean,
-and whatever damps that answer looks like a missing effect (regression dilution).  So the mean of such a column is used
-where with it the law predicts trials held out at least as well.
+and whatever damps that answer looks like a missing effect (regression dilution).  So where a column varies hardly more
+than the outcome does beyond what even flexible models predict, its mean is used if with it the law predicts trials
+held out at least as well.
 Source: Carroll, Ruppert, Stefanski & Crainiceanu 2006, Ch. 4, whose calibration has this as its limit.
 """
 
 from collections.abc import Callable
 
+from torch import Tensor
+
 from contactlearn.data.corrections import CORRECTIONS, correct
 from contactlearn.diagnosis.audit import Finding
-from contactlearn.fit_effects import JointFit
 from contactlearn.impacts import Impacts
 
 COLUMNS = {"averaged_vx": ("v_x", "m/s"), "averaged_vy": ("v_y", "m/s"), "averaged_omega": ("ω", "rad/s")}
-_NOISY = 3.0  # times what the law leaves of a column: what varies more is told from its noise
+_NOISY = 1.5  # times what is left of the outcome: what varies more is told from its noise
+_DEVIATIONS = 1.4826  # standard deviations of a Gaussian in a median absolute one
 
 
-def averaged(impacts: Impacts, fit: JointFit, held_out: Callable[[Impacts], float]) -> tuple[Finding, ...]:
+def averaged(impacts: Impacts, predicted: Tensor, held_out: Callable[[Impacts], float]) -> tuple[Finding, ...]:
     """A finding for each velocity before impact whose mean serves the law better than its measurements.
 
     Args:
-        fit: of the law to these impacts.
+        predicted: v_post [N, 3] by flexible models on trials held out.
         held_out: error of the law on trials held out, from the impacts.
     """
     found, error = [], held_out(impacts)
-    left = fit.scatter.diagonal().sqrt()
+    left = _DEVIATIONS * (impacts.v_post - predicted).abs().nanmedian(0).values
     for k, (name, (letter, unit)) in enumerate(COLUMNS.items()):
         spread = impacts.v_pre[:, k].std().item()
         if not 0 < spread < _NOISY * left[k].item():

@@ -1,0 +1,117 @@
+// Several runs: the order and the choice of rows, and the figures that follow them.
+const table = get("runs"), heads = [...table.tHead.rows[0].cells];
+const runOf = row => page.runs[row.dataset.run];
+
+// What has no value comes last, either way.
+function sortBy(column) {
+  const head = heads[column], up = head.getAttribute("aria-sort") !== "ascending", sign = up ? 1 : -1;
+  const key = row => row.cells[column].dataset.sort;
+  const numbers = [...table.tBodies[0].rows].map(key).filter(one => one !== undefined).every(one => one !== "" && !isNaN(one));
+  const compare = (a, b) => numbers ? a - b : a.localeCompare(b, "en", {numeric: true});
+  heads.forEach(one => one.removeAttribute("aria-sort"));
+  head.setAttribute("aria-sort", up ? "ascending" : "descending");
+  table.tBodies[0].append(...[...table.tBodies[0].rows].sort((a, b) => {
+    const [x, y] = [key(a), key(b)];
+    return x === undefined || y === undefined ? (x === undefined) - (y === undefined) : sign * compare(x, y);
+  }));
+  redraw("by-run", "curve");
+}
+
+function filterRows() {
+  const wanted = [...document.querySelectorAll("[data-effect]")].filter(one => one.value)
+    .map(one => [page.effects[one.dataset.effect].name, one.value === "with"]);
+  for (const row of table.tBodies[0].rows) {
+    row.hidden = !wanted.every(([name, yes]) => runOf(row).effects.includes(name) === yes);
+    const ladder = document.querySelector(`[data-ladder="${row.dataset.run}"]`);
+    if (ladder) ladder.hidden = row.hidden;
+  }
+  get("shown").textContent = `${shownRuns().length} of ${page.runs.length} runs`;
+  fit();
+  redraw("by-run", "curve");
+}
+
+const shownRuns = () => [...table.tBodies[0].rows].filter(row => !row.hidden).map(runOf);
+
+// Room for a line each.
+function fit() {
+  const [figure, curves] = [get("by-run"), get("curve")];
+  if (figure) figure.style.height = `${12 + 1.5 * shownRuns().filter(one => one.error).length}rem`;
+  if (curves) curves.style.height = `${23 + 1.3 * shownLines().length}rem`;
+}
+
+function drawRuns() {
+  const rows = shownRuns().filter(one => one.error), length = narrow() ? 12 : 32;
+  const short = name => name.length > length ? `…${name.slice(1 - length)}` : name;
+  const place = new Map(rows.map((run, k) => [run, k]));
+  const of = (chosen, value, style) => ({
+    type: "scatter", mode: "markers", x: chosen.map(run => value(run).mean), y: chosen.map(run => place.get(run)), hoverinfo: "text",
+    text: chosen.map(run => `${plain(run.name)}: ${interval(value(run))}`), ...style,
+  });
+  const laws = [...new Set(rows.map(run => run.label))].map(law => {
+    const chosen = rows.filter(run => run.label === law), ink = visible(chosen[0].color);
+    return of(chosen, run => run.error, {
+      name: plain(law), marker: {color: ink, symbol: chosen[0].symbol, size: 9},
+      error_x: {type: "data", symmetric: false, color: ink, thickness: 2, width: 4,
+        array: chosen.map(run => run.error.high - run.error.mean), arrayminus: chosen.map(run => run.error.mean - run.error.low)},
+    });
+  });
+  const others = [["base", "Law alone", "circle-open"], ["noise", "Noise floor", "line-ns"], ["bound", "IRB bound", "diamond-tall-open"]];
+  const marks = others.map(([key, name, symbol]) => {
+    const chosen = rows.filter(run => run[key]);
+    return of(chosen, run => run[key], {name, marker: {color: color("muted"), symbol, size: 11, line: {width: 2, color: color("muted")}}});
+  }).filter(trace => trace.x.length);
+  const least = rows.reduce((best, run) => !best || run.error.mean < best.error.mean ? run : best, null);
+  return draw("by-run", [...marks, ...laws], {
+    margin: {l: 50, r: 15, t: 35, b: 45},
+    xaxis: {title: {text: "Mass error"}, rangemode: "tozero"}, showlegend: true,
+    yaxis: {tickvals: rows.map((_, k) => k), ticktext: rows.map(run => plain(short(run.name))), range: [rows.length - 0.5, -0.5], zeroline: false, showgrid: true},
+    summary: rows.length ? `${rows.length} runs, the least of ${least.name} with ${interval(least.error)}; the table has the numbers.` : "No run.",
+  });
+}
+
+// Lines of the runs that are shown, in their order, as many as can be told apart; bounds always.
+const most = 30;
+const ofRuns = page.curves.filter(line => line.runs.length);
+function shownLines() {
+  const lines = new Set([...table.tBodies[0].rows].filter(row => !row.hidden)
+    .flatMap(row => ofRuns.filter(line => line.runs.includes(Number(row.dataset.run)))));
+  return [...[...lines].slice(0, most), ...page.curves.filter(line => !line.runs.length)];
+}
+
+// Mean error against the number of training trials; with many lines without their intervals.
+function drawLines() {
+  const lines = shownLines(), sizes = [...new Set(lines.flatMap(line => line.sizes))].sort((a, b) => a - b);
+  const left = ofRuns.length - lines.filter(line => line.runs.length).length;
+  const bands = lines.length > 8 ? [] : lines.filter(line => line.sizes.length > 1).map(({sizes, intervals, color: ink}) => ({
+    type: "scatter", mode: "lines", x: [...sizes, ...[...sizes].reverse()], hoverinfo: "skip", showlegend: false,
+    y: [...intervals.map(one => one.high), ...intervals.map(one => one.low).reverse()],
+    fill: "toself", fillcolor: visible(ink), opacity: 0.15, line: {width: 0},
+  }));
+  const traces = lines.map(({label, color: ink, symbol, dash, sizes, intervals, level}) => ({
+    type: "scatter", mode: level ? "lines" : "lines+markers", x: sizes, y: intervals.map(one => one.mean), name: plain(label),
+    text: intervals.map((one, k) => `${plain(label)}: ${interval(one)} at ${sizes[k]}`), hoverinfo: "text",
+    line: {color: visible(ink), dash}, marker: {symbol, size: 8, color: visible(ink)},
+  }));
+  get("left").textContent = left ? `${left} of ${ofRuns.length} lines are not drawn: at most ${most} are, of the first runs that the table shows.` : "";
+  return draw("curve", [...bands, ...traces], {
+    xaxis: {title: {text: "Training trials"}, type: "log", tickvals: sizes, ticktext: sizes.map(String)},
+    yaxis: {title: {text: "Mass error"}, rangemode: "tozero"}, showlegend: true,
+    summary: lines.map(one => `${one.label}: ${one.intervals.at(-1).mean.toFixed(4)} at ${one.sizes.at(-1)}`).join("; ") + ".",
+  });
+}
+
+async function startRuns() {
+  heads.forEach((head, column) => head.querySelector("button").addEventListener("click", () => sortBy(column)));
+  for (const list of document.querySelectorAll("[data-effect]")) list.addEventListener("change", filterRows);
+  const script = document.createElement("script");
+  script.textContent = new TextDecoder().decode(await unpacked("library"));
+  document.head.append(script);
+  Object.assign(drawn, {"by-run": drawRuns, curve: drawLines});
+  fit();
+  listen();
+  const resized = new ResizeObserver(entries => redraw(...entries.map(one => one.target.id)));
+  for (const figure of document.querySelectorAll(".plot")) { watch.observe(figure); resized.observe(figure); }
+  document.documentElement.dataset.ready = "yes";
+}
+
+startRuns();

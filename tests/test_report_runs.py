@@ -1,0 +1,458 @@
+"""`contactlearn report`: one page over several runs, read in Python and opened in headless Chromium."""
+
+import html
+import json
+import os
+import re
+from urllib.parse import unquote
+
+import pytest
+from test_commands import run
+from test_report_page import HOSTILE, browser, data_of, draw_everything, into_view, opened, silent, until  # noqa: F401
+
+from contactlearn.__main__ import main
+from contactlearn.diagnosis.diagnosis import Diagnosis
+from contactlearn.diagnosis.ladder import Missing
+from contactlearn.errors import ContactLearnError
+from contactlearn.metrics import Interval
+from contactlearn.report.page.runs import write_runs
+from contactlearn.report.style import law_style
+
+METRIC = "mass_error"
+
+
+def provenance(config, sha256="a" * 64, source="drops"):
+    return {
+        "data": {"source": source, "trials": 200, "sha256": sha256},
+        "versions": {"contactlearn": "0.1.0"},
+        "config": config,
+    }
+
+
+def interval(mean):
+    return {"mean": mean, "low": 0.9 * mean, "high": 1.1 * mean}
+
+
+def trained(law="mirtich", size=20, error=0.2, effects=(), **data):
+    """results.json of a train.py, in short."""
+    config = {"law": law, "model": {"analytical": {"law": law}}, "effect": {name: {} for name in effects}, "seed": 0}
+    joint = {law: {}, " + ".join((law, *effects)): {}} if effects else {}
+    errors = {law: {METRIC: interval(1.5 * error)}} | {(list(joint) or [law])[-1]: {METRIC: interval(error)}}
+    return provenance(config | {"train": {"size": size}}, **data) | {"joint": joint, "errors": errors, "processes": []}
+
+
+def evaluated(size=20, **data):
+    config = {"law": "mirtich", "laws": ["mirtich", "whittaker"], "effect": {}, "seed": 0, "train": {"size": size}}
+    means = {"mirtich": 0.2, "whittaker": 0.3, "best_post_hoc": 0.1, "irb": 0.05}
+    errors = {name: {METRIC: interval(mean)} for name, mean in means.items()}
+    return provenance(config, **data) | {"joint": {}, "errors": errors}
+
+
+def diagnosed(names=("spin_damping:after",), first=0.3, **data):
+    """diagnosis.json as `Diagnosis.to_dict` makes it."""
+    means = [first / (k + 1) for k in range(len(names) + 3)]
+    steps = ["wang_mason", *(f"+ {name}" for name in names), "+ processes on what remains", "noise floor"]
+    of = lambda mean: Interval(**interval(mean))  # noqa: E731
+    missing = tuple(Missing(name, None, of(0.2), of(0.1), 0.1, 1.0, {}, (0.0, 0.0)) for name in names)
+    budget = {"base": interval(first), "noise": interval(means[-1]) | {"how": "as stated"}, "bound": interval(0.01)}
+    found = Diagnosis(
+        "effects" if names else "none",
+        "wang_mason",
+        {},
+        (),
+        missing,
+        tuple((step, of(mean)) for step, mean in zip(steps, means, strict=True)),
+        budget,
+    )
+    return found.to_dict() | {"command": "python evaluate.py"} | provenance({"effect": {}, "law": "best"}, **data)
+
+
+def leave(folder, content, page=False):
+    """A run folder."""
+    folder.mkdir(parents=True)
+    name = "diagnosis.json" if "verdict" in content else "results.json"
+    (folder / name).write_text(content if isinstance(content, str) else json.dumps(content))
+    if page:
+        (folder / "report.html").write_text("its own")
+    return folder
+
+
+def row(text, name):
+    """Cells of a run's row by the names of their columns."""
+    head, body = re.search(r'<table id="runs">(.*?)</table>', text, re.S)[1].split("<tbody>")
+    columns = [html.unescape(one) for one in re.findall(r"<button[^>]*>(.*?)</button>", head)]
+    for line in body.split("<tr ")[1:]:
+        cells = [html.unescape(re.sub("<.*?>", "", one)) for one in re.findall(r"<t[hd].*?>(.*?)</t[hd]>", line, re.S)]
+        if cells[0] == name:
+            return dict(zip(columns, cells, strict=True))
+    raise KeyError(name)
+
+
+def said(x):
+    return f"{x['mean']:.4f} ({x['low']:.4f}–{x['high']:.4f})"
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory):
+    """A real sweep with its page."""
+    folder = tmp_path_factory.mktemp("sweep")
+    small = ("data.size=80", "train.repetitions=3", "bootstrap=50", "train.size=10,40", "law=wang_mason,whittaker")
+    run("train.py", "-m", *small, f"hydra.sweep.dir={folder}")
+    return run("-m", "contactlearn", "report", str(folder)), folder
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory):
+    """Runs of every command on two sets of data, names that try to be markup or a script, and what is no run."""
+    folder = tmp_path_factory.mktemp("mixed")
+    leave(folder / "b10", trained(effects=["surface_tilt"], error=0.15))
+    leave(folder / "b9", trained(error=0.4))
+    leave(folder / "evaluation", evaluated(), page=True)
+    leave(folder / "javascript:alert(1)" / "#<b>?%41", diagnosed(), page=True)
+    two = leave(folder / "two", diagnosed(("surface_tilt", "spin_damping"), 0.6, sha256="b" * 64, source=HOSTILE))
+    own = json.loads((two / "diagnosis.json").read_text())
+    own["missing_effects"][1]["name"] = HOSTILE
+    own["ladder"][2]["step"] = f"+ {HOSTILE}"
+    own["config"] |= {HOSTILE: HOSTILE, "law": HOSTILE}
+    own |= {"law": HOSTILE}
+    (two / "diagnosis.json").write_text(json.dumps(own))
+    leave(folder / "cut", '{"verdict": ')
+    (folder / "failed" / ".hydra").mkdir(parents=True)
+    page, runs, skipped = write_runs([folder])
+    return page, runs, dict(skipped)
+
+
+def test_numbers_of_a_real_sweep(sweep):
+    printed, folder = sweep
+    assert "4 runs" in printed
+    text = (folder / "report.html").read_text()
+    for job in "0123":
+        results = json.loads((folder / job / "results.json").read_text())
+        (law, error), cells = next(iter(results["errors"].items())), row(text, job)
+        assert cells["Held-out mass error"] == said(error[METRIC])
+        assert cells["train.size"] == str(results["config"]["train"]["size"])
+        assert cells["Law"].lower().replace("–", "_") == law
+    assert set(row(text, "0")) == {"Run", "Held-out mass error", "train.size", "Law"}  # the rest does not differ
+    shared = html.unescape(re.search(r'id="shared">(.*?)</table>', text, re.S)[1])
+    assert '<th scope="row">data.size</th><td>80</td>' in shared
+    assert results["data"]["sha256"] in text
+    assert "cannot be compared" not in text
+
+
+def test_learning_curves_join_runs(sweep):
+    _, folder = sweep
+    lines = {line["label"]: line for line in data_of(folder / "report.html")["curves"]}
+    assert set(lines) == {"Wang–Mason", "Whittaker"}
+    for job, (place, law) in enumerate((place, law) for place in (0, 1) for law in ("wang_mason", "whittaker")):
+        error = json.loads((folder / str(job) / "results.json").read_text())["errors"][law][METRIC]
+        line = lines[law_style(law).label]
+        assert line["sizes"] == [10, 40]
+        assert line["intervals"][place] == pytest.approx(error, rel=1e-7)
+
+
+def test_learning_curves_with_bounds(tmp_path):
+    """Other settings and other data make other lines; a bound that is the same in all runs is level."""
+    for k, size in enumerate((20, 50)):
+        leave(tmp_path / f"train_{k}", trained(size=size, error=0.2 / (k + 1)))
+        leave(tmp_path / f"tilt_{k}", trained(size=size, effects=["surface_tilt"], error=0.1 / (k + 1)))
+        leave(tmp_path / f"other_{k}", trained(size=size, sha256="b" * 64))
+        leave(tmp_path / f"evaluate_{k}", evaluated(size))
+    lines = data_of(write_runs([tmp_path])[0])["curves"]
+    by_label = {line["label"]: line for line in lines}
+    tilt = by_label[f"Mirtich, effects surface tilt, train.py, drops {'a' * 10}"]
+    assert [x["mean"] for x in tilt["intervals"]] == pytest.approx([0.1, 0.05])
+    assert [line["level"] for line in lines if line["label"] in ("Best Post Hoc", "IRB bound")] == [True, True]
+    assert by_label["IRB bound"]["intervals"][0]["mean"] == 0.05
+    trains = [line for line in lines if line["label"].startswith("Mirtich")]
+    assert len(trains) == 4  # without and with the effect, on other data, and of the evaluations
+    assert len({line["color"] for line in trains}) == 4
+
+
+def test_every_command_has_its_numbers(mixed):
+    page, runs, _ = mixed
+    text = page.read_text()
+    assert [one.name for one in runs][:3] == ["b9", "b10", "evaluation"]
+    own = diagnosed()
+    cells = row(text, "javascript:alert(1)/#<b>?%41")
+    assert cells["Held-out mass error"] == said(own["ladder"][1])
+    assert cells["Law alone"] == said(own["budget"]["base"])
+    assert cells["Noise floor"] == said(own["budget"]["noise"])
+    assert cells["IRB bound"] == said(own["budget"]["bound"])
+    assert (cells["Verdict"], cells["Missing effects"]) == ("effects are missing", "spin damping")
+    assert (cells["Command"], cells["Trials"], cells["SHA-256 of the data"]) == ("diagnose", "200", "a" * 10)
+    assert (cells["spin damping"], cells["surface tilt"]) == ("✓ found", "")
+    assert row(text, "b10")["surface tilt"] == "✓ "
+    assert row(text, "b10")["Held-out mass error"] == said(interval(0.15))
+    assert row(text, "b10")["Law alone"] == said(interval(1.5 * 0.15))
+    assert row(text, "evaluation")["Held-out mass error"] == said(interval(0.2))
+    assert row(text, "evaluation")["IRB bound"] == said(interval(0.05))
+    for step in own["ladder"]:
+        assert f'<td class="value">{said(step)}</td>' in text
+
+
+def test_different_data_are_warned_of(mixed):
+    text = mixed[0].read_text()
+    assert "on 2 different sets of data, so their errors cannot be compared" in text
+    assert "cross-validated over all trials" in text
+
+
+def test_what_is_no_run_is_named_with_the_reason(mixed, capsys):
+    page, runs, skipped = mixed
+    assert len(runs) == 5
+    assert "is not JSON, or was cut off" in skipped["cut (diagnosis.json)"]
+    assert "the run failed, or goes on" in skipped["failed"]
+    assert "<strong>failed</strong>: has neither" in page.read_text()
+    assert main(["report", str(page.parent)]) == 0
+    printed = capsys.readouterr().out
+    assert "left out failed: has neither" in printed
+    assert "5 runs, 2 left out" in printed
+
+
+def test_names_are_escaped_and_links_stay_inside(mixed):
+    page, _, _ = mixed
+    text = page.read_text()
+    assert "<script>window" not in text
+    assert "<img" not in text
+    assert html.escape("javascript:alert(1)/#<b>?%41") in text
+    links = [link for link in re.findall(r'<a href="([^"]*)"', text) if not link.startswith("#")]
+    assert len(links) == 2
+    for link in links:
+        assert link.startswith("./")
+        assert not set(link) & set(":#?<>")
+        assert (page.parent / unquote(link)).read_text() == "its own"
+    loads = re.findall(r"(?:src|action|data)\s*=\s*[\"']([^\"']*)", re.sub("<script.*?</script>", "", text, flags=re.S))
+    assert not loads
+    assert "default-src 'none'" in text
+
+
+def test_settings_that_only_some_runs_have(tmp_path):
+    """Those of another command or another source are no difference; those of the same kind of run are."""
+    leave(tmp_path / "a", trained())
+    other = trained()
+    other["config"] |= {
+        "reference": {"mirtich": {"mu": 0.1}},
+        "model": {"x1_wrench": {"law": None, "target": "wrench"}},
+    }
+    leave(tmp_path / "b", other)
+    leave(tmp_path / "c", diagnosed())
+    text = write_runs([tmp_path])[0].read_text()
+    cells = row(text, "b")
+    assert cells["reference"] == '{"mirtich": {"mu": 0.1}}'
+    assert cells["model"] == cells["Model"].replace("X1 → wrench", "x1_wrench") == "x1_wrench"
+    assert row(text, "a")["reference"] == row(text, "c")["model"] == "–"
+    assert "train.size" not in cells  # 20 in all that have it
+
+
+DAMAGED = {
+    "empty": ("", "is not JSON"),
+    "foreign": ({"scores": [1, 2]}, "data is not there"),
+    "list": ([1], "data is not there"),
+    "no hash": ({"data": {"source": "x", "trials": 3}, "config": {}}, "data.sha256 is not there"),
+    "no config": ({"data": trained()["data"]}, "config is not there"),
+    "no errors": (trained() | {"errors": {}}, "errors is empty"),
+    "text for number": (trained() | {"errors": {"a": {METRIC: interval(1) | {"low": "x"}}}}, "errors.a.low must be"),
+    "errors a list": (trained() | {"errors": [1]}, "errors must be an object"),
+    "huge": (trained() | {"errors": {"a": {METRIC: {"mean": 10**400, "low": 0, "high": 0}}}}, "errors.a.mean must be"),
+    "nan": (json.dumps(trained(error=float("nan"))), "NaN is no number of JSON"),
+    "infinite": (json.dumps(trained()).replace("0.2,", "1e999,"), "must be a number"),
+    "deep": ("[" * 100_000, "is nested too deeply"),
+    "deep config": (trained() | {"config": json.loads('{"a":' * 90 + "{}" + "}" * 90)}, "is nested too deeply"),
+    "digits": (f'{{"data": {"9" * 5000}}}', "is not JSON"),
+    "transfer": (provenance({}) | {"transfer": {}}, "is a transfer to other bodies"),
+    "curves": (trained() | {"learning_curves": {"m": {"sizes": [1], METRIC: []}}}, "has 1 sizes and 0 errors"),
+    "verdict": (diagnosed() | {"verdict": "sure"}, "verdict must be one of"),
+    "ladder": (diagnosed() | {"ladder": diagnosed()["ladder"][:1]}, "ladder has fewer steps"),
+    "old diagnosis": ({"verdict": "none", "law": "mirtich"}, "data is not there"),
+    "missing": (diagnosed() | {"missing_effects": ["tilt"]}, "name is not there"),
+}
+
+
+@pytest.mark.parametrize(("content", "reason"), DAMAGED.values(), ids=DAMAGED)
+def test_damaged_files_are_left_out(content, reason, tmp_path, capsys):
+    leave(tmp_path / "damaged", content)
+    assert main(["report", str(tmp_path)]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith("error: no run can be read in")
+    assert reason in printed.err
+    assert not list(tmp_path.glob("*.html"))
+    leave(tmp_path / "good", trained())
+    _, runs, skipped = write_runs([tmp_path])
+    assert [one.name for one in runs] == ["good"]
+    assert reason in skipped[0][1]
+
+
+def test_not_utf8(tmp_path):
+    leave(tmp_path / "good", trained())
+    (leave(tmp_path / "latin", "") / "results.json").write_bytes(b'{"\xe4": 1}')
+    os.mkdir(os.fsencode(tmp_path) + b"/\xff\x1b[31m")
+    with open(os.fsencode(tmp_path) + b"/\xff\x1b[31m/results.json", "w") as file:
+        json.dump(trained(source="\ud800"), file)
+    page, runs, skipped = write_runs([tmp_path])
+    assert {one.name for one in runs} == {"good", "  [31m"}
+    assert skipped[0][0] == "latin (results.json)"
+    assert "\ufffd" not in page.read_text(encoding="utf-8")
+
+
+def test_data_that_are_refused_have_a_row(tmp_path):
+    refused = Diagnosis("bad_data", "best", {}, ()).to_dict() | provenance({"effect": {}, "law": "best"})
+    leave(tmp_path / "refused", refused)
+    cells = row(write_runs([tmp_path])[0].read_text(), "refused")
+    assert (cells["Held-out mass error"], cells["Verdict"]) == ("–", "the data are doubtful")
+
+
+def test_where_the_page_goes(tmp_path, monkeypatch):
+    one = leave(tmp_path / "one", trained(), page=True)
+    leave(tmp_path / "two", trained())
+    assert write_runs([tmp_path])[0] == tmp_path / "report.html"
+    assert write_runs([tmp_path])[0] == tmp_path / "report.html"  # its own page it does replace
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "report.html").unlink()
+    assert write_runs([one])[0] == tmp_path / "report.html"
+    assert write_runs([one, tmp_path / "two"], "both.html")[0] == tmp_path / "both.html"
+    assert len(write_runs([one, tmp_path], "both.html")[1]) == 2  # none twice
+    monkeypatch.chdir(one)
+    for out in (None, "report.html", one / "report.html"):
+        with pytest.raises(ContactLearnError, match="is the page of the run in that folder"):
+            write_runs([one], out)
+    (tmp_path / "notes.html").write_text("mine")
+    refusals = {
+        "results.json": "must be an .html file",
+        "no/folder.html": "no such folder",
+        str(tmp_path / "notes.html"): "is no page over several runs",
+    }
+    for out, reason in refusals.items():
+        with pytest.raises(ContactLearnError, match=reason):
+            write_runs([one], out)
+    assert (one / "report.html").read_text() == "its own"
+    assert (tmp_path / "notes.html").read_text() == "mine"
+    with pytest.raises(ContactLearnError, match="no such folder"):
+        write_runs([tmp_path / "nowhere"])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ContactLearnError, match=r"neither diagnosis\.json nor results\.json is there"):
+        write_runs([tmp_path / "empty"])
+
+
+def test_help(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["report", "--help"])
+    printed = capsys.readouterr().out
+    assert "--out FILE" in printed
+    assert "examples: contactlearn report" in printed
+
+
+# In a browser.
+
+
+def order(browser):  # noqa: F811
+    return browser.execute_script(
+        "return [...document.querySelectorAll('#runs tbody tr:not([hidden])')].map(one => one.cells[0].textContent)"
+    )
+
+
+def press(browser, column):  # noqa: F811
+    """A click on the button of a column; how it is sorted then."""
+    return browser.execute_script(
+        "const head = [...document.querySelectorAll('#runs thead th')].find(one => one.textContent === arguments[0]);"
+        "head.querySelector('button').click(); return head.getAttribute('aria-sort')",
+        column,
+    )
+
+
+def test_runs_are_drawn_in_silence(browser, mixed):  # noqa: F811
+    shown = opened(browser, mixed[0])
+    draw_everything(shown)
+    width = shown.execute_script("return [document.documentElement.scrollWidth, document.documentElement.clientWidth]")
+    assert width[0] <= width[1]
+    assert "5 runs, the least of b10 with 0.1500" in shown.execute_script(
+        "return document.getElementById('by-run').getAttribute('aria-label')"
+    )
+    assert silent(shown)
+
+
+def test_a_sweep_is_drawn_in_silence(browser, sweep):  # noqa: F811
+    shown = opened(browser, sweep[1] / "report.html")
+    draw_everything(shown)
+    assert shown.execute_script("return document.getElementById('curve').data.length") == 4  # two lines, two bands
+    assert silent(shown)
+
+
+def test_sorting(browser, mixed):  # noqa: F811
+    shown, names = opened(browser, mixed[0]), [one.name for one in mixed[1]]
+    error = {one.name: one.error["mean"] for one in mixed[1]}
+    assert order(shown) == names
+    assert press(shown, "Held-out mass error") == "ascending"
+    assert order(shown) == sorted(names, key=error.get)
+    assert press(shown, "Held-out mass error") == "descending"
+    assert order(shown) == sorted(names, key=error.get, reverse=True)
+    into_view(shown, "by-run")
+    ticks = "document.querySelector('#by-run').layout.yaxis.ticktext[0]"
+    assert until(shown, f"{ticks}.startsWith({json.dumps(order(shown)[0][:3])}) || {ticks}.startsWith('…')")
+    noise = {one.name: one.noise["mean"] for one in mixed[1] if one.noise}
+    for direction in (False, True):  # those without stay at the end
+        press(shown, "Noise floor")
+        assert order(shown)[: len(noise)] == sorted(noise, key=noise.get, reverse=direction)
+    press(shown, "Run")
+    assert order(shown) == names
+    assert silent(shown)
+
+
+def test_lines_follow_the_table(browser, tmp_path):  # noqa: F811
+    """Of 40 lines 30 are drawn, those of the runs that come first; without intervals, or nothing could be seen."""
+    for seed in range(40):
+        for size in (20, 50):
+            content = trained(size=size, error=1 / (seed + size), effects=["surface_tilt"] if seed == 7 else [])
+            content["config"]["seed"] = seed
+            leave(tmp_path / f"{seed}_{size}", content)
+    shown = opened(browser, write_runs([tmp_path])[0])
+    into_view(shown, "curve")
+    names = "document.querySelector('#curve').data.map(one => one.name)"
+    assert len(shown.execute_script(f"return {names}")) == 30
+    assert "10 of 40 lines are not drawn" in shown.execute_script("return document.getElementById('left').textContent")
+    press(shown, "Held-out mass error")
+    assert until(shown, f"{names}[0] === 'Mirtich, seed 39'")
+    shown.execute_script(
+        "const list = document.querySelector('[data-effect]'); list.value = 'with';"
+        "list.dispatchEvent(new Event('change'))"
+    )
+    assert until(shown, f"{names}.length === 2 && {names}[1] === 'Mirtich, effects surface tilt, seed 7'")
+    y = shown.execute_script("return document.querySelector('#curve').data[1].y")
+    assert y == pytest.approx([1 / 27, 1 / 57])
+    assert silent(shown)
+
+
+def test_sorting_by_keyboard(browser, mixed):  # noqa: F811
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    shown = opened(browser, mixed[0])
+    shown.find_element(By.CSS_SELECTOR, "#runs thead th:nth-child(2) button").send_keys(Keys.ENTER)
+    assert order(shown)[0] == "b10"
+
+
+def test_filtering_by_effect(browser, mixed):  # noqa: F811
+    shown = opened(browser, mixed[0])
+    has = {one.name: {*one.given, *one.found} for one in mixed[1]}
+    effects = shown.execute_script("return page.effects.map(one => one.name)")
+    assert set(effects) == set().union(*has.values())
+
+    def choose(effect, how):
+        shown.execute_script(
+            "const list = document.querySelector(`[data-effect='${arguments[0]}']`); list.value = arguments[1];"
+            "list.dispatchEvent(new Event('change'))",
+            effects.index(effect),
+            how,
+        )
+        return order(shown)
+
+    assert choose("surface_tilt", "with") == [name for name in has if "surface_tilt" in has[name]] == ["b10", "two"]
+    assert "2 of 5 runs" in shown.execute_script("return document.getElementById('shown').textContent")
+    ladders = "[...document.querySelectorAll('[data-ladder]')].filter(one => !one.hidden).map(one => one.textContent)"
+    assert len(shown.execute_script(f"return {ladders}")) == 1
+    into_view(shown, "by-run")
+    assert until(shown, "document.querySelector('#by-run').layout.yaxis.ticktext.length === 2")
+    assert choose("spin_damping", "without") == ["b10", "two"]
+    assert choose("surface_tilt", "without") == ["b9", "evaluation"]
+    assert choose("spin_damping", "with") == ["javascript:alert(1)/#<b>?%41"]
+    choose("spin_damping", "")
+    assert len(choose("surface_tilt", "")) == 5
+    assert silent(shown)
