@@ -11,7 +11,7 @@ paper's 10-D space), on 450 trials of each fold:
     gain      mean of rigid − wrench, trial by trial, and its standard error
 
 All errors are the mass error of trials held out, five folds; the IRB bound is the least that any impulse at the
-measured contact point leaves.  Last, what is not in the catalogue: a soft spot of the body as a line of mathematics.
+measured contact point leaves.
 """
 
 import argparse
@@ -25,26 +25,17 @@ from contactlearn import bounds, diagnose, mechanics
 from contactlearn.data import ellipse_drops
 from contactlearn.diagnosis.selection import Folds
 from contactlearn.effects import Effect
-from contactlearn.effects.formula import formula
 from contactlearn.fit_effects import identify_jointly
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.metrics import bootstrap, mass_error
 from contactlearn.regressor import Regressor
 
 TRIALS = 450
-SPOT = formula(
-    eps="-a / (1 + (2 * (1 - cos(theta - theta_0)) / w**2)**2)",
-    parameters={
-        "a": [-0.5, 0.5],
-        "theta_0": {"low": -3.2, "high": 3.2, "unit": "rad", "vanishing": None, "start": 0.0},
-        "w": {"low": 0.1, "high": 1.5, "unit": "rad", "vanishing": None, "start": 0.5},
-    },
-)
 
 
-def rung(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds, start: Tensor | None = None):
-    """Held-out errors [N] of a law with effects: alone, with a learned impulse, with a learned wrench; and the fit."""
-    fit = identify_jointly(law, effects, impacts, start=start)
+def rung(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds):
+    """Held-out errors [N] of a law with effects: alone, with a learned impulse, and with a learned wrench."""
+    fit = identify_jointly(law, effects, impacts)
     base = identify_jointly(law, effects, impacts, folds.fitted, start=fit.values).model.predict(impacts)
     rows = folds.fitted[:, :TRIALS]
     body = impacts.mass, impacts.inertia, impacts.r
@@ -58,7 +49,7 @@ def rung(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds
         learned = torch.nn.functional.pad(learned, (0, 3 - learned.shape[-1]))
         changed = base.v_post + (mechanics.velocity_per_wrench(*body) @ learned[..., None])[..., 0]
         errors.append(folds.scores(mass_error(impacts, Prediction(changed, base.wrench + learned))))
-    return errors, fit
+    return errors
 
 
 def line(name: str, errors: list[Tensor], bound: Tensor) -> str:
@@ -70,11 +61,6 @@ def line(name: str, errors: list[Tensor], bound: Tensor) -> str:
         f"| {name} | {alone.mean():.3f} [{low:.3f}, {high:.3f}] | {rigid.mean():.3f} | {wrench.mean():.3f} | "
         f"{gain.mean():+.4f} ± {gain.std() / math.sqrt(len(gain)):.4f} | {bound.mean():.3f} |"
     )
-
-
-def paired(before: Tensor, after: Tensor) -> str:
-    gain = (before - after)[before.isfinite()]
-    return f"{gain.mean():.4f} ± {gain.std() / math.sqrt(len(gain)):.4f}"
 
 
 def main() -> None:
@@ -90,18 +76,13 @@ def main() -> None:
         folds = Folds.draw(len(impacts), torch.Generator().manual_seed(seed), repeats=1)
         bound = mass_error(impacts, bounds.irb(impacts, "mass"))
         frame = "as published" if impacts is published else "corrected"
-        errors, fit = rung(found.law, {}, impacts, folds)
+        errors = rung(found.law, {}, impacts, folds)
         print(line(f"{found.law}, {frame}", errors, bound), flush=True)
         effects = {}
         for one in missing:
             effects[one.name] = one.effect
-            errors, fit = rung(found.law, effects, impacts, folds)
+            errors = rung(found.law, effects, impacts, folds)
             print(line(f"+ {one.name}", errors, bound), flush=True)
-    named, start = errors[0], torch.cat((fit.values, torch.tensor([p.start for p in SPOT.parameters])))
-    errors, fit = rung(found.law, {**effects, "soft_spot": SPOT}, impacts, folds, start)
-    print(line("+ a soft spot", errors, bound))
-    values = zip(fit.parameters[-3:], fit.values[-3:].tolist(), fit.standard_errors[-3:].tolist(), strict=True)
-    print("\nThe spot takes off", paired(named, errors[0]), {p.name: f"{x:.4f} ± {e:.4f}" for p, x, e in values})
 
 
 if __name__ == "__main__":
