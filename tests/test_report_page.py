@@ -20,9 +20,9 @@ from contactlearn.mechanics import energy_ellipse
 from contactlearn.metrics import HEADLINE, METRICS, Interval, bootstrap, mass_error
 from contactlearn.model import ContactModel
 from contactlearn.report.page import content as content_module
-from contactlearn.report.page.comparison import write_evaluation
-from contactlearn.report.page.content import of_diagnosis, write_report
-from contactlearn.report.page.page import embedded, render
+from contactlearn.report.page.comparison import of_evaluation
+from contactlearn.report.page.content import of_diagnosis
+from contactlearn.report.page.page import embedded, render, write
 
 HOSTILE = '<script>window.hacked=1</script><img src=x onerror="window.hacked=1">\'{{ 7*7 }}&<b>\u2028'
 COMMAND = "python diagnose.py data=mystery"
@@ -56,7 +56,7 @@ def content(found):
 
 @pytest.fixture(scope="module")
 def page(found, tmp_path_factory):
-    return write_report(tmp_path_factory.mktemp("run"), found, COMMAND, provenance(found.impacts))
+    return write(tmp_path_factory.mktemp("run"), of_diagnosis(found, COMMAND, provenance(found.impacts)))
 
 
 def data_of(path):
@@ -124,7 +124,7 @@ def test_fatal_data_have_a_page(found, tmp_path):
         {},
         (Finding("impossible", "no hypothesis balances the moments", {"balance": 0.3}, fatal=True),),
     )
-    text = write_report(tmp_path, refused, COMMAND, provenance(found.impacts)).read_text()
+    text = write(tmp_path, of_diagnosis(refused, COMMAND, provenance(found.impacts))).read_text()
     assert "no correction that is known mends them" in text
     assert 'id="library"' not in text
 
@@ -178,9 +178,9 @@ def evaluation(tmp_path_factory, found):
         HEADLINE: [{"mean": 0.2, "low": 0.1, "high": 0.3}, {"mean": 0.1, "low": 0.05, "high": 0.2}],
     }
     folder = tmp_path_factory.mktemp("evaluation")
-    return write_evaluation(
-        folder, found.impacts, predictions, errors, laws, COMMAND, provenance(found.impacts), curves={HOSTILE: curve}
-    ), errors
+    about = provenance(found.impacts)
+    content = of_evaluation(found.impacts, predictions, errors, laws, COMMAND, about, curves={HOSTILE: curve})
+    return write(folder, content), errors
 
 
 def test_an_evaluation_has_a_page(evaluation):

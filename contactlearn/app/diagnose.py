@@ -18,7 +18,8 @@ from contactlearn.metrics import HEADLINE, Interval
 from contactlearn.report import diagnosis as report
 from contactlearn.report import terminal
 from contactlearn.report.diagnosis_figures import drawn
-from contactlearn.report.page.content import write_report
+from contactlearn.report.page.content import of_diagnosis
+from contactlearn.report.page.page import write
 from contactlearn.report.page.words import headline
 from contactlearn.tracking import Tracker
 
@@ -52,8 +53,7 @@ def diagnose(cfg: DictConfig) -> None:
         run.log_card(tracker, provenance, [found.equation] if found.equation else [], dict(found.ladder), verdict)
         run.save_figures(drawn(found, impacts), folder, tracker)
     with terminal.progress() as bar:
-        write_report(
-            folder,
+        content = of_diagnosis(
             found,
             run.command_line(),
             provenance,
@@ -61,6 +61,7 @@ def diagnose(cfg: DictConfig) -> None:
             noise=None if cfg.fit.noise is None else tuple(cfg.fit.noise),
             progress=lambda items: bar.track(items, description="choices of effects"),
         )
+    write(folder, content)
     terminal.show_folder(folder)
 
 

@@ -17,7 +17,8 @@ from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel
 from contactlearn.report import figures, terminal
 from contactlearn.report.impulse_space import energy_ellipse
-from contactlearn.report.page.comparison import write_evaluation
+from contactlearn.report.page.comparison import of_evaluation
+from contactlearn.report.page.page import write
 from contactlearn.report.tables import save_predictions, save_trial_parameters
 from contactlearn.tracking import Tracker
 
@@ -86,7 +87,7 @@ def evaluate(cfg: DictConfig) -> None:
             drawn["trial_parameters"] = figures.trial_parameters(per_trial, impacts, box=run.box(cfg))
             run.save_figures(drawn, folder, tracker)
     laws = {fit.law: fit.to_law() for fit in fits}
-    write_evaluation(folder, test, predictions, errors, laws, run.command_line(), provenance, curves=curves)
+    write(folder, of_evaluation(test, predictions, errors, laws, run.command_line(), provenance, curves=curves))
     terminal.show_folder(folder)
 
 

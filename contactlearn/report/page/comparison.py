@@ -1,7 +1,6 @@
 """An evaluation as the data of its page: models side by side on the trials that were held out."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -10,36 +9,9 @@ from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
 from contactlearn.metrics import HEADLINE, METRICS
 from contactlearn.report.page.arrays import packed
-from contactlearn.report.page.page import write
 from contactlearn.report.page.trials import REACH, digits, look, of_laws, of_trials
 from contactlearn.report.page.words import interval
 from contactlearn.report.style import BOUNDS
-
-
-def write_evaluation(
-    folder: Path,
-    test: Impacts,
-    predictions: Mapping[str, Prediction],
-    errors: Mapping[str, Mapping[str, Any]],
-    laws: Mapping[str, Law],
-    command: str,
-    provenance: Mapping[str, Any],
-    *,
-    curves: Mapping[str, Mapping[str, Any]] | None = None,
-) -> Path:
-    """report.html of an evaluation.
-
-    Args:
-        folder: of the run.
-        test: the trials that were held out.
-        predictions: by the name of the model, bounds among them.
-        errors: of each as in results.json: {metric: {mean, low, high}, outside_admissible}.
-        laws: at their identified parameters, by name.
-        command: that makes it again.
-        provenance: data, versions and configuration, as in results.json.
-        curves: learning curves as in results.json.
-    """
-    return write(folder, of_evaluation(test, predictions, errors, laws, command, provenance, curves=curves))
 
 
 def of_evaluation(
@@ -52,7 +24,17 @@ def of_evaluation(
     *,
     curves: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> dict[str, Any]:
-    """All that the page of an evaluation says and draws; the arguments are those of `write_evaluation`."""
+    """All that the page of an evaluation says and draws.
+
+    Args:
+        test: the trials that were held out.
+        predictions: by the name of the model, bounds among them.
+        errors: of each as in results.json: {metric: {mean, low, high}, outside_admissible}.
+        laws: at their identified parameters, by name.
+        command: that makes it again.
+        provenance: data, versions and configuration, as in results.json.
+        curves: learning curves as in results.json.
+    """
     names = list(predictions)
     means = {name: errors[name][HEADLINE]["mean"] for name in names}
     best = min((name for name in names if name not in BOUNDS), key=means.get)

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -18,35 +17,10 @@ from contactlearn.laws import PAPER_LAWS, Law
 from contactlearn.metrics import Interval, bootstrap, mass_error
 from contactlearn.partial import COMPONENTS, Partial, partial_residuals
 from contactlearn.report.page.arrays import packed
-from contactlearn.report.page.page import write
 from contactlearn.report.page.trials import REACH, digits, look, of_laws, of_trials
 from contactlearn.report.page.words import BUDGET, WRENCH, base, headline, label, listed, sentences
 
 _RESAMPLES = 1000
-
-
-def write_report(
-    folder: Path,
-    found: Diagnosis,
-    command: str,
-    provenance: Mapping[str, Any],
-    *,
-    use: str = "",
-    noise: tuple[float, float, float] | None = None,
-    progress: Callable[[Iterable], Iterable] = iter,
-) -> Path:
-    """report.html of a diagnosis.
-
-    Args:
-        folder: of the run.
-        found: the diagnosis.
-        command: that makes it again.
-        provenance: data, versions and configuration, as in diagnosis.json.
-        use: the command that evaluates what was found.
-        noise: standard deviations of the measured v_x, v_y and ω, as the diagnosis had them.
-        progress: wraps the fits of every choice of effects.
-    """
-    return write(folder, of_diagnosis(found, command, provenance, use=use, noise=noise, progress=progress))
 
 
 def of_diagnosis(
@@ -58,7 +32,16 @@ def of_diagnosis(
     noise: tuple[float, float, float] | None = None,
     progress: Callable[[Iterable], Iterable] = iter,
 ) -> dict[str, Any]:
-    """All that the page of a diagnosis says and draws; the arguments are those of `write_report`."""
+    """All that the page of a diagnosis says and draws.
+
+    Args:
+        found: the diagnosis.
+        command: that makes it again.
+        provenance: data, versions and configuration, as in diagnosis.json.
+        use: the command that evaluates what was found.
+        noise: standard deviations of the measured v_x, v_y and ω, as the diagnosis had them.
+        progress: wraps the fits of every choice of effects.
+    """
     content = {
         "title": f"Diagnosis of {provenance['data']['source']}",
         "verdict": {"key": found.verdict, "headline": headline(found), "sentences": sentences(found)},
