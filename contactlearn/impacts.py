@@ -49,7 +49,7 @@ class Impacts:
             a number is missing or not finite, a mass or inertia is not positive, a contact
             point does not approach the floor (v_n ≥ 0), or a trial name occurs twice.
 
-    With `suspect` the approach is not asked for: measurements as read, for the audit and for
+    With `suspect` neither the approach nor unique names are asked for: measurements as read, for the audit and for
     corrections, which need not be in the right frame or order yet.  No model should be given them.
     """
 
@@ -113,12 +113,15 @@ class Impacts:
                 "must approach the floor: v_n = vy + rx ω < 0 before contact "
                 "(are pre- and post-contact columns swapped, or is y down?)",
             )
+            self._refuse_homonyms()
+
+    def _refuse_homonyms(self) -> None:
         seen: dict[str, int] = {}
         for row, name in enumerate(self.trial, 1):
             if name in seen:
                 raise DataError(
                     f"{self.source}: trial names must be unique; row {row}, column trial repeats {name!r} "
-                    f"of row {seen[name]}",
+                    f"of row {seen[name]} (data.correct=[drop_duplicates] drops rows that repeat others)",
                     row=row,
                 )
             seen[name] = row

@@ -214,6 +214,7 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
     scores = (weight / (1 - leverage.clamp(0, 0.9)))[..., None] * each
     sandwich = inverse @ (scores.mT @ scores) @ inverse
     spread = (weight.square() * distance).sum(-1) / 3 / weight.sum(-1)  # of a whitened residual, as weighted
+    spread = spread.clamp_min(1e-30)  # of exact data
     free = 3 * n - K - 6  # of 3 n numbers, less the parameters and the scatter
     small = 3 * n / max(free, 1)
     # The larger one in every direction.

@@ -104,6 +104,51 @@ def test_nothing_is_found_where_nothing_is_missing():
         assert found.missing == ()
 
 
+def test_copies_of_rows_are_dropped_whatever_they_are_called(tmp_path):
+    """Also through a file in which they have the names of their originals."""
+    impacts, truth = mystery.draw(5, effects=[], size=60)
+    path = table.save(impacts, tmp_path / "drops.csv")
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines, *lines[5:15]]) + "\n")
+    found = diagnose(table.load(path, impacts.shape, suspect=True), truth["law"], candidates=few("surface_tilt"))
+    assert [finding.correction for finding in found.findings] == ["drop_duplicates"]
+    assert len(found.impacts) == 60
+    with pytest.raises(DataError, match=r"repeats '5' of row 5 .data.correct=.drop_duplicates. drops"):
+        table.load(path, impacts.shape)
+
+
+@pytest.mark.parametrize("law", ["wang_mason", "mirtich"])
+def test_exact_data_are_no_trouble(law):
+    """Nothing is left by the true law, and a law that is not true is seen to be worse."""
+    drops = synthetic.load(size=80, velocity_noise=0, spin_noise=0, law="wang_mason")
+    found = diagnose(drops, law, candidates=few("surface_tilt", "side_drag"))
+    assert json.dumps(found.to_dict(), allow_nan=False)
+    assert min(found.laws, key=found.laws.get) == "wang_mason"
+    if law == "wang_mason":
+        assert found.verdict == "none"
+        assert found.budget["named"]["mean"] < 1e-6
+
+
+def test_bodies_of_different_mass_do_not_blind_it():
+    """The same velocities of bodies of 1, 3 and 10 times the mass: what is unknown is as unknown."""
+    impacts, truth = mystery.draw(7, effects=["magnetic_pull"], size=300)
+    factor = torch.tensor((1.0, 3.0, 10.0), dtype=torch.float64).repeat(100)
+    several = impacts.replace(mass=impacts.mass * factor, inertia=impacts.inertia * factor)
+    one, three = (diagnose(d, truth["law"], candidates=few("surface_tilt")) for d in (impacts, several))
+    assert one.verdict == three.verdict == "unknown"
+    assert three.remainder.share.mean == pytest.approx(one.remainder.share.mean, abs=0.05)
+
+
+def test_a_law_that_is_given_is_compared_with_the_others():
+    drops = synthetic.load(size=120, law="mirtich")
+    told = dict()
+    found = diagnose(drops, "whittaker", candidates=few("surface_tilt"), say=told.__setitem__)
+    law, errors = told["laws"]
+    assert law == found.law == "whittaker"
+    assert errors["whittaker"] > 3 * errors["mirtich"]
+    assert found.verdict == "unknown"  # for a better model is known
+
+
 def test_the_budget_adds_up():
     """Noise, explained and left are the whole error; the floor is what nature's own prediction leaves."""
     impacts, truth = mystery.draw(8, effects=["contact_patch"], size=300)

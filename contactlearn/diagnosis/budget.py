@@ -26,15 +26,16 @@ def full_budget(budget: dict[str, Any], steps: tuple[tuple[str, Interval], ...],
     """The budget with what was found, and the error of the law in shares."""
     *_, (_, named), (_, flexible), _ = steps
     base, noise = steps[0][1].mean, floor.error.mean
+    whole = base or 1.0  # of exact data
     return budget | {
         "base": steps[0][1]._asdict(),
         "named": named._asdict(),
         "flexible": flexible._asdict(),
         "noise": floor.error._asdict() | {"how": HOW[floor.how]},
         "shares": {
-            "noise": noise / base,
-            "explained": 1 - named.mean / base,
-            "left": max(0.0, named.mean - noise) / base,
-            "beyond_rigid": max(0.0, budget["bound"]["mean"] - noise) / base,
+            "noise": noise / whole,
+            "explained": (base - named.mean) / whole,
+            "left": max(0.0, named.mean - noise) / whole,
+            "beyond_rigid": max(0.0, budget["bound"]["mean"] - noise) / whole,
         },
     }

@@ -29,7 +29,7 @@ from contactlearn.diagnosis.formulas import Formula, formulas
 from contactlearn.diagnosis.ladder import Missing, interval, ladder
 from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.diagnosis.regions import Region, find_regions
-from contactlearn.diagnosis.remainder import Remainder, remainder
+from contactlearn.diagnosis.remainder import CLEARLY, Remainder, remainder
 from contactlearn.diagnosis.selection import Fitted, Folds, Selection
 from contactlearn.diagnosis.spread import averaged
 from contactlearn.effects import Effect
@@ -73,11 +73,13 @@ class Diagnosis:
     impacts: Impacts | None = None
     base: ContactModel | None = None
     model: ContactModel | None = None
+    physics: str | None = None  # the verdict but for what had to be corrected; None where the data are refused
 
     def to_dict(self) -> dict[str, Any]:
         """As diagnosis.json."""
         return {
             "verdict": self.verdict,
+            "physics": self.physics,
             "law": self.law,
             "laws": self.laws,
             "missing_effects": [missing.to_dict() for missing in self.missing],
@@ -181,8 +183,9 @@ def diagnose(
     floor = noise_floor(impacts, fit.model, generator=generator, noise=noise, usual=fit.usual, predicted=better)
     steps = (*steps, ("+ processes on what remains", interval(left.error, generator)), ("noise floor", floor.error))
     budget = full_budget(budget, steps, floor)
-    mistakes = any(finding.mistake for finding in findings)
-    verdict = "bad_data" if mistakes else "unknown" if left.large else "effects" if missing else "none"
+    unknown = left.large or min(laws.values()) < (1 - CLEARLY) * budget["named"]["mean"]
+    physics = "unknown" if unknown else "effects" if missing else "none"
+    verdict = "bad_data" if any(finding.mistake for finding in findings) else physics
     return Diagnosis(
         verdict,
         law,
@@ -200,6 +203,7 @@ def diagnose(
         impacts,
         selection.base.fit.model,
         fit.model,
+        physics,
     )
 
 

@@ -50,6 +50,7 @@ _FOLLOWS = 0.85  # share of a symbol's variance along θ from which on it is tak
 _GROSS = 8.0  # robust standard deviations, where it is not said which trials are usual
 _NAMED = 0.05  # share below which a variable is not named
 _PERMUTATIONS, _RESAMPLES = 2, 2000
+_ROUNDING = 1e-12  # of a mass error
 
 
 @dataclass(frozen=True)
@@ -231,6 +232,7 @@ def _large(share: Interval) -> bool:
 
 def _share(before: Tensor, error: Tensor, generator: torch.Generator) -> Interval:
     """Relative fall of the mean error with its 95 % paired bootstrap interval."""
+    before, error = before + _ROUNDING, error + _ROUNDING
     rows = torch.randint(len(before), (_RESAMPLES, len(before)), generator=generator)
     falls = 1 - error[rows].mean(-1) / before[rows].mean(-1)
     low, high = falls.quantile(torch.tensor((0.025, 0.975), dtype=falls.dtype)).tolist()

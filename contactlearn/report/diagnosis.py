@@ -117,15 +117,17 @@ def show_verdict(found: Diagnosis, command: str) -> None:
     if found.equation:
         say(found.equation)
     say(f"verdict: {_verdict(found)}")
+    best = min(found.laws, key=found.laws.get, default=found.law)
+    if found.physics == "unknown" and found.laws[best] < found.budget["named"]["mean"]:
+        say(f"{best} alone leaves {_number(found.laws[best])}, less than {found.law} with all this: try law={best}")
     if found.missing:
         say(f"to use it: {command}")
 
 
 def _verdict(found: Diagnosis) -> str:
-    if found.verdict != "bad_data" or not found.ladder:
+    if found.verdict != "bad_data" or found.physics is None:
         return _VERDICTS[found.verdict]
-    rest = "unknown" if found.remainder.large else "effects" if found.missing else "none"
-    return f"{_VERDICTS['bad_data']}; corrected, {_VERDICTS[rest]}"
+    return f"{_VERDICTS['bad_data']}; corrected, {_VERDICTS[found.physics]}"
 
 
 def _shares(found: Diagnosis) -> None:

@@ -36,9 +36,9 @@ def headline(found: Diagnosis) -> str:
     effects, law = listed(label(missing.name) for missing in found.missing) if found.missing else "", base(found)
     if any(finding.fatal for finding in found.findings):
         return "These data contradict themselves, and no correction that is known mends them."
-    if found.verdict == "unknown":
+    if found.physics == "unknown":
         known = f" Known are {effects}." if effects else ""
-        return f"Something is missing from {law} that none of the known effects explains.{known}"
+        return f"Something is missing from {law} that none of the known effects explains.{known}{_doubt(found)}"
     if not effects:
         return f"Nothing is missing from {law} that these data could show.{_doubt(found)}"
     verb = "is" if len(found.missing) == 1 else "are"
