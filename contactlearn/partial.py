@@ -3,7 +3,8 @@
 The model is evaluated with and without the effect, the others as they are.  `measured` is what the
 measurement has beyond the model without it, `explained` what the effect adds; if the effect is all
 that was missing, they differ by noise alone.  Both are of one component, the one that the effect
-explains most of, against the one symbol of the state by which the effect is known best.
+explains most of, against the one symbol of the state by which the effect is known best; where no symbol tells
+a third of it, against the effect itself, so that what is measured should follow the diagonal.
 Source: Larsen & McCleary 1972, for linear models.
 """
 
@@ -23,6 +24,7 @@ COMPONENTS = {
 }
 _BINS = 20
 _NUDGE = 0.02
+_TOLD = 1 / 3  # share of the effect that a symbol must tell to be drawn along
 
 
 @dataclass(frozen=True)
@@ -58,12 +60,14 @@ def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Parti
     left = (measured - explained).abs().median(0).values
     best = int((shape.square().mean(0).sqrt() / left.clamp_min(1e-300)).argmax())
     known = of_state(State.of(impacts))
-    variable = max(known, key=lambda symbol: share_explained(known[symbol], shape[:, best]))
+    known["theta"] = torch.atan2(known["theta"].sin(), known["theta"].cos())
+    shares = {symbol: share_explained(x, shape[:, best]) for symbol, x in known.items()}
+    variable = max(shares, key=shares.get)
     component, unit = COMPONENTS[quantity][best]
-    symbol = SYMBOLS[variable]
-    return Partial(
-        name, component, unit, symbol.letter, symbol.unit, known[variable], measured[:, best], explained[:, best]
-    )
+    against = SYMBOLS[variable].letter, SYMBOLS[variable].unit, known[variable]
+    if shares[variable] < _TOLD and (explained != 0).any():
+        against = f"{component} of the effect", unit, explained[:, best]
+    return Partial(name, component, unit, *against, measured[:, best], explained[:, best])
 
 
 def share_explained(x: Tensor, y: Tensor) -> float:

@@ -116,8 +116,9 @@ def find_regions(
 class Improvement:
     """Mean error of a region, and of the other trials, before and after a change of the model.
 
-    `change` of the region's mean error has its 95 % `interval`, of paired trials; `share` is the part of the change
-    summed over all trials that comes from the region, 0 where that sum is.
+    `change` of the region's mean error has its 95 % `interval`, of paired trials, and so has what it is `beyond` the
+    change of the others; `share` is the part of the change summed over all trials that comes from the region, 0
+    where that sum is.
     """
 
     region: Region
@@ -126,6 +127,7 @@ class Improvement:
     rest_before: float
     rest_after: float
     interval: tuple[float, float]
+    beyond: tuple[float, float]
     share: float
 
     @property
@@ -134,8 +136,8 @@ class Improvement:
 
     @property
     def helped(self) -> bool:
-        """Whether the error of the region surely fell."""
-        return self.interval[1] < 0
+        """Whether the error of the region surely fell, and by more than elsewhere."""
+        return self.interval[1] < 0 and self.beyond[1] < 0
 
     def __str__(self) -> str:
         rest = f"(rest {self.rest_before:.3g} → {self.rest_after:.3g})"
@@ -153,11 +155,13 @@ def improvement_by_region(regions: Sequence[Region], errors_before: Tensor, erro
     found, change = [], errors_after - errors_before
     for region in regions:
         inside, outside = region.rows, ~region.rows
-        n, mean = region.trials, change[inside].mean().item()
-        margin = 1.959964 * change[inside].std().item() / math.sqrt(n)
+        n, mean, rest = region.trials, change[inside].mean().item(), change[outside].mean().item()
+        variance, of_rest = (change[rows].var().item() / rows.sum().item() for rows in (inside, outside))
+        margin, wider = 1.959964 * math.sqrt(variance), 1.959964 * math.sqrt(variance + of_rest)
         means = (errors[rows].mean().item() for rows in (inside, outside) for errors in (errors_before, errors_after))
         share = n * mean / change.sum().item() if change.sum() else 0.0
-        found.append(Improvement(region, *means, (mean - margin, mean + margin), share))
+        beyond = mean - rest - wider, mean - rest + wider
+        found.append(Improvement(region, *means, (mean - margin, mean + margin), beyond, share))
     return found
 
 

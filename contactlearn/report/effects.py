@@ -18,18 +18,23 @@ def effect_curve(partial: Partial) -> Figure:
     """
     milli = st.MILLI if "N" in partial.component_unit else 1.0
     unit = ("m" if milli != 1 else "") + partial.component_unit
-    x, measured, explained = (st.array(v) for v in (partial.x, partial.measured * milli, partial.explained * milli))
+    scale, along = (milli, unit) if partial.variable_unit == partial.component_unit else (1.0, partial.variable_unit)
+    x, measured, explained = (
+        st.array(v) for v in (partial.x * scale, partial.measured * milli, partial.explained * milli)
+    )
     figure = st.new_figure(st.COLUMN, 2.9)
     axes = st.name_axes(
         figure.subplots(),
-        f"{partial.variable} ({partial.variable_unit})",
+        f"{partial.variable} ({along})",
         f"Residual of {partial.component} ({unit})",
     )
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.axhline(0, color=st.DARK, linewidth=0.6)
     axes.plot(x, measured, ".", color=st.tint(st.DARK, 0.35), markersize=2.5, label="Trials", rasterized=True, zorder=1)
     axes.plot(x, explained, ".", color=st.tint(_COLOR, 0.7), markersize=2, label="Effect, by trial", zorder=2)
-    middle, mean, curve = (st.array(v) for v in binned(partial.x, partial.measured * milli, partial.explained * milli))
+    middle, mean, curve = (
+        st.array(v) for v in binned(partial.x * scale, partial.measured * milli, partial.explained * milli)
+    )
     axes.plot(middle, mean, "o", color=st.DARK, markersize=3.5, label="Trials, mean of a twentieth", zorder=4)
     axes.plot(middle, curve, color=_COLOR, linewidth=1.6, label="Effect, mean", zorder=3)
     low, high = sorted(measured)[len(measured) // 100], sorted(measured)[-1 - len(measured) // 100]
