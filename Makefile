@@ -15,7 +15,7 @@ demo: .venv/ready
 # The tests open the report in Chromium where there is one; a bare machine that runs CI gets one.
 test: .venv/ready
 	@if [ "$$CI" = true ] && [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && ! command -v chromedriver >/dev/null; then \
-	  { apt-get -qq update && apt-get -qq install -y --no-install-recommends chromium chromium-driver; } >/dev/null 2>&1 || \
+	  { timeout 120 apt-get -qq update && DEBIAN_FRONTEND=noninteractive timeout 300 apt-get -qq install -y --no-install-recommends chromium chromium-driver; } </dev/null >/dev/null 2>&1 || \
 	  echo "Chromium could not be installed: the report is not tested in a browser"; fi
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .

@@ -69,10 +69,14 @@ def test_stated_noise_is_carried_through_the_model():
     assert found.error.mean == pytest.approx(sum(errors) / 5, rel=0.1)
 
 
-def test_outliers_do_not_count():
+def test_what_an_outlier_leaves_is_noise_of_its_own():
+    """It does not touch the estimate of the others."""
     impacts = drops(300)
     v_post = impacts.v_post.clone()
     v_post[7] += 50.0
-    fit = identify_jointly("wang_mason", {}, impacts.replace(v_post=v_post))
-    spoilt, clean = floor(impacts.replace(v_post=v_post), fit.model, usual=fit.usual), floor(impacts, fit.model)
-    assert spoilt.error.mean == pytest.approx(clean.error.mean, rel=0.02)
+    wild = impacts.replace(v_post=v_post)
+    fit = identify_jointly("wang_mason", {}, wild)
+    assert fit.usual.tolist() == [row != 7 for row in range(300)]
+    own = mass_error(wild, fit.model.predict(wild))[7].item() / 300
+    spoilt, clean = floor(wild, fit.model, usual=fit.usual), floor(impacts, fit.model)
+    assert spoilt.error.mean - own == pytest.approx(clean.error.mean, rel=0.02)
