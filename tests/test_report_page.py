@@ -12,9 +12,13 @@ from contactlearn.data import mystery, synthetic
 from contactlearn.diagnosis.audit import Finding
 from contactlearn.diagnosis.candidates import all_candidates
 from contactlearn.diagnosis.diagnosis import Diagnosis, diagnose
+from contactlearn.diagnosis.equivalents import Equivalent
+from contactlearn.diagnosis.formulas import Formula
 from contactlearn.diagnosis.ladder import Missing
+from contactlearn.diagnosis.remainder import Remainder
 from contactlearn.diagnosis.subsets import Subsets, subsets
 from contactlearn.fit_effects import identify_jointly
+from contactlearn.impacts import Prediction
 from contactlearn.laws import PAPER_LAWS, Law
 from contactlearn.mechanics import energy_ellipse
 from contactlearn.metrics import HEADLINE, METRICS, Interval, bootstrap, mass_error
@@ -23,6 +27,8 @@ from contactlearn.report.page import content as content_module
 from contactlearn.report.page.comparison import of_evaluation
 from contactlearn.report.page.content import of_diagnosis
 from contactlearn.report.page.page import embedded, render, write
+from contactlearn.report.page.trials import finely
+from contactlearn.report.page.words import headline, label, measured, model_label, sentence, sentences
 
 HOSTILE = '<script>window.hacked=1</script><img src=x onerror="window.hacked=1">\'{{ 7*7 }}&<b>\u2028'
 COMMAND = "python diagnose.py data=mystery"
@@ -126,38 +132,108 @@ def test_fatal_data_have_a_page(found, tmp_path):
     )
     text = write(tmp_path, of_diagnosis(refused, COMMAND, provenance(found.impacts))).read_text()
     assert "no correction that is known mends them" in text
+    shown = text.partition("<script")[0]
+    assert shown.count("o hypothesis balances the moments") == 1
+    assert "mass-weighted" not in text
     assert 'id="library"' not in text
 
 
-def test_a_large_page_is_small_enough(monkeypatch):
-    """1718 trials, six effects in play, and predictions that nothing compresses."""
-    impacts = synthetic.load(size=1718, seed=0)
-    names = ("surface_tilt", "spin_damping:after", "contact_patch", "inertia_error", "side_drag", "sampling_delay")
+def made_up(monkeypatch, size, names):
+    """A diagnosis with these effects, of which as many as may be are in play, and predictions nothing compresses."""
+    impacts = synthetic.load(size=size, seed=0)
     effects = {name: all_candidates()[name].prepare(impacts) for name in names}
     model = ContactModel(Law("wang_mason", 0.12, 0.55), effects=effects)
     noise = torch.randn((64, len(impacts), 3), generator=seeded(), dtype=torch.float64)
     interval = Interval(0.1, 0.09, 0.11)
-    made = Subsets(names, impacts.v_post + noise, (interval,) * 64)
+    made = Subsets(names[:6], impacts.v_post + noise, (interval,) * 64)
     monkeypatch.setattr(content_module, "subsets", lambda *_, **__: made)
     missing = tuple(
         Missing(name, effect, interval, interval, 0.01, 1.0, {}, (0.0, 0.0)) for name, effect in effects.items()
     )
     steps = tuple((name, interval) for name in ("wang_mason", *names))
     budget = {"base": interval._asdict()}
-    whole = Diagnosis(
-        "effects",
-        "wang_mason",
-        {},
-        (),
-        missing,
-        steps,
-        budget,
-        impacts=impacts,
-        base=replace(model, effects={}),
-        model=model,
-    )
-    text = render(of_diagnosis(whole, COMMAND, provenance(impacts)))
+    parts = {"impacts": impacts, "base": replace(model, effects={}), "model": model}
+    return Diagnosis("effects", "wang_mason", {}, (), missing, steps, budget, **parts)
+
+
+SIX = ("surface_tilt", "spin_damping:after", "contact_patch", "inertia_error", "side_drag", "sampling_delay")
+
+
+def test_a_large_page_is_small_enough(monkeypatch):
+    """1718 trials and six effects in play."""
+    whole = made_up(monkeypatch, 1718, SIX)
+    text = render(of_diagnosis(whole, COMMAND, provenance(whole.impacts)))
     assert len(text.encode()) < 6e6
+
+
+def test_effects_beyond_those_that_can_be_ticked_are_named(monkeypatch):
+    """Nothing is called the law alone that is not."""
+    whole = made_up(monkeypatch, 60, (*SIX, "adhesion:work"))
+    content = of_diagnosis(whole, COMMAND, provenance(whole.impacts))
+    names = [one["name"] for one in content["models"]]
+    assert names[0] == "Wang–Mason + adhesion (work) (always on)"
+    assert names[1] == f"{names[0]} + surface tilt"
+    assert (content["base"], content["always"]) == ("Wang–Mason", ["adhesion (work)"])
+    text = render(content)
+    assert text.count('<th scope="row">Wang–Mason</th>') >= 2  # ladder and budget, where it is the law alone
+    assert f'<th scope="row">{names[0]}</th>' in text
+
+
+def test_numbers_are_written_as_in_the_ladder(found, content):
+    """Rounding for JSON moves no fourth decimal."""
+    assert f"{finely(0.1811496):.4f}" == "0.1811"
+    text = render(content)
+    for _, (mean, low, high) in found.ladder:
+        assert f"{mean:.4f} ({low:.4f}–{high:.4f})" in text
+
+
+def rest(share, components=("tau",)):
+    return Remainder(None, None, None, share, components, {"omega": 0.61, "theta": 0.2}, ())
+
+
+def test_the_headline_doubts_what_the_page_doubts(found):
+    name = found.missing[0].name
+    rivals = [Equivalent(other, 0.9, 0.0, 0.1, None) for other in ("com_offset", "shape_error", "adhesion:work")]
+    plain = replace(found, equivalents={}, remainder=None, physics="effects")
+    assert headline(plain).endswith("missing from Wang–Mason.")
+    said = headline(replace(plain, equivalents={name: rivals[:1]}))
+    assert said.endswith(f"missing from Wang–Mason; {label(name)} could also be com offset.")
+    assert "com offset, shape error or another effect" in headline(replace(plain, equivalents={name: rivals}))
+    more = rest(Interval(0.05, 0.02, 0.08))
+    assert "; more is missing that no known effect explains." in headline(replace(plain, remainder=more))
+
+
+def test_the_verdict_says_what_remains(found):
+    """Components, variables and the best formula, as the terminal does."""
+    before = torch.full((50,), 0.2, dtype=torch.float64)
+    best = Formula("tau", ("omega",), ((-1.0, 1.0),), (0.1,), before, 0.75 * before)
+    left = rest(Interval(0.4, 0.3, 0.5), ("tau", "t"))
+    said = sentences(replace(found, physics="unknown", remainder=left, formulas=(best,)))
+    text = " ".join(said).replace("\u00a0", " ")
+    assert "take 40 % (30 % to 50 %) off what remains, in τ and P_t." in text
+    assert "What remains depends on ω (61 %) and θ (20 %)." in text
+    assert "The best formula for it is τ ← τ + c1*omega, which takes 25 % ± 0 % off the held-out error." in text
+
+
+def test_the_verdict_says_how_large_the_effects_are(found):
+    said = " ".join(sentences(found))
+    for missing in found.missing:
+        first = next(iter(missing.parameters.values()))
+        assert f"{first['symbol']} = {measured(first['value'], first['standard_error'], first['unit'])}." in said
+
+
+def test_words():
+    assert measured(0.10512, 0.00412, "m") == "0.1051 ± 0.0041 m"
+    assert measured(-3.2e-7, 4e-8) == "−3.2e−7 ± 4e−8"
+    assert label("velocity_dependent_restitution:kuwabara_kono") == "velocity-dependent restitution (Kuwabara–Kono)"
+    assert model_label("wang_mason + side_drag") == "Wang–Mason + side drag"
+    assert sentence("x points left") == "x points left."
+    assert sentence("no balance. Is it?") == "No balance. Is it?"
+
+
+def test_noise_is_no_more_than_all(content):
+    shares = {"noise": 1.7, "explained": 0.0, "left": 0.0, "beyond_rigid": 0.0}
+    assert "100\u00a0% is noise" in render(content | {"shares": shares})
 
 
 @pytest.fixture(scope="module")
@@ -190,6 +266,35 @@ def test_an_evaluation_has_a_page(evaluation):
         errors["mirtich"][HEADLINE]["mean"], rel=1e-4
     )
     assert "<script>window" not in path.read_text()
+
+
+def test_models_that_cannot_be_told_apart(found):
+    """The headline names them; bounds come last, the others by their error."""
+    impacts = found.impacts
+    noise = torch.randn((len(impacts), 3), generator=seeded(), dtype=torch.float64)
+    other = torch.randn((len(impacts), 3), generator=seeded().manual_seed(1), dtype=torch.float64)
+    scale = 0.1 * impacts.v_post.norm(dim=-1, keepdim=True)
+    outcomes = {"irb": 0 * noise, "whittaker": 5 * noise, "mirtich": noise, "mirtich + side_drag": other}
+    predictions = {name: Prediction(impacts.v_post + scale * x, impacts.wrench) for name, x in outcomes.items()}
+    errors = {
+        name: {HEADLINE: bootstrap(mass_error(impacts, x), seeded(), 100)._asdict()} | {"outside_admissible": 0.0}
+        for name, x in predictions.items()
+    }
+    laws = {name: Law(name, 0.1, 0.5) for name in ("whittaker", "mirtich")}
+
+    def of(names):
+        chosen = {name: predictions[name] for name in names}
+        known = {name: law for name, law in laws.items() if name in names}
+        return of_evaluation(impacts, chosen, errors, known, COMMAND, provenance(impacts))
+
+    content = of(predictions)
+    labels = [one["label"] for one in content["models"]]
+    assert sorted(labels[:2]) == ["Mirtich", "Mirtich + side drag"]
+    assert labels[2:] == ["Whittaker", "IRB bound"]
+    said = f"{labels[0]} leaves the least error of 3 models, but {labels[1]} cannot be told from it."
+    assert content["verdict"]["headline"] == said
+    assert "The nearest that can be told from it, Whittaker, leaves" in " ".join(content["verdict"]["sentences"])
+    assert of(["whittaker", "mirtich"])["verdict"]["headline"] == "Mirtich leaves the least error of 2 models."
 
 
 # In a browser.

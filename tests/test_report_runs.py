@@ -243,6 +243,23 @@ def test_settings_that_only_some_runs_have(tmp_path):
     assert "train.size" not in cells  # 20 in all that have it
 
 
+def test_data_that_had_to_be_corrected_have_a_verdict(tmp_path):
+    """What they say then; files from before `physics` was in them are read, too."""
+    corrected = diagnosed() | {"verdict": "bad_data", "data_problems": [{"name": "x", "correction": "mirrored_x"}]}
+    said = {
+        "none": "corrected (mirrored_x); nothing is missing",
+        "effects": "corrected (mirrored_x); effects are missing",
+        "unknown": "corrected (mirrored_x); something unknown is missing",
+        None: "the data contradict themselves",
+    }
+    for physics in said:
+        leave(tmp_path / f"{physics}", corrected | {"physics": physics})
+    leave(tmp_path / "old", {key: value for key, value in corrected.items() if key != "physics"})
+    text = write_runs([tmp_path])[0].read_text()
+    for physics, verdict in (said | {"old": "the data are doubtful"}).items():
+        assert row(text, f"{physics}")["Verdict"] == verdict
+
+
 DAMAGED = {
     "empty": ("", "is not JSON"),
     "foreign": ({"scores": [1, 2]}, "data is not there"),
@@ -297,7 +314,7 @@ def test_data_that_are_refused_have_a_row(tmp_path):
     refused = Diagnosis("bad_data", "best", {}, ()).to_dict() | provenance({"effect": {}, "law": "best"})
     leave(tmp_path / "refused", refused)
     cells = row(write_runs([tmp_path])[0].read_text(), "refused")
-    assert (cells["Held-out mass error"], cells["Verdict"]) == ("–", "the data are doubtful")
+    assert (cells["Held-out mass error"], cells["Verdict"]) == ("–", "the data contradict themselves")
 
 
 def test_where_the_page_goes(tmp_path, monkeypatch):

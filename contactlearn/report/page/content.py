@@ -17,8 +17,19 @@ from contactlearn.laws import PAPER_LAWS, Law
 from contactlearn.metrics import Interval, bootstrap, mass_error
 from contactlearn.partial import COMPONENTS, Partial, partial_residuals
 from contactlearn.report.page.arrays import packed
-from contactlearn.report.page.trials import REACH, digits, look, of_laws, of_trials
-from contactlearn.report.page.words import BUDGET, WRENCH, base, headline, label, listed, sentences
+from contactlearn.report.page.trials import REACH, digits, finely, look, of_laws, of_trials
+from contactlearn.report.page.words import (
+    BUDGET,
+    WRENCH,
+    always,
+    base,
+    headline,
+    label,
+    listed,
+    measured,
+    sentence,
+    sentences,
+)
 
 _RESAMPLES = 1000
 
@@ -48,7 +59,7 @@ def of_diagnosis(
         "findings": [
             {
                 "name": label(finding.name),
-                "sentence": finding.sentence,
+                "sentence": sentence(finding.sentence),
                 "evidence": [[label(key), digits(value)] for key, value in finding.evidence.items()],
                 "correction": finding.correction,
                 "fatal": finding.fatal,
@@ -68,32 +79,28 @@ def of_diagnosis(
     laws, arrays = of_laws(impacts, fitted)
     curves = [partial_residuals(found.model, impacts, missing.name) for missing in found.missing]
     arrays["v_post"] = chosen.v_post
+    on = always(found, chosen.names)
+    least = [base(found), *(f"{label(name)} (always on)" for name in on)]
     if curves:
         arrays["explained"] = torch.stack([curve.explained for curve in curves], -1)
     return content | {
         "laws": sorted(
-            ({**look(name), "error": digits(error)} for name, error in found.laws.items()), key=lambda one: one["error"]
+            ({**look(name), "error": finely(error)} for name, error in found.laws.items()), key=lambda one: one["error"]
         ),
-        "ladder": [{"name": label(step), **digits(interval._asdict())} for step, interval in found.ladder],
-        "budget": [
-            {
-                "name": words.format(**found.budget[key]),
-                **digits({part: found.budget[key][part] for part in Interval._fields}),
-            }
-            for key, words in BUDGET.items()
-            if key in found.budget
-        ],
+        "ladder": [{"name": label(step), **finely(interval._asdict())} for step, interval in found.ladder],
+        "base": base(found),
+        "budget": _budget(found),
         "shares": digits(found.budget.get("shares")),
         "regions": [digits(region.to_dict()) for region in found.regions],
         "trials": of_trials(impacts, found.base.predict(impacts)),
         "models": [
-            {"name": " + ".join((base(found), *_ticked(chosen, k))), **digits(error._asdict())}
+            {"name": " + ".join((*least, *_ticked(chosen, k))), **finely(error._asdict())}
             for k, error in enumerate(chosen.errors)
         ],
         "yardstick": 0,
         "chosen": len(chosen.errors) - 1,
         "switches": [{"name": name, "label": label(name)} for name in chosen.names],
-        "always": [label(name) for name in found.model.effects if name not in chosen.names],
+        "always": [*map(label, found.base.effects), *map(label, on)],
         "fitted": laws,
         "effects": [
             _effect(found, missing, curve, chosen, generator)
@@ -111,6 +118,19 @@ def _alone(name: str, found: Diagnosis, noise: tuple[float, float, float] | None
     return identify_jointly(name, {}, found.impacts, variant=found.base.base.variant, noise=noise, starts=2).model.base
 
 
+def _budget(found: Diagnosis) -> list[dict[str, Any]]:
+    """Its rows; without effects those with them would be the law's again."""
+    same = set() if found.missing else {"named", "flexible"}
+    return [
+        {
+            "name": words.format(law=base(found), **found.budget[key]),
+            **finely({part: found.budget[key][part] for part in Interval._fields}),
+        }
+        for key, words in BUDGET.items()
+        if key in found.budget and key not in same
+    ]
+
+
 def _ticked(chosen: Subsets, k: int) -> list[str]:
     return [label(name) for j, name in enumerate(chosen.names) if k >> j & 1]
 
@@ -123,12 +143,15 @@ def _effect(
         "name": missing.name,
         "label": label(missing.name),
         "formula": missing.effect.equation,
-        "before": digits(missing.error_before._asdict()),
-        "after": digits(missing.error_after._asdict()),
-        "takes_off": digits(missing.takes_off),
+        "before": finely(missing.error_before._asdict()),
+        "after": finely(missing.error_after._asdict()),
+        "takes_off": finely(missing.takes_off),
         "all_trials": _taken(found.impacts, missing.name, chosen, generator),
         "confidence": digits(missing.confidence, 4),
-        "parameters": [digits(entry, 4) for entry in missing.parameters.values()],
+        "parameters": [
+            digits(entry, 4) | {"said": measured(entry["value"], entry["standard_error"], entry["unit"])}
+            for entry in missing.parameters.values()
+        ],
         "inadmissible": digits(missing.inadmissible, 3),
         "helps": list(missing.helps),
         "alike": [
@@ -155,7 +178,7 @@ def _taken(impacts: Impacts, name: str, chosen: Subsets, generator: torch.Genera
         mass_error(impacts, Prediction(chosen.v_post[k], impacts.wrench))
         for k in (full - 2 ** chosen.names.index(name), full)
     ]
-    return digits(bootstrap(errors[0] - errors[1], generator, _RESAMPLES)._asdict())
+    return finely(bootstrap(errors[0] - errors[1], generator, _RESAMPLES)._asdict())
 
 
 def _experiment(found: Diagnosis) -> dict[str, Any] | None:
@@ -172,7 +195,10 @@ def _experiment(found: Diagnosis) -> dict[str, Any] | None:
             {"name": name, "column": columns[name][0], "label": columns[name][1], "scale": scale[name]}
             for name in states
         ],
-        "rivals": [{"name": _rival(name), "drops": count} for name, count in needed.items()],
+        "rivals": [
+            {"name": _rival(name), "pair": listed(map(label, reversed(name.split(" for ")))), "drops": count}
+            for name, count in needed.items()
+        ],
         "drops": [
             digits({name: scale[name] * getattr(drop, name) for name in states}, 3)
             | {"differences": [digits(drop.differences[name], 2) for name in needed]}
@@ -199,6 +225,7 @@ def _remains(found: Diagnosis) -> dict[str, Any] | None:
                     "name": WRENCH[one.name],
                     "r_squared": one.r_squared,
                     "standard_error": one.standard_error,
+                    "said": measured(one.r_squared, one.standard_error),
                     "named": one.clear,
                 },
                 3,
@@ -209,6 +236,12 @@ def _remains(found: Diagnosis) -> dict[str, Any] | None:
             {"name": SYMBOLS[name].letter, "what": SYMBOLS[name].description, "share": digits(share, 3)}
             for name, share in left.variables.items()
         ],
-        "formulas": [str(formula) for formula in found.formulas],
+        "formulas": [
+            {
+                "code": " ".join(f"'{override}'" for override in formula.overrides()),
+                **digits({"gain": formula.gain, "gain_error": formula.gain_error}, 3),
+            }
+            for formula in found.formulas
+        ],
         "where": listed(WRENCH[name] for name in left.components) if left.components else "",
     }

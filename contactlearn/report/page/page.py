@@ -13,6 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from contactlearn.report.page.arrays import compressed
+from contactlearn.report.page.words import number, percent, spaced
 
 FILE = "report.html"
 _SCRIPTS = ("numbers.js", "figures.js", "live.js")
@@ -47,7 +48,13 @@ def render(content: dict[str, Any], template: str = "report.html.j2", *, scripts
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.filters |= {"number": _number, "interval": _interval, "pretty": _pretty}
+    templates.filters |= {
+        "number": _number,
+        "interval": _interval,
+        "pretty": _pretty,
+        "percent": percent,
+        "spaced": spaced,
+    }
 
     def source(name: str) -> str:
         return templates.loader.get_source(templates, name)[0]
@@ -79,11 +86,12 @@ def _hash(script: str) -> str:
 def _number(x: float | None, digits: int = 4) -> str:
     if x is None:
         return "–"
-    return f"{x:.{digits}g}".replace("-", "−") if isinstance(x, float) else str(x)
+    return number(x, digits) if isinstance(x, float) else str(x)
 
 
 def _interval(x: dict[str, float]) -> str:
-    return f"{x['mean']:.4f} ({x['low']:.4f}–{x['high']:.4f})"
+    dash = " to " if x["low"] < 0 else "–"
+    return f"{x['mean']:.4f} ({x['low']:.4f}{dash}{x['high']:.4f})".replace("-", "−")
 
 
 def _pretty(x: Any) -> str:

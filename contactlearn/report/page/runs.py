@@ -10,7 +10,7 @@ from urllib.parse import quote
 from contactlearn.errors import ContactLearnError
 from contactlearn.report.page.page import FILE, render, save
 from contactlearn.report.page.runs_lines import learning_lines
-from contactlearn.report.page.runs_read import FILES, HASH, VERDICTS, Run, files, is_run, read, text
+from contactlearn.report.page.runs_read import FILES, HASH, Run, files, is_run, read, text
 from contactlearn.report.page.runs_settings import shared, varying
 from contactlearn.report.page.trials import digits, look
 from contactlearn.report.page.words import interval, label, listed
@@ -159,7 +159,7 @@ def _columns(runs: Sequence[Run], settings: list, effects: Sequence[str], severa
     if any(run.model != "law" for run in runs):
         found.append(column("Model", [look(run.model)["label"] for run in runs]))
     found += [
-        column("Verdict", [run.verdict and VERDICTS[run.verdict] for run in runs]),
+        column("Verdict", [run.verdict for run in runs]),
         column("Missing effects", [", ".join(map(label, run.found)) or None for run in runs]),
         errors("Law alone", [run.base for run in runs]),
         errors("Noise floor", [run.noise for run in runs]),

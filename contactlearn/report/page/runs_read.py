@@ -47,7 +47,7 @@ class Run:
     base: dict[str, float] | None = None
     noise: dict[str, float] | None = None
     bounds: dict[str, dict[str, float]] = field(default_factory=dict)
-    verdict: str | None = None
+    verdict: str | None = None  # in words
     ladder: list[dict[str, Any]] = field(default_factory=list)
     curves: dict[str, tuple[list[float], list[dict[str, float]]]] = field(default_factory=dict)
     name: str = ""
@@ -128,10 +128,25 @@ def _diagnosis(content: Mapping, common: dict) -> Run:
         base=known.get("base") or (bare[0] if bare else None),
         noise=known.get("noise"),
         bounds={"irb": known["bound"]} if "bound" in known else {},
-        verdict=verdict,
+        verdict=_said(content, verdict),
         ladder=ladder,
         **common,
     )
+
+
+def _said(content: Mapping, verdict: str) -> str:
+    """The verdict in words; where the data had to be corrected, what they say then."""
+    physics = _get(content, "physics", str, None)
+    if physics is not None and physics not in VERDICTS:
+        raise ContactLearnError(f"physics must be one of {', '.join(VERDICTS)}, got {text(physics)[:60]}")
+    if verdict != "bad_data" or "physics" not in content:  # an older file
+        return VERDICTS[verdict]
+    if physics is None:
+        return "the data contradict themselves"
+    problems = _get(content, "data_problems", list, [])
+    done = [one for one in (_get(problem, "correction", str, None) for problem in problems) if one]
+    doubt = f"corrected ({', '.join(map(text, done))})" if done else VERDICTS[verdict]
+    return f"{doubt}; {VERDICTS[physics]}"
 
 
 def _results(content: Mapping, config: Mapping, common: dict) -> Run:

@@ -96,6 +96,11 @@ def digits(x: Any, count: int = 5) -> Any:
     return x
 
 
+def finely(x: Any) -> Any:
+    """Errors and their intervals, so that four decimals of what JSON holds are those of the numbers."""
+    return digits(x, 7)
+
+
 def _variable(one: Variable) -> dict[str, Any]:
     values = one.values
     if one.period:

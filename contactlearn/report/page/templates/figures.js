@@ -25,14 +25,14 @@ function draw(id, traces, {summary, ...layout}) {
 
 // Error over two variables; the selected trial is ringed, trials outside the region are faint.
 function drawMap(state) {
-  const [x, y] = [state.across, state.up].map(k => trials.variables[k]), error = massErrors(state.model);
+  const [x, y] = [state.across, state.up].map(k => trials.variables[k]), one = state.mapped(), error = massErrors(one);
   const most = share(massErrors(page.yardstick), 0.97), region = page.regions?.[state.region];
-  const inside = new Set(region?.rows), marked = region ? [region] : page.regions ?? [], name = page.models[state.model].label ?? page.models[state.model].name;
+  const inside = new Set(region?.rows), marked = region ? [region] : page.regions ?? [], name = page.models[one].label ?? page.models[one].name;
   const spread = variable => variable.labels.length
     ? variable.values.map((value, i) => value + 0.5 * (i * 0.618 % 1 - 0.5)) : variable.values;
   const at = {x: spread(x), y: spread(y)};
   const axis = variable => ({
-    title: {text: plain(variable.label)}, zeroline: false,
+    title: {text: plain(variable.label)}, zeroline: false, ...(variable.period > 180 && quarters),
     ...(variable.labels.length && {tickvals: [-1, 0, 1], ticktext: variable.labels.map(plain)}),
   });
   const points = {
@@ -42,9 +42,9 @@ function drawMap(state) {
       color: error, cmin: 0, cmax: most, colorscale: "Cividis", size: narrow() ? 6 : 7,
       opacity: region ? error.map((_, i) => inside.has(i) ? 1 : 0.15) : 0.9,
       colorbar: {
-        title: {text: "Mass error", side: "top"}, thickness: 12, len: 0.9, outlinewidth: 0, orientation: "h", y: 1.02, yanchor: "bottom",
+        title: {text: state.alone ? "Mass error of the law alone" : page.switches?.length ? "Mass error of the ticked model" : "Mass error", side: "top"}, thickness: 12, len: 0.9, outlinewidth: 0, orientation: "h", y: 1.02, yanchor: "bottom",
       },
-      line: {width: 0.4, color: color("muted")},
+      line: {width: dark() ? 1 : 0.4, color: color("muted")},
     },
   };
   const ring = {
@@ -83,6 +83,7 @@ function drawPicture(state) {
   ];
   const longest = Math.max(...velocities.map(([, v]) => Math.hypot(v[0], v[1])));
   const scale = 1.6 * size / (longest || 1);
+  const fastest = Math.max(...velocities.map(([, v]) => Math.abs(v[2]))) || 1;
   const traces = [];
   let ends = [[0, 0], com];
   if (trials.outline) {
@@ -101,13 +102,18 @@ function drawPicture(state) {
   });
   for (const [k, [name, v, ink, dash]] of velocities.entries()) {
     const arrow = [0, 1].map(end => com.map((value, j) => value + scale * v[j] * (k ? end : end - 1)));  // before: comes in
-    ends.push(...arrow);
-    traces.push({
-      type: "scatter", mode: "lines+markers", x: arrow.map(p => p[0]), y: arrow.map(p => p[1]), hoverinfo: "text",
-      name: `${name}, ω = ${digits(v[2])} rad/s`, text: `${name}: v = (${digits(v[0])}, ${digits(v[1])}) m/s`,
-      line: {color: color(ink), width: 2.5, dash},
-      marker: {color: color(ink), symbol: ["circle", "arrow"], size: [0, 14], angleref: "previous", opacity: [0, 1]},
-    });
+    const radius = (0.55 + 0.2 * k) * size, turn = 0.85 * Math.PI * v[2] / fastest;  // counter-clockwise, from straight up
+    const arc = Array.from({length: 33}, (_, j) => [com[0] - radius * Math.sin(turn * j / 32), com[1] + radius * Math.cos(turn * j / 32)]);
+    ends.push(...arrow, ...arc);
+    for (const [points, what] of [[arrow, `v = (${digits(v[0])}, ${digits(v[1])}) m/s`], [arc, `ω = ${digits(v[2])} rad/s`]]) {
+      const head = points.map((_, j) => j === points.length - 1 && (points === arrow || Math.abs(turn) > 0.02));
+      traces.push({
+        type: "scatter", mode: "lines+markers", x: points.map(p => p[0]), y: points.map(p => p[1]), hoverinfo: "text",
+        name: `${name}, ω = ${digits(v[2])} rad/s`, text: `${name}: ${what}`, legendgroup: name, showlegend: points === arrow,
+        line: {color: color(ink), width: 2.5, dash},
+        marker: {color: color(ink), symbol: head.map(one => one ? "arrow" : "circle"), size: head.map(one => one ? 14 : 0), angleref: "previous", opacity: head.map(Number)},
+      });
+    }
   }
   const [x, y] = [0, 1].map(k => [Math.min(...ends.map(p => p[k])), Math.max(...ends.map(p => p[k]))]);
   const margin = 0.08 * Math.max(x[1] - x[0], y[1] - y[0]);
@@ -122,7 +128,7 @@ function drawPicture(state) {
 // Impulses of one impact: energy ellipse, admissible part, friction cone, laws, the reach of one, and the measurement.
 function drawImpulse(state) {
   const i = state.trial, at = contact(i), milli = 1000, {W, v, centre} = at;
-  const ellipse = energyEllipse(at), law = page.fitted[state.law];
+  const ellipse = energyEllipse(at), law = page.fitted[state.law], ink = visible(law.color);
   const admissible = above(above(ellipse, p => p[1]), p => v[1] + W[1] * p[0] + W[2] * p[1]);
   const line = (points, name, style) => ({
     type: "scatter", mode: "lines", x: points.map(p => milli * p[0]), y: points.map(p => milli * p[1]), name, hoverinfo: "name", ...style,
@@ -145,12 +151,12 @@ function drawImpulse(state) {
     line(admissible, "Admissible", {fill: "toself", fillcolor: "rgba(128,140,155,0.16)", line: {width: 0}}),
     line(ellipse, "Energy ellipse", {line: {color: color("muted"), width: 1.5}}),
     line(reach(state.law, i, Math.hypot(...centre)), `Reach of ${law.label}`, {
-      fill: "toself", fillcolor: law.color, opacity: 0.45, line: {color: law.color, width: 2}}),
-    line(cone, `Friction cone, μ = ${digits(law.mu)}`, {line: {color: law.color, width: 1.5, dash: "dash"}}),
+      fill: "toself", fillcolor: ink, opacity: 0.45, line: {color: ink, width: 2}}),
+    line(cone, `Friction cone, μ = ${digits(law.mu)}`, {line: {color: ink, width: 1.5, dash: "dash"}}),
     line(chord([W[2], -W[1]]), "Maximum compression", thin("dash")),
     line(chord([W[1], -W[0]]), "Sticking", thin("dashdot")),
     ...page.fitted.map((one, k) => point(given[k], one.label, {
-      symbol: one.symbol, color: one.color, size: 12, line: {width: 1, color: color("ground")}})),
+      symbol: one.symbol, color: visible(one.color), size: 12, line: {width: 1, color: color("ground")}})),
     point(model, "Chosen model", {symbol: "circle-open", size: 16, color: color("red"), line: {width: 3}}),
     point(real, "Measured", {symbol: "x-thin", size: 13, color: color("text"), line: {width: 3, color: color("text")}}),
   ];
@@ -183,17 +189,20 @@ function reach(law, i, momentum) {
 
 // Partial residuals of one effect, and what the ticked model leaves.
 function drawCurve(state, k) {
-  const {curve} = page.effects[k], {component, quantity, x} = curve;
+  const {curve} = page.effects[k], {component, quantity} = curve;
   const on = state.ticked(page.effects[k].name), wrenches = quantity === "wrench";
   const milli = wrenches ? 1000 : 1, unit = `${wrenches ? "m" : ""}${curve.unit}`;
+  const [x, variableUnit] = curve.variable_unit === "rad" ? [curve.x.map(degrees), "°"]
+    : curve.variable_unit === curve.unit ? [curve.x.map(value => milli * value), unit] : [curve.x, curve.variable_unit];
   const explained = trials.name.map((_, i) => milli * arrays.explained(i, k));
   const left = trials.name.map((_, i) => {
     const difference = minus(measured(i), predicted(state.model, i));
     return milli * (wrenches ? wrench(i, difference) : difference)[component];
   });
   const without = left.map((value, i) => value + (on ? explained[i] : 0));
-  const [middle, mean] = binned(x, without), [, effect] = binned(x, explained), [, rest] = binned(x, left);
-  const ends = [share(without, 0.01), share(without, 0.99), ...explained, ...rest, 0];
+  const groups = grouped(x), [middle, mean, effect, rest] = [x, without, explained, left].map(y => means(groups, y));
+  const told = values => values.filter(value => value !== null);
+  const ends = [share(without, 0.01), share(without, 0.99), ...explained, ...told(rest), 0];
   const low = Math.min(...ends), high = Math.max(...ends), dots = {type: "scatter", mode: "markers", hoverinfo: "skip"};
   return draw(`curve-${k}`, [
     {...dots, x, y: without, name: "Trials without it", marker: {size: 3.5, color: color("muted"), opacity: 0.45}},
@@ -203,10 +212,10 @@ function drawCurve(state, k) {
     {type: "scatter", mode: "lines+markers", x: middle, y: rest, name: "Left by the ticked model",
      line: {color: color("accent"), width: 1.5}, marker: {size: 8, symbol: "square-open", color: color("accent"), line: {width: 2}}},
   ], {
-    xaxis: {title: {text: plain(curve.variable + (curve.variable_unit && ` (${curve.variable_unit})`))}},
+    xaxis: {title: {text: plain(curve.variable + (variableUnit && ` (${variableUnit})`))}, ...(variableUnit === "°" && quarters)},
     yaxis: {title: {text: plain(`${curve.letter} not explained (${unit})`)}, range: [low - 0.05 * (high - low), high + 0.05 * (high - low)]},
-    summary: `The effect goes from ${digits(Math.min(...effect))} to ${digits(Math.max(...effect))} ${unit}; the ticked model leaves means from ${
-      digits(Math.min(...rest))} to ${digits(Math.max(...rest))} ${unit}.`,
+    summary: `The effect goes from ${digits(Math.min(...told(effect)))} to ${digits(Math.max(...told(effect)))} ${unit}; the ticked model leaves means from ${
+      digits(Math.min(...told(rest)))} to ${digits(Math.max(...told(rest)))} ${unit}.`,
   });
 }
 
@@ -232,7 +241,7 @@ function drawLearning() {
     const band = sizes.length > 1 ? [{
       type: "scatter", mode: "lines", x: [...sizes, ...[...sizes].reverse()], hoverinfo: "skip", showlegend: false,
       y: [...intervals.map(one => one.high), ...intervals.map(one => one.low).reverse()],
-      fill: "toself", fillcolor: ink, opacity: 0.15, line: {width: 0},
+      fill: "toself", fillcolor: visible(ink), opacity: 0.15, line: {width: 0},
     }] : [];
     return [...band, {
       type: "scatter", mode: level ? "lines" : "lines+markers", x: sizes, y: intervals.map(one => one.mean), name: plain(label),
@@ -259,5 +268,30 @@ function drawDistributions() {
   });
 }
 
-// Black is not seen on black.
-const visible = ink => ink === "#000000" ? color("text") : ink;
+const quarters = {tick0: 0, dtick: 90};
+
+// An angle in radians as degrees within ±180.
+const degrees = angle => (angle * 180 / Math.PI % 360 + 540) % 360 - 180;
+
+// Relative luminance of "#rrggbb", as WCAG has it.
+function luminance(ink) {
+  const part = k => {
+    const value = parseInt(ink.slice(k, k + 2), 16) / 255;
+    return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
+  };
+  return 0.2126 * part(1) + 0.7152 * part(3) + 0.0722 * part(5);
+}
+
+const dark = () => luminance(color("ground")) < 0.2;
+
+// On a dark ground a colour is lightened until its contrast is 3:1.
+function visible(ink) {
+  if (!dark() || !/^#[0-9a-f]{6}$/i.test(ink)) return ink;
+  if (ink === "#000000") return color("text");
+  const lighter = share => "#" + [1, 3, 5].map(k => {
+    const value = parseInt(ink.slice(k, k + 2), 16);
+    return Math.round(value + share * (255 - value)).toString(16).padStart(2, "0");
+  }).join("");
+  const seen = share => (luminance(lighter(share)) + 0.05) / (luminance(color("ground")) + 0.05) >= 3;
+  return lighter([...Array(20).keys()].map(k => k / 20).find(seen) ?? 1);
+}

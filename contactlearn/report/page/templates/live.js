@@ -1,6 +1,8 @@
 // What is chosen, and what follows when that changes.
 const state = {
   model: 0, trial: 0, region: -1, law: 0, across: 0, up: 0, dropAcross: 0, dropUp: 0,
+  alone: false,  // the map has the law alone, whatever is ticked
+  mapped: () => state.alone ? page.yardstick : state.model,
   ticked: name => {
     const bit = (page.switches ?? []).findIndex(one => one.name === name);
     return bit < 0 || Boolean(state.model >> bit & 1);
@@ -32,12 +34,15 @@ function showModel() {
   });
 }
 
-function showTrial() {
+function showTrial(note = "") {
   const i = state.trial, rank = massErrors(state.model).filter(error => error > massErrors(state.model)[i]).length + 1;
   get("number").value = i + 1;
   get("name").value = trials.name[i];
-  get("trial-name").textContent = `Trial ${trials.name[i]} of ${trials.object[i]}, θ = ${digits(trials.theta[i] * 180 / Math.PI)}°: error ${
-    massErrors(state.model)[i].toFixed(4)}, number ${rank} of ${trials.count} from the worst`;
+  const parts = errorParts(state.model, i).map((part, k) => [part, ["v_x", "v_y", "ω"][k]]).sort((a, b) => b[0] - a[0]);
+  const percent = part => part > 0 && part < 0.005 ? "below 1\u00a0%" : `${(100 * part).toFixed(0)}\u00a0%`;
+  get("trial-name").textContent = `${note}Trial ${trials.name[i]} of ${trials.object[i]}, θ = ${digits(trials.theta[i] * 180 / Math.PI)}°: error of the ${page.switches?.length ? "ticked" : "chosen"} model ${
+    massErrors(state.model)[i].toFixed(4)}, number ${rank} of ${trials.count} from the worst` + (parts[0][0] ? `; ${
+    parts.map(([part, name], k) => `${percent(part)} ${k ? "" : "of the squared error is "}in ${name}`).join(", ")}` : "") + ".";
   const impulse = v => wrench(i, minus(v, before(i))).map(value => 1000 * value);
   const rows = [["Before", before(i), false], ["After, measured", measured(i), true], ["After, predicted", predicted(state.model, i), true]];
   get("numbers").tBodies[0].replaceChildren(...rows.map(([name, v, after]) => {
@@ -80,15 +85,24 @@ const watch = new IntersectionObserver(entries => {
 
 const ofModel = () => ["map", "picture", "impulse", ...Object.keys(drawn).filter(id => id.startsWith("curve-"))];
 
-function choose(number) {
+function choose(number, section) {
   state.model = number;
+  if (section?.id === "fails") mapOf("ticked");
   showModel();
   showTrial();
   redraw(...ofModel());
 }
 
+function mapOf(which) {
+  const list = get("errors-of");
+  if (!list) return;
+  list.value = which;
+  state.alone = which === "alone";
+  redraw("map");
+}
+
 function select(trial) {
-  if (!(trial >= 0 && trial < trials.count)) return;
+  if (!(trial >= 0 && trial < trials.count && Number.isInteger(trial))) return showTrial("No such trial. ");
   state.trial = trial;
   showTrial();
   redraw("map", "picture", "impulse");
@@ -106,28 +120,59 @@ function axes(id, key, labels, start, figure) {
 function listen() {
   const on = (id, event, act) => get(id)?.addEventListener(event, act);
   for (const box of document.querySelectorAll("[data-bit]")) {
-    box.addEventListener("change", () => choose(box.checked ? state.model | 1 << box.dataset.bit : state.model & ~(1 << box.dataset.bit)));
+    box.addEventListener("change", () => choose(
+      box.checked ? state.model | 1 << box.dataset.bit : state.model & ~(1 << box.dataset.bit), box.closest("section")));
   }
+  for (const button of document.querySelectorAll("[data-ticks]")) {
+    button.addEventListener("click", () => choose(button.dataset.ticks === "all" ? page.models.length - 1 : 0, button.closest("section")));
+  }
+  on("errors-of", "change", event => mapOf(event.target.value));
   on("model", "change", event => choose(Number(event.target.value)));
   on("region", "change", event => { state.region = Number(event.target.value); redraw("map"); });
   on("law", "change", event => { state.law = Number(event.target.value); redraw("impulse"); });
-  on("number", "change", event => select(Number(event.target.value) - 1));
-  on("name", "change", event => select(trials.name.indexOf(event.target.value.trim())));
+  const typed = (id, row) => on(id, "change", event => { if (event.target.value || event.target.validity.badInput) select(row(event.target.value)); });
+  typed("number", value => Number(value) - 1);
+  typed("name", value => trials.name.indexOf(value.trim()));
+  on("worse", "click", () => select(nextWorse()));
   on("previous", "click", () => select((state.trial + trials.count - 1) % trials.count));
   on("next", "click", () => select((state.trial + 1) % trials.count));
   on("worst", "click", () => select(worst()));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => redraw(...Object.keys(drawn)));
-  const paper = on => {
-    document.documentElement.classList.toggle("paper", on);
-    redraw(...Object.keys(drawn));
-  };
-  addEventListener("beforeprint", () => paper(true));
-  addEventListener("afterprint", () => paper(false));
 }
+
+// On paper all is open and drawn.
+function paper(on) {
+  document.documentElement.classList.toggle("paper", on);
+  for (const one of document.querySelectorAll(on ? "details:not([open])" : "details[data-shut]")) {
+    one.open = on;
+    one.toggleAttribute("data-shut", on);
+  }
+  if (globalThis.Plotly) redraw(...Object.keys(drawn));
+}
+
+// Tables that are wider than their place can be reached and moved by keys.
+const reachable = new ResizeObserver(entries => {
+  for (const {target} of entries) {
+    const wider = target.scrollWidth > target.clientWidth;
+    target.classList.toggle("wider", wider);
+    for (const [name, value] of [["tabindex", "0"], ["role", "region"], ["aria-label", "Table, wider than the page"]]) {
+      wider ? target.setAttribute(name, value) : target.removeAttribute(name);
+    }
+  }
+});
 
 const worst = () => massErrors(state.model).indexOf(Math.max(...massErrors(state.model)));
 
+// The trial that comes after the selected one in the order of errors; after the best comes the worst.
+function nextWorse() {
+  const error = massErrors(state.model), order = trials.name.map((_, i) => i).sort((i, j) => error[j] - error[i]);
+  return order[(order.indexOf(state.trial) + 1) % order.length];
+}
+
 async function start() {
+  addEventListener("beforeprint", () => paper(true));
+  addEventListener("afterprint", () => paper(false));
+  for (const table of document.querySelectorAll(".wide")) reachable.observe(table);
   get("sections").replaceChildren(...[...document.querySelectorAll("main > section")].map(section => {
     const link = document.createElement("a"), item = document.createElement("li");
     link.href = `#${section.id}`;
@@ -135,7 +180,10 @@ async function start() {
     item.append(link);
     return item;
   }));
-  if (!trials) return;
+  if (!trials) {
+    if (!page.runs) document.documentElement.dataset.ready = "yes";
+    return;
+  }
   const [library, block] = await Promise.all([unpacked("library"), unpacked("block")]);
   const script = document.createElement("script");
   script.textContent = new TextDecoder().decode(library);
@@ -155,6 +203,7 @@ async function start() {
   get("law").value = state.law;
   if (get("model")) get("model").value = state.model;
   state.trial = worst();
+  mapOf("alone");
   showModel();
   showTrial();
   listen();

@@ -42,6 +42,13 @@ function wrench(i, dv) {
   return [...P, I * dv[2] - (trials.rx[i] * P[1] - trials.ry[i] * P[0])];
 }
 
+// Parts of the squared error that are in v_x, v_y and ω.
+function errorParts(model, i) {
+  const v = measured(i), parts = predicted(model, i).map((value, k) => mass(i)[k] * (value - v[k]) ** 2);
+  const whole = parts.reduce((sum, part) => sum + part, 0);
+  return parts.map(part => whole ? part / whole : 0);
+}
+
 const minus = (a, b) => a.map((value, k) => value - b[k]);
 
 // W (1/kg), v_c (m/s) and the momentum −M_c v_c (N s), which is the centre of the energy ellipse.
@@ -72,17 +79,19 @@ function above(polygon, height) {
   });
 }
 
-// Means of y over groups of equal number along x.
-function binned(x, y, groups = 20) {
+// Trials in groups of about equal number along x, and null where a tenth of its range is empty; a few far off are in none.
+function grouped(x, groups = 20) {
   const order = [...x.keys()].sort((i, j) => x[i] - x[j]), size = x.length / Math.min(groups, x.length);
-  const middle = [], mean = [];
-  for (let start = 0; Math.round(start) < x.length; start += size) {
-    const part = order.slice(Math.round(start), Math.round(start + size));
-    middle.push(average(part.map(i => x[i])));
-    mean.push(average(part.map(i => y[i])));
-  }
-  return [middle, mean];
+  const gap = 0.1 * (x[order.at(-1)] - x[order[0]]), runs = [];
+  order.forEach((i, k) => k && x[i] - x[order[k - 1]] <= gap ? runs.at(-1).push(i) : runs.push([i]));
+  return runs.filter(run => run.length > size / 3).flatMap((run, k) => {
+    const count = Math.max(1, Math.round(run.length / size)), cut = j => Math.round(j * run.length / count);
+    const parts = Array.from({length: count}, (_, j) => run.slice(cut(j), cut(j + 1)));
+    return k ? [null, ...parts] : parts;
+  });
 }
+
+const means = (groups, y) => groups.map(part => part && average(part.map(i => y[i])));
 
 const average = values => values.reduce((sum, value) => sum + value, 0) / values.length;
 const share = (values, part) => [...values].sort((a, b) => a - b)[Math.round(part * (values.length - 1))];
