@@ -90,6 +90,10 @@ def check(cfg: DictConfig) -> None:
         value = OmegaConf.select(cfg, key, default=missing)
         if value is not missing and value not in known:
             raise UnknownNameError(kind, str(value), known)
+    number = _number(lambda x: True, "")[0]
+    for name, ends in (cfg.get("limits") or {}).items():
+        if not isinstance(ends, ListConfig) or len(ends) != 2 or not all(map(number, ends)):
+            raise ContactLearnError(f"limits.{name} must be [low, high], such as [-3, -1], got {ends!r}")
     recipes(cfg)
     if effects(cfg) and cfg.get("transfer") is not None:
         raise ContactLearnError("transfer is studied without effects; use effect=[]")

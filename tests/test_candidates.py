@@ -10,6 +10,7 @@ from test_commands import run
 
 from contactlearn.data import synthetic, table
 from contactlearn.diagnosis.candidates import all_candidates, usable
+from contactlearn.diagnosis.diagnosis import diagnose
 from contactlearn.effects import Effect, catalogue, parameter
 from contactlearn.effects.formula import formula
 from contactlearn.errors import ContactLearnError
@@ -97,3 +98,23 @@ def test_a_candidate_with_the_name_of_another_effect_is_refused():
         "diagnose.py", "+candidate.surface_tilt.tau=c*Pn", "+candidate.surface_tilt.parameters.c=[0,1]", status=2
     )
     assert "candidate.surface_tilt has the name of another effect" in said
+
+
+def test_what_is_left_out_is_said():
+    terms = {f"c{k}": [-1, 1] for k in range(8)}
+    many = formula(terms, tau=" + ".join(f"{c}*Pn*rx*sin({k}*order)" for k, c in enumerate(terms, 1)))
+    told = {}
+    diagnose(synthetic.load(size=60), "wang_mason", candidates={"many": many, "tilt": catalogue()["surface_tilt"]()},
+             say=told.__setitem__)  # fmt: skip
+    assert told["left out"] == ["many"]
+
+
+def test_limits_and_settings_reach_the_experiment_and_the_command(tmp_path):
+    said = run("diagnose.py", "data.size=60", "+limits.vy=[-3,-1]", status=2)
+    assert "limit of an experiment" in said
+    assert "v_y" in said
+    assert "limits.v_y must be [low, high]" in run("diagnose.py", "data.size=60", "+limits.v_y=-3", status=2)
+    words = ("data=mystery", "data.seed=11", "data.size=80", f"data.folder={tmp_path}", "fit.noise=[0.01,0.01,0.4]")
+    run("diagnose.py", *words, "law=wang_mason", "+limits.v_y=[-3,-1]", f"hydra.run.dir={tmp_path / 'found'}")
+    command = json.loads((tmp_path / "found" / "diagnosis.json").read_text())["command"]
+    assert "fit.noise=[0.01,0.01,0.4]" in shlex.split(command)

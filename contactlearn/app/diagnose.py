@@ -39,6 +39,7 @@ def diagnose(cfg: DictConfig) -> None:
             candidates=_candidates(cfg, effects),
             variant=cfg.variant,
             noise=None if cfg.fit.noise is None else tuple(cfg.fit.noise),
+            limits={name: tuple(ends) for name, ends in cfg.limits.items()},
             seed=cfg.seed,
             say=report.show_stage,
             progress=lambda items, what: bar.track(items, description=what),
@@ -101,7 +102,7 @@ def _command(cfg: DictConfig, found: Diagnosis) -> str:
     words.append(f"law={found.law}")
     names = [name for name in dict.fromkeys((*cfg.effect, *found.effects)) if _named(name)]
     words.append(f"effect=[{','.join(names)}]")
-    words += [word for word in task if word.lstrip("+").startswith("effect.")]
+    words += [word for word in task if word.lstrip("+").startswith(("effect.", "variant=", "fit."))]
     for missing in found.missing:
         name, _, form = missing.name.partition(":")
         if name in cfg.candidate:

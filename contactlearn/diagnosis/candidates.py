@@ -31,7 +31,7 @@ def all_candidates() -> dict[str, Effect]:
 
 
 def usable(candidates: Mapping[str, Effect], impacts: Impacts) -> dict[str, Effect]:
-    """The candidates that these measurements can speak of.
+    """The candidates that these measurements can speak of: without a shape none that needs one, none too rich.
 
     Raises:
         ContactLearnError: none is left, or one takes its constants from the outcomes.
@@ -55,7 +55,7 @@ def usable(candidates: Mapping[str, Effect], impacts: Impacts) -> dict[str, Effe
 
 def _sees_outcomes(effect: Effect, impacts: Impacts) -> bool:
     """Whether it acts differently once the outcomes of the trials are exchanged."""
-    other = impacts.replace(v_post=impacts.v_post.flip(0), suspect=True)
+    other = impacts.replace(v_post=1.1 * impacts.v_post.flip(0), suspect=True)
     moved = columns(*effect.vanished().values) + _NUDGE * torch.tensor([p.high - p.low for p in effect.parameters])
     first, second = (
         resolve(Law("wang_mason", 0.2, 0.5), {"": effect.prepare(known).at(moved)}, State.of(impacts), 0.2, 0.5)

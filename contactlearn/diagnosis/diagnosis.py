@@ -24,7 +24,7 @@ from contactlearn.diagnosis.audit import Finding, audit
 from contactlearn.diagnosis.budget import first_budget, full_budget
 from contactlearn.diagnosis.candidates import all_candidates, usable
 from contactlearn.diagnosis.equivalents import Equivalent, equivalents
-from contactlearn.diagnosis.experiment import Experiment, next_experiment
+from contactlearn.diagnosis.experiment import Experiment, next_experiment, reachable
 from contactlearn.diagnosis.formulas import Formula, formulas
 from contactlearn.diagnosis.ladder import Missing, interval, ladder
 from contactlearn.diagnosis.noise import noise_floor
@@ -113,6 +113,7 @@ def diagnose(
     candidates: Mapping[str, Effect] | None = None,
     variant: str = "textbook",
     noise: tuple[float, float, float] | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
     seed: int = 0,
     say: Callable[[str, Any], None] = lambda stage, result: None,
     progress: Callable[[Iterable, str], Iterable] = lambda items, what: items,
@@ -127,16 +128,18 @@ def diagnose(
             that are refused.
         variant: of the law.
         noise: standard deviations of the measured v_x, v_y and ω where they are known.
+        limits: of the set-up for the next experiment, see `next_experiment`.
         seed: of the folds and resamples.
         say: is told each stage's result as soon as it is known.
         progress: wraps what takes long, with a description.
 
     Raises:
-        ContactLearnError: no candidates, or too few trials.
+        ContactLearnError: no candidates, too few trials, or limits of something that a drop does not set.
     """
     effects, generator = dict(effects or {}), torch.Generator().manual_seed(seed)
     if len(impacts) < FEWEST:
         raise DataError(f"{impacts.source}: a diagnosis needs at least {FEWEST} trials, got {len(impacts)}")
+    reachable(impacts, limits or {})  # refuses limits that make no sense before anything else is done
     findings = audit(impacts)
     say("audit", findings)
     if any(finding.fatal for finding in findings):
@@ -151,7 +154,10 @@ def diagnose(
     }
     chosen, law = law == "best", min(laws, key=laws.get) if law == "best" else law
     say("laws", (law, laws))
-    among = usable(candidates or all_candidates(), impacts)
+    given = candidates or all_candidates()
+    among = usable(given, impacts)
+    if left_out := [name for name in given if name not in among]:
+        say("left out", left_out)
     selection = Selection(law, impacts, among, folds, effects, **options)
     ceiling = _remainder(selection.base, impacts, folds, generator)
     notes = averaged(impacts, ceiling.v_post, lambda drops: _held_out(law, effects, drops, folds, options))
@@ -161,21 +167,19 @@ def diagnose(
         impacts = correct(impacts, [note.correction for note in notes])
         selection = Selection(law, impacts, among, folds, effects, **options)
         ceiling = _remainder(selection.base, impacts, folds, generator)
-    budget = first_budget(selection, ceiling, generator)
-    say("budget", budget)
-    prediction = selection.base.fit.model.predict(impacts)
-    regions = tuple(find_regions(impacts, prediction, generator=generator))
-    say("regions", regions)
+    budget, regions = _failures(selection, ceiling, generator, say)
     selection.run(lambda items: progress(items, f"effects around {law}"))
     if chosen:
         selection = _with_better_law(selection, laws, among, options, progress)
         if selection.law != law:
             law = selection.law
             say("law", law)
+            ceiling = _remainder(selection.base, impacts, folds, generator)
+            budget, regions = _failures(selection, ceiling, generator, say)
     steps, missing = ladder(selection, regions, generator)
     say("missing", missing)
     alike = equivalents(selection, lambda items: progress(items, "what could stand in its place"))
-    experiment = _experiment(selection, alike, generator)
+    experiment = _experiment(selection, alike, limits, generator)
     fit = selection.present.fit
     left = _remainder(selection.present, impacts, folds, generator)
     written = _formulas(impacts, fit.model, left, folds, say) if left.large else []
@@ -207,18 +211,34 @@ def diagnose(
     )
 
 
+def _failures(
+    selection: Selection, ceiling: Remainder, generator: torch.Generator, say: Callable[[str, Any], None]
+) -> tuple[dict[str, Any], tuple[Region, ...]]:
+    """What the law leaves, and where."""
+    budget = first_budget(selection, ceiling, generator)
+    say("budget", budget)
+    prediction = selection.base.fit.model.predict(selection.impacts)
+    regions = tuple(find_regions(selection.impacts, prediction, generator=generator))
+    say("regions", regions)
+    return budget, regions
+
+
 def _remainder(fitted: Fitted, impacts: Impacts, folds: Folds, generator: torch.Generator) -> Remainder:
     return remainder(impacts, fitted.fit.model, folds, generator=generator, usual=fitted.fit.usual)
 
 
 def _experiment(
-    selection: Selection, alike: Mapping[str, list[Equivalent]], generator: torch.Generator
+    selection: Selection,
+    alike: Mapping[str, list[Equivalent]],
+    limits: Mapping[str, tuple[float, float]] | None,
+    generator: torch.Generator,
 ) -> Experiment | None:
     """Drops that would tell the chosen effects from their equivalents."""
     rivals = {f"{other.name} for {name}": other.fitted.fit.model for name, others in alike.items() for other in others}
     if not rivals:
         return None
-    return next_experiment(selection.impacts, selection.present.fit.model, rivals, generator=generator)
+    chosen = selection.present.fit.model
+    return next_experiment(selection.impacts, chosen, rivals, generator=generator, limits=limits)
 
 
 def _formulas(

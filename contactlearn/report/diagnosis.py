@@ -72,6 +72,10 @@ def _budget(budget: dict[str, dict]) -> None:
     )
 
 
+def _left_out(names: Sequence[str]) -> None:
+    say(f"left out, for want of a body's shape or of ten trials a parameter: {', '.join(names)}")
+
+
 def _missing(effects: Sequence[Missing]) -> None:
     for missing in effects:
         say(_effect(missing))
@@ -88,6 +92,7 @@ def _no_formulas(reason: str) -> None:
 _STAGES = {
     "audit": _audit,
     "laws": _laws,
+    "left out": _left_out,
     "notes": _notes,
     "regions": _regions,
     "budget": _budget,
