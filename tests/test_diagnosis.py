@@ -6,6 +6,7 @@ import shlex
 
 import pytest
 import torch
+from scipy.stats import chi2
 from test_commands import ROOT, run
 
 from contactlearn.data import mystery, synthetic, table
@@ -258,3 +259,14 @@ def test_a_law_that_was_chosen_without_the_effects_is_chosen_again_with_them():
     assert min(found.laws, key=found.laws.get) != found.law == truth["law"]
     assert ("law", truth["law"]) in told
     assert set(found.effects) == {effect["name"] for effect in truth["effects"]}
+
+
+def test_a_place_that_means_nothing_without_its_effect_is_paid_for():
+    """The p-value of a spot is that of the best place times their number."""
+    drops = synthetic.load(size=100)
+    spot = "orientation_dependent_restitution:spot"
+    folds = Folds.draw(100, torch.Generator().manual_seed(0), repeats=1)
+    selection = Selection("wang_mason", drops, {spot: all_candidates()[spot]}, folds, {})
+    test = selection.score_test(spot)
+    there = chi2.sf(test.statistic, 1)
+    assert test.p_value == pytest.approx(min(1.0, 8 * there), rel=1e-6)

@@ -8,7 +8,7 @@ import torch
 from scipy.stats import mannwhitneyu
 
 from contactlearn.data import synthetic
-from contactlearn.diagnosis.regions import find_regions, improvement_by_region
+from contactlearn.diagnosis.regions import Region, find_regions, improvement_by_region
 from contactlearn.diagnosis.variables import Variable, symmetry, variables
 from contactlearn.errors import DataError
 from contactlearn.impacts import Prediction
@@ -258,3 +258,12 @@ def test_improvement_by_region():
     assert not worse.helped
     (same,) = improvement_by_region(regions[:1], before, before)
     assert (same.helped, same.change, same.share) == (False, 0, 0)
+
+
+def test_what_helps_everywhere_alike_does_not_help_a_region():
+    rows = torch.arange(200) < 80
+    region = Region("order", 0.0, 80.0, "order < 80", 2.0, (1.5, 2.5), 1e-6, rows)
+    before = 1 + 0.1 * torch.rand(200, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    (alike,), (there,) = (improvement_by_region([region], before, before - fall) for fall in (0.5, 0.5 * rows.double()))
+    assert there.helped
+    assert not alike.helped
