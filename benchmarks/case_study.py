@@ -21,14 +21,15 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from contactlearn import bounds, diagnose, mechanics
+from contactlearn import diagnose, mechanics
 from contactlearn.data import ellipse_drops
-from contactlearn.diagnosis.selection import Folds
+from contactlearn.diagnosis.search.selection import Folds
 from contactlearn.effects import Effect
-from contactlearn.fit_effects import identify_jointly
+from contactlearn.evaluation import bounds
+from contactlearn.evaluation.metrics import bootstrap, mass_error
+from contactlearn.identification.joint import identify_jointly
 from contactlearn.impacts import Impacts, Prediction
-from contactlearn.metrics import bootstrap, mass_error
-from contactlearn.regressor import Regressor
+from contactlearn.regression.regressor import Regressor
 
 TRIALS = 450
 

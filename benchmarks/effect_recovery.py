@@ -21,10 +21,10 @@ from torch import Tensor
 
 from contactlearn.data import synthetic
 from contactlearn.effects import Effect, catalogue
-from contactlearn.fit_effects import assemble, identify_jointly
+from contactlearn.evaluation.metrics import mass_error
+from contactlearn.identification.joint import assemble, identify_jointly
 from contactlearn.impacts import Impacts
-from contactlearn.metrics import mass_error
-from contactlearn.study import run
+from contactlearn.learning.curves import run
 
 MU, EPS, LAW = 0.15, 0.55, "wang_mason"
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)

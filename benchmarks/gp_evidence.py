@@ -32,7 +32,7 @@ from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
-from contactlearn.gp.evidence import Evidence
+from contactlearn.regression.gp.evidence import Evidence
 
 SIZES = (50, 100, 200, 450, 1000)
 BATCH, INPUTS = 30, 5

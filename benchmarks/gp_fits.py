@@ -45,11 +45,11 @@ from torch import Tensor
 
 from contactlearn.data import ellipse_drops, synthetic
 from contactlearn.errors import DataError
-from contactlearn.features import Standardisation, features
-from contactlearn.gp.bfgs import minimise
-from contactlearn.gp.evidence import Evidence
-from contactlearn.gp.exact import LENGTH, NOISE, SCALE, STARTS, ExactGPs
 from contactlearn.impacts import Impacts
+from contactlearn.regression.features import Standardisation, features
+from contactlearn.regression.gp.bfgs import minimise
+from contactlearn.regression.gp.evidence import Evidence
+from contactlearn.regression.gp.exact import LENGTH, NOISE, SCALE, STARTS, ExactGPs
 
 SEEDS, HELD_OUT, MORE_STARTS = 10, 500, 10
 RIVAL_SEEDS = {100: SEEDS, 450: 2}

@@ -33,13 +33,13 @@ from statistics import mean, median
 import torch
 from threadpoolctl import threadpool_limits
 
+from contactlearn.audit.corrections import correct
 from contactlearn.data import mujoco, mystery
-from contactlearn.data.corrections import correct
 from contactlearn.data.mystery.hidden import RIVALS
-from contactlearn.diagnosis.diagnosis import Diagnosis, diagnose
+from contactlearn.diagnosis.pipeline import Diagnosis, diagnose
+from contactlearn.evaluation.metrics import mass_error
 from contactlearn.impacts import Impacts, Prediction
-from contactlearn.metrics import mass_error
-from contactlearn.study import run
+from contactlearn.learning.curves import run
 
 COMPONENTS = {"magnetic_pull": "tau", "elastic_strap": "t", "spin_lift": "n"}
 MUJOCO = {

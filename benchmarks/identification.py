@@ -36,7 +36,7 @@ from scipy.optimize import differential_evolution, minimize
 
 from contactlearn.data import ellipse_drops, synthetic
 from contactlearn.errors import DataError
-from contactlearn.fit_trials import identify_trials
+from contactlearn.identification.per_trial import identify_trials
 from contactlearn.laws import impulse
 
 BAR = 100

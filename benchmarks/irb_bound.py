@@ -21,9 +21,9 @@ from scipy.optimize import minimize
 from scipy.sparse import csc_matrix
 
 from contactlearn import mechanics
-from contactlearn.bounds import NORMS, distance, irb
 from contactlearn.data import ellipse_drops, synthetic
 from contactlearn.errors import DataError
+from contactlearn.evaluation.bounds import NORMS, distance, irb
 from contactlearn.impacts import Impacts, Prediction
 
 BARS = {"irb": 1, "Clarabel, a trial": 60, "SLSQP, a trial": 250}

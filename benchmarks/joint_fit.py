@@ -17,8 +17,8 @@ from scipy.optimize import least_squares
 
 from contactlearn.data import synthetic
 from contactlearn.effects import State, catalogue
-from contactlearn.fit import Box
-from contactlearn.fit_effects import assemble, identify_jointly, named_parameters
+from contactlearn.identification.joint import assemble, identify_jointly, named_parameters
+from contactlearn.identification.shared import Box
 from contactlearn.model import derivative, resolve
 
 torch.set_num_threads(1)

@@ -13,7 +13,7 @@ from hydra import compose, initialize_config_dir
 
 from contactlearn.cli import CONFIGS
 from contactlearn.data import ellipse_drops
-from contactlearn.fit import TARGETS, Box, identify
+from contactlearn.identification.shared import TARGETS, Box, identify
 
 GRAVITY = 9.81  # m/s²
 

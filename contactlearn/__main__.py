@@ -105,8 +105,8 @@ def _reveal(options: argparse.Namespace) -> str:
 
 def _report(options: argparse.Namespace) -> str:
     from contactlearn.report import terminal
-    from contactlearn.report.page.runs import write_runs
-    from contactlearn.report.page.runs_read import text
+    from contactlearn.report.page.runs.page import write_runs
+    from contactlearn.report.page.runs.read import text
 
     with terminal.progress() as bar:
         track = lambda items, what: bar.track(items, description=what)  # noqa: E731

@@ -24,12 +24,12 @@ from torch import Tensor
 from contactlearn import effects
 from contactlearn.effects import Effect, columns
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.features import SPACES, Standardisation
-from contactlearn.gp.exact import ExactGPs
-from contactlearn.gp.sparse import SparseGPs
 from contactlearn.laws import Law
 from contactlearn.model import RESIDUALS, ContactModel
-from contactlearn.regressor import Regressor
+from contactlearn.regression.features import SPACES, Standardisation
+from contactlearn.regression.gp.exact import ExactGPs
+from contactlearn.regression.gp.sparse import SparseGPs
+from contactlearn.regression.regressor import Regressor
 
 FORMAT = 1
 """Number of the file format; a file of a higher one is refused."""

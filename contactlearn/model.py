@@ -24,7 +24,7 @@ from contactlearn.effects import PLACES, Effect, State
 from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law, impulse
-from contactlearn.regressor import Regressor
+from contactlearn.regression.regressor import Regressor
 
 RESIDUALS = ("velocity", "impulse", "wrench")
 """What a residual adds to: v_post, (P_t, P_n) or (P_t, P_n, τ)."""

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from contactlearn.data import synthetic
 from contactlearn.effects import Effect, State, columns
-from contactlearn.fit_effects import assemble
+from contactlearn.identification.joint import assemble
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
 from contactlearn.model import derivative, resolve

@@ -7,11 +7,11 @@ import pytest
 import torch
 from corruptions import CORRUPTIONS, corrupt
 
+from contactlearn.audit.conventions import balance, compare, contradictions
+from contactlearn.audit.corrections import correct
+from contactlearn.audit.findings import Finding, audit
 from contactlearn.data import mujoco, synthetic
-from contactlearn.data.corrections import correct
 from contactlearn.data.mystery import EFFECTS, UNKNOWN, draw
-from contactlearn.diagnosis.audit import Finding, audit
-from contactlearn.diagnosis.frame import balance, compare, contradictions
 from contactlearn.impacts import Impacts
 from contactlearn.shapes import Disc
 

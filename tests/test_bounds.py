@@ -5,7 +5,7 @@ which the measured v_post is reached along a positive combination of their outwa
 the Karush-Kuhn-Tucker conditions, so v* is the optimum, and every branch occurs because it was asked for.
 
 Velocities here are whitened, z = M^½ v / |M^½ v_pre|, so that energy is |z| ≤ 1; the constraints are
-rows a·z ≥ b.  Nothing is shared with `contactlearn.bounds`, which works in contact space.
+rows a·z ≥ b.  Nothing is shared with `contactlearn.evaluation.bounds`, which works in contact space.
 """
 
 from typing import NamedTuple
@@ -19,8 +19,8 @@ from scipy import sparse
 from scipy.optimize import minimize
 
 from contactlearn import mechanics
-from contactlearn.bounds import NORMS, best_post_hoc, distance, irb
 from contactlearn.errors import ContactLearnError, UnknownNameError
+from contactlearn.evaluation.bounds import NORMS, best_post_hoc, distance, irb
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import impulse
 

@@ -9,12 +9,12 @@ import torch
 from test_commands import run
 
 from contactlearn.data import synthetic, table
-from contactlearn.diagnosis.candidates import all_candidates, usable
-from contactlearn.diagnosis.diagnosis import diagnose
+from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.effects import Effect, catalogue, parameter
-from contactlearn.effects.formula import formula
+from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import ContactLearnError
-from contactlearn.fit_effects import assemble
+from contactlearn.identification.joint import assemble
 
 
 @dataclass(frozen=True, eq=False)

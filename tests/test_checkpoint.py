@@ -10,13 +10,14 @@ import pytest
 import torch
 from torch import Tensor
 
-from contactlearn import checkpoint, regressor
+from contactlearn import checkpoint
 from contactlearn.data import synthetic
 from contactlearn.errors import DataError
-from contactlearn.gp.sparse import SparseGPs
 from contactlearn.laws import Law
-from contactlearn.learning import TARGETS, Recipe, learn
+from contactlearn.learning.recipe import TARGETS, Recipe, learn
 from contactlearn.model import ContactModel
+from contactlearn.regression import regressor
+from contactlearn.regression.gp.sparse import SparseGPs
 
 ROUNDING = 1e-12
 """Relative to the largest value: the same arithmetic, though perhaps in another memory layout."""

@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 import torch
 
-from contactlearn import checkpoint, cli, laws, metrics
+from contactlearn import checkpoint, cli, laws
 from contactlearn.data import synthetic, table
+from contactlearn.evaluation import metrics
 
 ROOT = Path(__file__).parent.parent
 SMALL = ("data.size=80", "train.size=20", "train.repetitions=4", "figures.repetitions=2", "bootstrap=50", "model=[]")

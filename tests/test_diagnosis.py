@@ -10,15 +10,15 @@ from scipy.stats import chi2
 from test_commands import ROOT, run
 
 from contactlearn.data import mystery, synthetic, table
-from contactlearn.diagnosis.candidates import all_candidates
-from contactlearn.diagnosis.diagnosis import VERDICTS, diagnose
-from contactlearn.diagnosis.selection import Folds, Selection
+from contactlearn.diagnosis.pipeline import VERDICTS, diagnose
+from contactlearn.diagnosis.search.candidates import all_candidates
+from contactlearn.diagnosis.search.selection import Folds, Selection
 from contactlearn.effects import catalogue
-from contactlearn.effects.formula import formula
+from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import DataError
-from contactlearn.fit_effects import identify_jointly
+from contactlearn.evaluation.metrics import mass_error
+from contactlearn.identification.joint import identify_jointly
 from contactlearn.impacts import Prediction
-from contactlearn.metrics import mass_error
 
 
 def few(*names):

@@ -13,19 +13,19 @@ from matplotlib.text import Text
 from test_diagnosis import few
 from test_figures import HOSTILE, assert_fits, visible_axes
 
+from contactlearn.audit.conventions import balance, contradictions
+from contactlearn.audit.corrections import CORRECTIONS, correct, gross_outliers, kinetic_energy, torque
+from contactlearn.audit.findings import Finding, audit
 from contactlearn.data import mystery
-from contactlearn.data.corrections import CORRECTIONS, correct, gross_outliers, kinetic_energy, torque
-from contactlearn.diagnosis.audit import Finding, audit
-from contactlearn.diagnosis.diagnosis import Diagnosis, diagnose
-from contactlearn.diagnosis.frame import balance, contradictions
-from contactlearn.diagnosis.regions import Region
-from contactlearn.diagnosis.remainder import COMPONENTS, Component
-from contactlearn.diagnosis.variables import variables
+from contactlearn.diagnosis.failure.regions import Region
+from contactlearn.diagnosis.failure.variables import variables
+from contactlearn.diagnosis.pipeline import Diagnosis, diagnose
+from contactlearn.diagnosis.unexplained.remainder import COMPONENTS, Component
+from contactlearn.evaluation.metrics import Interval, mass_error
 from contactlearn.impacts import Impacts
-from contactlearn.metrics import Interval, mass_error
-from contactlearn.report import style as st
-from contactlearn.report.audit_figures import audit_figure
-from contactlearn.report.diagnosis_figures import drawn, ladder, regions_figure, remainder_figure
+from contactlearn.report.figures import style as st
+from contactlearn.report.figures.audit import audit_figure
+from contactlearn.report.figures.diagnosis import drawn, ladder, regions_figure, remainder_figure
 from contactlearn.shapes import contact_point
 
 UNIT = re.compile(r"\((\$10\^\{-?\d+\}\$ )?(mN m s|mN s|mm|m/s|rad/s|rad|°|kg|m|s|–|count)\)")

@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 
 from contactlearn.cli import compose
 from contactlearn.effects import catalogue
-from contactlearn.effects.symbols import SYMBOLS
+from contactlearn.effects.formula.symbols import SYMBOLS
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("benchmarks/*.md")])

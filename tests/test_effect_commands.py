@@ -162,7 +162,7 @@ def test_what_is_no_effect_is_refused(tmp_path, arguments, message):
 
 
 def test_a_checkpoint_keeps_leading_axes_and_constants(tmp_path):
-    from contactlearn.fit_effects import identify_jointly
+    from contactlearn.identification.joint import identify_jointly
 
     drops = synthetic.load(size=120)
     chosen = {name: catalogue()[name]() for name in ("location_dependent_friction", "velocity_dependent_restitution")}

@@ -10,10 +10,10 @@ import torch
 
 from contactlearn.data import mujoco, mystery, synthetic
 from contactlearn.effects import catalogue
-from contactlearn.fit_effects import identify_jointly
+from contactlearn.evaluation.metrics import mass_error
+from contactlearn.identification.joint import identify_jointly
 from contactlearn.impacts import Prediction
 from contactlearn.laws import Law
-from contactlearn.metrics import mass_error
 from contactlearn.model import ContactModel
 
 SIGMAS, SHARE = 4.0, 0.04  # of the standard error, and of the value: nature is stepwise, and forms differ a little

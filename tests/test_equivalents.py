@@ -7,19 +7,19 @@ import pytest
 import torch
 
 from contactlearn.data import mystery, synthetic
-from contactlearn.diagnosis.contest import Contest, robust_covariance
-from contactlearn.diagnosis.equivalents import equivalents, similarity
-from contactlearn.diagnosis.experiment import (
+from contactlearn.diagnosis.discrimination.contest import Contest, robust_covariance
+from contactlearn.diagnosis.discrimination.equivalents import equivalents, similarity
+from contactlearn.diagnosis.discrimination.experiment import (
     STATES,
     Drop,
     next_experiment,
     reachable,
     separation,
 )
-from contactlearn.diagnosis.selection import Folds, Selection, paired_gain
+from contactlearn.diagnosis.search.selection import Folds, Selection, paired_gain
 from contactlearn.effects import catalogue, find
 from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.fit_effects import identify_jointly
+from contactlearn.identification.joint import identify_jointly
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
 from contactlearn.model import ContactModel

@@ -13,9 +13,9 @@ from torch import Tensor
 from contactlearn import mechanics
 from contactlearn.data import synthetic
 from contactlearn.errors import UnknownNameError
-from contactlearn.features import SPACES, Standardisation, features
 from contactlearn.impacts import Impacts
-from contactlearn.regressor import Regressor
+from contactlearn.regression.features import SPACES, Standardisation, features
+from contactlearn.regression.regressor import Regressor
 
 ROUNDING = 1e-9
 """Relative: a few roundings, times the condition number of W, which is up to a thousand for the random bodies."""

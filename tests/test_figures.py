@@ -12,13 +12,16 @@ from matplotlib.colors import to_rgb
 from matplotlib.text import Text
 from scipy.spatial import cKDTree
 
-from contactlearn import bounds, fit, fit_trials, laws, mechanics
+from contactlearn import laws, mechanics
 from contactlearn.data import synthetic
 from contactlearn.errors import ContactLearnError
+from contactlearn.evaluation import bounds
+from contactlearn.identification import per_trial as fit_trials
+from contactlearn.identification import shared as fit
 from contactlearn.impacts import Impacts
-from contactlearn.report import figures
-from contactlearn.report.impulse_space import _area, _reach
-from contactlearn.report.style import LAW_STYLE, law_style, plain
+from contactlearn.report.figures import laws as figures
+from contactlearn.report.figures.impulse_space import _area, _reach
+from contactlearn.report.figures.style import LAW_STYLE, law_style, plain
 
 UNIT = re.compile(r"\((mN s|mm|s/m|–|count)\)")
 HOSTILE = (

@@ -8,7 +8,7 @@ import torch
 
 from contactlearn.data import synthetic
 from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.fit import TARGETS, Box, cost_surface, identify, measured_impulse
+from contactlearn.identification.shared import TARGETS, Box, cost_surface, identify, measured_impulse
 from contactlearn.laws import impulse, names
 from contactlearn.model import ContactModel
 

@@ -9,13 +9,13 @@ import torch
 from contactlearn import effects
 from contactlearn.data import synthetic
 from contactlearn.effects import catalogue
-from contactlearn.effects.formula import formula
+from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.fit import Box
-from contactlearn.fit_effects import assemble, identify_jointly
-from contactlearn.metrics import mass_error
+from contactlearn.evaluation.metrics import mass_error
+from contactlearn.evaluation.partial_residuals import partial_residuals
+from contactlearn.identification.joint import assemble, identify_jointly
+from contactlearn.identification.shared import Box
 from contactlearn.model import ContactModel
-from contactlearn.partial import partial_residuals
 
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
 ROUNDING = 1e-9  # relative: a search that ends at the same optimum on another way

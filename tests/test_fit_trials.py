@@ -7,8 +7,8 @@ from contacts import random_bodies
 from contactlearn import mechanics
 from contactlearn.data import synthetic
 from contactlearn.errors import UnknownNameError
-from contactlearn.fit import Box, distances
-from contactlearn.fit_trials import identify_trials
+from contactlearn.identification.per_trial import identify_trials
+from contactlearn.identification.shared import Box, distances
 from contactlearn.impacts import Impacts
 from contactlearn.laws import impulse, names
 

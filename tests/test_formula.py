@@ -15,11 +15,11 @@ from contactlearn import checkpoint
 from contactlearn.data import synthetic
 from contactlearn.effects import PLACES, State, catalogue, find
 from contactlearn.effects.configuration_dependent_restitution import ConfigurationDependentRestitution
-from contactlearn.effects.expression import CONSTANTS, FUNCTIONS, MAX_DEPTH, MAX_LENGTH, MAX_STEPS, Expression
-from contactlearn.effects.formula import WrenchFormula, formula
+from contactlearn.effects.formula.effect import WrenchFormula, formula
+from contactlearn.effects.formula.expression import CONSTANTS, FUNCTIONS, MAX_DEPTH, MAX_LENGTH, MAX_STEPS, Expression
+from contactlearn.effects.formula.symbols import OUTPUTS, SYMBOLS, at_place, of_state, symbols
 from contactlearn.effects.orientation_offset import OrientationOffset
 from contactlearn.effects.spin_damping import SpinDamping
-from contactlearn.effects.symbols import OUTPUTS, SYMBOLS, at_place, of_state, symbols
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law

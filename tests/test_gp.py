@@ -20,10 +20,10 @@ from torch import Tensor
 from torch.autograd.functional import jacobian
 from torch.distributions import MultivariateNormal
 
-from contactlearn.gp import evidence as evidence_module
-from contactlearn.gp.bfgs import minimise
-from contactlearn.gp.evidence import Evidence
-from contactlearn.gp.exact import LENGTH, NOISE, SCALE, ExactGPs
+from contactlearn.regression.gp import evidence as evidence_module
+from contactlearn.regression.gp.bfgs import minimise
+from contactlearn.regression.gp.evidence import Evidence
+from contactlearn.regression.gp.exact import LENGTH, NOISE, SCALE, ExactGPs
 
 TOLERANCE = 1e-9
 """Relative and absolute: what two exact routes leave of double precision at the condition numbers here, up to 1e5."""

@@ -11,17 +11,19 @@ import torch
 from scipy.stats import chi2
 from torch import Tensor
 
-from contactlearn import mechanics, metrics, regressor
+from contactlearn import mechanics
 from contactlearn.data import synthetic
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.fit import Box, measured_impulse
-from contactlearn.fit_trials import identify_trials
-from contactlearn.gp.exact import ExactGPs
-from contactlearn.gp.sparse import SparseGPs
+from contactlearn.evaluation import metrics
+from contactlearn.identification.per_trial import identify_trials
+from contactlearn.identification.shared import Box, measured_impulse
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
-from contactlearn.learning import TARGETS, Recipe, learn
+from contactlearn.learning.recipe import TARGETS, Recipe, learn
 from contactlearn.model import ContactModel, predict_with
+from contactlearn.regression import regressor
+from contactlearn.regression.gp.exact import ExactGPs
+from contactlearn.regression.gp.sparse import SparseGPs
 
 REPEATED = 1e-6
 """Relative: two roads to one model differ by roundings, times the condition number of the covariance, up to 10⁹."""

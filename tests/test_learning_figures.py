@@ -10,8 +10,8 @@ from matplotlib.image import imread
 from test_figures import HOSTILE, MACHADO, _seen, assert_fits, visible_axes
 
 from contactlearn.errors import ContactLearnError
-from contactlearn.report import learning, quality
-from contactlearn.report.style import (
+from contactlearn.report.figures import learning, quality
+from contactlearn.report.figures.style import (
     BOUNDS,
     CLASS_I,
     CLASS_II,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from contactlearn import metrics
 from contactlearn.data import synthetic
+from contactlearn.evaluation import metrics
 from contactlearn.impacts import Prediction
 from contactlearn.laws import PAPER_LAWS, Law
 from contactlearn.model import ContactModel

@@ -9,9 +9,10 @@ import torch
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
 
-from contactlearn import fit, metrics
 from contactlearn.data import mujoco
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.evaluation import metrics
+from contactlearn.identification import shared as fit
 from contactlearn.impacts import Impacts
 from contactlearn.mechanics import contact_velocity, energy_excess, rotate
 from contactlearn.model import ContactModel

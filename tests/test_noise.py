@@ -5,10 +5,10 @@ import torch
 
 from contactlearn.data import synthetic
 from contactlearn.diagnosis.noise import noise_floor
-from contactlearn.fit_effects import identify_jointly
+from contactlearn.evaluation.metrics import mass_error
+from contactlearn.identification.joint import identify_jointly
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
-from contactlearn.metrics import mass_error
 from contactlearn.model import ContactModel
 
 TRUE = ContactModel(Law("wang_mason", 0.12, 0.55))

@@ -8,12 +8,12 @@ import torch
 from scipy.stats import mannwhitneyu
 
 from contactlearn.data import synthetic
-from contactlearn.diagnosis.regions import Region, find_regions, improvement_by_region
-from contactlearn.diagnosis.variables import Variable, symmetry, variables
+from contactlearn.diagnosis.failure.regions import Region, find_regions, improvement_by_region
+from contactlearn.diagnosis.failure.variables import Variable, symmetry, variables
 from contactlearn.errors import DataError
+from contactlearn.evaluation.metrics import mass_error
 from contactlearn.impacts import Prediction
 from contactlearn.laws import Law
-from contactlearn.metrics import mass_error
 from contactlearn.model import ContactModel
 from contactlearn.shapes import Disc, Ellipse, Polygon
 

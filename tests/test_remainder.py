@@ -9,16 +9,16 @@ import torch
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from contactlearn.data import mystery
-from contactlearn.diagnosis.formulas import OUTPUT, Formula, formulas
-from contactlearn.diagnosis.library import Library
-from contactlearn.diagnosis.remainder import COMPONENTS, Component, remainder
-from contactlearn.diagnosis.selection import Folds
+from contactlearn.diagnosis.search.selection import Folds
+from contactlearn.diagnosis.unexplained.formulas import OUTPUT, Formula, formulas
+from contactlearn.diagnosis.unexplained.library import Library
+from contactlearn.diagnosis.unexplained.remainder import COMPONENTS, Component, remainder
 from contactlearn.effects import find
-from contactlearn.effects.formula import formula
+from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.fit_effects import identify_jointly
+from contactlearn.evaluation.metrics import mass_error
+from contactlearn.identification.joint import identify_jointly
 from contactlearn.mechanics import apply_wrench
-from contactlearn.metrics import mass_error
 from contactlearn.model import ContactModel
 
 UNKNOWN = {

@@ -8,27 +8,27 @@ from dataclasses import replace
 import pytest
 import torch
 
+from contactlearn.audit.findings import Finding
 from contactlearn.data import mystery, synthetic
-from contactlearn.diagnosis.audit import Finding
-from contactlearn.diagnosis.candidates import all_candidates
-from contactlearn.diagnosis.diagnosis import Diagnosis, diagnose
-from contactlearn.diagnosis.equivalents import Equivalent
-from contactlearn.diagnosis.formulas import Formula
-from contactlearn.diagnosis.ladder import Missing
-from contactlearn.diagnosis.remainder import Remainder
-from contactlearn.diagnosis.subsets import Subsets, subsets
-from contactlearn.fit_effects import identify_jointly
+from contactlearn.diagnosis.discrimination.equivalents import Equivalent
+from contactlearn.diagnosis.pipeline import Diagnosis, diagnose
+from contactlearn.diagnosis.search.candidates import all_candidates
+from contactlearn.diagnosis.search.ladder import Missing
+from contactlearn.diagnosis.search.subsets import Subsets, subsets
+from contactlearn.diagnosis.unexplained.formulas import Formula
+from contactlearn.diagnosis.unexplained.remainder import Remainder
+from contactlearn.evaluation.metrics import HEADLINE, METRICS, Interval, bootstrap, mass_error
+from contactlearn.identification.joint import identify_jointly
 from contactlearn.impacts import Prediction
 from contactlearn.laws import PAPER_LAWS, Law
 from contactlearn.mechanics import energy_ellipse
-from contactlearn.metrics import HEADLINE, METRICS, Interval, bootstrap, mass_error
 from contactlearn.model import ContactModel
-from contactlearn.report.page import content as content_module
-from contactlearn.report.page.comparison import of_evaluation
-from contactlearn.report.page.content import of_diagnosis
+from contactlearn.report.page import diagnosis as content_module
+from contactlearn.report.page.diagnosis import of_diagnosis
+from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import embedded, render, write
 from contactlearn.report.page.trials import finely
-from contactlearn.report.page.words import headline, label, measured, model_label, sentence, sentences
+from contactlearn.report.text import headline, label, measured, model_label, sentence, sentences
 
 HOSTILE = '<script>window.hacked=1</script><img src=x onerror="window.hacked=1">\'{{ 7*7 }}&<b>\u2028'
 COMMAND = "python diagnose.py data=mystery"

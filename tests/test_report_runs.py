@@ -11,12 +11,12 @@ from test_commands import run
 from test_report_page import HOSTILE, browser, data_of, draw_everything, into_view, opened, silent, until  # noqa: F401
 
 from contactlearn.__main__ import main
-from contactlearn.diagnosis.diagnosis import Diagnosis
-from contactlearn.diagnosis.ladder import Missing
+from contactlearn.diagnosis.pipeline import Diagnosis
+from contactlearn.diagnosis.search.ladder import Missing
 from contactlearn.errors import ContactLearnError
-from contactlearn.metrics import Interval
-from contactlearn.report.page.runs import write_runs
-from contactlearn.report.style import law_style
+from contactlearn.evaluation.metrics import Interval
+from contactlearn.report.figures.style import law_style
+from contactlearn.report.page.runs.page import write_runs
 
 METRIC = "mass_error"
 

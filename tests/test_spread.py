@@ -5,9 +5,9 @@ import math
 import pytest
 import torch
 
+from contactlearn.audit.corrections import correct
 from contactlearn.data import mystery
-from contactlearn.data.corrections import correct
-from contactlearn.diagnosis.diagnosis import diagnose
+from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
 from contactlearn.model import ContactModel

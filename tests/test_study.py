@@ -5,12 +5,13 @@ import math
 import pytest
 import torch
 
-from contactlearn import metrics, study
 from contactlearn.data import synthetic
 from contactlearn.errors import DataError
-from contactlearn.fit import identify
+from contactlearn.evaluation import metrics
+from contactlearn.identification.shared import identify
 from contactlearn.impacts import Prediction
-from contactlearn.learning import Recipe, learn
+from contactlearn.learning import curves as study
+from contactlearn.learning.recipe import Recipe, learn
 
 EXACT = 1e-12  # the same operations in another process or order
 RECIPES = {"wrench": Recipe("x1", "wrench"), "residual": Recipe("x1", "impulse", "whittaker")}

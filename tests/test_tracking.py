@@ -19,8 +19,8 @@ from test_commands import SMALL, TRAIN, run
 from contactlearn import laws
 from contactlearn.data import mystery, table
 from contactlearn.effects import catalogue
-from contactlearn.metrics import Interval
-from contactlearn.tracking import Tracker, ends
+from contactlearn.evaluation.metrics import Interval
+from contactlearn.report.tensorboard import Tracker, ends
 
 with warnings.catch_warnings():  # the copy of html5lib in TensorBoard warns of itself
     warnings.simplefilter("ignore", DeprecationWarning)

@@ -12,7 +12,7 @@ PDF, metrics.jsonl and TensorBoard's events.  These modules alone know the confi
 
 from contactlearn.app.diagnose import diagnose
 from contactlearn.app.evaluate import evaluate
-from contactlearn.app.run import load_data
+from contactlearn.app.record import load_data
 from contactlearn.app.train import train
 
 __all__ = ["diagnose", "evaluate", "load_data", "train"]

@@ -7,13 +7,16 @@ from matplotlib.figure import Figure
 from omegaconf import DictConfig
 from torch import Tensor
 
-from contactlearn import metrics, settings, study
-from contactlearn.app import run
+from contactlearn.app import record as run
+from contactlearn.app import settings
 from contactlearn.errors import DataError
+from contactlearn.evaluation import metrics
 from contactlearn.impacts import Impacts, Prediction
-from contactlearn.report import learning, quality, terminal
+from contactlearn.learning import curves as study
+from contactlearn.report import terminal
+from contactlearn.report.figures import learning, quality
 from contactlearn.report.tables import save_curves
-from contactlearn.tracking import Tracker
+from contactlearn.report.tensorboard import Tracker
 
 
 def learning_study(

@@ -6,22 +6,22 @@ from collections.abc import Mapping
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from contactlearn import settings
-from contactlearn.app import run
-from contactlearn.diagnosis.candidates import all_candidates
-from contactlearn.diagnosis.diagnosis import Diagnosis
-from contactlearn.diagnosis.diagnosis import diagnose as find_out
+from contactlearn.app import record as run
+from contactlearn.app import settings
+from contactlearn.diagnosis.pipeline import Diagnosis
+from contactlearn.diagnosis.pipeline import diagnose as find_out
+from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.effects import Effect, catalogue
 from contactlearn.errors import ContactLearnError
+from contactlearn.evaluation.metrics import HEADLINE, Interval
 from contactlearn.impacts import Impacts
-from contactlearn.metrics import HEADLINE, Interval
-from contactlearn.report import diagnosis as report
+from contactlearn.report import findings as report
 from contactlearn.report import terminal
-from contactlearn.report.diagnosis_figures import drawn
-from contactlearn.report.page.content import of_diagnosis
+from contactlearn.report.figures.diagnosis import drawn
+from contactlearn.report.page.diagnosis import of_diagnosis
 from contactlearn.report.page.page import write
-from contactlearn.report.page.words import headline
-from contactlearn.tracking import Tracker
+from contactlearn.report.tensorboard import Tracker
+from contactlearn.report.text import headline
 
 
 def diagnose(cfg: DictConfig) -> None:

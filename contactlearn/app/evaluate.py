@@ -6,21 +6,23 @@ import torch
 from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 
-from contactlearn import bounds, metrics, settings
-from contactlearn.app import run
+from contactlearn.app import record as run
+from contactlearn.app import settings
 from contactlearn.app.curves import learning_study, log_curves
 from contactlearn.app.transfer import transfer
 from contactlearn.errors import DataError
-from contactlearn.fit_effects import JointFit
-from contactlearn.fit_trials import identify_trials
+from contactlearn.evaluation import bounds, metrics
+from contactlearn.identification.joint import JointFit
+from contactlearn.identification.per_trial import identify_trials
 from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel
-from contactlearn.report import figures, terminal
-from contactlearn.report.impulse_space import energy_ellipse
-from contactlearn.report.page.comparison import of_evaluation
+from contactlearn.report import terminal
+from contactlearn.report.figures import laws as figures
+from contactlearn.report.figures.impulse_space import energy_ellipse
+from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
 from contactlearn.report.tables import save_predictions, save_trial_parameters
-from contactlearn.tracking import Tracker
+from contactlearn.report.tensorboard import Tracker
 
 BEST_POST_HOC, IRB = "best_post_hoc", "irb"
 

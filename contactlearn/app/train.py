@@ -4,16 +4,19 @@ import torch
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
 
-from contactlearn import bounds, checkpoint, metrics, settings
-from contactlearn.app import run
+from contactlearn import checkpoint
+from contactlearn.app import record as run
+from contactlearn.app import settings
 from contactlearn.errors import ContactLearnError
-from contactlearn.features import SPACES
+from contactlearn.evaluation import bounds, metrics
 from contactlearn.impacts import Impacts, Prediction
-from contactlearn.learning import OUTPUTS, Recipe, learn
+from contactlearn.learning.recipe import OUTPUTS, Recipe, learn
 from contactlearn.model import ContactModel
-from contactlearn.regressor import Regressor
-from contactlearn.report import quality, terminal
-from contactlearn.tracking import Tracker
+from contactlearn.regression.features import SPACES
+from contactlearn.regression.regressor import Regressor
+from contactlearn.report import terminal
+from contactlearn.report.figures import quality
+from contactlearn.report.tensorboard import Tracker
 
 CHECKPOINT = "model.pt"
 

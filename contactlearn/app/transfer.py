@@ -3,10 +3,14 @@
 import torch
 from omegaconf import DictConfig, OmegaConf
 
-from contactlearn import checkpoint, metrics, settings, study
-from contactlearn.app import run
-from contactlearn.report import learning, terminal
-from contactlearn.tracking import Tracker
+from contactlearn import checkpoint
+from contactlearn.app import record as run
+from contactlearn.app import settings
+from contactlearn.evaluation import metrics
+from contactlearn.learning import curves as study
+from contactlearn.report import terminal
+from contactlearn.report.figures import learning
+from contactlearn.report.tensorboard import Tracker
 
 WAYS = {"scratch": "From scratch", "prior": "Trained model as prior"}
 

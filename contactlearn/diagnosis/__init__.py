@@ -1,13 +1,9 @@
-"""Diagnosis: from measurements and a contact model to a named missing effect, or to what can be said instead.
+"""Diagnosis: from measurements and a contact model to a named missing effect, or to an honest alternative.
 
-audit, frame, spread      what is wrong with the measurements themselves, and what hardly varies
-budget, noise             how much of the error is noise, explained, or out of reach
-regions, variables        where a model fails
-candidates, selection     which effects may be missing, and which are
-equivalents, contest      what cannot be told apart on these data
-experiment                the drops that would tell
-remainder                 what processes still find
-formulas, library         lines of mathematics for it
-ladder, subsets           errors with effect after effect, and with every choice of them
-diagnosis                 all of it in order, and what comes of it
+pipeline         all stages in order, and the verdict
+budget, noise    the shares of the error that are noise, explained, unexplained or out of reach
+search           candidates, the selection among them, and the ladder of held-out errors
+failure          regions in which a model fails
+discrimination   effects that these data cannot tell apart, and the drops that would
+unexplained      the remainder that flexible models predict, and formulas for it
 """

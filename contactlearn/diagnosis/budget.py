@@ -4,12 +4,12 @@ from typing import Any
 
 import torch
 
-from contactlearn import bounds
-from contactlearn.diagnosis.ladder import RESAMPLES, interval
 from contactlearn.diagnosis.noise import HOW, Floor
-from contactlearn.diagnosis.remainder import Remainder
-from contactlearn.diagnosis.selection import Selection
-from contactlearn.metrics import Interval, bootstrap, mass_error
+from contactlearn.diagnosis.search.ladder import RESAMPLES, interval
+from contactlearn.diagnosis.search.selection import Selection
+from contactlearn.diagnosis.unexplained.remainder import Remainder
+from contactlearn.evaluation import bounds
+from contactlearn.evaluation.metrics import Interval, bootstrap, mass_error
 
 
 def first_budget(selection: Selection, ceiling: Remainder, generator: torch.Generator) -> dict[str, Any]:

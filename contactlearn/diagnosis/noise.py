@@ -18,9 +18,9 @@ import torch
 from torch import Tensor
 
 from contactlearn.effects import State
-from contactlearn.effects.symbols import of_state
+from contactlearn.effects.formula.symbols import of_state
+from contactlearn.evaluation.metrics import Interval, bootstrap, mass_error
 from contactlearn.impacts import Impacts, Prediction
-from contactlearn.metrics import Interval, bootstrap, mass_error
 from contactlearn.model import ContactModel
 
 HOW = {"stated": "from the stated noise", "estimated": "from the differences of trials that began alike"}

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from contactlearn.fit_trials import TrialFit
+from contactlearn.evaluation.metrics import CHI_SQUARED_95, METRICS, outside_admissible
+from contactlearn.identification.per_trial import TrialFit
 from contactlearn.impacts import COMPONENTS, Impacts, Prediction
-from contactlearn.metrics import CHI_SQUARED_95, METRICS, outside_admissible
-from contactlearn.study import Curve
+from contactlearn.learning.curves import Curve
 
 _WRITERS = {"parquet": pd.DataFrame.to_parquet, "csv": pd.DataFrame.to_csv}
 FORMATS = tuple(_WRITERS)

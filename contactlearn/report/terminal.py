@@ -13,10 +13,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
-from contactlearn.fit import SharedFit
-from contactlearn.fit_effects import JointFit
+from contactlearn.evaluation.metrics import HEADLINE, METRICS
+from contactlearn.identification.joint import JointFit
+from contactlearn.identification.shared import SharedFit
 from contactlearn.impacts import Impacts
-from contactlearn.metrics import HEADLINE, METRICS
 
 _console = Console()
 _MANY = 20  # trials from which on standard errors cover what they should

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from contactlearn.report.style import array
+from contactlearn.report.figures.style import array
 
 _LARGEST = 32767
 _NOTHING = -32768

@@ -13,7 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from contactlearn.report.page.arrays import compressed
-from contactlearn.report.page.words import number, percent, spaced
+from contactlearn.report.text import number, percent, spaced
 
 FILE = "report.html"
 _SCRIPTS = ("numbers.js", "figures.js", "live.js")

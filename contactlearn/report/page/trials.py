@@ -7,11 +7,11 @@ import torch
 from torch import Tensor
 
 from contactlearn import laws, mechanics
-from contactlearn.diagnosis.variables import Variable, variables
-from contactlearn.fit import Box
+from contactlearn.diagnosis.failure.variables import Variable, variables
+from contactlearn.identification.shared import Box
 from contactlearn.impacts import COMPONENTS, Impacts, Prediction
 from contactlearn.laws import Law
-from contactlearn.report.style import law_style
+from contactlearn.report.figures.style import law_style
 
 REACH = 0.002
 """Step of reachable impulses, in units of the momentum of the contact."""

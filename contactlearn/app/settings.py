@@ -1,0 +1,200 @@
+"""Checks of a composed configuration, before any data is read: a wrong setting costs seconds, not a run."""
+
+import math
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+from hydra.utils import get_class
+from omegaconf import DictConfig, ListConfig, OmegaConf
+
+from contactlearn import laws
+from contactlearn.effects import Effect
+from contactlearn.effects.formula.effect import formula
+from contactlearn.errors import ContactLearnError, UnknownNameError, suggest
+from contactlearn.evaluation import bounds
+from contactlearn.identification import joint as fit_effects
+from contactlearn.identification.shared import TARGETS
+from contactlearn.learning.recipe import Recipe
+from contactlearn.report.tables import FORMATS
+
+
+def _whole(least: int) -> tuple[Callable[[Any], bool], str]:
+    return lambda x: isinstance(x, int) and not isinstance(x, bool) and x >= least, f"a whole number, {least} or more"
+
+
+def _number(accept: Callable[[float], bool], rule: str) -> tuple[Callable[[Any], bool], str]:
+    return lambda x: isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x) and accept(x), rule
+
+
+def _range(high: float, rule: str) -> tuple[Callable[[Any], bool], str]:
+    number, _ = _number(lambda x: 0 <= x <= high, rule)
+    return lambda x: isinstance(x, ListConfig) and len(x) == 2 and all(map(number, x)) and x[0] < x[1], rule
+
+
+def _sizes(least: int) -> tuple[Callable[[Any], bool], str]:
+    whole, _ = _whole(least)
+
+    def accept(x: Any) -> bool:
+        return isinstance(x, ListConfig) and len(x) > 0 and all(map(whole, x)) and list(x) == sorted(set(x))
+
+    return accept, f"an increasing list of whole numbers, {least} or more, such as [10, 20, 50]"
+
+
+def _positive(x: float) -> bool:
+    return x > 0
+
+
+_RULES = {
+    "test": _number(lambda x: 0 < x < 1, "a share in (0, 1)"),
+    "seed": _whole(0),
+    "threads": _whole(1),
+    "train.size": _whole(1),
+    "train.repetitions": _whole(1),
+    "train.mu": _range(math.inf, "bounds [low, high] with 0 ≤ low < high"),
+    "train.eps": _range(1, "bounds [low, high] with 0 ≤ low < high ≤ 1"),
+    "bounds.patch": _number(lambda x: x > 0, "a positive half-width in m"),
+    "bootstrap": _whole(10),
+    "curves.sizes": _sizes(2),
+    "curves.seeds": _whole(1),
+    "transfer.sizes": _sizes(2),
+    "transfer.seeds": _whole(1),
+    "fit.starts": _whole(2),
+    "fit.noise": (
+        lambda x: x is None or (isinstance(x, ListConfig) and len(x) == 3 and all(map(_number(_positive, "")[0], x))),
+        "null, or three positive standard deviations, of v_x and v_y in m/s and of ω in rad/s",
+    ),
+    "workers": (lambda x: x is None or _whole(1)[0](x), "a whole number, 1 or more, or null for one a core"),
+    "figures.repetitions": _whole(1),
+    "laws": (lambda x: isinstance(x, ListConfig) and len(x) > 0, "a list of at least one law, such as [whittaker]"),
+}
+_NAMES = {
+    "train.target": ("impulse target", TARGETS),
+    "fit.target": ("target of a joint fit", fit_effects.TARGETS),
+    "bounds.norm": ("norm", bounds.NORMS),
+    "tables": ("table format", FORMATS),
+}
+
+
+def check(cfg: DictConfig) -> None:
+    """Raise for a setting that breaks its rule.
+
+    Raises:
+        ContactLearnError: naming the setting, the rule and the value.
+        UnknownNameError: a law, variant, target, norm or format that does not exist.
+    """
+    missing = object()
+    for key, (accept, rule) in _RULES.items():
+        value = OmegaConf.select(cfg, key, default=missing)
+        if value is not missing and not accept(value):
+            raise ContactLearnError(f"{key} must be {rule}, got {value!r}")
+    for key, (kind, known) in _NAMES.items():
+        value = OmegaConf.select(cfg, key, default=missing)
+        if value is not missing and value not in known:
+            raise UnknownNameError(kind, str(value), known)
+    number = _number(lambda x: True, "")[0]
+    for name, ends in (cfg.get("limits") or {}).items():
+        if not isinstance(ends, ListConfig) or len(ends) != 2 or not all(map(number, ends)):
+            raise ContactLearnError(f"limits.{name} must be [low, high], such as [-3, -1], got {ends!r}")
+    recipes(cfg)
+    if effects(cfg) and cfg.get("transfer") is not None:
+        raise ContactLearnError("transfer is studied without effects; use effect=[]")
+    if cfg.get("transfer") is not None and not (recipes(cfg) and cfg.transfer.get("bodies")):
+        raise ContactLearnError("transfer needs a learned model and a body; see configs/experiment/transfer.yaml")
+    named = ([cfg.law] if "law" in cfg else []) + list(cfg.get("laws", []))
+    if "test" not in cfg:  # a diagnosis can choose its law
+        named = [law for law in named if law != "best"]
+    for law in named + [cfg.figures[part] for part in ("surface", "parameters") if "figures" in cfg]:
+        laws.check(str(law), str(cfg.variant))
+    for law, entry in (cfg.get("reference") or {}).items():
+        for name in ("mu", "eps"):
+            pair = entry.get(name) if isinstance(entry, DictConfig) else None
+            if not isinstance(pair, ListConfig) or len(pair) != 2:
+                raise ContactLearnError(f"reference.{law} must hold mu: [mean, std] and eps: [mean, std], got {entry}")
+
+
+def recipes(cfg: DictConfig) -> dict[str, Recipe]:
+    """The learned models of `model`, by name; a law alone is none of them.
+
+    Raises:
+        ContactLearnError: an entry that is no model, or parameters to learn without a law.
+        UnknownNameError: a feature space, target or law that does not exist.
+    """
+    found = {}
+    for name, entry in (cfg.get("model") or {}).items():
+        settings = {} if not isinstance(entry, DictConfig) else OmegaConf.to_container(entry, resolve=True)
+        unknown = settings.keys() - {"features", "target", "law"}
+        if not settings or unknown:
+            wrong = f"unknown {', '.join(sorted(unknown))}" if unknown else repr(entry)
+            raise ContactLearnError(f"model.{name} must hold features, target and law; got {wrong}")
+        if settings.keys() == {"law"}:
+            continue
+        missing = {"features", "target"} - settings.keys()
+        if missing:
+            raise ContactLearnError(f"model.{name} lacks {', '.join(sorted(missing))}; see configs/model")
+        found[name] = Recipe(**settings, variant=cfg.variant)
+    return found
+
+
+def recipes_around(cfg: DictConfig) -> dict[str, Recipe]:
+    """The learned models that can be learnt around a law with effects, or all of them where there are none."""
+    found = recipes(cfg)
+    if not cfg.get("effect"):
+        return found
+    return {name: recipe for name, recipe in found.items() if recipe.target != "parameters_identified"}
+
+
+def one_recipe(cfg: DictConfig) -> tuple[str, Recipe | None]:
+    """Name and recipe of the one model to train; None for a law alone.
+
+    Raises:
+        ContactLearnError: no model, or several.
+    """
+    names = list(cfg.get("model") or {})
+    if len(names) != 1:
+        raise ContactLearnError(f"one model is trained at a time, got {names}; sweep over several with -m model=a,b")
+    return names[0], recipes(cfg).get(names[0])
+
+
+def effects(cfg: DictConfig, part: str = "effect") -> dict[str, Effect]:
+    """The effects of a part of the configuration, `effect` or `candidate`, by name.
+
+    Raises:
+        ContactLearnError: an entry that is no effect, or a setting that it does not have.
+    """
+    found = {}
+    for name, entry in (cfg.get(part) or {}).items():
+        settings = OmegaConf.to_container(entry, resolve=True) if isinstance(entry, DictConfig) else None
+        if not settings:
+            raise ContactLearnError(
+                f"{part}.{name} must hold _target_, a class, or a line of mathematics such as tau: '-c*rx*Pn'; "
+                f"got {entry!r}"
+            )
+        target = settings.pop("_target_", None)
+        if target is None:
+            found[name] = formula(**settings)
+            continue
+        kind = _effect_class(f"{part}.{name}._target_", target)
+        options = [field.name for field in fields(kind) if "parameter" not in field.metadata]
+        for key in settings:
+            if key not in options:
+                fitted = " (it is fitted)" if key in kind.__dataclass_fields__ else suggest(key, options)
+                raise ContactLearnError(
+                    f"{part}.{name} has no setting {key!r}{fitted}; it has: {', '.join(options) or 'none'}"
+                )
+        found[name] = kind(**{key: tuple(x) if isinstance(x, list) else x for key, x in settings.items()})
+    return found
+
+
+def _effect_class(key: str, target: Any) -> type[Effect]:
+    """The class that a dotted path names; nothing but an effect is made."""
+    try:
+        kind = get_class(str(target))
+    except Exception as error:
+        seen = str(error).splitlines()[0]
+        raise ContactLearnError(
+            f"{key}={target} cannot be imported ({seen}); is its package installed, or its folder on PYTHONPATH?"
+        ) from None
+    if not issubclass(kind, Effect):
+        raise ContactLearnError(f"{key} must be a subclass of contactlearn.effects.Effect, got {target}")
+    return kind

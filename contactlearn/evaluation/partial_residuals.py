@@ -1,0 +1,87 @@
+"""Partial residuals: what one effect of a model explains, beside what is measured without it.
+
+The model is evaluated with and without the effect, the others as they are.  `measured` is what the
+measurement has beyond the model without it, `explained` what the effect adds; if the effect is all
+that was missing, they differ by noise alone.  Both are of one component, the one that the effect
+explains most of, against the one symbol of the state by which the effect is known best; where no symbol tells
+a third of it, against the effect itself, so that what is measured should follow the diagonal.
+Source: Larsen & McCleary 1972, for linear models.
+"""
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from contactlearn.effects import State, columns
+from contactlearn.effects.formula.symbols import SYMBOLS, of_state
+from contactlearn.impacts import Impacts
+from contactlearn.model import ContactModel
+
+COMPONENTS = {
+    "wrench": (("P_t", "N s"), ("P_n", "N s"), ("τ", "N m s")),
+    "velocity": (("v_x⁺", "m/s"), ("v_y⁺", "m/s"), ("ω⁺", "rad/s")),
+}
+_BINS = 20
+_NUDGE = 0.02
+_TOLD = 1 / 3  # share of the effect that a symbol must tell to be drawn along
+
+
+@dataclass(frozen=True)
+class Partial:
+    """One effect over N impacts: measured and explained [N] against a variable [N], with letters and units."""
+
+    effect: str
+    component: str
+    component_unit: str
+    variable: str
+    variable_unit: str
+    x: Tensor
+    measured: Tensor
+    explained: Tensor
+
+
+def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Partial:
+    """What the effect `name` of a model explains of the impacts."""
+    effect = model.effects[name]
+    others = {key: other for key, other in model.effects.items() if key != name}
+    with_, without = (one.base_prediction(impacts) for one in (model, replace(model, effects=others)))
+    quantity = "velocity" if effect.place == "velocity" else "wrench"
+    explained = with_.wrench - without.wrench if quantity == "wrench" else with_.v_post - without.v_post
+    measured = impacts.wrench - without.wrench if quantity == "wrench" else impacts.v_post - without.v_post
+    # What it would do, were it larger: an effect that is not there is drawn as well, as a line at 0.
+    values = columns(*effect.values)
+    range_ = torch.tensor([p.high - p.low for p in effect.parameters], dtype=values.dtype)
+    larger = replace(model, effects={**model.effects, name: effect.at(values + _NUDGE * range_)})
+    would = larger.base_prediction(impacts)
+    would = would.wrench - without.wrench if quantity == "wrench" else would.v_post - without.v_post
+    shape = explained if (explained != 0).any() else would
+    # Medians, because of gross outliers.
+    left = (measured - explained).abs().median(0).values
+    best = int((shape.square().mean(0).sqrt() / left.clamp_min(1e-300)).argmax())
+    known = of_state(State.of(impacts))
+    known["theta"] = torch.atan2(known["theta"].sin(), known["theta"].cos())
+    shares = {symbol: share_explained(x, shape[:, best]) for symbol, x in known.items()}
+    variable = max(shares, key=shares.get)
+    component, unit = COMPONENTS[quantity][best]
+    against = SYMBOLS[variable].letter, SYMBOLS[variable].unit, known[variable]
+    if shares[variable] < _TOLD and (explained != 0).any():
+        against = f"{component} of the effect", unit, explained[:, best]
+    return Partial(name, component, unit, *against, measured[:, best], explained[:, best])
+
+
+def share_explained(x: Tensor, y: Tensor) -> float:
+    """Share of the variance of y [N] that lies between groups of equal number along x [N]."""
+    if x.max() == x.min() or y.max() == y.min():
+        return 0.0
+    groups = y[x.argsort()].tensor_split(min(_BINS, len(x)))
+    between = sum(len(group) * (group.mean() - y.mean()) ** 2 for group in groups)
+    return (between / (y - y.mean()).square().sum()).item()
+
+
+def binned(x: Tensor, *values: Tensor, bins: int = _BINS) -> tuple[Tensor, ...]:
+    """Means of x and of values over groups of equal number along x; [bins] each."""
+    order = x.argsort()
+    return tuple(
+        torch.stack([group.mean() for group in part[order].tensor_split(min(bins, len(x)))]) for part in (x, *values)
+    )

@@ -1,0 +1,7 @@
+"""Parameters from measurements.
+
+shared      one (μ, ε) for all trials, from random subsets, as in the paper
+per_trial   (μ, ε) of every single trial
+joint       (μ, ε) together with the parameters of the effects, with standard errors
+robust      the robust likelihood that the joint fit maximises
+"""

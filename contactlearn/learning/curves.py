@@ -1,0 +1,231 @@
+"""Learning curves: what models make of more and more training trials.
+
+Each seed draws one random order of the pool; the subset of size n is its first n trials, so subsets
+are nested along a curve and the same for every model.  Laws are identified and processes trained on
+nothing but the subset; all seeds of a model at one size are one batch.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+
+import torch
+from threadpoolctl import threadpool_limits
+from torch import Tensor
+
+from contactlearn.effects import Effect
+from contactlearn.errors import DataError
+from contactlearn.evaluation import metrics
+from contactlearn.identification.joint import identify_jointly
+from contactlearn.identification.shared import Box, SharedFit, identify
+from contactlearn.impacts import Impacts, Prediction
+from contactlearn.laws import Law
+from contactlearn.learning.recipe import Recipe, learn
+from contactlearn.model import RESIDUALS, ContactModel
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Scores of one model on N held-out trials at S sizes, trained on R random subsets each."""
+
+    sizes: tuple[int, ...]
+    errors: dict[str, Tensor]  # by name of `metrics.METRICS`, [S, R, N]
+    density: Tensor | None = None  # −log density of the measured v_post, [S, R, N] in nats
+    distance: Tensor | None = None  # squared Mahalanobis distance of it, [S, R, N]
+    covered: Tensor | None = None  # whether each component is in its 95 % interval, [S, R, N, 3] bool
+    kinds: tuple[str, ...] = ()  # of the processes at each size
+    converged: tuple[float, ...] = ()  # share of the processes whose training did, at each size
+
+    @classmethod
+    def of(cls, impacts: Impacts, predictions: Mapping[int, Prediction]) -> "Curve":
+        """From predictions [R, N], or [N] of a single subset, by size."""
+        ordered = [predictions[size] for size in sorted(predictions)]
+
+        def scores(score: Callable[[Impacts, Prediction], Tensor], tail: int = 0) -> Tensor:
+            values = torch.stack([score(impacts, prediction) for prediction in ordered])
+            return values if values.ndim == 3 + tail else values[:, None]
+
+        errors = {name: scores(metric.error) for name, metric in metrics.METRICS.items()}
+        sizes = tuple(sorted(predictions))
+        if ordered[0].covariance is None:
+            return cls(sizes, errors)
+        density, distance = scores(metrics.negative_log_density), scores(metrics.squared_distance)
+        return cls(sizes, errors, density, distance, scores(metrics.covered, 1))
+
+    def intervals(self, metric: str, generator: torch.Generator, resamples: int = 2000) -> Tensor:
+        """Mean and its 95 % interval over trials and subsets at each size, [S, 3]."""
+        rows = [metrics.bootstrap(error, generator, resamples) for error in self.errors[metric]]
+        return torch.tensor(rows, dtype=torch.float64)
+
+
+def nested_orders(trials: int, seeds: int, generator: torch.Generator) -> Tensor:
+    """One random order of the trials for each seed, [seeds, trials]."""
+    return torch.stack([torch.randperm(trials, generator=generator) for _ in range(seeds)])
+
+
+def law_curves(
+    laws: Iterable[str], pool: Impacts, test: Impacts, orders: Tensor, sizes: Sequence[int], **options
+) -> tuple[dict[str, SharedFit], dict[str, Curve]]:
+    """Laws identified on every subset, and their curves; the options are those of `fit.identify`."""
+    fits = {law: identify(law, pool, sizes=sizes, orders=orders, **options) for law in laws}
+    curves = {}
+    for name, fit in fits.items():
+        predictions = {size: ContactModel(law_at(fit, size)).predict(test) for size in sizes}
+        curves[name] = Curve.of(test, predictions)
+    return fits, curves
+
+
+def effect_curve(
+    law: str,
+    effects: Mapping[str, Effect],
+    pool: Impacts,
+    test: Impacts,
+    orders: Tensor,
+    sizes: Iterable[int],
+    **options,
+) -> tuple[dict[int, ContactModel], Curve]:
+    """A law with effects fitted to every subset, by size, and its curve; options of `identify_jointly`."""
+    models = {size: identify_jointly(law, effects, pool, orders[:, :size], **options).model for size in sizes}
+    return models, Curve.of(test, {size: model.predict(test) for size, model in models.items()})
+
+
+def law_at(fit: SharedFit, size: int) -> Law:
+    """The law with the parameters [R, 1] of each subset of that size."""
+    place = fit.sizes.index(size)
+    return Law(fit.law, fit.mu[:, place, None], fit.eps[:, place, None], fit.variant)
+
+
+def learning_curves(
+    recipes: Mapping[str, Recipe],
+    pool: Impacts,
+    test: Impacts,
+    orders: Tensor,
+    sizes: Sequence[int],
+    bases: Mapping[str, Mapping[int, Law | ContactModel]],
+    *,
+    impulse: str = "momentum",
+    box: Box | None = None,
+    workers: int = 1,
+    progress: Callable[[Iterable, int], Iterable] = lambda done, total: done,
+) -> dict[str, Curve]:
+    """Curves of learned models.
+
+    Args:
+        recipes: by name of the model.
+        pool, test: trials to learn from, and trials held out.
+        orders: of the pool's trials, [R, N], see `nested_orders`.
+        sizes: of the subsets, increasing.
+        bases: by law and size, the law that a recipe names as identified on these subsets, see `law_at`, with its
+            effects if it has any.
+        impulse, box: see `learning.learn`.
+        workers: processes side by side; 1 trains in this one.
+        progress: wraps the trained models as they come, and their number, for a progress bar.
+    """
+    tasks = []
+    for size in sorted(sizes, reverse=True):  # the longest first
+        for name, recipe in recipes.items():
+            base = bases[recipe.law][size] if recipe.law else None
+            tasks.append((name, size, recipe, pool, test, orders[:, :size], base, impulse, box))
+    found = {name: {} for name in recipes}
+    for name, size, trained in progress(run(_train_one, tasks, workers), len(tasks)):
+        found[name][size] = trained
+    return {name: _curve(test, trained) for name, trained in found.items()}
+
+
+def _train_one(name, size, recipe, pool, test, rows, base, impulse, box) -> tuple[str, int, tuple]:
+    """Prediction, kind of the processes, and share of them that converged."""
+    model = learn(recipe, pool, rows, base, impulse=impulse, box=box)
+    regressor = model.parameters or model.residual
+    return name, size, (model.predict(test), regressor.kind, regressor.status.converged.double().mean().item())
+
+
+def _curve(test: Impacts, trained: Mapping[int, tuple]) -> Curve:
+    """From what `_train_one` gave at each size."""
+    predictions, kinds, converged = ({size: one[k] for size, one in sorted(trained.items())} for k in range(3))
+    return replace(Curve.of(test, predictions), kinds=tuple(kinds.values()), converged=tuple(converged.values()))
+
+
+def transfer_curves(
+    recipe: Recipe,
+    source: Impacts,
+    bodies: Mapping[str, tuple[Impacts, Impacts]],
+    sizes: Sequence[int],
+    seeds: int,
+    generator: torch.Generator,
+    *,
+    impulse: str = "momentum",
+    box: Box | None = None,
+    workers: int = 1,
+    progress: Callable[[Iterable, int], Iterable] = lambda done, total: done,
+) -> tuple[ContactModel, dict[str, dict[str, Curve]]]:
+    """A model trained on one body, and what becomes of it on others.
+
+    Args:
+        recipe: of the model; a learned one.
+        source: the trials that it is trained on, all of them.
+        bodies: (pool, held-out trials) of other bodies by name.
+        sizes: numbers of trials of the other body, increasing.
+        seeds: random subsets at each size.
+        generator: source of the subsets.
+        impulse, box, workers, progress: see `learning_curves`.
+
+    Returns:
+        The model, and by body the curves `zero_shot` (the model as it is; one size, 0), `prior` (the
+        model with processes for what it leaves, trained on the body's trials) and `scratch` (the recipe
+        trained on the body's trials alone).
+    """
+    shared = {"variant": recipe.variant, "target": impulse, "box": box}
+    rows = torch.arange(len(source))
+    base = None
+    if recipe.law:
+        base = identify(recipe.law, source, sizes=(len(source),), orders=rows[None], **shared).to_law()
+    model = learn(recipe, source, rows, base, impulse=impulse, box=box)
+    correction = recipe if recipe.target in RESIDUALS else replace(recipe, target="impulse")
+    curves, tasks = {}, []
+    for body, (pool, test) in bodies.items():
+        if max(sizes) > len(pool):
+            raise DataError(f"{body}: {max(sizes)} trials asked for, but {len(pool)} are there to draw from")
+        curves[body] = {"zero_shot": Curve.of(test, {0: model.predict(test)})}
+        orders = nested_orders(len(pool), seeds, generator)
+        fit = identify(recipe.law, pool, sizes=sizes, orders=orders, **shared) if recipe.law else None
+        for size in sorted(sizes, reverse=True):
+            common = pool, test, orders[:, :size]
+            tasks.append(((body, "prior"), size, correction, *common, model, impulse, box))
+            tasks.append(((body, "scratch"), size, recipe, *common, fit and law_at(fit, size), impulse, box))
+    found = {}
+    for key, size, trained in progress(run(_train_one, tasks, workers), len(tasks)):
+        found.setdefault(key, {})[size] = trained
+    for (body, way), trained in found.items():
+        curves[body][way] = _curve(bodies[body][1], trained)
+    return model, curves
+
+
+def run(job: Callable, tasks: Sequence[tuple], workers: int) -> Iterable:
+    """Results of job(*task) as they come, from `workers` processes of one thread each."""
+    if min(workers, len(tasks)) <= 1:
+        yield from (job(*task) for task in tasks)
+        return
+    # New processes instead of forked ones: a fork copies the threads' locks, but not the threads.
+    with ProcessPoolExecutor(min(workers, len(tasks)), get_context("spawn"), initializer=_one_thread) as pool:
+        futures = [pool.submit(job, *task) for task in tasks]
+        yield from (future.result() for future in as_completed(futures))
+
+
+def _one_thread() -> None:
+    torch.set_num_threads(1)
+    threadpool_limits(1)
+
+
+def first_below(curve: Sequence[float], sizes: Sequence[int], reference: float) -> int | None:
+    """Smallest size at which the curve is below a reference; None if it never is."""
+    return next((size for size, value in zip(sizes, curve, strict=True) if value < reference), None)
+
+
+def settled(curve: Sequence[float], sizes: Sequence[int], share: float = 0.05) -> int | None:
+    """Smallest size from which on the curve stays within a share of its least value; None if it does not end there."""
+    least = min(curve)
+    late = [value > (1 + share) * least for value in curve]
+    if late[-1]:
+        return None
+    return sizes[len(late) - late[::-1].index(True)] if any(late) else sizes[0]

@@ -1,0 +1,201 @@
+"""Learning: from a recipe and training trials to a `ContactModel`.
+
+    target                  what the processes learn                             paper
+    velocity                v_post − v_pre, or − that of the law                 Class I
+    impulse                 (P_t, P_n), or what the law leaves of it             Class I, II; rigid
+    wrench                  (P_t, P_n, τ), likewise                              Class I, II
+    parameters_identified   the (μ, ε) that suit each single trial best          Class II; rigid
+    parameters_likelihood   (μ, ε) such that the law's impulse is likely         Class II; rigid
+
+The second way to learn parameters lets trials that stick, and so say nothing about μ, say nothing.
+Many subsets of equal size are learnt from at once.  Source: Fazeli et al. (2017), Section 4.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from contactlearn import laws
+from contactlearn.errors import ContactLearnError, UnknownNameError
+from contactlearn.evaluation.metrics import CHI_SQUARED_95
+from contactlearn.identification.per_trial import identify_trials
+from contactlearn.identification.shared import Box, measured_impulse
+from contactlearn.impacts import Impacts
+from contactlearn.laws import Law
+from contactlearn.model import ContactModel, predict_with, wrench_per_parameter
+from contactlearn.regression.features import SPACES, Standardisation
+from contactlearn.regression.regressor import Regressor
+
+OUTPUTS = {
+    "velocity": {"v_x": "m/s", "v_y": "m/s", "ω": "rad/s"},
+    "impulse": {"P_t": "N s", "P_n": "N s"},
+    "wrench": {"P_t": "N s", "P_n": "N s", "τ": "N m s"},
+    "parameters_identified": {"μ": "–", "ε": "–"},
+    "parameters_likelihood": {"μ": "–", "ε": "–"},
+}
+"""What is learnt for each target, with units."""
+
+TARGETS = tuple(OUTPUTS)
+_ROUNDS = 4  # linearisations of the law; most parameters move little after the third
+_COVERAGE = 0.95
+_LOG_SIZE = math.log(0.05), math.log(100.0)
+_LEAST_WEIGHT = 0.01  # what holds a parameter that its trial says nothing about where it is
+_PRIOR_SPREAD = 0.1  # unit in which the processes see departures of μ and ε from the shared values
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a learned model is made: from `features` to `target`, on top of a `law` or of nothing.
+
+    Raises:
+        UnknownNameError: no such feature space, target or law.
+        ContactLearnError: parameters to learn but no law.
+    """
+
+    features: str
+    target: str
+    law: str | None = None
+    variant: str = "textbook"
+
+    def __post_init__(self):
+        if self.features not in SPACES:
+            raise UnknownNameError("feature space", self.features, SPACES)
+        if self.target not in TARGETS:
+            raise UnknownNameError("target", self.target, TARGETS)
+        if self.law is not None:
+            laws.check(self.law, self.variant)
+        elif self.target.startswith("parameters"):
+            raise ContactLearnError(f"target {self.target} needs a law, got none")
+
+
+def learn(
+    recipe: Recipe,
+    impacts: Impacts,
+    rows: Tensor,
+    base: Law | ContactModel | None = None,
+    *,
+    impulse: str = "momentum",
+    box: Box | None = None,
+) -> ContactModel:
+    """A model for each training subset.
+
+    Args:
+        recipe: what to learn from what.
+        impacts, rows: subsets [..., n] as rows of the impacts.
+        base: the recipe's law with its shared (μ, ε) [..., 1], or any model whose residual is learnt; likely
+            parameters can also be learnt of a law with effects.
+        impulse: the measured impulse, see `fit.measured_impulse`.
+        box: limits of per-trial parameters.
+
+    Raises:
+        DataError: fewer than two training trials.
+        ContactLearnError: a base that is not the recipe's.
+    """
+    expected = f"the law {recipe.law}" if recipe.law else "nothing, or a model"
+    if not isinstance(base, ContactModel) and getattr(base, "name", None) != recipe.law:
+        raise ContactLearnError(f"the recipe builds on {expected}, got {base}")
+    if recipe.target.startswith("parameters"):
+        under = base if isinstance(base, ContactModel) else ContactModel(base)
+        if under.residual or under.parameters or not isinstance(under.base, Law):
+            raise ContactLearnError(f"target {recipe.target} needs a law under it, got a model")
+        if under.effects and recipe.target == "parameters_identified":
+            raise ContactLearnError(
+                "target parameters_identified takes each trial's (μ, ε) from the law alone, but there are effects "
+                f"({', '.join(under.effects)}); use target parameters_likelihood"
+            )
+        if recipe.target == "parameters_identified":
+            found = identify_trials(recipe.law, impacts, variant=recipe.variant, target=impulse, box=box)
+            values = torch.stack((found.mu, found.eps), -1)[rows]
+            regressor = Regressor.fit(recipe.features, impacts, rows, values)
+        else:
+            P = measured_impulse(impacts, impulse)
+            regressor, values = _learn_parameters(recipe, impacts, rows, under, P, box or Box())
+        return _with_noise(replace(under, parameters=regressor), impacts, rows, values)
+    model = ContactModel(base, target=recipe.target)
+    left = model.base_prediction(impacts)
+    values = {
+        "velocity": impacts.v_post - left.v_post,
+        "impulse": measured_impulse(impacts, impulse) - left.wrench[..., :2],
+        "wrench": impacts.wrench - left.wrench,
+    }[recipe.target]
+    values = _at(values, rows)
+    model = replace(model, residual=Regressor.fit(recipe.features, impacts, rows, values))
+    return _with_noise(model, impacts, rows, values)
+
+
+def _learn_parameters(
+    recipe: Recipe, impacts: Impacts, rows: Tensor, base: ContactModel, P: Tensor, box: Box
+) -> tuple[Regressor, Tensor]:
+    """Processes for (μ, ε) that make the measured impulse P [N, 2] likely, and what they were fitted to [..., n, 2].
+
+    Generalised Gauss–Newton: about the present parameters θ₀ of each trial the law is P ≈ P̂ + G (θ − θ₀).
+    With isotropic noise that is an observation of each parameter, θ₀ + H_kᵀ (P − P̂) / (G_kᵀ H_k) with a noise
+    variance ∝ 1/(G_kᵀ H_k), where H_k is what of G_k the other parameter, free by its prior spread, could not
+    do as well.  So a trial that sticks says next to nothing about μ.  The posteriors of the two parameters
+    are taken as independent.
+    """
+    law, effects = base.base, base.effects
+    mu, eps = (torch.as_tensor(x, dtype=torch.float64) for x in (law.mu, law.eps))
+    shared = torch.atleast_2d(torch.stack(torch.broadcast_tensors(mu, eps), -1))  # [..., 1, 2]
+    outputs = Standardisation(shared, torch.full_like(shared, _PRIOR_SPREAD))
+    theta = shared.expand(*rows.shape, 2)
+    regressor = None
+    for _ in range(_ROUNDS):
+        theta = torch.minimum(torch.maximum(theta, box.low), box.high)
+        everywhere = _everywhere(theta, rows, len(impacts))
+        G = _at(wrench_per_parameter(law, impacts, everywhere, effects)[..., :2, :], rows, 2)
+        error = _at(P - predict_with(law, impacts, everywhere, effects).wrench[..., :2], rows)
+        other, typical = G.flip(-1), G.square().sum(-2).mean(-2, keepdim=True).amax(-1, keepdim=True).sqrt()
+        shrunk = other.square().sum(-2, keepdim=True) + (_PRIOR_SPREAD * typical[..., None]).square()
+        H = G - (G * other).sum(-2, keepdim=True) / shrunk * other
+        weight = ((G * H).sum(-2).clamp_min(0).sqrt() / typical).clamp_min(_LEAST_WEIGHT)
+        observed = theta + (H * error[..., None]).sum(-2) / (weight * typical).square()
+        regressor = Regressor.fit(
+            recipe.features, impacts, rows, observed, weight=weight, outputs=outputs, like=regressor
+        )
+        theta = _at(regressor.predict(impacts)[0], rows)
+    return regressor, observed
+
+
+def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Tensor) -> ContactModel:
+    """The model with the covariance of what its processes cannot predict of v_post.
+
+    It has the form of E, the mean of e eᵀ over the errors e of each training trial as if it were left
+    out, and the size t at which the 95 % ellipsoid of V + t E, V being the processes' own uncertainty,
+    holds 95 % of these errors (the rank is that of conformal prediction, so that few trials make it
+    wide).  It is in post velocities because measurement noise is; what a rigid model cannot say, τ, is in it.
+    """
+    regressor = model.parameters or model.residual
+    error, variance = regressor.leave_one_out()
+    learned = _everywhere(values - error, rows, len(impacts))
+    e = _at(impacts.v_post - model.complete(impacts, learned).v_post, rows)
+    V = _at(model.spread(impacts, learned, _everywhere(variance, rows, len(impacts))), rows, 2)
+    speed = _at(impacts.v_post, rows).square().mean(-2).sqrt()
+    scale = torch.maximum(e.square().mean(-2).sqrt(), 1e-6 * speed)
+    unit = scale[..., :, None] * scale[..., None, :]
+    e, V = e / scale[..., None, :], V / unit[..., None, :, :]
+    E = (e.mT @ e) / e.shape[-2] + 1e-6 * torch.eye(3, dtype=e.dtype, device=e.device)
+    n = rows.shape[-1]
+    rank = min(n, math.ceil(_COVERAGE * (n + 1)))
+    low, high = (E.new_full(E.shape[:-2], end) for end in _LOG_SIZE)
+    for _ in range(20):
+        middle = (low + high) / 2
+        total = V + (middle.exp()[..., None, None] * E)[..., None, :, :]
+        distance = (e * torch.linalg.solve(total, e)).sum(-1)
+        wide = distance.kthvalue(rank, -1).values <= CHI_SQUARED_95
+        low, high = torch.where(wide, low, middle), torch.where(wide, middle, high)
+    return replace(model, noise=high.exp()[..., None, None] * E * unit)
+
+
+def _at(values: Tensor, rows: Tensor, event: int = 1) -> Tensor:
+    """Values [..., N, *event] at rows [..., n]: [..., n, *event]."""
+    values = values.expand(*rows.shape[:-1], *values.shape[-1 - event :])
+    return torch.take_along_dim(values, rows[(..., *(None,) * event)], -1 - event)
+
+
+def _everywhere(values: Tensor, rows: Tensor, N: int) -> Tensor:
+    """Values [..., n, O] of the trials `rows` [..., n] among all N, 0 for the others: [..., N, O]."""
+    index = rows[..., None].expand(values.shape)
+    return values.new_zeros(*rows.shape[:-1], N, values.shape[-1]).scatter(-2, index, values)

@@ -1,0 +1,77 @@
+"""Regressor: Gaussian processes from a feature space of impacts to any quantity of theirs."""
+
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from contactlearn.errors import DataError
+from contactlearn.impacts import Impacts
+from contactlearn.regression.features import Standardisation, features
+from contactlearn.regression.gp.exact import ExactGPs, Fit
+from contactlearn.regression.gp.sparse import SparseGPs
+
+EXACT_LIMIT = 2000
+"""Training trials beyond which the processes are sparse and variational."""
+
+
+@dataclass(frozen=True)
+class Regressor:
+    """Processes for each training subset (leading axes) and each of O outputs; see `Regressor.fit`."""
+
+    space: str
+    inputs: Standardisation  # [..., 1, D]
+    outputs: Standardisation  # [..., 1, O]
+    gps: ExactGPs | SparseGPs
+    status: Fit | None = None
+
+    @classmethod
+    def fit(
+        cls,
+        space: str,
+        impacts: Impacts,
+        rows: Tensor,
+        values: Tensor,
+        *,
+        weight: Tensor | None = None,
+        outputs: Standardisation | None = None,
+        like: "Regressor | None" = None,
+    ) -> "Regressor":
+        """Train on subsets of equal size.
+
+        Args:
+            space: a feature space of `contactlearn.regression.features`.
+            impacts, rows: the subsets [..., n] as rows of the impacts; at least two trials each.
+            values: what to learn [..., n, O].
+            weight: w [..., n, O] > 0; the noise variance of a value is σ²/w².  1 if left out.
+            outputs: standardisation of the values; from the values if left out.
+            like: a regressor to begin the training from, of the same shape.
+
+        Raises:
+            DataError: fewer than two trials.
+            UnknownNameError: no such space.
+        """
+        if rows.shape[-1] < 2:
+            raise DataError(f"a learned model needs at least 2 training trials, got {rows.shape[-1]}")
+        x = features(space, impacts)[rows]
+        inputs, outputs = Standardisation.of(x), outputs or Standardisation.of(values)
+        family = ExactGPs if rows.shape[-1] <= EXACT_LIMIT else SparseGPs
+        gps = family(inputs.apply(x), outputs.apply(values).mT, None if weight is None else weight.mT)
+        return cls(space, inputs, outputs, gps, gps.fit(like and like.gps))
+
+    @property
+    def kind(self) -> str:
+        """Exact processes, or sparse ones and why."""
+        if isinstance(self.gps, ExactGPs):
+            return "exact"
+        points = self.gps.covar_module.inducing_points.shape[-2]
+        return f"sparse variational ({points} inducing points), since there are more than {EXACT_LIMIT} training trials"
+
+    def predict(self, impacts: Impacts) -> tuple[Tensor, Tensor]:
+        """Mean and variance [..., N, O], without the noise of a measurement, in the values' units."""
+        mean, variance = self.gps.predict(self.inputs.apply(features(self.space, impacts)))
+        return self.outputs.undo(mean.mT), self.outputs.spread**2 * variance.mT
+
+    def leave_one_out(self) -> tuple[Tensor, Tensor]:
+        """Value − prediction of each training trial if it were left out, and its variance, [..., n, O] each."""
+        error, variance = self.gps.leave_one_out()
+        return self.outputs.spread * error.mT, self.outputs.spread**2 * variance.mT

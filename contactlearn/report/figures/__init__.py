@@ -1,0 +1,1 @@
+"""Matplotlib figures, a PNG and a PDF each, in one style."""

@@ -1,0 +1,224 @@
+"""The figures of the audit: the evidence for each finding about the measurements.
+
+    audit_figure    the moment balance and the trials' contradictions, or what is odd about which trials
+
+A dot is a trial.  Moments are shown in mN m s, contact points in mm.
+"""
+
+import math
+from textwrap import wrap
+
+import torch
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+from torch import Tensor
+
+from contactlearn.audit.conventions import balance, contradictions
+from contactlearn.audit.corrections import GROSS, gross_outliers, kinetic_energy, torque
+from contactlearn.audit.findings import Finding
+from contactlearn.impacts import Impacts
+from contactlearn.report.figures import style as st
+from contactlearn.shapes import contact_point
+
+_BLUE, _RED, _ = st.CONTRAST
+_ROW = "Trial, in the order read (–)"
+_QUESTIONS = {
+    "moment": "moments do not balance",
+    "approach": "does not approach",
+    "leaves": "does not leave",
+    "push": "floor pulls",
+    "below": "floor is above",
+    "friction": "friction along slip",
+    "energy": "gains energy",
+    "units": "implausible units",
+    "shape": "contact off shape",
+}
+_VECTOR = 5000  # dots that a PDF draws one by one
+
+
+@st.look()
+def audit_figure(finding: Finding, before: Impacts, after: Impacts) -> Figure:
+    """The evidence for a finding, under its sentence.
+
+    A finding about units, axes or inertia shows both sides of the moment balance and how much the trials contradict
+    themselves, without its correction and with it, the outermost percent of the moments left out; the others show what
+    is odd about which trials.
+
+    Args:
+        finding: of the audit.
+        before, after: impacts without and with its correction, the corrections of earlier findings made in both.
+    """
+    draw, width, height = _EVIDENCE.get(finding.name, (_frame, st.PAGE, 2.85))
+    said = wrap(finding.sentence, 112 if width == st.PAGE else 54, max_lines=6, placeholder=" …")
+    figure = st.new_figure(width, height + st.ROW * len(said))
+    figure.suptitle("\n".join(st.plain(line, 120) for line in said))
+    draw(figure, finding, before, after)
+    return figure
+
+
+def _frame(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
+    name = finding.correction
+    titles = (f"Without {name}", f"With {name}") if name else ("As read", "Under the best hypothesis")
+    shown = dict(zip(titles, (before, after)[: 1 if after is before else 2], strict=False))
+    *panels, axes = figure.subplots(1, len(shown) + 1, width_ratios=(*(1 for _ in shown), 0.8))
+    for panel, (title, impacts) in zip(panels, shown.items(), strict=True):
+        terms, fit = torque(impacts), balance(impacts)
+        moments = impacts.inertia * st.MILLI * torch.stack((terms.normal + terms.tangential, terms.spin))
+        reach = 1.1 * moments.abs().amax(0).quantile(0.99).item()
+        power = 0 if 1e-2 < reach < 1e4 else math.floor(math.log10(reach))
+        unit = f"$10^{{{power}}}$ mN m s" if power else "mN m s"
+        st.name_axes(panel, f"r_x P_n − r_y P_t ({unit})", f"I Δω ({unit})")
+        dots(panel, *moments / 10**power)
+        panel.axline((0, 0), slope=1, color=_RED, label="Slope 1: balanced")
+        panel.set(xlim=(-reach / 10**power, reach / 10**power), ylim=(-reach / 10**power, reach / 10**power))
+        panel.set_box_aspect(1)
+        panel.xaxis.set_major_locator(MaxNLocator(4))
+        panel.yaxis.set_major_locator(MaxNLocator(4))
+        values = (("a", fit.a, fit.a_error), ("b", fit.b, fit.b_error))
+        lines = (f"{x} = {y:+#.3g} ± {error:.1g}" if error < math.inf else f"{x} is open" for x, y, error in values)
+        panel.set_title("\n".join((title, *lines)).replace("-", "−"))
+    means = {
+        title: [answer.mean().item() for answer in contradictions(impacts).values()] for title, impacts in shown.items()
+    }
+    questions = [_QUESTIONS[key] for key in contradictions(before)]
+    places = range(len(questions))
+    st.name_axes(axes, "Mean contradiction (–)")
+    answers = [*means.values()]
+    axes.hlines(places, answers[0], answers[-1], color=st.DARK, linewidth=0.8)
+    for size, face, (title, values) in zip((5, 4), ("white", _BLUE), means.items(), strict=False):
+        axes.plot(values, places, "o", color=_BLUE, markerfacecolor=face, markersize=size, label=title)
+    axes.set_yticks(places, questions)
+    axes.set_xlim(-0.04, 1.04)
+    axes.set_box_aspect(1 / 0.8)
+    axes.invert_yaxis()
+    legend_below(figure, panels[0], axes)
+
+
+def _outliers(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
+    """A panel for each reason.  A moment beyond its limit is gross only where a third of its own terms is left over."""
+    reasons = {name: bad for name, bad in gross_outliers(before).items() if bad.any() or name == "moment"}
+    energy, rebound = kinetic_energy(before)
+    left = torque(before).residual.abs()
+    ratios = torch.stack([_of_object(before, values) for values in (before.mass, before.inertia)])
+    shown = {
+        "moment": ("|τ|/I (rad/s)", left, (GROSS * 1.4826 * left.median().item(),)),
+        "energy": ("E_post/E_pre (–)", rebound / energy, (2.0,)),
+        "approach": ("v_n (m/s)", before.v_c[:, 1], (0.0,)),
+        "mass": (
+            "m or I, of its\nobject's median (–)",
+            ratios.gather(0, ratios.log().abs().argmax(0)[None])[0],
+            (0.5, 2.0),
+        ),
+    }
+    panels = figure.subplots(len(reasons), 1, sharex=True, squeeze=False)[:, 0]
+    figure.set_figheight(figure.get_figheight() + 1.3 * (len(reasons) - 1))
+    rows, trials = torch.arange(1, len(before) + 1), len(before)
+    for axes, (reason, bad) in zip(panels, reasons.items(), strict=True):
+        label, values, limits = shown[reason]
+        st.name_axes(axes, y=label)
+        if reason != "approach":
+            axes.set_yscale("log")
+            few = values.max() < 300 * values.min()
+            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
+            axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axes.yaxis.set_minor_formatter(NullFormatter())
+        dots(axes, rows[~bad], values[~bad])
+        axes.plot(st.array(rows[bad]), st.array(values[bad]), "x", color=_RED, label="Gross outlier")
+        for limit in limits:
+            axes.axhline(limit, color=_BLUE, linestyle="--", linewidth=0.9, label="Limit")
+        free = 0.0  # from which row on a name lies on no other
+        for row in (bad.nonzero()[:, 0] + 1).tolist():
+            name, turned = st.plain(before.trial[row - 1], 14), row > 0.8 * trials
+            length = (0.03 + 0.012 * len(name)) * trials
+            if row - turned * length >= free:
+                place = {"xytext": (-3 if turned else 3, 3), "textcoords": "offset points", "va": "bottom"}
+                axes.annotate(name, (row, values[row - 1].item()), ha="right" if turned else "left", **place)
+                free = row + (0.02 * trials if turned else length)
+        axes.margins(x=0.03, y=0.25)
+    panels[-1].set_xlabel(_ROW)
+    legend_below(figure, panels[0])
+
+
+def _of_object(impacts: Impacts, values: Tensor) -> Tensor:
+    """Values [N] relative to the median of the same object's trials."""
+    ratio = torch.empty_like(values)
+    for name in set(impacts.object):
+        same = torch.tensor([other == name for other in impacts.object])
+        ratio[same] = values[same] / values[same].median()
+    return ratio
+
+
+def _energy(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
+    energy, rebound = kinetic_energy(before[_good(before)])
+    axes = st.name_axes(figure.subplots(), "E_post/E_pre (–)", "Trials (count)")
+    axes.hist(st.array(rebound / energy), 30, color=st.tint(_BLUE, 0.45), edgecolor=_BLUE, linewidth=0.4)
+    axes.axvline(1, color=_RED, label="As much as before")
+    axes.axvline(1.25, color=_RED, linestyle="--", label="A quarter more")
+    axes.set_xlim(left=0)
+    legend_below(figure, axes)
+
+
+def _good(impacts: Impacts) -> Tensor:
+    """Trials [N] that are no gross outliers."""
+    return ~torch.stack([*gross_outliers(impacts).values()]).any(0)
+
+
+def _shape(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
+    sound = before[_good(before)]
+    expected = contact_point(sound.shape, sound.q[:, 2])
+    panels = figure.subplots(1, 2)
+    for axes, letter, given, own in zip(panels, "xy", sound.r.mT * st.MILLI, expected.mT * st.MILLI, strict=True):
+        st.name_axes(axes, f"r_{letter} of the shape at θ (mm)", f"r_{letter} measured (mm)")
+        dots(axes, own, given)
+        axes.axline((own.mean().item(),) * 2, slope=1, color=_RED, label="As the shape")
+    legend_below(figure, panels[0])
+
+
+def _duplicates(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
+    numbers, first = torch.cat((before.r, before.q, before.v_pre, before.v_post), -1), {}
+    rows = torch.arange(1, len(before) + 1)
+    original = torch.tensor([first.setdefault(tuple(row), k) for k, row in enumerate(numbers.tolist(), 1)])
+    again = original < rows
+    axes = st.name_axes(figure.subplots(), _ROW, "First trial with these numbers (–)")
+    dots(axes, rows[~again], original[~again])
+    axes.plot(rows[again], original[again], "x", color=_RED, label="Repeated trial")
+    axes.margins(x=0.03)
+    legend_below(figure, axes)
+
+
+def _order(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
+    by_order = before.order.argsort(stable=True)
+    order, time = before.order[by_order], before.time[by_order]
+    back = torch.cat((torch.zeros(1, dtype=torch.bool), time.diff() < 0))
+    axes = st.name_axes(figure.subplots(), "Order of the trial (–)", "Time of contact (s)")
+    axes.plot(st.array(order), st.array(time), color=st.tint(st.DARK, 0.35), linewidth=0.5, zorder=1)
+    dots(axes, order[~back], time[~back])
+    axes.plot(st.array(order[back]), st.array(time[back]), "x", color=_RED, markersize=3.5, label="Before the last one")
+    legend_below(figure, axes)
+
+
+_EVIDENCE = {
+    "gross_outliers": (_outliers, st.PAGE, 2.0),
+    "energy_gained": (_energy, st.COLUMN, 2.5),
+    "contact_point_off_shape": (_shape, st.PAGE, 2.8),
+    "duplicated_trials": (_duplicates, st.COLUMN, 2.7),
+    "out_of_order": (_order, st.COLUMN, 2.7),
+}
+"""By finding, how it is drawn and the figure's width and height in inches without the sentence; others are `_frame`."""
+
+
+def dots(axes: Axes, x: Tensor, y: Tensor, label: str = "Trial") -> None:
+    """A dot for each trial, x and y [N] in the units of the axes."""
+    look = {"color": st.tint(st.DARK, 0.35), "markersize": 2.5, "label": label, "zorder": 1}
+    axes.plot(st.array(x), st.array(y), ".", **look, rasterized=len(x) > _VECTOR)
+
+
+def legend_below(figure: Figure, *panels: Axes) -> None:
+    """One legend below a figure for what some of its panels show, each label once."""
+    handles = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    columns = 2 if figure.get_figwidth() == st.COLUMN else 5
+    figure.legend([*handles.values()], [*handles], loc="outside lower center", ncols=columns)

@@ -1,0 +1,232 @@
+"""What learned models make of more training impacts; each figure takes plain values.
+
+    error_densities  Fig. 4.1  distributions of the error by model
+    learning_curve   Fig. 4.2  error against the number of training impacts
+    transfer                   error on a new body against the number of its trials
+
+A curve is an array [S, 3] of the mean and the ends of its 95 % interval at S sizes.  Class I are
+the models learned from data alone, Class II those that correct a law.  The figure numbers are those
+of Fazeli et al. (2017).
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+from scipy.stats import gaussian_kde
+from torch import Tensor
+
+from contactlearn.errors import ContactLearnError
+from contactlearn.report.figures import style as st
+
+__all__ = ["error_densities", "learning_curve", "transfer"]
+
+Interval = tuple[float, float, float]
+"""A mean and the ends of its 95 % interval."""
+
+_ZERO_SHOT = st.LawStyle("Trained model, no trial of this body", st.DARK, "", (0, (2, 2)))
+
+
+@st.look()
+def learning_curve(
+    sizes: Sequence[int], curves: Mapping[str, Tensor], references: Mapping[str, Interval], metric: str
+) -> Figure:
+    """Fig. 4.2: mean error against the number of training impacts, with its 95 % interval.
+
+    The axis ends at 1.6 × the largest reference, or at 1.15 × the largest error at the end of a
+    curve if that is more: a large error after few impacts leaves the panel and does not flatten the
+    rest.  The models of a panel stand slightly side by side, so that their intervals are seen.
+
+    Args:
+        sizes: numbers of impacts [S], increasing.
+        curves: curve [S, 3] by model, nan where a size was not run.
+        references: horizontal lines by name, such as the bounds or a law.
+        metric: axis label with its unit.
+
+    Raises:
+        ContactLearnError: no sizes or models, sizes that do not increase, or curves of another length.
+    """
+    values = _checked(sizes, curves)
+    figure, panels = _class_panels(values, 2.75)
+    styles, levels = st.law_styles(values), st.law_styles(references)
+    for axes, title, names in panels:
+        st.name_axes(axes, "Number of training impacts (–)", metric).label_outer()
+        _draw_curves(axes, sizes, {name: values[name] for name in names}, styles)
+        st.legend_above(axes, title)
+        lines = [_draw_level(axes, levels[name], interval) for name, interval in references.items()]
+    axes.set_ylim(0, _top(values.values(), references.values()))
+    if references:
+        figure.legend(handles=lines, loc="outside lower center", ncols=len(panels))
+    return figure
+
+
+@st.look()
+def error_densities(errors: Mapping[str, Tensor], metric: str) -> Figure:
+    """Fig. 4.1: density of each model's error, with a marker at the mean.
+
+    Gaussian kernels of Silverman's robust width, reflected at 0.  The axes leave out outliers, the
+    last percent of the other errors, and what of a bound's peak is over 1.5 × the models' highest.
+
+    Args:
+        errors: errors [K] of the trials by model; those of the bounds are in both panels.
+        metric: axis label with its unit.
+
+    Raises:
+        ContactLearnError: no models, or errors that are negative or not finite.
+    """
+    values = {name: st.array(x).ravel() for name, x in errors.items()}
+    bad = [name for name, x in values.items() if not (len(x) and np.isfinite(x).all() and x.min() >= 0)]
+    if not values or bad:
+        raise ContactLearnError(
+            f"error_densities needs finite errors ≥ 0 of each model, got {f'others of {bad}' if bad else 'none'}"
+        )
+    bounds = _among(values, st.BOUNDS)
+    models = [name for name in values if name not in bounds]
+    figure, panels = _class_panels(models or bounds, 2.3 + st.ROW * len(bounds))
+    x = np.linspace(0, _right_end(np.concatenate(list(values.values()))), 500)
+    densities, styles = {name: _density(sample, x) for name, sample in values.items()}, st.law_styles(values)
+    for axes, title, names in panels:
+        st.name_axes(axes, metric, _density_label(metric)).label_outer()
+        for name in dict.fromkeys((*bounds, *names)):
+            mean = np.searchsorted(x, values[name].mean())
+            st.draw_line(axes, x, densities[name], styles[name], markevery=[mean] if mean < len(x) else [])
+        st.legend_above(axes, title)
+    highest = max(density.max() for density in densities.values())
+    top = min(highest, 1.5 * max((densities[name].max() for name in models), default=np.inf))
+    axes.set(xlim=(0, x[-1]), ylim=(0, 1.05 * top or 1))
+    return figure
+
+
+@st.look()
+def transfer(
+    sizes: Sequence[int], curves: Mapping[str, Mapping[str, Tensor]], zero_shot: Mapping[str, Interval], metric: str
+) -> Figure:
+    """Mean error on a new body against the number of its trials, one panel a body; both axes are logarithmic.
+
+    Args:
+        sizes: numbers of trials [S], increasing.
+        curves: curve [S, 3] by body and label, nan where a size was not run.
+        zero_shot: by body, the error of the trained model without any trial of it.
+        metric: axis label with its unit.
+
+    Raises:
+        ContactLearnError: no sizes, bodies or curves, sizes that do not increase, or curves of another length.
+    """
+    if not curves:
+        raise ContactLearnError("transfer needs the curves of at least one body, got none")
+    values = {body: _checked(sizes, by_label) for body, by_label in curves.items()}
+    styles = st.law_styles(dict.fromkeys(label for by_label in values.values() for label in by_label), st.CONTRAST)
+    columns = 2 if len(values) == 4 else min(3, len(values))
+    rows = -(-len(values) // columns)
+    figure = st.new_figure(st.PAGE if columns > 1 else st.COLUMN, 0.4 + 2.0 * rows + st.ROW * (1 + len(styles)))
+    handles = {}
+    for place, (body, by_label) in enumerate(values.items()):
+        axes = figure.add_subplot(rows, columns, place + 1, sharey=figure.axes[0] if place else None)
+        st.name_axes(axes, "Trials of the new body (–)", "" if place % columns else metric)
+        axes.tick_params(labelleft=place % columns == 0)
+        _draw_curves(axes, sizes, by_label, styles)
+        if body in zero_shot:
+            _draw_level(axes, _ZERO_SHOT, zero_shot[body])
+        axes.set_title(st.plain(body, 24))
+        handles |= {line.get_label(): line for line in axes.get_legend_handles_labels()[0]}
+    axes.set_yscale("log")
+    ticks = LogLocator(subs=(1, 2, 5)), ScalarFormatter()
+    axes.yaxis.set(major_locator=ticks[0], major_formatter=ticks[1], minor_formatter=NullFormatter())
+    figure.legend(handles=list(handles.values()), loc="outside lower center", ncols=1 if columns == 1 else 2)
+    return figure
+
+
+# --- Parts ----------------------------------------------------------------------------------------
+
+
+def _checked(sizes: Sequence[int], curves: Mapping[str, Tensor]) -> dict[str, np.ndarray]:
+    """The curves as arrays [S, 3], where they are curves over these sizes."""
+    if not len(sizes) or not curves:
+        raise ContactLearnError(f"a curve needs sizes and models, got {len(sizes)} and {len(curves)}")
+    if min(sizes) < 1 or (np.diff(sizes) <= 0).any():
+        raise ContactLearnError(f"sizes must increase and be 1 or more, got {list(sizes)}")
+    values = {name: st.array(curve) for name, curve in curves.items()}
+    for name, curve in values.items():
+        if curve.shape != (len(sizes), 3):
+            raise ContactLearnError(f"the curve of {name!r} must be {(len(sizes), 3)}, got {curve.shape}")
+    return values
+
+
+def _among(names: Iterable[str], group: Sequence[str]) -> list[str]:
+    """Those of the names or labels that belong to the group."""
+    return [name for name in names if st.law_style(name) in [st.STYLES[member] for member in group]]
+
+
+def _class_panels(names: Iterable[str], height: float) -> tuple[Figure, list[tuple[Axes, str, list[str]]]]:
+    """A panel of the Class I models and one of all others, if there are any: axes, title, names."""
+    first, reinforced = _among(names, st.CLASS_I), _among(names, st.CLASS_II)
+    rest = [name for name in names if name not in first]
+    second = "Class II: data-reinforced" + ", and others" * (rest != reinforced) if reinforced else "Others"
+    groups = [(title, names) for title, names in (("Class I: data-driven", first), (second, rest)) if names]
+    rows = max(len(first), len(rest))
+    figure = st.new_figure(st.PAGE if len(groups) > 1 else st.COLUMN, height + st.ROW * rows)
+    axes = figure.subplots(1, len(groups), sharex=True, sharey=True, squeeze=False)[0]
+    return figure, [(panel, *group) for panel, group in zip(axes, groups, strict=True)]
+
+
+def _draw_curves(axes: Axes, sizes: Sequence[int], curves: Mapping, styles: Mapping[str, st.LawStyle]) -> None:
+    """Curves by name over a logarithmic axis, which is labelled at the sizes as far as there is room."""
+    sizes = np.asarray(sizes)
+    decades = np.log10(sizes[-1] / sizes[0]) or 1
+    gap = np.log10(sizes[1:] / sizes[:-1]).min(initial=decades)
+    step = min(0.012 * decades, 0.3 * gap / len(curves))
+    for place, (name, curve) in enumerate(curves.items()):
+        run = np.isfinite(curve[:, 0])
+        x = sizes[run] * 10 ** (step * (place - (len(curves) - 1) / 2))
+        mean, low, high = curve[run].T
+        axes.vlines(x, low, high, color=styles[name].color, linewidth=0.8)
+        st.draw_line(axes, x, mean, styles[name])
+    inches = axes.get_position().width * axes.figure.get_figwidth() / decades
+    ticks = [sizes[-1]]
+    for size in sizes[-2::-1]:
+        if np.log10(ticks[-1] / size) * inches > 0.05 + 0.06 * len(str(ticks[-1])):
+            ticks.append(size)
+    margin = 10 ** (0.06 * decades)
+    axes.set(xscale="log", xlim=(sizes[0] / margin, sizes[-1] * margin))
+    axes.set_xticks(ticks, [str(size) for size in ticks])
+    axes.set_xticks([size for size in sizes if size not in ticks], [], minor=True)
+
+
+def _draw_level(axes: Axes, style: st.LawStyle, interval: Interval) -> Line2D:
+    """What has one error at every size: a line, and its interval as a band."""
+    mean, low, high = interval
+    axes.axhspan(low, high, color=st.tint(style.color, 0.15), linewidth=0, zorder=0)
+    return axes.axhline(mean, color=style.color, linestyle=style.linestyle, zorder=1, label=st.plain(style.label, 36))
+
+
+def _top(curves: Iterable[np.ndarray], levels: Iterable[Interval]) -> float:
+    """Upper end of the axis of errors; `learning_curve` says the rule."""
+    curves, levels = [run for curve in curves if len(run := curve[np.isfinite(curve[:, 0])])], list(levels)
+    highest = max((np.nanmax(x) for x in (*curves, *levels)), default=0)
+    last = max((np.nanmax(curve[-1]) for curve in curves), default=0)
+    return min(1.05 * highest, max(1.15 * last, 1.6 * max((mean for mean, _, _ in levels), default=0))) or 1
+
+
+def _right_end(errors: np.ndarray) -> float:
+    """99th percentile of the errors that are at most 3 interquartile ranges above the third quartile."""
+    lower, upper = np.percentile(errors, (25, 75))
+    return np.percentile(errors[errors <= upper + 3 * (upper - lower)], 99) or 1
+
+
+def _density(errors: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Kernel density of errors [K] ≥ 0 at x [n]; equal errors, which have none, get a peak one step wide."""
+    std, middle = errors.std(), np.subtract(*np.percentile(errors, (75, 25))) / 1.349
+    if std <= 1e-9 * errors.max():
+        return (np.arange(len(x)) == np.searchsorted(x, errors[0])) / (x[1] - x[0])
+    kernel = gaussian_kde(errors, 0.9 * min(1, middle / std or 1) * len(errors) ** -0.2)
+    return kernel(x) + kernel(-x)
+
+
+def _density_label(metric: str) -> str:
+    """Axis label of the density: per m/s for an error in m/s."""
+    unit = re.search(r"\(([^()–]+)\)\s*$", metric)
+    return f"Density (per {unit[1]})" if unit else "Density (–)"

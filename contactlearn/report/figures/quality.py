@@ -1,0 +1,119 @@
+"""How good one learned model is, and what its training found; each figure takes plain values.
+
+predicted_against_measured  post-contact velocity, component by component
+calibration                 share of the measurements inside the predicted regions
+training                    loss of a fit, and how relevant it found each feature
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+from torch import Tensor
+
+from contactlearn.errors import ContactLearnError
+from contactlearn.report.figures import style as st
+
+__all__ = ["calibration", "predicted_against_measured", "training"]
+
+
+@st.look()
+def predicted_against_measured(measured: Tensor, predicted: Tensor, std: Tensor | None = None) -> Figure:
+    """Post-contact velocity as predicted and as measured, in three panels.
+
+    Args:
+        measured, predicted: (v_x, v_y, ω) [N, 3] in m/s and rad/s.
+        std: standard deviations of the predictions [N, 3], drawn as ± 1.96 of them.
+
+    Raises:
+        ContactLearnError: no trials, or shapes that differ.
+    """
+    shapes = [tuple(x.shape) for x in (measured, predicted, std) if x is not None]
+    if not len(measured) or set(shapes) != {(len(measured), 3)}:
+        raise ContactLearnError(f"measured, predicted and std must all be [N, 3] with N ≥ 1, got {shapes}")
+    figure = st.new_figure(st.PAGE, 2.75)
+    components = zip(("$v_x$", "$v_y$", "ω"), ("m/s", "m/s", "rad/s"), figure.subplots(1, 3), strict=True)
+    for column, (name, unit, axes) in enumerate(components):
+        x, y = st.array(measured)[:, column], st.array(predicted)[:, column]
+        st.name_axes(axes, f"Measured {name} ({unit})", f"Predicted {name} ({unit})").set_box_aspect(1)
+        if std is not None:
+            reach, color = 1.96 * st.array(std)[:, column], st.tint(st.CONTRAST[0], 0.3)
+            axes.vlines(x, y - reach, y + reach, color=color, linewidth=0.6, label="± 1.96 standard deviations")
+        axes.axline((0, 0), slope=1, color=st.DARK, linewidth=0.8, label="Predicted = measured")
+        axes.plot(x, y, "o", color=st.CONTRAST[0], markersize=2, markeredgewidth=0, label="Trial")
+        low, high = min(x.min(), y.min()), max(x.max(), y.max())
+        ends = low - 0.05 * (high - low) - 1e-3, high + 0.05 * (high - low) + 1e-3
+        axes.set(xlim=ends, ylim=ends, title=f"{_r2(x, y)}, rms {np.sqrt(np.mean((y - x) ** 2)):.3g} {unit}")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure
+
+
+@st.look()
+def calibration(coverage: Mapping[str, tuple[Tensor, Tensor]]) -> Figure:
+    """Share of the measurements inside the predicted intervals against the intervals' level.
+
+    A curve below the diagonal belongs to a model that is too sure of itself.
+
+    Args:
+        coverage: nominal levels and empirical shares by model, both [L] in [0, 1].
+
+    Raises:
+        ContactLearnError: no models, or levels and shares that differ in number.
+    """
+    if not coverage:
+        raise ContactLearnError("calibration needs the coverage of at least one model, got none")
+    figure = st.new_figure(st.COLUMN, 3.3 + st.ROW * (2 + len(coverage)))
+    axes = st.name_axes(figure.subplots(), "Nominal level (–)", "Share of measurements inside (–)")
+    axes.axline((0, 0), slope=1, color=st.DARK, linewidth=0.8, label="Calibrated")
+    axes.axvline(0.95, color="#AAAAAA", linewidth=0.8, label="95 % interval")
+    for name, style in st.law_styles(coverage).items():
+        levels, shares = map(st.array, coverage[name])
+        if not levels.size or levels.shape != shares.shape:
+            raise ContactLearnError(f"{name!r} needs a share for each level, got {levels.size} and {shares.size}")
+        st.draw_line(axes, levels, shares, style, markevery=max(1, len(levels) // 8))
+    axes.set(xlim=(0, 1.02), ylim=(0, 1.02), aspect="equal")
+    figure.legend(loc="outside lower center")
+    return figure
+
+
+@st.look()
+def training(loss: Tensor, hyperparameters: Mapping[str, Mapping[str, float]]) -> Figure:
+    """The loss of a fit, and the relevance of each feature for each output.
+
+    Args:
+        loss: negative log marginal likelihood per point in nats, [iterations], or [iterations, G] of
+            G Gaussian processes.
+        hyperparameters: by output and feature, 1/lengthscale of the scaled feature.
+
+    Raises:
+        ContactLearnError: no iterations, outputs or features.
+    """
+    losses = st.array(loss)[:, None] if loss.ndim == 1 else st.array(loss)
+    features = list(dict.fromkeys(feature for by_feature in hyperparameters.values() for feature in by_feature))
+    if not losses.size or not features:
+        raise ContactLearnError("training needs the loss of at least one iteration and at least one relevance")
+    outputs = len(hyperparameters)
+    figure = st.new_figure(st.PAGE, max(2.5, 0.9 + st.ROW * outputs + 0.075 * (outputs + 1) * len(features)))
+    left, right = figure.subplots(1, 2)
+    st.name_axes(left, "Iteration (–)", "Negative log marginal\nlikelihood per point (nats)").margins(x=0.02)
+    if losses.shape[1] > 1:
+        left.plot(losses, color=st.tint(st.CONTRAST[0], 0.4), linewidth=0.6)[0].set_label("One Gaussian process")
+    left.plot(losses.mean(1), color=st.CONTRAST[0], label=f"Mean of {losses.shape[1]}")
+    st.name_axes(right, "Relevance 1/lengthscale (–)")
+    for place, (output, by_feature) in enumerate(hyperparameters.items()):
+        y = np.arange(len(features)) + 0.8 * ((place + 0.5) / outputs - 0.5)
+        relevance, color = [by_feature.get(feature, 0) for feature in features], st.CONTRAST[place % len(st.CONTRAST)]
+        right.barh(y, relevance, 0.8 / outputs, color=color, label=st.plain(output, 20))
+    right.set_yticks(range(len(features)), [st.plain(feature, 20) for feature in features])
+    right.set_ylim(len(features) - 0.5, -0.5)
+    for axes in (left, right)[losses.shape[1] == 1 :]:  # one line needs no legend
+        st.legend_above(axes)
+    return figure
+
+
+def _r2(measured: np.ndarray, predicted: np.ndarray) -> str:
+    """Coefficient of determination, which equal measurements leave undefined."""
+    spread = np.sum((measured - measured.mean()) ** 2)
+    if spread == 0:
+        return "R² undefined"
+    return f"R² = {1 - np.sum((measured - predicted) ** 2) / spread:.3g}".replace("-", "−")

@@ -1,0 +1,141 @@
+"""One run's record: TensorBoard events and, beside them, metrics.jsonl, a line a record.
+
+The x axis of every scalar is the number of training impacts, so that the runs of a sweep over sizes
+lie along a learning curve.  Of a value with a 95 % interval the mean has the tag itself, `TAG`, and the
+ends have `interval/TAG/low` and `interval/TAG/high`, which margin charts are drawn from.
+
+Hyperparameters go into the run's one event file, and booleans as booleans: TensorBoard's `add_hparams` would make
+a stray run of its own, and numbers of them.
+"""
+
+import io
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from tensorboard.compat.proto.summary_pb2 import Summary
+from tensorboard.plugins.hparams import api_pb2, metadata
+from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData, SessionEndInfo, SessionStartInfo
+from torch.utils.tensorboard import SummaryWriter
+
+from contactlearn.evaluation.metrics import Interval
+
+_SHOWN = ("command", "effects", "law", "model", "train_size")
+_KINDS = {bool: ("bool_value", api_pb2.DATA_TYPE_BOOL), str: ("string_value", api_pb2.DATA_TYPE_STRING)}
+_NUMBER = ("number_value", api_pb2.DATA_TYPE_FLOAT64)
+
+
+def ends(tag: str) -> tuple[str, str]:
+    """Tags of the low and high end of the interval of a value."""
+    return f"interval/{tag}/low", f"interval/{tag}/high"
+
+
+class Tracker:
+    """Writes scalars, charts, figures, hyperparameters and a card of one run into `folder`; a context manager."""
+
+    def __init__(self, folder: Path, trained_on: int):
+        self._writer = SummaryWriter(str(folder))
+        self._lines = (folder / "metrics.jsonl").open("a", encoding="utf-8")
+        self._trained_on = trained_on
+
+    def __enter__(self) -> "Tracker":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self._writer.close()
+        self._lines.close()
+
+    def scalars(self, values: Mapping[str, float | Interval], trained_on: int | None = None) -> None:
+        """Log values by tag, such as `mass_error/whittaker`, at a number of training impacts; by default the run's."""
+        step = self._trained_on if trained_on is None else trained_on
+        logged = self._add(values, step)
+        self._lines.write(json.dumps({"trained_on": step, **logged}) + "\n")
+        self._lines.flush()
+
+    def series(self, tag: str, values: Iterable[float | Interval]) -> None:
+        """Log a value after each step of a fit, or for each rung of a ladder; its x axis is the step."""
+        for step, value in enumerate(values):
+            self._add({tag: value}, step)
+
+    def charts(self, categories: Mapping[str, Mapping[str, str | Sequence[str]]]) -> None:
+        """Lay out the custom scalars: charts by category and title; once a run.
+
+        Several tags are lines in one chart, each a regular expression matched from the start; a single one, taken
+        literally, is drawn with its interval.  TensorBoard joins the charts of all runs under the categories of the
+        first, and loses charts that differ between runs under any other: a category with such charts belongs
+        in every run.
+        """
+        layout = {
+            category: {
+                title: ["Margin", [tags, *ends(tags)]] if isinstance(tags, str) else ["Multiline", list(tags)]
+                for title, tags in charts.items()
+            }
+            for category, charts in categories.items()
+        }
+        self._writer.add_custom_scalars(layout)
+
+    def figure(self, tag: str, png: bytes) -> None:
+        """Log a picture."""
+        import numpy as np
+        from PIL import Image
+
+        pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+        self._writer.add_image(tag, pixels, self._trained_on, dataformats="HWC")
+
+    def card(self, tables: Iterable[Sequence[Sequence[str]]]) -> None:
+        """Log tables as text, the first row of each its header; no cell is taken as markup."""
+        parts = []
+        for table in tables:
+            header, *rows = (f"| {' | '.join(map(_escaped, row))} |" for row in table)
+            parts.append("\n".join((header, "|---" * len(table[0]) + "|", *rows)))
+        self._writer.add_text("run_card", "\n\n&nbsp;\n\n".join(parts), self._trained_on)
+
+    def hyperparameters(
+        self, values: Mapping[str, bool | float | str], choices: Mapping[str, Sequence[str]], metrics: Mapping[str, str]
+    ) -> None:
+        """Log what the run was made with, and the metrics to compare runs by.
+
+        TensorBoard lists the names and choices of any one run for all of them: they must be the same in every run.
+
+        Args:
+            values: by name.
+            choices: of the strings that are among a few.
+            metrics: name in the table of hyperparameters by tag of a scalar.
+        """
+        start, infos = SessionStartInfo(), []
+        for name, value in values.items():
+            attribute, kind = _KINDS.get(type(value), _NUMBER)
+            setattr(start.hparams[name], attribute, value)
+            # TensorBoard shows at first the ones that are said to differ.
+            infos.append(api_pb2.HParamInfo(name=name, type=kind, differs=name in _SHOWN))
+            infos[-1].domain_discrete.extend([False, True] if isinstance(value, bool) else choices.get(name, ()))
+        named = [
+            api_pb2.MetricInfo(name=api_pb2.MetricName(tag=tag), display_name=name) for tag, name in metrics.items()
+        ]
+        end = SessionEndInfo(status=api_pb2.STATUS_SUCCESS)
+        for tag, content in (
+            (metadata.EXPERIMENT_TAG, {"experiment": api_pb2.Experiment(hparam_infos=infos, metric_infos=named)}),
+            (metadata.SESSION_START_INFO_TAG, {"session_start_info": start}),
+            (metadata.SESSION_END_INFO_TAG, {"session_end_info": end}),
+        ):
+            about = metadata.create_summary_metadata(HParamsPluginData(**content))
+            value = Summary.Value(tag=tag, metadata=about, tensor=metadata.NULL_TENSOR)
+            self._writer.file_writer.add_summary(Summary(value=[value]))
+
+    def _add(self, values: Mapping[str, float | Interval], step: int) -> dict[str, float]:
+        """Log at a step; the numbers by tag."""
+        numbers = {}
+        for tag, value in values.items():
+            if isinstance(value, Interval):
+                numbers |= dict(zip((tag, *ends(tag)), value, strict=True))
+            else:
+                numbers[tag] = value
+        for tag, number in numbers.items():
+            self._writer.add_scalar(tag, number, step)
+        return numbers
+
+
+def _escaped(text: str) -> str:
+    """One line in which Markdown, HTML and tables see nothing but text."""
+    return re.sub(r"[!-/:-@\[-`{-~]", lambda sign: f"&#{ord(sign[0])};", " ".join(text.split()))
