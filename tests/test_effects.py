@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from contactlearn.effects import Effect, catalogue
+from contactlearn.effects import Effect, EffectId, catalogue
+from contactlearn.errors import ContactLearnError
 from contactlearn.testing import EffectContract
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -63,3 +64,16 @@ def test_what_breaks_the_symmetry_does(kind):
                 contract.test_it_mirrors_as_it_says()
     finally:
         kind.mirror_symmetric = claim
+
+
+def test_an_identity_is_its_name_and_form():
+    texts = ["spin_damping", "spin_damping:after", "spin_damping:during", "surface_tilt"]
+    ids = [EffectId("surface_tilt"), *(EffectId("spin_damping", form) for form in ("during", None, "after"))]
+    assert [str(each) for each in sorted(ids)] == texts
+    assert {EffectId.parse(text) for text in texts} == set(ids)
+
+
+@pytest.mark.parametrize("text", ["", ":during", "spin_damping:", "a:b:c"])
+def test_text_that_is_no_identity_is_refused(text):
+    with pytest.raises(ContactLearnError, match="without a colon"):
+        EffectId.parse(text)

@@ -11,12 +11,35 @@ from dataclasses import MISSING, Field, fields
 from importlib.metadata import entry_points
 
 from contactlearn.effects.base import PLACES, Effect, Parameter, parameter
+from contactlearn.effects.identity import EffectId
 from contactlearn.effects.state import State, columns
 from contactlearn.errors import ContactLearnError, UnknownNameError
 
 ENTRY_POINT = "contactlearn.effects"
 
-__all__ = ["ENTRY_POINT", "PLACES", "Effect", "Parameter", "State", "catalogue", "columns", "find", "parameter"]
+__all__ = [
+    "ENTRY_POINT",
+    "PLACES",
+    "Effect",
+    "EffectId",
+    "Parameter",
+    "State",
+    "catalogue",
+    "columns",
+    "find",
+    "parameter",
+]
+    "ENTRY_POINT",
+    "PLACES",
+    "Effect",
+    "EffectId",
+    "Parameter",
+    "State",
+    "catalogue",
+    "columns",
+    "find",
+    "parameter",
+]
 
 
 def catalogue() -> dict[str, type[Effect]]:
