@@ -29,17 +29,6 @@ __all__ = [
     "find",
     "parameter",
 ]
-    "ENTRY_POINT",
-    "PLACES",
-    "Effect",
-    "EffectId",
-    "Parameter",
-    "State",
-    "catalogue",
-    "columns",
-    "find",
-    "parameter",
-]
 
 
 def catalogue() -> dict[str, type[Effect]]:
