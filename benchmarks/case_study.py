@@ -56,7 +56,7 @@ def rung(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds
 def line(name: str, errors: list[Tensor], bound: Tensor) -> str:
     generator = torch.Generator().manual_seed(0)
     alone, rigid, wrench = [error[error.isfinite()] for error in errors]
-    low, high = bootstrap(alone, generator)[1:]
+    _, low, high = bootstrap(alone, generator)
     gain = rigid - wrench
     return (
         f"| {name} | {alone.mean():.3f} [{low:.3f}, {high:.3f}] | {rigid.mean():.3f} | {wrench.mean():.3f} | "

@@ -3,7 +3,7 @@
 import json
 import re
 import shutil
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import pytest
 import torch
@@ -151,7 +151,7 @@ def made_up(monkeypatch, size, names):
         Missing(name, effect, interval, interval, 0.01, 1.0, {}, (0.0, 0.0)) for name, effect in effects.items()
     )
     steps = tuple((name, interval) for name in ("wang_mason", *names))
-    budget = {"base": interval._asdict()}
+    budget = {"base": asdict(interval)}
     parts = {"impacts": impacts, "base": replace(model, effects={}), "model": model}
     return Diagnosis("effects", "wang_mason", {}, (), missing, steps, budget, **parts)
 
@@ -243,7 +243,7 @@ def evaluation(tmp_path_factory, found):
     predictions = {law: model.predict(found.impacts) for law, model in models.items()}
     errors = {
         law: {
-            key: bootstrap(metric.error(found.impacts, predictions[law]), seeded(), 100)._asdict()
+            key: asdict(bootstrap(metric.error(found.impacts, predictions[law]), seeded(), 100))
             for key, metric in METRICS.items()
         }
         | {"outside_admissible": 0.0}
@@ -277,7 +277,7 @@ def test_models_that_cannot_be_told_apart(found):
     outcomes = {"irb": 0 * noise, "whittaker": 5 * noise, "mirtich": noise, "mirtich + side_drag": other}
     predictions = {name: Prediction(impacts.v_post + scale * x, impacts.wrench) for name, x in outcomes.items()}
     errors = {
-        name: {HEADLINE: bootstrap(mass_error(impacts, x), seeded(), 100)._asdict()} | {"outside_admissible": 0.0}
+        name: {HEADLINE: asdict(bootstrap(mass_error(impacts, x), seeded(), 100))} | {"outside_admissible": 0.0}
         for name, x in predictions.items()
     }
     laws = {name: Law(name, 0.1, 0.5) for name in ("whittaker", "mirtich")}

@@ -13,7 +13,7 @@ PACKAGE = ROOT / "contactlearn"
 # From the measurements to what is shown.  A module may import those on its own or an earlier line.
 ORDER = (
     ("errors",),
-    ("numerics",),
+    ("numerics", "serialisation"),
     ("shapes", "mechanics"),
     ("impacts",),
     ("laws", "effects"),

@@ -1,5 +1,6 @@
 """The learning curves of an evaluation: every learned model, at every size, from every seed's subset."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
@@ -82,7 +83,7 @@ def _entry(curve: study.Curve, levels: dict, generator: torch.Generator, resampl
     entry = {"sizes": list(curve.sizes), "below": {}, "settled": {}}
     for metric in metrics.METRICS:
         intervals = curve.intervals(metric, generator, resamples)
-        entry[metric] = [metrics.Interval(*interval)._asdict() for interval in intervals.tolist()]
+        entry[metric] = [asdict(metrics.Interval(*interval)) for interval in intervals.tolist()]
         mean = curve.errors[metric].mean((1, 2)).tolist()
         below = {
             name: study.first_below(mean, curve.sizes, errors[metric].mean().item()) for name, errors in levels.items()

@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Mapping
+from dataclasses import fields
 
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
@@ -72,7 +73,7 @@ def _log(tracker: Tracker, cfg: DictConfig, found: Diagnosis, impacts: Impacts) 
     if found.ladder:
         rungs = [interval for _, interval in found.ladder]
         tracker.series(tag, rungs)
-        bound = Interval(*(found.budget["bound"][end] for end in Interval._fields))
+        bound = Interval(*(found.budget["bound"][end.name] for end in fields(Interval)))
         model = {
             f"{HEADLINE}/{run.augmented_name(found.law, cfg.effect)}": rungs[0],
             run.MODEL: rungs[len(found.missing)],

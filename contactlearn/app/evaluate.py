@@ -117,7 +117,7 @@ def _figures(cfg, pool, test, fits, predictions, errors, generator, bar, row) ->
     best = min(chosen, key=lambda law: intervals[law])
     widths = cfg.bounds.patch * torch.linspace(0, 1, 25, dtype=torch.float64) ** 2  # dense where the bound falls
     patched = headline.error(test, bounds.irb(test, cfg.bounds.norm, patch=widths[:, None]))
-    bands = torch.tensor([metrics.bootstrap(error, generator, cfg.bootstrap) for error in patched])
+    bands = torch.tensor([list(metrics.bootstrap(error, generator, cfg.bootstrap)) for error in patched])
     row = int(per_trial[best].argsort()[len(test) // 2]) if row is None else row
     return {
         "energy_ellipse": energy_ellipse(

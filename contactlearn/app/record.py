@@ -5,6 +5,7 @@ import os
 import platform
 import shlex
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
@@ -164,7 +165,7 @@ def error_table(test: Impacts, predictions: dict[str, Prediction], resamples: in
         table[name] = {}
         for key, metric in metrics.METRICS.items():
             generator.set_state(state)
-            table[name][key] = metrics.bootstrap(metric.error(test, prediction), generator, resamples)._asdict()
+            table[name][key] = asdict(metrics.bootstrap(metric.error(test, prediction), generator, resamples))
         outside = metrics.outside_admissible(test, prediction.wrench[..., :2])
         table[name]["outside_admissible"] = outside.double().mean().item()
     return table

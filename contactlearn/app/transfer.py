@@ -1,5 +1,7 @@
 """A model trained on one body, on other bodies: as it is, and corrected from few of their trials."""
 
+from dataclasses import asdict
+
 import torch
 from omegaconf import DictConfig, OmegaConf
 
@@ -43,7 +45,7 @@ def transfer(cfg: DictConfig) -> None:
                 for body, ways in curves.items()
             }
             results[name] = {
-                body: {way: [metrics.Interval(*row)._asdict() for row in rows.tolist()] for way, rows in ways.items()}
+                body: {way: [asdict(metrics.Interval(*row)) for row in rows.tolist()] for way, rows in ways.items()}
                 for body, ways in intervals.items()
             }
             terminal.show_transfer(name, intervals, sizes)

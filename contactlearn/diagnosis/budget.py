@@ -1,5 +1,6 @@
 """The error budget: what of the error of a law is noise, explained, left, or out of reach of any rigid contact."""
 
+from dataclasses import asdict
 from typing import Any
 
 import torch
@@ -16,9 +17,9 @@ def first_budget(selection: Selection, ceiling: Remainder, generator: torch.Gene
     """Errors of the base, of processes on top of it that see the whole state, and of the best rigid contact."""
     impacts = selection.impacts
     return {
-        "base": interval(selection.base.error, generator)._asdict(),
-        "ceiling": interval(ceiling.error, generator)._asdict(),
-        "bound": bootstrap(mass_error(impacts, bounds.irb(impacts, "mass")), generator, RESAMPLES)._asdict(),
+        "base": asdict(interval(selection.base.error, generator)),
+        "ceiling": asdict(interval(ceiling.error, generator)),
+        "bound": asdict(bootstrap(mass_error(impacts, bounds.irb(impacts, "mass")), generator, RESAMPLES)),
     }
 
 
@@ -28,10 +29,10 @@ def full_budget(budget: dict[str, Any], steps: tuple[tuple[str, Interval], ...],
     base, noise = steps[0][1].mean, floor.error.mean
     whole = base or 1.0  # of exact data
     return budget | {
-        "base": steps[0][1]._asdict(),
-        "named": named._asdict(),
-        "flexible": flexible._asdict(),
-        "noise": floor.error._asdict() | {"how": HOW[floor.how]},
+        "base": asdict(steps[0][1]),
+        "named": asdict(named),
+        "flexible": asdict(flexible),
+        "noise": asdict(floor.error) | {"how": HOW[floor.how]},
         "shares": {
             "noise": noise / whole,
             "explained": (base - named.mean) / whole,

@@ -95,7 +95,7 @@ class Diagnosis:
             else self.remainder.to_dict() | {"formulas": [str(formula) for formula in self.formulas]},
             "next_experiment": None if self.experiment is None else self.experiment.to_dict(),
             "regions": [region.to_dict() for region in self.regions],
-            "ladder": [{"step": step, **interval._asdict()} for step, interval in self.ladder],
+            "ladder": [{"step": step, **asdict(interval)} for step, interval in self.ladder],
             "equation": self.equation,
         }
 

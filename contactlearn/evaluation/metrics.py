@@ -8,7 +8,8 @@
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
@@ -98,12 +99,16 @@ def covered(impacts: Impacts, prediction: Prediction) -> Tensor:
     return (impacts.v_post - prediction.v_post).abs() <= 1.959964 * spread
 
 
-class Interval(NamedTuple):
-    """A mean over trials and its bootstrap interval."""
+@dataclass(frozen=True, order=True)
+class Interval:
+    """A mean over trials and its 95 % bootstrap interval; unpacks to (mean, low, high), and sorts by the mean."""
 
     mean: float
     low: float
     high: float
+
+    def __iter__(self) -> Iterator[float]:
+        return iter((self.mean, self.low, self.high))
 
 
 def bootstrap(errors: Tensor, generator: torch.Generator, resamples: int = 2000, level: float = 0.95) -> Interval:

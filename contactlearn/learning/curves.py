@@ -55,7 +55,7 @@ class Curve:
 
     def intervals(self, metric: str, generator: torch.Generator, resamples: int = 2000) -> Tensor:
         """Mean and its 95 % interval over trials and subsets at each size, [S, 3]."""
-        rows = [metrics.bootstrap(error, generator, resamples) for error in self.errors[metric]]
+        rows = [list(metrics.bootstrap(error, generator, resamples)) for error in self.errors[metric]]
         return torch.tensor(rows, dtype=torch.float64)
 
 

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 
 from contactlearn.diagnosis.pipeline import Diagnosis
 from contactlearn.diagnosis.search.ladder import Missing
@@ -106,13 +107,11 @@ def sentences(found: Diagnosis) -> list[str]:
     if not found.ladder:
         return [sentence(finding.sentence) for finding in found.findings if finding.fatal]
     (_, before), (_, after) = found.ladder[0], found.ladder[len(found.missing)]
-    said = [f"{base(found)} leaves a held-out mass error of {interval(before._asdict())}."]
+    said = [f"{base(found)} leaves a held-out mass error of {interval(asdict(before))}."]
     if found.missing:
         these = "this effect" if len(found.missing) == 1 else f"these {len(found.missing)} effects"
         share = 1 - after.mean / before.mean if before.mean else 0.0
-        said.append(
-            f"With {these} it falls to {interval(after._asdict())}: {percent(share)} of the error is explained."
-        )
+        said.append(f"With {these} it falls to {interval(asdict(after))}: {percent(share)} of the error is explained.")
     said += [_size(missing) for missing in found.missing if missing.parameters]
     said += _remaining(found)
     if "noise" in found.budget:

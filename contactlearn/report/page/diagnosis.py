@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, fields
 from typing import Any
 
 import torch
@@ -87,14 +88,14 @@ def of_diagnosis(
         "laws": sorted(
             ({**look(name), "error": finely(error)} for name, error in found.laws.items()), key=lambda one: one["error"]
         ),
-        "ladder": [{"name": label(step), **finely(interval._asdict())} for step, interval in found.ladder],
+        "ladder": [{"name": label(step), **finely(asdict(interval))} for step, interval in found.ladder],
         "base": base(found),
         "budget": _budget(found),
         "shares": digits(found.budget.get("shares")),
         "regions": [digits(region.to_dict()) for region in found.regions],
         "trials": of_trials(impacts, found.base.predict(impacts)),
         "models": [
-            {"name": " + ".join((*least, *_ticked(chosen, k))), **finely(error._asdict())}
+            {"name": " + ".join((*least, *_ticked(chosen, k))), **finely(asdict(error))}
             for k, error in enumerate(chosen.errors)
         ],
         "yardstick": 0,
@@ -124,7 +125,7 @@ def _budget(found: Diagnosis) -> list[dict[str, Any]]:
     return [
         {
             "name": words.format(law=base(found), **found.budget[key]),
-            **finely({part: found.budget[key][part] for part in Interval._fields}),
+            **finely({part.name: found.budget[key][part.name] for part in fields(Interval)}),
         }
         for key, words in BUDGET.items()
         if key in found.budget and key not in same
@@ -143,8 +144,8 @@ def _effect(
         "name": missing.name,
         "label": label(missing.name),
         "formula": missing.effect.equation,
-        "before": finely(missing.error_before._asdict()),
-        "after": finely(missing.error_after._asdict()),
+        "before": finely(asdict(missing.error_before)),
+        "after": finely(asdict(missing.error_after)),
         "takes_off": finely(missing.takes_off),
         "all_trials": _taken(found.impacts, missing.name, chosen, generator),
         "confidence": digits(missing.confidence, 4),
@@ -178,7 +179,7 @@ def _taken(impacts: Impacts, name: str, chosen: Subsets, generator: torch.Genera
         mass_error(impacts, Prediction(chosen.v_post[k], impacts.wrench))
         for k in (full - 2 ** chosen.names.index(name), full)
     ]
-    return finely(bootstrap(errors[0] - errors[1], generator, _RESAMPLES)._asdict())
+    return finely(asdict(bootstrap(errors[0] - errors[1], generator, _RESAMPLES)))
 
 
 def _experiment(found: Diagnosis) -> dict[str, Any] | None:
@@ -218,7 +219,7 @@ def _remains(found: Diagnosis) -> dict[str, Any] | None:
         return None
     return {
         "found": left.found,
-        "share": digits(left.share._asdict()),
+        "share": digits(asdict(left.share)),
         "components": [
             digits(
                 {

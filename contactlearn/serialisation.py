@@ -1,0 +1,116 @@
+"""Frozen dataclasses as JSON text and back, for the files that results are kept in.
+
+`to_json` writes a dataclass, `from_json` reads the same dataclass and believes nothing: every entry has the declared
+type, every number is finite, and a file that is too large or nested too deeply is refused.  Where a float may be
+missing (`float | None`), a number that is not finite is written as null; elsewhere it is refused.  Fields that the
+type does not declare are ignored, so that a file of a newer version with more in it can be read.
+
+This is not a checkpoint: tensors are kept by `contactlearn.checkpoint`.
+"""
+
+import re
+from typing import Any, TypeVar
+
+import msgspec
+
+from contactlearn.errors import ContactLearnError
+
+LARGEST_FILE = 64 * 2**20
+"""Size in bytes above which a text is refused."""
+DEEPEST_NESTING = 40
+"""Levels of objects and lists in each other above which a text is refused."""
+
+Kind = TypeVar("Kind")
+_MISSING = "Object missing required field"
+
+
+def to_json(value: object) -> str:
+    """Encode a dataclass as indented JSON in UTF-8, with a line end.
+
+    Raises:
+        ContactLearnError: an entry that the declared type of its field does not allow, such as nan for a `float`.
+    """
+    text = msgspec.json.format(msgspec.json.encode(value), indent=2).decode() + "\n"
+    from_json(type(value), text)
+    return text
+
+
+def from_json(kind: type[Kind], text: str | bytes) -> Kind:
+    """Decode JSON as an instance of a dataclass.
+
+    Raises:
+        ContactLearnError: in one line, which entry breaks which rule.
+    """
+    content = parsed(text)
+    try:
+        return msgspec.convert(content, kind)
+    except msgspec.ValidationError as error:
+        raise ContactLearnError(_said(error, content, kind)) from None
+
+
+def parsed(text: str | bytes) -> Any:
+    """Decode JSON as plain objects, lists, texts and finite numbers.
+
+    Raises:
+        ContactLearnError: the text is no JSON, is too large, or is nested too deeply.
+    """
+    if len(text) > LARGEST_FILE:
+        raise ContactLearnError(f"is larger than {LARGEST_FILE >> 20} MiB")
+    try:
+        content = msgspec.json.decode(text)
+    except RecursionError:
+        raise ContactLearnError(f"is nested too deeply: the limit is {DEEPEST_NESTING} levels") from None
+    except (msgspec.DecodeError, UnicodeError) as error:
+        raise ContactLearnError(f"is not JSON, or was cut off: {_line(error)}") from None
+    if _deep(content, DEEPEST_NESTING):
+        raise ContactLearnError(f"is nested too deeply: the limit is {DEEPEST_NESTING} levels")
+    return content
+
+
+def _said(error: msgspec.ValidationError, content: Any, kind: type) -> str:
+    """The path of the entry that breaks a rule and the rule, such as `errors.mirtich.low: expected float, got str`."""
+    rule, _, where = _line(error).partition(" - at `$")
+    path, here = [], content
+    for step in re.findall(r"\[[^]]*\]|[^.[]+", where.removesuffix("`")):
+        if step == "[...]":  # msgspec does not say which key
+            step = _first_wrong(content, here, kind, str(error))
+        elif step[0] == "[":
+            step = int(step[1:-1])
+        path.append(str(step))
+        here = here[step]
+    if rule.startswith(_MISSING):
+        path.append(rule.split("`")[1])
+        rule = "is not there: not from this program, or from another version of it"
+    where = "".join(c if c.isprintable() else " " for c in ".".join(path))
+    return f"{where or 'the file'}: {rule[:1].lower()}{rule[1:].replace('`', '')}"
+
+
+def _first_wrong(content: Any, entries: dict[str, Any], kind: type, message: str) -> str:
+    """The first of the entries, an object somewhere in `content`, without which there is another message, or none.
+
+    The entries before it and after it are removed.
+    """
+    items = list(entries.items())
+    right, wrong = 0, len(items)  # the first so many entries are right; one among the first so many is wrong
+    while wrong - right > 1:
+        half = (right + wrong) // 2
+        entries.clear()
+        entries.update(items[:half])
+        try:
+            msgspec.convert(content, kind)
+            same = False
+        except msgspec.ValidationError as error:
+            same = str(error) == message
+        right, wrong = (right, half) if same else (half, wrong)
+    entries.clear()
+    entries.update(items[right:wrong])
+    return items[right][0]
+
+
+def _deep(content: Any, levels: int) -> bool:
+    inner = content.values() if isinstance(content, dict) else content if isinstance(content, list) else ()
+    return levels == 0 or any(_deep(one, levels - 1) for one in inner)
+
+
+def _line(error: Exception) -> str:
+    return str(error).splitlines()[0]
