@@ -206,7 +206,7 @@ def _draw_level(axes: Axes, style: st.LawStyle, interval: Interval) -> Line2D:
 def _top(curves: Iterable[np.ndarray], levels: Iterable[Interval]) -> float:
     """Upper end of the axis of errors; `learning_curve` says the rule."""
     curves, levels = [run for curve in curves if len(run := curve[np.isfinite(curve[:, 0])])], list(levels)
-    highest = max((np.nanmax(x) for x in (*curves, *levels)), default=0)
+    highest = max((np.nanmax(x) for x in (*curves, *map(tuple, levels))), default=0)
     last = max((np.nanmax(curve[-1]) for curve in curves), default=0)
     return min(1.05 * highest, max(1.15 * last, 1.6 * max((mean for mean, _, _ in levels), default=0))) or 1
 
