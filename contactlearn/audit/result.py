@@ -1,0 +1,48 @@
+"""Results of the audit: findings about the measurements, and the numbers behind each."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """A quantity behind a finding: its name, value and unit (– for a pure number or a name)."""
+
+    quantity: str
+    value: float | str
+    unit: str = "–"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """A contradiction between the measurements and any planar rigid impact, or a note about them.
+
+    Args:
+        name: of the kind of finding: that of its correction, or `gross_outliers`, `impossible`, ….
+        sentence: the finding in words.
+        evidence: the numbers behind it.
+        correction: name of the correction that undoes it; None if there is none.
+        fatal: whether no correction mends the data, so that no model is fitted to them.
+        mistake: whether the data are wrong; False for a note, such as a velocity that was replaced by its mean.
+        hypothesis: corrections of the best hypothesis about units and axes, of which this finding is a part.
+        alternatives: hypotheses that these data do not distinguish from that one.
+    """
+
+    name: str
+    sentence: str
+    evidence: tuple[Evidence, ...]
+    correction: str | None = None
+    fatal: bool = False
+    mistake: bool = True
+    hypothesis: tuple[str, ...] = ()
+    alternatives: tuple[tuple[str, ...], ...] = ()
+
+    def value(self, quantity: str) -> float | str:
+        """The value of a quantity of the evidence.
+
+        Raises:
+            KeyError: the evidence has no such quantity.
+        """
+        for one in self.evidence:
+            if one.quantity == quantity:
+                return one.value
+        raise KeyError(quantity)

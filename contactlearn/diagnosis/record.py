@@ -1,0 +1,136 @@
+"""Record of a diagnosis: impacts, models and arrays by trial, as files in the run folder.
+
+    impacts.parquet    the corrected impacts
+    base.pt, model.pt  the law with the given effects, and the full model, as checkpoints
+    record.npz         outcomes of every choice of effects, partial residuals, the body's shape and the data's name
+
+Nothing in these files is ever executed: the arrays hold numbers and text and are read without pickle.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any, Final, final
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn import checkpoint
+from contactlearn.data import table
+from contactlearn.errors import ContactLearnError, DataError
+from contactlearn.evaluation.partial_residuals import Partial
+from contactlearn.impacts import Impacts
+from contactlearn.model import ContactModel
+from contactlearn.numerics import written_whole
+from contactlearn.shapes import KINDS, Shape, make_shape
+
+_IMPACTS, _BASE, _MODEL, _ARRAYS = "impacts.parquet", "base.pt", "model.pt", "record.npz"
+_PARTIAL = tuple(field.name for field in fields(Partial))
+
+
+@final
+class Record:
+    """Everything that a page or a figure draws of a diagnosis beyond its numbers.
+
+    Not a dataclass, so that no file can claim to contain one.
+
+    Args:
+        impacts: those of the models, corrected where they had to be.
+        base: the law with the given effects, fitted to all impacts.
+        model: the same with the missing effects.
+        outcomes: v_post in (m/s, m/s, rad/s) of every choice of effects, see `Choices`.
+        residuals: partial residuals of the missing effects, in their order.
+    """
+
+    __slots__ = ("base", "impacts", "model", "outcomes", "residuals")
+
+    def __init__(
+        self,
+        *,
+        impacts: Impacts,
+        base: ContactModel,
+        model: ContactModel,
+        outcomes: Float[Tensor, "choices n 3"],
+        residuals: tuple[Partial, ...] = (),
+    ) -> None:
+        self.impacts: Final = impacts
+        self.base: Final = base
+        self.model: Final = model
+        self.outcomes: Final = outcomes
+        self.residuals: Final = residuals
+
+    def save(self, folder: Path, provenance: Mapping[str, Any]) -> None:
+        """Write the files of the module's table into a folder; each appears whole or not at all.
+
+        Args:
+            folder: of the run.
+            provenance: of the models, see `checkpoint.save`.
+
+        Raises:
+            DataError: a file cannot be written.
+        """
+        table.save(self.impacts, folder / _IMPACTS)
+        checkpoint.save(self.base, folder / _BASE, provenance=dict(provenance))
+        checkpoint.save(self.model, folder / _MODEL, provenance=dict(provenance))
+        about = {"source": self.impacts.source, "suspect": self.impacts.suspect, "shape": _spec(self.impacts.shape)}
+        arrays = {"about": np.asarray(json.dumps(about)), "outcomes": self.outcomes.numpy()}
+        arrays |= {
+            f"{name}_{k}": np.asarray(getattr(one, name)) for k, one in enumerate(self.residuals) for name in _PARTIAL
+        }
+        try:
+            with written_whole(folder / _ARRAYS) as part:
+                np.savez_compressed(part, **arrays)
+        except OSError as error:
+            raise DataError(f"{folder / _ARRAYS}: cannot be written: {error}") from error
+
+    @classmethod
+    def load(cls, folder: Path) -> "Record":
+        """Read what `save` wrote.
+
+        Raises:
+            ContactLearnError: a file is missing, damaged, or does not fit the others.
+        """
+        arrays = _arrays(folder / _ARRAYS)
+        try:
+            about, outcomes = json.loads(str(arrays["about"])), torch.from_numpy(arrays["outcomes"])
+            count = sum(name.startswith(f"{_PARTIAL[0]}_") for name in arrays)
+            residuals = tuple(_partial(arrays, k) for k in range(count))
+            impacts = table.load(folder / _IMPACTS, make_shape(about["shape"]), suspect=True)
+            impacts = impacts.replace(source=str(about["source"]), suspect=bool(about["suspect"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise DataError(f"{folder / _ARRAYS}: is no record of a diagnosis, or not all of one: {error}") from None
+        if outcomes.ndim != 3 or outcomes.shape[1:] != (len(impacts), 3):
+            raise DataError(
+                f"{folder / _ARRAYS}: outcomes must have shape (choices, {len(impacts)}, 3) for the {len(impacts)} "
+                f"trials of {_IMPACTS}, got {tuple(outcomes.shape)}; do the files belong to one run?"
+            )
+        base, model = (checkpoint.load(folder / name)[0] for name in (_BASE, _MODEL))
+        return cls(impacts=impacts, base=base, model=model, outcomes=outcomes, residuals=residuals)
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return dict(file)
+    except FileNotFoundError:
+        raise ContactLearnError(f"{path}: no such file; the run made no record, or it was moved") from None
+    except Exception as error:  # a damaged file can break anything
+        raise DataError(f"{path}: cannot be read: {type(error).__name__}: {error}") from None
+
+
+def _partial(arrays: Mapping[str, np.ndarray], k: int) -> Partial:
+    values = {name: arrays[f"{name}_{k}"] for name in _PARTIAL}
+    return Partial(
+        **{name: str(value) if value.dtype.kind == "U" else torch.from_numpy(value) for name, value in values.items()}
+    )
+
+
+def _spec(shape: Shape | None) -> dict[str, Any] | None:
+    """The shape as `make_shape` reads it."""
+    if shape is None:
+        return None
+    kind = next(name for name, kind in KINDS.items() if type(shape) is kind)
+    return {"kind": kind, **asdict(shape)}

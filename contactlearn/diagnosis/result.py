@@ -1,0 +1,182 @@
+"""The result of a diagnosis: everything that is decided, measured and shown, as frozen types.
+
+    Diagnosis       the whole, written as diagnosis.json (docs/diagnosis.md) and read back equal
+    MissingEffect   an effect of the model that was missing: errors, parameters, regions, rivals
+    ErrorBudget     the error of the law in shares of noise, effects and the rest
+    Experiment      drops that separate the effects from their rivals
+    Remainder       the part of the residual that Gaussian processes still predict
+
+All errors are mass errors (dimensionless), on held-out trials where nothing else is said.  Arrays by trial and fitted
+models are no part of the file: they are the `Record` beside it.  No stage of the diagnosis is imported here.
+"""
+
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+from contactlearn.audit.result import Evidence, Finding
+from contactlearn.diagnosis.discrimination.result import Drop, Experiment, Rival, Separation
+from contactlearn.diagnosis.failure.result import Improvement, Region
+from contactlearn.diagnosis.record import Record
+from contactlearn.diagnosis.search.result import Choices, FittedParameter, MissingEffect, Rung, RungKind
+from contactlearn.diagnosis.unexplained.result import (
+    ComponentTest,
+    Formula,
+    Remainder,
+    VariableShare,
+    WrenchComponent,
+)
+from contactlearn.effects import EffectId
+from contactlearn.evaluation.metrics import Interval
+from contactlearn.serialisation import from_json, to_json
+
+__all__ = [
+    *("Choices", "ComponentTest", "Diagnosis", "Drop", "ErrorBudget", "ErrorLimits", "ErrorShares", "Evidence"),
+    *("Experiment", "Finding", "FittedParameter", "Formula", "Improvement", "LawFit", "MissingEffect", "NoiseSource"),
+    *("Record", "Region", "Remainder", "Rival", "Rung", "RungKind", "Separation", "VariableShare", "Verdict"),
+    "WrenchComponent",
+]
+
+
+class Verdict(StrEnum):
+    """The conclusion: known effects are missing, nothing is, something unknown is, or the data are wrong."""
+
+    EFFECTS = "effects"
+    NONE = "none"
+    UNKNOWN = "unknown"
+    BAD_DATA = "bad_data"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawFit:
+    """A law by name and variant, with the held-out error of it and the given effects.
+
+    `mu` and `eps` are those of the law without any effect, fitted to all trials.
+    """
+
+    name: str
+    variant: str
+    error: float
+    mu: float
+    eps: float
+
+
+class NoiseSource(StrEnum):
+    """The origin of the noise floor: stated noise of the velocities, or differences between similar trials."""
+
+    STATED = "stated"
+    ESTIMATED = "estimated"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorLimits:
+    """Errors between which an effect can move the model: the law's, the least that is learnable, the rigid bound.
+
+    `base` is the law with the given effects, `ceiling` the same with Gaussian processes of the whole state, `bound`
+    the best impulse of a rigid point contact, chosen after the fact.
+    """
+
+    base: Interval
+    ceiling: Interval
+    bound: Interval
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorShares:
+    """Shares of the law's error: noise, explained by effects, unexplained; and the bound's excess over noise."""
+
+    noise: float
+    explained: float
+    unexplained: float
+    beyond_rigid: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorBudget:
+    """`ErrorLimits` with the error of the full model, of processes on top of it, and of noise alone."""
+
+    base: Interval
+    ceiling: Interval
+    bound: Interval
+    named: Interval
+    flexible: Interval
+    noise: Interval
+    noise_source: NoiseSource
+    shares: ErrorShares
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis:
+    """The complete result; a diagnosis of refused data has no more than a verdict, a law and findings.
+
+    Args:
+        verdict: the conclusion, `bad_data` where the measurements had to be corrected.
+        physics: the conclusion about the corrected measurements; None where the data are refused.
+        law: name of the law, given or chosen; `best` where the data are refused before one is chosen.
+        variant: of the law.
+        given: effects that were in the model from the start.
+        findings: of the audit.
+        laws: every law that was compared.
+        missing: effects by their error reduction, the largest first.
+        ladder: law, effect after effect, processes on the residual, noise.
+        budget: the error of the law in parts.
+        regions: where the law fails, the surest first.
+        equation: the full model with parameters and standard errors, as text.
+        experiment: drops that separate the effects from their rivals; None without rivals.
+        remainder: the predictable part of the residual.
+        formulas: for it, the best first.
+        choices: every subset of the missing effects.
+        record: impacts, models and arrays by trial; no part of the file and of equality.
+    """
+
+    verdict: Verdict
+    law: str
+    variant: str
+    findings: tuple[Finding, ...]
+    physics: Verdict | None = None
+    given: tuple[EffectId, ...] = ()
+    laws: tuple[LawFit, ...] = ()
+    missing: tuple[MissingEffect, ...] = ()
+    ladder: tuple[Rung, ...] = ()
+    budget: ErrorBudget | None = None
+    regions: tuple[Region, ...] = ()
+    equation: str = ""
+    experiment: Experiment | None = None
+    remainder: Remainder | None = None
+    formulas: tuple[Formula, ...] = ()
+    choices: Choices | None = None
+    record: Record | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the missing effects, without their forms."""
+        return tuple(missing.effect.name for missing in self.missing)
+
+    @property
+    def corrections(self) -> tuple[str, ...]:
+        """Names of the corrections of all findings, in the order in which they were applied."""
+        return tuple(finding.correction for finding in self.findings if finding.correction is not None)
+
+    @property
+    def best_law(self) -> LawFit | None:
+        """The law with the least held-out error; None where none was compared."""
+        return min(self.laws, key=lambda one: one.error, default=None)
+
+    def without_record(self) -> "Diagnosis":
+        """The diagnosis as it is written to a file."""
+        return replace(self, record=None)
+
+    def to_json(self) -> str:
+        """Encode all but the record as JSON.
+
+        Raises:
+            ContactLearnError: a number is not finite.
+        """
+        return to_json(self.without_record())
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> "Diagnosis":
+        """Decode what `to_json` wrote; the record is read by `Record.load`.
+
+        Raises:
+            ContactLearnError: the entry that breaks a rule.
+        """
+        return from_json(cls, text)
