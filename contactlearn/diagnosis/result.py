@@ -30,11 +30,11 @@ from contactlearn.evaluation.metrics import Interval
 from contactlearn.serialisation import from_json, to_json
 
 __all__ = [
-    *("Choices", "ComponentTest", "Diagnosis", "Drop", "ErrorBudget", "ErrorLimits", "ErrorShares", "Evidence"),
-    *("Experiment", "Finding", "FittedParameter", "Formula", "Improvement", "LawFit", "MissingEffect", "NoiseSource"),
-    *("Record", "Region", "Remainder", "Rival", "Rung", "RungKind", "Separation", "VariableShare", "Verdict"),
+    "Choices", "ComponentTest", "Diagnosis", "Drop", "ErrorBudget", "ErrorLimits", "ErrorShares", "Evidence",
+    "Experiment", "Finding", "FittedParameter", "Formula", "Improvement", "LawFit", "MissingEffect", "NoiseSource",
+    "Record", "Region", "Remainder", "Rival", "Rung", "RungKind", "Separation", "VariableShare", "Verdict",
     "WrenchComponent",
-]
+]  # fmt: skip
 
 
 class Verdict(StrEnum):
@@ -102,6 +102,7 @@ class ErrorBudget:
     noise: Interval
     noise_source: NoiseSource
     shares: ErrorShares
+
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:

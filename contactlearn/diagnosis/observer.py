@@ -1,0 +1,54 @@
+"""Observer of a diagnosis: hears of each stage's result as soon as it is known."""
+
+from collections.abc import Iterable, Sequence
+from enum import StrEnum
+from typing import TypeVar
+
+from contactlearn.diagnosis.result import ErrorLimits, Finding, LawFit, MissingEffect, Region
+from contactlearn.effects import EffectId
+
+Item = TypeVar("Item")
+
+
+class Task(StrEnum):
+    """Parts of a diagnosis that take long."""
+
+    LAWS = "laws"
+    EFFECTS = "effects"
+    RIVALS = "rivals"
+    CHOICES = "choices"
+
+
+class Observer:
+    """Ignores everything; override the methods of interest.  They are called in the order in which they stand here."""
+
+    def audit(self, findings: Sequence[Finding]) -> None:
+        """Receive the findings about the measurements; empty where there are none."""
+
+    def laws(self, law: str, laws: Sequence[LawFit]) -> None:
+        """Receive the name of the law, given or chosen, and the held-out errors of all laws."""
+
+    def left_out(self, candidates: Sequence[EffectId]) -> None:
+        """Receive candidates that are refused: they need a body's shape, or more trials."""
+
+    def averaging(self, notes: Sequence[Finding]) -> None:
+        """Receive the velocities that are replaced by their means; not called without any."""
+
+    def limits(self, limits: ErrorLimits) -> None:
+        """Receive the errors of the law, of the ceiling and of the rigid bound; again if the law changes."""
+
+    def regions(self, regions: Sequence[Region]) -> None:
+        """Receive the regions in which the law fails; again if the law changes."""
+
+    def law_changed(self, law: str) -> None:
+        """Receive the name of the law that does better with the effects than the one chosen before."""
+
+    def missing(self, effects: Sequence[MissingEffect], regions: Sequence[Region]) -> None:
+        """Receive the missing effects, rivals not yet among them, and the regions of their improvements."""
+
+    def no_formulas(self, reason: str) -> None:
+        """Receive why no formulas were sought for the predictable residual."""
+
+    def progress(self, task: Task, items: Iterable[Item]) -> Iterable[Item]:
+        """Return the items of a long task, perhaps counted on the way."""
+        return items
