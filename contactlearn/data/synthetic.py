@@ -18,12 +18,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from contactlearn.data.settings import integer, number, random
 from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
 from contactlearn.mechanics import contact_velocity
 from contactlearn.model import ContactModel
+from contactlearn.numerics import number, random, whole
 from contactlearn.shapes import Ellipse, Shape, contact_point, make_shape
 
 
@@ -58,7 +58,7 @@ def load(
         DataError: a value out of its range, or a polygon whose centroid is not at the origin.
         UnknownNameError: no such law, variant or kind of shape.
     """
-    size, seed = integer("size", size, 1), integer("seed", seed, 0)
+    size, seed = whole("size", size, 1), whole("seed", seed, 0)
     true = Law(law, number("mu", mu, 0), number("eps", eps, 0, 1), variant)
     mass = number("mass", mass, 0, above=True)
     sigma_v, sigma_omega = number("velocity_noise", velocity_noise, 0), number("spin_noise", spin_noise, 0)

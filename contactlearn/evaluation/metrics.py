@@ -18,6 +18,7 @@ from torch import Tensor
 
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.mechanics import admissible
+from contactlearn.numerics import Z_95
 
 
 def velocity_error(impacts: Impacts, prediction: Prediction) -> Tensor:
@@ -96,7 +97,7 @@ def calibration(distance: Tensor) -> tuple[Tensor, Tensor]:
 def covered(impacts: Impacts, prediction: Prediction) -> Tensor:
     """Whether each of (v_x, v_y, ω) after contact lies in its 95 % interval: bool [..., N, 3]."""
     spread = prediction.covariance.diagonal(dim1=-2, dim2=-1).sqrt()
-    return (impacts.v_post - prediction.v_post).abs() <= 1.959964 * spread
+    return (impacts.v_post - prediction.v_post).abs() <= Z_95 * spread
 
 
 @dataclass(frozen=True, order=True)

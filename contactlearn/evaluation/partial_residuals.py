@@ -17,6 +17,7 @@ from contactlearn.effects import State, columns
 from contactlearn.effects.formula.symbols import SYMBOLS, of_state
 from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel
+from contactlearn.numerics import wrapped
 
 COMPONENTS = {
     "wrench": (("P_t", "N s"), ("P_n", "N s"), ("τ", "N m s")),
@@ -60,7 +61,7 @@ def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Parti
     left = (measured - explained).abs().median(0).values
     best = int((shape.square().mean(0).sqrt() / left.clamp_min(1e-300)).argmax())
     known = of_state(State.of(impacts))
-    known["theta"] = torch.atan2(known["theta"].sin(), known["theta"].cos())
+    known["theta"] = wrapped(known["theta"])
     shares = {symbol: share_explained(x, shape[:, best]) for symbol, x in known.items()}
     variable = max(shares, key=shares.get)
     component, unit = COMPONENTS[quantity][best]

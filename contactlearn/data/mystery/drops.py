@@ -18,7 +18,8 @@ unless its plausible limit is reached first.
 import math
 import random
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from functools import reduce
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -28,6 +29,7 @@ from contactlearn.data.mystery.world import GRAZING, States, World
 from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts
 from contactlearn.mechanics import contact_velocity
+from contactlearn.numerics import whole
 from contactlearn.shapes import Ellipse, contact_point
 
 LAWS = {False: "wang_mason", True: "mirtich"}
@@ -70,41 +72,49 @@ def draw(
         UnknownNameError: no such effect.
     """
     _check(seed, size, noise, strength)
+    names = choose(random.Random(f"mystery {seed} effects")) if effects is None else _named(effects)
+    plain, mass, sigma = _laboratory(seed, names)
+    pool = _pool(seed, size, plain.shape, mass, noise * sigma)
+    sample = pool.rows(_clear(pool, plain.shape, plain), _SAMPLE)
+    chosen = [_chosen(seed, name, plain, sample, sigma, strength) for name in names]
+    world = reduce(lambda world, effect: effect.act(world), chosen, plain)
+    drops = pool.rows(_clear(pool, plain.shape, world), size)
+    if len(drops.noise) < size:
+        raise DataError(
+            f"only {len(drops.noise)} of {size} drops approach the floor clearly; use less noise than {noise}"
+        )
+    v_post = world.outcome(drops.states)
+    truth = {"seed": seed, "size": size} | _account(plain, world, chosen, noise * sigma, drops, v_post)
+    return _reported(drops, v_post, plain.shape, seed), truth
+
+
+def _laboratory(seed: int, effects: Sequence[str]) -> tuple[World, float, Tensor]:
+    """The world without hidden effects, the body's mass in kg and the noise (σ_vx, σ_vy, σ_ω) at factor 1."""
     rng = random.Random(f"mystery {seed}")
     a, energetic = rng.uniform(0.03, 0.045), rng.random() < 0.5
     shape = Ellipse((round(a, 4), round(a * rng.uniform(0.5, 0.8), 4)))
     mass, eps, mu = round(rng.uniform(0.02, 0.08), 4), rng.uniform(0.4, 0.8), rng.uniform(0.08, 0.3)
     sigma = torch.tensor([rng.uniform(0.005, 0.015)] * 2 + [rng.uniform(0.2, 0.6)], dtype=torch.float64)
-    names = choose(random.Random(f"mystery {seed} effects")) if effects is None else _named(effects)
-    compliant = "tangential_restitution" in names
-    plain = World(shape, mu, eps, energetic or compliant, compliant)
+    compliant = "tangential_restitution" in effects
+    return World(shape, mu, eps, energetic or compliant, compliant), mass, sigma
 
-    pool = _pool(seed, size, shape, mass, noise * sigma)
-    sample = pool.rows(_clear(pool, shape, plain), _SAMPLE)
-    chosen = [_chosen(seed, name, plain, sample, sigma, strength) for name in names]
-    world = plain
-    for effect in chosen:
-        world = effect.act(world)
-    drops = pool.rows(_clear(pool, shape, world), size)
-    if len(drops.noise) < size:
-        raise DataError(
-            f"only {len(drops.noise)} of {size} drops approach the floor clearly; use less noise than {noise}"
-        )
-    without, v_post = plain.outcome(drops.states), world.outcome(drops.states)
-    truth = {
-        "seed": seed,
-        "size": size,
+
+def _account(
+    plain: World, world: World, chosen: Sequence["_Chosen"], sigma: Tensor, drops: "_Drops", v_post: Tensor
+) -> dict[str, Any]:
+    """The truth about law, noise, body, effects and outcomes; see `draw`."""
+    without = plain.outcome(drops.states)
+    return {
         "law": LAWS[plain.energetic],
-        "mu": mu,
-        "eps": eps,
-        "noise": {"v": noise * sigma[0].item(), "omega": noise * sigma[2].item()},
-        "body": {"semi_axes": list(shape.semi_axes), "mass": mass},
+        "mu": plain.mu,
+        "eps": plain.eps,
+        "noise": {"v": sigma[0].item(), "omega": sigma[2].item()},
+        "body": {"semi_axes": list(plain.shape.semi_axes), "mass": drops.states.mass[0].item()},
         "effects": [effect.account(plain, drops.states, without) for effect in chosen],
         "v_post": v_post.tolist(),
         "v_post_from_measured": _from_measured(world, drops, v_post).tolist(),
         "v_post_without": without.tolist(),
     }
-    return _reported(drops, v_post, shape, seed), truth
 
 
 def _from_measured(world: World, drops: "_Drops", otherwise: Tensor) -> Tensor:
@@ -250,9 +260,8 @@ def _named(effects: Sequence[str]) -> list[str]:
 
 
 def _check(seed: int, size: int, noise: float, strength: tuple[float, float]) -> None:
-    for name, value, low in (("seed", seed, 0), ("size", size, 1)):
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value < 2**63:
-            raise DataError(f"{name} must be an integer, at least {low}, got {value!r}")
+    whole("seed", seed, 0)
+    whole("size", size, 1)
     if not 0 <= noise < math.inf:
         raise DataError(f"noise must be a finite factor, at least 0, got {noise!r}")
     if len(strength) != 2 or not 0 <= strength[0] <= strength[1] < math.inf:

@@ -11,12 +11,12 @@ import os
 import textwrap
 import zlib
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from contactlearn.data import table
 from contactlearn.data.mystery.drops import draw
 from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts
+from contactlearn.numerics import written_whole
 
 DROPS, SEALED = "drops.csv", "sealed.bin"
 TITLE = "contactlearn mystery, sealed truth 1. To open it: python -m contactlearn reveal DIR\n"
@@ -53,11 +53,8 @@ def seal(truth: dict, folder: str | os.PathLike) -> Path:
     path = Path(folder) / SEALED
     packed = base64.b64encode(zlib.compress(json.dumps(truth, allow_nan=False).encode(), 9)).decode()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(prefix=".saving-", dir=path.parent) as beside:
-            whole = Path(beside) / path.name
-            whole.write_text(TITLE + textwrap.fill(packed, 100) + "\n", encoding="ascii", newline="\n")
-            os.replace(whole, path)
+        with written_whole(path) as part:
+            part.write_text(TITLE + textwrap.fill(packed, 100) + "\n", encoding="ascii", newline="\n")
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error}") from error
     return path

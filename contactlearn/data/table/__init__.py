@@ -18,14 +18,14 @@ the path.  What `save` writes, `load` gives back: every bit of every number, eve
 import os
 from collections import Counter
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import torch
 
-from contactlearn.data import sheet
+from contactlearn.data.table import sheet
 from contactlearn.errors import DataError, suggest
 from contactlearn.impacts import COMPONENTS, OPTIONAL, Impacts
+from contactlearn.numerics import written_whole
 from contactlearn.shapes import Shape, make_shape
 
 NAMES = ("trial", "object")
@@ -89,7 +89,7 @@ def load(path: str | os.PathLike, shape: dict[str, Any] | Shape | None = None, *
 def save(impacts: Impacts, path: str | os.PathLike) -> Path:
     """Write impacts to a .csv or .parquet file that `load` reads back exactly; the shape is not saved.
 
-    The file appears whole or not at all: it is written beside its place and then moved there.
+    The file appears whole or not at all.
 
     Raises:
         DataError: another suffix, or the file cannot be written.
@@ -102,11 +102,8 @@ def save(impacts: Impacts, path: str | os.PathLike) -> Path:
         if value is not None:
             columns |= zip(names, value.reshape(len(impacts), -1).T.tolist(), strict=True)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(prefix=".saving-", dir=path.parent) as folder:
-            part = Path(folder) / path.name
+        with written_whole(path) as part:
             write(columns, part)
-            os.replace(part, path)
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error}") from error
     return path
