@@ -2,53 +2,100 @@
 
 Compare contact models with measured planar impacts, see where they fail, and learn which
 physical effect is missing.  The public names below are loaded when they are first used, so that
-`import contactlearn` and the commands' `--help` stay fast.
+`import contactlearn` and the commands' `--help` stay fast; editors and type checkers see them all.
 """
 
 from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from contactlearn import (
+        audit,
+        checkpoint,
+        data,
+        diagnosis,
+        effects,
+        errors,
+        evaluation,
+        identification,
+        impacts,
+        laws,
+        learning,
+        mechanics,
+        model,
+        regression,
+        shapes,
+    )
+    from contactlearn.diagnosis.pipeline import Diagnosis, diagnose
+    from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
+    from contactlearn.identification.joint import identify_jointly
+    from contactlearn.identification.shared import identify
+    from contactlearn.impacts import Impacts, Prediction
+    from contactlearn.laws import Law
+    from contactlearn.learning.recipe import Recipe, learn
+    from contactlearn.model import ContactModel
 
 __version__ = "0.1.0"
-_PUBLIC = {
-    "Impacts": "contactlearn.impacts",
-    "Prediction": "contactlearn.impacts",
-    "ContactModel": "contactlearn.model",
-    "Law": "contactlearn.laws",
-    "Recipe": "contactlearn.learning.recipe",
-    "learn": "contactlearn.learning.recipe",
-    "identify_jointly": "contactlearn.identification.joint",
-    "diagnose": "contactlearn.diagnosis.pipeline",
-    "Diagnosis": "contactlearn.diagnosis.pipeline",
-    "ContactLearnError": "contactlearn.errors",
-    "DataError": "contactlearn.errors",
-    "UnknownNameError": "contactlearn.errors",
-}
-_MODULES = (
+
+__all__ = [
+    "ContactLearnError",
+    "ContactModel",
+    "DataError",
+    "Diagnosis",
+    "Impacts",
+    "Law",
+    "Prediction",
+    "Recipe",
+    "UnknownNameError",
+    "__version__",
     "audit",
     "checkpoint",
     "data",
+    "diagnose",
     "diagnosis",
     "effects",
     "errors",
     "evaluation",
     "identification",
+    "identify",
+    "identify_jointly",
     "impacts",
     "laws",
+    "learn",
     "learning",
     "mechanics",
     "model",
     "regression",
     "shapes",
-)
-__all__ = [*_PUBLIC, *_MODULES, "__version__"]
+]
+
+# Where a public name is defined; tests hold this table and the imports above to each other.
+_HOME = {
+    "ContactLearnError": "errors",
+    "ContactModel": "model",
+    "DataError": "errors",
+    "Diagnosis": "diagnosis.pipeline",
+    "Impacts": "impacts",
+    "Law": "laws",
+    "Prediction": "impacts",
+    "Recipe": "learning.recipe",
+    "UnknownNameError": "errors",
+    "diagnose": "diagnosis.pipeline",
+    "identify": "identification.shared",
+    "identify_jointly": "identification.joint",
+    "learn": "learning.recipe",
+}
 
 
-def __getattr__(name: str):
-    if name in _PUBLIC:
-        return getattr(import_module(_PUBLIC[name]), name)
-    if name in _MODULES:
-        return import_module(f"contactlearn.{name}")
-    raise AttributeError(f"module 'contactlearn' has no attribute {name!r}")
+if not TYPE_CHECKING:  # with it a type checker would take any name for one of this package
+
+    def __getattr__(name: str) -> Any:
+        if name in _HOME:
+            return getattr(import_module(f"contactlearn.{_HOME[name]}"), name)
+        if name in __all__:
+            return import_module(f"contactlearn.{name}")
+        raise AttributeError(f"module 'contactlearn' has no attribute {name!r}")
 
 
-def __dir__():
+def __dir__() -> list[str]:
     return __all__

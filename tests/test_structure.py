@@ -79,3 +79,16 @@ def test_public_names_exist():
         assert getattr(contactlearn, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'Impact'"):
         contactlearn.Impact  # noqa: B018
+
+
+def test_type_checkers_see_the_public_names():
+    """The imports that only a type checker follows are those that `__getattr__` makes."""
+    import contactlearn
+
+    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    (block,) = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
+    seen = {alias.name: node.module for node in block.body for alias in node.names}
+    made = {name: f"contactlearn.{home}" for name, home in contactlearn._HOME.items()}
+    modules = {name: "contactlearn" for name in contactlearn.__all__ if name not in {*made, "__version__"}}
+    assert seen == made | modules
+    assert (PACKAGE / "py.typed").exists()
