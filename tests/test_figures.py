@@ -20,7 +20,7 @@ from contactlearn.identification import per_trial as fit_trials
 from contactlearn.identification import shared as fit
 from contactlearn.impacts import Impacts
 from contactlearn.report.figures import laws as figures
-from contactlearn.report.figures.impulse_space import _area, _reach
+from contactlearn.report.figures.reach import areas, reach
 from contactlearn.report.figures.style import LAW_STYLE, law_style, plain
 
 UNIT = re.compile(r"\((mN s|mm|s/m|–|count)\)")
@@ -236,8 +236,8 @@ def test_reach_holds_what_the_law_gives_and_nothing_else(name, variant, drops):
     mu, eps = torch.rand(2, 4000, 1, generator=generator, dtype=torch.float64)
     for row in (3, 8):
         W, v_c = drops.W[row], drops.v_c[row]
-        cells = _reach(laws.Law(name, 0.1, 0.5, variant), W, v_c, fit.Box())
-        assert (_area(cells) >= -1e-12).all()
+        cells = reach(laws.Law(name, 0.1, 0.5, variant), W, v_c, fit.Box())
+        assert (areas(cells) >= -1e-12).all()
         P = laws.impulse(name, drops.W[[row]], drops.v_c[[row]], mu**2, eps, variant=variant)[:, 0].numpy()
         size = np.ptp(mechanics.energy_ellipse(W, v_c).numpy(), axis=0).max()
         # Every impulse lies at a cell, and every cell at an impulse of a dense sweep.  Whittaker's P̂ jumps,

@@ -1,14 +1,17 @@
 """The figures of the audit: the evidence for each finding about the measurements.
 
-    audit_figure    the moment balance and the trials' contradictions, or what is odd about which trials
+    audit_figure    the moment balance and the trials' contradictions, or the marked trials
 
 A dot is a trial.  Moments are shown in mN m s, contact points in mm.
 """
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from textwrap import wrap
 
 import torch
+from jaxtyping import Bool, Float, Real
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
@@ -39,11 +42,11 @@ _VECTOR = 5000  # dots that a PDF draws one by one
 
 @st.look()
 def audit_figure(finding: Finding, before: Impacts, after: Impacts) -> Figure:
-    """The evidence for a finding, under its sentence.
+    """Draw the evidence for a finding, under its sentence.
 
     A finding about units, axes or inertia shows both sides of the moment balance and how much the trials contradict
-    themselves, without its correction and with it, the outermost percent of the moments left out; the others show what
-    is odd about which trials.
+    themselves, without its correction and with it, the outermost percent of the moments left out; the others mark the
+    trials that they are about.
 
     Args:
         finding: of the audit.
@@ -58,30 +61,42 @@ def audit_figure(finding: Finding, before: Impacts, after: Impacts) -> Figure:
 
 
 def _frame(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
+    """Both sides of the moment balance, and how much the trials contradict themselves, without and with a correction."""
     name = finding.correction
     titles = (f"Without {name}", f"With {name}") if name else ("As read", "Under the best hypothesis")
     shown = dict(zip(titles, (before, after)[: 1 if after is before else 2], strict=False))
     *panels, axes = figure.subplots(1, len(shown) + 1, width_ratios=(*(1 for _ in shown), 0.8))
     for panel, (title, impacts) in zip(panels, shown.items(), strict=True):
-        terms, fit = torque(impacts), balance(impacts)
-        moments = impacts.inertia * st.MILLI * torch.stack((terms.normal + terms.tangential, terms.spin))
-        reach = 1.1 * moments.abs().amax(0).quantile(0.99).item()
-        power = 0 if 1e-2 < reach < 1e4 else math.floor(math.log10(reach))
-        unit = f"$10^{{{power}}}$ mN m s" if power else "mN m s"
-        st.name_axes(panel, f"r_x P_n − r_y P_t ({unit})", f"I Δω ({unit})")
-        dots(panel, *moments / 10**power)
-        panel.axline((0, 0), slope=1, color=_RED, label="Slope 1: balanced")
-        panel.set(xlim=(-reach / 10**power, reach / 10**power), ylim=(-reach / 10**power, reach / 10**power))
-        panel.set_box_aspect(1)
-        panel.xaxis.set_major_locator(MaxNLocator(4))
-        panel.yaxis.set_major_locator(MaxNLocator(4))
-        values = (("a", fit.a, fit.a_error), ("b", fit.b, fit.b_error))
-        lines = (f"{x} = {y:+#.3g} ± {error:.1g}" if error < math.inf else f"{x} is open" for x, y, error in values)
-        panel.set_title("\n".join((title, *lines)).replace("-", "−"))
+        _draw_balance(panel, title, impacts)
+    _draw_contradictions(axes, shown)
+    legend_below(figure, panels[0], axes)
+
+
+def _draw_balance(axes: Axes, title: str, impacts: Impacts) -> None:
+    """I Δω against r_x P_n − r_y P_t, trial by trial, with the two slopes of the fitted balance."""
+    terms, fit = torque(impacts), balance(impacts)
+    moments = impacts.inertia * st.MILLI * torch.stack((terms.normal + terms.tangential, terms.spin))
+    reach = 1.1 * moments.abs().amax(0).quantile(0.99).item()
+    power = 0 if 1e-2 < reach < 1e4 else math.floor(math.log10(reach))
+    unit = f"$10^{{{power}}}$ mN m s" if power else "mN m s"
+    st.name_axes(axes, f"r_x P_n − r_y P_t ({unit})", f"I Δω ({unit})")
+    dots(axes, *moments / 10**power)
+    axes.axline((0, 0), slope=1, color=_RED, label="Slope 1: balanced")
+    axes.set(xlim=(-reach / 10**power, reach / 10**power), ylim=(-reach / 10**power, reach / 10**power))
+    axes.set_box_aspect(1)
+    axes.xaxis.set_major_locator(MaxNLocator(4))
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    values = (("a", fit.a, fit.a_error), ("b", fit.b, fit.b_error))
+    lines = (f"{x} = {y:+#.3g} ± {error:.1g}" if error < math.inf else f"{x} is open" for x, y, error in values)
+    axes.set_title("\n".join((title, *lines)).replace("-", "−"))
+
+
+def _draw_contradictions(axes: Axes, shown: Mapping[str, Impacts]) -> None:
+    """The mean contradiction of each kind, of the impacts by title."""
     means = {
         title: [answer.mean().item() for answer in contradictions(impacts).values()] for title, impacts in shown.items()
     }
-    questions = [_QUESTIONS[key] for key in contradictions(before)]
+    questions = [_QUESTIONS[key] for key in contradictions(next(iter(shown.values())))]
     places = range(len(questions))
     st.name_axes(axes, "Mean contradiction (–)")
     answers = [*means.values()]
@@ -92,56 +107,79 @@ def _frame(figure: Figure, finding: Finding, before: Impacts, after: Impacts) ->
     axes.set_xlim(-0.04, 1.04)
     axes.set_box_aspect(1 / 0.8)
     axes.invert_yaxis()
-    legend_below(figure, panels[0], axes)
+
+
+@dataclass(frozen=True)
+class _Reason:
+    """A quantity [N] that makes trials gross outliers beyond its limits, and its axis label."""
+
+    label: str
+    values: Float[Tensor, " n"]
+    limits: tuple[float, ...]
+
+
+def _reasons(impacts: Impacts) -> dict[str, _Reason]:
+    """The quantity behind each reason of `gross_outliers`.
+
+    A moment beyond its limit is gross only where it is a third of its own terms as well.
+    """
+    energy, rebound = kinetic_energy(impacts)
+    residual = torque(impacts).residual.abs()
+    ratios = torch.stack([_of_object(impacts, values) for values in (impacts.mass, impacts.inertia)])
+    furthest = ratios.gather(0, ratios.log().abs().argmax(0)[None])[0]
+    return {
+        "moment": _Reason("|τ|/I (rad/s)", residual, (GROSS * 1.4826 * residual.median().item(),)),
+        "energy": _Reason("E_post/E_pre (–)", rebound / energy, (2.0,)),
+        "approach": _Reason("v_n (m/s)", impacts.v_c[:, 1], (0.0,)),
+        "mass": _Reason("m or I, of its\nobject's median (–)", furthest, (0.5, 2.0)),
+    }
 
 
 def _outliers(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
-    """A panel for each reason.  A moment beyond its limit is gross only where a third of its own terms is left over."""
+    """A panel for each reason, in which its outliers are marked and named."""
     reasons = {name: bad for name, bad in gross_outliers(before).items() if bad.any() or name == "moment"}
-    energy, rebound = kinetic_energy(before)
-    left = torque(before).residual.abs()
-    ratios = torch.stack([_of_object(before, values) for values in (before.mass, before.inertia)])
-    shown = {
-        "moment": ("|τ|/I (rad/s)", left, (GROSS * 1.4826 * left.median().item(),)),
-        "energy": ("E_post/E_pre (–)", rebound / energy, (2.0,)),
-        "approach": ("v_n (m/s)", before.v_c[:, 1], (0.0,)),
-        "mass": (
-            "m or I, of its\nobject's median (–)",
-            ratios.gather(0, ratios.log().abs().argmax(0)[None])[0],
-            (0.5, 2.0),
-        ),
-    }
+    shown = _reasons(before)
     panels = figure.subplots(len(reasons), 1, sharex=True, squeeze=False)[:, 0]
     figure.set_figheight(figure.get_figheight() + 1.3 * (len(reasons) - 1))
-    rows, trials = torch.arange(1, len(before) + 1), len(before)
-    for axes, (reason, bad) in zip(panels, reasons.items(), strict=True):
-        label, values, limits = shown[reason]
-        st.name_axes(axes, y=label)
-        if reason != "approach":
-            axes.set_yscale("log")
-            few = values.max() < 300 * values.min()
-            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
-            axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-            axes.yaxis.set_minor_formatter(NullFormatter())
-        dots(axes, rows[~bad], values[~bad])
-        axes.plot(st.array(rows[bad]), st.array(values[bad]), "x", color=_RED, label="Gross outlier")
-        for limit in limits:
+    rows = torch.arange(1, len(before) + 1)
+    for axes, (name, bad) in zip(panels, reasons.items(), strict=True):
+        reason = shown[name]
+        st.name_axes(axes, y=reason.label)
+        if name != "approach":
+            _scale_logarithmically(axes, reason.values)
+        dots(axes, rows[~bad], reason.values[~bad])
+        axes.plot(st.array(rows[bad]), st.array(reason.values[bad]), "x", color=_RED, label="Gross outlier")
+        for limit in reason.limits:
             axes.axhline(limit, color=_BLUE, linestyle="--", linewidth=0.9, label="Limit")
-        free = 0.0  # from which row on a name lies on no other
-        for row in (bad.nonzero()[:, 0] + 1).tolist():
-            name, turned = st.plain(before.trial[row - 1], 14), row > 0.8 * trials
-            length = (0.03 + 0.012 * len(name)) * trials
-            if row - turned * length >= free:
-                place = {"xytext": (-3 if turned else 3, 3), "textcoords": "offset points", "va": "bottom"}
-                axes.annotate(name, (row, values[row - 1].item()), ha="right" if turned else "left", **place)
-                free = row + (0.02 * trials if turned else length)
+        _name_trials(axes, before, bad, reason.values)
         axes.margins(x=0.03, y=0.25)
     panels[-1].set_xlabel(_ROW)
     legend_below(figure, panels[0])
 
 
-def _of_object(impacts: Impacts, values: Tensor) -> Tensor:
-    """Values [N] relative to the median of the same object's trials."""
+def _scale_logarithmically(axes: Axes, values: Float[Tensor, " n"]) -> None:
+    """A logarithmic y axis with plain numbers, more of them where the values span little."""
+    axes.set_yscale("log")
+    few = values.max() < 300 * values.min()
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
+    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _name_trials(axes: Axes, impacts: Impacts, bad: Bool[Tensor, " n"], values: Float[Tensor, " n"]) -> None:
+    """Names beside bad trials, as far as a name overlaps no other."""
+    free, trials = 0.0, len(impacts)  # from which row on a name overlaps no other
+    for row in (bad.nonzero()[:, 0] + 1).tolist():
+        name, turned = st.plain(impacts.trial[row - 1], 14), row > 0.8 * trials
+        length = (0.03 + 0.012 * len(name)) * trials
+        if row - turned * length >= free:
+            place = {"xytext": (-3 if turned else 3, 3), "textcoords": "offset points", "va": "bottom"}
+            axes.annotate(name, (row, values[row - 1].item()), ha="right" if turned else "left", **place)
+            free = row + (0.02 * trials if turned else length)
+
+
+def _of_object(impacts: Impacts, values: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    """Values relative to the median of the same object's trials."""
     ratio = torch.empty_like(values)
     for name in set(impacts.object):
         same = torch.tensor([other == name for other in impacts.object])
@@ -159,8 +197,8 @@ def _energy(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -
     legend_below(figure, axes)
 
 
-def _good(impacts: Impacts) -> Tensor:
-    """Trials [N] that are no gross outliers."""
+def _good(impacts: Impacts) -> Bool[Tensor, " n"]:
+    """Trials that are no gross outliers."""
     return ~torch.stack([*gross_outliers(impacts).values()]).any(0)
 
 
@@ -208,14 +246,14 @@ _EVIDENCE = {
 """By finding, how it is drawn and the figure's width and height in inches without the sentence; others are `_frame`."""
 
 
-def dots(axes: Axes, x: Tensor, y: Tensor, label: str = "Trial") -> None:
-    """A dot for each trial, x and y [N] in the units of the axes."""
+def dots(axes: Axes, x: Real[Tensor, " n"], y: Real[Tensor, " n"], label: str = "Trial") -> None:
+    """Draw a dot for each trial, x and y in the units of the axes."""
     look = {"color": st.tint(st.DARK, 0.35), "markersize": 2.5, "label": label, "zorder": 1}
     axes.plot(st.array(x), st.array(y), ".", **look, rasterized=len(x) > _VECTOR)
 
 
 def legend_below(figure: Figure, *panels: Axes) -> None:
-    """One legend below a figure for what some of its panels show, each label once."""
+    """Draw one legend below a figure for the artists of some of its panels, each label once."""
     handles = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):

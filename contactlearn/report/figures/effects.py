@@ -1,5 +1,10 @@
-"""What each effect explains: its curve over the residuals that the model would leave without it."""
+"""Effect by effect: its partial residuals and the curve that it explains of them."""
 
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -11,35 +16,57 @@ _COLOR = st.CONTRAST[1]
 
 @st.look()
 def effect_curve(partial: Partial) -> Figure:
-    """Measured residuals without the effect, their running mean, and what the effect adds.
+    """Draw the measured residuals without the effect, their mean along the variable, and the effect's own change.
 
     A dot is a trial.  Impulses and moments are in mN s and mN m s.  The axis leaves out the outermost percent
     of the residuals on each side, unless the effect goes there.
     """
     milli = st.MILLI if "N" in partial.component_unit else 1.0
     unit = ("m" if milli != 1 else "") + partial.component_unit
-    scale, along = (milli, unit) if partial.variable_unit == partial.component_unit else (1.0, partial.variable_unit)
-    x, measured, explained = (
-        st.array(v) for v in (partial.x * scale, partial.measured * milli, partial.explained * milli)
-    )
+    same = partial.variable_unit == partial.component_unit
+    shown = _Shown.of(partial, milli if same else 1.0, milli)
     figure = st.new_figure(st.COLUMN, 2.9)
-    axes = st.name_axes(
-        figure.subplots(),
-        f"{partial.variable} ({along})",
-        f"Residual of {partial.component} ({unit})",
-    )
-    axes.xaxis.set_major_locator(MaxNLocator(5))
-    axes.axhline(0, color=st.DARK, linewidth=0.6)
-    axes.plot(x, measured, ".", color=st.tint(st.DARK, 0.35), markersize=2.5, label="Trials", rasterized=True, zorder=1)
-    axes.plot(x, explained, ".", color=st.tint(_COLOR, 0.7), markersize=2, label="Effect, by trial", zorder=2)
-    middle, mean, curve = (
-        st.array(v) for v in binned(partial.x * scale, partial.measured * milli, partial.explained * milli)
-    )
-    axes.plot(middle, mean, "o", color=st.DARK, markersize=3.5, label="Trials, mean of a twentieth", zorder=4)
-    axes.plot(middle, curve, color=_COLOR, linewidth=1.6, label="Effect, mean", zorder=3)
-    low, high = sorted(measured)[len(measured) // 100], sorted(measured)[-1 - len(measured) // 100]
-    low, high = min(low, explained.min(), 0), max(high, explained.max(), 0)
-    axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
+    along = f"{partial.variable} ({unit if same else partial.variable_unit})"
+    axes = st.name_axes(figure.subplots(), along, f"Residual of {partial.component} ({unit})")
+    _draw(axes, shown)
     axes.set_title(st.plain(partial.effect.replace("_", " ")))
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """Partial residuals in the units of the axes: by trial, and means of groups along the variable."""
+
+    x: Float[np.ndarray, " n"]
+    measured: Float[np.ndarray, " n"]
+    explained: Float[np.ndarray, " n"]
+    middle: Float[np.ndarray, " bins"]
+    mean: Float[np.ndarray, " bins"]
+    curve: Float[np.ndarray, " bins"]
+
+    @classmethod
+    def of(cls, partial: Partial, along: float, up: float) -> "_Shown":
+        trials = partial.x * along, partial.measured * up, partial.explained * up
+        return cls(*map(st.array, (*trials, *binned(*trials))))
+
+    def limits(self) -> tuple[float, float]:
+        """Ends of the axis of residuals."""
+        ranked = sorted(self.measured)
+        cut = len(ranked) // 100
+        low, high = min(ranked[cut], self.explained.min(), 0), max(ranked[-1 - cut], self.explained.max(), 0)
+        return low - 0.05 * (high - low), high + 0.05 * (high - low)
+
+
+def _draw(axes: Axes, shown: _Shown) -> None:
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.axhline(0, color=st.DARK, linewidth=0.6)
+    trials = {"color": st.tint(st.DARK, 0.35), "markersize": 2.5, "rasterized": True}
+    axes.plot(shown.x, shown.measured, ".", **trials, label="Trials", zorder=1)
+    axes.plot(
+        shown.x, shown.explained, ".", color=st.tint(_COLOR, 0.7), markersize=2, label="Effect, by trial", zorder=2
+    )
+    means = {"color": st.DARK, "markersize": 3.5}
+    axes.plot(shown.middle, shown.mean, "o", **means, label="Trials, mean of a twentieth", zorder=4)
+    axes.plot(shown.middle, shown.curve, color=_COLOR, linewidth=1.6, label="Effect, mean", zorder=3)
+    axes.set_ylim(*shown.limits())

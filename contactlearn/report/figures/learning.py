@@ -1,4 +1,4 @@
-"""What learned models make of more training impacts; each figure takes plain values.
+"""Errors of learned models: learning curves, distributions, transfer to other bodies; each figure takes plain values.
 
     error_densities  Fig. 4.1  distributions of the error by model
     learning_curve   Fig. 4.2  error against the number of training impacts
@@ -13,6 +13,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -27,23 +28,28 @@ __all__ = ["error_densities", "learning_curve", "transfer"]
 
 Interval = tuple[float, float, float]
 """A mean and the ends of its 95 % interval."""
+Curve = Float[np.ndarray, "sizes 3"]
+"""An interval at each size, nan where a size was not run."""
 
 _ZERO_SHOT = st.LawStyle("Trained model, no trial of this body", st.DARK, "", (0, (2, 2)))
 
 
 @st.look()
 def learning_curve(
-    sizes: Sequence[int], curves: Mapping[str, Tensor], references: Mapping[str, Interval], metric: str
+    sizes: Sequence[int],
+    curves: Mapping[str, Float[Tensor, "sizes 3"]],
+    references: Mapping[str, Interval],
+    metric: str,
 ) -> Figure:
-    """Fig. 4.2: mean error against the number of training impacts, with its 95 % interval.
+    """Draw the mean error against the number of training impacts, with its 95 % interval (Fig. 4.2).
 
     The axis ends at 1.6 × the largest reference, or at 1.15 × the largest error at the end of a
     curve if that is more: a large error after few impacts leaves the panel and does not flatten the
     rest.  The models of a panel stand slightly side by side, so that their intervals are seen.
 
     Args:
-        sizes: numbers of impacts [S], increasing.
-        curves: curve [S, 3] by model, nan where a size was not run.
+        sizes: numbers of impacts, increasing.
+        curves: means and intervals by model, nan where a size was not run.
         references: horizontal lines by name, such as the bounds or a law.
         metric: axis label with its unit.
 
@@ -65,14 +71,14 @@ def learning_curve(
 
 
 @st.look()
-def error_densities(errors: Mapping[str, Tensor], metric: str) -> Figure:
-    """Fig. 4.1: density of each model's error, with a marker at the mean.
+def error_densities(errors: Mapping[str, Float[Tensor, " trials"]], metric: str) -> Figure:
+    """Draw the density of each model's error, with a marker at the mean (Fig. 4.1).
 
     Gaussian kernels of Silverman's robust width, reflected at 0.  The axes leave out outliers, the
-    last percent of the other errors, and what of a bound's peak is over 1.5 × the models' highest.
+    last percent of the other errors, and the part of a bound's peak above 1.5 × the models' highest.
 
     Args:
-        errors: errors [K] of the trials by model; those of the bounds are in both panels.
+        errors: errors of the trials by model; those of the bounds are in both panels.
         metric: axis label with its unit.
 
     Raises:
@@ -103,13 +109,16 @@ def error_densities(errors: Mapping[str, Tensor], metric: str) -> Figure:
 
 @st.look()
 def transfer(
-    sizes: Sequence[int], curves: Mapping[str, Mapping[str, Tensor]], zero_shot: Mapping[str, Interval], metric: str
+    sizes: Sequence[int],
+    curves: Mapping[str, Mapping[str, Float[Tensor, "sizes 3"]]],
+    zero_shot: Mapping[str, Interval],
+    metric: str,
 ) -> Figure:
-    """Mean error on a new body against the number of its trials, one panel a body; both axes are logarithmic.
+    """Draw the mean error on a new body against the number of its trials, one panel a body; both axes are logarithmic.
 
     Args:
-        sizes: numbers of trials [S], increasing.
-        curves: curve [S, 3] by body and label, nan where a size was not run.
+        sizes: numbers of trials, increasing.
+        curves: means and intervals by body and label, nan where a size was not run.
         zero_shot: by body, the error of the trained model without any trial of it.
         metric: axis label with its unit.
 
@@ -133,9 +142,7 @@ def transfer(
             _draw_level(axes, _ZERO_SHOT, zero_shot[body])
         axes.set_title(st.plain(body, 24))
         handles |= {line.get_label(): line for line in axes.get_legend_handles_labels()[0]}
-    axes.set_yscale("log")
-    ticks = LogLocator(subs=(1, 2, 5)), ScalarFormatter()
-    axes.yaxis.set(major_locator=ticks[0], major_formatter=ticks[1], minor_formatter=NullFormatter())
+    _scale_logarithmically(axes)
     figure.legend(handles=list(handles.values()), loc="outside lower center", ncols=1 if columns == 1 else 2)
     return figure
 
@@ -143,8 +150,8 @@ def transfer(
 # --- Parts ----------------------------------------------------------------------------------------
 
 
-def _checked(sizes: Sequence[int], curves: Mapping[str, Tensor]) -> dict[str, np.ndarray]:
-    """The curves as arrays [S, 3], where they are curves over these sizes."""
+def _checked(sizes: Sequence[int], curves: Mapping[str, Tensor]) -> dict[str, Curve]:
+    """The curves as arrays, once they are known to be curves over these sizes."""
     if not len(sizes) or not curves:
         raise ContactLearnError(f"a curve needs sizes and models, got {len(sizes)} and {len(curves)}")
     if min(sizes) < 1 or (np.diff(sizes) <= 0).any():
@@ -157,7 +164,7 @@ def _checked(sizes: Sequence[int], curves: Mapping[str, Tensor]) -> dict[str, np
 
 
 def _among(names: Iterable[str], group: Sequence[str]) -> list[str]:
-    """Those of the names or labels that belong to the group."""
+    """The names or labels that belong to the group."""
     return [name for name in names if st.law_style(name) in [st.STYLES[member] for member in group]]
 
 
@@ -173,8 +180,17 @@ def _class_panels(names: Iterable[str], height: float) -> tuple[Figure, list[tup
     return figure, [(panel, *group) for panel, group in zip(axes, groups, strict=True)]
 
 
-def _draw_curves(axes: Axes, sizes: Sequence[int], curves: Mapping, styles: Mapping[str, st.LawStyle]) -> None:
-    """Curves by name over a logarithmic axis, which is labelled at the sizes as far as there is room."""
+def _scale_logarithmically(axes: Axes) -> None:
+    """A logarithmic y axis, labelled in plain numbers at 1, 2 and 5 of each decade."""
+    axes.set_yscale("log")
+    ticks = LogLocator(subs=(1, 2, 5)), ScalarFormatter()
+    axes.yaxis.set(major_locator=ticks[0], major_formatter=ticks[1], minor_formatter=NullFormatter())
+
+
+def _draw_curves(
+    axes: Axes, sizes: Sequence[int], curves: Mapping[str, Curve], styles: Mapping[str, st.LawStyle]
+) -> None:
+    """Curves by name over a logarithmic axis, slightly side by side."""
     sizes = np.asarray(sizes)
     decades = np.log10(sizes[-1] / sizes[0]) or 1
     gap = np.log10(sizes[1:] / sizes[:-1]).min(initial=decades)
@@ -185,6 +201,11 @@ def _draw_curves(axes: Axes, sizes: Sequence[int], curves: Mapping, styles: Mapp
         mean, low, high = curve[run].T
         axes.vlines(x, low, high, color=styles[name].color, linewidth=0.8)
         st.draw_line(axes, x, mean, styles[name])
+    _label_sizes(axes, sizes, decades)
+
+
+def _label_sizes(axes: Axes, sizes: np.ndarray, decades: float) -> None:
+    """Scale the axis of sizes logarithmically, and label them as far as there is room."""
     inches = axes.get_position().width * axes.figure.get_figwidth() / decades
     ticks = [sizes[-1]]
     for size in sizes[-2::-1]:
@@ -197,7 +218,7 @@ def _draw_curves(axes: Axes, sizes: Sequence[int], curves: Mapping, styles: Mapp
 
 
 def _draw_level(axes: Axes, style: st.LawStyle, interval: Interval) -> Line2D:
-    """What has one error at every size: a line, and its interval as a band."""
+    """An error that depends on no size: a line, and its interval as a band."""
     mean, low, high = interval
     axes.axhspan(low, high, color=st.tint(style.color, 0.15), linewidth=0, zorder=0)
     return axes.axhline(mean, color=style.color, linestyle=style.linestyle, zorder=1, label=st.plain(style.label, 36))

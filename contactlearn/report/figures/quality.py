@@ -1,13 +1,15 @@
-"""How good one learned model is, and what its training found; each figure takes plain values.
+"""Predictions, calibration and training of one learned model; each figure takes plain values.
 
 predicted_against_measured  post-contact velocity, component by component
 calibration                 share of the measurements inside the predicted regions
 training                    loss of a fit, and how relevant it found each feature
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from torch import Tensor
 
@@ -18,12 +20,14 @@ __all__ = ["calibration", "predicted_against_measured", "training"]
 
 
 @st.look()
-def predicted_against_measured(measured: Tensor, predicted: Tensor, std: Tensor | None = None) -> Figure:
-    """Post-contact velocity as predicted and as measured, in three panels.
+def predicted_against_measured(
+    measured: Float[Tensor, "n 3"], predicted: Float[Tensor, "n 3"], std: Float[Tensor, "n 3"] | None = None
+) -> Figure:
+    """Draw the post-contact velocity as predicted and as measured, in three panels.
 
     Args:
-        measured, predicted: (v_x, v_y, ω) [N, 3] in m/s and rad/s.
-        std: standard deviations of the predictions [N, 3], drawn as ± 1.96 of them.
+        measured, predicted: (v_x, v_y, ω) in m/s and rad/s.
+        std: standard deviations of the predictions, drawn as ± 1.96 of them.
 
     Raises:
         ContactLearnError: no trials, or shapes that differ.
@@ -34,28 +38,33 @@ def predicted_against_measured(measured: Tensor, predicted: Tensor, std: Tensor 
     figure = st.new_figure(st.PAGE, 2.75)
     components = zip(("$v_x$", "$v_y$", "ω"), ("m/s", "m/s", "rad/s"), figure.subplots(1, 3), strict=True)
     for column, (name, unit, axes) in enumerate(components):
-        x, y = st.array(measured)[:, column], st.array(predicted)[:, column]
         st.name_axes(axes, f"Measured {name} ({unit})", f"Predicted {name} ({unit})").set_box_aspect(1)
-        if std is not None:
-            reach, color = 1.96 * st.array(std)[:, column], st.tint(st.CONTRAST[0], 0.3)
-            axes.vlines(x, y - reach, y + reach, color=color, linewidth=0.6, label="± 1.96 standard deviations")
-        axes.axline((0, 0), slope=1, color=st.DARK, linewidth=0.8, label="Predicted = measured")
-        axes.plot(x, y, "o", color=st.CONTRAST[0], markersize=2, markeredgewidth=0, label="Trial")
-        low, high = min(x.min(), y.min()), max(x.max(), y.max())
-        ends = low - 0.05 * (high - low) - 1e-3, high + 0.05 * (high - low) + 1e-3
-        axes.set(xlim=ends, ylim=ends, title=f"{_r2(x, y)}, rms {np.sqrt(np.mean((y - x) ** 2)):.3g} {unit}")
+        spread = None if std is None else st.array(std)[:, column]
+        _draw_component(axes, st.array(measured)[:, column], st.array(predicted)[:, column], spread, unit)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
-@st.look()
-def calibration(coverage: Mapping[str, tuple[Tensor, Tensor]]) -> Figure:
-    """Share of the measurements inside the predicted intervals against the intervals' level.
+def _draw_component(axes: Axes, x: np.ndarray, y: np.ndarray, std: np.ndarray | None, unit: str) -> None:
+    """One component as measured (x) and as predicted (y), with R² and the rms error above."""
+    if std is not None:
+        reach, color = 1.96 * std, st.tint(st.CONTRAST[0], 0.3)
+        axes.vlines(x, y - reach, y + reach, color=color, linewidth=0.6, label="± 1.96 standard deviations")
+    axes.axline((0, 0), slope=1, color=st.DARK, linewidth=0.8, label="Predicted = measured")
+    axes.plot(x, y, "o", color=st.CONTRAST[0], markersize=2, markeredgewidth=0, label="Trial")
+    low, high = min(x.min(), y.min()), max(x.max(), y.max())
+    ends = low - 0.05 * (high - low) - 1e-3, high + 0.05 * (high - low) + 1e-3
+    axes.set(xlim=ends, ylim=ends, title=f"{_r2(x, y)}, rms {np.sqrt(np.mean((y - x) ** 2)):.3g} {unit}")
 
-    A curve below the diagonal belongs to a model that is too sure of itself.
+
+@st.look()
+def calibration(coverage: Mapping[str, tuple[Float[Tensor, " levels"], Float[Tensor, " levels"]]]) -> Figure:
+    """Draw the share of the measurements inside the predicted intervals against the intervals' level.
+
+    A curve below the diagonal belongs to an overconfident model.
 
     Args:
-        coverage: nominal levels and empirical shares by model, both [L] in [0, 1].
+        coverage: nominal levels and empirical shares by model, both in [0, 1].
 
     Raises:
         ContactLearnError: no models, or levels and shares that differ in number.
@@ -77,8 +86,10 @@ def calibration(coverage: Mapping[str, tuple[Tensor, Tensor]]) -> Figure:
 
 
 @st.look()
-def training(loss: Tensor, hyperparameters: Mapping[str, Mapping[str, float]]) -> Figure:
-    """The loss of a fit, and the relevance of each feature for each output.
+def training(
+    loss: Float[Tensor, "iterations *processes"], hyperparameters: Mapping[str, Mapping[str, float]]
+) -> Figure:
+    """Draw the loss of a fit, and the relevance of each feature for each output.
 
     Args:
         loss: negative log marginal likelihood per point in nats, [iterations], or [iterations, G] of
@@ -99,16 +110,22 @@ def training(loss: Tensor, hyperparameters: Mapping[str, Mapping[str, float]]) -
     if losses.shape[1] > 1:
         left.plot(losses, color=st.tint(st.CONTRAST[0], 0.4), linewidth=0.6)[0].set_label("One Gaussian process")
     left.plot(losses.mean(1), color=st.CONTRAST[0], label=f"Mean of {losses.shape[1]}")
-    st.name_axes(right, "Relevance 1/lengthscale (–)")
-    for place, (output, by_feature) in enumerate(hyperparameters.items()):
-        y = np.arange(len(features)) + 0.8 * ((place + 0.5) / outputs - 0.5)
-        relevance, color = [by_feature.get(feature, 0) for feature in features], st.CONTRAST[place % len(st.CONTRAST)]
-        right.barh(y, relevance, 0.8 / outputs, color=color, label=st.plain(output, 20))
-    right.set_yticks(range(len(features)), [st.plain(feature, 20) for feature in features])
-    right.set_ylim(len(features) - 0.5, -0.5)
+    _draw_relevances(right, hyperparameters, features)
     for axes in (left, right)[losses.shape[1] == 1 :]:  # one line needs no legend
         st.legend_above(axes)
     return figure
+
+
+def _draw_relevances(axes: Axes, hyperparameters: Mapping[str, Mapping[str, float]], features: Sequence[str]) -> None:
+    """A bar for each output and feature, those of one feature side by side."""
+    st.name_axes(axes, "Relevance 1/lengthscale (–)")
+    outputs = len(hyperparameters)
+    for place, (output, by_feature) in enumerate(hyperparameters.items()):
+        y = np.arange(len(features)) + 0.8 * ((place + 0.5) / outputs - 0.5)
+        relevance, color = [by_feature.get(feature, 0) for feature in features], st.CONTRAST[place % len(st.CONTRAST)]
+        axes.barh(y, relevance, 0.8 / outputs, color=color, label=st.plain(output, 20))
+    axes.set_yticks(range(len(features)), [st.plain(feature, 20) for feature in features])
+    axes.set_ylim(len(features) - 0.5, -0.5)
 
 
 def _r2(measured: np.ndarray, predicted: np.ndarray) -> str:

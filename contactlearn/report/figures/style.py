@@ -15,6 +15,7 @@ from typing import NamedTuple
 import matplotlib.style
 import numpy as np
 import torch
+from jaxtyping import Float, Real, Shaped
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -163,14 +164,20 @@ def legend_above(axes: Axes, title: str | None = None) -> None:
     axes.legend(title=title, labelspacing=0.25, **place)
 
 
-def draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, style: LawStyle, **options) -> None:
-    """A line with markers in the style of a law or model."""
+def draw_line(
+    axes: Axes,
+    x: Real[np.ndarray, " n"],
+    y: Float[np.ndarray, " n"],
+    style: LawStyle,
+    markevery: int | Sequence[int] | None = None,
+) -> None:
+    """Draw a line in the style of a law or model, with markers at some of its points or, by default, at all."""
     look = {"color": style.color, "linestyle": style.linestyle, "marker": style.marker}
     edge = {"markersize": 6, "markeredgecolor": "white", "markeredgewidth": 0.4}
-    axes.plot(x, y, **look, **edge, label=plain(style.label, 30), **options)
+    axes.plot(x, y, **look, **edge, label=plain(style.label, 30), markevery=markevery)
 
 
-def array(x: Tensor | Sequence[float]) -> np.ndarray:
+def array(x: Shaped[Tensor, "*shape"] | Sequence[float]) -> Float[np.ndarray, "*shape"]:
     """`x` as a float64 array, without its gradient."""
     return torch.as_tensor(x, dtype=torch.float64).detach().cpu().numpy()
 
