@@ -61,7 +61,7 @@ def audit_figure(finding: Finding, before: Impacts, after: Impacts) -> Figure:
 
 
 def _frame(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
-    """Both sides of the moment balance, and how much the trials contradict themselves, without and with a correction."""
+    """The moment balance, and how much the trials contradict themselves, without and with a correction."""
     name = finding.correction
     titles = (f"Without {name}", f"With {name}") if name else ("As read", "Under the best hypothesis")
     shown = dict(zip(titles, (before, after)[: 1 if after is before else 2], strict=False))

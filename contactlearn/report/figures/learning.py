@@ -26,9 +26,9 @@ from contactlearn.report.figures import style as st
 
 __all__ = ["error_densities", "learning_curve", "transfer"]
 
-Interval = tuple[float, float, float]
+_Level = Iterable[float]
 """A mean and the ends of its 95 % interval."""
-Curve = Float[np.ndarray, "sizes 3"]
+_Curve = Float[np.ndarray, "sizes 3"]
 """An interval at each size, nan where a size was not run."""
 
 _ZERO_SHOT = st.LawStyle("Trained model, no trial of this body", st.DARK, "", (0, (2, 2)))
@@ -38,7 +38,7 @@ _ZERO_SHOT = st.LawStyle("Trained model, no trial of this body", st.DARK, "", (0
 def learning_curve(
     sizes: Sequence[int],
     curves: Mapping[str, Float[Tensor, "sizes 3"]],
-    references: Mapping[str, Interval],
+    references: Mapping[str, _Level],
     metric: str,
 ) -> Figure:
     """Draw the mean error against the number of training impacts, with its 95 % interval (Fig. 4.2).
@@ -111,7 +111,7 @@ def error_densities(errors: Mapping[str, Float[Tensor, " trials"]], metric: str)
 def transfer(
     sizes: Sequence[int],
     curves: Mapping[str, Mapping[str, Float[Tensor, "sizes 3"]]],
-    zero_shot: Mapping[str, Interval],
+    zero_shot: Mapping[str, _Level],
     metric: str,
 ) -> Figure:
     """Draw the mean error on a new body against the number of its trials, one panel a body; both axes are logarithmic.
@@ -150,7 +150,7 @@ def transfer(
 # --- Parts ----------------------------------------------------------------------------------------
 
 
-def _checked(sizes: Sequence[int], curves: Mapping[str, Tensor]) -> dict[str, Curve]:
+def _checked(sizes: Sequence[int], curves: Mapping[str, Tensor]) -> dict[str, _Curve]:
     """The curves as arrays, once they are known to be curves over these sizes."""
     if not len(sizes) or not curves:
         raise ContactLearnError(f"a curve needs sizes and models, got {len(sizes)} and {len(curves)}")
@@ -188,7 +188,7 @@ def _scale_logarithmically(axes: Axes) -> None:
 
 
 def _draw_curves(
-    axes: Axes, sizes: Sequence[int], curves: Mapping[str, Curve], styles: Mapping[str, st.LawStyle]
+    axes: Axes, sizes: Sequence[int], curves: Mapping[str, _Curve], styles: Mapping[str, st.LawStyle]
 ) -> None:
     """Curves by name over a logarithmic axis, slightly side by side."""
     sizes = np.asarray(sizes)
@@ -217,14 +217,14 @@ def _label_sizes(axes: Axes, sizes: np.ndarray, decades: float) -> None:
     axes.set_xticks([size for size in sizes if size not in ticks], [], minor=True)
 
 
-def _draw_level(axes: Axes, style: st.LawStyle, interval: Interval) -> Line2D:
+def _draw_level(axes: Axes, style: st.LawStyle, interval: _Level) -> Line2D:
     """An error that depends on no size: a line, and its interval as a band."""
     mean, low, high = interval
     axes.axhspan(low, high, color=st.tint(style.color, 0.15), linewidth=0, zorder=0)
     return axes.axhline(mean, color=style.color, linestyle=style.linestyle, zorder=1, label=st.plain(style.label, 36))
 
 
-def _top(curves: Iterable[np.ndarray], levels: Iterable[Interval]) -> float:
+def _top(curves: Iterable[np.ndarray], levels: Iterable[_Level]) -> float:
     """Upper end of the axis of errors; `learning_curve` says the rule."""
     curves, levels = [run for curve in curves if len(run := curve[np.isfinite(curve[:, 0])])], list(levels)
     highest = max((np.nanmax(x) for x in (*curves, *map(tuple, levels))), default=0)

@@ -1,6 +1,6 @@
 """The region of impulse space that a law can give one impact: its image of a box of (μ, ε), as a union of cells.
 
-A grid over the box is mapped cell by cell.  Its nodes lie closer together at small μ, where the impulse changes fastest.
+A grid over the box is mapped cell by cell; its nodes lie closer at small μ, where the impulse changes fastest.
 """
 
 import numpy as np
