@@ -6,7 +6,8 @@ from corruptions import CORRUPTIONS, corrupt
 from omegaconf import OmegaConf
 
 from contactlearn.app import load_data
-from contactlearn.audit.corrections import CORRECTIONS, correct, inertia_factor
+from contactlearn.audit.consistency import inertia_factor
+from contactlearn.audit.corrections import CORRECTIONS, correct
 from contactlearn.data import synthetic, table
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import COMPONENTS, Impacts

@@ -13,8 +13,8 @@ from matplotlib.text import Text
 from test_diagnosis import few
 from test_figures import HOSTILE, assert_fits, visible_axes
 
-from contactlearn.audit.conventions import balance, contradictions
-from contactlearn.audit.corrections import CORRECTIONS, correct, gross_outliers, kinetic_energy, torque
+from contactlearn.audit.consistency import balance, contradictions, gross_outliers, kinetic_energy, torque
+from contactlearn.audit.corrections import CORRECTIONS, correct
 from contactlearn.audit.findings import Finding, audit
 from contactlearn.data import mystery
 from contactlearn.diagnosis.failure.regions import Region
@@ -250,11 +250,11 @@ def test_energies_repeats_times_and_shapes_are_those_of_the_data(drops):
 def test_a_finding_without_correction_shows_the_data_as_read(drops):
     (finding,) = audit(shuffled(drops))
     assert finding.fatal
-    best = replace(finding, evidence={**finding.evidence, "best": "mirrored_x"})
+    best = replace(finding, hypothesis=("mirrored_x",))
     found = Diagnosis("bad_data", "best", {}, (best,))
     *panels, _ = drawn(found, shuffled(drops))["audit_impossible"].axes
     assert [axes.get_title().splitlines()[0] for axes in panels] == ["As read", "Under the best hypothesis"]
-    best = replace(finding, evidence={**finding.evidence, "best": "as they are"})
+    best = replace(finding, hypothesis=())
     panels = drawn(replace(found, findings=(best,)), shuffled(drops))["audit_impossible"].axes
     assert len(panels) == 2
 
@@ -264,7 +264,13 @@ def test_every_correction_of_a_frame_can_be_drawn(drops):
     for name in CORRECTIONS:
         if name not in ("drop_duplicates", "drop_outliers", "ordered_by_time", "swapped_pre_post"):
             spoilt = drops.replace(suspect=True)
-            assert_sound(audit_figure(Finding(name, "a sentence", {}, name), spoilt, correct(spoilt, [name])))
+            assert_sound(
+                audit_figure(
+                    Finding(name=name, sentence="a sentence", evidence=(), correction=name),
+                    spoilt,
+                    correct(spoilt, [name]),
+                )
+            )
 
 
 # --- Regions ------------------------------------------------------------------------------------

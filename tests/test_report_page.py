@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 import pytest
 import torch
 
-from contactlearn.audit.findings import Finding
+from contactlearn.audit.result import Evidence, Finding
 from contactlearn.data import mystery, synthetic
 from contactlearn.diagnosis.discrimination.equivalents import Equivalent
 from contactlearn.diagnosis.pipeline import Diagnosis, diagnose
@@ -128,7 +128,14 @@ def test_fatal_data_have_a_page(found, tmp_path):
         "bad_data",
         "best",
         {},
-        (Finding("impossible", "no hypothesis balances the moments", {"balance": 0.3}, fatal=True),),
+        (
+            Finding(
+                name="impossible",
+                sentence="no hypothesis balances the moments",
+                evidence=(Evidence(quantity="balance", value=0.3),),
+                fatal=True,
+            ),
+        ),
     )
     text = write(tmp_path, of_diagnosis(refused, COMMAND, provenance(found.impacts))).read_text()
     assert "no correction that is known mends them" in text

@@ -1,7 +1,11 @@
 """The audit: mistakes in the measurements themselves, before any physics is fitted to them.
 
-findings      every mistake that was found, with its evidence and its correction
-conventions   hypotheses about units and axes, compared
-corrections   named corrections of measurements
-averaging     velocities before impact that vary by noise alone
+result                findings and their evidence, as types
+thresholds            every limit of a finding
+consistency           moment balance, energy, outliers, contradictions of each trial
+corrections           named corrections of measurements
+conventions           hypotheses about units and axes, compared
+convention_findings   findings about units, axes and inertia
+findings              the audit: every finding, in order
+averaging             velocities before impact that vary by noise alone
 """

@@ -1,37 +1,48 @@
-"""Velocities before impact that vary by no more than their noise: a constant height of the drops, no spin.
+"""Averaging of velocities before impact that vary by no more than their noise: a constant height of the drops, no spin.
 
 Their scatter is then mistaken for variation: a law that answers to it predicts worse than one that is told the mean,
-and whatever damps that answer looks like a missing effect (regression dilution).  So where a column varies hardly more
-than the outcome does beyond what even flexible models predict, its mean is used if with it the law predicts trials
-held out at least as well.
+and an effect that damps that answer looks as if it were missing (regression dilution).  So where the spread of a column
+is hardly larger than the residual of flexible models in the outcome, its mean is used if the law then predicts held-out
+trials at least as well.
 Source: Carroll, Ruppert, Stefanski & Crainiceanu 2006, Ch. 4, whose calibration has this as its limit.
 """
 
 from collections.abc import Callable
 
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.audit.corrections import CORRECTIONS, correct
-from contactlearn.audit.findings import Finding
+from contactlearn.audit.result import Evidence, Finding
+from contactlearn.audit.thresholds import AuditThresholds
 from contactlearn.impacts import Impacts
+from contactlearn.numerics import MAD_SCALE
 
-COLUMNS = {"averaged_vx": ("v_x", "m/s"), "averaged_vy": ("v_y", "m/s"), "averaged_omega": ("ω", "rad/s")}
-_NOISY = 1.5  # times what is left of the outcome: what varies more is told from its noise
-_DEVIATIONS = 1.4826  # standard deviations of a Gaussian in a median absolute one
+_COLUMNS = (("averaged_vx", "v_x", "m/s"), ("averaged_vy", "v_y", "m/s"), ("averaged_omega", "ω", "rad/s"))
 
 
-def averaged(impacts: Impacts, predicted: Tensor, held_out: Callable[[Impacts], float]) -> tuple[Finding, ...]:
-    """A finding for each velocity before impact whose mean serves the law better than its measurements.
+def averaged(
+    impacts: Impacts,
+    predicted: Float[Tensor, "n 3"],
+    held_out: Callable[[Impacts], float],
+    thresholds: AuditThresholds = AuditThresholds(),
+) -> tuple[Finding, ...]:
+    """Find the velocities before impact whose mean serves the law at least as well as their measurements.
 
     Args:
-        predicted: v_post [N, 3] by flexible models on trials held out.
-        held_out: error of the law on trials held out, from the impacts.
+        impacts: measurements.
+        predicted: v_post in (m/s, m/s, rad/s) by flexible models on held-out trials, nan where there is none.
+        held_out: error of the law on held-out trials, from the impacts.
+        thresholds: of the audit.
+
+    Returns:
+        A note for each such velocity, with its correction.
     """
     found, error = [], held_out(impacts)
-    left = _DEVIATIONS * (impacts.v_post - predicted).abs().nanmedian(0).values
-    for k, (name, (letter, unit)) in enumerate(COLUMNS.items()):
+    residual = MAD_SCALE * (impacts.v_post - predicted).abs().nanmedian(0).values
+    for k, (name, letter, unit) in enumerate(_COLUMNS):
         spread = impacts.v_pre[:, k].std().item()
-        if not 0 < spread < _NOISY * left[k].item():
+        if not 0 < spread < thresholds.noisy_spread * residual[k].item():
             continue
         changed = correct(impacts, [name])
         with_mean = held_out(changed)
@@ -40,7 +51,11 @@ def averaged(impacts: Impacts, predicted: Tensor, held_out: Callable[[Impacts], 
                 f"{CORRECTIONS[name].description}: {letter} has a standard deviation of {spread:.2g} {unit}; on trials "
                 f"held out the law leaves {with_mean:.4g} with its mean and {error:.4g} with its measurements"
             )
-            evidence = {"spread": spread, "error_before": error, "error_after": with_mean}
-            found.append(Finding(name, sentence, evidence, name, mistake=False))
+            evidence = (
+                Evidence(quantity="spread", value=spread, unit=unit),
+                Evidence(quantity="error_before", value=error),
+                Evidence(quantity="error_after", value=with_mean),
+            )
+            found.append(Finding(name=name, sentence=sentence, evidence=evidence, correction=name, mistake=False))
             impacts, error = changed, with_mean
     return tuple(found)

@@ -21,7 +21,8 @@ from torch import Tensor
 
 from contactlearn.audit.averaging import averaged
 from contactlearn.audit.corrections import correct
-from contactlearn.audit.findings import Finding, audit
+from contactlearn.audit.findings import audit
+from contactlearn.audit.result import Finding
 from contactlearn.diagnosis.budget import first_budget, full_budget
 from contactlearn.diagnosis.discrimination.equivalents import Equivalent, equivalents
 from contactlearn.diagnosis.discrimination.experiment import Experiment, next_experiment, reachable

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from contactlearn.audit.findings import Finding
+from contactlearn.audit.result import Finding
 from contactlearn.diagnosis.noise import HOW
 from contactlearn.diagnosis.pipeline import Diagnosis
 from contactlearn.diagnosis.search.ladder import Missing

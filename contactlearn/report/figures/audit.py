@@ -17,10 +17,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 from torch import Tensor
 
-from contactlearn.audit.conventions import balance, contradictions
-from contactlearn.audit.corrections import GROSS, gross_outliers, kinetic_energy, torque
-from contactlearn.audit.findings import Finding
+from contactlearn.audit.consistency import balance, contradictions, gross_outliers, kinetic_energy, outliers, torque
+from contactlearn.audit.result import Finding
+from contactlearn.audit.thresholds import AuditThresholds, OutlierThresholds
 from contactlearn.impacts import Impacts
+from contactlearn.numerics import MAD_SCALE
 from contactlearn.report.figures import style as st
 from contactlearn.shapes import contact_point
 
@@ -41,7 +42,9 @@ _VECTOR = 5000  # dots that a PDF draws one by one
 
 
 @st.look()
-def audit_figure(finding: Finding, before: Impacts, after: Impacts) -> Figure:
+def audit_figure(
+    finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds = AuditThresholds()
+) -> Figure:
     """Draw the evidence for a finding, under its sentence.
 
     A finding about units, axes or inertia shows both sides of the moment balance and how much the trials contradict
@@ -51,16 +54,17 @@ def audit_figure(finding: Finding, before: Impacts, after: Impacts) -> Figure:
     Args:
         finding: of the audit.
         before, after: impacts without and with its correction, the corrections of earlier findings made in both.
+        thresholds: with which it was found; the same limits are drawn.
     """
     draw, width, height = _EVIDENCE.get(finding.name, (_frame, st.PAGE, 2.85))
     said = wrap(finding.sentence, 112 if width == st.PAGE else 54, max_lines=6, placeholder=" …")
     figure = st.new_figure(width, height + st.ROW * len(said))
     figure.suptitle("\n".join(st.plain(line, 120) for line in said))
-    draw(figure, finding, before, after)
+    draw(figure, finding, before, after, thresholds)
     return figure
 
 
-def _frame(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
+def _frame(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
     """The moment balance, and how much the trials contradict themselves, without and with a correction."""
     name = finding.correction
     titles = (f"Without {name}", f"With {name}") if name else ("As read", "Under the best hypothesis")
@@ -68,7 +72,7 @@ def _frame(figure: Figure, finding: Finding, before: Impacts, after: Impacts) ->
     *panels, axes = figure.subplots(1, len(shown) + 1, width_ratios=(*(1 for _ in shown), 0.8))
     for panel, (title, impacts) in zip(panels, shown.items(), strict=True):
         _draw_balance(panel, title, impacts)
-    _draw_contradictions(axes, shown)
+    _draw_contradictions(axes, shown, thresholds)
     legend_below(figure, panels[0], axes)
 
 
@@ -91,16 +95,15 @@ def _draw_balance(axes: Axes, title: str, impacts: Impacts) -> None:
     axes.set_title("\n".join((title, *lines)).replace("-", "−"))
 
 
-def _draw_contradictions(axes: Axes, shown: Mapping[str, Impacts]) -> None:
+def _draw_contradictions(axes: Axes, shown: Mapping[str, Impacts], thresholds: AuditThresholds) -> None:
     """The mean contradiction of each kind, of the impacts by title."""
-    means = {
-        title: [answer.mean().item() for answer in contradictions(impacts).values()] for title, impacts in shown.items()
-    }
-    questions = [_QUESTIONS[key] for key in contradictions(next(iter(shown.values())))]
+    answers = {title: contradictions(impacts, thresholds.conventions) for title, impacts in shown.items()}
+    means = {title: [answer.mean().item() for answer in known.values()] for title, known in answers.items()}
+    questions = [_QUESTIONS[key] for key in next(iter(answers.values()))]
     places = range(len(questions))
     st.name_axes(axes, "Mean contradiction (–)")
-    answers = [*means.values()]
-    axes.hlines(places, answers[0], answers[-1], color=st.DARK, linewidth=0.8)
+    ends = [*means.values()]
+    axes.hlines(places, ends[0], ends[-1], color=st.DARK, linewidth=0.8)
     for size, face, (title, values) in zip((5, 4), ("white", _BLUE), means.items(), strict=False):
         axes.plot(values, places, "o", color=_BLUE, markerfacecolor=face, markersize=size, label=title)
     axes.set_yticks(places, questions)
@@ -118,7 +121,7 @@ class _Reason:
     limits: tuple[float, ...]
 
 
-def _reasons(impacts: Impacts) -> dict[str, _Reason]:
+def _reasons(impacts: Impacts, limits: OutlierThresholds) -> dict[str, _Reason]:
     """The quantity behind each reason of `gross_outliers`.
 
     A moment beyond its limit is gross only where it is a third of its own terms as well.
@@ -128,17 +131,19 @@ def _reasons(impacts: Impacts) -> dict[str, _Reason]:
     ratios = torch.stack([_of_object(impacts, values) for values in (impacts.mass, impacts.inertia)])
     furthest = ratios.gather(0, ratios.log().abs().argmax(0)[None])[0]
     return {
-        "moment": _Reason("|τ|/I (rad/s)", residual, (GROSS * 1.4826 * residual.median().item(),)),
-        "energy": _Reason("E_post/E_pre (–)", rebound / energy, (2.0,)),
+        "moment": _Reason("|τ|/I (rad/s)", residual, (limits.moment_sigmas * MAD_SCALE * residual.median().item(),)),
+        "energy": _Reason("E_post/E_pre (–)", rebound / energy, (limits.energy_ratio,)),
         "approach": _Reason("v_n (m/s)", impacts.v_c[:, 1], (0.0,)),
-        "mass": _Reason("m or I, of its\nobject's median (–)", furthest, (0.5, 2.0)),
+        "mass": _Reason("m or I, of its\nobject's median (–)", furthest, (1 / limits.mass_ratio, limits.mass_ratio)),
     }
 
 
-def _outliers(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
+def _outliers(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
     """A panel for each reason, in which its outliers are marked and named."""
-    reasons = {name: bad for name, bad in gross_outliers(before).items() if bad.any() or name == "moment"}
-    shown = _reasons(before)
+    reasons = {
+        name: bad for name, bad in gross_outliers(before, thresholds.outliers).items() if bad.any() or name == "moment"
+    }
+    shown = _reasons(before, thresholds.outliers)
     panels = figure.subplots(len(reasons), 1, sharex=True, squeeze=False)[:, 0]
     figure.set_figheight(figure.get_figheight() + 1.3 * (len(reasons) - 1))
     rows = torch.arange(1, len(before) + 1)
@@ -187,23 +192,19 @@ def _of_object(impacts: Impacts, values: Float[Tensor, " n"]) -> Float[Tensor, "
     return ratio
 
 
-def _energy(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
-    energy, rebound = kinetic_energy(before[_good(before)])
+def _energy(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
+    energy, rebound = kinetic_energy(before[~outliers(before, thresholds.outliers)])
     axes = st.name_axes(figure.subplots(), "E_post/E_pre (–)", "Trials (count)")
     axes.hist(st.array(rebound / energy), 30, color=st.tint(_BLUE, 0.45), edgecolor=_BLUE, linewidth=0.4)
     axes.axvline(1, color=_RED, label="As much as before")
-    axes.axvline(1.25, color=_RED, linestyle="--", label="A quarter more")
+    gain = thresholds.energy_gain
+    axes.axvline(gain, color=_RED, linestyle="--", label=f"{gain - 1:.0%} more")
     axes.set_xlim(left=0)
     legend_below(figure, axes)
 
 
-def _good(impacts: Impacts) -> Bool[Tensor, " n"]:
-    """Trials that are no gross outliers."""
-    return ~torch.stack([*gross_outliers(impacts).values()]).any(0)
-
-
-def _shape(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
-    sound = before[_good(before)]
+def _shape(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
+    sound = before[~outliers(before, thresholds.outliers)]
     expected = contact_point(sound.shape, sound.q[:, 2])
     panels = figure.subplots(1, 2)
     for axes, letter, given, own in zip(panels, "xy", sound.r.mT * st.MILLI, expected.mT * st.MILLI, strict=True):
@@ -213,7 +214,7 @@ def _shape(figure: Figure, finding: Finding, before: Impacts, after: Impacts) ->
     legend_below(figure, panels[0])
 
 
-def _duplicates(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
+def _duplicates(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
     numbers, first = torch.cat((before.r, before.q, before.v_pre, before.v_post), -1), {}
     rows = torch.arange(1, len(before) + 1)
     original = torch.tensor([first.setdefault(tuple(row), k) for k, row in enumerate(numbers.tolist(), 1)])
@@ -225,7 +226,7 @@ def _duplicates(figure: Figure, finding: Finding, before: Impacts, after: Impact
     legend_below(figure, axes)
 
 
-def _order(figure: Figure, finding: Finding, before: Impacts, after: Impacts) -> None:
+def _order(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
     by_order = before.order.argsort(stable=True)
     order, time = before.order[by_order], before.time[by_order]
     back = torch.cat((torch.zeros(1, dtype=torch.bool), time.diff() < 0))

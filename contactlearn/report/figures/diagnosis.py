@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
-from contactlearn.audit.corrections import CORRECTIONS, correct
+from contactlearn.audit.corrections import correct
 from contactlearn.diagnosis.failure.regions import Region
 from contactlearn.diagnosis.failure.variables import Variable, variables
 from contactlearn.diagnosis.pipeline import Diagnosis
@@ -46,8 +46,7 @@ def drawn(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
     """
     figures, impacts = {}, raw.replace(suspect=True)
     for finding in found.findings:
-        best = str(finding.evidence.get("best", "")).split(" + ")  # of the hypotheses that all fail
-        names = [finding.correction] if finding.correction else [name for name in best if name in CORRECTIONS]
+        names = [finding.correction] if finding.correction else finding.hypothesis
         after = correct(impacts, names)
         figures[f"audit_{finding.name}"] = audit_figure(finding, impacts, after)
         impacts = after

@@ -61,7 +61,7 @@ def of_diagnosis(
             {
                 "name": label(finding.name),
                 "sentence": sentence(finding.sentence),
-                "evidence": [[label(key), digits(value)] for key, value in finding.evidence.items()],
+                "evidence": [[label(one.quantity), digits(one.value)] for one in finding.evidence],
                 "correction": finding.correction,
                 "fatal": finding.fatal,
             }

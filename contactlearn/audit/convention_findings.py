@@ -1,0 +1,139 @@
+"""Findings about units and axes: a wrong convention, a wrong moment of inertia, or data of no rigid impact."""
+
+import math
+from collections.abc import Iterable
+
+from contactlearn.audit.consistency import Balance, balance, inertia_factor, spin_explained
+from contactlearn.audit.conventions import ConventionComparison, Hypothesis, hypothesis_text, wrong_inertia
+from contactlearn.audit.corrections import CORRECTIONS
+from contactlearn.audit.result import Evidence, Finding
+from contactlearn.audit.thresholds import AuditThresholds, ConventionThresholds
+from contactlearn.impacts import Impacts
+
+_INERTIA_UNITS = {1e-3: "g m²", 1e-6: "kg mm²", 1e-9: "g mm²", 1e-4: "kg cm²", 1e-7: "g cm²"}
+_SHOWN = 0.005  # change of a mean contradiction from which on it is part of the evidence
+
+
+def convention_findings(comparison: ConventionComparison) -> list[Finding]:
+    """A finding for each correction of the best hypothesis; the evidence is that of all of them together."""
+    given, best = comparison.given, comparison.best
+    if not best.names:
+        return []
+    evidence, numbers = _shared(comparison)
+    alternatives = tuple(equal.names for equal in comparison.equals)
+    if alternatives:
+        numbers += f"; this data cannot tell it from {'; '.join(map(hypothesis_text, alternatives))}"
+    findings = []
+    for name in best.names:
+        others = [other for other in best.names if other != name]
+        together = f", together with {', '.join(others)}" if others else ""
+        own, text = evidence, ""
+        if name == "inertia_scaled":
+            factor = (best.impacts.inertia / given.impacts.inertia)[0].item()
+            own, text = (*evidence, Evidence(quantity="factor", value=factor)), f", {_factor(factor)}"
+        sentence = f"{CORRECTIONS[name].description}{text}{together}: {numbers}"
+        findings.append(
+            Finding(
+                name=name,
+                sentence=sentence,
+                evidence=own,
+                correction=name,
+                hypothesis=best.names,
+                alternatives=alternatives,
+            )
+        )
+    return findings
+
+
+def _shared(comparison: ConventionComparison) -> tuple[tuple[Evidence, ...], str]:
+    """Evidence for a hypothesis, and its numbers in words."""
+    given, best = comparison.given, comparison.best
+    before, after = balance(given.impacts), balance(best.impacts)
+    totals = given.total.mean().item(), best.total.mean().item()
+    better = (best.total < given.total).double().mean().item()
+    evidence = (
+        *_balance("before", before),
+        *_balance("after", after),
+        *_answers(given, best),
+        Evidence(quantity="contradictions_before", value=totals[0]),
+        Evidence(quantity="contradictions_after", value=totals[1]),
+        Evidence(quantity="standard_errors", value=comparison.sigmas),
+        Evidence(quantity="better_in", value=better),
+        Evidence(quantity="hypotheses", value=float(comparison.tried)),
+    )
+    numbers = (
+        f"the moment balance I Δω = a r_x P_n − b r_y P_t, which must give +1 and +1, gives {before} as read and "
+        f"{after} corrected; contradictions a trial fall from {totals[0]:.2f} to {totals[1]:.2f} "
+        f"({comparison.sigmas:.0f} standard errors, better in {better:.0%} of {len(given.total)} trials)"
+    )
+    return evidence, numbers
+
+
+def _factor(factor: float) -> str:
+    unit = next((u for scale, u in _INERTIA_UNITS.items() if abs(math.log(factor / scale)) < 0.3), None)
+    return f"{factor:.3g}" + (f" (is it in {unit}?)" if unit else "")
+
+
+def _balance(when: str, fit: Balance) -> Iterable[Evidence]:
+    values = {"a": fit.a, "a_error": fit.a_error, "b": fit.b, "b_error": fit.b_error, "r_squared": fit.r_squared}
+    return [Evidence(quantity=f"{name}_{when}", value=value) for name, value in values.items() if math.isfinite(value)]
+
+
+def _answers(given: Hypothesis, best: Hypothesis) -> Iterable[Evidence]:
+    """Mean contradictions that differ between two hypotheses."""
+    before, after = given.means(), best.means()
+    changed = [question for question in before if abs(before[question] - after[question]) > _SHOWN]
+    return [
+        Evidence(quantity=f"{question}_{when}", value=means[question])
+        for question in changed
+        for when, means in (("before", before), ("after", after))
+    ]
+
+
+def inertia_findings(impacts: Impacts, thresholds: ConventionThresholds) -> list[Finding]:
+    """A wrong moment of inertia: both terms of the balance ask for the same factor, too large for physics.
+
+    The contradictions fall too little with it for `compare`.
+    """
+    factor, fit = inertia_factor(impacts), balance(impacts)
+    terms = ((fit.a, fit.a_error), (fit.b, fit.b_error))
+    asked = [x for x, error in terms if error < thresholds.inertia_error * abs(x)]
+    if not wrong_inertia(factor, thresholds) or not asked or fit.r_squared < thresholds.inertia_r_squared:
+        return []
+    if any(abs(x * factor - 1) > thresholds.inertia_agreement for x in asked):
+        return []
+    sentence = (
+        f"{CORRECTIONS['inertia_scaled'].description}, {_factor(factor)}: as read, I Δω = a r_x P_n − b r_y P_t, which "
+        f"must give +1 and +1, gives {fit}"
+    )
+    evidence = (Evidence(quantity="factor", value=factor), *_balance("before", fit))
+    return [Finding(name="inertia_scaled", sentence=sentence, evidence=evidence, correction="inertia_scaled")]
+
+
+def impossible_findings(comparison: ConventionComparison, thresholds: AuditThresholds) -> list[Finding]:
+    """Data that no planar impact of a rigid body can have produced under any hypothesis; fatal."""
+    best, share = comparison.best, max(0.0, spin_explained(comparison.best.impacts))
+    means, fit = best.means(), balance(best.impacts)
+    moment = best.answers["moment"]
+    surely = moment.mean().item() - 2 * moment.std().item() / math.sqrt(len(moment))
+    unbalanced = surely > thresholds.imbalance and share < thresholds.unexplained
+    reasons = {
+        f"the moment balance leaves {means['moment']:.0%} of its terms over and explains {share:.0%} of Δω "
+        f"(it gives {fit})": unbalanced,
+        f"the floor pulls in {means['push']:.0%} of trials": means["push"] > thresholds.reversed_trials,
+        f"{means['approach']:.0%} of trials do not approach the floor": means["approach"] > thresholds.reversed_trials,
+    }
+    said = [reason for reason, holds in reasons.items() if holds]
+    if not said:
+        return []
+    sentence = (
+        f"no planar impact of a rigid body can have produced this data: under the best of {comparison.tried} "
+        f"hypotheses about units and axes ({best}) {'; '.join(said)}. Do before and after belong to the same trials?"
+    )
+    evidence = (
+        Evidence(quantity="hypotheses", value=float(comparison.tried)),
+        Evidence(quantity="explained", value=share),
+        *_balance("best", fit),
+        *(Evidence(quantity=question, value=mean) for question, mean in means.items()),
+    )
+    return [Finding(name="impossible", sentence=sentence, evidence=evidence, fatal=True, hypothesis=best.names)]
