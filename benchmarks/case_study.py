@@ -29,6 +29,7 @@ from contactlearn.evaluation import bounds
 from contactlearn.evaluation.metrics import bootstrap, mass_error
 from contactlearn.identification.joint import identify_jointly
 from contactlearn.impacts import Impacts, Prediction
+from contactlearn.laws import find
 from contactlearn.regression.regressor import Regressor
 
 TRIALS = 450
@@ -36,8 +37,8 @@ TRIALS = 450
 
 def rung(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds):
     """Held-out errors [N] of a law with effects: alone, with a learned impulse, and with a learned wrench."""
-    fit = identify_jointly(law, effects, impacts)
-    base = identify_jointly(law, effects, impacts, folds.fitted, start=fit.values).model.predict(impacts)
+    fit = identify_jointly(find(law), effects, impacts)
+    base = identify_jointly(find(law), effects, impacts, folds.fitted, start=fit.values).model.predict(impacts)
     rows = folds.fitted[:, :TRIALS]
     body = impacts.mass, impacts.inertia, impacts.r
     left = impacts.v_post - base.v_post

@@ -24,6 +24,7 @@ from contactlearn.effects import Effect, catalogue
 from contactlearn.evaluation.metrics import mass_error
 from contactlearn.identification.joint import assemble, identify_jointly
 from contactlearn.impacts import Impacts
+from contactlearn.laws import find
 from contactlearn.learning.curves import run
 
 MU, EPS, LAW = 0.15, 0.55, "wang_mason"
@@ -47,7 +48,7 @@ def drops(effect: Effect, theta: Tensor, size: int, seed: int) -> Impacts:
     v = scale * exact.v_pre
     steep = (v[:, 1] + exact.r[:, 0] * v[:, 2] < -0.1).nonzero()[:size, 0]
     exact = exact[steep].replace(v_pre=v[steep], order=torch.arange(1, size + 1))
-    truth = assemble(LAW, "textbook", {effect.name: effect.prepare(exact)}, theta).predict(exact).v_post
+    truth = assemble(find(LAW), {effect.name: effect.prepare(exact)}, theta).predict(exact).v_post
     before, after = (NOISE * torch.randn(size, 3, generator=generator, dtype=torch.float64) for _ in range(2))
     return exact.replace(v_pre=exact.v_pre + before, v_post=truth + after)
 
@@ -71,7 +72,9 @@ def sized(effect: Effect) -> tuple[Effect, Tensor, float]:
     def share(factor: float) -> float:
         theta = torch.cat((law, start + factor * (ends - start)))
         impacts = drops(effect, theta, 4000, 999)
-        without = mass_error(impacts, identify_jointly(LAW, {}, impacts, starts=2).model.predict(impacts)).mean()
+        without = mass_error(
+            impacts, identify_jointly(find(LAW), {}, impacts, options=FitOptions(starts=2)).model.predict(impacts)
+        ).mean()
         return 1 - (mass_error(impacts, _true(effect, theta).predict(impacts)).mean() / without).item()
 
     many = next((2.0**-k for k in range(12, 0, -1) if share(2.0**-k) > SHARE), 1.0)
@@ -83,14 +86,14 @@ def sized(effect: Effect) -> tuple[Effect, Tensor, float]:
 
 
 def _true(effect: Effect, theta: Tensor):
-    return assemble(LAW, "textbook", {effect.name: effect}, theta)
+    return assemble(find(LAW), {effect.name: effect}, theta)
 
 
 def recover(effect: Effect, theta: Tensor, trials: int, seed: int) -> tuple[Tensor, Tensor, float]:
     """Estimates [K], standard errors [K], and the excess of the held-out error over the true model's."""
     impacts = drops(effect, theta, trials + 2000, seed)
     order = torch.randperm(len(impacts), generator=torch.Generator().manual_seed(seed))
-    fit = identify_jointly(LAW, {effect.name: effect}, impacts, order[:trials])
+    fit = identify_jointly(find(LAW), {effect.name: effect}, impacts, order[:trials])
     test = impacts[order[trials:]]
     errors = [mass_error(test, model.predict(test)).mean().item() for model in (fit.model, _true(effect, theta))]
     return fit.values, fit.standard_errors, errors[0] / errors[1] - 1

@@ -37,7 +37,7 @@ from scipy.optimize import differential_evolution, minimize
 from contactlearn.data import ellipse_drops, synthetic
 from contactlearn.errors import DataError
 from contactlearn.identification.per_trial import identify_trials
-from contactlearn.laws import impulse
+from contactlearn.laws import find, impulse
 
 BAR = 100
 BOX = ((0.0, 1.0), (0.0, 1.0))
@@ -168,12 +168,12 @@ def compare(name: str, impacts, rounds: int) -> bool:
     order = torch.randperm(total, generator=torch.Generator().manual_seed(0))
     subsets = {rival: order[: FEW.get(rival, total)].tolist() for rival in RIVALS}
     times, ours, errors = {rival: [] for rival in RIVALS}, [], {}
-    identify_trials(name, impacts)  # warm up
+    identify_trials(find(name), impacts)  # warm up
     for _ in range(rounds):
         for rival, function in RIVALS.items():
             for _ in range(3):
                 begin = time.perf_counter()
-                fit = identify_trials(name, impacts)
+                fit = identify_trials(find(name), impacts)
                 ours.append(time.perf_counter() - begin)
             errors[rival], seconds = loop(function, law, [rows[i] for i in subsets[rival]])
             times[rival].append(seconds * total / len(subsets[rival]))

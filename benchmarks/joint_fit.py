@@ -19,6 +19,7 @@ from contactlearn.data import synthetic
 from contactlearn.effects import State, catalogue
 from contactlearn.identification.joint import assemble, identify_jointly, named_parameters
 from contactlearn.identification.shared import Box
+from contactlearn.laws import find
 from contactlearn.model import derivative, resolve
 
 torch.set_num_threads(1)
@@ -37,7 +38,7 @@ def measured():
     generator = torch.Generator().manual_seed(0)
     effects = {name: catalogue()[name]().prepare(exact) for name in PLANTED}
     theta = torch.tensor((0.15, 0.55, *(x for values in PLANTED.values() for x in values)), dtype=torch.float64)
-    v_post = assemble("wang_mason", "textbook", effects, theta).predict(exact).v_post
+    v_post = assemble(find("wang_mason"), effects, theta).predict(exact).v_post
     before, after = (NOISE * torch.randn(1718, 3, generator=generator, dtype=torch.float64) for _ in range(2))
     v_post = v_post + after
     v_post[::25] = v_post[::25].flip(0) * -3
@@ -52,7 +53,7 @@ def rival(drops, effects, exact: bool):
     state = State.of(drops)
 
     def predict(columns):
-        model = assemble("wang_mason", "textbook", effects, torch.stack([c.mean() for c in columns]))
+        model = assemble(find("wang_mason"), effects, torch.stack([c.mean() for c in columns]))
         chosen, at = {}, 2
         for name, effect in effects.items():
             chosen[name] = effect.at(columns[at : at + len(effect.parameters)])
@@ -86,18 +87,18 @@ def main():
     subsets = torch.stack([torch.randperm(1718, generator=torch.Generator().manual_seed(k))[:100] for k in range(20)])
     tasks = {
         "all 1718 trials": {
-            "ours": lambda: identify_jointly("wang_mason", effects, drops).values[None],
+            "ours": lambda: identify_jointly(find("wang_mason"), effects, drops).values[None],
             "SciPy, exact derivatives": lambda: rival(drops, effects, True)[None],
             "SciPy, finite differences": lambda: rival(drops, effects, False)[None],
         },
         "20 subsets of 100 trials": {
-            "ours": lambda: identify_jointly("wang_mason", effects, drops, subsets).values,
+            "ours": lambda: identify_jointly(find("wang_mason"), effects, drops, subsets).values,
             "SciPy, exact derivatives": lambda: torch.stack([rival(drops[s], effects, True) for s in subsets]),
             "SciPy, finite differences": lambda: torch.stack([rival(drops[s], effects, False) for s in subsets]),
         },
     }
     errors = {
-        task: identify_jointly("wang_mason", effects, drops, rows).standard_errors
+        task: identify_jointly(find("wang_mason"), effects, drops, rows).standard_errors
         for task, rows in zip(tasks, (None, subsets), strict=True)
     }
     print("| task | way | seconds, median of 3 | ratio | rms error, in our standard errors |\n|---|---|---|---|---|")

@@ -11,7 +11,7 @@ training data and GPyTorch's state dict; how their hyperparameters were found is
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from pickle import UnpicklingError
 from tempfile import TemporaryDirectory
@@ -21,7 +21,7 @@ from zipfile import BadZipFile, ZipFile
 import torch
 from torch import Tensor
 
-from contactlearn import effects
+from contactlearn import effects, laws
 from contactlearn.effects import Effect, columns
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.laws import Law
@@ -34,7 +34,7 @@ from contactlearn.regression.regressor import Regressor
 FORMAT = 1
 """Number of the file format; a file of a higher one is refused."""
 
-_KINDS = {kind.__name__: kind for kind in (ContactModel, Law, Regressor, Standardisation, ExactGPs, SparseGPs)}
+_KINDS = {kind.__name__: kind for kind in (ContactModel, Regressor, Standardisation, ExactGPs, SparseGPs)}
 _INFINITE = (".scale", "_bound")  # may be so: of a constant column, of GPyTorch's constraints
 _FIX = "copy the file again, upgrade contactlearn if a newer one wrote it, or save the model again"
 
@@ -111,6 +111,11 @@ def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:
     if isinstance(part, Effect):
         values = _describe(columns(*part.values), f"{name}.values", tensors)
         return {"kind": "effect", "name": part.name, "options": part.options, "values": values}
+    if isinstance(part, Law):
+        plain = {key: value for key, value in part.options.items() if not isinstance(value, Tensor | float)}
+        own = {key: value for key, value in vars(part).items() if key not in plain}
+        said = {"kind": "Law", "name": part.name, "variant": part.variant} | ({"options": plain} if plain else {})
+        return said | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
     if isinstance(part, ExactGPs | SparseGPs):
         own = {"x": part.train_inputs[0][..., 0, :, :], "y": part.train_targets, "weight": part.likelihood.weight}
         own |= part.state_dict()
@@ -131,6 +136,8 @@ def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         return effect.at(_build(description["values"], f"{name}.values", tensors))
     if kind == "effects":
         return {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
+    if kind == "Law":
+        return _build_law(description, name, tensors)
     kind = _KINDS[kind]
     own = {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
     if kind in (ExactGPs, SparseGPs):
@@ -147,6 +154,15 @@ def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         if seen != wanted:
             raise DataError(f"{name}.inputs.mean has {seen} columns, and feature space {part.space} has {wanted}")
     return part
+
+
+def _build_law(description: dict[str, Any], name: str, tensors: dict[str, Tensor]) -> Law:
+    """The law of a description; in older files every law has an e_t, which most laws ignored."""
+    law = laws.find(description.pop("name"), description.pop("variant"), **_tuples(description.pop("options", {})))
+    own = {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
+    if "e_t" not in law.options:
+        own.pop("e_t", None)
+    return replace(law, **own)
 
 
 def _tuples(value: Any) -> Any:

@@ -23,7 +23,7 @@ from contactlearn import mechanics
 from contactlearn.effects import PLACES, Effect, State
 from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts, Prediction
-from contactlearn.laws import Law, impulse
+from contactlearn.laws import Law
 from contactlearn.regression.regressor import Regressor
 
 RESIDUALS = ("velocity", "impulse", "wrench")
@@ -149,7 +149,7 @@ def resolve(
     if at["law"]:
         mu, eps = _clamped(mu, eps)
     state = state.replace(mu=mu, eps=eps)
-    P = impulse(law.name, state.W, state.approach, mu, eps, variant=law.variant, e_t=law.e_t)
+    P = law.at(mu, eps).impulse(state.W, state.approach)
     wrench = pad(P, (0, 1))
     for effect in at["wrench"]:
         wrench = effect.wrench(state, wrench)

@@ -20,6 +20,7 @@ from contactlearn.effects import Effect, State, columns
 from contactlearn.identification.joint import assemble
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
+from contactlearn.laws.wang_mason import WangMason
 from contactlearn.model import derivative, resolve
 
 N = 400
@@ -33,7 +34,7 @@ class EffectContract:
     """Inherit, and set `effect` to an instance; `law` is the law that it acts around."""
 
     effect: Effect
-    law: str = "wang_mason"
+    law: Law = WangMason()
 
     def impacts(self) -> Impacts:
         """Drops from both sides and from different heights, in a sequence."""
@@ -47,7 +48,7 @@ class EffectContract:
     def predict(self, impacts: Impacts, values: Tensor, coefficients: Tensor = COEFFICIENTS) -> Prediction:
         """With the effect at values [..., K]."""
         theta = torch.cat((coefficients.expand(*values.shape[:-1], 2), values), -1)
-        return assemble(self.law, "textbook", {"it": self.prepared}, theta).predict(impacts)
+        return assemble(self.law, {"it": self.prepared}, theta).predict(impacts)
 
     @property
     def prepared(self) -> Effect:
@@ -78,7 +79,7 @@ class EffectContract:
     def test_it_vanishes_to_the_last_bit(self):
         impacts = self.impacts()
         found = self.predict(impacts, columns(*self.effect.vanished().values))
-        expected = assemble(self.law, "textbook", {}, COEFFICIENTS).predict(impacts)
+        expected = assemble(self.law, {}, COEFFICIENTS).predict(impacts)
         assert torch.equal(found.v_post, expected.v_post)
         assert torch.equal(found.wrench, expected.wrench)
 
@@ -102,7 +103,7 @@ class EffectContract:
     def test_its_gradients_are_finite_and_exact(self):
         """Where it vanishes too; against differences on the nineteen in twenty trials that keep their contact mode."""
         impacts = self.impacts()
-        state, law = State.of(impacts), Law(self.law, *COEFFICIENTS)
+        state, law = State.of(impacts), self.law.at(*COEFFICIENTS)
         width = torch.tensor([p.high - p.low for p in self.effect.parameters], dtype=torch.float64)
         for values in (columns(*self.effect.vanished().values), *self.samples(2)):
             own = [value.expand(len(impacts)).clone().requires_grad_() for value in values]

@@ -14,6 +14,8 @@ import torch
 from scipy import sparse
 from torch import Tensor
 
+from contactlearn.laws import find
+
 torch.set_num_threads(1)  # for batches of this size two threads mostly wait for each other: three times as slow
 
 
@@ -279,3 +281,13 @@ def _follow(contacts: Contacts, restitution: str, friction: str, h: np.ndarray, 
         phase = phase + ends + stops
         h = h * growth
     raise ArithmeticError("the path has no end")
+
+
+# --- Laws by name -------------------------------------------------------------------------------
+
+
+def impulse(name, W, v_c, mu, eps, *, variant="textbook", e_t=None, out=None):
+    """P [..., N, 2] of a law; e_t is Chatterjee and Ruina's alone."""
+    law = find(name, variant)
+    options = {} if e_t is None or "e_t" not in law.options else {"e_t": e_t}
+    return find(name, variant, **options).at(mu, eps).impulse(W, v_c, out=out)

@@ -14,7 +14,7 @@ import clarabel
 import numpy as np
 import pytest
 import torch
-from contacts import random_bodies
+from contacts import impulse, random_bodies
 from scipy import sparse
 from scipy.optimize import minimize
 
@@ -22,7 +22,6 @@ from contactlearn import mechanics
 from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.evaluation.bounds import NORMS, best_post_hoc, distance, irb
 from contactlearn.impacts import Impacts, Prediction
-from contactlearn.laws import impulse
 
 TOLERANCE = 1e-7
 """Relative, in the attained distance: what a cone solver attains that was asked for 1e-12."""

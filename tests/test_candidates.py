@@ -15,6 +15,7 @@ from contactlearn.effects import Effect, catalogue, parameter
 from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import ContactLearnError
 from contactlearn.identification.joint import assemble
+from contactlearn.laws import find
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,7 @@ def test_ones_own_candidate_is_found_from_the_command_line(tmp_path):
     """The printed command takes it into the model, and the held-out error falls."""
     drops = synthetic.load(size=250, velocity_noise=0, spin_noise=0)
     mine = formula({"c": [-0.02, 0.02]}, tau="c*Pn*sin(3*theta)")
-    model = assemble("wang_mason", "textbook", {"mine": mine}, torch.tensor((0.12, 0.55, 0.004), dtype=torch.float64))
+    model = assemble(find("wang_mason"), {"mine": mine}, torch.tensor((0.12, 0.55, 0.004), dtype=torch.float64))
     noise = torch.randn(250, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     v_post = model.predict(drops).v_post + noise * torch.tensor((0.01, 0.01, 0.5))
     table.save(drops.replace(v_post=v_post), tmp_path / "drops.csv")
@@ -104,7 +105,8 @@ def test_what_is_left_out_is_said():
     terms = {f"c{k}": [-1, 1] for k in range(8)}
     many = formula(terms, tau=" + ".join(f"{c}*Pn*rx*sin({k}*order)" for k, c in enumerate(terms, 1)))
     told = {}
-    diagnose(synthetic.load(size=60), "wang_mason", candidates={"many": many, "tilt": catalogue()["surface_tilt"]()},
+    candidates = {"many": many, "tilt": catalogue()["surface_tilt"]()}
+    diagnose(synthetic.load(size=60), find("wang_mason"), candidates=candidates,
              say=told.__setitem__)  # fmt: skip
     assert told["left out"] == ["many"]
 

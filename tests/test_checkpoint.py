@@ -13,7 +13,7 @@ from torch import Tensor
 from contactlearn import checkpoint
 from contactlearn.data import synthetic
 from contactlearn.errors import DataError
-from contactlearn.laws import Law
+from contactlearn.laws import Law, find
 from contactlearn.learning.recipe import TARGETS, Recipe, learn
 from contactlearn.model import ContactModel
 from contactlearn.regression import regressor
@@ -32,7 +32,7 @@ def law(rows: Tensor) -> Law:
     """With a (μ, ε) for each subset."""
     mu = 0.1 + 0.02 * torch.arange(3, dtype=torch.float64)[:, None]
     mu = mu if rows.ndim == 2 else mu[0]
-    return Law("wang_mason", mu, torch.full_like(mu, 0.5))
+    return find("wang_mason").at(mu, torch.full_like(mu, 0.5))
 
 
 def assert_same(a: ContactModel, b: ContactModel) -> None:
@@ -57,7 +57,7 @@ def round_trip(model: ContactModel, folder: Path) -> ContactModel:
 @pytest.mark.parametrize("rows", SUBSETS.values(), ids=SUBSETS)
 @pytest.mark.parametrize("target", TARGETS)
 def test_learned_models_come_back(tmp_path, target, rows):
-    model = learn(Recipe("x1", target, "wang_mason"), IMPACTS, rows, law(rows))
+    model = learn(Recipe("x1", target, find("wang_mason")), IMPACTS, rows, law(rows))
     loaded = round_trip(model, tmp_path)
     mine, theirs = (each.parameters or each.residual for each in (model, loaded))
     assert (loaded.target, type(theirs.gps), theirs.status) == (model.target, type(mine.gps), None)
@@ -72,7 +72,7 @@ def test_learned_models_come_back(tmp_path, target, rows):
 @pytest.mark.parametrize("target", ["wrench", "parameters_likelihood"])
 def test_sparse_processes_come_back(tmp_path, monkeypatch, target):
     monkeypatch.setattr(regressor, "EXACT_LIMIT", 10)
-    loaded = round_trip(learn(Recipe("x2", target, "wang_mason"), IMPACTS, ROWS, law(ROWS)), tmp_path)
+    loaded = round_trip(learn(Recipe("x2", target, find("wang_mason")), IMPACTS, ROWS, law(ROWS)), tmp_path)
     assert isinstance((loaded.parameters or loaded.residual).gps, SparseGPs)
 
 
@@ -84,17 +84,17 @@ def test_purely_learned_models_come_back(tmp_path, space):
 
 
 def test_models_on_models_come_back(tmp_path):
-    base = learn(Recipe("x1", "parameters_likelihood", "wang_mason"), IMPACTS, ROWS, law(ROWS))
+    base = learn(Recipe("x1", "parameters_likelihood", find("wang_mason")), IMPACTS, ROWS, law(ROWS))
     middle = learn(Recipe("x2", "impulse"), IMPACTS, ROWS, base)
     loaded = round_trip(learn(Recipe("state", "velocity"), IMPACTS, ROWS, middle), tmp_path)
     assert loaded.base.base.base.name == "wang_mason"
 
 
 LAWS = {
-    "numbers": Law("chatterjee_ruina", 0.1, 0.55, e_t=0.3),
-    "whole numbers": Law("mirtich", 0, 1),
-    "variant": Law("whittaker", torch.tensor(0.2, dtype=torch.float64), 0.5, "fazeli2017"),
-    "sweep": Law("drumwright_shell", torch.linspace(0, 1, 7, dtype=torch.float64)[:, None], 0.3),
+    "numbers": find("chatterjee_ruina", e_t=0.3).at(0.1, 0.55),
+    "whole numbers": find("mirtich").at(0, 1),
+    "variant": find("whittaker", "fazeli2017").at(torch.tensor(0.2, dtype=torch.float64), 0.5),
+    "sweep": find("drumwright_shell").at(torch.linspace(0, 1, 7, dtype=torch.float64)[:, None], 0.3),
 }
 
 
@@ -221,7 +221,7 @@ def test_foreign_torch_files_are_refused(tmp_path, content):
 @pytest.fixture(scope="module")
 def learned(tmp_path_factory) -> Path:
     """A file with a part of every kind."""
-    model = learn(Recipe("x2", "parameters_likelihood", "wang_mason"), IMPACTS, ROWS, law(ROWS))
+    model = learn(Recipe("x2", "parameters_likelihood", find("wang_mason")), IMPACTS, ROWS, law(ROWS))
     model = learn(Recipe("state", "wrench"), IMPACTS, ROWS, model)
     return checkpoint.save(model, tmp_path_factory.mktemp("learned") / "model.pt", provenance=PROVENANCE)
 

@@ -20,7 +20,7 @@ from contactlearn.data import ellipse_drops as published
 from contactlearn.data import mujoco, mystery, synthetic, table
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import COMPONENTS, Impacts
-from contactlearn.laws import Law, names
+from contactlearn.laws import find, names
 from contactlearn.model import ContactModel
 from contactlearn.shapes import Disc, Ellipse, Polygon, contact_point, make_shape
 
@@ -572,7 +572,7 @@ def test_synthetic_follows_its_seed_alone():
 @pytest.mark.parametrize("law", names())
 def test_synthetic_without_noise_predicts_itself(law):
     drops = synthetic.load(size=200, law=law, velocity_noise=0, spin_noise=0)
-    assert torch.equal(ContactModel(Law(law, 0.12, 0.55)).predict(drops).v_post, drops.v_post)
+    assert torch.equal(ContactModel(find(law).at(0.12, 0.55)).predict(drops).v_post, drops.v_post)
     assert drops.wrench[:, 2].abs().max() < ROUNDING
 
 

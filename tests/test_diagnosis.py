@@ -17,8 +17,9 @@ from contactlearn.effects import catalogue
 from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import DataError
 from contactlearn.evaluation.metrics import mass_error
-from contactlearn.identification.joint import identify_jointly
+from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.impacts import Prediction
+from contactlearn.laws import find
 
 
 def few(*names):
@@ -46,7 +47,7 @@ def test_folds_hold_every_trial_out_as_often():
 def test_score_tests_are_those_of_a_refit():
     """Where little is missing, the statistic is the fall of the likelihood that a refit finds, twice."""
     drops = synthetic.load(size=600, seed=4)
-    selection = Selection("wang_mason", drops, few("surface_tilt", "contact_patch", "inertia_error"),
+    selection = Selection(find("wang_mason"), drops, few("surface_tilt", "contact_patch", "inertia_error"),
                           Folds.draw(600, torch.Generator().manual_seed(0)), {})  # fmt: skip
     for test in selection.tests():
         assert test.statistic < 25
@@ -64,7 +65,7 @@ def test_score_tests_hold_their_level():
         drops = synthetic.load(size=200, seed=seed)
         folds = Folds.draw(200, torch.Generator().manual_seed(0), repeats=1)
         candidates = {name: all_candidates()[name] for name in CROSSED}
-        selection = Selection("wang_mason", drops, candidates, folds, {})
+        selection = Selection(find("wang_mason"), drops, candidates, folds, {})
         found.append([selection.score_test(name).p_value for name in CROSSED])
     found = torch.tensor(found)
     assert abs((found < 0.1).double().mean() - 0.1) < 0.07
@@ -77,9 +78,9 @@ def test_held_out_errors_are_of_trials_that_were_not_fitted_to():
     """As by hand, fold by fold."""
     drops = synthetic.load(size=100, seed=1)
     folds = Folds.draw(100, torch.Generator().manual_seed(0), repeats=1)
-    base = Selection("wang_mason", drops, few("surface_tilt"), folds, {}).base
+    base = Selection(find("wang_mason"), drops, few("surface_tilt"), folds, {}).base
     for fitted, held_out in zip(folds.fitted, folds.held_out, strict=True):
-        by_hand = identify_jointly("wang_mason", {}, drops[fitted]).model.predict(drops[held_out])
+        by_hand = identify_jointly(find("wang_mason"), {}, drops[fitted]).model.predict(drops[held_out])
         error = mass_error(drops[held_out], by_hand)
         torch.testing.assert_close(base.error[held_out], error, rtol=1e-3, atol=1e-6)
 
@@ -87,7 +88,7 @@ def test_held_out_errors_are_of_trials_that_were_not_fitted_to():
 @pytest.mark.parametrize("name", ["surface_tilt", "rolling_resistance", "location_dependent_restitution"])
 def test_a_hidden_effect_is_named(name):
     impacts, truth = mystery.draw(12, effects=[name], size=300)
-    found = diagnose(impacts, truth["law"])
+    found = diagnose(impacts, find(truth["law"]))
     assert found.verdict == "effects"
     assert found.effects[0] == name
     floor = mass_error(impacts, Prediction(torch.tensor(truth["v_post_from_measured"]), None)).mean()
@@ -100,7 +101,7 @@ def test_a_hidden_effect_is_named(name):
 def test_nothing_is_found_where_nothing_is_missing():
     for seed in range(3):
         impacts, _ = mystery.draw(40 + seed, effects=[], size=200)
-        found = diagnose(impacts, "best")
+        found = diagnose(impacts)
         assert found.verdict == "none"
         assert found.missing == ()
 
@@ -111,7 +112,7 @@ def test_copies_of_rows_are_dropped_whatever_they_are_called(tmp_path):
     path = table.save(impacts, tmp_path / "drops.csv")
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines, *lines[5:15]]) + "\n")
-    found = diagnose(table.load(path, impacts.shape, suspect=True), truth["law"], candidates=few("surface_tilt"))
+    found = diagnose(table.load(path, impacts.shape, suspect=True), find(truth["law"]), candidates=few("surface_tilt"))
     assert [finding.correction for finding in found.findings] == ["drop_duplicates"]
     assert len(found.impacts) == 60
     with pytest.raises(DataError, match=r"repeats '5' of row 5 .data.correct=.drop_duplicates. drops"):
@@ -122,7 +123,7 @@ def test_copies_of_rows_are_dropped_whatever_they_are_called(tmp_path):
 def test_exact_data_are_no_trouble(law):
     """Nothing is left by the true law, and a law that is not true is seen to be worse."""
     drops = synthetic.load(size=80, velocity_noise=0, spin_noise=0, law="wang_mason")
-    found = diagnose(drops, law, candidates=few("surface_tilt", "side_drag"))
+    found = diagnose(drops, find(law), candidates=few("surface_tilt", "side_drag"))
     assert json.dumps(found.to_dict(), allow_nan=False)
     assert min(found.laws, key=found.laws.get) == "wang_mason"
     if law == "wang_mason":
@@ -135,7 +136,7 @@ def test_bodies_of_different_mass_do_not_blind_it():
     impacts, truth = mystery.draw(7, effects=["magnetic_pull"], size=300)
     factor = torch.tensor((1.0, 3.0, 10.0), dtype=torch.float64).repeat(100)
     several = impacts.replace(mass=impacts.mass * factor, inertia=impacts.inertia * factor)
-    one, three = (diagnose(d, truth["law"], candidates=few("surface_tilt")) for d in (impacts, several))
+    one, three = (diagnose(d, find(truth["law"]), candidates=few("surface_tilt")) for d in (impacts, several))
     assert one.verdict == three.verdict == "unknown"
     assert three.remainder.share.mean == pytest.approx(one.remainder.share.mean, abs=0.05)
 
@@ -143,7 +144,7 @@ def test_bodies_of_different_mass_do_not_blind_it():
 def test_a_law_that_is_given_is_compared_with_the_others():
     drops = synthetic.load(size=120, law="mirtich")
     told = dict()
-    found = diagnose(drops, "whittaker", candidates=few("surface_tilt"), say=told.__setitem__)
+    found = diagnose(drops, find("whittaker"), candidates=few("surface_tilt"), say=told.__setitem__)
     law, errors = told["laws"]
     assert law == found.law == "whittaker"
     assert errors["whittaker"] > 3 * errors["mirtich"]
@@ -157,7 +158,7 @@ def test_the_budget_adds_up():
     known = Prediction(torch.tensor(truth["v_post_from_measured"], dtype=torch.float64), impacts.wrench)
     floor = mass_error(impacts, known).mean().item()
     for stated in (None, (noise["v"], noise["v"], noise["omega"])):
-        budget = diagnose(impacts, truth["law"], candidates=few("contact_patch"), noise=stated).budget
+        budget = diagnose(impacts, find(truth["law"]), candidates=few("contact_patch"), noise=stated).budget
         shares = budget["shares"]
         assert budget["noise"]["mean"] == pytest.approx(floor, rel=0.1)
         assert shares["noise"] + shares["explained"] + shares["left"] == pytest.approx(1, abs=0.03)
@@ -171,14 +172,14 @@ def test_the_budget_adds_up():
 def test_ones_own_effect_is_a_candidate_like_any_other():
     impacts, truth = mystery.draw(3, effects=["spin_damping"], size=250)
     mine = {"mine": formula(tau="-c*I*omega_post", parameters={"c": [0, 1]})}
-    found = diagnose(impacts, truth["law"], candidates=mine | few("surface_tilt", "adhesion"))
+    found = diagnose(impacts, find(truth["law"]), candidates=mine | few("surface_tilt", "adhesion"))
     assert found.effects == ["mine"]
 
 
 def test_what_is_in_the_model_already_is_not_missing():
     impacts, truth = mystery.draw(3, effects=["spin_damping"], size=250)
     given = {"spin_damping": catalogue()["spin_damping"]()}
-    found = diagnose(impacts, truth["law"], given)
+    found = diagnose(impacts, find(truth["law"]), given)
     assert found.verdict == "none"
     assert "spin_damping" in found.equation
 
@@ -188,7 +189,7 @@ def test_corrupted_data_are_mended_first_and_then_explained():
     flip = torch.tensor((-1.0, 1.0, 1.0), dtype=torch.float64)
     spoilt = impacts.replace(q=impacts.q * flip, v_pre=impacts.v_pre * flip, v_post=impacts.v_post * flip, suspect=True)
     told = []
-    found = diagnose(spoilt, truth["law"], say=lambda stage, result: told.append(stage))
+    found = diagnose(spoilt, find(truth["law"]), say=lambda stage, result: told.append(stage))
     assert told[0] == "audit"
     assert found.verdict == "bad_data"
     assert [finding.correction for finding in found.findings] == ["mirrored_x"]
@@ -236,13 +237,15 @@ def test_the_loop_from_the_command_line(tmp_path):
 def test_what_is_compared_does_not_change_what_is_found(options):
     impacts, truth = mystery.draw(12, effects=["surface_tilt"], size=250)
     folds = Folds.draw(250, torch.Generator().manual_seed(0))
-    selection = Selection(truth["law"], impacts, few("surface_tilt", "com_offset", "adhesion"), folds, {}, **options)
+    selection = Selection(
+        find(truth["law"]), impacts, few("surface_tilt", "com_offset", "adhesion"), folds, {}, FitOptions(**options)
+    )
     assert list(selection.run().effects) == ["surface_tilt"]
 
 
 def test_an_unknown_effect_is_said_to_be_unknown():
     impacts, truth = mystery.draw(7, effects=["magnetic_pull"], size=300)
-    found = diagnose(impacts, truth["law"])
+    found = diagnose(impacts, find(truth["law"]))
     assert found.verdict == "unknown"
     assert found.remainder.components[0] == "tau"
     assert max(found.remainder.variables, key=found.remainder.variables.get) == "theta"
@@ -254,7 +257,7 @@ def test_a_law_that_was_chosen_without_the_effects_is_chosen_again_with_them():
     """Alone, the law of the complementarity problem fits these drops better than the one that is true."""
     impacts, truth = mystery.draw(31, size=500)
     told = []
-    found = diagnose(impacts, "best", candidates=few("spin_damping", "adhesion"),
+    found = diagnose(impacts, candidates=few("spin_damping", "adhesion"),
                      say=lambda stage, result: told.append((stage, result)))  # fmt: skip
     assert min(found.laws, key=found.laws.get) != found.law == truth["law"]
     assert ("law", truth["law"]) in told
@@ -266,7 +269,7 @@ def test_a_place_that_means_nothing_without_its_effect_is_paid_for():
     drops = synthetic.load(size=100)
     spot = "orientation_dependent_restitution:spot"
     folds = Folds.draw(100, torch.Generator().manual_seed(0), repeats=1)
-    selection = Selection("wang_mason", drops, {spot: all_candidates()[spot]}, folds, {})
+    selection = Selection(find("wang_mason"), drops, {spot: all_candidates()[spot]}, folds, {})
     test = selection.score_test(spot)
     there = chi2.sf(test.statistic, 1)
     assert test.p_value == pytest.approx(min(1.0, 8 * there), rel=1e-6)

@@ -23,6 +23,7 @@ from contactlearn.diagnosis.pipeline import Diagnosis, diagnose
 from contactlearn.diagnosis.unexplained.remainder import COMPONENTS, Component
 from contactlearn.evaluation.metrics import Interval, mass_error
 from contactlearn.impacts import Impacts
+from contactlearn.laws import find
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import audit_figure
 from contactlearn.report.figures.diagnosis import drawn, ladder, regions_figure, remainder_figure
@@ -40,7 +41,7 @@ def drops() -> Impacts:
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
     impacts, truth = mystery.draw(3, effects=["spin_damping"], size=250)
-    return diagnose(impacts, truth["law"], candidates=few("spin_damping", "adhesion"))
+    return diagnose(impacts, find(truth["law"]), candidates=few("spin_damping", "adhesion"))
 
 
 def again(drops: Impacts) -> Impacts:

@@ -11,6 +11,7 @@ from contactlearn import checkpoint
 from contactlearn.data import synthetic
 from contactlearn.effects import catalogue
 from contactlearn.errors import DataError
+from contactlearn.laws import find
 
 FORMULA = ('+effect.mine.tau="-c*I*omega_post"', "+effect.mine.parameters.c=[0,1]")
 OWN = '''
@@ -167,7 +168,7 @@ def test_a_checkpoint_keeps_leading_axes_and_constants(tmp_path):
     drops = synthetic.load(size=120)
     chosen = {name: catalogue()[name]() for name in ("location_dependent_friction", "velocity_dependent_restitution")}
     rows = torch.arange(120).view(2, 60)
-    model = identify_jointly("mirtich", chosen, drops, rows).model
+    model = identify_jointly(find("mirtich"), chosen, drops, rows).model
     checkpoint.save(model, tmp_path / "model.pt", provenance={})
     again, _ = checkpoint.load(tmp_path / "model.pt")
     assert torch.equal(again.predict(drops).v_post, model.predict(drops).v_post)

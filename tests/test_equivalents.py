@@ -6,6 +6,7 @@ import math
 import pytest
 import torch
 
+from contactlearn import laws
 from contactlearn.data import mystery, synthetic
 from contactlearn.diagnosis.discrimination.contest import Contest, robust_covariance
 from contactlearn.diagnosis.discrimination.equivalents import equivalents, similarity
@@ -21,7 +22,6 @@ from contactlearn.effects import catalogue, find
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.identification.joint import identify_jointly
 from contactlearn.impacts import Impacts
-from contactlearn.laws import Law
 from contactlearn.model import ContactModel
 from contactlearn.shapes import contact_point
 
@@ -47,7 +47,7 @@ def candidates(*names):
 def measured(states, effect, seed):
     """What wang_mason with an effect makes of states, and noise."""
     noise = NOISE * torch.randn((len(states), 3), generator=seeded(seed), dtype=torch.float64)
-    model = ContactModel(Law("wang_mason", 0.12, 0.55), effects={effect.name: effect})
+    model = ContactModel(laws.find("wang_mason").at(0.12, 0.55), effects={effect.name: effect})
     return states.replace(v_post=model.predict(states).v_post + noise)
 
 
@@ -64,7 +64,7 @@ def drops(effect, size, seed=0, width=1.0):
 def having(impacts, *names, among=()):
     """A selection that has chosen these effects."""
     folds = Folds.draw(len(impacts), seeded(0))
-    selection = Selection("wang_mason", impacts, candidates(*among), folds, {})
+    selection = Selection(laws.find("wang_mason"), impacts, candidates(*among), folds, {})
     chosen = {name: selection.candidates[name] for name in names}
     selection.present = selection.validated(chosen, identify_jointly(selection.law, chosen, impacts))
     return selection
@@ -131,7 +131,7 @@ def test_forms_of_one_effect_are_not_equivalents_of_each_other():
 
 def test_a_hidden_tilt_has_no_equivalent():
     impacts, truth = mystery.draw(1, effects=["surface_tilt"], size=500)
-    selection = Selection(truth["law"], impacts, candidates(), Folds.draw(500, seeded(0)), {})
+    selection = Selection(laws.find(truth["law"]), impacts, candidates(), Folds.draw(500, seeded(0)), {})
     selection.run()
     assert equivalents(selection) == {"surface_tilt": []}
 
@@ -139,7 +139,9 @@ def test_a_hidden_tilt_has_no_equivalent():
 def test_given_effects_are_not_asked_about():
     impacts = drops(gravity(0.004), 60, seed=1, width=0.1)
     given = {"gravity_impulse": gravity(0.0)}
-    assert equivalents(Selection("wang_mason", impacts, candidates(), Folds.draw(60, seeded(0)), given)) == {}
+    assert (
+        equivalents(Selection(laws.find("wang_mason"), impacts, candidates(), Folds.draw(60, seeded(0)), given)) == {}
+    )
 
 
 def test_next_drops_separate_better_than_random_ones(rivals):
@@ -181,7 +183,7 @@ def test_next_drops_made_tell_the_two_apart(rivals):
     for seed in range(6):
         together = joined(impacts, measured(made[:needed], gravity(0.004), seed))
         losses = [
-            identify_jointly("wang_mason", effects, together).loss.item()
+            identify_jointly(laws.find("wang_mason"), effects, together).loss.item()
             for effects in (patch, {"gravity_impulse": gravity(0.0)})
         ]
         evidence.append((losses[0] - losses[1]) * len(together))
@@ -215,7 +217,7 @@ def test_the_place_is_said_where_it_matters(rivals):
     impacts, _, _ = rivals
     bending = find("location_dependent_restitution")().prepare(impacts)
     bent = bending.at([0.1] * len(bending.parameters))
-    law = Law("wang_mason", 0.12, 0.55)
+    law = laws.find("wang_mason").at(0.12, 0.55)
     models = {"bent": ContactModel(law, effects={bent.name: bent})}
     found = next_experiment(impacts, ContactModel(law), models, generator=seeded(0)).drops
     low, high = impacts.q[:, 0].aminmax()
@@ -259,7 +261,7 @@ def test_evidence_drop_by_drop_is_that_of_all_of_them_together():
 def test_models_without_uncertainty_need_the_drops_of_a_likelihood_ratio(rivals):
     """With d standard deviations each, log(20) / (d²/2) of them."""
     impacts, _, _ = rivals
-    law, none = Law("wang_mason", 0.12, 0.55), {"none": ContactModel(Law("wang_mason", 0.12, 0.55))}
+    law, none = laws.find("wang_mason").at(0.12, 0.55), {"none": ContactModel(laws.find("wang_mason").at(0.12, 0.55))}
     late = ContactModel(law, effects={"gravity_impulse": gravity(0.001)})
     found = next_experiment(impacts, late, none, generator=seeded(0), count=1)
     assert found.needed["none"] == math.ceil(math.log(20) / (found.drops[0].differences["none"] ** 2 / 2))

@@ -8,6 +8,7 @@ import matplotlib
 import numpy as np
 import pytest
 import torch
+from contacts import impulse
 from matplotlib.colors import to_rgb
 from matplotlib.text import Text
 from scipy.spatial import cKDTree
@@ -16,8 +17,8 @@ from contactlearn import laws, mechanics
 from contactlearn.data import synthetic
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation import bounds
-from contactlearn.identification import per_trial as fit_trials
 from contactlearn.identification import shared as fit
+from contactlearn.identification.per_trial import identify_trials
 from contactlearn.impacts import Impacts
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures.reach import areas, reach
@@ -43,7 +44,7 @@ def drops() -> Impacts:
 
 
 def six(variant: str) -> dict[str, laws.Law]:
-    return {name: laws.Law(name, 0.12, 0.55, variant) for name in laws.PAPER_LAWS}
+    return {name: laws.find(name, variant).at(0.12, 0.55) for name in laws.PAPER_LAWS}
 
 
 def inadmissible(drops: Impacts, name: str = "1") -> Impacts:
@@ -52,12 +53,14 @@ def inadmissible(drops: Impacts, name: str = "1") -> Impacts:
 
 
 def shared(drops: Impacts, **options) -> fit.SharedFit:
-    return fit.identify("whittaker", drops, **({"sizes": (1, 2, 5, 10, 20), "repetitions": 8} | options))
+    return fit.identify(laws.find("whittaker"), drops, **({"sizes": (1, 2, 5, 10, 20), "repetitions": 8} | options))
 
 
 def surface(drops: Impacts):
     mu, eps = fit.Box(nodes=16).axes()
-    return figures.cost_surface(mu, eps, fit.cost_surface("wang_mason", drops, mu, eps), (0.12, 0.55), "wang_mason")
+    return figures.cost_surface(
+        mu, eps, fit.cost_surface(laws.find("wang_mason"), drops, mu, eps), (0.12, 0.55), laws.find("wang_mason")
+    )
 
 
 def comparison(names=(*LAW_STYLE, "X1 → (P, τ), 450 trials")):
@@ -74,13 +77,13 @@ def patch(names=("anitescu_potra_newton", "best_post_hoc")):
 
 FIGURES = {
     "ellipse inadmissible": lambda d: figures.energy_ellipse(inadmissible(d), 0, six("fazeli2017")),
-    "ellipse one": lambda d: figures.energy_ellipse(inadmissible(d), 0, {"mirtich": laws.Law("mirtich", 0.1, 0.5)}),
-    "ellipse seven": lambda d: figures.energy_ellipse(d, 5, {n: laws.Law(n, 0.1, 0.5) for n in laws.names()}),
+    "ellipse one": lambda d: figures.energy_ellipse(inadmissible(d), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)}),
+    "ellipse seven": lambda d: figures.energy_ellipse(d, 5, {n: laws.find(n).at(0.1, 0.5) for n in laws.names()}),
     "cost surface": surface,
     "convergence": lambda d: figures.convergence(shared(d)),
     "convergence once": lambda d: figures.convergence(shared(d, sizes=(3,), repetitions=1)),
     "error comparison": lambda d: comparison(),
-    "trial parameters": lambda d: figures.trial_parameters(fit_trials.identify_trials("anitescu_potra_newton", d), d),
+    "trial parameters": lambda d: figures.trial_parameters(identify_trials(laws.find("anitescu_potra_newton"), d), d),
     "patch curve": lambda d: patch(),
 }
 
@@ -172,7 +175,7 @@ def test_save_leaves_the_old_files_when_writing_fails(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_names_are_shown_as_they_are(name, drops):
-    figure = figures.energy_ellipse(inadmissible(drops, name), 0, {"mirtich": laws.Law("mirtich", 0.1, 0.5)})
+    figure = figures.energy_ellipse(inadmissible(drops, name), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)})
     assert_fits(figure)
     shown = " ".join(name.split())[:9]
     assert shown in figure.get_suptitle().replace(r"\$", "$")
@@ -236,21 +239,21 @@ def test_reach_holds_what_the_law_gives_and_nothing_else(name, variant, drops):
     mu, eps = torch.rand(2, 4000, 1, generator=generator, dtype=torch.float64)
     for row in (3, 8):
         W, v_c = drops.W[row], drops.v_c[row]
-        cells = reach(laws.Law(name, 0.1, 0.5, variant), W, v_c, fit.Box())
+        cells = reach(laws.find(name, variant).at(0.1, 0.5), W, v_c, fit.Box())
         assert (areas(cells) >= -1e-12).all()
-        P = laws.impulse(name, drops.W[[row]], drops.v_c[[row]], mu**2, eps, variant=variant)[:, 0].numpy()
+        P = impulse(name, drops.W[[row]], drops.v_c[[row]], mu**2, eps, variant=variant)[:, 0].numpy()
         size = np.ptp(mechanics.energy_ellipse(W, v_c).numpy(), axis=0).max()
         # Every impulse lies at a cell, and every cell at an impulse of a dense sweep.  Whittaker's P̂ jumps,
         # and there the cells are small: whole cells left out would leave 0.008.
         apart = cKDTree(np.concatenate((cells.reshape(-1, 2), cells.mean(1)))).query(P)[0].max()
         assert apart < (0.006 if (name, variant) == ("whittaker", "textbook") else 0.012) * size
         sweep = torch.linspace(0, 1, 400)[:, None] ** 2, torch.linspace(0, 1, 100)
-        dense = laws.impulse(name, W, v_c, *sweep, variant=variant).reshape(-1, 2)
+        dense = impulse(name, W, v_c, *sweep, variant=variant).reshape(-1, 2)
         assert cKDTree(dense.numpy()).query(cells.mean(1))[0].max() < 0.02 * size
 
 
 def test_ellipse_shows_measurement_prediction_and_bound(drops):
-    impacts, law = inadmissible(drops), laws.Law("wang_mason", 0.12, 0.55)
+    impacts, law = inadmissible(drops), laws.find("wang_mason").at(0.12, 0.55)
     axes = figures.energy_ellipse(impacts, 0, {"wang_mason": law}).axes[0]
     points = [line.get_xydata()[0] for line in axes.lines if len(line.get_xydata()) == 1]
     expected = (law.impulse(impacts.W, impacts.v_c)[0], impacts.wrench[0, :2], bounds.irb(impacts).wrench[0, :2])
@@ -270,12 +273,12 @@ def test_convergence_shows_mean_and_deviation(drops):
 
 
 def test_viscous_friction_has_its_unit(drops):
-    found = fit_trials.identify_trials("mirtich", drops[:5], variant="fazeli2017")
+    found = identify_trials(laws.find("mirtich", "fazeli2017"), drops[:5])
     assert figures.trial_parameters(found, drops[:5]).axes[0].get_xlabel().endswith("(s/m)")
 
 
 def test_trials_that_leave_friction_open_are_intervals(drops):
-    found = fit_trials.identify_trials("anitescu_potra_newton", drops)
+    found = identify_trials(laws.find("anitescu_potra_newton"), drops)
     flat = int(found.flat.sum())
     assert 0 < flat < len(drops)
     axes = figures.trial_parameters(found, drops, box=fit.Box(mu=(0.0, 0.5))).axes
@@ -287,9 +290,9 @@ def test_trials_that_leave_friction_open_are_intervals(drops):
 
 
 def test_all_trials_may_leave_friction_open(drops):
-    found = fit_trials.identify_trials("anitescu_potra_newton", drops)
+    found = identify_trials(laws.find("anitescu_potra_newton"), drops)
     rows = found.flat.nonzero()[:, 0]
-    found = fit_trials.identify_trials("anitescu_potra_newton", drops[rows])
+    found = identify_trials(laws.find("anitescu_potra_newton"), drops[rows])
     assert_fits(figures.trial_parameters(found, drops[rows]))
 
 
@@ -303,7 +306,7 @@ def test_comparison_keeps_the_order_and_sets_the_bounds_apart():
 
 BAD = {
     "no laws": (lambda d: figures.energy_ellipse(d, 0, {}), "at least one law"),
-    "other impacts": (lambda d: figures.trial_parameters(fit_trials.identify_trials("mirtich", d[:4]), d), "4 .* 80"),
+    "other impacts": (lambda d: figures.trial_parameters(identify_trials(laws.find("mirtich"), d[:4]), d), "4 .* 80"),
     "no models": (lambda d: figures.error_comparison({}, {}, "e (–)"), "any model"),
     "no interval": (lambda d: figures.error_comparison({"mirtich": torch.ones(3)}, {}, "e (–)"), "none for mirtich"),
     "not finite": (

@@ -15,6 +15,7 @@ from contactlearn.evaluation.metrics import mass_error
 from contactlearn.evaluation.partial_residuals import partial_residuals
 from contactlearn.identification.joint import assemble, identify_jointly
 from contactlearn.identification.shared import Box
+from contactlearn.laws import find
 from contactlearn.model import ContactModel
 
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
@@ -31,7 +32,7 @@ def planted(names, n=400, seed=0, law="wang_mason", noise=NOISE):
     exact = exact.replace(v_pre=v)
     chosen = {name: catalogue()[name]() for name in names}
     theta = torch.tensor((0.15, 0.6, *(value for name in names for value in TRUE[name])), dtype=torch.float64)
-    truth = assemble(law, "textbook", chosen, theta).predict(exact).v_post
+    truth = assemble(find(law), chosen, theta).predict(exact).v_post
     before, after = (noise * torch.randn(n, 3, generator=generator, dtype=torch.float64) for _ in range(2))
     return exact.replace(v_pre=exact.v_pre + before, v_post=truth + after), chosen, theta
 
@@ -44,7 +45,7 @@ def assert_recovered(fit, theta, sigmas=4.0):
 @pytest.mark.parametrize("target", ["velocity", "wrench"])
 def test_planted_effects_are_found(law, target):
     drops, chosen, theta = planted(TRUE, law=law)
-    fit = identify_jointly(law, chosen, drops, target=target)
+    fit = identify_jointly(find(law), chosen, drops, options=FitOptions(target=target))
     assert_recovered(fit, theta)
     assert fit.converged
     assert not fit.undetermined()
@@ -53,16 +54,16 @@ def test_planted_effects_are_found(law, target):
 
 def test_without_noise_the_parameters_are_exact():
     drops, chosen, theta = planted(TRUE, noise=0 * NOISE)
-    fit = identify_jointly("wang_mason", chosen, drops)
+    fit = identify_jointly(find("wang_mason"), chosen, drops)
     torch.testing.assert_close(fit.values, theta, rtol=1e-6, atol=1e-8)
 
 
 def test_gross_outliers_hardly_matter():
     drops, chosen, theta = planted(TRUE, n=500)
-    clean = identify_jointly("wang_mason", chosen, drops)
+    clean = identify_jointly(find("wang_mason"), chosen, drops)
     v_post = drops.v_post.clone()
     v_post[::25] = v_post[::25].flip(0) * -3  # 4 %: another trial's outcome, reversed and thrice as fast
-    fit = identify_jointly("wang_mason", chosen, drops.replace(v_post=v_post))
+    fit = identify_jointly(find("wang_mason"), chosen, drops.replace(v_post=v_post))
     assert_recovered(fit, theta)
     assert ((fit.values - clean.values).abs() <= 1.5 * clean.standard_errors).all()
     assert fit.outliers == 20
@@ -70,7 +71,10 @@ def test_gross_outliers_hardly_matter():
 
 
 def test_standard_errors_are_those_of_many_repetitions():
-    fits = [identify_jointly("wang_mason", *planted(TRUE, 200, seed)[1::-1], starts=2) for seed in range(30)]
+    fits = [
+        identify_jointly(find("wang_mason"), *planted(TRUE, 200, seed)[1::-1], options=FitOptions(starts=2))
+        for seed in range(30)
+    ]
     spread = torch.stack([fit.values for fit in fits]).std(0)
     stated = torch.stack([fit.standard_errors for fit in fits]).mean(0)
     assert ((spread / stated).log().abs() < math.log(1.5)).all(), spread / stated
@@ -79,20 +83,22 @@ def test_standard_errors_are_those_of_many_repetitions():
 def test_subsets_are_a_batch():
     drops, chosen, _ = planted(TRUE)
     rows = torch.stack([torch.randperm(400, generator=torch.Generator().manual_seed(k))[:60] for k in range(3)])
-    batch = identify_jointly("wang_mason", chosen, drops, rows)
+    batch = identify_jointly(find("wang_mason"), chosen, drops, rows)
     assert batch.values.shape == (3, 6)
     for k in range(3):
-        one = identify_jointly("wang_mason", chosen, drops, rows[k])
+        one = identify_jointly(find("wang_mason"), chosen, drops, rows[k])
         torch.testing.assert_close(batch.values[k], one.values, rtol=1e-5, atol=1e-6)
     predicted = batch.model.predict(drops).v_post
     assert predicted.shape == (3, 400, 3)
-    alone = assemble("wang_mason", "textbook", batch.model.effects, batch.values[1]).predict(drops).v_post
+    alone = assemble(find("wang_mason"), batch.model.effects, batch.values[1]).predict(drops).v_post
     torch.testing.assert_close(predicted[1], alone, rtol=ROUNDING, atol=ROUNDING)
 
 
 def test_bounds_are_respected():
     drops, chosen, _ = planted(TRUE)
-    fit = identify_jointly("wang_mason", chosen, drops, box=Box(mu=(0.0, 0.1), eps=(0.0, 1.0)))
+    fit = identify_jointly(
+        find("wang_mason"), chosen, drops, options=FitOptions(box=Box(mu=(0.0, 0.1), eps=(0.0, 1.0)))
+    )
     assert fit.values[0] == pytest.approx(0.1)
     assert "bound" in fit.at_bounds()["mu"]
     low, high = torch.tensor([(p.low, p.high) for p in fit.parameters], dtype=torch.float64).T
@@ -104,10 +110,14 @@ def test_known_noise_weighs_the_components():
     noise = torch.tensor((0.005, 0.005, 20.0), dtype=torch.float64)
     drops, chosen, _ = planted({"surface_tilt": TRUE["surface_tilt"]}, noise=noise)
     for target in ("velocity", "wrench"):
-        fit = identify_jointly("wang_mason", chosen, drops, noise=(0.005, 0.005, 20.0), target=target)
+        fit = identify_jointly(
+            find("wang_mason"), chosen, drops, options=FitOptions(noise=(0.005, 0.005, 20.0), target=target)
+        )
         assert fit.standard_errors[2] < 0.02
     velocity, wrench = (
-        identify_jointly("wang_mason", chosen, drops, noise=noise.tolist(), target=target).values
+        identify_jointly(
+            find("wang_mason"), chosen, drops, options=FitOptions(noise=noise.tolist(), target=target)
+        ).values
         for target in ("velocity", "wrench")
     )
     torch.testing.assert_close(velocity, wrench, rtol=1e-4, atol=1e-5)  # the same errors in other units
@@ -117,7 +127,7 @@ def test_what_does_the_same_is_said_to():
     """Two tilts: only their sum is determined."""
     drops, chosen, _ = planted(TRUE)
     twice = {"one": chosen["surface_tilt"], "other": chosen["surface_tilt"]}
-    found = identify_jointly("wang_mason", twice, drops).undetermined()
+    found = identify_jointly(find("wang_mason"), twice, drops).undetermined()
     assert {"one.phi", "other.phi"} <= found.keys()
 
 
@@ -127,25 +137,24 @@ def test_what_never_acts_is_said_to_be_open():
     q = drops.q.clone()
     q[:, 0] = 0.1
     effect = effects.find("location_dependent_friction")(span=(0.0, 0.2))
-    found = identify_jointly("wang_mason", {"floor": effect}, drops.replace(q=q)).undetermined()
+    found = identify_jointly(find("wang_mason"), {"floor": effect}, drops.replace(q=q)).undetermined()
     assert any(name.startswith("floor.") for name in found)
 
 
 def test_the_effect_takes_the_error_to_the_floor():
     drops, chosen, theta = planted(TRUE, n=900)
     pool, test = drops[:500], drops[500:]
-    alone, with_ = (identify_jointly("wang_mason", e, pool).model for e in ({}, chosen))
-    true = assemble("wang_mason", "textbook", chosen, theta)
+    alone, with_ = (identify_jointly(find("wang_mason"), e, pool).model for e in ({}, chosen))
+    true = assemble(find("wang_mason"), chosen, theta)
     base, found, floor = (mass_error(test, model.predict(test)).mean() for model in (alone, with_, true))
     assert base > 1.3 * floor
     assert found < 1.03 * floor
 
 
 REFUSED = {
-    "law": ({"law": "wang"}, UnknownNameError, "did you mean 'wang_mason'"),
-    "target": ({"target": "impulse"}, UnknownNameError, "target of a joint fit"),
-    "noise": ({"noise": (0.1, 0.1)}, DataError, "three positive standard deviations"),
-    "trials": ({"rows": torch.arange(2)}, DataError, "6 parameters need at least 7 trials, got 2"),
+    "target": (lambda: {"options": FitOptions(target="impulse")}, UnknownNameError, "target of a joint fit"),
+    "noise": (lambda: {"options": FitOptions(noise=(0.1, 0.1))}, DataError, "three positive standard deviations"),
+    "trials": (lambda: {"rows": torch.arange(2)}, DataError, "6 parameters need at least 7 trials, got 2"),
 }
 
 
@@ -153,18 +162,18 @@ REFUSED = {
 def test_what_cannot_be_fitted_is_refused(changes, error, message):
     drops, chosen, _ = planted(TRUE, 50)
     with pytest.raises(error, match=message):
-        identify_jointly(**{"law": "wang_mason", "effects": chosen, "impacts": drops} | changes)
+        identify_jointly(**{"law": find("wang_mason"), "effects": chosen, "impacts": drops} | changes())
 
 
 def test_an_effect_that_needs_a_shape_says_so():
     drops = synthetic.load(size=50).replace(shape=None)
     with pytest.raises(DataError, match="needs the body's shape"):
-        identify_jointly("wang_mason", {"late": effects.find("sampling_delay")()}, drops)
+        identify_jointly(find("wang_mason"), {"late": effects.find("sampling_delay")()}, drops)
 
 
 def test_the_model_prints_itself_as_an_equation():
     drops, chosen, _ = planted(TRUE)
-    text = str(identify_jointly("wang_mason", chosen, drops).model).splitlines()
+    text = str(identify_jointly(find("wang_mason"), chosen, drops).model).splitlines()
     assert text[0].startswith("wang_mason (textbook): μ = 0.1")
     assert text[2].startswith("  + spin_damping: τ ← τ − c I ω⁺, c = 0.0983 ± 0.00")
     assert all("±" in line for line in text)
@@ -176,7 +185,7 @@ def test_what_is_not_there_gets_a_limit():
     drops, _, _ = planted({})
     effect = formula(tau="c*I*omega", parameters={"c": {"low": 0, "high": 1, "unit": "–"}})
     drops = drops.replace(v_post=drops.v_post - 0.01 * drops.v_pre * torch.tensor((0.0, 0.0, 1.0)))
-    fit = identify_jointly("wang_mason", {"push": effect}, drops)
+    fit = identify_jointly(find("wang_mason"), {"push": effect}, drops)
     assert fit.values[2] == 0
     assert "is not seen: |c| < " in fit.at_bounds()["push.c"]
     assert "push.c" not in fit.undetermined()
@@ -189,14 +198,14 @@ def test_a_parameter_of_few_trials_is_flagged():
     q[:, 0] = 0.0
     q[:3, 0] = 1.0
     corner = formula(tau="c*x*Pn", parameters={"c": {"low": -0.01, "high": 0.01, "unit": "–"}})
-    found = identify_jointly("wang_mason", {"corner": corner}, drops.replace(q=q)).undetermined()
+    found = identify_jointly(find("wang_mason"), {"corner": corner}, drops.replace(q=q)).undetermined()
     assert "about 3 trials tell of it" in found["corner.c"] or "about 2 trials" in found["corner.c"]
 
 
 def test_few_trials_do_not_look_certain():
     drops, chosen, theta = planted(TRUE, 300)
     rows = torch.stack([torch.randperm(300, generator=torch.Generator().manual_seed(k))[:12] for k in range(60)])
-    fit = identify_jointly("wang_mason", chosen, drops, rows)
+    fit = identify_jointly(find("wang_mason"), chosen, drops, rows)
     covered = ((fit.values - theta).abs() <= 2 * fit.standard_errors).double().mean(0)
     assert (covered > 0.8).all(), covered
 
@@ -208,9 +217,9 @@ def test_the_order_of_what_moves_the_contact_point_hardly_matters(names):
     drops = planted({})[0]
     chosen = {name: effects.find(name)() for name in names}
     small = [0.02 * (p.high - p.low) for effect in chosen.values() for p in effect.parameters]
-    one = assemble("wang_mason", "textbook", chosen, torch.tensor((0.15, 0.6, *small), dtype=torch.float64))
+    one = assemble(find("wang_mason"), chosen, torch.tensor((0.15, 0.6, *small), dtype=torch.float64))
     other = ContactModel(one.base, effects=dict(reversed(one.effects.items())))
-    alone = assemble("wang_mason", "textbook", {}, torch.tensor((0.15, 0.6), dtype=torch.float64)).predict(drops).v_post
+    alone = assemble(find("wang_mason"), {}, torch.tensor((0.15, 0.6), dtype=torch.float64)).predict(drops).v_post
     difference = (one.predict(drops).v_post - other.predict(drops).v_post).abs().median(0).values
     change = (one.predict(drops).v_post - alone).abs().median(0).values
     assert (difference <= 0.02 * change).all(), (difference, change)
@@ -225,8 +234,8 @@ def test_what_acts_during_the_contact_does_not_jump(name, law):
     values = [0.2 * p.high for p in effect.parameters]
     mu = torch.linspace(0.05, 0.4, 3001, dtype=torch.float64)
     theta = torch.stack((mu, torch.full_like(mu, 0.6), *(torch.full_like(mu, v) for v in values)), -1)
-    with_ = assemble(law, "textbook", {name: effect}, theta).predict(drops).v_post
-    alone = assemble(law, "textbook", {}, theta[:, :2]).predict(drops).v_post
+    with_ = assemble(find(law), {name: effect}, theta).predict(drops).v_post
+    alone = assemble(find(law), {}, theta[:, :2]).predict(drops).v_post
     added = (with_ - alone).diff(dim=0).abs().amax(0)
     own = alone.diff(dim=0).abs().amax(0)
     size = (with_ - alone).abs().amax(0)
@@ -241,7 +250,7 @@ def test_a_trial_that_is_met_exactly_does_not_look_certain():
     q[:, 0] = 0.0
     q[7, 0] = 1.0
     alone = formula(tau="c*x*Pn", parameters={"c": {"low": -0.1, "high": 0.1, "unit": "m"}})
-    fit = identify_jointly("wang_mason", {"alone": alone}, drops.replace(q=q))
+    fit = identify_jointly(find("wang_mason"), {"alone": alone}, drops.replace(q=q))
     # Of ω, given the two other components, which say nothing of a moment.
     spread = (1 / torch.linalg.inv(fit.scatter)[2, 2]).sqrt()
     expected = spread * drops.inertia[7] / fit.model.predict(drops).wrench[7, 1]
@@ -251,7 +260,7 @@ def test_a_trial_that_is_met_exactly_does_not_look_certain():
 def test_partial_residuals_leave_the_other_effects_in():
     """Without noise, what is measured beyond the model without an effect is what the effect explains."""
     drops, chosen, theta = planted(("surface_tilt", "contact_patch"), noise=0 * NOISE)
-    model = assemble("wang_mason", "textbook", chosen, theta)
+    model = assemble(find("wang_mason"), chosen, theta)
     for name in chosen:
         partial = partial_residuals(model, drops, name)
         torch.testing.assert_close(partial.measured, partial.explained, rtol=1e-6, atol=1e-9)

@@ -11,7 +11,7 @@ import torch
 from omegaconf import OmegaConf
 from torch import Tensor
 
-from contactlearn import checkpoint
+from contactlearn import checkpoint, laws
 from contactlearn.data import synthetic
 from contactlearn.effects import PLACES, State, catalogue, find
 from contactlearn.effects.configuration_dependent_restitution import ConfigurationDependentRestitution
@@ -22,7 +22,6 @@ from contactlearn.effects.orientation_offset import OrientationOffset
 from contactlearn.effects.spin_damping import SpinDamping
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import Impacts
-from contactlearn.laws import Law
 from contactlearn.model import ContactModel, resolve
 
 ROUNDING = 1e-12
@@ -32,7 +31,7 @@ DIFFERENCES = 1e-7
 """Relative: central differences with steps of 1e-6 lose half the digits."""
 
 DROPS = synthetic.load(60, seed=5)
-LAW = Law("wang_mason", 0.12, 0.55)
+LAW = laws.find("wang_mason").at(0.12, 0.55)
 C = {"c": [-1, 1]}
 
 BY_PLACE = {

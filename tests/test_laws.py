@@ -8,13 +8,13 @@ import contacts
 import numpy as np
 import pytest
 import torch
-from contacts import Contacts, random_contacts, shared
+from contacts import Contacts, impulse, random_contacts, shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contactlearn import mechanics
 from contactlearn.errors import UnknownNameError
-from contactlearn.laws import PAPER_LAWS, Law, impulse, law, names
+from contactlearn.laws import PAPER_LAWS, find, names
 
 ROUNDING = 1e-9  # relative to |M_c v_c|, |v_c| and the incident energy: W is nearly singular for some
 SOLVER = 2e-5  # of |P^c|: a gap of 1e-13 of the energy, whose square root is the error in P
@@ -486,7 +486,7 @@ def test_blocks_change_nothing(name, variant):
     mus = torch.linspace(0, 1.2, 17, dtype=torch.float64)
     epses = torch.linspace(0, 1, 31, dtype=torch.float64)
     for first, second in ((mus, epses), (mus[:1], torch.linspace(0, 1, 300).double()), (epses, mus)):
-        assert 251 * len(first) * len(second) > law._BLOCK
+        assert 251 * len(first) * len(second) > base._BLOCK
         P = impulse(name, W, v_c, first[:, None, None], second[:, None], variant=variant)
         assert P.shape == (len(first), len(second), 251, 2)
         for i in (0, len(first) // 2, len(first) - 1):
@@ -625,16 +625,16 @@ def test_unknown_names_are_refused():
     with pytest.raises(UnknownNameError, match=r"unknown variant 'textbok', did you mean 'textbook'\?"):
         impulse("mirtich", *c, variant="textbok")
     with pytest.raises(UnknownNameError, match="did you mean 'whittaker'"):
-        Law("Whitaker", 0.2, 0.5)
+        find("Whitaker").at(0.2, 0.5)
     with pytest.raises(UnknownNameError, match="known: textbook, fazeli2017"):
-        Law("mirtich", 0.2, 0.5, variant="qqq")
+        find("mirtich", "qqq").at(0.2, 0.5)
 
 
 def test_law_holds_its_parameters():
     c = random_contacts(20, seed=12)
-    held = Law("chatterjee_ruina", c.mu, 0.5, e_t=0.4)
+    held = find("chatterjee_ruina", e_t=0.4).at(c.mu, 0.5)
     assert torch.equal(held.impulse(c.W, c.v_c), impulse("chatterjee_ruina", c.W, c.v_c, c.mu, 0.5, e_t=0.4))
-    held = Law("mirtich", 0.2, 0.5, "fazeli2017")
+    held = find("mirtich", "fazeli2017").at(0.2, 0.5)
     assert torch.equal(held.impulse(c.W, c.v_c), impulse("mirtich", c.W, c.v_c, 0.2, 0.5, variant="fazeli2017"))
     with pytest.raises(dataclasses.FrozenInstanceError):
         held.mu = 0.3

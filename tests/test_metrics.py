@@ -7,7 +7,7 @@ import torch
 from contactlearn.data import synthetic
 from contactlearn.evaluation import metrics
 from contactlearn.impacts import Prediction
-from contactlearn.laws import PAPER_LAWS, Law
+from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.model import ContactModel
 
 EXACT = 1e-13  # relative: a few roundings
@@ -16,7 +16,7 @@ EXACT = 1e-13  # relative: a few roundings
 @pytest.fixture(scope="module")
 def case():
     impacts = synthetic.load(size=50)
-    return impacts, ContactModel(Law("whittaker", 0.2, 0.4)).predict(impacts)
+    return impacts, ContactModel(find("whittaker").at(0.2, 0.4)).predict(impacts)
 
 
 def test_errors_are_their_formulas(case):
@@ -72,7 +72,7 @@ def test_bootstrap_is_reproducible():
 def test_outside_admissible():
     impacts = synthetic.load(size=50)
     for law in PAPER_LAWS[2:]:  # those that never add energy
-        P = Law(law, 0.3, 0.6).impulse(impacts.W, impacts.v_c)
+        P = find(law).at(0.3, 0.6).impulse(impacts.W, impacts.v_c)
         assert not metrics.outside_admissible(impacts, P).any()
         assert metrics.outside_admissible(impacts, 0.5 * P / 1.6).all()  # stops short of the floor's surface
         assert metrics.outside_admissible(impacts, 3 * P).all()  # gains energy

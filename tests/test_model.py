@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import torch
+from contacts import impulse
 from torch import Tensor
 from torch.autograd.functional import jacobian
 
 from contactlearn import mechanics
 from contactlearn.data import synthetic
 from contactlearn.impacts import Impacts, Prediction
-from contactlearn.laws import Law, impulse, names
+from contactlearn.laws import find, names
 from contactlearn.model import RESIDUALS, ContactModel, predict_with, wrench_per_parameter
 
 ROUNDING = 1e-12
@@ -29,7 +30,7 @@ DIFFERENCES = 1e-7
 N = 40
 WIDTH = {"velocity": 3, "impulse": 2, "wrench": 3}
 SIZE = {"velocity": (0.1, 0.1, 5.0), "impulse": (5e-3, 5e-3), "wrench": (5e-3, 5e-3, 1e-4)}  # of what is learnt
-LAW = Law("wang_mason", 0.15, 0.6)
+LAW = find("wang_mason").at(0.15, 0.6)
 TARGET = pytest.mark.parametrize("target", RESIDUALS)
 
 
@@ -75,7 +76,7 @@ def noise(*batch: int) -> Tensor:
 BASES = {
     "nothing": None,
     "a law": LAW,
-    "laws": Law("whittaker", torch.tensor([[0.1], [0.2]]).double(), torch.tensor([[0.5], [0.6]]).double()),
+    "laws": find("whittaker").at(torch.tensor([[0.1], [0.2]]).double(), torch.tensor([[0.5], [0.6]]).double()),
     "a model": ContactModel(LAW, learned("wrench", seed=5), "wrench"),
     "models": ContactModel(LAW, learned("velocity", 2, seed=6), "velocity"),
 }
@@ -121,7 +122,7 @@ def assert_same(one: Prediction, two: Prediction):
 @pytest.mark.parametrize("law", names())
 def test_a_law_alone(law, drops):
     """In NumPy: P from the law, v⁺ from M Δv = Jᵀ P."""
-    prediction = ContactModel(Law(law, 0.12, 0.55)).predict(drops)
+    prediction = ContactModel(find(law).at(0.12, 0.55)).predict(drops)
     P = impulse(law, drops.W, drops.v_c, 0.12, 0.55)
     assert torch.equal(prediction.wrench[:, :2], P)
     assert (prediction.wrench[:, 2] == 0).all()
@@ -136,10 +137,10 @@ def test_a_law_alone(law, drops):
 
 def test_a_law_with_parameters_of_each_subset(drops):
     mu, eps = torch.tensor([[0.05], [0.2], [0.4]]).double(), torch.tensor([[0.4], [0.5], [0.9]]).double()
-    prediction = ContactModel(Law("mirtich", mu, eps)).predict(drops)
+    prediction = ContactModel(find("mirtich").at(mu, eps)).predict(drops)
     assert prediction.v_post.shape == prediction.wrench.shape == (3, N, 3)
     for i in range(3):
-        one = ContactModel(Law("mirtich", mu[i].item(), eps[i].item())).predict(drops)
+        one = ContactModel(find("mirtich").at(mu[i].item(), eps[i].item())).predict(drops)
         assert_same(Prediction(prediction.v_post[i], prediction.wrench[i]), one)
 
 
@@ -217,8 +218,8 @@ def test_a_batch_is_its_members_one_by_one(drops):
 def test_parameters_of_each_impact(law, drops):
     """One law an impact, each with its own numbers."""
     mean = learned_parameters().mean
-    found = ContactModel(Law(law, 9.0, 0.0), parameters=Known(mean, mean)).predict(drops)
-    P = torch.cat([Law(law, *mean[i].tolist()).impulse(drops.W[i : i + 1], drops.v_c[i : i + 1]) for i in range(N)])
+    found = ContactModel(find(law).at(9.0, 0.0), parameters=Known(mean, mean)).predict(drops)
+    P = torch.cat([find(law).at(*mean[i].tolist()).impulse(drops.W[i : i + 1], drops.v_c[i : i + 1]) for i in range(N)])
     assert_close(found.wrench[:, :2], P)
     assert (found.wrench[:, 2] == 0).all()
 
@@ -237,7 +238,7 @@ def test_parameters_are_clamped_to_what_they_can_be(given, counted, drops):
     given, counted = (torch.tensor(x, dtype=torch.float64).expand(N, 2) for x in (given, counted))
     assert torch.equal(predict_with(LAW, drops, given).v_post, predict_with(LAW, drops, counted).v_post)
     assert torch.equal(wrench_per_parameter(LAW, drops, given), wrench_per_parameter(LAW, drops, counted))
-    P = Law(LAW.name, *counted[0].tolist()).impulse(drops.W, drops.v_c)
+    P = find(LAW.name).at(*counted[0].tolist()).impulse(drops.W, drops.v_c)
     assert_close(predict_with(LAW, drops, given).wrench[:, :2], P)
 
 
@@ -246,7 +247,7 @@ def test_parameters_are_clamped_to_what_they_can_be(given, counted, drops):
 def test_wrench_per_parameter_against_differences(law, variant, drops):
     """On the nineteen in twenty contacts whose mode does not change within the step."""
     theta, h = learned_parameters(3).mean, 1e-6
-    law = Law(law, 0.1, 0.5, variant)
+    law = find(law, variant).at(0.1, 0.5)
     G = wrench_per_parameter(law, drops, theta)
     assert G.shape == (3, N, 3, 2)
     assert not G.requires_grad
@@ -309,7 +310,7 @@ def test_spread_of_a_residual_against_autograd(target, base, drops):
 @pytest.mark.parametrize("law", names())
 def test_spread_of_parameters_against_autograd(law, drops):
     part = learned_parameters()
-    model = ContactModel(Law(law, 0.1, 0.5), parameters=part)
+    model = ContactModel(find(law).at(0.1, 0.5), parameters=part)
     assert_close(
         model.spread(drops, part.mean, part.variance).flatten(-2), autograd_spread(model, drops, part).flatten(-2)
     )
@@ -345,7 +346,7 @@ def test_spread_of_a_residual_against_monte_carlo(target, base, drops):
 def test_spread_of_sure_parameters_against_monte_carlo(law, drops):
     """To first order in the deviation of 10⁻⁴, unless a trial is as near as that to another mode of contact."""
     part = learned_parameters(variance=1e-8)
-    model = ContactModel(Law(law, 0.1, 0.5), parameters=part)
+    model = ContactModel(find(law).at(0.1, 0.5), parameters=part)
     spread = model.spread(drops, part.mean, part.variance)
     assert_sampled(spread, sampled(model, drops, part), share=0.95, rtol=1e-3)
 

@@ -14,6 +14,7 @@ from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.evaluation import metrics
 from contactlearn.identification import shared as fit
 from contactlearn.impacts import Impacts
+from contactlearn.laws import find
 from contactlearn.mechanics import contact_velocity, energy_excess, rotate
 from contactlearn.model import ContactModel
 from contactlearn.shapes import contact_point
@@ -39,7 +40,7 @@ def restitution(drops: Impacts) -> torch.Tensor:
 
 
 def law_error(law: str, drops: Impacts) -> tuple[tuple[float, float], float]:
-    found = fit.identify(law, drops, sizes=(150,), repetitions=3)
+    found = fit.identify(find(law), drops, sizes=(150,), repetitions=3)
     prediction = ContactModel(found.to_law()).predict(drops)
     return found.mean(), metrics.mass_error(drops, prediction).mean().item()
 

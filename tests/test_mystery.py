@@ -13,6 +13,7 @@ from pathlib import Path
 import contacts
 import pytest
 import torch
+from contacts import impulse
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
 
@@ -23,7 +24,6 @@ from contactlearn.data.mystery import EFFECTS, UNKNOWN, draw, hidden, load, natu
 from contactlearn.data.mystery.seal import SEALED, TITLE, seal
 from contactlearn.data.mystery.world import States, World
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.laws import impulse
 from contactlearn.mechanics import apply_wrench, contact_velocity, measured_wrench
 from contactlearn.shapes import Disc, Ellipse
 

@@ -8,10 +8,10 @@ from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.evaluation.metrics import mass_error
 from contactlearn.identification.joint import identify_jointly
 from contactlearn.impacts import Impacts, Prediction
-from contactlearn.laws import Law
+from contactlearn.laws import find
 from contactlearn.model import ContactModel
 
-TRUE = ContactModel(Law("wang_mason", 0.12, 0.55))
+TRUE = ContactModel(find("wang_mason").at(0.12, 0.55))
 V, OMEGA = 0.01, 0.5
 
 
@@ -38,7 +38,7 @@ def test_a_wrong_model_deceives_it_little():
     """With μ and ε far off the error is eighteen times the floor; the estimate is near the floor, and unsure."""
     impacts = drops(600)
     true = mass_error(impacts, TRUE.predict(impacts)).mean().item()
-    wrong = ContactModel(Law("wang_mason", 0.2, 0.45))
+    wrong = ContactModel(find("wang_mason").at(0.2, 0.45))
     error = mass_error(impacts, wrong.predict(impacts)).mean().item()
     found = floor(impacts, wrong).error
     assert error > 15 * true
@@ -56,7 +56,7 @@ def test_repeats_show_the_noise_whatever_the_model():
     impacts = Impacts(**fields)
     expected = Prediction(once.v_post[rows], once.wrench[rows])
     true = mass_error(impacts, expected).mean().item()
-    useless = ContactModel(Law("whittaker", 0.0, 0.9))
+    useless = ContactModel(find("whittaker").at(0.0, 0.9))
     assert mass_error(impacts, useless.predict(impacts)).mean() > 10 * true
     assert floor(impacts, useless).error.mean == pytest.approx(true, rel=0.15)
 
@@ -75,8 +75,8 @@ def test_what_an_outlier_leaves_is_noise_of_its_own():
     v_post = impacts.v_post.clone()
     v_post[7] += 50.0
     wild = impacts.replace(v_post=v_post)
-    fit = identify_jointly("wang_mason", {}, wild)
-    assert fit.usual.tolist() == [row != 7 for row in range(300)]
+    fit = identify_jointly(find("wang_mason"), {}, wild)
+    assert fit.inliers.tolist() == [row != 7 for row in range(300)]
     own = mass_error(wild, fit.model.predict(wild))[7].item() / 300
-    spoilt, clean = floor(wild, fit.model, usual=fit.usual), floor(impacts, fit.model)
+    spoilt, clean = floor(wild, fit.model, usual=fit.inliers), floor(impacts, fit.model)
     assert spoilt.error.mean - own == pytest.approx(clean.error.mean, rel=0.02)

@@ -13,11 +13,11 @@ from contactlearn.diagnosis.failure.variables import Variable, symmetry, variabl
 from contactlearn.errors import DataError
 from contactlearn.evaluation.metrics import mass_error
 from contactlearn.impacts import Prediction
-from contactlearn.laws import Law
+from contactlearn.laws import find
 from contactlearn.model import ContactModel
 from contactlearn.shapes import Disc, Ellipse, Polygon
 
-MODEL = ContactModel(Law("wang_mason", 0.12, 0.55))  # that of the synthetic drops
+MODEL = ContactModel(find("wang_mason").at(0.12, 0.55))  # that of the synthetic drops
 TIMES = 3.0  # by which the planted regions raise what the model leaves
 FIVE_PERCENT_OF_300 = 24  # false alarms, at the 99.5 % quantile of their binomial distribution
 

@@ -8,6 +8,7 @@ import pytest
 import torch
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
+from contactlearn import laws
 from contactlearn.data import mystery
 from contactlearn.diagnosis.search.selection import Folds
 from contactlearn.diagnosis.unexplained.formulas import OUTPUT, Formula, formulas
@@ -39,7 +40,7 @@ def seeded(seed=0):
 def hidden(*effects, seed=1, size=150, fitted=(), **options):
     """Drops, their truth, and the true law fitted to them."""
     drops, truth = mystery.draw(seed, effects=list(effects), size=size, **options)
-    fit = identify_jointly(truth["law"], {name: find(name)() for name in fitted}, drops)
+    fit = identify_jointly(laws.find(truth["law"]), {name: find(name)() for name in fitted}, drops)
     return drops, truth, fit
 
 
@@ -70,7 +71,7 @@ def unknown(request):
 def test_nothing_remains_where_nothing_is_hidden():
     for seed in range(SETS):
         drops, _, fit = hidden(seed=seed)
-        found = what_remains(drops, fit, seed, usual=fit.usual)
+        found = what_remains(drops, fit, seed, usual=fit.inliers)
         assert found.components == ()
         assert found.variables == {}
         assert not found.found
@@ -81,7 +82,7 @@ def test_nothing_remains_where_nothing_is_hidden():
 def test_an_unknown_effect_remains_with_its_component_and_symbols(unknown):
     name, drops, truth, fit, _ = unknown
     component, symbols, _ = UNKNOWN[name]
-    found = what_remains(drops, fit, usual=fit.usual)
+    found = what_remains(drops, fit, usual=fit.inliers)
     assert found.components == (component,)
     assert found.found
     assert found.share.low > 0.3
@@ -96,7 +97,7 @@ def test_an_unknown_effect_remains_with_its_component_and_symbols(unknown):
 @pytest.mark.parametrize("name", ["com_offset", "velocity_dependent_restitution", "surface_tilt"])
 def test_a_named_effect_leaves_nothing_once_it_is_in_the_model(name):
     drops, truth, with_ = hidden(name, fitted=[name])
-    assert what_remains(drops, identify_jointly(truth["law"], {}, drops)).found
+    assert what_remains(drops, identify_jointly(laws.find(truth["law"]), {}, drops)).found
     left = what_remains(drops, with_)
     assert left.components == ()
     assert left.share.mean < 0.03
@@ -108,8 +109,8 @@ def test_gross_outliers_change_nothing_of_what_is_said():
     v_post = drops.v_post.clone()
     v_post[::30] += torch.tensor([4.0, -4.0, 300.0])
     drops = drops.replace(v_post=v_post)
-    fit = identify_jointly(fit.model.base.name, {}, drops)
-    for options in ({}, {"usual": fit.usual}):
+    fit = identify_jointly(fit.model.base, {}, drops)
+    for options in ({}, {"usual": fit.inliers}):
         found = what_remains(drops, fit, **options)
         assert found.components == ("n",)
         assert found.share.mean == pytest.approx(clean.share.mean, abs=0.05)
@@ -187,7 +188,7 @@ def test_a_pasted_formula_is_the_effect_that_was_fitted(unknown):
     parameters = {key: given[f"effect.mine.parameters.{key}"] for key in best.parameters}
     effect = formula(parameters, **{best.output: given[prefix]})
     assert effect.equation == best.effect.equation
-    again = identify_jointly(fit.model.base.name, {"mine": effect}, drops)
+    again = identify_jointly(fit.model.base, {"mine": effect}, drops)
     assert again.values[2:].tolist() == pytest.approx(best.values, rel=1e-3)
     assert str(best).startswith(f"'+effect.mine.{best.output}=")
 

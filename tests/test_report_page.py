@@ -18,9 +18,9 @@ from contactlearn.diagnosis.search.subsets import Subsets, subsets
 from contactlearn.diagnosis.unexplained.formulas import Formula
 from contactlearn.diagnosis.unexplained.remainder import Remainder
 from contactlearn.evaluation.metrics import HEADLINE, METRICS, Interval, bootstrap, mass_error
-from contactlearn.identification.joint import identify_jointly
+from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.impacts import Prediction
-from contactlearn.laws import PAPER_LAWS, Law
+from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.mechanics import energy_ellipse
 from contactlearn.model import ContactModel
 from contactlearn.report.page import diagnosis as content_module
@@ -52,7 +52,7 @@ def found():
     impacts = impacts.replace(trial=names, object=(HOSTILE,) * len(impacts), source=HOSTILE)
     kinds = ("surface_tilt", "spin_damping", "side_drag")
     candidates = {name: effect for name, effect in all_candidates().items() if name.partition(":")[0] in kinds}
-    return diagnose(impacts, "wang_mason", candidates=candidates)
+    return diagnose(impacts, find("wang_mason"), candidates=candidates)
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,7 @@ def test_every_subset_is_a_joint_fit(found):
     assert chosen.v_post.shape == (2 ** len(names), len(found.impacts), 3)
     for k in range(2 ** len(names)):
         effects = {name: found.model.effects[name] for j, name in enumerate(names) if k >> j & 1}
-        fit = identify_jointly(found.law, effects, found.impacts)
+        fit = identify_jointly(find(found.law), effects, found.impacts)
         assert chosen.errors[k].mean == pytest.approx(
             mass_error(found.impacts, fit.model.predict(found.impacts)).mean().item(), rel=0.01
         )
@@ -149,7 +149,7 @@ def made_up(monkeypatch, size, names):
     """A diagnosis with these effects, of which as many as may be are in play, and predictions nothing compresses."""
     impacts = synthetic.load(size=size, seed=0)
     effects = {name: all_candidates()[name].prepare(impacts) for name in names}
-    model = ContactModel(Law("wang_mason", 0.12, 0.55), effects=effects)
+    model = ContactModel(find("wang_mason").at(0.12, 0.55), effects=effects)
     noise = torch.randn((64, len(impacts), 3), generator=seeded(), dtype=torch.float64)
     interval = Interval(0.1, 0.09, 0.11)
     made = Subsets(names[:6], impacts.v_post + noise, (interval,) * 64)
@@ -245,8 +245,10 @@ def test_noise_is_no_more_than_all(content):
 
 @pytest.fixture(scope="module")
 def evaluation(tmp_path_factory, found):
-    models = {law: identify_jointly(law, {}, found.impacts, starts=2).model for law in PAPER_LAWS}
-    laws = {law: Law(law, model.base.mu, model.base.eps) for law, model in models.items()}
+    models = {
+        law: identify_jointly(find(law), {}, found.impacts, options=FitOptions(starts=2)).model for law in PAPER_LAWS
+    }
+    laws = {law: find(law).at(model.base.mu, model.base.eps) for law, model in models.items()}
     predictions = {law: model.predict(found.impacts) for law, model in models.items()}
     errors = {
         law: {
@@ -287,7 +289,7 @@ def test_models_that_cannot_be_told_apart(found):
         name: {HEADLINE: asdict(bootstrap(mass_error(impacts, x), seeded(), 100))} | {"outside_admissible": 0.0}
         for name, x in predictions.items()
     }
-    laws = {name: Law(name, 0.1, 0.5) for name in ("whittaker", "mirtich")}
+    laws = {name: find(name).at(0.1, 0.5) for name in ("whittaker", "mirtich")}
 
     def of(names):
         chosen = {name: predictions[name] for name in names}
@@ -433,7 +435,7 @@ def test_mechanics_of_a_trial(shown, found):
     assert measured == pytest.approx(found.impacts.wrench[3].tolist(), rel=1e-3, abs=1e-7)
     momentum = shown.execute_script("return Math.hypot(...contact(3).centre)")
     for k, law in enumerate(PAPER_LAWS):
-        most = Law(law, 1.0, 1.0).impulse(found.impacts.W[3], found.impacts.v_c[3])  # the last node of the reach
+        most = find(law).at(1.0, 1.0).impulse(found.impacts.W[3], found.impacts.v_c[3])  # the last node of the reach
         node = shown.execute_script(f"return [0, 1].map(j => arrays.reach({k}, 3, 8, 4, j))")
         assert [momentum * x for x in node] == pytest.approx(most.tolist(), abs=2e-3 * momentum)
 

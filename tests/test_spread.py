@@ -9,7 +9,7 @@ from contactlearn.audit.corrections import correct
 from contactlearn.data import mystery
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.impacts import Impacts
-from contactlearn.laws import Law
+from contactlearn.laws import find
 from contactlearn.model import ContactModel
 from contactlearn.shapes import Ellipse, contact_point
 
@@ -29,14 +29,14 @@ def alike(seed, size=100, spread=0.0):
     true = Impacts(
         mass=mass, inertia=mass * (0.035**2 + 0.025**2) / 4, r=r, q=q, v_pre=v_pre, v_post=v_pre, shape=shape
     )
-    v_post = ContactModel(Law("wang_mason", 0.12, 0.55)).predict(true).v_post
+    v_post = ContactModel(find("wang_mason").at(0.12, 0.55)).predict(true).v_post
     return true.replace(v_pre=v_pre + NOISE * draws[1], v_post=v_post + NOISE * draws[2])
 
 
 @pytest.mark.parametrize("size", [100, 300])
 def test_scatter_is_no_effect(size):
     for seed in range(5):
-        found = diagnose(alike(seed, size), "wang_mason")
+        found = diagnose(alike(seed, size), find("wang_mason"))
         assert found.effects == []
         assert found.verdict == "none"
         assert "averaged_vy" in [finding.correction for finding in found.findings]
@@ -45,7 +45,7 @@ def test_scatter_is_no_effect(size):
 def test_what_varies_is_measured():
     """Five times the noise is variation, and mystery drops vary."""
     for drops in (alike(0, spread=5.0), mystery.draw(3, effects=[], size=120)[0]):
-        assert diagnose(drops, "wang_mason").findings == ()
+        assert diagnose(drops, find("wang_mason")).findings == ()
 
 
 def test_the_mean_is_that_of_the_column():

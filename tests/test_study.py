@@ -10,11 +10,12 @@ from contactlearn.errors import DataError
 from contactlearn.evaluation import metrics
 from contactlearn.identification.shared import identify
 from contactlearn.impacts import Prediction
+from contactlearn.laws import find
 from contactlearn.learning import curves as study
 from contactlearn.learning.recipe import Recipe, learn
 
 EXACT = 1e-12  # the same operations in another process or order
-RECIPES = {"wrench": Recipe("x1", "wrench"), "residual": Recipe("x1", "impulse", "whittaker")}
+RECIPES = {"wrench": Recipe("x1", "wrench"), "residual": Recipe("x1", "impulse", find("whittaker"))}
 
 
 def bases(fits):
@@ -31,7 +32,7 @@ def drops():
 def curves(drops):
     pool, test = drops
     orders = study.nested_orders(len(pool), 3, torch.Generator().manual_seed(2))
-    fits, laws = study.law_curves(["whittaker"], pool, test, orders, (10, 30))
+    fits, laws = study.law_curves([find("whittaker")], pool, test, orders, (10, 30))
     return orders, fits, laws, study.learning_curves(RECIPES, pool, test, orders, (10, 30), bases(fits))
 
 
@@ -48,7 +49,7 @@ def test_a_curve_is_what_training_by_hand_gives(drops, curves):
 def test_laws_are_identified_on_the_same_subsets(drops, curves):
     pool, _ = drops
     orders, fits, laws, _ = curves
-    alone = identify("whittaker", pool[orders[1, :10]], sizes=(10,), orders=torch.arange(10)[None])
+    alone = identify(find("whittaker"), pool[orders[1, :10]], sizes=(10,), orders=torch.arange(10)[None])
     assert fits["whittaker"].mu[1, 0] == pytest.approx(alone.mu.item(), abs=1e-6)
     assert laws["whittaker"].errors["mass_error"].shape == (2, 3, 30)
     assert laws["whittaker"].density is None

@@ -40,20 +40,18 @@ def learning_study(
     sizes = [size for size in cfg.curves.sizes if size <= len(pool)]
     terminal.show_sizes(sizes, cfg.curves.sizes, cfg.curves.seeds, len(pool))
     orders = study.nested_orders(len(pool), cfg.curves.seeds, generator)
-    options = {"variant": cfg.variant, "target": cfg.train.target, "box": run.box(cfg)}
-    needed = dict.fromkeys((*cfg.laws, *(recipe.law for recipe in recipes.values() if recipe.law)))
+    law, options = settings.law(cfg), {"target": cfg.train.target, "box": run.box(cfg)}
+    needed = settings.named_laws(cfg, cfg.laws) | {r.law.name: r.law for r in recipes.values() if r.law}
     with terminal.progress() as bar:
         fits, law_curves = study.law_curves(
-            bar.track(needed, description="laws on every subset"), pool, test, orders, sizes, **options
+            bar.track(needed.values(), description="laws on every subset"), pool, test, orders, sizes, **options
         )
-        bases = {law: {size: study.law_at(fit, size) for size in sizes} for law, fit in fits.items()}
+        bases = {name: {size: study.law_at(fit, size) for size in sizes} for name, fit in fits.items()}
         augmented = {}
         if effects := settings.effects(cfg):
-            every = bar.track(sizes, description=f"{cfg.law} and its effects on every subset")
-            bases[cfg.law], curve = study.effect_curve(
-                cfg.law, effects, pool, test, orders, every, **run.joint_options(cfg)
-            )
-            augmented = {run.augmented_name(cfg.law, effects): curve}
+            every = bar.track(sizes, description=f"{law.name} and its effects on every subset")
+            bases[law.name], curve = study.effect_curve(law, effects, pool, test, orders, every, run.fit_options(cfg))
+            augmented = {run.augmented_name(law.name, effects): curve}
         learned = study.learning_curves(
             recipes,
             pool,
@@ -66,7 +64,7 @@ def learning_study(
             workers=run.workers(cfg),
             progress=lambda done, total: bar.track(done, total, description="learned models"),
         )
-    curves = {law: law_curves[law] for law in cfg.laws} | augmented | learned
+    curves = {name: law_curves[name] for name in cfg.laws} | augmented | learned
     levels = {name: _all_errors(test, prediction) for name, prediction in yardsticks.items()}
     entry = {name: _entry(curve, levels, generator, cfg.bootstrap) for name, curve in curves.items()}
     terminal.show_curves({name: entry[name] for name in augmented | learned}, sizes)

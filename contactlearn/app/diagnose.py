@@ -16,6 +16,7 @@ from contactlearn.effects import Effect, catalogue
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import HEADLINE, Interval
 from contactlearn.impacts import Impacts
+from contactlearn.laws import PAPER_LAWS
 from contactlearn.report import findings as report
 from contactlearn.report import terminal
 from contactlearn.report.figures.diagnosis import drawn
@@ -35,10 +36,10 @@ def diagnose(cfg: DictConfig) -> None:
     with terminal.progress() as bar:
         found = find_out(
             impacts,
-            cfg.law,
+            settings.law(cfg),
             effects,
             candidates=_candidates(cfg, effects),
-            variant=cfg.variant,
+            laws=list(settings.named_laws(cfg, PAPER_LAWS).values()),
             noise=None if cfg.fit.noise is None else tuple(cfg.fit.noise),
             limits={name: tuple(ends) for name, ends in cfg.limits.items()},
             seed=cfg.seed,

@@ -36,23 +36,26 @@ def evaluate(cfg: DictConfig) -> None:
     folder = run.run_folder()
     impacts, pool, test, generator = run.split(cfg)
     row = _row(cfg, test)
-    options = {"variant": cfg.variant, "target": cfg.train.target, "box": run.box(cfg)}
+    laws, law = settings.named_laws(cfg, cfg.laws), settings.law(cfg)
     with terminal.progress() as bar:
-        fits = [run.identify_law(cfg, law, pool, generator, bar) for law in cfg.laws]
-        predictions = {fit.law: ContactModel(fit.to_law()).predict(test) for fit in fits}
+        fits = [run.identify_law(cfg, one, pool, generator, bar) for one in laws.values()]
+        predictions = {fit.law.name: ContactModel(fit.to_law()).predict(test) for fit in fits}
         effects, joint = settings.effects(cfg), {}
         if effects:
             rows = torch.arange(len(pool))
             joint = {
                 f"{name} (joint)" if name in predictions else name: fit
-                for name, fit in run.fit_with_effects(cfg, effects, pool, rows, bar).items()
+                for name, fit in run.fit_with_effects(cfg, law, effects, pool, rows, bar).items()
             }
         best, _ = bounds.best_post_hoc(test, predictions, cfg.bounds.norm)
         predictions |= {BEST_POST_HOC: best, IRB: bounds.irb(test, cfg.bounds.norm)}
         predictions |= {name: fit.model.predict(test) for name, fit in joint.items()}
         errors = run.error_table(test, predictions, cfg.bootstrap, generator)
-        every = dict.fromkeys((*cfg.laws, cfg.figures.parameters))
-        trials = {law: identify_trials(law, impacts, **options) for law in bar.track(every, description="every trial")}
+        every = settings.named_laws(cfg, (*cfg.laws, cfg.figures.parameters))
+        trials = {
+            name: identify_trials(one, impacts, target=cfg.train.target, box=run.box(cfg))
+            for name, one in bar.track(every.items(), description="every trial")
+        }
     terminal.show_models(fits, errors, cfg.bounds.norm, joint)
     if joint:
         terminal.show_joint(*list(joint.items())[-1])
@@ -88,8 +91,8 @@ def evaluate(cfg: DictConfig) -> None:
             per_trial = trials[cfg.figures.parameters]
             drawn["trial_parameters"] = figures.trial_parameters(per_trial, impacts, box=run.box(cfg))
             run.save_figures(drawn, folder, tracker)
-    laws = {fit.law: fit.to_law() for fit in fits}
-    write(folder, of_evaluation(test, predictions, errors, laws, run.command_line(), provenance, curves=curves))
+    fitted = {fit.law.name: fit.to_law() for fit in fits}
+    write(folder, of_evaluation(test, predictions, errors, fitted, run.command_line(), provenance, curves=curves))
     terminal.show_folder(folder)
 
 
@@ -105,11 +108,12 @@ def _log_model(
 
 def _figures(cfg, pool, test, fits, predictions, errors, generator, bar, row) -> dict[str, Figure]:
     """The figures of an evaluation by name."""
-    box, chosen = run.box(cfg), {fit.law: fit for fit in fits}
+    box, chosen = run.box(cfg), {fit.law.name: fit for fit in fits}
     # Every k up to 120, and as many of a larger range.
     sizes = torch.linspace(1, cfg.train.size, min(cfg.train.size, 120)).round().int().tolist()
     options = {"sizes": sizes, "repetitions": cfg.figures.repetitions}
-    convergence = run.identify_law(cfg, cfg.figures.surface, pool, generator, bar, **options)
+    (surface,) = settings.named_laws(cfg, [cfg.figures.surface]).values()
+    convergence = run.identify_law(cfg, surface, pool, generator, bar, **options)
     axis = run.headline_axis(cfg)
     headline = metrics.METRICS[metrics.HEADLINE]
     per_trial = {name: headline.error(test, prediction) for name, prediction in predictions.items()}
@@ -123,7 +127,7 @@ def _figures(cfg, pool, test, fits, predictions, errors, generator, bar, row) ->
         "energy_ellipse": energy_ellipse(
             test, row, {law: fit.to_law() for law, fit in chosen.items()}, box, target=cfg.train.target
         ),
-        "cost_surface": run.law_surface(cfg, cfg.figures.surface, pool),
+        "cost_surface": run.law_surface(cfg, surface, pool),
         "convergence": figures.convergence(convergence),
         "error_comparison": figures.error_comparison(per_trial, intervals, axis),
         "patch_curve": figures.patch_curve(

@@ -26,9 +26,10 @@ from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.evaluation import metrics
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.evaluation.partial_residuals import partial_residuals
-from contactlearn.identification.joint import JointFit, identify_jointly
+from contactlearn.identification.joint import FitOptions, JointFit, identify_jointly
 from contactlearn.identification.shared import Box, SharedFit, cost_surface, identify
 from contactlearn.impacts import Impacts, Prediction
+from contactlearn.laws import Law
 from contactlearn.model import ContactModel
 from contactlearn.report import terminal
 from contactlearn.report.figures import laws as figures
@@ -106,7 +107,7 @@ def box(cfg: DictConfig) -> Box:
     return Box(tuple(cfg.train.mu), tuple(cfg.train.eps))
 
 
-def identify_law(cfg: DictConfig, law: str, pool: Impacts, generator: torch.Generator, bar, **changes) -> SharedFit:
+def identify_law(cfg: DictConfig, law: Law, pool: Impacts, generator: torch.Generator, bar, **changes) -> SharedFit:
     """Shared (μ, ε) of a law as the configuration asks for, with changes to the options of `fit.identify`."""
     options = {"sizes": (cfg.train.size,), "repetitions": cfg.train.repetitions} | changes
     what = "converging" if len(options["sizes"]) > 1 else "identifying"
@@ -114,27 +115,26 @@ def identify_law(cfg: DictConfig, law: str, pool: Impacts, generator: torch.Gene
         law,
         pool,
         generator=generator,
-        variant=cfg.variant,
         target=cfg.train.target,
         box=box(cfg),
-        progress=lambda blocks: bar.track(blocks, description=f"{what} {law}"),
+        progress=lambda blocks: bar.track(blocks, description=f"{what} {law.name}"),
         **options,
     )
 
 
-def joint_options(cfg: DictConfig) -> dict:
-    """Options of `fit_effects.identify_jointly` as the configuration asks for."""
+def fit_options(cfg: DictConfig) -> FitOptions:
+    """Options of joint fits as the configuration asks for."""
     noise = None if cfg.fit.noise is None else tuple(cfg.fit.noise)
-    return {"variant": cfg.variant, "box": box(cfg), "target": cfg.fit.target, "noise": noise, "starts": cfg.fit.starts}
+    return FitOptions(box=box(cfg), target=cfg.fit.target, noise=noise, starts=cfg.fit.starts)
 
 
 def fit_with_effects(
-    cfg: DictConfig, effects: Mapping[str, Effect], impacts: Impacts, rows: Tensor, bar
+    cfg: DictConfig, law: Law, effects: Mapping[str, Effect], impacts: Impacts, rows: Tensor, bar
 ) -> dict[str, JointFit]:
     """The law alone and with its effects, by name, both fitted to the same trials in the same way."""
     fits = {}
-    for chosen in bar.track(({}, effects), description=f"fitting {cfg.law} and its effects"):
-        fits[augmented_name(cfg.law, chosen)] = identify_jointly(cfg.law, chosen, impacts, rows, **joint_options(cfg))
+    for chosen in bar.track(({}, effects), description=f"fitting {law.name} and its effects"):
+        fits[augmented_name(law.name, chosen)] = identify_jointly(law, chosen, impacts, rows, options=fit_options(cfg))
     return fits
 
 
@@ -171,13 +171,12 @@ def error_table(test: Impacts, predictions: dict[str, Prediction], resamples: in
     return table
 
 
-def law_surface(cfg: DictConfig, law: str, pool: Impacts) -> Figure:
+def law_surface(cfg: DictConfig, law: Law, pool: Impacts) -> Figure:
     """The surface of Eq. (3.1) over the whole pool, with its minimum."""
     mu, eps = box(cfg).axes()
-    options = {"variant": cfg.variant, "target": cfg.train.target}
-    least = identify(law, pool, sizes=(len(pool),), repetitions=1, box=box(cfg), **options)
-    surface = cost_surface(law, pool, mu, eps, **options)
-    return figures.cost_surface(mu, eps, surface, least.mean(), law, variant=cfg.variant)
+    least = identify(law, pool, sizes=(len(pool),), repetitions=1, box=box(cfg), target=cfg.train.target)
+    surface = cost_surface(law, pool, mu, eps, target=cfg.train.target)
+    return figures.cost_surface(mu, eps, surface, least.mean(), law)
 
 
 def save_figures(drawn: dict[str, Figure], folder: Path, tracker: Tracker) -> None:
@@ -191,8 +190,8 @@ def fit_entry(fit: SharedFit) -> dict:
     """A law's parameters as results.json holds them."""
     (mu, eps), (mu_std, eps_std) = fit.mean(), fit.std()
     return {
-        "law": fit.law,
-        "variant": fit.variant,
+        "law": fit.law.name,
+        "variant": fit.law.variant,
         "trials": fit.sizes[-1],
         "repetitions": len(fit.mu),
         "mu": mu,
@@ -237,7 +236,9 @@ def scalars(fits: list[SharedFit], errors: dict, joint: Mapping[str, JointFit]) 
     }
     values |= {f"outside_admissible/{model}": entry["outside_admissible"] for model, entry in errors.items()}
     for fit in fits:
-        values |= {f"parameters/{fit.law}/{name}": value for name, value in zip(("mu", "eps"), fit.mean(), strict=True)}
+        values |= {
+            f"parameters/{fit.law.name}/{name}": value for name, value in zip(("mu", "eps"), fit.mean(), strict=True)
+        }
     for model, fit in joint.items():
         values |= {f"parameters/{model}/{p.name}": x for p, x in zip(fit.parameters, fit.values.tolist(), strict=True)}
     return values
@@ -321,7 +322,7 @@ def law_equation(fit: SharedFit) -> str:
     """A law with the mean and the spread of its parameters over the subsets, as models print themselves."""
     numbers = zip(("μ", "ε"), fit.mean(), fit.std(), strict=True)
     spread = (f"{symbol} = {mean:.4f}" + (f" ± {std:.4f}" if std == std else "") for symbol, mean, std in numbers)
-    return f"{fit.law} ({fit.variant}): {', '.join(spread)}; ± is the spread over {len(fit.mu)} subsets"
+    return f"{fit.law.name} ({fit.law.variant}): {', '.join(spread)}; ± is the spread over {len(fit.mu)} subsets"
 
 
 def provenance(impacts: Impacts, cfg: DictConfig) -> dict:

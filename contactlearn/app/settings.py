@@ -1,7 +1,7 @@
 """Checks of a composed configuration, before any data is read: a wrong setting costs seconds, not a run."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import fields
 from typing import Any
 
@@ -15,6 +15,7 @@ from contactlearn.errors import ContactLearnError, UnknownNameError, suggest
 from contactlearn.evaluation import bounds
 from contactlearn.identification import joint as fit_effects
 from contactlearn.identification.shared import TARGETS
+from contactlearn.laws import Law
 from contactlearn.learning.recipe import Recipe
 from contactlearn.report.tables import FORMATS
 
@@ -101,16 +102,35 @@ def check(cfg: DictConfig) -> None:
         raise ContactLearnError("transfer is studied without effects; use effect=[]")
     if cfg.get("transfer") is not None and not (recipes(cfg) and cfg.transfer.get("bodies")):
         raise ContactLearnError("transfer needs a learned model and a body; see configs/experiment/transfer.yaml")
-    named = ([cfg.law] if "law" in cfg else []) + list(cfg.get("laws", []))
-    if "test" not in cfg:  # a diagnosis can choose its law
-        named = [law for law in named if law != "best"]
-    for law in named + [cfg.figures[part] for part in ("surface", "parameters") if "figures" in cfg]:
-        laws.check(str(law), str(cfg.variant))
-    for law, entry in (cfg.get("reference") or {}).items():
+    if "law" in cfg:
+        law(cfg)
+    for name in [*cfg.get("laws", []), *(cfg.figures[part] for part in ("surface", "parameters") if "figures" in cfg)]:
+        laws.find(str(name), str(cfg.variant))
+    for one, entry in (cfg.get("reference") or {}).items():
         for name in ("mu", "eps"):
             pair = entry.get(name) if isinstance(entry, DictConfig) else None
             if not isinstance(pair, ListConfig) or len(pair) != 2:
-                raise ContactLearnError(f"reference.{law} must hold mu: [mean, std] and eps: [mean, std], got {entry}")
+                raise ContactLearnError(f"reference.{one} must hold mu: [mean, std] and eps: [mean, std], got {entry}")
+
+
+BEST = "best"
+"""As the law of a diagnosis: the one with the least held-out error."""
+
+
+def law(cfg: DictConfig) -> Law | None:
+    """The law of the configuration; None where a diagnosis is to choose it.
+
+    Raises:
+        UnknownNameError: no such law or variant.
+    """
+    if cfg.law == BEST and "test" not in cfg:
+        return None
+    return laws.find(str(cfg.law), str(cfg.variant))
+
+
+def named_laws(cfg: DictConfig, names: Iterable[str]) -> dict[str, Law]:
+    """Laws by name, in the variant of the configuration."""
+    return {str(name): laws.find(str(name), str(cfg.variant)) for name in names}
 
 
 def recipes(cfg: DictConfig) -> dict[str, Recipe]:
@@ -132,7 +152,8 @@ def recipes(cfg: DictConfig) -> dict[str, Recipe]:
         missing = {"features", "target"} - settings.keys()
         if missing:
             raise ContactLearnError(f"model.{name} lacks {', '.join(sorted(missing))}; see configs/model")
-        found[name] = Recipe(**settings, variant=cfg.variant)
+        base = settings.pop("law", None)
+        found[name] = Recipe(**settings, law=None if base is None else laws.find(str(base), str(cfg.variant)))
     return found
 
 

@@ -25,7 +25,7 @@ def train(cfg: DictConfig) -> None:
     """Train the one model of the configuration, save it, and hold its predictions against the held-out trials."""
     settings.check(cfg)
     name, recipe = settings.one_recipe(cfg)
-    effects = settings.effects(cfg)
+    law, effects = settings.law(cfg), settings.effects(cfg)
     if effects and recipe is not None and recipe.law is None:
         raise ContactLearnError(f"effects act around a law, and model {name} has none: {', '.join(effects)}")
     if recipe is not None and name not in settings.recipes_around(cfg):
@@ -40,12 +40,14 @@ def train(cfg: DictConfig) -> None:
         if recipe is not None or effects:
             rows = torch.randperm(len(pool), generator=generator)[: cfg.train.size]
         if effects:
-            joint = run.fit_with_effects(cfg, effects, pool, rows, bar)
+            joint = run.fit_with_effects(cfg, law, effects, pool, rows, bar)
         elif recipe is None:
-            fits = [run.identify_law(cfg, cfg.law, pool, generator, bar)]
+            fits = [run.identify_law(cfg, law, pool, generator, bar)]
         elif recipe.law:
             fits = [run.identify_law(cfg, recipe.law, pool, generator, bar, orders=rows[None])]
-        laws = {fit.law: ContactModel(fit.to_law()) for fit in fits} | {key: fit.model for key, fit in joint.items()}
+        laws = {fit.law.name: ContactModel(fit.to_law()) for fit in fits} | {
+            key: fit.model for key, fit in joint.items()
+        }
         model = list(laws.values())[-1] if laws else None
         if recipe is not None:
             bar.add_task(f"training {name} on {len(rows)} trials", total=None)
@@ -79,14 +81,16 @@ def train(cfg: DictConfig) -> None:
         tracker.charts(run.charts())
         drawn = run.effect_figures(laws[list(laws)[-1]], test) if effects else {}
         if recipe is None and not effects:
-            drawn["cost_surface"] = run.law_surface(cfg, cfg.law, pool)
+            drawn["cost_surface"] = run.law_surface(cfg, law, pool)
         if recipe is not None:
             drawn |= _figures(name, recipe, model, test, predictions[name])
             loss = (model.parameters or model.residual).status.history
             tracker.series("fit/loss", loss.mean(-1).tolist())
         run.save_figures(drawn, folder, tracker)
-        law = cfg.law if recipe is None else recipe.law
-        run.log_hyperparameters(tracker, cfg, impacts, cfg.train.size, law, effects, next(iter(cfg.model)))
+        under = law if recipe is None else recipe.law
+        run.log_hyperparameters(
+            tracker, cfg, impacts, cfg.train.size, under and under.name, effects, next(iter(cfg.model))
+        )
         equations = [run.law_equation(fit) for fit in fits] if recipe is None and fits else [str(model)]
         run.log_card(tracker, provenance, equations, shown)
     terminal.show_folder(folder)

@@ -18,9 +18,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from contactlearn import laws
 from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts
-from contactlearn.laws import Law
 from contactlearn.mechanics import contact_velocity
 from contactlearn.model import ContactModel
 from contactlearn.numerics import number, random, whole
@@ -59,7 +59,7 @@ def load(
         UnknownNameError: no such law, variant or kind of shape.
     """
     size, seed = whole("size", size, 1), whole("seed", seed, 0)
-    true = Law(law, number("mu", mu, 0), number("eps", eps, 0, 1), variant)
+    true = laws.find(law, variant).at(number("mu", mu, 0), number("eps", eps, 0, 1))
     mass = number("mass", mass, 0, above=True)
     sigma_v, sigma_omega = number("velocity_noise", velocity_noise, 0), number("spin_noise", spin_noise, 0)
     sigma = torch.tensor((sigma_v, sigma_v, sigma_omega), dtype=torch.float64)

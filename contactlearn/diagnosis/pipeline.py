@@ -12,8 +12,8 @@
 All errors are the held-out mass error.  `Diagnosis.to_dict` is diagnosis.json; docs/diagnosis.md is its schema.
 """
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import torch
@@ -36,9 +36,9 @@ from contactlearn.diagnosis.unexplained.remainder import CLEARLY, Remainder, rem
 from contactlearn.effects import Effect
 from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.evaluation.metrics import Interval, mass_error
-from contactlearn.identification.joint import identify_jointly
+from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.impacts import Impacts
-from contactlearn.laws import PAPER_LAWS
+from contactlearn.laws import PAPER_LAWS, Law, find
 from contactlearn.model import ContactModel
 
 FEWEST = 20
@@ -108,11 +108,11 @@ class Diagnosis:
 
 def diagnose(
     impacts: Impacts,
-    law: str = "best",
+    law: Law | None = None,
     effects: Mapping[str, Effect] | None = None,
     *,
     candidates: Mapping[str, Effect] | None = None,
-    variant: str = "textbook",
+    laws: Sequence[Law] | None = None,
     noise: tuple[float, float, float] | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
     seed: int = 0,
@@ -123,11 +123,11 @@ def diagnose(
 
     Args:
         impacts: measurements; `suspect` ones are audited and corrected, or refused.
-        law: an analytical law, or `best` for the one with the least held-out error.
+        law: an analytical law; if None, that of `laws` with the least held-out error.
         effects: that are in the model already.
         candidates: what may be missing, by name; the whole catalogue if left out.  See `candidates.usable` for those
             that are refused.
-        variant: of the law.
+        laws: to compare; if None, the textbook laws of the paper.
         noise: standard deviations of the measured v_x, v_y and ω where they are known.
         limits: of the set-up for the next experiment, see `next_experiment`.
         seed: of the folds and resamples.
@@ -144,37 +144,35 @@ def diagnose(
     findings = audit(impacts)
     say("audit", findings)
     if any(finding.fatal for finding in findings):
-        return Diagnosis("bad_data", law, {}, findings)
+        return Diagnosis("bad_data", law.name if law else "best", {}, findings)
     repairs = [finding.correction for finding in findings if finding.correction]
     impacts = correct(impacts, repairs) if repairs else impacts
-    options = {"variant": variant, "noise": noise}
+    options = FitOptions(noise=noise)
     folds = Folds.draw(len(impacts), generator, repeats=REPEATS[len(impacts) <= _FEW])
-    laws = {
-        name: _held_out(name, effects, impacts, folds, options)
-        for name in progress(dict.fromkeys((*PAPER_LAWS, *({law} - {"best"}))), "laws")
-    }
-    chosen, law = law == "best", min(laws, key=laws.get) if law == "best" else law
-    say("laws", (law, laws))
+    known = {one.name: one for one in (laws or map(find, PAPER_LAWS))} | ({law.name: law} if law else {})
+    laws = {name: _held_out(one, effects, impacts, folds, options) for name, one in progress(known.items(), "laws")}
+    chosen, law = law is None, known[min(laws, key=laws.get)] if law is None else law
+    say("laws", (law.name, laws))
     given = candidates or all_candidates()
     among = usable(given, impacts)
     if left_out := [name for name in given if name not in among]:
         say("left out", left_out)
-    selection = Selection(law, impacts, among, folds, effects, **options)
+    selection = Selection(law, impacts, among, folds, effects, options)
     ceiling = _remainder(selection.base, impacts, folds, generator)
     notes = averaged(impacts, ceiling.v_post, lambda drops: _held_out(law, effects, drops, folds, options))
     if notes:
         say("notes", notes)
         findings += notes
         impacts = correct(impacts, [note.correction for note in notes])
-        selection = Selection(law, impacts, among, folds, effects, **options)
+        selection = Selection(law, impacts, among, folds, effects, options)
         ceiling = _remainder(selection.base, impacts, folds, generator)
     budget, regions = _failures(selection, ceiling, generator, say)
-    selection.run(lambda items: progress(items, f"effects around {law}"))
+    selection.run(lambda items: progress(items, f"effects around {law.name}"))
     if chosen:
-        selection = _with_better_law(selection, laws, among, options, progress)
+        selection = _with_better_law(selection, known, laws, among, options, progress)
         if selection.law != law:
             law = selection.law
-            say("law", law)
+            say("law", law.name)
             ceiling = _remainder(selection.base, impacts, folds, generator)
             budget, regions = _failures(selection, ceiling, generator, say)
     steps, missing = ladder(selection, regions, generator)
@@ -185,7 +183,7 @@ def diagnose(
     left = _remainder(selection.present, impacts, folds, generator)
     written = _formulas(impacts, fit.model, left, folds, say) if left.large else []
     better = left.v_post if left.large else None
-    floor = noise_floor(impacts, fit.model, generator=generator, noise=noise, usual=fit.usual, predicted=better)
+    floor = noise_floor(impacts, fit.model, generator=generator, noise=noise, usual=fit.inliers, predicted=better)
     steps = (*steps, ("+ processes on what remains", interval(left.error, generator)), ("noise floor", floor.error))
     budget = full_budget(budget, steps, floor)
     unknown = left.large or min(laws.values()) < (1 - CLEARLY) * budget["named"]["mean"]
@@ -193,7 +191,7 @@ def diagnose(
     verdict = "bad_data" if any(finding.mistake for finding in findings) else physics
     return Diagnosis(
         verdict,
-        law,
+        law.name,
         laws,
         findings,
         missing,
@@ -225,7 +223,7 @@ def _failures(
 
 
 def _remainder(fitted: Fitted, impacts: Impacts, folds: Folds, generator: torch.Generator) -> Remainder:
-    return remainder(impacts, fitted.fit.model, folds, generator=generator, usual=fitted.fit.usual)
+    return remainder(impacts, fitted.fit.model, folds, generator=generator, usual=fitted.fit.inliers)
 
 
 def _experiment(
@@ -254,29 +252,40 @@ def _formulas(
 
 
 def _held_out(
-    law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds, options: dict, start: Tensor | None = None
+    law: Law,
+    effects: Mapping[str, Effect],
+    impacts: Impacts,
+    folds: Folds,
+    options: FitOptions,
+    start: Tensor | None = None,
 ) -> float:
     """Mean held-out mass error of a law with effects, fitted from a start if one is given."""
-    model = identify_jointly(law, effects, impacts, folds.fitted, starts=2, start=start, **options).model
+    model = identify_jointly(law, effects, impacts, folds.fitted, options=replace(options, starts=2), start=start).model
     return folds.scores(mass_error(impacts, model.predict(impacts))).nanmean().item()
 
 
 def _with_better_law(
     selection: Selection,
+    known: Mapping[str, Law],
     laws: Mapping[str, float],
     candidates: Mapping[str, Effect],
-    options: dict,
+    options: FitOptions,
     progress: Callable[[Iterable, str], Iterable],
 ) -> Selection:
     """The selection around another law, if with these effects that law does clearly better after all."""
     present, errors = selection.present, {}
-    near = [name for name, error in laws.items() if name != selection.law and error < _NEAR * laws[selection.law]]
+    own = selection.law.name
+    near = [name for name, error in laws.items() if name != own and error < _NEAR * laws[own]]
     for name in near:
-        fit = identify_jointly(name, present.effects, selection.impacts, start=present.fit.values, **options)
-        errors[name] = _held_out(name, present.effects, selection.impacts, selection.folds, options, start=fit.values)
+        fit = identify_jointly(
+            known[name], present.effects, selection.impacts, options=options, start=present.fit.values
+        )
+        errors[name] = _held_out(
+            known[name], present.effects, selection.impacts, selection.folds, options, start=fit.values
+        )
     other = min(errors, key=errors.get, default=None)
     if other is None or errors[other] > _BETTER * present.error.nanmean().item():
         return selection
-    again = Selection(other, selection.impacts, candidates, selection.folds, selection.given, **options)
+    again = Selection(known[other], selection.impacts, candidates, selection.folds, selection.given, options)
     again.run(lambda items: progress(items, f"effects around {other}"))
     return again if again.present.error.nanmean() < present.error.nanmean() else selection

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from contactlearn.effects.state import State, columns
-from contactlearn.laws.base import Contact
+from contactlearn.laws.contact import Contact
 from contactlearn.laws.wang_mason import Path, routh_path
 
 

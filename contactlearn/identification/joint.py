@@ -1,12 +1,12 @@
 """Joint identification of a law's (μ, ε) and the parameters of the effects around it.
 
-The model leaves e_k of the post velocity (or the wrench) of trial k; `student` finds the parameters under
+The model leaves e_k of the post velocity (or the wrench) of trial k; `robust` finds the parameters under
 which these are most likely, robustly, many subsets and starts at once.  Derivatives are exact: each
 trial gets parameters of its own, so three backward passes give all of them.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -14,10 +14,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from contactlearn import laws
 from contactlearn.effects import Effect, Parameter, State
 from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.identification import robust as student
+from contactlearn.identification import robust
 from contactlearn.identification.shared import Box
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
@@ -32,6 +31,34 @@ _FEW = 5.0  # trials
 _ALIKE = 0.95  # correlation from which on two parameters are said to do the same
 
 
+@dataclass(frozen=True, kw_only=True)
+class FitOptions:
+    """Options of a joint fit.
+
+    Raises:
+        DataError: noise that is not three positive numbers.
+        UnknownNameError: no such target.
+    """
+
+    box: Box = Box()
+    """Limits of μ and ε."""
+    target: str = "velocity"
+    """The compared quantity: `velocity` for v_post, or `wrench`."""
+    noise: tuple[float, float, float] | None = None
+    """Standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), known up to a common factor.
+
+    If None the residual is weighed by its own scatter.
+    """
+    starts: int = 8
+    """Of the search, for each subset."""
+
+    def __post_init__(self):
+        if self.noise is not None and (len(self.noise) != 3 or not all(0 < sigma < math.inf for sigma in self.noise)):
+            raise DataError(f"noise must be three positive standard deviations, of v_x, v_y and ω; got {self.noise}")
+        if self.target not in TARGETS:
+            raise UnknownNameError("target of a joint fit", self.target, TARGETS)
+
+
 @dataclass(frozen=True)
 class JointFit:
     """What was found, for each subset (leading axes).
@@ -43,9 +70,9 @@ class JointFit:
     parameters: tuple[Parameter, ...]
     values: Tensor
     covariance: Tensor
-    scatter: Tensor  # robust covariance [..., 3, 3] of what is left, in squares of the target's units
+    scatter: Tensor  # robust covariance [..., 3, 3] of the residual, in squares of the target's units
     weight: Tensor  # [..., n] of the trials, near 0 for gross outliers and 1 for ordinary ones
-    telling: Tensor  # [..., K] how many trials tell of each parameter, in effect
+    effective_trials: Tensor  # [..., K] number of trials that the information on each parameter comes from
     loss: Tensor  # [...] what was minimised, nats a trial
     agreement: Tensor  # [...] share of the starts followed to the end that came to the best one
     converged: Tensor  # [...]
@@ -62,19 +89,19 @@ class JointFit:
         return self.covariance / (error[..., :, None] * error[..., None, :])
 
     @property
-    def usual(self) -> Tensor:
-        """Trials [..., n] that count; of the others over five times as much is left as is usual."""
+    def inliers(self) -> Tensor:
+        """Trials [..., n] whose weight is not negligible; the residual of the others is over five times the typical."""
         return self.weight >= _HARDLY
 
     @property
     def outliers(self) -> int:
         """Trials of all subsets that hardly count."""
-        return int((~self.usual).sum())
+        return int((~self.inliers).sum())
 
     def undetermined(self) -> dict[str, str]:
         """What a single subset's data leave open: parameter → reasons with the numbers that show them."""
         found = {}
-        errors, told = self.standard_errors.tolist(), self.telling.tolist()
+        errors, told = self.standard_errors.tolist(), self.effective_trials.tolist()
         for k, (p, error) in enumerate(zip(self.parameters, errors, strict=True)):
             others = self.correlation[k].abs().clone()
             others[k] = 0
@@ -105,83 +132,67 @@ class JointFit:
 
 
 def identify_jointly(
-    law: str,
+    law: Law,
     effects: Mapping[str, Effect],
     impacts: Impacts,
     rows: Tensor | None = None,
     *,
-    variant: str = "textbook",
-    box: Box | None = None,
-    target: str = "velocity",
-    noise: Sequence[float] | None = None,
-    starts: int = 8,
+    options: FitOptions = FitOptions(),
     start: Tensor | None = None,
 ) -> JointFit:
     """Fit a law with effects to trials.
 
     Args:
-        law, variant: the analytical law.
+        law: an analytical law; its own μ and ε are ignored.
         effects: by name; constants that they leave open are taken from the impacts.
-        impacts, rows: subsets [..., n] of equal size as rows of the impacts; all of them if left out.
-        box: limits of μ and ε.
-        target: what is compared, the post velocity or the wrench.
-        noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), known up to a common factor; else
-            what is left is weighed by its own scatter.
-        starts: of the search, for each subset.
+        impacts, rows: subsets [..., n] of equal size as rows of the impacts; all of them if None.
+        options: of the fit.
         start: values [..., K] to begin at instead of a search.
 
     Raises:
         DataError: too few trials, or a shape that an effect needs is not known.
-        UnknownNameError: no such law, variant or target.
     """
-    laws.check(law, variant)
-    if noise is not None and (len(noise) != 3 or not all(0 < sigma < math.inf for sigma in noise)):
-        raise DataError(f"noise must be three positive standard deviations, of v_x, v_y and ω; got {noise}")
-    if target not in TARGETS:
-        raise UnknownNameError("target of a joint fit", target, TARGETS)
     effects = {name: effect.prepare(impacts) for name, effect in effects.items()}
     rows = torch.arange(len(impacts)) if rows is None else rows
-    parameters = named_parameters(effects, box or Box())
+    parameters = named_parameters(effects, options.box)
     least = (len(parameters) + 2 * _SCATTER) // 3 + 1
     if rows.shape[-1] < least:
         raise DataError(f"{len(parameters)} parameters need at least {least} trials, got {rows.shape[-1]}")
     flat = rows.reshape(-1, rows.shape[-1])
-    problem = _Problem.of(Law(law, 0.0, 0.0, variant), effects, impacts, flat, target, noise, parameters)
-    theta, scatter, loss, agreement, converged = student.search(problem, starts, start)
-    covariance, weight, telling = student.uncertainty(problem, theta, scatter)
+    problem = _Problem.of(law, effects, impacts, flat, parameters, options)
+    theta, scatter, loss, agreement, converged = robust.search(problem, options.starts, start)
+    covariance, weight, effective = robust.uncertainty(problem, theta, scatter)
     back = (
         x.reshape(rows.shape[:-1] + x.shape[1:])
-        for x in (theta, covariance, scatter, weight, telling, loss, agreement, converged)
+        for x in (theta, covariance, scatter, weight, effective, loss, agreement, converged)
     )
     theta, covariance, *others = back
-    return JointFit(assemble(law, variant, effects, theta, covariance), parameters, theta, covariance, *others)
+    return JointFit(assemble(law, effects, theta, covariance), parameters, theta, covariance, *others)
 
 
 class Linearisation(NamedTuple):
-    """A fit about given parameters: what is left [n, 3], its derivative [n, 3, K], both whitened, and weights [n]."""
+    """A fit about given parameters: residual [n, 3], its derivative [n, 3, K], both whitened, and weights [n]."""
 
-    left: Tensor
+    residual: Tensor
     slope: Tensor
     weight: Tensor
 
 
 def linearise(
-    law: str,
+    law: Law,
     effects: Mapping[str, Effect],
     impacts: Impacts,
     theta: Tensor,
     scatter: Tensor,
     *,
-    variant: str = "textbook",
-    target: str = "velocity",
-    noise: Sequence[float] | None = None,
+    options: FitOptions = FitOptions(),
 ) -> Linearisation:
     """What a law with effects leaves at parameters [K], and how that changes with them; options as of a fit."""
     rows = torch.arange(len(impacts))[None]
     parameters = named_parameters(effects, Box())
-    problem = _Problem.of(Law(law, 0.0, 0.0, variant), effects, impacts, rows, target, noise, parameters)
-    left, slope = problem.linearised(theta[None])
-    return Linearisation(*(part[0] for part in student.whitened(left, slope, scatter[None])))
+    problem = _Problem.of(law, effects, impacts, rows, parameters, options)
+    residual, slope = problem.linearised(theta[None])
+    return Linearisation(*(part[0] for part in robust.whitened(residual, slope, scatter[None])))
 
 
 def named_parameters(effects: Mapping[str, Effect], box: Box) -> tuple[Parameter, ...]:
@@ -194,13 +205,11 @@ def named_parameters(effects: Mapping[str, Effect], box: Box) -> tuple[Parameter
     return (*shared, *own)
 
 
-def assemble(
-    law: str, variant: str, effects: Mapping[str, Effect], theta: Tensor, covariance: Tensor | None = None
-) -> ContactModel:
+def assemble(law: Law, effects: Mapping[str, Effect], theta: Tensor, covariance: Tensor | None = None) -> ContactModel:
     """The model at parameters [..., K]; with leading axes they broadcast against [..., N]."""
     shaped = theta[..., None, :] if theta.ndim > 1 else theta
     return ContactModel(
-        Law(law, shaped[..., 0], shaped[..., 1], variant), effects=_at(effects, shaped), parameter_covariance=covariance
+        law.at(shaped[..., 0], shaped[..., 1]), effects=_at(effects, shaped), parameter_covariance=covariance
     )
 
 
@@ -226,7 +235,16 @@ class _Problem:
     reach: Tensor
 
     @classmethod
-    def of(cls, law, effects, impacts, rows, target, noise, parameters) -> "_Problem":
+    def of(
+        cls,
+        law: Law,
+        effects: Mapping[str, Effect],
+        impacts: Impacts,
+        rows: Tensor,
+        parameters: tuple[Parameter, ...],
+        options: FitOptions,
+    ) -> "_Problem":
+        target, noise = options.target, options.noise
         measured = (impacts.v_post if target == "velocity" else impacts.wrench)[rows]
         state, whitening = State.of(impacts, rows), None
         if noise is not None:
@@ -254,21 +272,21 @@ class _Problem:
         return replace(self, state=state, measured=self.measured[which], whitening=whitening)
 
     def thinned(self, most: int) -> "_Problem":
-        """With every so many-th trial left out, so that no more than `most` are left."""
+        """Every k-th trial alone, at most `most` a problem."""
         step = -(-self.measured.shape[1] // most)
         return self[:, ::step]
 
-    def left(self, theta: Tensor) -> Tensor:
-        """What the model leaves, whitened by the known noise, [..., B, n, 3] at parameters [..., B, n or 1, K]."""
+    def residual(self, theta: Tensor) -> Tensor:
+        """Residual, whitened by the known noise, [..., B, n, 3] at parameters [..., B, n or 1, K]."""
         prediction = resolve(self.law, _at(self.effects, theta), self.state, theta[..., 0], theta[..., 1])
-        left = self.measured - (prediction.v_post if self.target == "velocity" else prediction.wrench)
-        return left if self.whitening is None else (self.whitening @ left[..., None])[..., 0]
+        residual = self.measured - (prediction.v_post if self.target == "velocity" else prediction.wrench)
+        return residual if self.whitening is None else (self.whitening @ residual[..., None])[..., 0]
 
     def linearised(self, theta: Tensor) -> tuple[Tensor, Tensor]:
-        """What is left [B, n, 3], and its derivative [B, n, 3, K], at parameters [B, K]."""
+        """Residual [B, n, 3], and its derivative [B, n, 3, K], at parameters [B, K]."""
         own = theta[:, None, :].expand(*self.measured.shape[:2], -1)
         own = [part.clone().requires_grad_() for part in own.unbind(-1)]
         with torch.enable_grad():
-            left = self.left(torch.stack(own, -1))
-            slope = derivative(left, own)
-        return left.detach(), slope
+            residual = self.residual(torch.stack(own, -1))
+            slope = derivative(residual, own)
+        return residual.detach(), slope

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from contactlearn.identification.shared import Box, measured_impulse
 from contactlearn.impacts import Impacts
-from contactlearn.laws import impulse
+from contactlearn.laws import Law
 
 _STEP = 1e-7  # finite difference of P̂ in μ and ε
 
@@ -32,8 +32,7 @@ class TrialFit:
     Where `mu_high` exceeds `mu_low` the trial does not determine μ: it sticks from mu_low on.
     """
 
-    law: str
-    variant: str
+    law: Law
     mu: Tensor
     eps: Tensor
     error: Tensor
@@ -47,21 +46,20 @@ class TrialFit:
 
 
 def identify_trials(
-    law: str,
+    law: Law,
     impacts: Impacts,
     *,
-    variant: str = "textbook",
     target: str = "momentum",
     box: Box | None = None,
 ) -> TrialFit:
     """(μ_k, ε_k) of every trial, its error, and the interval of μ where the trial leaves it open.
 
-    Arguments as in `fit.identify`; `box.nodes` is not used.
+    Arguments as of `identify`; `box.nodes` is not used.
     """
     P = measured_impulse(impacts, target)
     # Component by component in memory: the laws then read them a quarter faster.
     measured = (x.movedim(0, -1).contiguous().movedim(-1, 0) for x in (impacts.W, impacts.v_c, P))
-    problem = _Problem(law, variant, *measured, box or Box())
+    problem = _Problem(law, *measured, box or Box())
     zero = 1e-20 * _dot(problem.P.T, problem.P.T)
     *found, slack = _levenberg_marquardt(problem, *problem.starts(), rounds=3)
     pairs = ((slack > 1e-9 * found[0]) & (found[0].amin(0) > zero)).nonzero(as_tuple=True)
@@ -71,26 +69,25 @@ def identify_trials(
     best = _written(best, rows, _edge_of_sticking(problem[rows[0]], *(x[rows] for x in best)))
     rows = (rows[0][~_jumps(problem[rows[0]], *(x[rows] for x in best[1:]))],)
     cost, mu, eps = _written(best, rows, _shrinking_grid(problem[rows[0]], *(x[rows] for x in best)))
-    return TrialFit(law, variant, mu, eps, cost.sqrt(), *_mu_interval(problem, cost, mu, eps))
+    return TrialFit(law, mu, eps, cost.sqrt(), *_mu_interval(problem, cost, mu, eps))
 
 
 @dataclass(frozen=True)
 class _Problem:
     """N independent problems in two parameters (μ, ε); costs are squared distances."""
 
-    law: str
-    variant: str
+    law: Law
     W: Tensor
     v_c: Tensor
     P: Tensor
     box: Box
 
     def __getitem__(self, rows: Tensor) -> "_Problem":
-        return _Problem(self.law, self.variant, self.W[rows], self.v_c[rows], self.P[rows], self.box)
+        return _Problem(self.law, self.W[rows], self.v_c[rows], self.P[rows], self.box)
 
     def impulse(self, mu: Tensor | float, eps: Tensor) -> tuple[Tensor, Tensor]:
         """P̂ by component, [..., N] each."""
-        return impulse(self.law, self.W, self.v_c, mu, eps, variant=self.variant).unbind(-1)
+        return self.law.at(mu, eps).impulse(self.W, self.v_c).unbind(-1)
 
     def residual(self, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
         """P̂ − P by component, [..., N] each."""

@@ -26,7 +26,7 @@ _TOLERANCE = 1e-7  # nats a trial
 
 
 class Problem(Protocol):
-    """B problems in K parameters, μ and ε first; `scaled` where what is left is whitened by its known noise."""
+    """B problems in K parameters, μ and ε first; `scaled` where the residual is whitened by its known noise."""
 
     low: Tensor  # [K]
     high: Tensor
@@ -42,18 +42,18 @@ class Problem(Protocol):
         """With at most so many trials a problem."""
         ...
 
-    def left(self, theta: Tensor) -> Tensor:
-        """What the model leaves [..., B, n, 3] at parameters [..., B, n or 1, K]."""
+    def residual(self, theta: Tensor) -> Tensor:
+        """Residual [..., B, n, 3] at parameters [..., B, n or 1, K]."""
         ...
 
     def linearised(self, theta: Tensor) -> tuple[Tensor, Tensor]:
-        """What is left [B, n, 3], and its derivative [B, n, 3, K], at parameters [B, K]."""
+        """Residual [B, n, 3], and its derivative [B, n, 3, K], at parameters [B, K]."""
         ...
 
 
-def _distance(left: Tensor, scatter: Tensor) -> Tensor:
+def _distance(residual: Tensor, scatter: Tensor) -> Tensor:
     """d² [..., n]."""
-    white = torch.linalg.solve_triangular(torch.linalg.cholesky(scatter), left.mT, upper=False)
+    white = torch.linalg.solve_triangular(torch.linalg.cholesky(scatter), residual.mT, upper=False)
     return white.square().sum(-2)
 
 
@@ -61,10 +61,10 @@ def _weight(distance: Tensor) -> Tensor:
     return (_NU + 3) / (_NU + distance)
 
 
-def _loss(left: Tensor, scatter: Tensor) -> Tensor:
+def _loss(residual: Tensor, scatter: Tensor) -> Tensor:
     """Nats a trial [...]; infinite where something is not a number."""
     spread = torch.linalg.cholesky(scatter).diagonal(dim1=-2, dim2=-1).log().sum(-1)
-    loss = robust_distance(left, scatter).mean(-1) + spread
+    loss = robust_distance(residual, scatter).mean(-1) + spread
     return torch.where(loss.isnan(), torch.inf, loss)
 
 
@@ -76,7 +76,7 @@ def search(problem: Problem, starts: int, start: Tensor | None = None) -> tuple[
     else:
         theta, starts = start.expand(B, -1).clamp(problem.low, problem.high), 1
     which = torch.arange(B).repeat(starts)
-    size = problem[which].left(theta[:, None]).square().median(-2).values
+    size = problem[which].residual(theta[:, None]).square().median(-2).values
     scatter = torch.diag_embed(torch.where(size.isfinite(), size, 1.0) + 1e-12)
     if starts > 2:
         theta, scatter, loss, _ = _descend(problem[which], theta, scatter, _HALVING)
@@ -97,8 +97,12 @@ def _starts(problem: Problem, starts: int) -> Tensor:
     nodes = torch.linspace(0, 1, 15, dtype=torch.float64)[1:-1] ** torch.tensor([[2.0], [1.0]])  # μ is small more often
     grid = torch.cartesian_prod(*(low[:2, None] + nodes * (high - low)[:2, None]))
     theta = torch.cat((grid, start[2:].expand(len(grid), -1)), -1)
-    left = few.left(theta[:, None, None, :])  # [G, B, n, 3]
-    cost = (left / left.abs().median(0).values.median(-2, keepdim=True).values.clamp_min(1e-12)).norm(dim=-1).mean(-1)
+    residual = few.residual(theta[:, None, None, :])  # [G, B, n, 3]
+    cost = (
+        (residual / residual.abs().median(0).values.median(-2, keepdim=True).values.clamp_min(1e-12))
+        .norm(dim=-1)
+        .mean(-1)
+    )
     best = cost.argmin(0)
     far = (grid[:, None] - grid[best]).abs().amax(-1) > 0.2 * (high - low)[:2].amax()
     second = torch.where(far, cost, torch.inf).argmin(0)
@@ -122,12 +126,12 @@ def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int) -> t
     active, damping = torch.arange(len(theta)), theta.new_full(theta.shape[:1], 1e-3)
     calm = torch.zeros(len(theta), dtype=torch.long)
     for _ in range(rounds):
-        left, slope = problem.linearised(theta)
-        scatter = _scattered(problem, left, scatter, 3)
-        loss = _loss(left, scatter)
-        step = _steps(left, slope, scatter, theta, problem, damping)  # [C, B, K]
+        residual, slope = problem.linearised(theta)
+        scatter = _scattered(problem, residual, scatter, 3)
+        loss = _loss(residual, scatter)
+        step = _steps(residual, slope, scatter, theta, problem, damping)  # [C, B, K]
         tried = (theta + step).clamp(problem.low, problem.high)
-        losses = _loss(problem.left(tried[..., None, :]), scatter)
+        losses = _loss(problem.residual(tried[..., None, :]), scatter)
         new, pick = losses.min(0)
         better = new < loss
         theta = torch.where(better[:, None], _picked(tried, pick), theta)
@@ -142,15 +146,17 @@ def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int) -> t
             going = (~done).nonzero()[:, 0]
             problem, active = problem[going], active[going]
             theta, scatter, damping, calm = theta[going], scatter[going], damping[going], calm[going]
-    left = problem.left(theta[:, None])
-    result[1][active] = _scattered(problem, left, scatter, 20)
-    result[2][active] = _loss(left, result[1][active])
+    residual = problem.residual(theta[:, None])
+    result[1][active] = _scattered(problem, residual, scatter, 20)
+    result[2][active] = _loss(residual, result[1][active])
     return tuple(result)
 
 
-def _steps(left: Tensor, slope: Tensor, scatter: Tensor, theta: Tensor, problem: Problem, damping: Tensor) -> Tensor:
+def _steps(
+    residual: Tensor, slope: Tensor, scatter: Tensor, theta: Tensor, problem: Problem, damping: Tensor
+) -> Tensor:
     """Steps [3, B, K] at a tenth of the damping, at it and at ten times it; who would leave its bound stays there."""
-    gradient, curvature, _, _ = _normal(left, slope, scatter)
+    gradient, curvature, _, _ = _normal(residual, slope, scatter)
     width = problem.high - problem.low
     held = ((theta <= problem.low) & (gradient > 0)) | ((theta >= problem.high) & (gradient < 0))
     curvature = curvature.masked_fill(held[:, :, None] | held[:, None, :], 0.0)
@@ -161,26 +167,26 @@ def _steps(left: Tensor, slope: Tensor, scatter: Tensor, theta: Tensor, problem:
     return torch.linalg.solve(damped, -gradient.masked_fill(held, 0.0)[..., None])[..., 0]
 
 
-def whitened(left: Tensor, slope: Tensor, scatter: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Left [B, n, 3] and slope [B, n, 3, K] in units of the scatter [B, 3, 3], and the trials' weights [B, n]."""
+def whitened(residual: Tensor, slope: Tensor, scatter: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Residual [B, n, 3] and slope [B, n, 3, K] in units of the scatter [B, 3, 3], and the trials' weights [B, n]."""
     factor = torch.linalg.cholesky(scatter)[:, None]
-    left = torch.linalg.solve_triangular(factor, left[..., None], upper=False)[..., 0]
+    residual = torch.linalg.solve_triangular(factor, residual[..., None], upper=False)[..., 0]
     slope = torch.linalg.solve_triangular(factor, slope, upper=False)
-    return left, slope, _weight(left.square().sum(-1))
+    return residual, slope, _weight(residual.square().sum(-1))
 
 
-def robust_distance(left: Tensor, scatter: Tensor) -> Tensor:
+def robust_distance(residual: Tensor, scatter: Tensor) -> Tensor:
     """What a trial adds to the loss for a given scatter, ½ (ν + 3) log(1 + d²/ν) [..., n] in nats."""
-    return (0.5 * (_NU + 3)) * torch.log1p(_distance(left, scatter) / _NU)
+    return (0.5 * (_NU + 3)) * torch.log1p(_distance(residual, scatter) / _NU)
 
 
-def _normal(left: Tensor, slope: Tensor, scatter: Tensor) -> tuple[Tensor, ...]:
+def _normal(residual: Tensor, slope: Tensor, scatter: Tensor) -> tuple[Tensor, ...]:
     """Gradient [B, K] and Gauss–Newton curvature [B, K, K] of the loss, the whitened slope and gradients by trial."""
-    left, slope, weight = whitened(left, slope, scatter)
-    each = (slope * left[..., None]).sum(-2)  # Jᵀ e
+    residual, slope, weight = whitened(residual, slope, scatter)
+    each = (slope * residual[..., None]).sum(-2)  # Jᵀ e
     gradient = (weight[..., None] * each).mean(-2)
     flat = (weight.sqrt()[..., None, None] * slope).flatten(1, 2)
-    return gradient, flat.mT @ flat / left.shape[1], slope, each
+    return gradient, flat.mT @ flat / residual.shape[1], slope, each
 
 
 def _picked(x: Tensor, which: Tensor) -> Tensor:
@@ -195,11 +201,11 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
     first knows trials of unequal noise, the second is not deceived by a trial that a kink of the model happens to
     fit exactly.
     """
-    left, slope = problem.linearised(theta)
+    residual, slope = problem.linearised(theta)
     width = problem.high - problem.low
     slope = slope * width  # parameters in units of their ranges from here on
-    distance, n, K = _distance(left, scatter), left.shape[1], theta.shape[-1]
-    _, curvature, slope, each = _normal(left, slope, scatter)
+    distance, n, K = _distance(residual, scatter), residual.shape[1], theta.shape[-1]
+    _, curvature, slope, each = _normal(residual, slope, scatter)
     weight = _weight(distance)
     flat = each * (2 * weight.square() / (_NU + 3))[..., None]
     observed = curvature - each.mT @ flat / n
@@ -229,13 +235,13 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
     return covariance, weight * (_NU / (_NU + 3)), telling
 
 
-def _scattered(problem: Problem, left: Tensor, scatter: Tensor, steps: int) -> Tensor:
+def _scattered(problem: Problem, residual: Tensor, scatter: Tensor, steps: int) -> Tensor:
     """The scatter [..., B, 3, 3] after steps of expectation–maximisation from a first one."""
     for _ in range(steps):
-        weighted = _weight(_distance(left, scatter))[..., None] * left
-        scatter = (left.mT @ weighted) / left.shape[-2]
+        weighted = _weight(_distance(residual, scatter))[..., None] * residual
+        scatter = (residual.mT @ weighted) / residual.shape[-2]
         if problem.scaled:
-            scatter = scatter.diagonal(dim1=-2, dim2=-1).mean(-1)[..., None, None] * torch.eye(3, dtype=left.dtype)
+            scatter = scatter.diagonal(dim1=-2, dim2=-1).mean(-1)[..., None, None] * torch.eye(3, dtype=residual.dtype)
         # A component that is met exactly keeps a trace of scatter, so that nothing is divided by 0.
-        scatter = scatter + 1e-12 * torch.diag_embed(left.square().mean(-2) + 1e-12)
+        scatter = scatter + 1e-12 * torch.diag_embed(residual.square().mean(-2) + 1e-12)
     return scatter

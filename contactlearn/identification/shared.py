@@ -23,7 +23,7 @@ from torch import Tensor
 from contactlearn import mechanics
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.impacts import Impacts
-from contactlearn.laws import Law, impulse
+from contactlearn.laws import Law
 
 TARGETS = ("momentum", "least_squares", "contact")
 
@@ -63,8 +63,7 @@ class Box:
 class SharedFit:
     """Parameters identified from subsets of trials: [m, S] for m repetitions and S subset sizes."""
 
-    law: str
-    variant: str
+    law: Law
     sizes: tuple[int, ...]
     mu: Tensor
     eps: Tensor
@@ -85,7 +84,7 @@ class SharedFit:
 
     def to_law(self) -> Law:
         """The law at the mean parameters, as the paper uses it."""
-        return Law(self.law, *self.mean(), variant=self.variant)
+        return self.law.at(*self.mean())
 
 
 def measured_impulse(impacts: Impacts, target: str = "momentum") -> Tensor:
@@ -106,9 +105,9 @@ def measured_impulse(impacts: Impacts, target: str = "momentum") -> Tensor:
     raise UnknownNameError("impulse target", target, TARGETS)
 
 
-def distances(law: str, impacts: Impacts, mu: Tensor, eps: Tensor, *, variant: str, target: str) -> Tensor:
+def distances(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, *, target: str) -> Tensor:
     """‖P_n − P̂_n‖₂ [..., N] in N s, broadcast over μ and ε [..., N]."""
-    P = impulse(law, impacts.W, impacts.v_c, mu, eps, variant=variant)
+    P = law.at(mu, eps).impulse(impacts.W, impacts.v_c)
     return _length(P - measured_impulse(impacts, target))
 
 
@@ -117,22 +116,19 @@ def _length(x: Tensor) -> Tensor:
     return (x[..., 0] ** 2 + x[..., 1] ** 2).sqrt()
 
 
-def cost_surface(
-    law: str, impacts: Impacts, mu: Tensor, eps: Tensor, *, variant: str = "textbook", target: str = "momentum"
-) -> Tensor:
+def cost_surface(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, *, target: str = "momentum") -> Tensor:
     """C(μ, ε) [len(mu), len(eps)] in N s over all given trials (Fig. 3.3)."""
-    return distances(law, impacts, mu[:, None, None], eps[:, None], variant=variant, target=target).mean(-1)
+    return distances(law, impacts, mu[:, None, None], eps[:, None], target=target).mean(-1)
 
 
 def identify(
-    law: str,
+    law: Law,
     impacts: Impacts,
     *,
     sizes: Sequence[int] = (120,),
     repetitions: int = 100,
     orders: Tensor | None = None,
     generator: torch.Generator | None = None,
-    variant: str = "textbook",
     target: str = "momentum",
     box: Box | None = None,
     progress: Callable[[Iterable], Iterable] = iter,
@@ -140,7 +136,7 @@ def identify(
     """Shared (μ, ε) from the first k trials of m random orders, for every k of `sizes`.
 
     Args:
-        law, variant: a law of `contactlearn.laws`.
+        law: an analytical law; its own μ and ε are ignored.
         impacts: trials to draw from, without replacement within a repetition.
         sizes: subset sizes k, increasing; the subsets of one repetition are nested.
         repetitions: m.
@@ -152,7 +148,7 @@ def identify(
 
     Raises:
         DataError: fewer trials than the largest size, or sizes that do not increase.
-        UnknownNameError: no such law, variant or target.
+        UnknownNameError: no such target.
     """
     sizes = tuple(sizes)
     if not sizes or sizes[0] < 1 or any(b <= a for a, b in pairwise(sizes)):
@@ -167,7 +163,7 @@ def identify(
     generator = generator or torch.Generator().manual_seed(0)
     mu, eps = box.axes()
     # One evaluation serves every subset: [N, nodes²].
-    grid = distances(law, impacts, mu[:, None, None], eps[:, None], variant=variant, target=target)
+    grid = distances(law, impacts, mu[:, None, None], eps[:, None], target=target)
     grid = grid.flatten(0, 1).T.contiguous()
     P = measured_impulse(impacts, target)
     if orders is None:
@@ -186,7 +182,7 @@ def identify(
 
         def cost(x: Tensor, W=W, v_c=v_c, P_block=P_block) -> Tensor:
             """Mean distance [..., B, S] of the block's subsets at parameters x [..., B, S, 2]."""
-            P_hat = impulse(law, W, v_c, x[..., 0, None], x[..., 1, None], variant=variant)
+            P_hat = law.at(x[..., 0, None], x[..., 1, None]).impulse(W, v_c)
             return (_length(P_hat - P_block) * member).sum(-1) / member.sum(-1)
 
         starts = torch.stack((mu[low[..., 0]], eps[low[..., 1]]), -1)
@@ -194,7 +190,7 @@ def identify(
         found.append((x, best, *_ranges(cost, surfaces, best, x, mu, eps)))
     x, best, mu_range, eps_range = (torch.cat(parts) for parts in zip(*found, strict=True))
     mu_flat = mu_range[..., 1] - mu_range[..., 0] > 0.1 * (box.mu[1] - box.mu[0])
-    return SharedFit(law, variant, sizes, x[..., 0], x[..., 1], best, mu_range, eps_range, mu_flat)
+    return SharedFit(law, sizes, x[..., 0], x[..., 1], best, mu_range, eps_range, mu_flat)
 
 
 _BLOCK = 1 << 17  # elements of a block: repetitions × sizes × (trials + an eighth of the nodes)

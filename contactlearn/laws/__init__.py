@@ -1,10 +1,107 @@
-"""Analytical models of planar impact: pure functions (W, v_c, μ, ε) → P, one a file.
+"""Analytical models of planar impact, one law a file: (W, v_c, μ, ε) → P.
 
-`impulse` evaluates any of them by name, batched over trials and leading parameter axes;
-`Law` is a law with its parameters.  Each law has two variants, see docs/notation.md:
-`textbook`, and `fazeli2017`, what the paper's authors computed.
+`Law` in base.py is the interface; `catalogue()` has every law by name and variant: the files of this folder, those
+that other packages announce under the entry point `contactlearn.laws`, and any class of yours that has been
+imported.  docs/laws.md tells how to add one, docs/notation.md what the variants are.
 """
 
-from contactlearn.laws.law import PAPER_LAWS, Law, check, impulse, names
+import functools
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Iterator
+from importlib.metadata import entry_points
+from typing import Any
 
-__all__ = ["PAPER_LAWS", "Law", "check", "impulse", "names"]
+from contactlearn.errors import ContactLearnError, UnknownNameError
+from contactlearn.laws.base import Law
+from contactlearn.laws.contact import Contact
+
+ENTRY_POINT = "contactlearn.laws"
+
+__all__ = ["ENTRY_POINT", "PAPER_LAWS", "Contact", "Law", "catalogue", "find", "names"]
+
+
+def catalogue() -> dict[str, dict[str, type[Law]]]:
+    """Return every law by name and variant: the paper's in its order, then others of this package, then yours.
+
+    Raises:
+        ContactLearnError: two laws of one name and variant.
+    """
+    _load_own()
+    _load_announced()
+    found: dict[str, dict[str, type[Law]]] = {}
+    for law in sorted(_concrete(Law), key=_rank):
+        family = found.setdefault(law.name, {})
+        other = family.get(law.variant, law)
+        if (other.__module__, other.__qualname__) != (law.__module__, law.__qualname__):  # else it was defined again
+            homonyms = f"{other.__module__} and {law.__module__}"
+            raise ContactLearnError(
+                f"two laws are called {law.name} ({law.variant}), in {homonyms}; rename the class of one"
+            )
+        family[law.variant] = law
+    return found
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of all laws in the order of the catalogue."""
+    return tuple(catalogue())
+
+
+def find(name: str, variant: str = "textbook", **options: Any) -> Law:
+    """Return a law by name, with μ = ε = 0; `law.at(mu, eps)` has others.
+
+    A law that the paper's authors computed as in the textbooks has no variant `fazeli2017` of its own: the textbook
+    law is returned.
+
+    Args:
+        name: one of `names()`.
+        variant: `textbook` or `fazeli2017`, or another that some law has.
+        options: fields of the law beside μ and ε.
+
+    Raises:
+        UnknownNameError: no such law, variant or option; a law of another package is known once that has been imported.
+    """
+    known = catalogue()
+    if name not in known:
+        raise UnknownNameError("law", name, known)
+    variants = dict.fromkeys(variant for family in known.values() for variant in family)
+    if variant not in variants:
+        raise UnknownNameError("variant", variant, variants)
+    family = known[name]
+    law = family.get(variant) or family.get("textbook") or next(iter(family.values()))
+    settings = law().options
+    if unknown := [key for key in options if key not in settings]:
+        raise UnknownNameError(f"option of law {name}", unknown[0], settings or ["none"])
+    return law(**options)
+
+
+def _concrete(kind: type[Law]) -> Iterator[type[Law]]:
+    """All subclasses that can be made."""
+    for law in kind.__subclasses__():
+        if not inspect.isabstract(law):
+            yield law
+        yield from _concrete(law)
+
+
+def _rank(law: type[Law]) -> tuple[Any, ...]:
+    """Order in the catalogue: a family stays together, `textbook` first."""
+    own = law.__module__.startswith(f"{__name__}.")
+    return law.variant != "textbook", law.paper is None, law.paper or 0, not own, law.name
+
+
+@functools.cache
+def _load_own() -> None:
+    for module in pkgutil.iter_modules(__path__):
+        importlib.import_module(f"{__name__}.{module.name}")
+
+
+@functools.cache
+def _load_announced() -> None:
+    for entry in entry_points(group=ENTRY_POINT):
+        entry.load()
+
+
+_load_own()
+PAPER_LAWS = tuple(law.name for law in sorted(_concrete(Law), key=_rank) if law.paper is not None)
+"""Names of the six laws that the paper compares, in its order."""

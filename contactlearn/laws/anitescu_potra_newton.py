@@ -5,14 +5,25 @@
 It differs from Whittaker only where the slip reverses, and like it can add energy.
 """
 
-from torch import Tensor
+from dataclasses import dataclass
+from typing import ClassVar
 
-from contactlearn.laws.base import Contact, complementary
-
-
-def textbook(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
-    """(P_t, P_n) in N s as in the module's formula."""
-    return complementary(contact, mu, -(1 + eps) * contact.v_n)
+from contactlearn.laws.base import Law
+from contactlearn.laws.contact import Contact, Values, complementary
 
 
-VARIANTS = {"textbook": textbook, "fazeli2017": textbook}
+@dataclass(frozen=True)
+class AnitescuPotraNewton(Law):
+    """Newton restitution and Coulomb friction against the *final* slip in one complementarity problem.
+
+    It can add energy where the slip reverses.
+    """
+
+    label: ClassVar[str] = "Anitescu–Potra Newton"
+    source: ClassVar[tuple[str, ...]] = ("anitescu1997",)
+    paper: ClassVar[int | None] = 2
+    adds_energy: ClassVar[bool] = True
+
+    def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
+        """Return (P_t, P_n) in N s; see the module."""
+        return complementary(contact, mu, -(1 + eps) * contact.v_n)

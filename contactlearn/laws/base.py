@@ -1,54 +1,149 @@
-"""What the laws share: the contact in components, and the two elementary solutions.
+"""The interface of all laws: a frozen dataclass with its coefficients μ and ε, and one closed form.
 
-A law is a pure function (contact, μ, ε) → (P_t, P_n) of broadcastable tensors.  All laws assume
-an approach, v_n < 0, and that W is positive definite.  Divisions by a quantity that may vanish
-in a branch that is not taken are guarded, so gradients stay finite there.
+    @dataclass(frozen=True)
+    class Frictionless(Law):
+        \"\"\"Newton restitution without friction.\"\"\"
+
+        def solve(self, contact, mu, eps):
+            P_n = -(1 + eps) * contact.v_n / contact.w_nn
+            return 0 * P_n, P_n
+
+Everything else follows from that: batches, identification, bounds, diagnosis, figures, the configuration.  Further
+fields are options of the law, which are given and not fitted.  The class attributes say in what a law differs from
+rigid contact with Coulomb friction; `contactlearn.testing.LawContract` holds it to them.  docs/laws.md is the guide.
 """
 
-from typing import NamedTuple
+import re
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Self
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.laws.contact import Contact, Values
 
-class Contact(NamedTuple):
-    """W (1/kg) and v_c (m/s) by component, each [..., N]."""
-
-    w_tt: Tensor
-    w_tn: Tensor
-    w_nn: Tensor
-    v_t: Tensor
-    v_n: Tensor
+_BLOCK = 1 << 16  # elements evaluated at once: the temporaries of a law then stay in cache
+_COLUMNS = 128  # trials among them
 
 
-def slip_direction(contact: Contact) -> Tensor:
-    """s = ±1: sign of v_t, or where v_t = 0 of the slip that a normal impulse would start."""
-    s = torch.where(contact.v_t == 0, contact.w_tn, contact.v_t).sign()
-    return torch.where(s == 0, torch.ones_like(s), s)
+@dataclass(frozen=True)
+class Law(ABC):
+    """An impact law (W, v_c, μ, ε) → P with its coefficients of friction μ ≥ 0 and of restitution ε in [0, 1].
 
-
-def stick(contact: Contact, target: Tensor) -> tuple[Tensor, Tensor]:
-    """(P_t, P_n) with v_t⁺ = 0 and v_n⁺ − v_n = `target` (m/s)."""
-    w_tt, w_tn, w_nn, v_t, _ = contact
-    det = w_tt * w_nn - w_tn**2
-    return -(w_nn * v_t + w_tn * target) / det, (w_tt * target + w_tn * v_t) / det
-
-
-def within(x: Tensor, bound: Tensor) -> Tensor:
-    """x clamped to ± bound, with a gradient to the bound that also holds where it is 0 (torch.clamp's does not)."""
-    return torch.where(x.abs() < bound, x, x.sign() * bound)
-
-
-def complementary(contact: Contact, mu: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
-    """Contact with v_n⁺ − v_n = `target` > 0 and Coulomb friction against the *final* slip.
-
-    The one solution of the complementarity problem 0 ≤ P_n ⊥ v_n⁺ − v_n − target ≥ 0 with
-    P_t = −σ μ P_n, σ v_t⁺ ≥ 0.  Along the line v_n⁺ − v_n = target, v_t⁺ grows with P_t, so the
-    final slip has the sign of the frictionless one, and sliding in that direction has
-    W_nn − σ μ W_tn > 0 whenever sticking is not in the cone.
+    Both are dimensionless and broadcast against trials [..., N].  A law is not a `ContactModel`: it gives the impulse
+    at the contact point and knows no body.
     """
-    t_stick, n_stick = stick(contact, target)
-    slope = -t_stick.sign() * mu
-    sticks = t_stick.abs() <= mu * n_stick
-    n_slide = target / torch.where(sticks, 1.0, contact.w_nn - slope * contact.w_tn)
-    return torch.where(sticks, t_stick, -slope * n_slide), torch.where(sticks, n_stick, n_slide)
+
+    mu: Values | float = 0.0
+    eps: Values | float = 0.0
+
+    name: ClassVar[str]
+    """Of the family, such as `wang_mason`; the class name in snake case if left out."""
+    variant: ClassVar[str] = "textbook"
+    """Of the family: `textbook`, or `fazeli2017` for the law as the paper's authors computed it."""
+    label: ClassVar[str]
+    """In figures and text; made from the name if left out."""
+    source: ClassVar[tuple[str, ...]] = ()
+    """Citation keys."""
+    paper: ClassVar[int | None] = None
+    """Place among the six laws that the paper compares, from 1; None for any other law."""
+    mu_axis: ClassVar[str] = "Friction μ (–)"
+    """Axis label of μ with its unit."""
+    adds_energy: ClassVar[bool] = False
+    """Whether the contact may leave with more energy than it brought."""
+    leaves_cone: ClassVar[bool] = False
+    """Whether |P_t| may exceed μ P_n."""
+    pulls: ClassVar[bool] = False
+    """Whether P_n may be negative."""
+    penetrates: ClassVar[bool] = False
+    """Whether v_n⁺ may be negative."""
+    scales: ClassVar[bool] = True
+    """Whether k times the velocity gives k times the impulse at the same μ and ε."""
+    mirror_symmetric: ClassVar[bool] = True
+    """Whether the mirror image of a contact has the mirror image of its impulse."""
+
+    def __init_subclass__(cls, **kwargs: Any):
+        super().__init_subclass__(**kwargs)
+        if "name" not in cls.__dict__:
+            cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+        if "label" not in cls.__dict__:
+            cls.label = cls.name.replace("_", " ").capitalize()
+
+    def __str__(self) -> str:
+        mu, eps = (torch.as_tensor(x, dtype=torch.float64).mean().item() for x in (self.mu, self.eps))
+        return f"{self.name} ({self.variant}): μ = {mu:.3f}, ε = {eps:.3f}"
+
+    @abstractmethod
+    def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
+        """Return the impulse (P_t, P_n) in N s in closed form.
+
+        All tensors broadcast against [..., N].  A division by a quantity that may vanish in a branch that is not
+        taken must be guarded, so that gradients stay finite there.
+
+        Args:
+            contact: W and v_c by component; v_n < 0, W positive definite.
+            mu, eps: to be used instead of the law's own.
+        """
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The fields beside μ and ε."""
+        return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in ("mu", "eps")}
+
+    def at(self, mu: Values | float, eps: Values | float) -> Self:
+        """Return the law with other coefficients."""
+        return replace(self, mu=mu, eps=eps)
+
+    def impulse(
+        self,
+        W: Float[Tensor, "*#batch 2 2"],
+        v_c: Float[Tensor, "*#batch 2"],
+        *,
+        out: Float[Tensor, "*batch 2"] | None = None,
+    ) -> Float[Tensor, "*batch 2"]:
+        """Return the contact impulse P = (P_t, P_n) [..., N, 2] in N s.
+
+        Args:
+            W: inverse effective inertia [..., N, 2, 2] in 1/kg.
+            v_c: contact-point velocity (v_t, v_n) [..., N, 2] in m/s before contact, v_n < 0.
+            out: where to write P, so that repeated sweeps over a large grid reuse their memory; no gradients.
+
+        The coefficients broadcast against [..., N]: μ of shape (G, 1) sweeps G values.
+        """
+        contact = Contact(W[..., 0, 0], W[..., 0, 1], W[..., 1, 1], v_c[..., 0], v_c[..., 1])
+        mu, eps = (torch.as_tensor(x, dtype=W.dtype, device=W.device) for x in (self.mu, self.eps))
+        varying = {name: value for name, value in self.options.items() if isinstance(value, Tensor)}
+        inputs = (*contact, mu, eps, *varying.values())
+        shape = torch.broadcast_tensors(*inputs)[0].shape
+        grad = torch.is_grad_enabled() and any(x.requires_grad for x in inputs)
+        if out is None and (grad or len(shape) < 2 or shape.numel() <= _BLOCK):
+            return torch.stack([part.expand(shape) for part in self.solve(contact, mu, eps)], -1)
+        P = torch.empty((*shape, 2), dtype=W.dtype, device=W.device) if out is None else out
+        for place in _blocks(shape):
+            block = [_part(x, len(shape), place) for x in inputs]
+            law = replace(self, **dict(zip(varying, block[7:], strict=True))) if varying else self
+            P[(*place, 0)], P[(*place, 1)] = law.solve(Contact(*block[:5]), *block[5:7])
+        return P
+
+
+def _blocks(shape: tuple[int, ...]) -> list[tuple]:
+    """Places of blocks of a few rows and columns each.
+
+    A term that depends on one parameter alone is then computed once for all rows of a block, and not for every impulse.
+    """
+    columns = min(shape[-1], _COLUMNS)
+    rows = max(1, _BLOCK // (shape[1:-1].numel() * columns))
+    return [
+        (slice(top, top + rows), ..., slice(left, left + columns))
+        for top in range(0, shape[0], rows)
+        for left in range(0, shape[-1], columns)
+    ]
+
+
+def _part(x: Tensor, dimensions: int, place: tuple) -> Tensor:
+    """The part of an input that a block of the broadcast result needs."""
+    if x.ndim == dimensions and x.shape[0] > 1:
+        x = x[place[0]]
+    return x[..., place[-1]] if x.ndim and x.shape[-1] > 1 else x

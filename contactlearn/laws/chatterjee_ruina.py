@@ -7,23 +7,36 @@ e_t acts on the slip u = v_t − W_tn v_n / W_nn that P_I leaves: v_t⁺ = −e_
 with W_tn = 0 or ε = 0, e_t = 0 ends the slip and e_t = 1 reverses it.  It is not one of the paper's six.
 """
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import torch
-from torch import Tensor
 
-from contactlearn.laws.base import Contact, stick
-
-
-def textbook(contact: Contact, mu: Tensor, eps: Tensor, e_t: Tensor) -> tuple[Tensor, Tensor]:
-    """(P_t, P_n) in N s as in the module's formula; e_t in [−1, 1]."""
-    t_2, n_2 = stick(contact, -contact.v_n)
-    n_1 = -contact.v_n / contact.w_nn
-    d_t, d_n = t_2, n_2 - n_1
-    normal = (1 + eps) * n_1
-    free = 1 + e_t
-    slides = (free * d_t).abs() > mu * (normal + free * d_n)
-    on_cone = mu * normal / torch.where(slides, d_t.abs() - mu * d_n, 1.0)
-    factor = torch.where(slides, on_cone, free)
-    return factor * d_t, normal + factor * d_n
+from contactlearn.laws.base import Law
+from contactlearn.laws.contact import Contact, Values, stick
 
 
-VARIANTS = {"textbook": textbook, "fazeli2017": textbook}
+@dataclass(frozen=True)
+class ChatterjeeRuina(Law):
+    """Algebraic restitution in both directions; it never adds energy.
+
+    e_t is not a coefficient of friction: within the friction cone it alone decides the final slip.
+    """
+
+    label: ClassVar[str] = "Chatterjee–Ruina"
+    source: ClassVar[tuple[str, ...]] = ("chatterjee1998",)
+
+    e_t: Values | float = 0.0
+    """Coefficient of tangential restitution in [−1, 1], broadcast against [..., N]."""
+
+    def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
+        """Return (P_t, P_n) in N s; see the module."""
+        t_2, n_2 = stick(contact, -contact.v_n)
+        n_1 = -contact.v_n / contact.w_nn
+        d_t, d_n = t_2, n_2 - n_1
+        normal = (1 + eps) * n_1
+        free = 1 + torch.as_tensor(self.e_t, dtype=normal.dtype, device=normal.device)
+        slides = (free * d_t).abs() > mu * (normal + free * d_n)
+        on_cone = mu * normal / torch.where(slides, d_t.abs() - mu * d_n, 1.0)
+        factor = torch.where(slides, on_cone, free)
+        return factor * d_t, normal + factor * d_n

@@ -11,14 +11,17 @@ N (W_nn − σ μ W_tn) = v_n⁺ − v_n > 0, the tangential part of −M_c v_c 
 v_n⁺ = −ε v_n + (1 + ε) v_n^c ≥ 0, so a second compression is never needed either.
 """
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import torch
-from torch import Tensor
 
-from contactlearn.laws.base import Contact, stick
+from contactlearn.laws.base import Law
+from contactlearn.laws.contact import Contact, Values, stick
 
 
-def compression(contact: Contact, mu: Tensor) -> tuple[Tensor, Tensor]:
-    """(P_t^c, P_n^c) of the convex programme."""
+def compression(contact: Contact, mu: Values) -> tuple[Values, Values]:
+    """Return (P_t^c, P_n^c) in N s, the solution of the convex programme."""
     w_tt, w_tn, w_nn, v_t, v_n = contact
     t_stick, n_stick = stick(contact, -v_n)
     slope = -t_stick.sign() * mu
@@ -27,16 +30,31 @@ def compression(contact: Contact, mu: Tensor) -> tuple[Tensor, Tensor]:
     return torch.where(sticks, t_stick, -slope * n_edge), torch.where(sticks, n_stick, n_edge)
 
 
-def textbook(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
-    """(P_t, P_n) = (1 + ε) P^c in N s."""
-    t_c, n_c = compression(contact, mu)
-    return (1 + eps) * t_c, (1 + eps) * n_c
+@dataclass(frozen=True)
+class DrumwrightShell(Law):
+    """Maximum dissipation in compression, then P = (1 + ε) P^c; it never adds energy."""
+
+    label: ClassVar[str] = "Drumwright–Shell"
+    source: ClassVar[tuple[str, ...]] = ("drumwright2010",)
+    paper: ClassVar[int | None] = 4
+
+    def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
+        """Return (P_t, P_n) in N s; see the module."""
+        t_c, n_c = compression(contact, mu)
+        return (1 + eps) * t_c, (1 + eps) * n_c
 
 
-def fazeli2017(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
-    """As computed for the paper: P = (P_t^c, (1 + ε) P_n^c); energy can be gained."""
-    t_c, n_c = compression(contact, mu)
-    return t_c, (1 + eps) * n_c
+@dataclass(frozen=True)
+class DrumwrightShellFazeli2017(Law):
+    """Drumwright & Shell's law as computed for the paper: P = (P_t^c, (1 + ε) P_n^c); it can add energy."""
 
+    name: ClassVar[str] = DrumwrightShell.name
+    variant: ClassVar[str] = "fazeli2017"
+    label: ClassVar[str] = DrumwrightShell.label
+    source: ClassVar[tuple[str, ...]] = (*DrumwrightShell.source, "fazeli2017")
+    adds_energy: ClassVar[bool] = True
 
-VARIANTS = {"textbook": textbook, "fazeli2017": fazeli2017}
+    def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
+        """Return (P_t, P_n) in N s; see the module."""
+        t_c, n_c = compression(contact, mu)
+        return t_c, (1 + eps) * n_c

@@ -9,66 +9,92 @@ slip decays exponentially and never quite ends.
 """
 
 import math
+from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
-from contactlearn.laws.base import Contact
+from contactlearn.laws.base import Law
+from contactlearn.laws.contact import Contact, Values
 from contactlearn.laws.wang_mason import routh_path
 
 
-def textbook(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
-    """(P_t, P_n) in N s at the end of restitution."""
-    path = routh_path(contact, mu)
-    w = -contact.v_n
-    compressed_first = path.v_slip >= w  # compression ends before the slip does
-    v_left = torch.where(compressed_first, 0.0, w - path.v_slip)
-    p_slip = torch.where(torch.isfinite(path.p_slip), path.p_slip, 0.0)
-    # Normal work of compression, J: over one piece of the path, or over both.
-    work_first = 0.5 * w**2 / torch.where(compressed_first, path.stiffness, 1.0)
-    work_both = p_slip * (w - 0.5 * path.stiffness * p_slip) + 0.5 * v_left**2 / path.stiffness_after
-    work_both = torch.where(compressed_first, 1.0, work_both)
-    # Restitution on the second piece alone.
-    p_second = path.p_c + eps * (2 * work_both / path.stiffness_after).sqrt()
-    # Restitution that starts on the first piece, and goes on to the second where the slip ends in it.
-    p_first = (1 + eps) * path.p_c
-    crosses = compressed_first & (p_first > path.p_slip)
-    v_end = torch.where(crosses, path.v_slip - w, 1.0)
-    work_end = 0.5 * v_end**2 / torch.where(crosses, path.stiffness, 1.0)
-    work_left = torch.where(crosses, eps**2 * work_first - work_end, 0.0)
-    p_crossed = p_slip + 2 * work_left / (v_end + (v_end**2 + 2 * path.stiffness_after * work_left).sqrt())
-    return path.impulse(torch.where(compressed_first, torch.where(crosses, p_crossed, p_first), p_second))
+@dataclass(frozen=True)
+class Mirtich(Law):
+    """Routh's path with Stronge's energetic restitution; it never adds energy."""
+
+    label: ClassVar[str] = "Mirtich"
+    source: ClassVar[tuple[str, ...]] = (
+        "mirtich1996",
+        "stronge1990",
+    )
+    paper: ClassVar[int | None] = 6
+
+    def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
+        """Return (P_t, P_n) in N s; see the module."""
+        path = routh_path(contact, mu)
+        w = -contact.v_n
+        compressed_first = path.v_slip >= w  # compression ends before the slip does
+        v_left = torch.where(compressed_first, 0.0, w - path.v_slip)
+        p_slip = torch.where(torch.isfinite(path.p_slip), path.p_slip, 0.0)
+        # Normal work of compression, J: over one piece of the path, or over both.
+        work_first = 0.5 * w**2 / torch.where(compressed_first, path.stiffness, 1.0)
+        work_both = p_slip * (w - 0.5 * path.stiffness * p_slip) + 0.5 * v_left**2 / path.stiffness_after
+        work_both = torch.where(compressed_first, 1.0, work_both)
+        # Restitution on the second piece alone.
+        p_second = path.p_c + eps * (2 * work_both / path.stiffness_after).sqrt()
+        # Restitution that starts on the first piece, and goes on to the second where the slip ends in it.
+        p_first = (1 + eps) * path.p_c
+        crosses = compressed_first & (p_first > path.p_slip)
+        v_end = torch.where(crosses, path.v_slip - w, 1.0)
+        work_end = 0.5 * v_end**2 / torch.where(crosses, path.stiffness, 1.0)
+        work_left = torch.where(crosses, eps**2 * work_first - work_end, 0.0)
+        p_crossed = p_slip + 2 * work_left / (v_end + (v_end**2 + 2 * path.stiffness_after * work_left).sqrt())
+        return path.impulse(torch.where(compressed_first, torch.where(crosses, p_crossed, p_first), p_second))
 
 
-def fazeli2017(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
-    """As computed for the paper: the viscous path, whose two ends are roots found by Newton's method.
+@dataclass(frozen=True)
+class MirtichFazeli2017(Law):
+    """Mirtich's law as computed for the paper: a viscous path, whose two ends are roots found by Newton's method.
 
     Restitution is a path of its own that starts at p_c with v_n = 0: its work (σ d)²/2 after a clock
     of d is to be ε² of that of compression, and σ d = ε √(2 work) is nearly linear in d and loses no
     digits at ε = 0.  Each last step is taken with gradients, which makes them exact (implicit
     function theorem).
     """
-    w_tt, w_tn, _, v_t, v_n = contact
-    with torch.no_grad():
-        p = _compression_start(contact, mu)
-        for _ in range(_NEWTON_STEPS):
-            _, _, rise, rate, _ = _viscous_path(contact, mu, p)
-            p = p - (v_n + rise * p) / rate
-    _, _, rise, rate, _ = _viscous_path(contact, mu, p)
-    p_c = p - (v_n + rise * p) / rate.detach()
-    slip, _, _, _, square = _viscous_path(contact, mu, p_c)
-    t_c = -mu * slip * p_c
-    goal = eps * (-p_c * (2 * v_n + square * p_c)).sqrt()
-    restitution = contact._replace(v_t=v_t + w_tt * t_c + w_tn * p_c)
-    with torch.no_grad():
-        d = goal / _viscous_path(restitution, mu, torch.zeros_like(p_c))[4].sqrt()
-        for _ in range(_NEWTON_STEPS):
-            _, _, rise, _, square = _viscous_path(restitution, mu, d)
-            d = d - (d * square - goal * square.sqrt()) / rise
-    _, _, rise, _, square = _viscous_path(restitution, mu, d)
-    sigma = square.sqrt()
-    d = d - (d * sigma - goal) * (sigma / rise).detach()
-    return t_c - mu * d * _viscous_path(restitution, mu, d)[0], p_c + d
+
+    name: ClassVar[str] = Mirtich.name
+    variant: ClassVar[str] = "fazeli2017"
+    label: ClassVar[str] = Mirtich.label
+    source: ClassVar[tuple[str, ...]] = (*Mirtich.source, "fazeli2017")
+    mu_axis: ClassVar[str] = "Viscous friction μ (s/m)"
+    leaves_cone: ClassVar[bool] = True
+    scales: ClassVar[bool] = False
+
+    def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
+        """Return (P_t, P_n) in N s; see the module."""
+        w_tt, w_tn, _, v_t, v_n = contact
+        with torch.no_grad():
+            p = _compression_start(contact, mu)
+            for _ in range(_NEWTON_STEPS):
+                _, _, rise, rate, _ = _viscous_path(contact, mu, p)
+                p = p - (v_n + rise * p) / rate
+        _, _, rise, rate, _ = _viscous_path(contact, mu, p)
+        p_c = p - (v_n + rise * p) / rate.detach()
+        slip, _, _, _, square = _viscous_path(contact, mu, p_c)
+        t_c = -mu * slip * p_c
+        goal = eps * (-p_c * (2 * v_n + square * p_c)).sqrt()
+        restitution = contact._replace(v_t=v_t + w_tt * t_c + w_tn * p_c)
+        with torch.no_grad():
+            d = goal / _viscous_path(restitution, mu, torch.zeros_like(p_c))[4].sqrt()
+            for _ in range(_NEWTON_STEPS):
+                _, _, rise, _, square = _viscous_path(restitution, mu, d)
+                d = d - (d * square - goal * square.sqrt()) / rise
+        _, _, rise, _, square = _viscous_path(restitution, mu, d)
+        sigma = square.sqrt()
+        d = d - (d * sigma - goal) * (sigma / rise).detach()
+        return t_c - mu * d * _viscous_path(restitution, mu, d)[0], p_c + d
 
 
 _NEWTON_STEPS = 8  # all of 10⁵ random contacts are then at rounding error; with 6 the worst is 1e-8
@@ -131,6 +157,3 @@ def _compression_start(contact: Contact, mu: Tensor) -> Tensor:
     convex = end_rate >= start_rate
     nearer = torch.where(convex, torch.minimum(tangent, asymptote), torch.maximum(tangent, asymptote))
     return torch.where(mu > 0, torch.where(start_rate > 0, nearer, asymptote), -v_n / w_nn)
-
-
-VARIANTS = {"textbook": textbook, "fazeli2017": fazeli2017}

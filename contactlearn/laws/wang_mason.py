@@ -7,12 +7,14 @@ The five modes (sliding, C-sticking, R-sticking, C-reversed, R-reversed) are the
 slip ends: never, or before or after p_c, in stick or in reversed sliding.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 
-from contactlearn.laws.base import Contact, slip_direction, within
+from contactlearn.laws.base import Law
+from contactlearn.laws.contact import Contact, Values, slip_direction, within
 
 
 class Path(NamedTuple):
@@ -57,10 +59,15 @@ def routh_path(contact: Contact, mu: Tensor, mu_back: Tensor | None = None, w_nt
     return Path(slope, slope_after, stiffness, stiffness_after, p_slip, v_slip, torch.where(first, p_first, p_second))
 
 
-def textbook(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
-    """(P_t, P_n) in N s at the end of restitution."""
-    path = routh_path(contact, mu)
-    return path.impulse((1 + eps) * path.p_c)
+@dataclass(frozen=True)
+class WangMason(Law):
+    """Routh's path in impulse space with Poisson restitution; it never adds energy."""
 
+    label: ClassVar[str] = "Wang–Mason"
+    source: ClassVar[tuple[str, ...]] = ("wang1992",)
+    paper: ClassVar[int | None] = 5
 
-VARIANTS = {"textbook": textbook, "fazeli2017": textbook}
+    def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
+        """Return (P_t, P_n) in N s; see the module."""
+        path = routh_path(contact, mu)
+        return path.impulse((1 + eps) * path.p_c)

@@ -8,30 +8,55 @@ It can add energy (Kane's paradox), and it is discontinuous in μ where sticking
 impulse *along* the initial slip.
 """
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import torch
-from torch import Tensor
 
-from contactlearn.laws.base import Contact, slip_direction, stick
-
-
-def textbook(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
-    """(P_t, P_n) in N s as in the module's formula."""
-    target = -(1 + eps) * contact.v_n
-    t_stick, n_stick = stick(contact, target)
-    slope = mu * slip_direction(contact)
-    sticks = t_stick.abs() <= mu * n_stick
-    n_slide = target / torch.where(sticks, 1.0, contact.w_nn - slope * contact.w_tn)
-    return torch.where(sticks, t_stick, -slope * n_slide), torch.where(sticks, n_stick, n_slide)
+from contactlearn.laws.base import Law
+from contactlearn.laws.contact import Contact, Values, slip_direction, stick
 
 
-def fazeli2017(contact: Contact, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
-    """As computed for the paper: on sliding P_n stays that of sticking, |P_t| = μ P_n, final slip.
+@dataclass(frozen=True)
+class Whittaker(Law):
+    """Newton restitution, with friction against the *initial* slip; it can add energy.
 
-    P_n is not solved again, so the result can leave the cone, gain energy and penetrate.
+    It is not the solution of a complementarity problem: see `AnitescuPotraNewton` for friction against the final slip.
     """
-    t_stick, n_stick = stick(contact, -(1 + eps) * contact.v_n)
-    sticks = t_stick.abs() <= mu * n_stick
-    return torch.where(sticks, t_stick, t_stick.sign() * mu * n_stick), n_stick
+
+    label: ClassVar[str] = "Whittaker"
+    source: ClassVar[tuple[str, ...]] = ("whittaker1904",)
+    paper: ClassVar[int | None] = 1
+    adds_energy: ClassVar[bool] = True
+
+    def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
+        """Return (P_t, P_n) in N s; see the module."""
+        target = -(1 + eps) * contact.v_n
+        t_stick, n_stick = stick(contact, target)
+        slope = mu * slip_direction(contact)
+        sticks = t_stick.abs() <= mu * n_stick
+        n_slide = target / torch.where(sticks, 1.0, contact.w_nn - slope * contact.w_tn)
+        return torch.where(sticks, t_stick, -slope * n_slide), torch.where(sticks, n_stick, n_slide)
 
 
-VARIANTS = {"textbook": textbook, "fazeli2017": fazeli2017}
+@dataclass(frozen=True)
+class WhittakerFazeli2017(Law):
+    """Whittaker's law as computed for the paper: on sliding P_n stays that of sticking, |P_t| = μ P_n, final slip.
+
+    P_n is not solved again, so the impulse can leave the cone, add energy and penetrate.
+    """
+
+    name: ClassVar[str] = Whittaker.name
+    variant: ClassVar[str] = "fazeli2017"
+    label: ClassVar[str] = Whittaker.label
+    source: ClassVar[tuple[str, ...]] = (*Whittaker.source, "fazeli2017")
+    adds_energy: ClassVar[bool] = True
+    leaves_cone: ClassVar[bool] = True
+    pulls: ClassVar[bool] = True
+    penetrates: ClassVar[bool] = True
+
+    def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
+        """Return (P_t, P_n) in N s; see the module."""
+        t_stick, n_stick = stick(contact, -(1 + eps) * contact.v_n)
+        sticks = t_stick.abs() <= mu * n_stick
+        return torch.where(sticks, t_stick, t_stick.sign() * mu * n_stick), n_stick

@@ -17,7 +17,7 @@ from torch import Tensor
 from contactlearn.effects import Effect
 from contactlearn.errors import DataError
 from contactlearn.evaluation import metrics
-from contactlearn.identification.joint import identify_jointly
+from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.identification.shared import Box, SharedFit, identify
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
@@ -65,10 +65,10 @@ def nested_orders(trials: int, seeds: int, generator: torch.Generator) -> Tensor
 
 
 def law_curves(
-    laws: Iterable[str], pool: Impacts, test: Impacts, orders: Tensor, sizes: Sequence[int], **options
+    laws: Iterable[Law], pool: Impacts, test: Impacts, orders: Tensor, sizes: Sequence[int], **options
 ) -> tuple[dict[str, SharedFit], dict[str, Curve]]:
-    """Laws identified on every subset, and their curves; the options are those of `fit.identify`."""
-    fits = {law: identify(law, pool, sizes=sizes, orders=orders, **options) for law in laws}
+    """Laws identified on every subset, and their curves; the options are those of `identify`."""
+    fits = {law.name: identify(law, pool, sizes=sizes, orders=orders, **options) for law in laws}
     curves = {}
     for name, fit in fits.items():
         predictions = {size: ContactModel(law_at(fit, size)).predict(test) for size in sizes}
@@ -77,23 +77,23 @@ def law_curves(
 
 
 def effect_curve(
-    law: str,
+    law: Law,
     effects: Mapping[str, Effect],
     pool: Impacts,
     test: Impacts,
     orders: Tensor,
     sizes: Iterable[int],
-    **options,
+    options: FitOptions,
 ) -> tuple[dict[int, ContactModel], Curve]:
-    """A law with effects fitted to every subset, by size, and its curve; options of `identify_jointly`."""
-    models = {size: identify_jointly(law, effects, pool, orders[:, :size], **options).model for size in sizes}
+    """A law with effects fitted to every subset, by size, and its curve."""
+    models = {size: identify_jointly(law, effects, pool, orders[:, :size], options=options).model for size in sizes}
     return models, Curve.of(test, {size: model.predict(test) for size, model in models.items()})
 
 
 def law_at(fit: SharedFit, size: int) -> Law:
     """The law with the parameters [R, 1] of each subset of that size."""
     place = fit.sizes.index(size)
-    return Law(fit.law, fit.mu[:, place, None], fit.eps[:, place, None], fit.variant)
+    return fit.law.at(fit.mu[:, place, None], fit.eps[:, place, None])
 
 
 def learning_curves(
@@ -125,7 +125,7 @@ def learning_curves(
     tasks = []
     for size in sorted(sizes, reverse=True):  # the longest first
         for name, recipe in recipes.items():
-            base = bases[recipe.law][size] if recipe.law else None
+            base = bases[recipe.law.name][size] if recipe.law else None
             tasks.append((name, size, recipe, pool, test, orders[:, :size], base, impulse, box))
     found = {name: {} for name in recipes}
     for name, size, trained in progress(run(_train_one, tasks, workers), len(tasks)):
@@ -175,7 +175,7 @@ def transfer_curves(
         model with processes for what it leaves, trained on the body's trials) and `scratch` (the recipe
         trained on the body's trials alone).
     """
-    shared = {"variant": recipe.variant, "target": impulse, "box": box}
+    shared = {"target": impulse, "box": box}
     rows = torch.arange(len(source))
     base = None
     if recipe.law:

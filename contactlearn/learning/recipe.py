@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from contactlearn import laws
 from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.evaluation.metrics import CHI_SQUARED_95
 from contactlearn.identification.per_trial import identify_trials
@@ -50,23 +49,20 @@ class Recipe:
     """How a learned model is made: from `features` to `target`, on top of a `law` or of nothing.
 
     Raises:
-        UnknownNameError: no such feature space, target or law.
+        UnknownNameError: no such feature space or target.
         ContactLearnError: parameters to learn but no law.
     """
 
     features: str
     target: str
-    law: str | None = None
-    variant: str = "textbook"
+    law: Law | None = None
 
     def __post_init__(self):
         if self.features not in SPACES:
             raise UnknownNameError("feature space", self.features, SPACES)
         if self.target not in TARGETS:
             raise UnknownNameError("target", self.target, TARGETS)
-        if self.law is not None:
-            laws.check(self.law, self.variant)
-        elif self.target.startswith("parameters"):
+        if self.law is None and self.target.startswith("parameters"):
             raise ContactLearnError(f"target {self.target} needs a law, got none")
 
 
@@ -86,15 +82,15 @@ def learn(
         impacts, rows: subsets [..., n] as rows of the impacts.
         base: the recipe's law with its shared (μ, ε) [..., 1], or any model whose residual is learnt; likely
             parameters can also be learnt of a law with effects.
-        impulse: the measured impulse, see `fit.measured_impulse`.
+        impulse: the measured impulse, see `measured_impulse`.
         box: limits of per-trial parameters.
 
     Raises:
         DataError: fewer than two training trials.
         ContactLearnError: a base that is not the recipe's.
     """
-    expected = f"the law {recipe.law}" if recipe.law else "nothing, or a model"
-    if not isinstance(base, ContactModel) and getattr(base, "name", None) != recipe.law:
+    expected = f"the law {recipe.law.name}" if recipe.law else "nothing, or a model"
+    if not isinstance(base, ContactModel) and type(base) is not type(recipe.law):
         raise ContactLearnError(f"the recipe builds on {expected}, got {base}")
     if recipe.target.startswith("parameters"):
         under = base if isinstance(base, ContactModel) else ContactModel(base)
@@ -106,7 +102,7 @@ def learn(
                 f"({', '.join(under.effects)}); use target parameters_likelihood"
             )
         if recipe.target == "parameters_identified":
-            found = identify_trials(recipe.law, impacts, variant=recipe.variant, target=impulse, box=box)
+            found = identify_trials(recipe.law, impacts, target=impulse, box=box)
             values = torch.stack((found.mu, found.eps), -1)[rows]
             regressor = Regressor.fit(recipe.features, impacts, rows, values)
         else:

@@ -33,7 +33,7 @@ def save_trial_parameters(impacts: Impacts, fits: Sequence[TrialFit], path: Path
     """A row for every trial and law: the (μ, ε) that suit the trial best, the error left in N s, the range of μ."""
     frames = []
     for fit in fits:
-        columns = _names(impacts) | {"law": fit.law, "variant": fit.variant}
+        columns = _names(impacts) | {"law": fit.law.name, "variant": fit.law.variant}
         columns |= {name: getattr(fit, name).tolist() for name in ("mu", "eps", "error", "mu_low", "mu_high")}
         frames.append(pd.DataFrame(columns))
     _write(frames, path)

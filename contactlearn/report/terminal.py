@@ -52,7 +52,7 @@ def show_models(
     units = (f"{_SHORT[name]} {metric.unit}".strip(" –") for name, metric in METRICS.items())
     title = "Errors on the held-out trials: means, and the 95 % interval of the first"
     table = _table(title, "model", "μ", "ε", *units, "outside")
-    found = {fit.law: (fit.mean(), fit.std()) for fit in fits}
+    found = {fit.law.name: (fit.mean(), fit.std()) for fit in fits}
     found |= {name: (fit.values[:2].tolist(), fit.standard_errors[:2].tolist()) for name, fit in joint.items()}
     for model, entry in errors.items():
         mu, eps = map(_spread, *found[model]) if model in found else ("", "")
@@ -67,7 +67,7 @@ def show_models(
     for fit in fits:
         share = fit.mu_flat[:, -1].double().mean().item()
         if share > 0.05:
-            say(f"note: {100 * share:.0f} % of the subsets leave μ of {fit.law} undetermined (flat cost)")
+            say(f"note: {100 * share:.0f} % of the subsets leave μ of {fit.law.name} undetermined (flat cost)")
 
 
 def show_joint(name: str, fit: JointFit) -> None:
@@ -91,15 +91,15 @@ def show_reference(fits: Sequence[SharedFit], reference: Mapping[str, Mapping]) 
     halves = ((f"{x} published", f"{x} here", f"Δ{x}", f"Δ{x}/σ") for x in "με")
     table = _table(title, "law", *chain.from_iterable(halves))
     for fit in fits:
-        if fit.law not in reference:
+        if fit.law.name not in reference:
             continue
         cells = []
         for name, mean, std in zip(("mu", "eps"), fit.mean(), fit.std(), strict=True):
-            published, published_std = reference[fit.law][name]
+            published, published_std = reference[fit.law.name][name]
             sigma = (std**2 + published_std**2) ** 0.5
             cells += [_spread(published, published_std), _spread(mean, std)]
             cells += [f"{mean - published:+.3f}", f"{(mean - published) / sigma:+.1f}"]
-        table.add_row(fit.law, *cells)
+        table.add_row(fit.law.name, *cells)
     _print(table)
 
 

@@ -96,5 +96,5 @@ def _known(model: ContactModel, states: Impacts) -> tuple[Tensor, Tensor]:
     values = [law.mu, law.eps, *(value for effect in model.effects.values() for value in effect.values)]
     theta = torch.stack([torch.as_tensor(value, dtype=torch.float64) for value in values])
     unit = torch.eye(3, dtype=torch.float64)
-    left = linearise(law.name, model.effects, states, theta, unit, variant=law.variant)
+    left = linearise(law, model.effects, states, theta, unit)
     return -left.slope, model.parameter_covariance

@@ -87,7 +87,7 @@ def similarity(selection: Selection, name: str) -> dict[str, tuple[float, Tensor
         start = torch.cat((values, columns(*effect.vanished().values)))
         less = _about(selection, {**others, candidate: effect}, start)
         root = whole.weight.sqrt()[:, None]
-        change = (root * (less.left - whole.left)).flatten()
+        change = (root * (less.residual - whole.residual)).flatten()
         slope = (root[..., None] * -less.slope).flatten(0, 1)  # of the prediction
         _, before = _fitted(slope[:, : len(values)], change)
         step, after = _fitted(slope, change)
@@ -120,8 +120,8 @@ def _replaced(selection: Selection, name: str, candidate: str, start: Tensor) ->
 
 
 def _about(selection: Selection, effects: dict[str, Effect], theta: Tensor) -> Linearisation:
-    options = {key: selection.options[key] for key in ("variant", "target", "noise") if key in selection.options}
-    return linearise(selection.law, effects, selection.impacts, theta, selection.present.fit.scatter, **options)
+    scatter = selection.present.fit.scatter
+    return linearise(selection.law, effects, selection.impacts, theta, scatter, options=selection.options)
 
 
 def _fitted(slope: Tensor, change: Tensor) -> tuple[Tensor, Tensor]:

@@ -11,7 +11,7 @@ import torch
 from contactlearn.effects import Effect, State, catalogue, columns
 from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts
-from contactlearn.laws import Law
+from contactlearn.laws.wang_mason import WangMason
 from contactlearn.model import resolve
 
 TRIALS = 10
@@ -58,7 +58,7 @@ def _sees_outcomes(effect: Effect, impacts: Impacts) -> bool:
     other = impacts.replace(v_post=1.1 * impacts.v_post.flip(0), suspect=True)
     moved = columns(*effect.vanished().values) + _NUDGE * torch.tensor([p.high - p.low for p in effect.parameters])
     first, second = (
-        resolve(Law("wang_mason", 0.2, 0.5), {"": effect.prepare(known).at(moved)}, State.of(impacts), 0.2, 0.5)
+        resolve(WangMason(0.2, 0.5), {"": effect.prepare(known).at(moved)}, State.of(impacts), 0.2, 0.5)
         for known in (impacts, other)
     )
     return not torch.equal(first.v_post.nan_to_num(), second.v_post.nan_to_num())

@@ -79,7 +79,7 @@ def ladder(
                 tuple(str(change) for change in helped if change.helped),
             )
         )
-    steps = zip((selection.law, *(f"+ {name}" for name in names)), intervals, strict=True)
+    steps = zip((selection.law.name, *(f"+ {name}" for name in names)), intervals, strict=True)
     return tuple(steps), tuple(found)
 
 

@@ -23,9 +23,10 @@ from contactlearn.diagnosis.discrimination.contest import robust_covariance
 from contactlearn.effects import Effect, columns
 from contactlearn.errors import DataError
 from contactlearn.evaluation.metrics import mass_error
-from contactlearn.identification.joint import JointFit, identify_jointly, linearise
+from contactlearn.identification.joint import FitOptions, JointFit, identify_jointly, linearise
 from contactlearn.identification.robust import robust_distance
 from contactlearn.impacts import Impacts
+from contactlearn.laws import Law
 
 FALSE_ALARMS = 0.05
 """Chance that something is admitted where nothing is missing, over all candidates."""
@@ -110,13 +111,13 @@ class Selection:
     """Forward selection with re-testing; `steps` tells what was seen."""
 
     def __init__(
-        self, law: str, impacts: Impacts, candidates: Mapping[str, Effect], folds: Folds,
-        given: Mapping[str, Effect], **options,
+        self, law: Law, impacts: Impacts, candidates: Mapping[str, Effect], folds: Folds,
+        given: Mapping[str, Effect], options: FitOptions = FitOptions(),
     ):  # fmt: skip
         self.law, self.impacts, self.folds, self.options = law, impacts, folds, options
         self.candidates = {name: effect.prepare(impacts) for name, effect in candidates.items()}
         self.given = dict(given)
-        first = identify_jointly(law, self.given, impacts, **options)
+        first = identify_jointly(law, self.given, impacts, options=options)
         self.scatter: Tensor | None = None  # one yardstick for all losses; None: each model's own
         self.base = self.present = self.validated(self.given, first)
         self.steps: list[Step] = []
@@ -168,16 +169,15 @@ class Selection:
     def _score_test(self, name: str, own: Tensor) -> Test:
         effect, present = self.candidates[name], self.present
         theta = torch.cat((present.fit.values, own))
-        options = {key: self.options[key] for key in ("variant", "target", "noise") if key in self.options}
         about = linearise(
-            self.law, {**present.effects, name: effect}, self.impacts, theta, present.fit.scatter, **options
+            self.law, {**present.effects, name: effect}, self.impacts, theta, present.fit.scatter, options=self.options
         )
         slope = about.slope[..., about.slope.abs().amax((0, 1)) > 0]
         K = present.fit.values.shape[0]
         K = int((about.slope[..., :K].abs().amax((0, 1)) > 0).sum())
         weighted = (about.weight[:, None, None] * slope).flatten(0, 1)
         curvature = slope.flatten(0, 1).T @ weighted
-        gradients = about.weight[:, None] * (slope * about.left[..., None]).sum(1)  # [N, K]
+        gradients = about.weight[:, None] * (slope * about.residual[..., None]).sum(1)  # [N, K]
         known, new = gradients[:, :K], gradients[:, K:]
         if new.shape[1] == 0:
             return Test(name, effect, 0.0, 1.0, own)
@@ -196,7 +196,7 @@ class Selection:
 
     def fit(self, effects: Mapping[str, Effect], start: Tensor | None = None) -> JointFit:
         """The law with effects, fitted to all trials: from a start, or by a search."""
-        return identify_jointly(self.law, effects, self.impacts, starts=4, start=start, **self.options)
+        return identify_jointly(self.law, effects, self.impacts, options=replace(self.options, starts=4), start=start)
 
     def without(self, name: str) -> Fitted:
         """The present model without one of its effects, fitted again and validated."""
@@ -244,7 +244,7 @@ class Selection:
     def validated(self, effects: Mapping[str, Effect], fit: JointFit) -> Fitted:
         """Held-out scores of a model whose fit to all trials is known."""
         held = identify_jointly(
-            self.law, effects, self.impacts, self.folds.fitted, start=fit.values, **self.options
+            self.law, effects, self.impacts, self.folds.fitted, options=self.options, start=fit.values
         ).model.predict(self.impacts)
         whole = self.impacts.v_post - fit.model.predict(self.impacts).v_post
         scatter = robust_covariance(whole) if self.scatter is None else self.scatter

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from contactlearn.effects import columns
 from contactlearn.evaluation.metrics import Interval, bootstrap, mass_error
-from contactlearn.identification.joint import identify_jointly
+from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel
 
@@ -38,7 +38,7 @@ def subsets(
     *,
     generator: torch.Generator,
     progress: Callable[[Iterable], Iterable] = iter,
-    **options,
+    options: FitOptions = FitOptions(),
 ) -> Subsets:
     """Fit every choice of some effects of a fitted model, its other effects always on.
 
@@ -46,7 +46,7 @@ def subsets(
         model: a law with effects, fitted to these impacts.
         names: of its effects, the most important first; those after the first `MOST` stay on.
         generator: of the bootstrap.
-        options: of `fit_effects.identify_jointly`.
+        options: of the fits.
     """
     names = tuple(names)[:MOST]
     law, full = model.base, 2 ** len(names) - 1
@@ -55,7 +55,7 @@ def subsets(
     for choice in progress(range(full, -1, -1)):
         left_out = {name for j, name in enumerate(names) if not choice >> j & 1}
         effects = {name: effect for name, effect in model.effects.items() if name not in left_out}
-        fit = identify_jointly(law.name, effects, impacts, start=start[choice], variant=law.variant, **options)
+        fit = identify_jointly(law, effects, impacts, options=options, start=start[choice])
         owner = [p.name.rpartition(".")[0] for p in fit.parameters]
         for j, name in enumerate(names):
             if name in effects:

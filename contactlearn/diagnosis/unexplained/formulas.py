@@ -25,7 +25,7 @@ from contactlearn.effects import Effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.evaluation.metrics import mass_error
-from contactlearn.identification.joint import identify_jointly
+from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
 from contactlearn.model import ContactModel
@@ -90,7 +90,14 @@ class Formula:
 
 
 def formulas(
-    impacts: Impacts, model: ContactModel, component: str, folds: Folds, *, most: int = 2, name: str = "mine", **options
+    impacts: Impacts,
+    model: ContactModel,
+    component: str,
+    folds: Folds,
+    *,
+    most: int = 2,
+    name: str = "mine",
+    options: FitOptions = FitOptions(),
 ) -> list[Formula]:
     """The best formula for a component of what a model leaves, at most two terms, and others as good on this data.
 
@@ -102,7 +109,7 @@ def formulas(
         folds: what the coefficients are fitted to, and held out.
         most: formulas, at most.
         name: of the effect while it is fitted; no effect of the model may have it.
-        options: of `identify_jointly`.
+        options: of the fits.
 
     Raises:
         UnknownNameError: no such component.
@@ -115,12 +122,11 @@ def formulas(
     if name in model.effects:
         raise ContactLearnError(f"the model has an effect {name} already; give the formula another name")
     library, y = Library.of(impacts, model, component)
-    options = {"variant": model.base.variant, **options}
     values = [model.base.mu, model.base.eps, *(v for effect in model.effects.values() for v in effect.values)]
     start = torch.stack([torch.as_tensor(value, dtype=torch.float64).reshape(()) for value in values])
 
     def held_out(effects, start: Tensor) -> Tensor:
-        fit = identify_jointly(model.base.name, effects, impacts, folds.fitted, start=start, **options)
+        fit = identify_jointly(model.base, effects, impacts, folds.fitted, options=options, start=start)
         return folds.scores(mass_error(impacts, fit.model.predict(impacts)))
 
     before = held_out(model.effects, start)
@@ -129,7 +135,7 @@ def formulas(
         coefficients = library.coefficients(terms, y)
         candidate = Formula(OUTPUT[component], tuple(terms), tuple(_limits(c) for c in coefficients.tolist()))
         effects = {**model.effects, name: candidate.effect}
-        fit = identify_jointly(model.base.name, effects, impacts, start=torch.cat((start, coefficients)), **options)
+        fit = identify_jointly(model.base, effects, impacts, options=options, start=torch.cat((start, coefficients)))
         own = tuple(fit.values[len(start) :].tolist())
         return Formula(
             *(candidate.output, candidate.terms, candidate.ranges),

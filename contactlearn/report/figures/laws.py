@@ -25,6 +25,7 @@ from contactlearn.errors import ContactLearnError
 from contactlearn.identification.per_trial import TrialFit
 from contactlearn.identification.shared import Box, SharedFit
 from contactlearn.impacts import Impacts
+from contactlearn.laws import Law
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.comparison import error_comparison, patch_curve
 from contactlearn.report.figures.impulse_space import energy_ellipse
@@ -43,13 +44,8 @@ __all__ = [
 _EPS = "Restitution ε (–)"
 
 
-def _mu(law: str, variant: str) -> str:
-    """Axis label of μ, which the viscous path of one variant measures in s/m."""
-    return "Viscous friction μ (s/m)" if (law, variant) == ("mirtich", "fazeli2017") else "Friction μ (–)"
-
-
-def _title(law: str, variant: str) -> str:
-    return st.plain(st.law_style(law).label) + ("" if variant == "textbook" else f" ({st.plain(variant)})")
+def _title(law: Law) -> str:
+    return st.plain(law.label) + ("" if law.variant == "textbook" else f" ({st.plain(law.variant)})")
 
 
 # --- Shared by all trials -------------------------------------------------------------------------
@@ -61,9 +57,7 @@ def cost_surface(
     eps: Float[Tensor, " b"],
     cost: Float[Tensor, "a b"],
     best: tuple[float, float],
-    law: str,
-    *,
-    variant: str = "textbook",
+    law: Law,
 ) -> Figure:
     """Draw the mean impulse error over the parameters, and its minimum (Fig. 3.3).
 
@@ -71,16 +65,16 @@ def cost_surface(
         mu, eps: nodes.
         cost: mean ‖P − P̂‖ in N s, as of `identification.shared.cost_surface`.
         best: the identified (μ, ε).
-        law, variant: for the title.
+        law: for the title.
     """
     values = st.array(cost).T * st.MILLI
     figure = st.new_figure(st.COLUMN, 2.75)
-    axes = st.name_axes(figure.subplots(), _mu(law, variant), _EPS)
+    axes = st.name_axes(figure.subplots(), law.mu_axis, _EPS)
     levels = MaxNLocator(14).tick_values(values.min(), values.max() + 1e-9 * (1 + abs(values.max())))
     surface = axes.contourf(st.array(mu), st.array(eps), values, levels, cmap=st.MAP)
     surface.set_edgecolor("face")  # no white seams between the levels in a PDF
     axes.plot(*best, "*", color="white", markeredgecolor="black", markersize=11, clip_on=False, zorder=5)
-    axes.set_title(f"{_title(law, variant)}: least at μ = {best[0]:.3f}, ε = {best[1]:.3f}")
+    axes.set_title(f"{_title(law)}: least at μ = {best[0]:.3f}, ε = {best[1]:.3f}")
     bar = figure.colorbar(surface, ax=axes, pad=0.02)
     st.name_axes(bar.ax, y="Mean impulse error (mN s)")
     return figure
@@ -91,20 +85,20 @@ def convergence(fit: SharedFit) -> Figure:
     """Draw the mean (μ, ε) over the repetitions against the number of trials, ± one standard deviation (Fig. 3.4)."""
     figure = st.new_figure(st.COLUMN, 3.2)
     panels = figure.subplots(2, 1, sharex=True)
-    for axes, found, label in zip(panels, (fit.mu, fit.eps), (_mu(fit.law, fit.variant), _EPS), strict=True):
+    for axes, found, label in zip(panels, (fit.mu, fit.eps), (fit.law.mu_axis, _EPS), strict=True):
         _draw_means(axes, fit, st.array(found))
         st.name_axes(axes, y=label).margins(x=0.02)
     panels[1].set_xlabel("Number of trials k (–)")
     last, flat = fit.sizes[-1], int(fit.mu_flat[:, -1].sum())
     note = f"\nμ is left open by {flat} of them at k = {last}" if flat else ""
-    panels[0].set_title(f"{_title(fit.law, fit.variant)}, {len(fit.mu)} random subsets{note}")
+    panels[0].set_title(f"{_title(fit.law)}, {len(fit.mu)} random subsets{note}")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
 def _draw_means(axes: Axes, fit: SharedFit, found: Float[np.ndarray, "repetitions sizes"]) -> None:
     """Mean and standard deviation of one parameter over the repetitions."""
-    style, mean = st.law_style(fit.law), found.mean(0)
+    style, mean = st.law_style(fit.law.name), found.mean(0)
     marker = "o" if len(fit.sizes) < 12 else ""
     axes.plot(fit.sizes, mean, marker=marker, markersize=3.5, color=style.color, label="Mean", zorder=3)
     if len(found) > 1:
@@ -137,11 +131,11 @@ def trial_parameters(fit: TrialFit, impacts: Impacts, *, box: Box | None = None)
     shown = _Scatter.of(fit, box or Box())
     figure = st.new_figure(st.PAGE, 3.2)
     left, right = figure.subfigures(1, 2, width_ratios=(1.4, 1))
-    axes = st.name_axes(left.subplots(), _mu(fit.law, fit.variant), _EPS)
+    axes = st.name_axes(left.subplots(), fit.law.mu_axis, _EPS)
     _draw_trials(left, axes, shown)
-    axes.set_title(f"{_title(fit.law, fit.variant)}, {len(impacts)} trials")
+    axes.set_title(f"{_title(fit.law)}, {len(impacts)} trials")
     upper, lower = right.subplots(2, 1)
-    color, open_ = st.law_style(fit.law).color, shown.undetermined
+    color, open_ = st.law_style(fit.law.name).color, shown.undetermined
     _draw_histogram(st.name_axes(upper, axes.get_xlabel(), "Trials (count)"), shown.mu[~open_], color)
     _draw_histogram(st.name_axes(lower, _EPS, "Trials (count)"), shown.eps, color)
     upper.set_title(f"{open_.sum()} of {len(impacts)} trials leave μ undetermined\n{upper.get_title()}".strip())

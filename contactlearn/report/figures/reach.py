@@ -10,7 +10,7 @@ from torch import Tensor
 
 from contactlearn import mechanics
 from contactlearn.identification.shared import Box
-from contactlearn.laws import Law, impulse
+from contactlearn.laws import Law
 from contactlearn.report.figures.style import array
 
 _JUMP = 0.03  # of the ellipse's size, between the corners of a cell
@@ -39,7 +39,7 @@ def reach(
     would hold impulses that the law cannot give: it is split, and parts that jump still are left out.
     """
     mu, eps = grid(box, nodes, finer)
-    P = array(impulse(law.name, W, v_c, mu[:, None], eps, variant=law.variant, e_t=law.e_t))
+    P = array(law.at(mu[:, None], eps).impulse(W, v_c))
     size = np.linalg.norm(np.ptp(array(mechanics.energy_ellipse(W, v_c)), axis=0))
     parts, coarse = _cells(P), _cells(P[::finer, ::finer])
     jumps = np.linalg.norm(np.ptp(parts, axis=2), axis=-1) > _JUMP * size

@@ -14,9 +14,9 @@ from contactlearn.diagnosis.search.subsets import Subsets, subsets
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.evaluation.metrics import Interval, bootstrap, mass_error
 from contactlearn.evaluation.partial_residuals import COMPONENTS, Partial, partial_residuals
-from contactlearn.identification.joint import identify_jointly
+from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.impacts import Impacts, Prediction
-from contactlearn.laws import PAPER_LAWS, Law
+from contactlearn.laws import PAPER_LAWS, Law, find
 from contactlearn.report.page.arrays import packed
 from contactlearn.report.page.trials import REACH, digits, finely, look, of_laws, of_trials
 from contactlearn.report.text import (
@@ -75,8 +75,12 @@ def of_diagnosis(
         return content
     impacts, generator = found.impacts, torch.Generator().manual_seed(0)
     in_play = (missing.name for missing in found.missing)
-    chosen = subsets(impacts, found.model, in_play, generator=generator, progress=progress, noise=noise)
-    fitted = {name: _alone(name, found, noise) for name in dict.fromkeys((*PAPER_LAWS, found.law))}
+    chosen = subsets(
+        impacts, found.model, in_play, generator=generator, progress=progress, options=FitOptions(noise=noise)
+    )
+    own = found.base.base
+    compared = {name: find(name, own.variant) for name in PAPER_LAWS} | {own.name: own}
+    fitted = {name: _alone(law, found, noise) for name, law in compared.items()}
     laws, arrays = of_laws(impacts, fitted)
     curves = [partial_residuals(found.model, impacts, missing.name) for missing in found.missing]
     arrays["v_post"] = chosen.v_post
@@ -114,9 +118,9 @@ def of_diagnosis(
     }
 
 
-def _alone(name: str, found: Diagnosis, noise: tuple[float, float, float] | None) -> Law:
+def _alone(law: Law, found: Diagnosis, noise: tuple[float, float, float] | None) -> Law:
     """A law without effects, fitted to all trials."""
-    return identify_jointly(name, {}, found.impacts, variant=found.base.base.variant, noise=noise, starts=2).model.base
+    return identify_jointly(law, {}, found.impacts, options=FitOptions(noise=noise, starts=2)).model.base
 
 
 def _budget(found: Diagnosis) -> list[dict[str, Any]]:

@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from contactlearn import laws, mechanics
+from contactlearn import mechanics
 from contactlearn.diagnosis.failure.variables import Variable, variables
 from contactlearn.identification.shared import Box
 from contactlearn.impacts import COMPONENTS, Impacts, Prediction
@@ -66,7 +66,7 @@ def _reach(law: Law, W: Tensor, v_c: Tensor) -> tuple[Tensor, Tensor]:
     box = Box()
     u, w = (torch.linspace(0, 1, _FINER * (n - 1) + 1, dtype=W.dtype) for n in _NODES)
     mu, eps = box.mu[0] + u**2 * (box.mu[1] - box.mu[0]), box.eps[0] + w * (box.eps[1] - box.eps[0])
-    P = laws.impulse(law.name, W, v_c, mu[:, None, None], eps[:, None], variant=law.variant, e_t=law.e_t)
+    P = law.at(mu[:, None, None], eps[:, None]).impulse(W, v_c)
     momentum = (mechanics.effective_inertia(W) @ v_c[..., None])[..., 0].norm(dim=-1)
     P = (P / momentum[:, None]).movedim(2, 0)
     along, across = ((step.norm(dim=-1) > _JUMP) for step in (P.diff(dim=1), P.diff(dim=2)))
