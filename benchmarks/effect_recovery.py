@@ -22,7 +22,7 @@ from torch import Tensor
 from contactlearn.data import synthetic
 from contactlearn.effects import Effect, catalogue
 from contactlearn.evaluation.metrics import mass_error
-from contactlearn.identification.joint import assemble, identify_jointly
+from contactlearn.identification.joint import FitOptions, assemble, identify_jointly
 from contactlearn.impacts import Impacts
 from contactlearn.laws import find
 from contactlearn.learning.curves import run

@@ -13,7 +13,7 @@ from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.evaluation.metrics import mass_error
 from contactlearn.evaluation.partial_residuals import partial_residuals
-from contactlearn.identification.joint import assemble, identify_jointly
+from contactlearn.identification.joint import FitOptions, assemble, identify_jointly
 from contactlearn.identification.shared import Box
 from contactlearn.laws import find
 from contactlearn.model import ContactModel

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from contactlearn import mechanics
 from contactlearn.errors import UnknownNameError
-from contactlearn.laws import PAPER_LAWS, find, names
+from contactlearn.laws import PAPER_LAWS, base, find, names
 
 ROUNDING = 1e-9  # relative to |M_c v_c|, |v_c| and the incident energy: W is nearly singular for some
 SOLVER = 2e-5  # of |P^c|: a gap of 1e-13 of the energy, whose square root is the error in P
