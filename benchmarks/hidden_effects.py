@@ -99,7 +99,7 @@ def one(group: str, names: tuple, seed: int, size: int, noise: float) -> dict:
         impacts, truth = mystery.draw(seed, effects=list(names), size=size, noise=noise)
         expected = {effect["name"]: mystery.meant(effect["name"], effect["parameters"]) for effect in truth["effects"]}
     began = time.perf_counter()
-    found = diagnose(impacts, "best")
+    found = diagnose(impacts)
     seconds = time.perf_counter() - began
     entry = {
         "group": group, "names": names, "size": size, "noise": noise, "seed": seed, "found": found.effects,

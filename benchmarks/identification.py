@@ -37,7 +37,7 @@ from scipy.optimize import differential_evolution, minimize
 from contactlearn.data import ellipse_drops, synthetic
 from contactlearn.errors import DataError
 from contactlearn.identification.per_trial import identify_trials
-from contactlearn.laws import find, impulse
+from contactlearn.laws import find
 
 BAR = 100
 BOX = ((0.0, 1.0), (0.0, 1.0))
@@ -164,7 +164,7 @@ def compare(name: str, impacts, rounds: int) -> bool:
     W, v_c, P = impacts.W, impacts.v_c, impacts.wrench[:, :2]
     rows = torch.cat((W[:, 0], W[:, 1, 1:], v_c, P), -1).tolist()
     scalar = torch.tensor([law(*row[:5], 0.15, 0.55) for row in rows], dtype=torch.float64)
-    torch.testing.assert_close(scalar, impulse(name, W, v_c, 0.15, 0.55), rtol=1e-12, atol=1e-12)
+    torch.testing.assert_close(scalar, find(name).at(0.15, 0.55).impulse(W, v_c), rtol=1e-12, atol=1e-12)
     order = torch.randperm(total, generator=torch.Generator().manual_seed(0))
     subsets = {rival: order[: FEW.get(rival, total)].tolist() for rival in RIVALS}
     times, ours, errors = {rival: [] for rival in RIVALS}, [], {}

@@ -26,7 +26,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 from contacts import friction_lcp, lemke  # noqa: E402
 
 from contactlearn import mechanics  # noqa: E402
-from contactlearn.laws import impulse, names  # noqa: E402
+from contactlearn.laws import catalogue, find  # noqa: E402
 
 try:
     import quadprog
@@ -84,7 +84,7 @@ def law_rate(
     out: torch.Tensor,
 ) -> float:
     start = time.perf_counter()
-    impulse(name, W, v_c, mus[:, None, None], epses[:, None], variant=variant, e_t=0.3, out=out)
+    find(name, variant).at(mus[:, None, None], epses[:, None]).impulse(W, v_c, out=out)
     return out.shape[:-1].numel() / (time.perf_counter() - start)
 
 
@@ -97,7 +97,7 @@ def writing_rate(grid: int) -> float:
 
 def agree(W: torch.Tensor, v_c: torch.Tensor, mus: torch.Tensor, epses: torch.Tensor) -> float:
     """Largest relative difference of the law and its rival, so that both rates are of the same problem."""
-    P = impulse("anitescu_potra_newton", W, v_c, mus, epses)
+    P = find("anitescu_potra_newton").at(mus, epses).impulse(W, v_c)
     worst = 0.0
     for w, v, mu, eps, p in zip(*(x.tolist() for x in (W, v_c, mus, epses, P)), strict=True):
         z = lemke(*friction_lcp(w[0][0], w[0][1], w[1][1], mu, v[0], (1 + eps) * v[1]))
@@ -117,7 +117,7 @@ def main() -> int:
     each = [torch.from_numpy(rng.uniform(0, high, TRIALS)) for high in (1.2, 1.0)]
     print(f"Lemke and the law differ by at most {agree(W, v_c, *each):.1e} of |P|")
 
-    cases = [(name, variant) for name in names() for variant in ("textbook", "fazeli2017")]
+    cases = [(name, variant) for name, family in catalogue().items() for variant in family]
     rates: dict[tuple, list[float]] = {case: [] for case in cases}
     ratios: dict[tuple, list[float]] = {case: [] for case in cases}
     rivals: dict[str, list[float]] = {

@@ -14,6 +14,7 @@ from hydra import compose, initialize_config_dir
 from contactlearn.cli import CONFIGS
 from contactlearn.data import ellipse_drops
 from contactlearn.identification.shared import TARGETS, Box, identify
+from contactlearn.laws import find
 
 GRAVITY = 9.81  # m/s²
 
@@ -30,9 +31,8 @@ def main() -> None:
             worst = 0.0
             for law in cfg.laws:
                 fit = identify(
-                    law,
+                    find(law, cfg.variant),
                     fallen,
-                    variant=cfg.variant,
                     target=target,
                     box=Box(tuple(cfg.train.mu), tuple(cfg.train.eps)),
                     generator=torch.Generator().manual_seed(0),

@@ -58,9 +58,8 @@ def shared(drops: Impacts, **options) -> fit.SharedFit:
 
 def surface(drops: Impacts):
     mu, eps = fit.Box(nodes=16).axes()
-    return figures.cost_surface(
-        mu, eps, fit.cost_surface(laws.find("wang_mason"), drops, mu, eps), (0.12, 0.55), laws.find("wang_mason")
-    )
+    law = laws.find("wang_mason")
+    return figures.cost_surface(mu, eps, fit.cost_surface(law, drops, mu, eps), (0.12, 0.55), law)
 
 
 def comparison(names=(*LAW_STYLE, "X1 → (P, τ), 450 trials")):
