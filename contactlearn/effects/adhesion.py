@@ -1,9 +1,10 @@
 """The surfaces cling before they part."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -12,7 +13,7 @@ from contactlearn.effects.state import State, columns
 
 @dataclass(frozen=True, eq=False)
 class Adhesion(Effect):
-    """Parting costs something that does not grow with the speed, up to all of the rebound.
+    """Parting takes an impulse or an energy that does not grow with the speed, up to all of the rebound.
 
         impulse    P_n → P_n − c
         work       v_n⁺ → √(v_n⁺² − 2 w W_nn), by P_n alone
@@ -21,18 +22,42 @@ class Adhesion(Effect):
     restitution, whose loss grows with the speed.
     """
 
-    formula: ClassVar = {"impulse": "P_n ← P_n − c, at most the rebound", "work": "v_n⁺ ← √(v_n⁺² − 2 w W_nn), by P_n"}
     source = "Johnson, Kendall & Roberts 1971"
-    c: Tensor | float = parameter("c", "N s", 0.0, 0.05, form="impulse")
-    w: Tensor | float = parameter("w", "J", 0.0, 0.1, form="work")
-    form: str = "impulse"
 
-    def wrench(self, state: State, wrench: Tensor) -> Tensor:
+    @abstractmethod
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        """Return the wrench less the normal impulse that parting takes."""
+
+
+@dataclass(frozen=True, eq=False)
+class AdhesionImpulse(Adhesion):
+    """P_n → P_n − c, at most the rebound v_n⁺/W_nn.  It is not a work of adhesion (`WorkOfAdhesion`)."""
+
+    form = "impulse"
+    formula = "P_n ← P_n − c, at most the rebound"
+    c: Tensor | float = parameter("c", "N s", 0.0, 0.05)
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         P_t, P_n, tau = wrench.unbind(-1)
         rebound, w_nn = state.contact_after(wrench)[..., 1].clamp_min(0), state.W[..., 1, 1]
-        if self.form == "impulse":
-            return columns(P_t, P_n - torch.minimum(self.c, rebound / w_nn), tau)
-        left = rebound.square() - 2 * self.w * w_nn
-        parts = left > 0
-        slower = torch.where(parts, torch.where(parts, left, 1.0).sqrt(), 0.0)
+        return columns(P_t, P_n - torch.minimum(self.c, rebound / w_nn), tau)
+
+
+@dataclass(frozen=True, eq=False)
+class WorkOfAdhesion(Adhesion):
+    """v_n⁺ → √(v_n⁺² − 2 w W_nn), or 0 if w exceeds the energy of the rebound.
+
+    It is not a fixed loss of impulse (`AdhesionImpulse`), which takes more energy from a faster rebound.
+    """
+
+    form = "work"
+    formula = "v_n⁺ ← √(v_n⁺² − 2 w W_nn), by P_n"
+    w: Tensor | float = parameter("w", "J", 0.0, 0.1)
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        P_t, P_n, tau = wrench.unbind(-1)
+        rebound, w_nn = state.contact_after(wrench)[..., 1].clamp_min(0), state.W[..., 1, 1]
+        squared = rebound.square() - 2 * self.w * w_nn  # of v_n⁺ after parting
+        parts = squared > 0
+        slower = torch.where(parts, torch.where(parts, squared, 1.0).sqrt(), 0.0)
         return columns(P_t, P_n - (rebound - slower) / w_nn, tau)

@@ -1,37 +1,45 @@
 """The seam: a physical effect is a small frozen dataclass that acts at one of four places.
 
-    state(state)              what was measured or assumed before contact
-    law(state, mu, eps)       the coefficients of the law become functions
-    wrench(state, wrench)     (P_t, P_n, τ) after the law has resolved the contact
-    velocity(state, v_post)   what happens between contact and the second measurement, in world axes
+    state(state)              corrects what was measured or assumed before contact
+    law(state, mu, eps)       makes the coefficients of the law functions of the state
+    wrench(state, wrench)     changes (P_t, P_n, τ) after the law has resolved the contact
+    velocity(state, v_post)   acts between contact and the second measurement, in world axes
 
-It overrides one of these methods and declares its parameters as fields:
+An effect overrides one of these methods and declares its parameters as fields:
 
-    @dataclass(frozen=True)
-    class SpinDamping(Effect):
-        \"\"\"A moment against the spin … It is not rolling resistance.\"\"\"
+    @dataclass(frozen=True, eq=False)
+    class SideDrag(Effect):
+        \"\"\"(v_x, v_y) → (1 − c) (v_x, v_y) after contact.  It is not a lower restitution …\"\"\"
 
-        formula = "τ ← τ − c I ω⁺"
-        c: Tensor | float = parameter("c", "–", 0.0, 1.0)
+        formula = "(v_x⁺, v_y⁺) ← (1 − c) (v_x⁺, v_y⁺)"
+        c: Tensor | float = parameter("c", "–", 0.0, 0.5)
 
-        def wrench(self, state, wrench): …
+        def velocity(self, state, v_post): …
+
+An effect with several forms is a family: an abstract subclass of `Effect`, whose one method is an
+`abc.abstractmethod`, holds what the forms share; each form is a final subclass with its own `form`, `formula`
+and parameters.  The first form that is declared is the default one (`spin_damping.py`).
 
 Everything else follows from that: fitting, standard errors, curves, tables, the configuration.  At
 its vanishing values an effect changes nothing, to the last bit; `contactlearn.testing` holds it to that and
 more.  In a method a parameter broadcasts against [..., N], one value a trial: `columns` puts parts side by side.
 """
 
+import inspect
 import math
 import re
+from abc import ABC
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.state import State
-from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.effects.identity import EffectId
+from contactlearn.effects.state import Coefficients, State
+from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.impacts import Impacts
 
 PLACES = ("state", "law", "wrench", "velocity")
@@ -39,9 +47,9 @@ PLACES = ("state", "law", "wrench", "velocity")
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of an effect: where it is plausible, and where the effect vanishes.
+    """A fitted number of an effect: its plausible range, and the value at which the effect vanishes.
 
-    `vanishing` is None for one that need not vanish because another does; `start` is then a typical value.
+    `vanishing` is None for a parameter that need not vanish because another does; `start` is then a typical value.
     """
 
     name: str
@@ -51,7 +59,6 @@ class Parameter:
     high: float
     vanishing: float | None = 0.0
     start: float = 0.0
-    form: str | None = None
 
 
 def parameter(
@@ -62,21 +69,35 @@ def parameter(
     *,
     vanishing: float | None = 0.0,
     start: float | None = None,
-    form: str | None = None,
 ) -> Any:
-    """Field of an effect that is fitted; `form` names the form of the effect that has it, None all of them."""
+    """Declare a field of an effect as a fitted parameter.
+
+    Args:
+        symbol: letter in formulas.
+        unit: SI; – for a number.
+        low: least plausible value.
+        high: greatest plausible value.
+        vanishing: value at which the effect vanishes; None if another parameter makes it vanish.
+        start: first value of a fit; `vanishing` if left out.
+    """
     start = vanishing if start is None else start
-    declared = {"symbol": symbol, "unit": unit, "low": low, "high": high, "vanishing": vanishing}
-    return field(default=start, metadata={"parameter": declared | {"start": start, "form": form}})
+    declared = {"symbol": symbol, "unit": unit, "low": low, "high": high, "vanishing": vanishing, "start": start}
+    return field(default=start, metadata={"parameter": declared})
 
 
-class Effect:
-    """Base of all effects; see the module."""
+class Effect(ABC):
+    """Base of all effects, families and forms; see the module.
 
-    formula: ClassVar[str | dict[str, str]]
-    """What it does, in the letters of the documentation; by form where there are several."""
+    Raises:
+        TypeError: at the definition of a subclass that breaks a rule of the module.
+    """
+
+    formula: ClassVar[str]
+    """What it does, in the letters of the documentation."""
+    form: ClassVar[str | None] = None
+    """Name of a form within its family; None for an effect that has no other form."""
     source: ClassVar[str] = ""
-    """Where the idea comes from."""
+    """Citation of the idea."""
     mirror_symmetric: ClassVar[bool] = True
     """Whether the mirror image of an impact has the mirror image of its outcome at the same parameters."""
     adds_energy: ClassVar[bool] = False
@@ -85,52 +106,54 @@ class Effect:
     """Whether the body's shape must be known."""
     last: ClassVar[bool] = False
     """Whether it acts after the others of its place, because it depends on what they change."""
-
-    def __init_subclass__(cls, **kwargs):
-        super().__init_subclass__(**kwargs)
-        overridden = [place for place in PLACES if place in cls.__dict__]
-        if len(overridden) != 1:
-            raise TypeError(f"{cls.__name__} must override one of {', '.join(PLACES)}, not {overridden or 'none'}")
-        cls.place = overridden[0]
-        cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
-
     place: ClassVar[str]
+    """One of `PLACES`: the method that the class overrides."""
     name: ClassVar[str]
+    """Name of the family: its class's name in small letters."""
+    id: ClassVar[EffectId]
+    """Name and form."""
 
-    def __post_init__(self):
-        if isinstance(self.formula, dict) and self.form not in self.formula:
-            raise UnknownNameError(f"form of {self.name}", self.form, self.formula)
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        family = next((base for base in cls.__mro__[1:] if base is not Effect and issubclass(base, Effect)), None)
+        cls.place = _overridden(cls)
+        if family is not None:
+            _check_form(cls, family)
+        elif cls.form is not None:
+            raise TypeError(f"{cls.__name__} has a form and no family; make a form a subclass of its abstract family")
+        cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower() if family is None else family.name
+        cls.id = EffectId(cls.name, cls.form)
+
+    def __post_init__(self) -> None:
         for f in fields(self):
             if "parameter" in f.metadata:
                 object.__setattr__(self, f.name, torch.as_tensor(getattr(self, f.name), dtype=torch.float64))
 
     def state(self, state: State) -> State:
-        """The state as it really is, from the state as it was measured."""
+        """Return the state as it really is, from the state as it was measured."""
         raise NotImplementedError
 
-    def law(self, state: State, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
-        """(μ, ε) of each impact [..., N]; whatever leaves μ ≥ 0 and 0 ≤ ε ≤ 1 is cut off afterwards."""
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        """Return (μ, ε) of each impact [..., N]; values outside μ ≥ 0 and 0 ≤ ε ≤ 1 are clamped afterwards."""
         raise NotImplementedError
 
-    def wrench(self, state: State, wrench: Tensor) -> Tensor:
-        """The wrench [..., N, 3] in (N s, N s, N m s), in contact axes."""
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        """Return the wrench [..., N, 3] in (N s, N s, N m s), in contact axes."""
         raise NotImplementedError
 
-    def velocity(self, state: State, v_post: Tensor) -> Tensor:
-        """v_post [..., N, 3] in (m/s, m/s, rad/s) as it was measured."""
+    def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        """Return v_post [..., N, 3] in (m/s, m/s, rad/s) as it was measured."""
         raise NotImplementedError
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """What is fitted, in the order of the fields."""
-        form = getattr(self, "form", None)
-        declared = [Parameter(f.name, **f.metadata["parameter"]) for f in fields(self) if "parameter" in f.metadata]
-        return tuple(p for p in declared if p.form in (None, form))
+        """Fitted parameters, in the order of the fields."""
+        return tuple(Parameter(f.name, **f.metadata["parameter"]) for f in fields(self) if "parameter" in f.metadata)
 
     @property
     def equation(self) -> str:
-        """The formula of the form in use."""
-        return self.formula[self.form] if isinstance(self.formula, dict) else self.formula
+        """Formula of this very effect."""
+        return self.formula
 
     @property
     def values(self) -> tuple[Tensor, ...]:
@@ -139,20 +162,24 @@ class Effect:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Everything else that it takes to make the effect again: plain numbers, text and tuples of them."""
+        """Fields that are not fitted, from which the class makes the effect again: numbers, text and tuples of them."""
         return {f.name: getattr(self, f.name) for f in fields(self) if "parameter" not in f.metadata}
 
-    def at(self, values: Tensor | Sequence[float]) -> "Effect":
-        """The effect with values [..., K] of its K parameters; they broadcast against [..., N]."""
+    def at(self, values: Float[Tensor, "... k"] | Sequence[Tensor | float]) -> Self:
+        """Return the effect with values [..., K] of its K parameters; they broadcast against [..., N]."""
         parts = values.unbind(-1) if isinstance(values, Tensor) else values
         return replace(self, **{p.name: value for p, value in zip(self.parameters, parts, strict=True)})
 
-    def vanished(self) -> "Effect":
-        """The effect where it changes nothing."""
+    def vanished(self) -> Self:
+        """Return the effect where it changes nothing."""
         return self.at([p.start if p.vanishing is None else p.vanishing for p in self.parameters])
 
-    def prepare(self, impacts: Impacts) -> "Effect":
-        """The effect ready for a kind of measurements: constants that were left open are taken from them."""
+    def prepare(self, impacts: Impacts) -> Self:
+        """Return the effect with the constants that were left open taken from measurements.
+
+        Raises:
+            DataError: the effect needs the body's shape, and the impacts have none.
+        """
         if self.needs_shape and impacts.shape is None:
             raise DataError(
                 f"effect {self.name} moves the contact point, so it needs the body's shape, and {impacts.source} has "
@@ -161,16 +188,34 @@ class Effect:
         return self
 
 
-def typical(measured: Tensor) -> float:
-    """Median size of what was measured, to two digits; 1 where that is 0."""
+def _overridden(kind: type[Effect]) -> str:
+    """Name of the one place whose method a class overrides."""
+    places = [place for place in PLACES if place in kind.__dict__]
+    if len(places) != 1:
+        raise TypeError(f"{kind.__name__} must override one of {', '.join(PLACES)}, not {places or 'none'}")
+    return places[0]
+
+
+def _check_form(kind: type[Effect], family: type[Effect]) -> None:
+    """Refuse a subclass of an effect that is not a form of an abstract family."""
+    if not inspect.isabstract(family):
+        raise TypeError(f"{kind.__name__} must not subclass {family.__name__}, which is final; subclass Effect")
+    if kind.place != family.place:
+        raise TypeError(f"{kind.__name__} must override {family.place}, as its family {family.name} does")
+    if not isinstance(kind.__dict__.get("form"), str):
+        raise TypeError(f'{kind.__name__} must name its form of {family.name}; write such as form = "quadratic"')
+
+
+def typical(measured: Float[Tensor, "n"]) -> float:
+    """Median absolute value of a measured quantity, to two digits; 1 where that is 0."""
     return float(f"{measured.abs().median().item():.1e}") or 1.0
 
 
 def known(value: float | None) -> float:
-    """A positive constant that is given, or that `Effect.prepare` has taken from measurements.
+    """Return a positive constant that is given, or that `Effect.prepare` has taken from measurements.
 
     Raises:
-        ContactLearnError: neither, or it is not positive.
+        ContactLearnError: it is None, or not positive.
     """
     if value is None:
         raise ContactLearnError("a constant of the effect is open: give it, or call effect.prepare(impacts)")

@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
-from contactlearn.effects.state import State
+from contactlearn.effects.state import Coefficients, State
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,5 +20,5 @@ class ConfigurationDependentRestitution(Effect):
     source = "Stoianovici & Hurmuzlu 1996"
     c: Tensor | float = parameter("c", "–", -0.5, 1.0)
 
-    def law(self, state: State, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
         return mu, eps - self.c * state.r[..., 0] ** 2 * (state.mass / state.inertia)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -24,5 +25,5 @@ class ContactPatch(Effect):
     k: Tensor | float = parameter("k", "–", -1.0, 1.0)
     c: Tensor | float = parameter("c", "m", -0.01, 0.01)
 
-    def wrench(self, state: State, wrench: Tensor) -> Tensor:
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         return retraced(state, wrench, arm=self.c - self.k * state.r[..., 0])

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -23,6 +24,6 @@ class DirectionalFriction(Effect):
     adds_energy = True
     a: Tensor | float = parameter("a", "–", -0.9, 0.9)
 
-    def wrench(self, state: State, wrench: Tensor) -> Tensor:
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         grain = self.a * state.v_t.sign()
         return retraced(state, wrench, friction=(state.mu * (1 + grain), state.mu * (1 - grain)))

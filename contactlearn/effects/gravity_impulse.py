@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -21,6 +22,6 @@ class GravityImpulse(Effect):
     source = "finite duration"
     dt: Tensor | float = parameter("Δt", "s", 0.0, 0.1)
 
-    def velocity(self, state: State, v_post: Tensor) -> Tensor:
+    def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         fall = STANDARD_GRAVITY * self.dt
         return columns(v_post[..., 0], v_post[..., 1] - fall, v_post[..., 2])

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect
 from contactlearn.effects.basis import AlongFloor
-from contactlearn.effects.state import State
+from contactlearn.effects.state import Coefficients, State
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,5 +18,5 @@ class LocationDependentFriction(AlongFloor, Effect):
     source = "worn or soiled floor"
     mirror_symmetric = False
 
-    def law(self, state: State, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
         return mu + self.change(state.x), eps

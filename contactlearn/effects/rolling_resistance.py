@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, known, parameter
@@ -30,7 +31,7 @@ class RollingResistance(Effect):
         super().__post_init__()
         known(self.omega_s)
 
-    def wrench(self, state: State, wrench: Tensor) -> Tensor:
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         before, after = state.omega, state.v_after(wrench)[..., 2]
         size = (before.square() + self.omega_s**2).sqrt() + (after.square() + self.omega_s**2).sqrt()
         arm = self.c * (before + after) / size

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -19,6 +20,6 @@ class SideDrag(Effect):
     source = "guide walls, air"
     c: Tensor | float = parameter("c", "–", 0.0, 0.5)
 
-    def velocity(self, state: State, v_post: Tensor) -> Tensor:
+    def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         kept = 1 - self.c
         return columns(kept * v_post[..., 0], kept * v_post[..., 1], v_post[..., 2])

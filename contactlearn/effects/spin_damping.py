@@ -1,8 +1,9 @@
 """The body loses a part of its spin."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
 
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -12,7 +13,7 @@ from contactlearn.effects.state import State, columns
 
 @dataclass(frozen=True, eq=False)
 class SpinDamping(Effect):
-    """A moment that grows with the spin.
+    """A moment opposes the spin and grows with it.
 
         after     τ → τ − c I ω⁺, with the spin ω⁺ that the body has without it
         during    τ → τ − b (I/m) ω̄ P_n, ω̄ the mean of ω and that ω⁺; the contact responds (`path.retraced`)
@@ -20,19 +21,38 @@ class SpinDamping(Effect):
     It is not rolling resistance, which does not grow with the spin (`rolling_resistance`).
     """
 
-    formula: ClassVar = {
-        "after": "τ ← τ − c I ω⁺",
-        "during": "τ ← τ − b (I/m) ω̄ P_n while the contact lasts, ω̄ the mean of ω and ω⁺",
-    }
     source = "air, guide walls, cables"
     adds_energy = True
-    c: Tensor | float = parameter("c", "–", 0.0, 1.0, form="after")
-    b: Tensor | float = parameter("b", "s/m", 0.0, 0.3, form="during")
-    form: str = "after"
 
-    def wrench(self, state: State, wrench: Tensor) -> Tensor:
+    @abstractmethod
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        """Return the wrench with the damping moment."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpinDampingAfter(SpinDamping):
+    """τ → τ − c I ω⁺: the spin falls by the share c.  It does not act on the contact (`SpinDampingDuring`)."""
+
+    form = "after"
+    formula = "τ ← τ − c I ω⁺"
+    c: Tensor | float = parameter("c", "–", 0.0, 1.0)
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         P_t, P_n, tau = wrench.unbind(-1)
+        return columns(P_t, P_n, tau - self.c * state.inertia * state.v_after(wrench)[..., 2])
+
+
+@dataclass(frozen=True, eq=False)
+class SpinDampingDuring(SpinDamping):
+    """τ → τ − b (I/m) ω̄ P_n while the contact lasts, which responds.
+
+    It is not a loss between contact and the second measurement (`SpinDampingAfter`).
+    """
+
+    form = "during"
+    formula = "τ ← τ − b (I/m) ω̄ P_n while the contact lasts, ω̄ the mean of ω and ω⁺"
+    b: Tensor | float = parameter("b", "s/m", 0.0, 0.3)
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         after = state.v_after(wrench)[..., 2]
-        if self.form == "after":
-            return columns(P_t, P_n, tau - self.c * state.inertia * after)
         return retraced(state, wrench, arm=-self.b * state.inertia / state.mass * (state.omega + after) / 2)

@@ -15,11 +15,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn import mechanics
 from contactlearn.impacts import Impacts
 from contactlearn.shapes import Shape, contact_point
+
+Coefficients = tuple[Float[Tensor, "..."], Float[Tensor, "..."]]
+"""(μ, ε), each of a shape that broadcasts against the impacts [..., N]."""
 
 _BARELY = 1e-9  # m/s
 

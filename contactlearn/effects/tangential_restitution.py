@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -29,7 +30,7 @@ class TangentialRestitution(Effect):
     adds_energy = True
     beta: Tensor | float = parameter("β", "–", 0.0, 1.0)
 
-    def wrench(self, state: State, wrench: Tensor) -> Tensor:
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         P_t, P_n, tau = wrench.unbind(-1)
         direction, M_c = -state.v_t.sign(), effective_inertia(state.W)
         t, n = M_c[..., 0, 0] * direction, M_c[..., 0, 1] * direction  # impulse per change of v_t, kg

@@ -1,17 +1,18 @@
 """Faster impacts rebound less."""
 
-from dataclasses import dataclass, replace
-from typing import ClassVar
+from abc import abstractmethod
+from dataclasses import dataclass
 
+from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.base import Effect, known, parameter, typical
-from contactlearn.effects.state import State
-from contactlearn.impacts import Impacts
+from contactlearn.effects.base import Effect, known, parameter
+from contactlearn.effects.speed import SpeedReference
+from contactlearn.effects.state import Coefficients, State
 
 
 @dataclass(frozen=True, eq=False)
-class VelocityDependentRestitution(Effect):
+class VelocityDependentRestitution(SpeedReference, Effect):
     """ε falls with the normal velocity of approach.
 
         power           ε (|v_n|/v_ref)^(−p)                         plastic yield, p = 1/4
@@ -20,21 +21,35 @@ class VelocityDependentRestitution(Effect):
     ε is the restitution at v_ref.  It is not a dependence on the slip (`slip_dependent_restitution`).
     """
 
-    formula: ClassVar = {
-        "power": "ε ← ε (|v_n|/v_ref)^(−p)",
-        "kuwabara_kono": "ε ← ε (1 − C ((|v_n|/v_ref)^(1/5) − 1))",
-    }
     source = "Johnson 1985, §11.5; Kuwabara & Kono 1987"
-    p: Tensor | float = parameter("p", "–", -1.0, 1.0, form="power")
-    C: Tensor | float = parameter("C", "–", -1.0, 4.0, form="kuwabara_kono")
-    form: str = "power"
-    v_ref: float | None = None  # m/s; None: the median |v_n| of the measurements
+    component = 1
 
-    def prepare(self, impacts: Impacts) -> "VelocityDependentRestitution":
-        return self if self.v_ref is not None else replace(self, v_ref=typical(impacts.v_c[:, 1]))
+    @abstractmethod
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        """Return μ and ε(|v_n|)."""
 
-    def law(self, state: State, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
+
+@dataclass(frozen=True, eq=False)
+class PowerLawRestitution(VelocityDependentRestitution):
+    """ε → ε (|v_n|/v_ref)^(−p), plastic yield with p = 1/4.  It has no elastic limit (`KuwabaraKonoRestitution`)."""
+
+    form = "power"
+    formula = "ε ← ε (|v_n|/v_ref)^(−p)"
+    p: Tensor | float = parameter("p", "–", -1.0, 1.0)
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
         speed = state.v_n.abs() / known(self.v_ref)
-        if self.form == "power":
-            return mu, eps * speed**-self.p
+        return mu, eps * speed**-self.p
+
+
+@dataclass(frozen=True, eq=False)
+class KuwabaraKonoRestitution(VelocityDependentRestitution):
+    """ε → ε (1 − C ((|v_n|/v_ref)^(1/5) − 1)), viscoelastic spheres.  It is not plastic (`PowerLawRestitution`)."""
+
+    form = "kuwabara_kono"
+    formula = "ε ← ε (1 − C ((|v_n|/v_ref)^(1/5) − 1))"
+    C: Tensor | float = parameter("C", "–", -1.0, 4.0)
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        speed = state.v_n.abs() / known(self.v_ref)
         return mu, eps * (1 - self.C * (speed**0.2 - 1))

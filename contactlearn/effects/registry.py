@@ -1,0 +1,121 @@
+"""Registry of effects: families by name, their forms, and effects from settings."""
+
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, fields
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from contactlearn.effects.base import PLACES, Effect
+from contactlearn.errors import ContactLearnError, UnknownNameError, suggest
+
+ENTRY_POINT = "contactlearn.effects"
+
+
+def catalogue() -> dict[str, tuple[type[Effect], ...]]:
+    """Return the forms of every effect by the effect's name, the default form first; one form for most effects.
+
+    Effects are in the order of the places and then of the alphabet.  They come from this folder, from other packages
+    that announce theirs under the entry point `contactlearn.effects`, and from any other module that was imported.
+    Classes that need arguments are left out.
+
+    Raises:
+        ContactLearnError: two effects of one name, or two forms of one name in a family.
+    """
+    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
+        importlib.import_module(f"{__package__}.{module.name}")
+    for entry in entry_points(group=ENTRY_POINT):
+        entry.load()
+    found: dict[str, tuple[type[Effect], ...]] = {}
+    for kind in sorted(Effect.__subclasses__(), key=lambda e: (PLACES.index(e.place), e.name)):
+        forms = tuple(form for form in forms_of(kind) if all(_optional(f) for f in fields(form)))
+        if forms and kind.name in found:
+            raise _homonyms(f"effects are called {kind.name}", found[kind.name][0], kind)
+        if forms:
+            found[kind.name] = forms
+    return found
+
+
+def find(name: str, form: str | None = None) -> type[Effect]:
+    """Return the class of an effect, with or without arguments, in a form or in the default one of its family.
+
+    Raises:
+        UnknownNameError: no such effect or form; an effect of another package is known once that has been imported.
+    """
+    known = dict.fromkeys(catalogue()) | {kind.name: kind for kind in Effect.__subclasses__()}
+    if name not in known:
+        raise UnknownNameError("effect", name, known)
+    return choose_form(known[name], form)
+
+
+def forms_of(kind: type[Effect]) -> tuple[type[Effect], ...]:
+    """Return the forms of a family in the order of their declaration; any other effect is its only form.
+
+    Raises:
+        ContactLearnError: two forms of one name.
+    """
+    found: dict[str | None, type[Effect]] = {}
+    for form in kind.__subclasses__() if inspect.isabstract(kind) else (kind,):
+        if form.form in found:
+            raise _homonyms(f"forms of {kind.name} are called {form.form}", found[form.form], form)
+        found[form.form] = form
+    return tuple(found.values())
+
+
+def choose_form(kind: type[Effect], form: str | None = None) -> type[Effect]:
+    """Return the class of one form of a family, its first one if `form` is None.
+
+    Args:
+        kind: a family, or an effect with a single form.
+        form: name of a form of it.
+
+    Raises:
+        UnknownNameError: the family has no such form.
+        ContactLearnError: a form of an effect that has none.
+    """
+    forms = {each.form: each for each in forms_of(kind)}
+    if form is None and forms:
+        return next(iter(forms.values()))
+    if form not in forms or form is None:
+        names = [name for name in forms if name is not None]
+        if not names:
+            raise ContactLearnError(f"effect {kind.name} has no forms to choose from, got {form!r}; leave the form out")
+        raise UnknownNameError(f"form of {kind.name}", str(form), names)
+    return forms[form]
+
+
+def from_settings(kind: type[Effect], settings: Mapping[str, Any]) -> Effect:
+    """Return an effect with options as a configuration holds them.
+
+    Args:
+        kind: a family, one form of it, or an effect with a single form.
+        settings: the options of the class by name, lists in place of tuples; `form` chooses among a family's forms.
+
+    Raises:
+        UnknownNameError: the family has no such form.
+        ContactLearnError: an option that the class does not have, or lacks.
+    """
+    options = {key: tuple(value) if isinstance(value, list) else value for key, value in settings.items()}
+    kind = choose_form(kind, options.pop("form", None) if kind.form or inspect.isabstract(kind) else None)
+    known = {f.name: f for f in fields(kind) if "parameter" not in f.metadata}
+    names = [*(["form"] if kind.form else []), *known]
+    for key in options:
+        if key not in known:
+            fitted = " (it is fitted)" if key in (f.name for f in fields(kind)) else suggest(key, names)
+            has = ", ".join(names) or "none"
+            raise ContactLearnError(f"{kind.name} has no setting {key!r}{fitted}; it has: {has}")
+    if missing := [name for name, f in known.items() if not _optional(f) and name not in options]:
+        raise ContactLearnError(f"{kind.name} needs the setting {', '.join(missing)}; give it a value")
+    return kind(**options)
+
+
+def _homonyms(what: str, first: type[Effect], second: type[Effect]) -> ContactLearnError:
+    modules = f"{first.__module__} and {second.__module__}"
+    return ContactLearnError(f"two {what}, in {modules}; rename one")
+
+
+def _optional(field: Field[Any]) -> bool:
+    return field.default is not MISSING or field.default_factory is not MISSING
