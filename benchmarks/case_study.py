@@ -82,9 +82,9 @@ def main() -> None:
         print(line(f"{found.law}, {frame}", errors, bound), flush=True)
         effects = {}
         for one in missing:
-            effects[one.name] = one.effect
+            effects[one.id.name] = one.effect
             errors = rung(found.law, effects, impacts, folds)
-            print(line(f"+ {one.name}", errors, bound), flush=True)
+            print(line(f"+ {one.id}", errors, bound), flush=True)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 
 from contactlearn.data import synthetic
-from contactlearn.effects import Effect, catalogue
+from contactlearn.effects import Effect, catalogue, find_effect
 from contactlearn.evaluation.metrics import mass_error
 from contactlearn.identification.joint import FitOptions, assemble, identify_jointly
 from contactlearn.impacts import Impacts
@@ -34,9 +34,8 @@ SHARE = 1 / 3
 
 def cases() -> Iterator[Effect]:
     """Every effect in each of its forms."""
-    for effect in catalogue().values():
-        forms = effect.formula if isinstance(effect.formula, dict) else [None]
-        yield from (effect() if form is None else effect(form=form) for form in forms)
+    for forms in catalogue().values():
+        yield from (form() for form in forms)
 
 
 def drops(effect: Effect, theta: Tensor, size: int, seed: int) -> Impacts:
@@ -67,7 +66,7 @@ def sized(effect: Effect) -> tuple[Effect, Tensor, float]:
     ends = torch.where(up | (low == start), high, low)
     ends = torch.where(torch.tensor([p.vanishing is None for p in effect.parameters]), start, ends)
     law = torch.tensor((MU, EPS), dtype=torch.float64)
-    effect = effect.prepare(drops(catalogue()["surface_tilt"](), torch.cat((law, torch.zeros(1))), 4000, 999))
+    effect = effect.prepare(drops(find_effect("surface_tilt")(), torch.cat((law, torch.zeros(1))), 4000, 999))
 
     def share(factor: float) -> float:
         theta = torch.cat((law, start + factor * (ends - start)))
@@ -106,7 +105,7 @@ def table_row(effect: Effect, trials: int, seeds: int) -> str:
     recovered = ((found - theta[2:]).abs() <= 3 * errors).all(1).double().mean().item()
     ratio = found.std(0) / errors.mean(0)
     worst = ratio[ratio.log().abs().argmax()].item()
-    name = effect.name + (f" ({effect.form})" if isinstance(effect.formula, dict) else "")
+    name = effect.name + (f" ({effect.form})" if effect.form else "")
     planted = ", ".join(
         f"{p.symbol} = {value:.3g}" for p, value in zip(effect.parameters, theta[2:].tolist(), strict=True)
     )

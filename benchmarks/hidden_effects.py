@@ -123,7 +123,7 @@ def _sigmas(found: Diagnosis, expected: dict[str, dict[str, float]]) -> list[flo
     return [
         (missing.parameters[key]["value"] - value) / missing.parameters[key]["standard_error"]
         for missing in found.missing
-        for key, value in expected.get(missing.name, {}).items()
+        for key, value in expected.get(str(missing.id), {}).items()
     ]
 
 

@@ -16,7 +16,7 @@ import torch
 from scipy.optimize import least_squares
 
 from contactlearn.data import synthetic
-from contactlearn.effects import State, catalogue
+from contactlearn.effects import State, find_effect
 from contactlearn.identification.joint import assemble, identify_jointly, named_parameters
 from contactlearn.identification.shared import Box
 from contactlearn.laws import find
@@ -36,7 +36,7 @@ NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
 def measured():
     exact = synthetic.load(size=1718, velocity_noise=0, spin_noise=0)
     generator = torch.Generator().manual_seed(0)
-    effects = {name: catalogue()[name]().prepare(exact) for name in PLANTED}
+    effects = {name: find_effect(name)().prepare(exact) for name in PLANTED}
     theta = torch.tensor((0.15, 0.55, *(x for values in PLANTED.values() for x in values)), dtype=torch.float64)
     v_post = assemble(find("wang_mason"), effects, theta).predict(exact).v_post
     before, after = (NOISE * torch.randn(1718, 3, generator=generator, dtype=torch.float64) for _ in range(2))

@@ -31,8 +31,8 @@ from contactlearn.regression.gp.exact import ExactGPs
 from contactlearn.regression.gp.sparse import SparseGPs
 from contactlearn.regression.regressor import Regressor
 
-FORMAT = 1
-"""Number of the file format; a file of a higher one is refused."""
+FORMAT = 2
+"""Number of the file format; a file of a higher one is refused.  Format 1 has an effect's form among its options."""
 
 _KINDS = {kind.__name__: kind for kind in (ContactModel, Regressor, Standardisation, ExactGPs, SparseGPs)}
 _INFINITE = (".scale", "_bound")  # may be so: of a constant column, of GPyTorch's constraints
@@ -110,7 +110,7 @@ def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         return {"kind": "effects"} | {key: _describe(part[key], f"{name}.{key}", tensors) for key in part}
     if isinstance(part, Effect):
         values = _describe(columns(*part.values), f"{name}.values", tensors)
-        return {"kind": "effect", "name": part.name, "options": part.options, "values": values}
+        return {"kind": "effect", "name": part.name, "form": part.form, "options": part.options, "values": values}
     if isinstance(part, Law):
         plain = {key: value for key, value in part.options.items() if not isinstance(value, Tensor | float)}
         own = {key: value for key, value in vars(part).items() if key not in plain}
@@ -132,8 +132,7 @@ def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         return description
     kind = description.pop("kind")
     if kind == "effect":
-        effect = effects.find(description["name"])(**_tuples(description["options"]))
-        return effect.at(_build(description["values"], f"{name}.values", tensors))
+        return _build_effect(description).at(_build(description["values"], f"{name}.values", tensors))
     if kind == "effects":
         return {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
     if kind == "Law":
@@ -154,6 +153,13 @@ def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         if seen != wanted:
             raise DataError(f"{name}.inputs.mean has {seen} columns, and feature space {part.space} has {wanted}")
     return part
+
+
+def _build_effect(description: dict[str, Any]) -> Effect:
+    """The effect of a description, before it gets its values; format 1 has the form among the options."""
+    options = _tuples(description["options"])
+    form = description["form"] if "form" in description else options.pop("form", None)
+    return effects.find_effect(description["name"], form)(**options)
 
 
 def _build_law(description: dict[str, Any], name: str, tensors: dict[str, Tensor]) -> Law:

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from contactlearn.data import synthetic
-from contactlearn.effects import Effect, State, columns
+from contactlearn.effects import Effect, State, columns, find_effect
 from contactlearn.identification.joint import assemble
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
@@ -75,6 +75,7 @@ class EffectContract:
         assert any(p.vanishing is not None for p in effect.parameters), "some parameter must make it vanish"
         again = type(effect)(**effect.options).at(columns(*effect.values))
         assert again.parameters == effect.parameters
+        assert find_effect(effect.name, effect.form) is type(effect), "another effect or form has the same name"
 
     def test_it_vanishes_to_the_last_bit(self):
         impacts = self.impacts()

@@ -11,7 +11,7 @@ from test_commands import run
 from contactlearn.data import synthetic, table
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
-from contactlearn.effects import Effect, catalogue, parameter
+from contactlearn.effects import Effect, EffectId, catalogue, find_effect, parameter
 from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import ContactLearnError
 from contactlearn.identification.joint import assemble
@@ -37,19 +37,19 @@ class Oracle(Effect):
 def test_the_whole_catalogue_is_usable():
     drops = synthetic.load(size=200)
     assert usable(all_candidates(), drops).keys() == all_candidates().keys()
-    assert {name.partition(":")[0] for name in all_candidates()} == catalogue().keys()
+    assert {key.name for key in all_candidates()} == catalogue().keys()
 
 
 def test_without_a_shape_what_needs_one_is_left_out():
     drops = synthetic.load(size=200).replace(shape=None)
     missing = all_candidates().keys() - usable(all_candidates(), drops).keys()
-    assert missing == {name for name, effect in all_candidates().items() if effect.needs_shape}
+    assert missing == {key for key, effect in all_candidates().items() if effect.needs_shape}
     assert missing
 
 
 def test_an_effect_that_sees_the_outcomes_is_refused():
     with pytest.raises(ContactLearnError, match="candidate oracle changes its predictions with the measured v_post"):
-        usable({"oracle": Oracle(100)}, synthetic.load(size=100))
+        usable({EffectId("oracle"): Oracle(100)}, synthetic.load(size=100))
 
 
 def test_a_parameter_for_every_few_trials_is_refused():
@@ -57,9 +57,9 @@ def test_a_parameter_for_every_few_trials_is_refused():
     many = formula(terms, tau=" + ".join(f"{c}*Pn*rx*sin({k}*order)" for k, c in enumerate(terms)))
     few = formula({"c": [-1, 1]}, tau="c*rx*Pn")
     drops = synthetic.load(size=60)
-    assert usable({"many": many, "few": few}, drops).keys() == {"few"}
+    assert usable({EffectId("many"): many, EffectId("few"): few}, drops).keys() == {EffectId("few")}
     with pytest.raises(ContactLearnError, match="of up to 8 parameters, for 60 trials"):
-        usable({"many": many}, drops)
+        usable({EffectId("many"): many}, drops)
 
 
 def test_ones_own_candidate_is_found_from_the_command_line(tmp_path):
@@ -105,7 +105,7 @@ def test_what_is_left_out_is_said():
     terms = {f"c{k}": [-1, 1] for k in range(8)}
     many = formula(terms, tau=" + ".join(f"{c}*Pn*rx*sin({k}*order)" for k, c in enumerate(terms, 1)))
     told = {}
-    candidates = {"many": many, "tilt": catalogue()["surface_tilt"]()}
+    candidates = {EffectId("many"): many, EffectId("tilt"): find_effect("surface_tilt")()}
     diagnose(synthetic.load(size=60), find("wang_mason"), candidates=candidates,
              say=told.__setitem__)  # fmt: skip
     assert told["left out"] == ["many"]

@@ -13,7 +13,7 @@ from contactlearn.data import mystery, synthetic, table
 from contactlearn.diagnosis.pipeline import VERDICTS, diagnose
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.search.selection import Folds, Selection
-from contactlearn.effects import catalogue
+from contactlearn.effects import EffectId, find_effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import DataError
 from contactlearn.evaluation.metrics import mass_error
@@ -24,7 +24,7 @@ from contactlearn.laws import find
 
 def few(*names):
     """Some candidates, so that tests are quick."""
-    return {name: effect for name, effect in all_candidates().items() if name.partition(":")[0] in names}
+    return {key: effect for key, effect in all_candidates().items() if key.name in names}
 
 
 def test_folds_hold_every_trial_out_as_often():
@@ -54,7 +54,10 @@ def test_score_tests_are_those_of_a_refit():
         assert test.p_value > 1e-5
 
 
-CROSSED = ("parameter_drift:restitution", "slip_dependent_restitution", "inertia_error", "com_offset")
+CROSSED = (
+    EffectId("parameter_drift", "restitution"),
+    *map(EffectId, ("slip_dependent_restitution", "inertia_error", "com_offset")),
+)
 """All but the last do mostly what μ and ε could do as well."""
 
 
@@ -64,9 +67,9 @@ def test_score_tests_hold_their_level():
     for seed in range(60):
         drops = synthetic.load(size=200, seed=seed)
         folds = Folds.draw(200, torch.Generator().manual_seed(0), repeats=1)
-        candidates = {name: all_candidates()[name] for name in CROSSED}
+        candidates = {key: all_candidates()[key] for key in CROSSED}
         selection = Selection(find("wang_mason"), drops, candidates, folds, {})
-        found.append([selection.score_test(name).p_value for name in CROSSED])
+        found.append([selection.score_test(key).p_value for key in CROSSED])
     found = torch.tensor(found)
     assert abs((found < 0.1).double().mean() - 0.1) < 0.07
     for level in (0.3, 0.5, 0.7):
@@ -171,14 +174,14 @@ def test_the_budget_adds_up():
 
 def test_ones_own_effect_is_a_candidate_like_any_other():
     impacts, truth = mystery.draw(3, effects=["spin_damping"], size=250)
-    mine = {"mine": formula(tau="-c*I*omega_post", parameters={"c": [0, 1]})}
+    mine = {EffectId("mine"): formula(tau="-c*I*omega_post", parameters={"c": [0, 1]})}
     found = diagnose(impacts, find(truth["law"]), candidates=mine | few("surface_tilt", "adhesion"))
     assert found.effects == ["mine"]
 
 
 def test_what_is_in_the_model_already_is_not_missing():
     impacts, truth = mystery.draw(3, effects=["spin_damping"], size=250)
-    given = {"spin_damping": catalogue()["spin_damping"]()}
+    given = {"spin_damping": find_effect("spin_damping")()}
     found = diagnose(impacts, find(truth["law"]), given)
     assert found.verdict == "none"
     assert "spin_damping" in found.equation
@@ -267,7 +270,7 @@ def test_a_law_that_was_chosen_without_the_effects_is_chosen_again_with_them():
 def test_a_place_that_means_nothing_without_its_effect_is_paid_for():
     """The p-value of a spot is that of the best place times their number."""
     drops = synthetic.load(size=100)
-    spot = "orientation_dependent_restitution:spot"
+    spot = EffectId("orientation_dependent_restitution", "spot")
     folds = Folds.draw(100, torch.Generator().manual_seed(0), repeats=1)
     selection = Selection(find("wang_mason"), drops, {spot: all_candidates()[spot]}, folds, {})
     test = selection.score_test(spot)

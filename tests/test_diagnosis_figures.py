@@ -418,7 +418,7 @@ def test_orientation_is_shown_in_one_turn(found):
 
 def test_a_diagnosis_is_drawn_by_name(found):
     figures = drawn(with_regions(found, ("spin", -3, 2)), found.impacts)
-    effects = [f"effect_{missing.name.replace(':', '_')}" for missing in found.missing]
+    effects = [f"effect_{str(missing.id).replace(':', '_')}" for missing in found.missing]
     assert found.effects == ["spin_damping"]
     assert list(figures) == ["regions", "remainder", *effects, "ladder"]
     for name in ("regions", "remainder", "ladder"):

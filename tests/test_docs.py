@@ -66,15 +66,14 @@ def test_every_setting_is_explained():
 def test_the_document_lists_the_whole_catalogue():
     """Every effect in every form with its formula and the ranges of its parameters, and every symbol."""
     text = (ROOT / "docs" / "effects.md").read_text("utf-8").replace("\\|", "|")
-    for kind in catalogue().values():
-        for form in kind.formula if isinstance(kind.formula, dict) else [None]:
-            effect = kind() if form is None else kind(form=form)
-            (row,) = [r for r in text.splitlines() if r.startswith(f"| `{kind.name}`") and str(form or "") in r]
-            assert effect.equation in row
-            assert kind.source in row
-            for p in effect.parameters[:1]:
-                assert f"{p.symbol}" in row
-                assert f"[{p.low:g}, {p.high:g}]" in row
+    for kind in (kind for forms in catalogue().values() for kind in forms):
+        name = f"| `{kind.name}` |" if kind.form is None else f"| `{kind.name}`, `form={kind.form}` |"
+        (row,) = [row for row in text.splitlines() if row.startswith(name)]
+        assert kind.formula in row
+        assert kind.source in row
+        for p in kind().parameters[:1]:
+            assert f"{p.symbol}" in row
+            assert f"[{p.low:g}, {p.high:g}]" in row
     for name, symbol in SYMBOLS.items():
         assert f"| `{name}` | {symbol.unit} | {symbol.description} |" in text
 
@@ -85,6 +84,10 @@ def test_every_effect_has_its_configuration():
     assert paths.keys() == catalogue().keys()
     for name, path in paths.items():
         entry = OmegaConf.to_container(OmegaConf.load(path))[name]
-        kind = catalogue()[name]
-        assert entry.pop("_target_") == f"contactlearn.effects.{name}.{kind.__name__}"
-        assert entry == kind().options
+        default, *others = catalogue()[name]
+        family = default.__mro__[1] if default.form else default
+        assert entry.pop("_target_") == f"contactlearn.effects.{name}.{family.__name__}"
+        assert entry.pop("form", None) == default.form
+        assert entry == default().options
+        comment = path.read_text("utf-8").splitlines()[0]
+        assert comment.endswith("; or ".join(kind.formula for kind in (default, *others)))

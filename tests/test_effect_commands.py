@@ -9,7 +9,7 @@ from test_commands import ROOT, SMALL, TRAIN, run
 
 from contactlearn import checkpoint
 from contactlearn.data import synthetic
-from contactlearn.effects import catalogue
+from contactlearn.effects import find_effect
 from contactlearn.errors import DataError
 from contactlearn.laws import find
 
@@ -48,7 +48,7 @@ def test_training_fits_a_law_with_effects(tmp_path):
     tilt = found["parameters"]["surface_tilt.phi"]
     assert abs(tilt["value"]) < 5 * tilt["standard_error"]
     assert tilt["unit"] == "rad"
-    assert f"+ surface_tilt: {catalogue()['surface_tilt'].formula}, φ = " in printed
+    assert f"+ surface_tilt: {find_effect('surface_tilt').formula}, φ = " in printed
     assert {path.stem for path in (tmp_path / "figures").glob("*.png")} == {
         "effect_surface_tilt",
         "effect_spin_damping",
@@ -166,7 +166,7 @@ def test_a_checkpoint_keeps_leading_axes_and_constants(tmp_path):
     from contactlearn.identification.joint import identify_jointly
 
     drops = synthetic.load(size=120)
-    chosen = {name: catalogue()[name]() for name in ("location_dependent_friction", "velocity_dependent_restitution")}
+    chosen = {name: find_effect(name)() for name in ("location_dependent_friction", "velocity_dependent_restitution")}
     rows = torch.arange(120).view(2, 60)
     model = identify_jointly(find("mirtich"), chosen, drops, rows).model
     checkpoint.save(model, tmp_path / "model.pt", provenance={})

@@ -13,19 +13,15 @@ from contactlearn.testing import EffectContract
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
-CASES = [
-    effect if form is None else type(effect)(form=form)
-    for effect in (kind() for kind in catalogue().values())
-    for form in (effect.formula if isinstance(effect.formula, dict) else [None])
-]
+KINDS = [kind for forms in catalogue().values() for kind in forms]
 
 
 @pytest.mark.parametrize("law", ["wang_mason", "mirtich"])
-@pytest.mark.parametrize("effect", CASES, ids=lambda effect: f"{effect.name}-{getattr(effect, 'form', '')}")
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: f"{kind.name}-{kind.form or ''}")
 class TestCatalogue(EffectContract):
     @pytest.fixture(autouse=True)
-    def _chosen(self, effect, law):
-        self.effect, self.law = effect, law
+    def _chosen(self, kind, law):
+        self.effect, self.law = kind(), law
 
 
 def test_the_example_can_inherit_the_contract(tmp_path):
@@ -50,7 +46,7 @@ def test_an_effect_acts_at_one_place():
         type("Everywhere", (Effect,), both)
 
 
-@pytest.mark.parametrize("kind", catalogue().values(), ids=catalogue())
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: str(kind.id))
 def test_what_breaks_the_symmetry_does(kind):
     """No effect says so without need."""
     contract = EffectContract()

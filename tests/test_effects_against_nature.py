@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from contactlearn.data import mujoco, mystery, synthetic
-from contactlearn.effects import catalogue
+from contactlearn.effects import find_effect
 from contactlearn.evaluation.metrics import mass_error
 from contactlearn.identification.joint import identify_jointly
 from contactlearn.impacts import Prediction
@@ -37,7 +37,7 @@ def assert_found(fit, wanted):
 @pytest.mark.parametrize("seed", [3, 8])
 def test_parameters_are_natures(name, seed):
     impacts, truth = mystery.draw(seed, effects=[name], size=400)
-    effect = catalogue()[name]()
+    effect = find_effect(name)()
     wanted = mystery.meant(name, truth["effects"][0]["parameters"])
     fit = identify_jointly(find(truth["law"]), {name: effect}, impacts)
     assert_found(fit, {f"{name}.{key}": value for key, value in wanted.items()})
@@ -50,7 +50,7 @@ def test_both_ways_of_losing_spin(form, parameter):
     draws = (mystery.draw(seed, effects=["spin_damping"], size=400) for seed in range(20))
     impacts, truth = next(d for d in draws if d[1]["effects"][0]["form"].startswith(marks[form]))
     c = truth["effects"][0]["parameters"]["c"]
-    fit = identify_jointly(find(truth["law"]), {"spin": catalogue()["spin_damping"](form=form)}, impacts)
+    fit = identify_jointly(find(truth["law"]), {"spin": find_effect("spin_damping", form)()}, impacts)
     assert_found(fit, {f"spin.{parameter}": 1 - math.exp(-c) if form == "after" else c})
 
 
@@ -59,7 +59,7 @@ def test_mujoco_agrees_on_three_at_once(kind):
     hidden = {"tilt": 0.03, "com_offset": (1e-3, -5e-4), "inertia_error": 0.15}
     drops = mujoco.load(size=250, kind=kind, seed=2, **hidden)
     names = ("surface_tilt", "com_offset", "inertia_error")
-    fit = identify_jointly(find("mirtich"), {name: catalogue()[name]() for name in names}, drops)
+    fit = identify_jointly(find("mirtich"), {name: find_effect(name)() for name in names}, drops)
     wanted = {"surface_tilt.phi": 0.03, "com_offset.delta_a": 1e-3, "com_offset.delta_b": -5e-4}
     assert_found(fit, wanted | {"inertia_error.kappa": 0.15})
 
@@ -77,7 +77,7 @@ def test_an_offset_centre_of_mass_is_rigid_body_kinematics():
     law = find("wang_mason").at(0.15, 0.6)
     centre = seen.replace(r=seen.r - d, v_pre=moved(seen.v_pre, d))
     expected = moved(ContactModel(law).predict(centre).v_post, -d)
-    effect = catalogue()["com_offset"]().at(delta)
+    effect = find_effect("com_offset")().at(delta)
     found = ContactModel(law, effects={"com_offset": effect}).predict(seen).v_post
     torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)
 
@@ -88,7 +88,7 @@ def test_tangential_restitution_goes_most_of_the_way_to_springs(seed):
     drive of the normal impulse 55 to 75 %."""
     impacts, truth = mystery.draw(seed, effects=["tangential_restitution"], size=500)
     fitted, test = torch.arange(350), impacts[350:]
-    effects = {"tangent": catalogue()["tangential_restitution"]()}
+    effects = {"tangent": find_effect("tangential_restitution")()}
     law, named = (
         mass_error(test, identify_jointly(find(truth["law"]), some, impacts, fitted).model.predict(test)).mean()
         for some in ({}, effects)

@@ -18,7 +18,7 @@ from contactlearn.diagnosis.discrimination.experiment import (
     separation,
 )
 from contactlearn.diagnosis.search.selection import Folds, Selection, paired_gain
-from contactlearn.effects import catalogue, find
+from contactlearn.effects import EffectId, catalogue, find_effect
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.identification.joint import identify_jointly
 from contactlearn.impacts import Impacts
@@ -26,7 +26,7 @@ from contactlearn.model import ContactModel
 from contactlearn.shapes import contact_point
 
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
-POWER, VISCOELASTIC = (f"velocity_dependent_restitution:{form}" for form in ("power", "kuwabara_kono"))
+POWER, VISCOELASTIC = (EffectId("velocity_dependent_restitution", form) for form in ("power", "kuwabara_kono"))
 WIDE = {"v_x": (-2.0, 2.0), "v_y": (-4.0, -1.0), "omega": (-20.0, 20.0)}
 
 
@@ -36,12 +36,7 @@ def seeded(seed):
 
 def candidates(*names):
     """Those effects in all their forms; the whole catalogue if none is named."""
-    kinds = {name: find(name) for name in names} or catalogue()
-    found = {}
-    for name, kind in kinds.items():
-        forms = kind.formula if isinstance(kind.formula, dict) else (None,)
-        found |= {f"{name}:{form}" if form else name: kind(form=form) if form else kind() for form in forms}
-    return found
+    return {kind.id: kind() for name in names or catalogue() for kind in catalogue()[name]}
 
 
 def measured(states, effect, seed):
@@ -61,21 +56,21 @@ def drops(effect, size, seed=0, width=1.0):
     return measured(states, effect.prepare(states), seed)
 
 
-def having(impacts, *names, among=()):
+def having(impacts, *chosen, among=()):
     """A selection that has chosen these effects."""
     folds = Folds.draw(len(impacts), seeded(0))
     selection = Selection(laws.find("wang_mason"), impacts, candidates(*among), folds, {})
-    chosen = {name: selection.candidates[name] for name in names}
+    chosen = {key.name: selection.candidates[key] for key in map(EffectId.parse, map(str, chosen))}
     selection.present = selection.validated(chosen, identify_jointly(selection.law, chosen, impacts))
     return selection
 
 
 def gravity(dt):
-    return find("gravity_impulse")(dt=dt)
+    return find_effect("gravity_impulse")(dt=dt)
 
 
 def slowing(p):
-    return find("velocity_dependent_restitution")(p=p)
+    return find_effect("velocity_dependent_restitution")(p=p)
 
 
 @pytest.fixture(scope="module")
@@ -88,20 +83,20 @@ def one_height():
 @pytest.fixture(scope="module")
 def rivals(one_height):
     selection, found = one_height
-    models = {e.name: e.fitted.fit.model for e in found}
+    models = {str(e.id): e.fitted.fit.model for e in found}
     return selection.impacts, selection.present.fit.model, {"contact_patch": models["contact_patch"]}
 
 
 def test_drops_from_one_height_do_not_tell_a_late_frame_from_an_offset_of_the_contact(one_height):
     _, found = one_height
-    patch = next(e for e in found if e.name == "contact_patch")
+    patch = next(e for e in found if e.id.name == "contact_patch")
     assert patch.alike > 0.95
     assert patch.worse < 2 * patch.error
     assert patch.fitted.effects.keys() == {"contact_patch"}
     assert str(patch).startswith("contact_patch: R² = 0.99, held-out loss +0.0")
     assert json.loads(json.dumps(patch.to_dict()))["sentence"] == str(patch)
     assert [e.worse for e in found] == sorted(e.worse for e in found)
-    assert "spin_damping" not in [e.name for e in found]  # which mimics some of it only with the wrong sign
+    assert "spin_damping" not in [str(e.id) for e in found]  # which mimics some of it only with the wrong sign
 
 
 def test_many_drops_from_many_heights_do():
@@ -111,22 +106,22 @@ def test_many_drops_from_many_heights_do():
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_few_drops_do_not_tell_a_weak_dependence_on_the_speed_from_adhesion(seed):
     selection = having(drops(slowing(-0.04), 60, seed), POWER, among=("velocity_dependent_restitution", "adhesion"))
-    assert "adhesion:work" in [e.name for e in equivalents(selection)[POWER]]
+    assert EffectId("adhesion", "work") in [e.id for e in equivalents(selection)[POWER.name]]
 
 
 def test_adhesion_cannot_stand_for_a_restitution_that_falls_with_the_speed():
     """It mimics that to first order, but would have to be negative: the refit says so."""
     selection = having(drops(slowing(0.25), 100), POWER, among=("velocity_dependent_restitution", "adhesion"))
-    assert similarity(selection, POWER)["adhesion:work"][0] > 0.5
-    assert equivalents(selection) == {POWER: []}
+    assert similarity(selection, POWER.name)[EffectId("adhesion", "work")][0] > 0.5
+    assert equivalents(selection) == {POWER.name: []}
 
 
 def test_forms_of_one_effect_are_not_equivalents_of_each_other():
     selection = having(drops(slowing(0.1), 60), POWER, among=("velocity_dependent_restitution",))
-    chosen = {VISCOELASTIC: selection.candidates[VISCOELASTIC]}
+    chosen = {VISCOELASTIC.name: selection.candidates[VISCOELASTIC]}
     other = selection.validated(chosen, identify_jointly(selection.law, chosen, selection.impacts))
     assert abs(paired_gain(selection.present, other)[0]) < 0.01  # though they are as good
-    assert equivalents(selection) == {POWER: []}
+    assert equivalents(selection) == {POWER.name: []}
 
 
 def test_a_hidden_tilt_has_no_equivalent():
@@ -179,7 +174,7 @@ def test_next_drops_made_tell_the_two_apart(rivals):
     impacts, chosen, others = rivals
     planned = next_experiment(impacts, chosen, others, generator=seeded(0), limits=WIDE)
     made, needed = placed(impacts, planned.drops * 2), planned.needed["contact_patch"]
-    patch, evidence = candidates("contact_patch"), []
+    patch, evidence = {"contact_patch": find_effect("contact_patch")()}, []
     for seed in range(6):
         together = joined(impacts, measured(made[:needed], gravity(0.004), seed))
         losses = [
@@ -215,7 +210,7 @@ def test_without_a_shape_poses_are_those_measured(rivals):
 
 def test_the_place_is_said_where_it_matters(rivals):
     impacts, _, _ = rivals
-    bending = find("location_dependent_restitution")().prepare(impacts)
+    bending = find_effect("location_dependent_restitution")().prepare(impacts)
     bent = bending.at([0.1] * len(bending.parameters))
     law = laws.find("wang_mason").at(0.12, 0.55)
     models = {"bent": ContactModel(law, effects={bent.name: bent})}
@@ -236,7 +231,7 @@ def test_a_drop_is_a_sentence():
 
 def test_each_rival_gets_its_drops(one_height):
     selection, found = one_height
-    models = {e.name: e.fitted.fit.model for e in found}
+    models = {str(e.id): e.fitted.fit.model for e in found}
     assert len(models) >= 2
     planned = next_experiment(selection.impacts, selection.present.fit.model, models, generator=seeded(0), limits=WIDE)
     assert planned.needed.keys() == models.keys()

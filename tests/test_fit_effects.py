@@ -8,7 +8,7 @@ import torch
 
 from contactlearn import effects
 from contactlearn.data import synthetic
-from contactlearn.effects import catalogue
+from contactlearn.effects import find_effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.evaluation.metrics import mass_error
@@ -30,7 +30,7 @@ def planted(names, n=400, seed=0, law="wang_mason", noise=NOISE):
     v = exact.v_pre.clone()
     v[::2, 0] *= -1
     exact = exact.replace(v_pre=v)
-    chosen = {name: catalogue()[name]() for name in names}
+    chosen = {name: find_effect(name)() for name in names}
     theta = torch.tensor((0.15, 0.6, *(value for name in names for value in TRUE[name])), dtype=torch.float64)
     truth = assemble(find(law), chosen, theta).predict(exact).v_post
     before, after = (noise * torch.randn(n, 3, generator=generator, dtype=torch.float64) for _ in range(2))
@@ -136,7 +136,7 @@ def test_what_never_acts_is_said_to_be_open():
     drops, _, _ = planted({})
     q = drops.q.clone()
     q[:, 0] = 0.1
-    effect = effects.find("location_dependent_friction")(span=(0.0, 0.2))
+    effect = effects.find_effect("location_dependent_friction")(span=(0.0, 0.2))
     found = identify_jointly(find("wang_mason"), {"floor": effect}, drops.replace(q=q)).undetermined()
     assert any(name.startswith("floor.") for name in found)
 
@@ -168,7 +168,7 @@ def test_what_cannot_be_fitted_is_refused(changes, error, message):
 def test_an_effect_that_needs_a_shape_says_so():
     drops = synthetic.load(size=50).replace(shape=None)
     with pytest.raises(DataError, match="needs the body's shape"):
-        identify_jointly(find("wang_mason"), {"late": effects.find("sampling_delay")()}, drops)
+        identify_jointly(find("wang_mason"), {"late": effects.find_effect("sampling_delay")()}, drops)
 
 
 def test_the_model_prints_itself_as_an_equation():
@@ -215,7 +215,7 @@ def test_few_trials_do_not_look_certain():
 def test_the_order_of_what_moves_the_contact_point_hardly_matters(names):
     """To second order in the parameters, which do not commute exactly where they turn one thing twice."""
     drops = planted({})[0]
-    chosen = {name: effects.find(name)() for name in names}
+    chosen = {name: effects.find_effect(name)() for name in names}
     small = [0.02 * (p.high - p.low) for effect in chosen.values() for p in effect.parameters]
     one = assemble(find("wang_mason"), chosen, torch.tensor((0.15, 0.6, *small), dtype=torch.float64))
     other = ContactModel(one.base, effects=dict(reversed(one.effects.items())))
@@ -230,7 +230,7 @@ def test_the_order_of_what_moves_the_contact_point_hardly_matters(names):
 def test_what_acts_during_the_contact_does_not_jump(name, law):
     """Where friction crosses the edge of sticking the effect changes as little as the law itself does."""
     drops = planted({}, 60)[0]
-    effect = effects.find(name)()
+    effect = effects.find_effect(name)()
     values = [0.2 * p.high for p in effect.parameters]
     mu = torch.linspace(0.05, 0.4, 3001, dtype=torch.float64)
     theta = torch.stack((mu, torch.full_like(mu, 0.6), *(torch.full_like(mu, v) for v in values)), -1)

@@ -13,13 +13,13 @@ from torch import Tensor
 
 from contactlearn import checkpoint, laws
 from contactlearn.data import synthetic
-from contactlearn.effects import PLACES, State, catalogue, find
+from contactlearn.effects import PLACES, State, catalogue, find_effect
 from contactlearn.effects.configuration_dependent_restitution import ConfigurationDependentRestitution
 from contactlearn.effects.formula.effect import WrenchFormula, formula
 from contactlearn.effects.formula.expression import CONSTANTS, FUNCTIONS, MAX_DEPTH, MAX_LENGTH, MAX_STEPS, Expression
 from contactlearn.effects.formula.symbols import OUTPUTS, SYMBOLS, at_place, of_state, symbols
 from contactlearn.effects.orientation_offset import OrientationOffset
-from contactlearn.effects.spin_damping import SpinDamping
+from contactlearn.effects.spin_damping import SpinDampingAfter
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel, resolve
@@ -275,7 +275,7 @@ def test_symbols_that_are_not_known_are_refused():
 # --- Formulas as effects -----------------------------------------------------------------------------
 
 TWINS = {
-    "spin_damping": (formula(tau="-c*I*omega_post", parameters=C), SpinDamping(), [0.3]),
+    "spin_damping": (formula(tau="-c*I*omega_post", parameters=C), SpinDampingAfter(), [0.3]),
     "restitution": (formula(eps="-c*(rx/rho)**2", parameters=C), ConfigurationDependentRestitution(), [0.2]),
     "orientation_offset": (formula(theta="c", parameters=C), OrientationOffset(), [0.05]),
 }
@@ -294,7 +294,7 @@ def test_formulas_equal_the_effects_that_they_spell(name):
 def test_the_place_follows_from_the_outputs(place):
     effect = BY_PLACE[place]
     assert (effect.place, effect.name) == (place, f"{place}_formula")
-    assert find(effect.name) is type(effect)
+    assert find_effect(effect.name) is type(effect)
     assert effect.name not in catalogue()
     assert (effect.mirror_symmetric, effect.adds_energy) == (False, True)
     assert effect.needs_shape == (place == "state")

@@ -14,7 +14,7 @@ from contactlearn.diagnosis.search.selection import Folds
 from contactlearn.diagnosis.unexplained.formulas import OUTPUT, Formula, formulas
 from contactlearn.diagnosis.unexplained.library import Library
 from contactlearn.diagnosis.unexplained.remainder import COMPONENTS, Component, remainder
-from contactlearn.effects import find
+from contactlearn.effects import find_effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.evaluation.metrics import mass_error
@@ -40,7 +40,7 @@ def seeded(seed=0):
 def hidden(*effects, seed=1, size=150, fitted=(), **options):
     """Drops, their truth, and the true law fitted to them."""
     drops, truth = mystery.draw(seed, effects=list(effects), size=size, **options)
-    fit = identify_jointly(laws.find(truth["law"]), {name: find(name)() for name in fitted}, drops)
+    fit = identify_jointly(laws.find(truth["law"]), {name: find_effect(name)() for name in fitted}, drops)
     return drops, truth, fit
 
 

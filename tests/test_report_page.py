@@ -17,6 +17,7 @@ from contactlearn.diagnosis.search.ladder import Missing
 from contactlearn.diagnosis.search.subsets import Subsets, subsets
 from contactlearn.diagnosis.unexplained.formulas import Formula
 from contactlearn.diagnosis.unexplained.remainder import Remainder
+from contactlearn.effects import EffectId
 from contactlearn.evaluation.metrics import HEADLINE, METRICS, Interval, bootstrap, mass_error
 from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.impacts import Prediction
@@ -51,7 +52,7 @@ def found():
     names = (HOSTILE, *impacts.trial[1:])
     impacts = impacts.replace(trial=names, object=(HOSTILE,) * len(impacts), source=HOSTILE)
     kinds = ("surface_tilt", "spin_damping", "side_drag")
-    candidates = {name: effect for name, effect in all_candidates().items() if name.partition(":")[0] in kinds}
+    candidates = {key: effect for key, effect in all_candidates().items() if key.name in kinds}
     return diagnose(impacts, find("wang_mason"), candidates=candidates)
 
 
@@ -71,7 +72,7 @@ def data_of(path):
 
 
 def test_the_numbers_are_those_of_the_diagnosis(found, content):
-    assert [missing.name for missing in found.missing] == [effect["name"] for effect in content["effects"]]
+    assert [missing.id.name for missing in found.missing] == [effect["name"] for effect in content["effects"]]
     for rung, (_, interval) in zip(content["ladder"], found.ladder, strict=True):
         assert (rung["mean"], rung["low"], rung["high"]) == pytest.approx(interval, rel=1e-4)
     for effect, missing in zip(content["effects"], found.missing, strict=True):
@@ -86,7 +87,7 @@ def test_the_numbers_are_those_of_the_diagnosis(found, content):
 
 
 def test_every_subset_is_a_joint_fit(found):
-    names = [missing.name for missing in found.missing]
+    names = [missing.id.name for missing in found.missing]
     chosen = subsets(found.impacts, found.model, names, generator=seeded())
     assert chosen.v_post.shape == (2 ** len(names), len(found.impacts), 3)
     for k in range(2 ** len(names)):
@@ -148,15 +149,14 @@ def test_fatal_data_have_a_page(found, tmp_path):
 def made_up(monkeypatch, size, names):
     """A diagnosis with these effects, of which as many as may be are in play, and predictions nothing compresses."""
     impacts = synthetic.load(size=size, seed=0)
-    effects = {name: all_candidates()[name].prepare(impacts) for name in names}
+    ids = [EffectId.parse(name) for name in names]
+    effects = {key.name: all_candidates()[key].prepare(impacts) for key in ids}
     model = ContactModel(find("wang_mason").at(0.12, 0.55), effects=effects)
     noise = torch.randn((64, len(impacts), 3), generator=seeded(), dtype=torch.float64)
     interval = Interval(0.1, 0.09, 0.11)
-    made = Subsets(names[:6], impacts.v_post + noise, (interval,) * 64)
+    made = Subsets(tuple(effects)[:6], impacts.v_post + noise, (interval,) * 64)
     monkeypatch.setattr(content_module, "subsets", lambda *_, **__: made)
-    missing = tuple(
-        Missing(name, effect, interval, interval, 0.01, 1.0, {}, (0.0, 0.0)) for name, effect in effects.items()
-    )
+    missing = tuple(Missing(key, effects[key.name], interval, interval, 0.01, 1.0, {}, (0.0, 0.0)) for key in ids)
     steps = tuple((name, interval) for name in ("wang_mason", *names))
     budget = {"base": asdict(interval)}
     parts = {"impacts": impacts, "base": replace(model, effects={}), "model": model}
@@ -199,13 +199,14 @@ def rest(share, components=("tau",)):
 
 
 def test_the_headline_doubts_what_the_page_doubts(found):
-    name = found.missing[0].name
-    rivals = [Equivalent(other, 0.9, 0.0, 0.1, None) for other in ("com_offset", "shape_error", "adhesion:work")]
+    first = found.missing[0].id
+    others = map(EffectId.parse, ("com_offset", "shape_error", "adhesion:work"))
+    rivals = [Equivalent(other, 0.9, 0.0, 0.1, None) for other in others]
     plain = replace(found, equivalents={}, remainder=None, physics="effects")
     assert headline(plain).endswith("missing from Wang–Mason.")
-    said = headline(replace(plain, equivalents={name: rivals[:1]}))
-    assert said.endswith(f"missing from Wang–Mason; {label(name)} could also be com offset.")
-    assert "com offset, shape error or another effect" in headline(replace(plain, equivalents={name: rivals}))
+    said = headline(replace(plain, equivalents={first.name: rivals[:1]}))
+    assert said.endswith(f"missing from Wang–Mason; {label(first)} could also be com offset.")
+    assert "com offset, shape error or another effect" in headline(replace(plain, equivalents={first.name: rivals}))
     more = rest(Interval(0.05, 0.02, 0.08))
     assert "; more is missing that no known effect explains." in headline(replace(plain, remainder=more))
 

@@ -18,7 +18,7 @@ from test_commands import SMALL, TRAIN, run
 
 from contactlearn import laws
 from contactlearn.data import mystery, table
-from contactlearn.effects import catalogue
+from contactlearn.effects import catalogue, find_effect
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.report.tensorboard import Tracker, ends
 
@@ -275,7 +275,7 @@ def test_cards_tell_what_was_run_and_found(runs):
         assert "contactlearn 0." in rows["Versions"]
     rows = dict(row[:2] for row in card(events["train"]))
     assert re.fullmatch(r"μ = 0\.\d+ ± 0\.\d+, ε = 0\.\d+ ± 0\.\d+", rows["wang_mason (textbook)"])
-    assert rows["surface_tilt"].startswith(catalogue()["surface_tilt"].formula)
+    assert rows["surface_tilt"].startswith(find_effect("surface_tilt").formula)
     assert re.search(r"φ = -?0\.\d+ ± 0\.\d+ rad$", rows["surface_tilt"])
     errors = json.loads((folder / "train" / "results.json").read_text())["errors"]
     shown = {row[0]: row[1:] for row in card(events["train"]) if len(row) == 3}

@@ -12,7 +12,7 @@ from contactlearn.app import settings
 from contactlearn.diagnosis.pipeline import Diagnosis
 from contactlearn.diagnosis.pipeline import diagnose as find_out
 from contactlearn.diagnosis.search.candidates import all_candidates
-from contactlearn.effects import Effect, catalogue
+from contactlearn.effects import Effect, EffectId, catalogue
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import HEADLINE, Interval
 from contactlearn.impacts import Impacts
@@ -84,13 +84,13 @@ def _log(tracker: Tracker, cfg: DictConfig, found: Diagnosis, impacts: Impacts) 
     run.log_hyperparameters(tracker, cfg, impacts, len(impacts), found.law if found.ladder else None, effects)
 
 
-def _candidates(cfg: DictConfig, effects: Mapping[str, Effect]) -> dict[str, Effect]:
+def _candidates(cfg: DictConfig, effects: Mapping[str, Effect]) -> dict[EffectId, Effect]:
     """The catalogue and the configuration's own, under names that nothing else has."""
     known, own = all_candidates(), settings.effects(cfg, "candidate")
     for name in own:
-        if name in effects or name in {other.partition(":")[0] for other in known}:
+        if name in effects or name in catalogue():
             raise ContactLearnError(f"candidate.{name} has the name of another effect; give it one of its own")
-    return known | own
+    return known | {EffectId(name, effect.form): effect for name, effect in own.items()}
 
 
 def _command(cfg: DictConfig, found: Diagnosis) -> str:
@@ -106,17 +106,17 @@ def _command(cfg: DictConfig, found: Diagnosis) -> str:
     words.append(f"effect=[{','.join(names)}]")
     words += [word for word in task if word.lstrip("+").startswith(("effect.", "variant=", "fit."))]
     for missing in found.missing:
-        name, _, form = missing.name.partition(":")
+        name, form = missing.id.name, missing.id.form
         if name in cfg.candidate:
             own = [word.lstrip("+") for word in task if word.lstrip("+").startswith(f"candidate.{name}.")]
             words += [f"+effect.{word.removeprefix('candidate.')}" for word in own]
         elif not _named(name):
             words.append(f"+effect.{name}._target_={type(missing.effect).__module__}.{type(missing.effect).__name__}")
-        if form:
-            words.append(f"{'' if _named(name) else '+'}effect.{name}.form={form}")
+        elif form:
+            words.append(f"effect.{name}.form={form}")
     return shlex.join([*words, "model=[]"])
 
 
 def _named(name: str) -> bool:
     """Whether `effect=[name]` is all that it takes: it comes with this package, not with another one."""
-    return name in catalogue() and catalogue()[name].__module__.startswith("contactlearn.effects.")
+    return name in catalogue() and catalogue()[name][0].__module__.startswith("contactlearn.effects.")

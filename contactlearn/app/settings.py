@@ -2,16 +2,15 @@
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import fields
 from typing import Any
 
 from hydra.utils import get_class
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from contactlearn import laws
-from contactlearn.effects import Effect
+from contactlearn.effects import Effect, from_settings
 from contactlearn.effects.formula.effect import formula
-from contactlearn.errors import ContactLearnError, UnknownNameError, suggest
+from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.evaluation import bounds
 from contactlearn.identification import joint as fit_effects
 from contactlearn.identification.shared import TARGETS
@@ -191,31 +190,28 @@ def effects(cfg: DictConfig, part: str = "effect") -> dict[str, Effect]:
                 f"{part}.{name} must hold _target_, a class, or a line of mathematics such as tau: '-c*rx*Pn'; "
                 f"got {entry!r}"
             )
-        target = settings.pop("_target_", None)
-        if target is None:
-            found[name] = formula(**settings)
-            continue
-        kind = _effect_class(f"{part}.{name}._target_", target)
-        options = [field.name for field in fields(kind) if "parameter" not in field.metadata]
-        for key in settings:
-            if key not in options:
-                fitted = " (it is fitted)" if key in kind.__dataclass_fields__ else suggest(key, options)
-                raise ContactLearnError(
-                    f"{part}.{name} has no setting {key!r}{fitted}; it has: {', '.join(options) or 'none'}"
-                )
-        found[name] = kind(**{key: tuple(x) if isinstance(x, list) else x for key, x in settings.items()})
+        try:
+            found[name] = _effect(settings)
+        except ContactLearnError as error:
+            raise ContactLearnError(f"{part}.{name}: {error}") from error
     return found
 
 
-def _effect_class(key: str, target: Any) -> type[Effect]:
+def _effect(settings: dict[str, Any]) -> Effect:
+    """The effect of a class or of lines of mathematics."""
+    target = settings.pop("_target_", None)
+    return formula(**settings) if target is None else from_settings(_effect_class(target), settings)
+
+
+def _effect_class(target: Any) -> type[Effect]:
     """The class that a dotted path names; nothing but an effect is made."""
     try:
         kind = get_class(str(target))
     except Exception as error:
         seen = str(error).splitlines()[0]
         raise ContactLearnError(
-            f"{key}={target} cannot be imported ({seen}); is its package installed, or its folder on PYTHONPATH?"
+            f"_target_={target} cannot be imported ({seen}); is its package installed, or its folder on PYTHONPATH?"
         ) from None
     if not issubclass(kind, Effect):
-        raise ContactLearnError(f"{key} must be a subclass of contactlearn.effects.Effect, got {target}")
+        raise ContactLearnError(f"_target_ must be a subclass of contactlearn.effects.Effect, got {target}")
     return kind

@@ -30,10 +30,10 @@ from contactlearn.diagnosis.failure.regions import Region, find_regions
 from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.diagnosis.search.ladder import Missing, interval, ladder
-from contactlearn.diagnosis.search.selection import Fitted, Folds, Selection
+from contactlearn.diagnosis.search.selection import Fitted, Folds, Selection, identities
 from contactlearn.diagnosis.unexplained.formulas import Formula, formulas
 from contactlearn.diagnosis.unexplained.remainder import CLEARLY, Remainder, remainder
-from contactlearn.effects import Effect
+from contactlearn.effects import Effect, EffectId
 from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.evaluation.metrics import Interval, mass_error
 from contactlearn.identification.joint import FitOptions, identify_jointly
@@ -87,9 +87,7 @@ class Diagnosis:
             "data_problems": [asdict(finding) for finding in self.findings],
             "budget": self.budget,
             "equivalents": {
-                name.partition(":")[0]: [{**one.to_dict(), "name": one.name.partition(":")[0]} for one in others]
-                for name, others in self.equivalents.items()
-                if others
+                name: [one.to_dict() for one in others] for name, others in self.equivalents.items() if others
             },
             "unexplained": None
             if self.remainder is None
@@ -103,7 +101,7 @@ class Diagnosis:
     @property
     def effects(self) -> list[str]:
         """Names of the missing effects, in the order of what they take off."""
-        return [missing.name.partition(":")[0] for missing in self.missing]
+        return [missing.id.name for missing in self.missing]
 
 
 def diagnose(
@@ -111,7 +109,7 @@ def diagnose(
     law: Law | None = None,
     effects: Mapping[str, Effect] | None = None,
     *,
-    candidates: Mapping[str, Effect] | None = None,
+    candidates: Mapping[EffectId, Effect] | None = None,
     laws: Sequence[Law] | None = None,
     noise: tuple[float, float, float] | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
@@ -125,8 +123,8 @@ def diagnose(
         impacts: measurements; `suspect` ones are audited and corrected, or refused.
         law: an analytical law; if None, that of `laws` with the least held-out error.
         effects: that are in the model already.
-        candidates: what may be missing, by name; the whole catalogue if left out.  See `candidates.usable` for those
-            that are refused.
+        candidates: what may be missing, by identity; the whole catalogue if left out.  See `candidates.usable` for
+            those that are refused.
         laws: to compare; if None, the textbook laws of the paper.
         noise: standard deviations of the measured v_x, v_y and ω where they are known.
         limits: of the set-up for the next experiment, see `next_experiment`.
@@ -155,7 +153,7 @@ def diagnose(
     say("laws", (law.name, laws))
     given = candidates or all_candidates()
     among = usable(given, impacts)
-    if left_out := [name for name in given if name not in among]:
+    if left_out := [str(key) for key in given if key not in among]:
         say("left out", left_out)
     selection = Selection(law, impacts, among, folds, effects, options)
     ceiling = _remainder(selection.base, impacts, folds, generator)
@@ -233,10 +231,11 @@ def _experiment(
     generator: torch.Generator,
 ) -> Experiment | None:
     """Drops that would tell the chosen effects from their equivalents."""
-    rivals = {f"{other.name} for {name}": other.fitted.fit.model for name, others in alike.items() for other in others}
+    chosen = selection.present.fit.model
+    ids = {one.name: one for one in identities(chosen.effects)}
+    rivals = {f"{one.id} for {ids[name]}": one.fitted.fit.model for name, others in alike.items() for one in others}
     if not rivals:
         return None
-    chosen = selection.present.fit.model
     return next_experiment(selection.impacts, chosen, rivals, generator=generator, limits=limits)
 
 
@@ -268,7 +267,7 @@ def _with_better_law(
     selection: Selection,
     known: Mapping[str, Law],
     laws: Mapping[str, float],
-    candidates: Mapping[str, Effect],
+    candidates: Mapping[EffectId, Effect],
     options: FitOptions,
     progress: Callable[[Iterable, str], Iterable],
 ) -> Selection:

@@ -2,7 +2,7 @@
 
 base       the seam: `Effect`, its four places and its parameters
 state      what an effect sees of the impacts
-registry   families and their forms by name: `catalogue()`, `find(name, form)`
+registry   families and their forms by name: `catalogue()`, `find_effect(name, form)`
 identity   `EffectId`, name and form of an effect
 formula    effects from a line of mathematics
 path, basis, speed   what several effects share
@@ -12,7 +12,7 @@ Every other module is an effect.  docs/effects.md lists them with their formulas
 
 from contactlearn.effects.base import PLACES, Effect, Parameter, parameter
 from contactlearn.effects.identity import EffectId
-from contactlearn.effects.registry import ENTRY_POINT, catalogue, choose_form, find, forms_of, from_settings
+from contactlearn.effects.registry import ENTRY_POINT, catalogue, choose_form, find_effect, forms_of, from_settings
 from contactlearn.effects.state import State, columns
 
 __all__ = [
@@ -25,7 +25,7 @@ __all__ = [
     "catalogue",
     "choose_form",
     "columns",
-    "find",
+    "find_effect",
     "forms_of",
     "from_settings",
     "parameter",

@@ -39,7 +39,7 @@ def catalogue() -> dict[str, tuple[type[Effect], ...]]:
     return found
 
 
-def find(name: str, form: str | None = None) -> type[Effect]:
+def find_effect(name: str, form: str | None = None) -> type[Effect]:
     """Return the class of an effect, with or without arguments, in a form or in the default one of its family.
 
     Raises:

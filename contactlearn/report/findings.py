@@ -174,7 +174,7 @@ def _effect(missing: Missing) -> str:
         for p in missing.parameters.values()
     )
     before, after = missing.error_before.mean, missing.error_after.mean
-    line = f"missing: {missing.name}, error {_number(before)} → {_number(after)}; {values}"
+    line = f"missing: {missing.id}, error {_number(before)} → {_number(after)}; {values}"
     if missing.inadmissible[1] > missing.inadmissible[0]:
         line += f"; {missing.inadmissible[1]:.1%} of its impulses gain energy, pull or penetrate"
     return line + "".join(f"\n  it helps where {region}" for region in missing.helps)

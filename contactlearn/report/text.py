@@ -8,6 +8,7 @@ from dataclasses import asdict
 from contactlearn.diagnosis.pipeline import Diagnosis
 from contactlearn.diagnosis.search.ladder import Missing
 from contactlearn.diagnosis.unexplained.formulas import OUTPUT, Formula
+from contactlearn.effects import EffectId
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.report.figures.style import law_style
 
@@ -29,8 +30,9 @@ _SPELT = {"_dependent_": "-dependent ", "kuwabara_kono": "Kuwabara–Kono", "str
 _RIVALS = 2  # that a headline names
 
 
-def label(name: str) -> str:
+def label(name: str | EffectId) -> str:
     """`velocity_dependent_friction:stribeck` as a person writes it: velocity-dependent friction (Stribeck)."""
+    name = str(name)
     for code, words in _SPELT.items():
         name = name.replace(code, words)
     name, _, form = name.replace("_", " ").partition(":")
@@ -55,7 +57,7 @@ def listed(names: Iterable[str], word: str = "and") -> str:
 
 def headline(found: Diagnosis) -> str:
     """The verdict in one line."""
-    effects, law = listed(label(missing.name) for missing in found.missing) if found.missing else "", base(found)
+    effects, law = listed(label(missing.id) for missing in found.missing) if found.missing else "", base(found)
     if any(finding.fatal for finding in found.findings):
         return "These data contradict themselves, and no correction that is known mends them."
     verb = "is" if len(found.missing) == 1 else "are"
@@ -75,11 +77,11 @@ def _rivals(found: Diagnosis) -> str:
     """What else the effects could be, behind their names."""
     said = ""
     for missing in found.missing:
-        others = [label(other.name) for other in found.equivalents.get(missing.name, ())]
+        others = [label(other.id) for other in found.equivalents.get(missing.id.name, ())]
         if others:
             more = len(others) - _RIVALS
             named = others if more <= 0 else [*others[:_RIVALS], "another effect" if more == 1 else f"{more} others"]
-            said += f"; {label(missing.name)} could also be {listed(named, 'or')}"
+            said += f"; {label(missing.id)} could also be {listed(named, 'or')}"
     return said
 
 
@@ -123,7 +125,8 @@ def sentences(found: Diagnosis) -> list[str]:
             f"all this: try law={best}."
         )
     said += [spaced(f"{base(found)} fails most where {region}.") for region in found.regions[:1]]
-    doubtful = [label(name) for name, others in found.equivalents.items() if others]
+    ids = {missing.id.name: missing.id for missing in found.missing}
+    doubtful = [label(ids[name]) for name, others in found.equivalents.items() if others]
     if doubtful:
         tell = "; the next experiment would tell" if found.experiment and any(found.experiment.needed.values()) else ""
         said.append(f"On these data other effects could stand in the place of {listed(doubtful)}{tell}.")
@@ -134,7 +137,7 @@ def _size(missing: Missing) -> str:
     """An effect with the first of its parameters."""
     first = next(iter(missing.parameters.values()))
     size = measured(first["value"], first["standard_error"], first["unit"])
-    return f"{opened(label(missing.name))}: {first['symbol']} = {size}."
+    return f"{opened(label(missing.id))}: {first['symbol']} = {size}."
 
 
 def _remaining(found: Diagnosis) -> list[str]:

@@ -11,7 +11,7 @@ A candidate is an equivalent if its held-out loss is no higher by more than chan
 difference) and by no more than is worth telling apart: a little loss a trial or a little mass error, or, where trials
 are few, less than the logarithm of `ODDS` over all of them.  So "equivalent" is about these trials and not about
 physics: where drops come from one height, most effects of the speed are; `next_experiment` says which drops would
-separate them.  Forms of one effect, named `effect:form`, are not reported as equivalents of each other.
+separate them.  Forms of one effect are not reported as equivalents of each other.
 """
 
 import math
@@ -24,8 +24,8 @@ import torch
 from torch import Tensor
 
 from contactlearn.diagnosis.discrimination.contest import ODDS, robust_covariance
-from contactlearn.diagnosis.search.selection import Fitted, Selection, family, paired_gain, without
-from contactlearn.effects import Effect, columns
+from contactlearn.diagnosis.search.selection import Fitted, Selection, paired_gain, without
+from contactlearn.effects import Effect, EffectId, columns
 from contactlearn.identification.joint import Linearisation, linearise
 
 ALIKE = 0.5
@@ -43,18 +43,19 @@ class Equivalent:
     held-out loss is, in nats a trial, with its standard `error`; `fitted` the model that has it in that place.
     """
 
-    name: str
+    id: EffectId
     alike: float
     worse: float
     error: float
     fitted: Fitted
 
     def __str__(self) -> str:
-        return f"{self.name}: R² = {self.alike:.2f}, held-out loss {self.worse:+.3f} ± {self.error:.3f} nats a trial"
+        return f"{self.id}: R² = {self.alike:.2f}, held-out loss {self.worse:+.3f} ± {self.error:.3f} nats a trial"
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
-        return {name: getattr(self, name) for name in ("name", "alike", "worse", "error")} | {"sentence": str(self)}
+        numbers = {name: getattr(self, name) for name in ("alike", "worse", "error")}
+        return {"name": self.id.name} | numbers | {"sentence": str(self)}
 
 
 def equivalents(selection: Selection, progress: Callable[[Iterable], Iterable] = iter) -> dict[str, list[Equivalent]]:
@@ -75,17 +76,16 @@ def equivalents(selection: Selection, progress: Callable[[Iterable], Iterable] =
     return {name: sorted(others, key=lambda e: e.worse) for name, others in found.items()}
 
 
-def similarity(selection: Selection, name: str) -> dict[str, tuple[float, Tensor]]:
+def similarity(selection: Selection, name: str) -> dict[EffectId, tuple[float, Tensor]]:
     """Of each candidate for the place of a chosen effect: R², and the parameters [K] that reach it to first order."""
     present, found = selection.present, {}
     others, values = without(present, name)
     whole = _about(selection, present.effects, present.fit.values)
-    taken = {family(effect) for effect in present.effects}
     for candidate, effect in selection.candidates.items():
-        if family(candidate) in taken:
+        if candidate.name in present.effects:
             continue
         start = torch.cat((values, columns(*effect.vanished().values)))
-        less = _about(selection, {**others, candidate: effect}, start)
+        less = _about(selection, {**others, candidate.name: effect}, start)
         root = whole.weight.sqrt()[:, None]
         change = (root * (less.residual - whole.residual)).flatten()
         slope = (root[..., None] * -less.slope).flatten(0, 1)  # of the prediction
@@ -111,10 +111,10 @@ def _as_good(chosen: Fitted, other: Fitted, worse: float, error: float) -> bool:
     return worse <= _SIGMAS * error and small
 
 
-def _replaced(selection: Selection, name: str, candidate: str, start: Tensor) -> Fitted:
+def _replaced(selection: Selection, name: str, candidate: EffectId, start: Tensor) -> Fitted:
     """The chosen model with a candidate in the place of one effect, refitted and validated on the same folds."""
     others, _ = without(selection.present, name)
-    effects = {**others, candidate: selection.candidates[candidate]}
+    effects = {**others, candidate.name: selection.candidates[candidate]}
     near, far = selection.fit(effects, start=start), selection.fit(effects)
     return selection.validated(effects, near if near.loss <= far.loss + 1e-6 else far)
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import torch
 
-from contactlearn.effects import Effect, State, catalogue, columns
+from contactlearn.effects import Effect, EffectId, State, catalogue, columns
 from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts
 from contactlearn.laws.wang_mason import WangMason
@@ -19,35 +19,29 @@ TRIALS = 10
 _NUDGE = 0.1  # of a parameter's range: where an effect is looked at
 
 
-def all_candidates() -> dict[str, Effect]:
-    """Every effect of the catalogue in each of its forms, as `name` or `name:form`."""
-    found = {}
-    for name, kind in catalogue().items():
-        if isinstance(kind.formula, dict):
-            found |= {f"{name}:{form}": kind(form=form) for form in kind.formula}
-        else:
-            found[name] = kind()
-    return found
+def all_candidates() -> dict[EffectId, Effect]:
+    """Return every effect of the catalogue in each of its forms."""
+    return {kind.id: kind() for forms in catalogue().values() for kind in forms}
 
 
-def usable(candidates: Mapping[str, Effect], impacts: Impacts) -> dict[str, Effect]:
+def usable(candidates: Mapping[EffectId, Effect], impacts: Impacts) -> dict[EffectId, Effect]:
     """The candidates that these measurements can speak of: without a shape none that needs one, none too rich.
 
     Raises:
         ContactLearnError: none is left, or one takes its constants from the outcomes.
     """
-    able = {name: effect for name, effect in candidates.items() if impacts.shape is not None or not effect.needs_shape}
-    able = {name: effect for name, effect in able.items() if len(effect.parameters) * TRIALS <= len(impacts)}
+    able = {key: effect for key, effect in candidates.items() if impacts.shape is not None or not effect.needs_shape}
+    able = {key: effect for key, effect in able.items() if len(effect.parameters) * TRIALS <= len(impacts)}
     if not able:
         most = max((len(effect.parameters) for effect in candidates.values()), default=0)
         raise ContactLearnError(
             f"there are no candidates to choose from: {len(candidates)} given, of up to {most} parameters, for "
             f"{len(impacts)} trials; a parameter must have {TRIALS} trials to itself"
         )
-    for name, effect in able.items():
+    for key, effect in able.items():
         if _sees_outcomes(effect, impacts):
             raise ContactLearnError(
-                f"candidate {name} changes its predictions with the measured v_post, so it could explain anything; its "
+                f"candidate {key} changes its predictions with the measured v_post, so it could explain anything; its "
                 "prepare() must take constants from the state before impact alone"
             )
     return able

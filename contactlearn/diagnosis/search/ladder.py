@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from contactlearn.diagnosis.failure.regions import Region, improvement_by_region
-from contactlearn.diagnosis.search.selection import Fitted, Selection, paired_gain, without
-from contactlearn.effects import Effect
+from contactlearn.diagnosis.search.selection import Fitted, Selection, identities, paired_gain, without
+from contactlearn.effects import Effect, EffectId
 from contactlearn.evaluation.metrics import Interval, bootstrap, outside_admissible
 
 RESAMPLES = 1000
@@ -19,7 +19,7 @@ RESAMPLES = 1000
 class Missing:
     """An effect that is missing: errors before and after it in the ladder, and its fitted parameters."""
 
-    name: str
+    id: EffectId
     effect: Effect
     error_before: Interval
     error_after: Interval
@@ -31,8 +31,8 @@ class Missing:
 
     def to_dict(self) -> dict[str, Any]:
         return {
-            "name": self.name.partition(":")[0],
-            "form": self.name.partition(":")[2] or None,
+            "name": self.id.name,
+            "form": self.id.form,
             "error_before": self.error_before.mean,
             "error_after": self.error_after.mean,
             "takes_off": self.takes_off,
@@ -49,6 +49,7 @@ def ladder(
 ) -> tuple[tuple[tuple[str, Interval], ...], tuple[Missing, ...]]:
     """Law, and effect after effect in the order of what each takes off; and the effects."""
     final = selection.present
+    ids = {one.name: one for one in identities(final.effects)}
     names = [name for name in final.effects if name not in selection.given]
     less = {name: selection.without(name) for name in names}
     takes_off = {name: (less[name].error - final.error).nanmean().item() for name in names}
@@ -68,7 +69,7 @@ def ladder(
         confidence = NormalDist().cdf(gain / error) if error > 0 else 0.0
         found.append(
             Missing(
-                name,
+                ids[name],
                 final.fit.model.effects[name],
                 intervals[k],
                 intervals[k + 1],
@@ -79,7 +80,7 @@ def ladder(
                 tuple(str(change) for change in helped if change.helped),
             )
         )
-    steps = zip((selection.law.name, *(f"+ {name}" for name in names)), intervals, strict=True)
+    steps = zip((selection.law.name, *(f"+ {ids[name]}" for name in names)), intervals, strict=True)
     return tuple(steps), tuple(found)
 
 

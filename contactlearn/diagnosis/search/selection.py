@@ -20,7 +20,7 @@ from scipy.stats import chi2
 from torch import Tensor
 
 from contactlearn.diagnosis.discrimination.contest import robust_covariance
-from contactlearn.effects import Effect, columns
+from contactlearn.effects import Effect, EffectId, columns
 from contactlearn.errors import DataError
 from contactlearn.evaluation.metrics import mass_error
 from contactlearn.identification.joint import FitOptions, JointFit, identify_jointly, linearise
@@ -82,7 +82,7 @@ class Fitted:
 class Test:
     """A candidate beside the present model: its score test, and once refitted its held-out gain."""
 
-    name: str
+    id: EffectId
     effect: Effect
     statistic: float
     p_value: float
@@ -111,11 +111,11 @@ class Selection:
     """Forward selection with re-testing; `steps` tells what was seen."""
 
     def __init__(
-        self, law: Law, impacts: Impacts, candidates: Mapping[str, Effect], folds: Folds,
+        self, law: Law, impacts: Impacts, candidates: Mapping[EffectId, Effect], folds: Folds,
         given: Mapping[str, Effect], options: FitOptions = FitOptions(),
     ):  # fmt: skip
         self.law, self.impacts, self.folds, self.options = law, impacts, folds, options
-        self.candidates = {name: effect.prepare(impacts) for name, effect in candidates.items()}
+        self.candidates = {key: effect.prepare(impacts) for key, effect in candidates.items()}
         self.given = dict(given)
         first = identify_jointly(law, self.given, impacts, options=options)
         self.scatter: Tensor | None = None  # one yardstick for all losses; None: each model's own
@@ -124,7 +124,7 @@ class Selection:
 
     def run(self, progress: Callable[[Iterable], Iterable] = iter) -> Fitted:
         """Admit and drop until nothing earns its place; the chosen model."""
-        seen = [frozenset(self.present.effects)]
+        seen = [frozenset(identities(self.present.effects))]
         while len(self.present.effects) - len(self.given) < _MOST:
             before, tests = self.present, self.tests(progress)
             best = max((t for t in tests if self._earns(t)), key=lambda t: t.gain, default=None)
@@ -132,9 +132,9 @@ class Selection:
             if best is not None:
                 best = self._searched(best)
                 self.present = best.fitted
-                dropped = self._drop(keep=best.name)
+                dropped = self._drop(keep=best.id.name)
             self.steps.append(Step(before, tuple(tests), best, dropped))
-            chosen = frozenset(self.present.effects)
+            chosen = frozenset(identities(self.present.effects))
             if best is None or chosen in seen:
                 break
             seen.append(chosen)
@@ -142,18 +142,17 @@ class Selection:
 
     def tests(self, progress: Callable[[Iterable], Iterable] = iter) -> list[Test]:
         """Every candidate that is in no form in the model yet, the most promising ones refitted and compared."""
-        taken = {family(name) for name in self.present.effects}
-        tests = [self.score_test(name) for name in self.candidates if family(name) not in taken]
+        tests = [self.score_test(key) for key in self.candidates if key.name not in self.present.effects]
         tests.sort(key=lambda t: t.p_value)
         refits = {}
         for test in progress([t for t in tests[:_REFITTED] if t.p_value < FALSE_ALARMS]):
             start = torch.cat((self.present.fit.values, test.start))
-            refits[test.name] = self.fit(self._with(test), start=start)
+            refits[test.id] = self.fit(self._with(test), start=start)
         trials = len(self.impacts)
-        best = sorted(refits, key=lambda name: refits[name].loss.item() + len(refits[name].parameters) / trials)
-        return [self._compared(t, refits[t.name]) if t.name in best[:_COMPARED] else t for t in tests]
+        best = sorted(refits, key=lambda key: refits[key].loss.item() + len(refits[key].parameters) / trials)
+        return [self._compared(t, refits[t.id]) if t.id in best[:_COMPARED] else t for t in tests]
 
-    def score_test(self, name: str) -> Test:
+    def score_test(self, candidate: EffectId) -> Test:
         """Whether the loss falls if the candidate is let in, from the present fit alone.
 
         With s the trials' gradients in the candidate's parameters at their vanishing values, made orthogonal to
@@ -161,16 +160,21 @@ class Selection:
         A parameter that means nothing where the effect vanishes, such as the place of a spot, is tried at several
         values, and the p-value is that of the best times their number (Davies 1977).
         """
-        points = _where_it_vanishes(self.candidates[name])
-        tests = [self._score_test(name, point) for point in points]
+        points = _where_it_vanishes(self.candidates[candidate])
+        tests = [self._score_test(candidate, point) for point in points]
         best = min(tests, key=lambda t: t.p_value)
         return replace(best, p_value=min(1.0, len(tests) * best.p_value))
 
-    def _score_test(self, name: str, own: Tensor) -> Test:
-        effect, present = self.candidates[name], self.present
+    def _score_test(self, candidate: EffectId, own: Tensor) -> Test:
+        effect, present = self.candidates[candidate], self.present
         theta = torch.cat((present.fit.values, own))
         about = linearise(
-            self.law, {**present.effects, name: effect}, self.impacts, theta, present.fit.scatter, options=self.options
+            self.law,
+            {**present.effects, candidate.name: effect},
+            self.impacts,
+            theta,
+            present.fit.scatter,
+            options=self.options,
         )
         slope = about.slope[..., about.slope.abs().amax((0, 1)) > 0]
         K = present.fit.values.shape[0]
@@ -180,7 +184,7 @@ class Selection:
         gradients = about.weight[:, None] * (slope * about.residual[..., None]).sum(1)  # [N, K]
         known, new = gradients[:, :K], gradients[:, K:]
         if new.shape[1] == 0:
-            return Test(name, effect, 0.0, 1.0, own)
+            return Test(candidate, effect, 0.0, 1.0, own)
         efficient = new - known @ torch.linalg.lstsq(curvature[:K, :K], curvature[:K, K:]).solution
         total, spread = efficient.sum(0), efficient.T @ efficient
         scale = spread.diagonal().sqrt().clamp_min(1e-300)
@@ -191,8 +195,8 @@ class Selection:
         if len(effect.parameters) == 1 and only.vanishing in (only.low, only.high):
             outwards = total.item() > 0 if only.vanishing == only.low else total.item() < 0  # the loss rises inwards
             if outwards:
-                return Test(name, effect, 0.0, 1.0, own)
-        return Test(name, effect, statistic, float(chi2.sf(statistic, new.shape[1])), own)
+                return Test(candidate, effect, 0.0, 1.0, own)
+        return Test(candidate, effect, statistic, float(chi2.sf(statistic, new.shape[1])), own)
 
     def fit(self, effects: Mapping[str, Effect], start: Tensor | None = None) -> JointFit:
         """The law with effects, fitted to all trials: from a start, or by a search."""
@@ -215,7 +219,7 @@ class Selection:
         return self._compared(test, fit) if fit.loss < test.fitted.fit.loss - 1e-6 else test
 
     def _with(self, test: Test) -> dict[str, Effect]:
-        return {**self.present.effects, test.name: test.effect}
+        return {**self.present.effects, test.id.name: test.effect}
 
     def _earns(self, test: Test) -> bool:
         before = self.present.error.nanmean().item()
@@ -271,9 +275,9 @@ def _own(model: Fitted, name: str) -> Tensor:
     return torch.tensor([p.name.startswith(f"{name}.") for p in model.fit.parameters])
 
 
-def family(name: str) -> str:
-    """The effect's name without its form."""
-    return name.partition(":")[0]
+def identities(effects: Mapping[str, Effect]) -> list[EffectId]:
+    """Return name and form of each effect of a model."""
+    return [EffectId(name, effect.form) for name, effect in effects.items()]
 
 
 def _where_it_vanishes(effect: Effect) -> Tensor:

@@ -55,8 +55,8 @@ def drawn(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
     if found.remainder is not None:
         figures["remainder"] = remainder_figure(found)
     for missing in found.missing:
-        curve = effect_curve(partial_residuals(found.model, found.impacts, missing.name))
-        figures[f"effect_{missing.name.replace(':', '_')}"] = curve
+        curve = effect_curve(partial_residuals(found.model, found.impacts, missing.id.name))
+        figures[f"effect_{str(missing.id).replace(':', '_')}"] = curve
     if found.ladder:
         figures["ladder"] = ladder(found)
     return figures

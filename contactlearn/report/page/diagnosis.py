@@ -74,7 +74,7 @@ def of_diagnosis(
     if found.model is None:
         return content
     impacts, generator = found.impacts, torch.Generator().manual_seed(0)
-    in_play = (missing.name for missing in found.missing)
+    in_play = (missing.id.name for missing in found.missing)
     chosen = subsets(
         impacts, found.model, in_play, generator=generator, progress=progress, options=FitOptions(noise=noise)
     )
@@ -82,10 +82,11 @@ def of_diagnosis(
     compared = {name: find(name, own.variant) for name in PAPER_LAWS} | {own.name: own}
     fitted = {name: _alone(law, found, noise) for name, law in compared.items()}
     laws, arrays = of_laws(impacts, fitted)
-    curves = [partial_residuals(found.model, impacts, missing.name) for missing in found.missing]
+    curves = [partial_residuals(found.model, impacts, missing.id.name) for missing in found.missing]
     arrays["v_post"] = chosen.v_post
-    on = always(found, chosen.names)
-    least = [base(found), *(f"{label(name)} (always on)" for name in on)]
+    said = {missing.id.name: label(missing.id) for missing in found.missing}
+    on = [said[name] for name in always(found, chosen.names)]
+    least = [base(found), *(f"{words} (always on)" for words in on)]
     if curves:
         arrays["explained"] = torch.stack([curve.explained for curve in curves], -1)
     return content | {
@@ -99,13 +100,13 @@ def of_diagnosis(
         "regions": [digits(region.to_dict()) for region in found.regions],
         "trials": of_trials(impacts, found.base.predict(impacts)),
         "models": [
-            {"name": " + ".join((*least, *_ticked(chosen, k))), **finely(asdict(error))}
+            {"name": " + ".join((*least, *_ticked(chosen, k, said))), **finely(asdict(error))}
             for k, error in enumerate(chosen.errors)
         ],
         "yardstick": 0,
         "chosen": len(chosen.errors) - 1,
-        "switches": [{"name": name, "label": label(name)} for name in chosen.names],
-        "always": [*map(label, found.base.effects), *map(label, on)],
+        "switches": [{"name": name, "label": said[name]} for name in chosen.names],
+        "always": [*map(label, found.base.effects), *on],
         "fitted": laws,
         "effects": [
             _effect(found, missing, curve, chosen, generator)
@@ -136,8 +137,8 @@ def _budget(found: Diagnosis) -> list[dict[str, Any]]:
     ]
 
 
-def _ticked(chosen: Subsets, k: int) -> list[str]:
-    return [label(name) for j, name in enumerate(chosen.names) if k >> j & 1]
+def _ticked(chosen: Subsets, k: int, said: Mapping[str, str]) -> list[str]:
+    return [said[name] for j, name in enumerate(chosen.names) if k >> j & 1]
 
 
 def _effect(
@@ -145,13 +146,13 @@ def _effect(
 ) -> dict[str, Any]:
     quantity = next(name for name, parts in COMPONENTS.items() if curve.component in dict(parts))
     return {
-        "name": missing.name,
-        "label": label(missing.name),
+        "name": missing.id.name,
+        "label": label(missing.id),
         "formula": missing.effect.equation,
         "before": finely(asdict(missing.error_before)),
         "after": finely(asdict(missing.error_after)),
         "takes_off": finely(missing.takes_off),
-        "all_trials": _taken(found.impacts, missing.name, chosen, generator),
+        "all_trials": _taken(found.impacts, missing.id.name, chosen, generator),
         "confidence": digits(missing.confidence, 4),
         "parameters": [
             digits(entry, 4) | {"said": measured(entry["value"], entry["standard_error"], entry["unit"])}
@@ -160,7 +161,8 @@ def _effect(
         "inadmissible": digits(missing.inadmissible, 3),
         "helps": list(missing.helps),
         "alike": [
-            digits({**other.to_dict(), "label": label(other.name)}) for other in found.equivalents.get(missing.name, ())
+            digits({**other.to_dict(), "label": label(other.id)})
+            for other in found.equivalents.get(missing.id.name, ())
         ],
         "curve": {
             "quantity": quantity,
