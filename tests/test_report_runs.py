@@ -13,6 +13,7 @@ from test_report_page import HOSTILE, browser, data_of, draw_everything, into_vi
 from contactlearn.__main__ import main
 from contactlearn.diagnosis.pipeline import Diagnosis
 from contactlearn.diagnosis.search.ladder import Missing
+from contactlearn.effects import EffectId
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.report.figures.style import law_style
@@ -53,7 +54,7 @@ def diagnosed(names=("spin_damping:after",), first=0.3, **data):
     means = [first / (k + 1) for k in range(len(names) + 3)]
     steps = ["wang_mason", *(f"+ {name}" for name in names), "+ processes on what remains", "noise floor"]
     of = lambda mean: Interval(**interval(mean))  # noqa: E731
-    missing = tuple(Missing(name, None, of(0.2), of(0.1), 0.1, 1.0, {}, (0.0, 0.0)) for name in names)
+    missing = tuple(Missing(EffectId.parse(name), None, of(0.2), of(0.1), 0.1, 1.0, {}, (0.0, 0.0)) for name in names)
     budget = {"base": interval(first), "noise": interval(means[-1]) | {"how": "as stated"}, "bound": interval(0.01)}
     found = Diagnosis(
         "effects" if names else "none",
