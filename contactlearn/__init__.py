@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         regression,
         shapes,
     )
+    from contactlearn.citation import cite
     from contactlearn.diagnosis.pipeline import Diagnosis, diagnose
     from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
     from contactlearn.identification.joint import identify_jointly
@@ -50,6 +51,7 @@ __all__ = [
     "__version__",
     "audit",
     "checkpoint",
+    "cite",
     "data",
     "diagnose",
     "diagnosis",
@@ -79,6 +81,7 @@ _HOME = {
     "Law": "laws",
     "Prediction": "impacts",
     "Recipe": "learning.recipe",
+    "cite": "citation",
     "UnknownNameError": "errors",
     "diagnose": "diagnosis.pipeline",
     "identify": "identification.shared",

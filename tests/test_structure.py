@@ -19,6 +19,7 @@ ORDER = (
     ("laws", "effects"),
     ("regression",),
     ("model",),
+    ("citation",),
     ("checkpoint", "evaluation"),
     ("identification",),
     ("data",),

@@ -23,6 +23,7 @@ class Adhesion(Effect):
     """
 
     source = "Johnson, Kendall & Roberts 1971"
+    citations = ("johnson1971",)
 
     @abstractmethod
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:

@@ -97,7 +97,9 @@ class Effect(ABC):
     form: ClassVar[str | None] = None
     """Name of a form within its family; None for an effect that has no other form."""
     source: ClassVar[str] = ""
-    """Citation of the idea."""
+    """Origin of the idea, in words."""
+    citations: ClassVar[tuple[str, ...]] = ()
+    """BibTeX keys of references.bib, or whole entries; `contactlearn.cite` prints them."""
     mirror_symmetric: ClassVar[bool] = True
     """Whether the mirror image of an impact has the mirror image of its outcome at the same parameters."""
     adds_energy: ClassVar[bool] = False

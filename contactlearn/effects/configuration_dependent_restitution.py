@@ -18,6 +18,7 @@ class ConfigurationDependentRestitution(Effect):
 
     formula = "ε ← ε − c (r_x/ρ)²"
     source = "Stoianovici & Hurmuzlu 1996"
+    citations = ("stoianovici1996",)
     c: Tensor | float = parameter("c", "–", -0.5, 1.0)
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:

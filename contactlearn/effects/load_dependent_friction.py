@@ -19,6 +19,7 @@ class LoadDependentFriction(SpeedReference, Effect):
 
     formula = "μ ← μ (|v_n|/v_ref)^p"
     source = "Hertzian contact, p = −1/3 of the load: Bowden & Tabor 1950"
+    citations = ("bowden1950",)
     component = 1
     p: Tensor | float = parameter("p", "–", -2.0, 2.0)
 

@@ -23,6 +23,7 @@ class RollingResistance(Effect):
 
     formula = "τ ← τ − c P_n s̄ while the contact lasts, s̄ the mean sign of the spin"
     source = "Johnson 1985, §8.3"
+    citations = ("johnson1985",)
     adds_energy = True
     c: Tensor | float = parameter("c", "m", 0.0, 0.005)
     omega_s: float = 1.0  # rad/s below which the moment fades

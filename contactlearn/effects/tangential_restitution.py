@@ -27,6 +27,10 @@ class TangentialRestitution(Effect):
 
     formula = "v_t⁺ ← v_t⁺ − s β (|v_t| + ½⟨−s W_tn P_n⟩) within the cone, s = sign v_t"
     source = "Maw, Barber & Fawcett 1976; Walton 1993"
+    citations = (
+        "maw1976",
+        "walton1993",
+    )
     adds_energy = True
     beta: Tensor | float = parameter("β", "–", 0.0, 1.0)
 

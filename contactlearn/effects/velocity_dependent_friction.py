@@ -23,6 +23,7 @@ class VelocityDependentFriction(Effect):
     """
 
     source = "Stribeck 1902"
+    citations = ("stribeck1902",)
 
     @abstractmethod
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:

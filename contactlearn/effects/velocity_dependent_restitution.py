@@ -22,6 +22,10 @@ class VelocityDependentRestitution(SpeedReference, Effect):
     """
 
     source = "Johnson 1985, §11.5; Kuwabara & Kono 1987"
+    citations = (
+        "johnson1985",
+        "kuwabara1987",
+    )
     component = 1
 
     @abstractmethod

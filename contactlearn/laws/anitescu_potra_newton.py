@@ -20,7 +20,7 @@ class AnitescuPotraNewton(Law):
     """
 
     label: ClassVar[str] = "Anitescu–Potra Newton"
-    source: ClassVar[tuple[str, ...]] = ("anitescu1997",)
+    citations: ClassVar[tuple[str, ...]] = ("anitescu1997",)
     paper: ClassVar[int | None] = 2
     adds_energy: ClassVar[bool] = True
 

@@ -20,7 +20,7 @@ class AnitescuPotraPoisson(Law):
     """Poisson restitution in two complementarity problems; it never adds energy."""
 
     label: ClassVar[str] = "Anitescu–Potra Poisson"
-    source: ClassVar[tuple[str, ...]] = ("anitescu1997",)
+    citations: ClassVar[tuple[str, ...]] = ("anitescu1997",)
     paper: ClassVar[int | None] = 3
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
@@ -45,7 +45,7 @@ class AnitescuPotraPoissonFazeli2017(Law):
     name: ClassVar[str] = AnitescuPotraPoisson.name
     variant: ClassVar[str] = "fazeli2017"
     label: ClassVar[str] = AnitescuPotraPoisson.label
-    source: ClassVar[tuple[str, ...]] = (*AnitescuPotraPoisson.source, "fazeli2017")
+    citations: ClassVar[tuple[str, ...]] = (*AnitescuPotraPoisson.citations, "fazeli2017")
     adds_energy: ClassVar[bool] = True
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:

@@ -45,8 +45,8 @@ class Law(ABC):
     """Of the family: `textbook`, or `fazeli2017` for the law as the paper's authors computed it."""
     label: ClassVar[str]
     """In figures and text; made from the name if left out."""
-    source: ClassVar[tuple[str, ...]] = ()
-    """Citation keys."""
+    citations: ClassVar[tuple[str, ...]] = ()
+    """BibTeX keys of references.bib, or whole entries; `contactlearn.cite` prints them."""
     paper: ClassVar[int | None] = None
     """Place among the six laws that the paper compares, from 1; None for any other law."""
     mu_axis: ClassVar[str] = "Friction μ (–)"

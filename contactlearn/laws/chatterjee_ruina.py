@@ -24,7 +24,7 @@ class ChatterjeeRuina(Law):
     """
 
     label: ClassVar[str] = "Chatterjee–Ruina"
-    source: ClassVar[tuple[str, ...]] = ("chatterjee1998",)
+    citations: ClassVar[tuple[str, ...]] = ("chatterjee1998",)
 
     e_t: Values | float = 0.0
     """Coefficient of tangential restitution in [−1, 1], broadcast against [..., N]."""

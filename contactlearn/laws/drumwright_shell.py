@@ -35,7 +35,7 @@ class DrumwrightShell(Law):
     """Maximum dissipation in compression, then P = (1 + ε) P^c; it never adds energy."""
 
     label: ClassVar[str] = "Drumwright–Shell"
-    source: ClassVar[tuple[str, ...]] = ("drumwright2010",)
+    citations: ClassVar[tuple[str, ...]] = ("drumwright2010",)
     paper: ClassVar[int | None] = 4
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
@@ -51,7 +51,7 @@ class DrumwrightShellFazeli2017(Law):
     name: ClassVar[str] = DrumwrightShell.name
     variant: ClassVar[str] = "fazeli2017"
     label: ClassVar[str] = DrumwrightShell.label
-    source: ClassVar[tuple[str, ...]] = (*DrumwrightShell.source, "fazeli2017")
+    citations: ClassVar[tuple[str, ...]] = (*DrumwrightShell.citations, "fazeli2017")
     adds_energy: ClassVar[bool] = True
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:

@@ -25,7 +25,7 @@ class Mirtich(Law):
     """Routh's path with Stronge's energetic restitution; it never adds energy."""
 
     label: ClassVar[str] = "Mirtich"
-    source: ClassVar[tuple[str, ...]] = (
+    citations: ClassVar[tuple[str, ...]] = (
         "mirtich1996",
         "stronge1990",
     )
@@ -67,7 +67,7 @@ class MirtichFazeli2017(Law):
     name: ClassVar[str] = Mirtich.name
     variant: ClassVar[str] = "fazeli2017"
     label: ClassVar[str] = Mirtich.label
-    source: ClassVar[tuple[str, ...]] = (*Mirtich.source, "fazeli2017")
+    citations: ClassVar[tuple[str, ...]] = (*Mirtich.citations, "fazeli2017")
     mu_axis: ClassVar[str] = "Viscous friction μ (s/m)"
     leaves_cone: ClassVar[bool] = True
     scales: ClassVar[bool] = False

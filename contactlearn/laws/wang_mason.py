@@ -64,7 +64,7 @@ class WangMason(Law):
     """Routh's path in impulse space with Poisson restitution; it never adds energy."""
 
     label: ClassVar[str] = "Wang–Mason"
-    source: ClassVar[tuple[str, ...]] = ("wang1992",)
+    citations: ClassVar[tuple[str, ...]] = ("wang1992",)
     paper: ClassVar[int | None] = 5
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:

@@ -25,7 +25,7 @@ class Whittaker(Law):
     """
 
     label: ClassVar[str] = "Whittaker"
-    source: ClassVar[tuple[str, ...]] = ("whittaker1904",)
+    citations: ClassVar[tuple[str, ...]] = ("whittaker1944",)
     paper: ClassVar[int | None] = 1
     adds_energy: ClassVar[bool] = True
 
@@ -49,7 +49,7 @@ class WhittakerFazeli2017(Law):
     name: ClassVar[str] = Whittaker.name
     variant: ClassVar[str] = "fazeli2017"
     label: ClassVar[str] = Whittaker.label
-    source: ClassVar[tuple[str, ...]] = (*Whittaker.source, "fazeli2017")
+    citations: ClassVar[tuple[str, ...]] = (*Whittaker.citations, "fazeli2017")
     adds_energy: ClassVar[bool] = True
     leaves_cone: ClassVar[bool] = True
     pulls: ClassVar[bool] = True
