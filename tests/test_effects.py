@@ -9,6 +9,7 @@ import pytest
 
 from contactlearn.effects import Effect, EffectId, catalogue
 from contactlearn.errors import ContactLearnError
+from contactlearn.laws import find
 from contactlearn.testing import EffectContract
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -21,7 +22,7 @@ KINDS = [kind for forms in catalogue().values() for kind in forms]
 class TestCatalogue(EffectContract):
     @pytest.fixture(autouse=True)
     def _chosen(self, kind, law):
-        self.effect, self.law = kind(), law
+        self.effect, self.law = kind(), find(law)
 
 
 def test_the_example_can_inherit_the_contract(tmp_path):
