@@ -8,7 +8,7 @@ uniform.  Shapes are plain values; `None` stands for an unknown shape.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
 import torch
@@ -176,6 +176,14 @@ def make_shape(spec: dict[str, Any] | Shape | None) -> Shape | None:
     except TypeError:
         wanted = ", ".join(KINDS[kind].__dataclass_fields__)
         raise DataError(f"shape {kind!r} takes {wanted}; got {', '.join(map(str, entries)) or 'nothing'}") from None
+
+
+def shape_entries(shape: Shape | None) -> dict[str, Any] | None:
+    """The entries from which `make_shape` makes the same shape, as plain values for a file."""
+    if shape is None:
+        return None
+    kind = next(name for name, kind in KINDS.items() if type(shape) is kind)
+    return {"kind": kind, **asdict(shape)}
 
 
 def _plain(value: Any) -> Any:

@@ -26,6 +26,7 @@ ORDER = (
     ("audit",),
     ("learning", "testing"),
     ("diagnosis",),
+    ("results",),
     ("report",),
     ("app",),
     ("cli",),

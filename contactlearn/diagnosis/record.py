@@ -9,7 +9,7 @@ Nothing in these files is ever executed: the arrays hold numbers and text and ar
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final, final
 
@@ -25,7 +25,7 @@ from contactlearn.evaluation.partial_residuals import Partial
 from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel
 from contactlearn.numerics import written_whole
-from contactlearn.shapes import KINDS, Shape, make_shape
+from contactlearn.shapes import make_shape, shape_entries
 
 _IMPACTS, _BASE, _MODEL, _ARRAYS = "impacts.parquet", "base.pt", "model.pt", "record.npz"
 _PARTIAL = tuple(field.name for field in fields(Partial))
@@ -75,7 +75,7 @@ class Record:
         table.save(self.impacts, folder / _IMPACTS)
         checkpoint.save(self.base, folder / _BASE, provenance=dict(provenance))
         checkpoint.save(self.model, folder / _MODEL, provenance=dict(provenance))
-        about = {"source": self.impacts.source, "suspect": self.impacts.suspect, "shape": _spec(self.impacts.shape)}
+        about = {"source": self.impacts.source, "suspect": self.impacts.suspect, "shape": shape_entries(self.impacts.shape)}
         arrays = {"about": np.asarray(json.dumps(about)), "outcomes": self.outcomes.numpy()}
         arrays |= {
             f"{name}_{k}": np.asarray(getattr(one, name)) for k, one in enumerate(self.residuals) for name in _PARTIAL
@@ -127,10 +127,3 @@ def _partial(arrays: Mapping[str, np.ndarray], k: int) -> Partial:
         **{name: str(value) if value.dtype.kind == "U" else torch.from_numpy(value) for name, value in values.items()}
     )
 
-
-def _spec(shape: Shape | None) -> dict[str, Any] | None:
-    """The shape as `make_shape` reads it."""
-    if shape is None:
-        return None
-    kind = next(name for name, kind in KINDS.items() if type(shape) is kind)
-    return {"kind": kind, **asdict(shape)}

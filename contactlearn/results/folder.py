@@ -1,0 +1,82 @@
+"""A run folder: a result of any kind is written to it, found below a folder, and read back.
+
+    diagnosis.json   of diagnose
+    results.json     of train, evaluate and transfer; its entry `kind` says which
+"""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from contactlearn.errors import ContactLearnError
+from contactlearn.numerics import written_whole
+from contactlearn.results.diagnosis import DiagnosisRun
+from contactlearn.results.evaluation import Evaluation
+from contactlearn.results.provenance import RunKind
+from contactlearn.results.training import Training
+from contactlearn.results.transfer import Transfer
+from contactlearn.serialisation import LARGEST_FILE, from_json, to_json
+
+Result = Training | Evaluation | Transfer | DiagnosisRun
+
+FILES = ("diagnosis.json", "results.json")
+"""Names of the files that hold a result."""
+_TYPES = {
+    RunKind.TRAINING: Training,
+    RunKind.EVALUATION: Evaluation,
+    RunKind.TRANSFER: Transfer,
+    RunKind.DIAGNOSIS: DiagnosisRun,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Head:
+    kind: RunKind
+
+
+def write(folder: Path, result: Result) -> Path:
+    """Write a result, whole or not at all; a diagnosis without its record, which is saved by itself.
+
+    Raises:
+        ContactLearnError: a number that is not finite where it must be.
+    """
+    path = folder / FILES[not isinstance(result, DiagnosisRun)]
+    if isinstance(result, DiagnosisRun):
+        result = replace(result, diagnosis=result.diagnosis.without_record())
+    text = to_json(result)
+    with written_whole(path) as part:
+        part.write_text(text, encoding="utf-8")
+    return path
+
+
+def is_run(folder: Path) -> bool:
+    """Whether a folder holds a result."""
+    return any((folder / name).exists() for name in FILES)
+
+
+def find(root: Path) -> Iterator[Path]:
+    """Yield the files of results in a folder and below it, and run folders without one; hidden folders are left out."""
+    for folder, folders, names in os.walk(root):
+        there = [name for name in FILES if name in names]
+        if not there and ".hydra" in folders:
+            yield Path(folder)
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        yield from (Path(folder, name) for name in there)
+
+
+def read(path: Path) -> Result:
+    """Read the result in a file that `find` found.
+
+    Raises:
+        ContactLearnError: in one line, why it cannot be read.
+    """
+    if path.name not in FILES:
+        raise ContactLearnError("has neither results.json nor diagnosis.json: the run failed, or goes on")
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise ContactLearnError(f"is larger than {LARGEST_FILE >> 20} MiB")
+        text = path.read_bytes()
+    except OSError as error:
+        raise ContactLearnError(f"cannot be read: {error.strerror}") from None
+    return from_json(_TYPES[from_json(_Head, text).kind], text)
