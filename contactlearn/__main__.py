@@ -106,7 +106,7 @@ def _reveal(options: argparse.Namespace) -> str:
 def _report(options: argparse.Namespace) -> str:
     from contactlearn.report import terminal
     from contactlearn.report.page.runs.page import write_runs
-    from contactlearn.report.page.runs.read import text
+    from contactlearn.report.page.runs.rows import printable
 
     with terminal.progress() as bar:
         track = lambda items, what: bar.track(items, description=what)  # noqa: E731
@@ -114,7 +114,7 @@ def _report(options: argparse.Namespace) -> str:
     lines = [f"left out {name}: {reason}" for name, reason in skipped]
     counted = f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}"
     return "\n".join(
-        [*lines, f"{counted}{f', {len(skipped)} left out' if skipped else ''}", f"open     {text(str(page))}"]
+        [*lines, f"{counted}{f', {len(skipped)} left out' if skipped else ''}", f"open     {printable(str(page))}"]
     )
 
 

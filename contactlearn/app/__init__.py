@@ -1,18 +1,22 @@
-"""What the commands do, from a composed configuration to a run folder.
+"""Commands, from a composed configuration to a run folder: compute, write the typed result, then show it.
 
+    settings   checks of a configuration, and the laws, effects and models that it names
+    loading    data and their split
+    fitting    fits that several commands ask for
+    results    fits as the types of `contactlearn.results`, the run folder and provenance
+    record     TensorBoard, card and figures of a result
     train      one model from one random subset
-    evaluate   laws and learned models beside the bounds; learning curves
+    evaluate   laws and learned models beside the bounds; `curves` has the learning curves
     transfer   a trained model on other bodies
-    diagnose   what is wrong with the data, and which effect is missing
-    run        what they share: data, splits, errors, files
+    diagnose   the missing effects
 
-A run folder holds the configuration (`.hydra/`), results.json, the tables, the figures as PNG and
-PDF, metrics.jsonl and TensorBoard's events.  These modules alone know the configuration's shape.
+A run folder holds the configuration (`.hydra/`), results.json or diagnosis.json, tables, figures as PNG and PDF,
+metrics.jsonl and TensorBoard's events.  These modules alone know the configuration's shape.
 """
 
 from contactlearn.app.diagnose import diagnose
 from contactlearn.app.evaluate import evaluate
-from contactlearn.app.record import load_data
+from contactlearn.app.loading import load_data
 from contactlearn.app.train import train
 
 __all__ = ["diagnose", "evaluate", "load_data", "train"]

@@ -1,127 +1,158 @@
 """The learning curves of an evaluation: every learned model, at every size, from every seed's subset."""
 
-from dataclasses import asdict
-from pathlib import Path
+from collections.abc import Mapping
 
 import torch
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
+from rich.progress import Progress
 from torch import Tensor
 
-from contactlearn.app import record as run
-from contactlearn.app import settings
+from contactlearn.app import fitting, settings
+from contactlearn.app.loading import Split
 from contactlearn.errors import DataError
 from contactlearn.evaluation import metrics
+from contactlearn.evaluation.metrics import Interval
 from contactlearn.impacts import Impacts, Prediction
+from contactlearn.laws import Law
 from contactlearn.learning import curves as study
+from contactlearn.learning.curves import Curve
+from contactlearn.learning.recipe import Recipe
+from contactlearn.model import ContactModel
 from contactlearn.report import terminal
 from contactlearn.report.figures import learning, quality
-from contactlearn.report.tables import save_curves
 from contactlearn.report.tensorboard import Tracker
+from contactlearn.results.estimates import ModelErrors
+from contactlearn.results.evaluation import CurveCalibration, Evaluation, LearningCurve
+
+Bases = dict[str, dict[int, Law | ContactModel]]
 
 
-def learning_study(
-    cfg: DictConfig,
-    pool: Impacts,
-    test: Impacts,
-    yardsticks: dict[str, Prediction],
-    generator: torch.Generator,
-    folder: Path,
-) -> tuple[dict, dict[str, Figure]]:
-    """Train, score and print; the entry for results.json and the figures.
+def learning_study(cfg: DictConfig, data: Split) -> tuple[dict[str, Curve], list[str]]:
+    """Identify the laws and train the learned models on every subset.
 
-    Curves of the laws, identified on the same subsets, are part of the entry and the tables.
+    Returns:
+        The curves by model, and the names of those that are no law alone.
+
+    Raises:
+        DataError: fewer trials than the least of `curves.sizes`.
     """
-    recipes = settings.recipes_around(cfg)
+    recipes, sizes = settings.recipes_around(cfg), _sizes(cfg, data.pool)
     terminal.show_left_out([name for name in settings.recipes(cfg) if name not in recipes])
-    if len(pool) < min(cfg.curves.sizes):
-        least = min(cfg.curves.sizes)
-        raise DataError(f"{pool.source}: curves.sizes begin at {least}, but {len(pool)} trials are there to draw from")
-    sizes = [size for size in cfg.curves.sizes if size <= len(pool)]
-    terminal.show_sizes(sizes, cfg.curves.sizes, cfg.curves.seeds, len(pool))
-    orders = study.nested_orders(len(pool), cfg.curves.seeds, generator)
-    law, options = settings.law(cfg), {"target": cfg.train.target, "box": run.box(cfg)}
-    needed = settings.named_laws(cfg, cfg.laws) | {r.law.name: r.law for r in recipes.values() if r.law}
+    terminal.show_sizes(sizes, cfg.curves.sizes, cfg.curves.seeds, len(data.pool))
+    orders = study.nested_orders(len(data.pool), cfg.curves.seeds, data.generator)
     with terminal.progress() as bar:
-        fits, law_curves = study.law_curves(
-            bar.track(needed.values(), description="laws on every subset"), pool, test, orders, sizes, **options
-        )
-        bases = {name: {size: study.law_at(fit, size) for size in sizes} for name, fit in fits.items()}
-        augmented = {}
-        if effects := settings.effects(cfg):
-            every = bar.track(sizes, description=f"{law.name} and its effects on every subset")
-            bases[law.name], curve = study.effect_curve(law, effects, pool, test, orders, every, run.fit_options(cfg))
-            augmented = {run.augmented_name(law.name, effects): curve}
+        bases, curves = _law_curves(cfg, recipes, data, orders, sizes, bar)
         learned = study.learning_curves(
             recipes,
-            pool,
-            test,
+            data.pool,
+            data.test,
             orders,
             sizes,
             bases,
             impulse=cfg.train.target,
-            box=run.box(cfg),
-            workers=run.workers(cfg),
+            box=fitting.box(cfg),
+            workers=fitting.workers(cfg),
             progress=lambda done, total: bar.track(done, total, description="learned models"),
         )
-    curves = {name: law_curves[name] for name in cfg.laws} | augmented | learned
-    levels = {name: _all_errors(test, prediction) for name, prediction in yardsticks.items()}
-    entry = {name: _entry(curve, levels, generator, cfg.bootstrap) for name, curve in curves.items()}
-    terminal.show_curves({name: entry[name] for name in augmented | learned}, sizes)
-    save_curves(curves, folder / f"learning_curves.{cfg.tables}")
-    return entry, _figures(cfg, augmented | learned, levels, generator)
+    curves |= learned
+    return curves, [name for name in curves if name not in cfg.laws]
 
 
-def _all_errors(test: Impacts, prediction: Prediction) -> dict[str, Tensor]:
-    return {name: metric.error(test, prediction) for name, metric in metrics.METRICS.items()}
+def _sizes(cfg: DictConfig, pool: Impacts) -> list[int]:
+    """The sizes of `curves.sizes` that the pool can give."""
+    least = min(cfg.curves.sizes)
+    if len(pool) < least:
+        raise DataError(f"{pool.source}: curves.sizes begin at {least}, but {len(pool)} trials are there to draw from")
+    return [size for size in cfg.curves.sizes if size <= len(pool)]
 
 
-def _entry(curve: study.Curve, levels: dict, generator: torch.Generator, resamples: int) -> dict:
-    """One model's curve as results.json holds it."""
-    entry = {"sizes": list(curve.sizes), "below": {}, "settled": {}}
+def _law_curves(
+    cfg: DictConfig, recipes: Mapping[str, Recipe], data: Split, orders: Tensor, sizes: list[int], bar: Progress
+) -> tuple[Bases, dict[str, Curve]]:
+    """Laws on every subset, by name and size, and the curves of those that are shown; effects are around `law`."""
+    law, effects = settings.law(cfg), settings.effects(cfg)
+    needed = settings.named_laws(cfg, cfg.laws) | {r.law.name: r.law for r in recipes.values() if r.law}
+    every = bar.track(needed.values(), description="laws on every subset")
+    fits, curves = study.law_curves(
+        every, data.pool, data.test, orders, sizes, target=cfg.train.target, box=fitting.box(cfg)
+    )
+    bases = {name: {size: study.law_at(fit, size) for size in sizes} for name, fit in fits.items()}
+    shown = {name: curves[name] for name in cfg.laws}
+    if effects:
+        every = bar.track(sizes, description=f"{law.name} and its effects on every subset")
+        bases[law.name], curve = study.effect_curve(
+            law, effects, data.pool, data.test, orders, every, fitting.fit_options(cfg)
+        )
+        shown[fitting.augmented_name(law.name, effects)] = curve
+    return bases, shown
+
+
+def curve_entry(
+    curve: Curve, levels: Mapping[str, Mapping[str, float]], generator: torch.Generator, resamples: int
+) -> LearningCurve:
+    """Return one model's curve as numbers; `levels` are mean errors of the bounds by name and metric."""
+    intervals, below, settled = {}, {}, {}
     for metric in metrics.METRICS:
-        intervals = curve.intervals(metric, generator, resamples)
-        entry[metric] = [asdict(metrics.Interval(*interval)) for interval in intervals.tolist()]
+        rows = curve.intervals(metric, generator, resamples)
+        intervals[metric] = tuple(Interval(*row) for row in rows.tolist())
         mean = curve.errors[metric].mean((1, 2)).tolist()
-        below = {
-            name: study.first_below(mean, curve.sizes, errors[metric].mean().item()) for name, errors in levels.items()
-        }
-        entry["below"][metric], entry["settled"][metric] = below, study.settled(mean, curve.sizes)
-    if curve.density is not None:
-        entry["processes"], entry["converged"] = list(curve.kinds), list(curve.converged)
-        entry["negative_log_density"] = curve.density.mean((1, 2)).tolist()
-        entry["coverage"] = (curve.distance <= metrics.CHI_SQUARED_95).double().mean((1, 2)).tolist()
-        entry["component_coverage"] = curve.covered.double().mean((1, 2)).tolist()
-    return entry
+        below[metric] = {name: study.first_below(mean, curve.sizes, level[metric]) for name, level in levels.items()}
+        settled[metric] = study.settled(mean, curve.sizes)
+    return LearningCurve(sizes=curve.sizes, **intervals, below=below, settled=settled, calibration=_calibration(curve))
 
 
-def log_curves(tracker: Tracker, entry: dict, bounds: dict) -> None:
-    """Every curve and, as lines beside them, the bounds' entries of an error table."""
-    for place, size in enumerate(next(iter(entry.values()))["sizes"]):
-        rows = {model: {metric: curve[metric][place] for metric in metrics.METRICS} for model, curve in entry.items()}
-        values = {
-            f"curve_{metric}/{model}": metrics.Interval(**row[metric])
-            for model, row in (rows | bounds).items()
-            for metric in metrics.METRICS
-        }
-        for model, curve in entry.items():
-            if "coverage" in curve:
-                values[f"curve_coverage/{model}"] = curve["coverage"][place]
-                values[f"curve_negative_log_density/{model}"] = curve["negative_log_density"][place]
+def mean_errors(test: Impacts, predictions: Mapping[str, Prediction]) -> dict[str, dict[str, float]]:
+    """Return the mean of every metric by model."""
+    return {
+        name: {key: metric.error(test, prediction).mean().item() for key, metric in metrics.METRICS.items()}
+        for name, prediction in predictions.items()
+    }
+
+
+def _calibration(curve: Curve) -> CurveCalibration | None:
+    if curve.density is None:
+        return None
+    return CurveCalibration(
+        processes=curve.kinds,
+        converged=curve.converged,
+        negative_log_density=tuple(curve.density.mean((1, 2)).tolist()),
+        coverage=tuple((curve.distance <= metrics.CHI_SQUARED_95).double().mean((1, 2)).tolist()),
+        component_coverage=tuple(map(tuple, curve.covered.double().mean((1, 2)).tolist())),
+    )
+
+
+def log_curves(tracker: Tracker, curves: Mapping[str, LearningCurve], bounds: Mapping[str, ModelErrors]) -> None:
+    """Log every curve and, as lines beside them, the bounds."""
+    for place, size in enumerate(next(iter(curves.values())).sizes):
+        values = {}
+        for metric in metrics.METRICS:
+            values |= {f"curve_{metric}/{model}": curve.of(metric)[place] for model, curve in curves.items()}
+            values |= {f"curve_{metric}/{model}": errors.of(metric) for model, errors in bounds.items()}
+        for model, curve in curves.items():
+            if curve.calibration is not None:
+                values[f"curve_coverage/{model}"] = curve.calibration.coverage[place]
+                values[f"curve_negative_log_density/{model}"] = curve.calibration.negative_log_density[place]
         tracker.scalars(values, size)
 
 
-def _figures(cfg: DictConfig, curves: dict, levels: dict, generator: torch.Generator) -> dict[str, Figure]:
+def draw_curves(
+    result: Evaluation, curves: Mapping[str, Curve], test: Impacts, bounds: Mapping[str, Prediction]
+) -> dict[str, Figure]:
+    """Draw learning curves, error densities at the largest size, and calibration, by file name."""
     sizes = next(iter(curves.values())).sizes
     drawn = {}
     for metric in (metrics.HEADLINE, "normalised_velocity_error"):
         suffix = "" if metric == metrics.HEADLINE else f"_{metric}"
         axis = f"{metrics.METRICS[metric].label} ({metrics.METRICS[metric].unit})"
-        intervals = {name: curve.intervals(metric, generator, cfg.bootstrap) for name, curve in curves.items()}
-        lines = {name: metrics.bootstrap(errors[metric], generator, cfg.bootstrap) for name, errors in levels.items()}
+        entries = {name: result.learning_curves[name].of(metric) for name in curves}
+        intervals = {
+            name: torch.tensor([list(one) for one in rows], dtype=torch.float64) for name, rows in entries.items()
+        }
+        lines = {name: result.errors[name].of(metric) for name in bounds}
         drawn[f"learning_curve{suffix}"] = learning.learning_curve(sizes, intervals, lines, axis)
         densities = {name: curve.errors[metric][-1].flatten() for name, curve in curves.items()}
-        densities |= {name: errors[metric] for name, errors in levels.items()}
+        densities |= {name: metrics.METRICS[metric].error(test, bound) for name, bound in bounds.items()}
         drawn[f"error_densities{suffix}"] = learning.error_densities(densities, axis)
     sure = {name: curve for name, curve in curves.items() if curve.distance is not None}
     coverage = {name: metrics.calibration(curve.distance[-1].flatten()) for name, curve in sure.items()}

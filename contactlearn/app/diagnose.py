@@ -1,14 +1,16 @@
 """Diagnose a contact model: findings as they come, the verdict, diagnosis.json, figures."""
 
+import json
 import shlex
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from contactlearn.app import record as run
-from contactlearn.app import settings
+from contactlearn.app import fitting, loading, record, results, settings
 from contactlearn.diagnosis.pipeline import Diagnosis
 from contactlearn.diagnosis.pipeline import diagnose as find_out
 from contactlearn.diagnosis.search.candidates import all_candidates
@@ -17,6 +19,7 @@ from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import HEADLINE, Interval
 from contactlearn.impacts import Impacts
 from contactlearn.laws import PAPER_LAWS
+from contactlearn.numerics import written_whole
 from contactlearn.report import findings as report
 from contactlearn.report import terminal
 from contactlearn.report.figures.diagnosis import drawn
@@ -30,8 +33,8 @@ def diagnose(cfg: DictConfig) -> None:
     """Audit, law, regions, effects, ladder, figures; each finding is printed as soon as it is known."""
     settings.check(cfg)
     effects = settings.effects(cfg)
-    folder = run.run_folder()
-    impacts = run.load_data(cfg.data, suspect=True)
+    folder = results.run_folder()
+    impacts = loading.load_data(cfg.data, suspect=True)
     report.show_start(impacts)
     with terminal.progress() as bar:
         found = find_out(
@@ -48,24 +51,29 @@ def diagnose(cfg: DictConfig) -> None:
         )
     command = _command(cfg, found)
     report.show_verdict(found, command)
-    provenance = run.provenance(impacts, cfg)
-    run.write_json(folder / "diagnosis.json", found.to_dict() | {"command": command} | provenance)
+    provenance = results.provenance(impacts, cfg)
+    _write(folder / "diagnosis.json", found.to_dict() | asdict(provenance) | {"command": command})
     with Tracker(folder, len(impacts)) as tracker:
         _log(tracker, cfg, found, impacts)
         verdict = {"Verdict": headline(found), "To use it": command}
-        run.log_card(tracker, provenance, [found.equation] if found.equation else [], dict(found.ladder), verdict)
-        run.save_figures(drawn(found, impacts), folder, tracker)
+        record.log_card(tracker, provenance, [found.equation] if found.equation else [], dict(found.ladder), verdict)
+        record.save_figures(drawn(found, impacts), folder, tracker)
     with terminal.progress() as bar:
         content = of_diagnosis(
             found,
-            run.command_line(),
-            provenance,
+            provenance.command,
+            {name: part for name, part in asdict(provenance).items() if name != "command"},
             use=command if found.missing else "",
             noise=None if cfg.fit.noise is None else tuple(cfg.fit.noise),
             progress=lambda items: bar.track(items, description="choices of effects"),
         )
     write(folder, content)
     terminal.show_folder(folder)
+
+
+def _write(path: Path, content: dict[str, Any]) -> None:
+    with written_whole(path) as part:
+        part.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _log(tracker: Tracker, cfg: DictConfig, found: Diagnosis, impacts: Impacts) -> None:
@@ -76,12 +84,14 @@ def _log(tracker: Tracker, cfg: DictConfig, found: Diagnosis, impacts: Impacts) 
         tracker.series(tag, rungs)
         bound = Interval(*(found.budget["bound"][end.name] for end in fields(Interval)))
         model = {
-            f"{HEADLINE}/{run.augmented_name(found.law, cfg.effect)}": rungs[0],
-            run.MODEL: rungs[len(found.missing)],
+            f"{HEADLINE}/{fitting.augmented_name(found.law, cfg.effect)}": rungs[0],
+            record.MODEL: rungs[len(found.missing)],
         }
-        tracker.scalars(model | {run.BOUND: bound})
-    tracker.charts(run.charts() | {"Ladder of a diagnosis": {"Mass error by rung; the run card names the rungs": tag}})
-    run.log_hyperparameters(tracker, cfg, impacts, len(impacts), found.law if found.ladder else None, effects)
+        tracker.scalars(model | {record.BOUND: bound})
+    tracker.charts(
+        record.charts() | {"Ladder of a diagnosis": {"Mass error by rung; the run card names the rungs": tag}}
+    )
+    record.log_hyperparameters(tracker, cfg, impacts.source, len(impacts), found.law if found.ladder else None, effects)
 
 
 def _candidates(cfg: DictConfig, effects: Mapping[str, Effect]) -> dict[EffectId, Effect]:

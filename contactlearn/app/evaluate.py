@@ -1,146 +1,231 @@
 """Compare laws and learned models with the bounds on held-out trials, and draw their learning curves."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import torch
 from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
+from rich.progress import Progress
 
-from contactlearn.app import record as run
-from contactlearn.app import settings
-from contactlearn.app.curves import learning_study, log_curves
+from contactlearn.app import curves, fitting, loading, record, results, settings
+from contactlearn.app.fitting import CostSurface
+from contactlearn.app.loading import Split
 from contactlearn.app.transfer import transfer
 from contactlearn.errors import DataError
 from contactlearn.evaluation import bounds, metrics
 from contactlearn.identification.joint import JointFit
-from contactlearn.identification.per_trial import identify_trials
-from contactlearn.impacts import Impacts
+from contactlearn.identification.per_trial import TrialFit, identify_trials
+from contactlearn.identification.shared import SharedFit
+from contactlearn.impacts import Prediction
+from contactlearn.learning.curves import Curve
 from contactlearn.model import ContactModel
 from contactlearn.report import terminal
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures.impulse_space import energy_ellipse
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
-from contactlearn.report.tables import save_predictions, save_trial_parameters
 from contactlearn.report.tensorboard import Tracker
+from contactlearn.results import folder as run_folder
+from contactlearn.results.evaluation import Evaluation
+from contactlearn.results.held_out import HeldOut
+from contactlearn.results.tables import save_curves, save_trial_parameters
+from contactlearn.shapes import shape_entries
 
 BEST_POST_HOC, IRB = "best_post_hoc", "irb"
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Compared:
+    """Fits to the pool, predictions of the held-out trials by model and bound, and (μ, ε) of single trials by law."""
+
+    fits: tuple[SharedFit, ...]
+    joint: Mapping[str, JointFit]
+    predictions: Mapping[str, Prediction]
+    trials: Mapping[str, TrialFit]
+
+    @property
+    def bounds(self) -> dict[str, Prediction]:
+        return {name: self.predictions[name] for name in (BEST_POST_HOC, IRB)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Extras:
+    """Computations for figures alone: convergence, cost surface, and the bound of patches of some half-widths (m)."""
+
+    convergence: SharedFit
+    surface: CostSurface
+    widths: torch.Tensor
+    patched: torch.Tensor  # mean error and its interval for each half-width, [W, 3]
+
+
 def evaluate(cfg: DictConfig) -> None:
-    """Laws and both bounds, then learned models against the number of trials; or transfer to other bodies."""
+    """Compare laws with both bounds, then learned models against the number of trials; or transfer to other bodies."""
     settings.check(cfg)
     if cfg.transfer is not None:
         transfer(cfg)
         return
-    folder = run.run_folder()
-    impacts, pool, test, generator = run.split(cfg)
-    row = _row(cfg, test)
-    laws, law = settings.named_laws(cfg, cfg.laws), settings.law(cfg)
+    folder, data = results.run_folder(), loading.split(cfg)
+    terminal.show_data(data.impacts.source, len(data.pool), len(data.test))
+    row = _row(cfg, data)
     with terminal.progress() as bar:
-        fits = [run.identify_law(cfg, one, pool, generator, bar) for one in laws.values()]
-        predictions = {fit.law.name: ContactModel(fit.to_law()).predict(test) for fit in fits}
-        effects, joint = settings.effects(cfg), {}
-        if effects:
-            rows = torch.arange(len(pool))
-            joint = {
-                f"{name} (joint)" if name in predictions else name: fit
-                for name, fit in run.fit_with_effects(cfg, law, effects, pool, rows, bar).items()
-            }
-        best, _ = bounds.best_post_hoc(test, predictions, cfg.bounds.norm)
-        predictions |= {BEST_POST_HOC: best, IRB: bounds.irb(test, cfg.bounds.norm)}
-        predictions |= {name: fit.model.predict(test) for name, fit in joint.items()}
-        errors = run.error_table(test, predictions, cfg.bootstrap, generator)
-        every = settings.named_laws(cfg, (*cfg.laws, cfg.figures.parameters))
-        trials = {
-            name: identify_trials(one, impacts, target=cfg.train.target, box=run.box(cfg))
-            for name, one in bar.track(every.items(), description="every trial")
-        }
-    terminal.show_models(fits, errors, cfg.bounds.norm, joint)
-    if joint:
-        terminal.show_joint(*list(joint.items())[-1])
-    if cfg.reference is not None:
-        terminal.show_reference(fits, OmegaConf.to_container(cfg.reference))
-    save_predictions(test, predictions, folder / f"predictions.{cfg.tables}")
-    save_trial_parameters(impacts, list(trials.values()), folder / f"trial_parameters.{cfg.tables}")
-    provenance = run.provenance(impacts, cfg)
-    results = {
-        **provenance,
-        "fits": [run.fit_entry(fit) for fit in fits],
-        "joint": {name: run.joint_entry(fit) for name, fit in joint.items()},
-        "errors": errors,
-    }
-    run.write_json(folder / "results.json", results)
-    with Tracker(folder, cfg.train.size) as tracker:
-        tracker.scalars(run.scalars(fits, {name: errors[name] for name in errors if name not in joint}, {}))
-        if joint:  # fitted to the whole pool
-            tracker.scalars(run.scalars([], {name: errors[name] for name in joint}, joint), len(pool))
-        _log_model(tracker, cfg, impacts, len(pool) if joint else cfg.train.size, joint, errors)
-        equations = (*map(run.law_equation, fits), *(str(fit.model) for fit in joint.values()))
-        run.log_card(tracker, provenance, equations, run.headline(errors))
-        curves, yardsticks = {}, {name: predictions[name] for name in (BEST_POST_HOC, IRB)}
-        drawn = run.effect_figures(list(joint.values())[-1].model, test) if joint else {}
-        if settings.recipes(cfg):
-            curves, figures_of_curves = learning_study(cfg, pool, test, yardsticks, generator, folder)
-            log_curves(tracker, curves, {name: errors[name] for name in yardsticks})
-            drawn |= figures_of_curves
-            run.write_json(folder / "results.json", {**results, "learning_curves": curves})
-        tracker.charts(run.charts((*curves, *yardsticks) if curves else ()))
-        with terminal.progress() as bar:
-            drawn |= _figures(cfg, pool, test, fits, predictions, errors, generator, bar, row)
-            per_trial = trials[cfg.figures.parameters]
-            drawn["trial_parameters"] = figures.trial_parameters(per_trial, impacts, box=run.box(cfg))
-            run.save_figures(drawn, folder, tracker)
-    fitted = {fit.law.name: fit.to_law() for fit in fits}
-    write(folder, of_evaluation(test, predictions, errors, fitted, run.command_line(), provenance, curves=curves))
+        compared = _compared(cfg, data, bar)
+    result = _result(cfg, data, compared)
+    held_out = HeldOut(impacts=data.test, predictions=compared.predictions)
+    held_out.save(folder, cfg.tables)
+    save_trial_parameters(data.impacts, list(compared.trials.values()), folder / f"trial_parameters.{cfg.tables}")
+    run_folder.write(folder, result)
+    _show(cfg, result)
+    learned = {}
+    if settings.recipes(cfg):
+        result, learned = _with_curves(cfg, data, compared, result, folder)
+    with terminal.progress() as bar:
+        extras = _extras(cfg, data, bar)
+    drawn = _drawn(cfg, data, compared, result, extras, row)
+    if learned:
+        drawn |= curves.draw_curves(result, learned, data.test, compared.bounds)
+    _record(cfg, folder, data, result, drawn)
+    write(folder, of_evaluation(result, held_out))
     terminal.show_folder(folder)
 
 
-def _log_model(
-    tracker: Tracker, cfg: DictConfig, impacts: Impacts, trained_on: int, joint: Mapping[str, JointFit], errors: dict
-) -> None:
-    """What runs are compared by: the law with its effects, else the law, or the best if that is not there."""
-    errors = run.headline(errors)
-    law = cfg.law if joint or cfg.law in cfg.laws else min(cfg.laws, key=errors.get)
-    tracker.scalars({run.MODEL: errors[list(joint)[-1] if joint else law]}, trained_on)
-    run.log_hyperparameters(tracker, cfg, impacts, trained_on, law, cfg.effect)
+def _compared(cfg: DictConfig, data: Split, bar: Progress) -> _Compared:
+    """Fit the laws, and `law` with the effects if there are any, and predict the held-out trials."""
+    pool, test, effects = data.pool, data.test, settings.effects(cfg)
+    laws = settings.named_laws(cfg, cfg.laws)
+    fits = tuple(fitting.identify_law(cfg, law, pool, data.generator, bar) for law in laws.values())
+    predictions, joint = {fit.law.name: ContactModel(fit.to_law()).predict(test) for fit in fits}, {}
+    if effects:
+        rows = torch.arange(len(pool))
+        found = fitting.fit_with_effects(cfg, settings.law(cfg), effects, pool, rows, bar)
+        joint = {f"{name} (joint)" if name in predictions else name: fit for name, fit in found.items()}
+    best, _ = bounds.best_post_hoc(test, predictions, cfg.bounds.norm)
+    predictions |= {BEST_POST_HOC: best, IRB: bounds.irb(test, cfg.bounds.norm)}
+    predictions |= {name: fit.model.predict(test) for name, fit in joint.items()}
+    every = settings.named_laws(cfg, (*cfg.laws, cfg.figures.parameters))
+    trials = {
+        name: identify_trials(law, data.impacts, target=cfg.train.target, box=fitting.box(cfg))
+        for name, law in bar.track(every.items(), description="every trial")
+    }
+    return _Compared(fits=fits, joint=joint, predictions=predictions, trials=trials)
 
 
-def _figures(cfg, pool, test, fits, predictions, errors, generator, bar, row) -> dict[str, Figure]:
-    """The figures of an evaluation by name."""
-    box, chosen = run.box(cfg), {fit.law.name: fit for fit in fits}
+def _result(cfg: DictConfig, data: Split, compared: _Compared) -> Evaluation:
+    """The result without learning curves.
+
+    Runs are compared by the law with its effects, else by the law, or by the best one if that is not among them.
+    """
+    errors = results.error_table(data.test, compared.predictions, cfg.bootstrap, data.generator)
+    joint = {name: results.joint_estimate(fit) for name, fit in compared.joint.items()}
+    law = cfg.law if joint or cfg.law in cfg.laws else min(cfg.laws, key=lambda name: errors[name].headline)
+    return Evaluation(
+        provenance=results.provenance(data.impacts, cfg),
+        model=list(joint)[-1] if joint else law,
+        law=law,
+        effects=tuple(cfg.effect),
+        norm=cfg.bounds.norm,
+        fits=tuple(map(results.law_estimate, compared.fits)),
+        joint=joint,
+        errors=errors,
+        tables=cfg.tables,
+        shape=shape_entries(data.test.shape),
+    )
+
+
+def _show(cfg: DictConfig, result: Evaluation) -> None:
+    """Print the tables of a result."""
+    terminal.show_models(result.fits, result.errors, result.norm, result.joint)
+    if result.joint:
+        terminal.show_joint(*list(result.joint.items())[-1])
+    if cfg.reference is not None:
+        terminal.show_reference(result.fits, OmegaConf.to_container(cfg.reference))
+
+
+def _with_curves(
+    cfg: DictConfig, data: Split, compared: _Compared, result: Evaluation, folder: Path
+) -> tuple[Evaluation, dict[str, Curve]]:
+    """Add learning curves to the result, write it again and print them; with the curves that are no law's."""
+    found, learned = curves.learning_study(cfg, data)
+    levels = curves.mean_errors(data.test, compared.bounds)
+    entries = {name: curves.curve_entry(curve, levels, data.generator, cfg.bootstrap) for name, curve in found.items()}
+    result = replace(result, learning_curves=entries)
+    save_curves(found, folder / f"learning_curves.{cfg.tables}")
+    run_folder.write(folder, result)
+    terminal.show_curves({name: entries[name] for name in learned})
+    return result, {name: found[name] for name in learned}
+
+
+def _extras(cfg: DictConfig, data: Split, bar: Progress) -> _Extras:
     # Every k up to 120, and as many of a larger range.
     sizes = torch.linspace(1, cfg.train.size, min(cfg.train.size, 120)).round().int().tolist()
-    options = {"sizes": sizes, "repetitions": cfg.figures.repetitions}
-    (surface,) = settings.named_laws(cfg, [cfg.figures.surface]).values()
-    convergence = run.identify_law(cfg, surface, pool, generator, bar, **options)
-    axis = run.headline_axis(cfg)
-    headline = metrics.METRICS[metrics.HEADLINE]
-    per_trial = {name: headline.error(test, prediction) for name, prediction in predictions.items()}
-    intervals = {name: tuple(errors[name][metrics.HEADLINE].values()) for name in predictions}
-    best = min(chosen, key=lambda law: intervals[law])
+    (law,) = settings.named_laws(cfg, [cfg.figures.surface]).values()
+    repetitions = cfg.figures.repetitions
     widths = cfg.bounds.patch * torch.linspace(0, 1, 25, dtype=torch.float64) ** 2  # dense where the bound falls
-    patched = headline.error(test, bounds.irb(test, cfg.bounds.norm, patch=widths[:, None]))
-    bands = torch.tensor([list(metrics.bootstrap(error, generator, cfg.bootstrap)) for error in patched])
+    headline = metrics.METRICS[metrics.HEADLINE]
+    patched = headline.error(data.test, bounds.irb(data.test, cfg.bounds.norm, patch=widths[:, None]))
+    return _Extras(
+        convergence=fitting.identify_law(
+            cfg, law, data.pool, data.generator, bar, sizes=sizes, repetitions=repetitions
+        ),
+        surface=fitting.cost_surface(cfg, law, data.pool),
+        widths=widths,
+        patched=torch.tensor([list(metrics.bootstrap(error, data.generator, cfg.bootstrap)) for error in patched]),
+    )
+
+
+def _record(cfg: DictConfig, folder: Path, data: Split, result: Evaluation, drawn: Mapping[str, Figure]) -> None:
+    """Log the result to TensorBoard, and save the figures; laws with effects are fitted to the whole pool."""
+    plain = {name: entry for name, entry in result.errors.items() if name not in result.joint}
+    size = len(data.pool) if result.joint else cfg.train.size
+    errors = record.headline(result.errors)
+    with Tracker(folder, cfg.train.size) as tracker:
+        tracker.scalars(record.scalars(result.fits, plain, {}))
+        if result.joint:
+            effects = {name: result.errors[name] for name in result.joint}
+            tracker.scalars(record.scalars([], effects, result.joint), size)
+        tracker.scalars({record.MODEL: errors[result.model]}, size)
+        source = result.provenance.data.source
+        record.log_hyperparameters(tracker, cfg, source, size, result.law, result.effects)
+        equations = (*map(record.law_equation, result.fits), *(fit.equation for fit in result.joint.values()))
+        record.log_card(tracker, result.provenance, equations, errors)
+        if result.learning_curves:
+            yardsticks = {name: result.errors[name] for name in (BEST_POST_HOC, IRB)}
+            curves.log_curves(tracker, result.learning_curves, yardsticks)
+        charted = (*result.learning_curves, BEST_POST_HOC, IRB) if result.learning_curves else ()
+        tracker.charts(record.charts(charted))
+        record.save_figures(drawn, folder, tracker)
+
+
+def _drawn(
+    cfg: DictConfig, data: Split, compared: _Compared, result: Evaluation, extras: _Extras, row: int | None
+) -> dict[str, Figure]:
+    """Draw the figures of an evaluation by file name, but for learning curves."""
+    test, box, axis = data.test, fitting.box(cfg), record.headline_axis(cfg)
+    drawn = record.draw_effects(list(compared.joint.values())[-1].model, test) if compared.joint else {}
+    laws = {fit.law.name: fit.to_law() for fit in compared.fits}
+    headline = metrics.METRICS[metrics.HEADLINE]
+    per_trial = {name: headline.error(test, prediction) for name, prediction in compared.predictions.items()}
+    intervals = {name: tuple(errors.headline) for name, errors in result.errors.items()}
+    best = min(laws, key=lambda name: intervals[name])
     row = int(per_trial[best].argsort()[len(test) // 2]) if row is None else row
-    return {
-        "energy_ellipse": energy_ellipse(
-            test, row, {law: fit.to_law() for law, fit in chosen.items()}, box, target=cfg.train.target
-        ),
-        "cost_surface": run.law_surface(cfg, surface, pool),
-        "convergence": figures.convergence(convergence),
+    levels = {name: intervals[name][0] for name in (best, BEST_POST_HOC)}
+    per_law = compared.trials[cfg.figures.parameters]
+    return drawn | {
+        "energy_ellipse": energy_ellipse(test, row, laws, box, target=cfg.train.target),
+        "cost_surface": record.draw_cost_surface(extras.surface),
+        "convergence": figures.convergence(extras.convergence),
         "error_comparison": figures.error_comparison(per_trial, intervals, axis),
-        "patch_curve": figures.patch_curve(
-            1e3 * widths, bands, {name: intervals[name][0] for name in (best, BEST_POST_HOC)}, axis
-        ),
+        "patch_curve": figures.patch_curve(1e3 * extras.widths, extras.patched, levels, axis),
+        "trial_parameters": figures.trial_parameters(per_law, data.impacts, box=box),
     }
 
 
-def _row(cfg: DictConfig, test: Impacts) -> int | None:
-    """Row of the trial to draw if one is asked for."""
+def _row(cfg: DictConfig, data: Split) -> int | None:
+    """Row of the held-out trial to draw, if one is asked for by name."""
     if cfg.figures.trial is None:
         return None
-    name = str(cfg.figures.trial)
+    name, test = str(cfg.figures.trial), data.test
     if name not in test.trial:
         raise DataError(
             f"figures.trial={name} is not among the {len(test)} held-out trials of {test.source}; "

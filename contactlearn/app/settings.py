@@ -16,7 +16,7 @@ from contactlearn.identification import joint as fit_effects
 from contactlearn.identification.shared import TARGETS
 from contactlearn.laws import Law
 from contactlearn.learning.recipe import Recipe
-from contactlearn.report.tables import FORMATS
+from contactlearn.results.tables import FORMATS
 
 
 def _whole(least: int) -> tuple[Callable[[Any], bool], str]:

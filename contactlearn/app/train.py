@@ -1,15 +1,25 @@
 """Train one model from one random subset of the training pool; errors on the held-out trials."""
 
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
 import torch
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
+from rich.progress import Progress
 
 from contactlearn import checkpoint
-from contactlearn.app import record as run
-from contactlearn.app import settings
+from contactlearn.app import fitting, loading, record, results, settings
+from contactlearn.app.fitting import CostSurface
+from contactlearn.app.loading import Split
+from contactlearn.effects import Effect
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation import bounds, metrics
+from contactlearn.identification.joint import JointFit
+from contactlearn.identification.shared import SharedFit
 from contactlearn.impacts import Impacts, Prediction
+from contactlearn.laws import Law
 from contactlearn.learning.recipe import OUTPUTS, Recipe, learn
 from contactlearn.model import ContactModel
 from contactlearn.regression.features import SPACES
@@ -17,118 +27,180 @@ from contactlearn.regression.regressor import Regressor
 from contactlearn.report import terminal
 from contactlearn.report.figures import quality
 from contactlearn.report.tensorboard import Tracker
+from contactlearn.results import folder as run_folder
+from contactlearn.results.estimates import ProcessEstimate
+from contactlearn.results.training import Training
 
 CHECKPOINT = "model.pt"
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Task:
+    """The model to train: its name in the configuration, its recipe (None for a law alone), law and effects."""
+
+    name: str
+    recipe: Recipe | None
+    law: Law | None
+    effects: Mapping[str, Effect]
+
+    @classmethod
+    def of(cls, cfg: DictConfig) -> "_Task":
+        """Read from a configuration.
+
+        Raises:
+            ContactLearnError: effects around a model that has no law, or that takes (μ, ε) from the law alone.
+        """
+        name, recipe = settings.one_recipe(cfg)
+        effects = settings.effects(cfg)
+        if effects and recipe is not None and recipe.law is None:
+            raise ContactLearnError(f"effects act around a law, and model {name} has none: {', '.join(effects)}")
+        if recipe is not None and name not in settings.recipes_around(cfg):
+            raise ContactLearnError(
+                f"model {name} takes each trial's (μ, ε) from the law alone, but there are effects "
+                f"({', '.join(effects)}); use model=parameters_likelihood"
+            )
+        law = settings.law(cfg) if recipe is None or effects else recipe.law
+        return cls(name=name, recipe=recipe, law=law, effects=effects)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Trained:
+    """Fits and models; `models` are those of the error table, the trained one last."""
+
+    fits: tuple[SharedFit, ...]
+    joint: Mapping[str, JointFit]
+    models: Mapping[str, ContactModel]
+    surface: CostSurface | None
+
+    @property
+    def model(self) -> ContactModel:
+        return list(self.models.values())[-1]
+
+    @property
+    def name(self) -> str:
+        return list(self.models)[-1]
+
+    @property
+    def regressor(self) -> Regressor | None:
+        return self.model.parameters or self.model.residual
+
+
 def train(cfg: DictConfig) -> None:
-    """Train the one model of the configuration, save it, and hold its predictions against the held-out trials."""
+    """Train the one model of the configuration, save it, and compare its predictions with the held-out trials."""
     settings.check(cfg)
-    name, recipe = settings.one_recipe(cfg)
-    law, effects = settings.law(cfg), settings.effects(cfg)
-    if effects and recipe is not None and recipe.law is None:
-        raise ContactLearnError(f"effects act around a law, and model {name} has none: {', '.join(effects)}")
-    if recipe is not None and name not in settings.recipes_around(cfg):
-        raise ContactLearnError(
-            f"model {name} takes each trial's (μ, ε) from the law alone, but there are effects "
-            f"({', '.join(effects)}); use model=parameters_likelihood"
-        )
-    folder = run.run_folder()
-    impacts, pool, test, generator = run.split(cfg)
-    fits, joint = [], {}
+    task, folder, data = _Task.of(cfg), results.run_folder(), loading.split(cfg)
+    terminal.show_data(data.impacts.source, len(data.pool), len(data.test))
     with terminal.progress() as bar:
-        if recipe is not None or effects:
-            rows = torch.randperm(len(pool), generator=generator)[: cfg.train.size]
-        if effects:
-            joint = run.fit_with_effects(cfg, law, effects, pool, rows, bar)
-        elif recipe is None:
-            fits = [run.identify_law(cfg, law, pool, generator, bar)]
-        elif recipe.law:
-            fits = [run.identify_law(cfg, recipe.law, pool, generator, bar, orders=rows[None])]
-        laws = {fit.law.name: ContactModel(fit.to_law()) for fit in fits} | {
-            key: fit.model for key, fit in joint.items()
-        }
-        model = list(laws.values())[-1] if laws else None
-        if recipe is not None:
-            bar.add_task(f"training {name} on {len(rows)} trials", total=None)
-            base = model if effects else model and model.base
-            model = learn(recipe, pool, rows, base, impulse=cfg.train.target, box=run.box(cfg))
-    name = list(laws)[-1] if recipe is None else run.augmented_name(name, effects)
-    # A law is shown beside the model that it is the base of only if it has effects.
-    models = (laws if effects else {}) | {name: model}
-    predictions = {key: one.predict(test) for key, one in models.items()}
-    errors = run.error_table(test, predictions, cfg.bootstrap, generator)
-    terminal.show_models(fits, errors, joint=joint)
-    if effects:
-        terminal.show_joint(*list(joint.items())[-1])
-    processes = [] if recipe is None else _processes(recipe, model.parameters or model.residual)
-    if recipe is not None:
-        terminal.show_processes(processes, (model.parameters or model.residual).kind)
-    provenance = run.provenance(impacts, cfg)
-    checkpoint.save(model, folder / CHECKPOINT, provenance=provenance)
-    results = {
-        "fits": [run.fit_entry(fit) for fit in fits],
-        "joint": {key: run.joint_entry(fit) for key, fit in joint.items()},
-        "errors": errors,
-        "processes": processes,
-    }
-    run.write_json(folder / "results.json", {**provenance, **results})
-    bound = metrics.bootstrap(metrics.mass_error(test, bounds.irb(test)), generator, cfg.bootstrap)
-    shown = run.headline(errors) | {"irb": bound}
-    with Tracker(folder, cfg.train.size) as tracker:
-        values = run.scalars(fits, errors, joint) | _hyperparameter_scalars(processes)
-        tracker.scalars(values | {run.MODEL: shown[name], run.BOUND: bound})
-        tracker.charts(run.charts())
-        drawn = run.effect_figures(laws[list(laws)[-1]], test) if effects else {}
-        if recipe is None and not effects:
-            drawn["cost_surface"] = run.law_surface(cfg, law, pool)
-        if recipe is not None:
-            drawn |= _figures(name, recipe, model, test, predictions[name])
-            loss = (model.parameters or model.residual).status.history
-            tracker.series("fit/loss", loss.mean(-1).tolist())
-        run.save_figures(drawn, folder, tracker)
-        under = law if recipe is None else recipe.law
-        run.log_hyperparameters(
-            tracker, cfg, impacts, cfg.train.size, under and under.name, effects, next(iter(cfg.model))
-        )
-        equations = [run.law_equation(fit) for fit in fits] if recipe is None and fits else [str(model)]
-        run.log_card(tracker, provenance, equations, shown)
+        trained = _trained(cfg, task, data, bar)
+    predictions = {name: model.predict(data.test) for name, model in trained.models.items()}
+    result = _result(cfg, task, data, trained, predictions)
+    checkpoint.save(trained.model, folder / CHECKPOINT, provenance=asdict(result.provenance))
+    run_folder.write(folder, result)
+    _show(result)
+    _record(cfg, folder, result, trained, _drawn(task, trained, data.test, predictions[trained.name]))
     terminal.show_folder(folder)
 
 
-def _processes(recipe: Recipe, regressor: Regressor) -> list[dict]:
-    """What was found for each output: length scales in each feature's unit, spread and noise in the output's."""
-    status, spread = regressor.status, regressor.outputs.spread[0]
-    entries = []
-    for o, (output, unit) in enumerate(OUTPUTS[recipe.target].items()):
-        *lengths, scale, noise = regressor.gps.hyperparameters()[o].tolist()
-        entries.append(
-            {
-                "output": output,
-                "unit": unit,
-                "length_scales": dict(zip(SPACES[recipe.features].columns, lengths, strict=True)),
-                "spread": scale**0.5 * spread[o].item(),
-                "noise": noise**0.5 * spread[o].item(),
-                "loss": status.loss[o].item(),
-                "converged": bool(status.converged[o]),
-                "evaluations": int(status.evaluations[o]),
-            }
-        )
-    return entries
+def _trained(cfg: DictConfig, task: _Task, data: Split, bar: Progress) -> _Trained:
+    """Fit the law, with its effects if there are any, and train the learned model on top."""
+    pool, recipe, fits, joint = data.pool, task.recipe, (), {}
+    if recipe is not None or task.effects:
+        rows = torch.randperm(len(pool), generator=data.generator)[: cfg.train.size]
+    if task.effects:
+        joint = fitting.fit_with_effects(cfg, task.law, task.effects, pool, rows, bar)
+    elif recipe is None:
+        fits = (fitting.identify_law(cfg, task.law, pool, data.generator, bar),)
+    elif task.law:
+        fits = (fitting.identify_law(cfg, task.law, pool, data.generator, bar, orders=rows[None]),)
+    models = {fit.law.name: ContactModel(fit.to_law()) for fit in fits} | {key: fit.model for key, fit in joint.items()}
+    surface = None
+    if recipe is not None:
+        bar.add_task(f"training {task.name} on {len(rows)} trials", total=None)
+        base = list(models.values())[-1] if models else None
+        base = base if task.effects or base is None else base.base
+        model = learn(recipe, pool, rows, base, impulse=cfg.train.target, box=fitting.box(cfg))
+        # A law is shown beside the model that it is the base of only if it has effects.
+        models = (models if task.effects else {}) | {fitting.augmented_name(task.name, task.effects): model}
+    elif not task.effects:
+        surface = fitting.cost_surface(cfg, task.law, pool)
+    return _Trained(fits=fits, joint=joint, models=models, surface=surface)
 
 
-def _hyperparameter_scalars(processes: list[dict]) -> dict[str, float]:
+def _result(
+    cfg: DictConfig, task: _Task, data: Split, trained: _Trained, predictions: Mapping[str, Prediction]
+) -> Training:
+    errors = results.error_table(data.test, predictions, cfg.bootstrap, data.generator)
+    irb = metrics.mass_error(data.test, bounds.irb(data.test))
+    regressor = trained.regressor
+    return Training(
+        provenance=results.provenance(data.impacts, cfg),
+        model=trained.name,
+        learned=None if task.recipe is None else task.name,
+        law=None if task.law is None else task.law.name,
+        effects=tuple(task.effects),
+        trained_on=cfg.train.size,
+        equation=str(trained.model),
+        fits=tuple(map(results.law_estimate, trained.fits)),
+        joint={name: results.joint_estimate(fit) for name, fit in trained.joint.items()},
+        errors=errors,
+        irb=metrics.bootstrap(irb, data.generator, cfg.bootstrap),
+        processes=() if regressor is None else results.process_estimates(task.recipe, regressor),
+        processes_kind=None if regressor is None else regressor.kind,
+    )
+
+
+def _show(result: Training) -> None:
+    """Print the tables of a result."""
+    terminal.show_models(result.fits, result.errors, joint=result.joint)
+    if result.joint:
+        terminal.show_joint(*list(result.joint.items())[-1])
+    if result.processes_kind is not None:
+        terminal.show_processes(result.processes, result.processes_kind)
+
+
+def _record(cfg: DictConfig, folder: Path, result: Training, trained: _Trained, drawn: Mapping[str, Figure]) -> None:
+    """Log the result to TensorBoard, and save the figures."""
+    shown = record.headline(result.errors) | {"irb": result.irb}
+    equations = [result.equation]
+    if result.learned is None and result.fits:
+        equations = [record.law_equation(fit) for fit in result.fits]
+    with Tracker(folder, result.trained_on) as tracker:
+        values = record.scalars(result.fits, result.errors, result.joint) | _hyperparameters(result.processes)
+        tracker.scalars(values | {record.MODEL: shown[result.model], record.BOUND: result.irb})
+        tracker.charts(record.charts())
+        if trained.regressor is not None:
+            tracker.series("fit/loss", trained.regressor.status.history.mean(-1).tolist())
+        record.save_figures(drawn, folder, tracker)
+        source, model = result.provenance.data.source, next(iter(cfg.model))
+        record.log_hyperparameters(tracker, cfg, source, result.trained_on, result.law, result.effects, model)
+        record.log_card(tracker, result.provenance, equations, shown)
+
+
+def _hyperparameters(processes: Iterable[ProcessEstimate]) -> dict[str, float]:
+    """Return losses, noise and length scales by tag."""
     values = {}
-    for entry in processes:
-        values |= {f"loss/{entry['output']}": entry["loss"], f"noise/{entry['output']}": entry["noise"]}
-        values |= {f"length_scale/{entry['output']}/{name}": x for name, x in entry["length_scales"].items()}
+    for one in processes:
+        values |= {f"loss/{one.output}": one.loss, f"noise/{one.output}": one.noise}
+        values |= {f"length_scale/{one.output}/{name}": x for name, x in one.length_scales.items()}
     return values
 
 
-def _figures(
-    name: str, recipe: Recipe, model: ContactModel, test: Impacts, prediction: Prediction
+def _drawn(task: _Task, trained: _Trained, test: Impacts, prediction: Prediction) -> dict[str, Figure]:
+    """Draw the figures of a training by file name."""
+    drawn = {}
+    if task.effects:
+        drawn = record.draw_effects(list(trained.joint.values())[-1].model, test)
+    if trained.surface is not None:
+        drawn["cost_surface"] = record.draw_cost_surface(trained.surface)
+    if task.recipe is not None:
+        drawn |= _learned_figures(trained.name, task.recipe, trained.regressor, test, prediction)
+    return drawn
+
+
+def _learned_figures(
+    name: str, recipe: Recipe, regressor: Regressor, test: Impacts, prediction: Prediction
 ) -> dict[str, Figure]:
-    regressor = model.parameters or model.residual
+    """Draw predictions, calibration and training of a learned model by file name."""
     columns = list(SPACES[recipe.features].columns)
     relevance = {
         output: dict(zip(columns, (1 / lengths[: len(columns)]).tolist(), strict=True))

@@ -1,20 +1,32 @@
 """A model trained on one body, on other bodies: as it is, and corrected from few of their trials."""
 
 from dataclasses import asdict
+from pathlib import Path
 
 import torch
+from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 
 from contactlearn import checkpoint
-from contactlearn.app import record as run
-from contactlearn.app import settings
+from contactlearn.app import fitting, loading, record, results, settings
+from contactlearn.app.loading import Split
 from contactlearn.evaluation import metrics
+from contactlearn.evaluation.metrics import Interval
+from contactlearn.impacts import Impacts
 from contactlearn.learning import curves as study
+from contactlearn.learning.curves import Curve
+from contactlearn.learning.recipe import Recipe
+from contactlearn.model import ContactModel
 from contactlearn.report import terminal
 from contactlearn.report.figures import learning
 from contactlearn.report.tensorboard import Tracker
+from contactlearn.results import folder as run_folder
+from contactlearn.results.transfer import BodyTransfer, Transfer
 
 WAYS = {"scratch": "From scratch", "prior": "Trained model as prior"}
+
+Bodies = dict[str, tuple[Impacts, Impacts]]
+"""Pool and held-out trials by body."""
 
 
 def transfer(cfg: DictConfig) -> None:
@@ -23,46 +35,93 @@ def transfer(cfg: DictConfig) -> None:
     The two questions that end the paper: how good is the model on another body, and does it make
     fewer trials of that body enough?
     """
-    folder = run.run_folder()
-    impacts, pool, _, generator = run.split(cfg)
-    source = pool[torch.randperm(len(pool), generator=generator)[: cfg.train.size]]
+    folder, data = results.run_folder(), loading.split(cfg)
+    terminal.show_data(data.impacts.source, len(data.pool), len(data.test))
+    source = data.pool[torch.randperm(len(data.pool), generator=data.generator)[: cfg.train.size]]
+    bodies = _bodies(cfg, data)
+    provenance = results.provenance(data.impacts, cfg)
+    found = {}
+    for name, recipe in settings.recipes(cfg).items():
+        model, curves = _transferred(cfg, name, recipe, source, bodies, data.generator)
+        checkpoint.save(model, folder / f"{name}.pt", provenance=asdict(provenance))
+        found[name] = {
+            body: BodyTransfer(**{way: _intervals(cfg, curve, data.generator) for way, curve in ways.items()})
+            for body, ways in curves.items()
+        }
+    result = Transfer(provenance=provenance, sizes=tuple(cfg.transfer.sizes), transfer=found)
+    run_folder.write(folder, result)
+    for name, entries in found.items():
+        terminal.show_transfer(name, entries, result.sizes)
+    _record(cfg, folder, result)
+    terminal.show_folder(folder)
+
+
+def _bodies(cfg: DictConfig, data: Split) -> Bodies:
+    """Load and split the other bodies; those without a source of their own are the data with some changes."""
     bodies = {}
     for name, changes in OmegaConf.to_container(cfg.transfer.bodies, resolve=True).items():
         same = {} if "_target_" in changes else OmegaConf.to_container(cfg.data, resolve=True)
-        bodies[name] = run.load_data(OmegaConf.create(same | changes)).split(cfg.test, generator)
-    sizes, metric, results, drawn = list(cfg.transfer.sizes), metrics.HEADLINE, {}, {}
-    options = {"impulse": cfg.train.target, "box": run.box(cfg), "workers": run.workers(cfg)}
+        bodies[name] = loading.load_data(OmegaConf.create(same | changes)).split(cfg.test, data.generator)
+    return bodies
+
+
+def _transferred(
+    cfg: DictConfig, name: str, recipe: Recipe, source: Impacts, bodies: Bodies, generator: torch.Generator
+) -> tuple[ContactModel, dict[str, dict[str, Curve]]]:
+    """Train one model, and compute its curves by body and way."""
+    with terminal.progress() as bar:
+        return study.transfer_curves(
+            recipe,
+            source,
+            bodies,
+            list(cfg.transfer.sizes),
+            cfg.transfer.seeds,
+            generator,
+            impulse=cfg.train.target,
+            box=fitting.box(cfg),
+            workers=fitting.workers(cfg),
+            progress=lambda done, total: bar.track(done, total, description=f"transfer of {name}"),
+        )
+
+
+def _intervals(cfg: DictConfig, curve: Curve, generator: torch.Generator) -> tuple[Interval, ...]:
+    rows = curve.intervals(metrics.HEADLINE, generator, cfg.bootstrap)
+    return tuple(Interval(*row) for row in rows.tolist())
+
+
+def _record(cfg: DictConfig, folder: Path, result: Transfer) -> None:
+    """Log the result to TensorBoard, and save the figures."""
+    headline = f"transfer_{metrics.HEADLINE}"
     with Tracker(folder, cfg.train.size) as tracker:
-        for name, recipe in settings.recipes(cfg).items():
-            with terminal.progress() as bar:
-                track = lambda done, total, name=name: bar.track(done, total, description=f"transfer of {name}")  # noqa: E731
-                model, curves = study.transfer_curves(
-                    recipe, source, bodies, sizes, cfg.transfer.seeds, generator, progress=track, **options
-                )
-            checkpoint.save(model, folder / f"{name}.pt", provenance=run.provenance(impacts, cfg))
-            intervals = {
-                body: {way: curve.intervals(metric, generator, cfg.bootstrap) for way, curve in ways.items()}
-                for body, ways in curves.items()
-            }
-            results[name] = {
-                body: {way: [asdict(metrics.Interval(*row)) for row in rows.tolist()] for way, rows in ways.items()}
-                for body, ways in intervals.items()
-            }
-            terminal.show_transfer(name, intervals, sizes)
-            for place, size in enumerate(sizes):
-                for body, ways in intervals.items():
-                    tags = {f"transfer_{metric}/{body}/{name}/{way}": ways[way][place].tolist() for way in WAYS}
-                    tracker.scalars({tag: metrics.Interval(*interval) for tag, interval in tags.items()}, size)
-            drawn[f"transfer_{name}"] = learning.transfer(
-                sizes,
-                {body: {label: ways[way] for way, label in WAYS.items()} for body, ways in intervals.items()},
-                {body: tuple(ways["zero_shot"][0].tolist()) for body, ways in intervals.items()},
-                run.headline_axis(cfg),
-            )
-        run.write_json(folder / "results.json", {**run.provenance(impacts, cfg), "sizes": sizes, "transfer": results})
-        run.save_figures(drawn, folder, tracker)
-        bodies_chart = {"Each model from scratch, and with the trained one as prior": [f"transfer_{metric}/"]}
-        tracker.charts(run.charts() | {"Transfer to other bodies, against their training impacts": bodies_chart})
-        run.log_hyperparameters(tracker, cfg, impacts, cfg.train.size, cfg.law, (), ", ".join(settings.recipes(cfg)))
-        run.log_card(tracker, run.provenance(impacts, cfg), (), {})
-    terminal.show_folder(folder)
+        for name, bodies in result.transfer.items():
+            for place, size in enumerate(result.sizes):
+                for body, found in bodies.items():
+                    tags = {f"{headline}/{body}/{name}/{way}": getattr(found, way)[place] for way in WAYS}
+                    tracker.scalars(tags, size)
+        record.save_figures(_drawn(cfg, result), folder, tracker)
+        chart = {"Each model from scratch, and with the trained one as prior": [f"{headline}/"]}
+        tracker.charts(record.charts() | {"Transfer to other bodies, against their training impacts": chart})
+        source, models = result.provenance.data.source, ", ".join(result.transfer)
+        record.log_hyperparameters(tracker, cfg, source, cfg.train.size, cfg.law, (), models)
+        record.log_card(tracker, result.provenance, (), {})
+
+
+def _drawn(cfg: DictConfig, result: Transfer) -> dict[str, Figure]:
+    """Draw the curves of every model on the other bodies, by file name."""
+    return {
+        f"transfer_{name}": learning.transfer(
+            result.sizes,
+            {
+                body: {label: _rows(getattr(found, way)) for way, label in WAYS.items()}
+                for body, found in bodies.items()
+            },
+            {body: tuple(found.zero_shot[0]) for body, found in bodies.items()},
+            record.headline_axis(cfg),
+        )
+        for name, bodies in result.transfer.items()
+    }
+
+
+def _rows(intervals: tuple[Interval, ...]) -> torch.Tensor:
+    """As rows (mean, low, high) of a tensor."""
+    return torch.tensor([list(one) for one in intervals], dtype=torch.float64)

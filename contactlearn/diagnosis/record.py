@@ -75,7 +75,8 @@ class Record:
         table.save(self.impacts, folder / _IMPACTS)
         checkpoint.save(self.base, folder / _BASE, provenance=dict(provenance))
         checkpoint.save(self.model, folder / _MODEL, provenance=dict(provenance))
-        about = {"source": self.impacts.source, "suspect": self.impacts.suspect, "shape": shape_entries(self.impacts.shape)}
+        shape = shape_entries(self.impacts.shape)
+        about = {"source": self.impacts.source, "suspect": self.impacts.suspect, "shape": shape}
         arrays = {"about": np.asarray(json.dumps(about)), "outcomes": self.outcomes.numpy()}
         arrays |= {
             f"{name}_{k}": np.asarray(getattr(one, name)) for k, one in enumerate(self.residuals) for name in _PARTIAL
@@ -126,4 +127,3 @@ def _partial(arrays: Mapping[str, np.ndarray], k: int) -> Partial:
     return Partial(
         **{name: str(value) if value.dtype.kind == "U" else torch.from_numpy(value) for name, value in values.items()}
     )
-

@@ -1,4 +1,4 @@
-"""What a run prints: the data, progress, the tables and where everything lies."""
+"""Terminal output of a run: the data, progress, tables of its result, and its folder."""
 
 import math
 import shlex
@@ -14,9 +14,9 @@ from rich.table import Table
 from rich.text import Text
 
 from contactlearn.evaluation.metrics import HEADLINE, METRICS
-from contactlearn.identification.joint import JointFit
-from contactlearn.identification.shared import SharedFit
-from contactlearn.impacts import Impacts
+from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate
+from contactlearn.results.evaluation import LearningCurve
+from contactlearn.results.transfer import BodyTransfer
 
 _console = Console()
 _MANY = 20  # trials from which on standard errors cover what they should
@@ -34,87 +34,86 @@ def progress() -> Progress:
     return Progress(*columns, console=_console, transient=True)
 
 
-def show_data(impacts: Impacts, pool: int, test: int) -> None:
-    """One line on what is compared on what."""
-    say(f"{impacts.source}: {len(impacts)} impacts, {pool} to identify from, {test} held out")
+def show_data(source: str, pool: int, test: int) -> None:
+    """Print the source of the data and the sizes of the split."""
+    say(f"{source}: {pool + test} impacts, {pool} to identify from, {test} held out")
 
 
 def show_models(
-    fits: Sequence[SharedFit],
-    errors: Mapping[str, Mapping],
+    fits: Sequence[LawEstimate],
+    errors: Mapping[str, ModelErrors],
     norm: str | None = None,
-    joint: Mapping[str, JointFit] = MappingProxyType({}),
+    joint: Mapping[str, JointEstimate] = MappingProxyType({}),
 ) -> None:
-    """Parameters and held-out errors, a row a model; `norm` is that of the bounds if they are among them.
+    """Print parameters and held-out errors, a row a model; `norm` is that of the bounds if they are among them.
 
-    Beside a shared fit stands the spread over its subsets, beside a joint fit the standard error.
+    The spread over the subsets stands beside a shared fit, the standard error beside a joint fit.
     """
     units = (f"{_SHORT[name]} {metric.unit}".strip(" –") for name, metric in METRICS.items())
     title = "Errors on the held-out trials: means, and the 95 % interval of the first"
     table = _table(title, "model", "μ", "ε", *units, "outside")
-    found = {fit.law.name: (fit.mean(), fit.std()) for fit in fits}
-    found |= {name: (fit.values[:2].tolist(), fit.standard_errors[:2].tolist()) for name, fit in joint.items()}
+    found = {fit.law: ((fit.mu, fit.mu_std), (fit.eps, fit.eps_std)) for fit in fits}
+    found |= {name: tuple((p.value, p.standard_error) for p in fit.parameters[:2]) for name, fit in joint.items()}
     for model, entry in errors.items():
-        mu, eps = map(_spread, *found[model]) if model in found else ("", "")
-        cells = [f"{entry[name]['mean']:.4f}" for name in METRICS]
-        cells[0] += f"  {entry[HEADLINE]['low']:.4f}–{entry[HEADLINE]['high']:.4f}"
-        table.add_row(model, mu, eps, *cells, f"{100 * entry['outside_admissible']:.1f} %")
+        mu, eps = (_spread(*pair) for pair in found[model]) if model in found else ("", "")
+        cells = [f"{entry.of(name).mean:.4f}" for name in METRICS]
+        cells[0] += f"  {entry.headline.low:.4f}–{entry.headline.high:.4f}"
+        table.add_row(model, mu, eps, *cells, f"{100 * entry.outside_admissible:.1f} %")
     _print(table)
     say("outside: share of predictions that gain energy, pull or penetrate")
     if norm is not None:
         bounded = "only the mass error is bounded" if norm == "mass" else "none of these errors is bounded"
         say(f"the bounds come closest in the {norm} norm of (v_x, v_y, ω): {bounded}")
     for fit in fits:
-        share = fit.mu_flat[:, -1].double().mean().item()
-        if share > 0.05:
-            say(f"note: {100 * share:.0f} % of the subsets leave μ of {fit.law.name} undetermined (flat cost)")
+        if fit.mu_undetermined > 0.05:
+            say(f"note: {100 * fit.mu_undetermined:.0f} % of the subsets leave μ of {fit.law} undetermined (flat cost)")
 
 
-def show_joint(name: str, fit: JointFit) -> None:
-    """A law with effects as an equation, and what the data leave open."""
-    say(str(fit.model))
-    for parameter, reason in fit.undetermined().items():
+def show_joint(name: str, fit: JointEstimate) -> None:
+    """Print a law with effects as an equation, and the parameters that the data do not determine."""
+    say(fit.equation)
+    for parameter, reason in fit.undetermined.items():
         say(f"note: the data do not determine {parameter}: {reason}")
-    for parameter, meaning in fit.at_bounds().items():
+    for parameter, meaning in fit.at_bounds.items():
         say(f"note: {parameter} {meaning}")
-    if len(fit.weight) < _MANY:
-        say(f"note: from {len(fit.weight)} trials standard errors are too small; {_MANY} or more can be trusted")
+    if fit.trials < _MANY:
+        say(f"note: from {fit.trials} trials standard errors are too small; {_MANY} or more can be trusted")
     if fit.outliers:
-        say(f"note: {fit.outliers} of {len(fit.weight)} trials hardly count, so far off are they")
+        say(f"note: {fit.outliers} of {fit.trials} trials hardly count, so far off are they")
     if not fit.converged:
         say(f"note: the fit of {name} has not settled; more starts (fit.starts) or fewer effects may help")
 
 
-def show_reference(fits: Sequence[SharedFit], reference: Mapping[str, Mapping]) -> None:
-    """Published parameters beside ours; differences in joint standard deviations of both."""
+def show_reference(fits: Sequence[LawEstimate], reference: Mapping[str, Mapping[str, Sequence[float]]]) -> None:
+    """Print published parameters beside ours; differences in joint standard deviations of both."""
     title = "Published table beside ours: means ± standard deviations over the subsets"
     halves = ((f"{x} published", f"{x} here", f"Δ{x}", f"Δ{x}/σ") for x in "με")
     table = _table(title, "law", *chain.from_iterable(halves))
     for fit in fits:
-        if fit.law.name not in reference:
+        if fit.law not in reference:
             continue
         cells = []
-        for name, mean, std in zip(("mu", "eps"), fit.mean(), fit.std(), strict=True):
-            published, published_std = reference[fit.law.name][name]
-            sigma = (std**2 + published_std**2) ** 0.5
+        for name, mean, std in (("mu", fit.mu, fit.mu_std), ("eps", fit.eps, fit.eps_std)):
+            published, published_std = reference[fit.law][name]
+            sigma = math.nan if std is None else (std**2 + published_std**2) ** 0.5
             cells += [_spread(published, published_std), _spread(mean, std)]
             cells += [f"{mean - published:+.3f}", f"{(mean - published) / sigma:+.1f}"]
-        table.add_row(fit.law.name, *cells)
+        table.add_row(fit.law, *cells)
     _print(table)
 
 
-def show_processes(entries: Sequence[Mapping], kind: str) -> None:
-    """Hyperparameters of a learned model, a row an output; `kind` is that of its processes."""
-    features = list(entries[0]["length_scales"])
+def show_processes(processes: Sequence[ProcessEstimate], kind: str) -> None:
+    """Print hyperparameters of a learned model, a row an output; `kind` is that of its processes."""
+    features = list(processes[0].length_scales)
     table = _table(
         "Length scales, in standard deviations of each feature over the training trials; – is past what they span",
         "output", *features, "spread", "noise", "evaluations",
     )  # fmt: skip
-    for entry in entries:
-        scales = [f"{x:.2f}" if x < 20 else "–" for x in entry["length_scales"].values()]
-        sizes = [f"{entry[name]:.2g} {entry['unit']}".removesuffix(" –") for name in ("spread", "noise")]
-        count = f"{entry['evaluations']}" + ("" if entry["converged"] else " (not converged)")
-        table.add_row(entry["output"], *scales, *sizes, count)
+    for entry in processes:
+        scales = [f"{x:.2f}" if x < 20 else "–" for x in entry.length_scales.values()]
+        sizes = [f"{x:.2g} {entry.unit}".removesuffix(" –") for x in (entry.spread, entry.noise)]
+        count = f"{entry.evaluations}" + ("" if entry.converged else " (not converged)")
+        table.add_row(entry.output, *scales, *sizes, count)
     _print(table)
     say(f"Gaussian processes: {kind}")
 
@@ -135,38 +134,45 @@ def show_left_out(models: Sequence[str]) -> None:
         say(f"note: {', '.join(models)} takes each trial's (μ, ε) from the law alone, and is left out with effects")
 
 
-def show_curves(curves: Mapping[str, Mapping], sizes: Sequence[int]) -> None:
-    """Headline error of each learned model against the number of trials, and how sure it is at the end."""
-    levels = list(next(iter(curves.values()))["below"][HEADLINE])
+def show_curves(curves: Mapping[str, LearningCurve]) -> None:
+    """Print the headline error of each learned model against the number of trials, and its calibration at the end."""
+    first = next(iter(curves.values()))
+    below = [f"< {level}" for level in first.below[HEADLINE]]
     title = f"{METRICS[HEADLINE].label} on the held-out trials against the number of training trials"
-    below = [f"< {level}" for level in levels]
-    table = _table(title, "model", *map(str, sizes), *below, "settled", "coverage", "−log density")
-    for model, entry in curves.items():
-        means = [f"{interval['mean']:.3f}" for interval in entry[HEADLINE]]
-        first = [str(entry["below"][HEADLINE][level] or "never") for level in levels]
+    table = _table(title, "model", *map(str, first.sizes), *below, "settled", "coverage", "−log density")
+    for model, curve in curves.items():
+        means = [f"{interval.mean:.3f}" for interval in curve.headline]
+        reached = [str(size or "never") for size in curve.below[HEADLINE].values()]
         sure = ("", "")  # a law with effects predicts no covariance
-        if "coverage" in entry:
-            sure = f"{100 * entry['coverage'][-1]:.1f} %", f"{entry['negative_log_density'][-1]:.2f}"
-        table.add_row(model, *means, *first, str(entry["settled"][HEADLINE] or "not yet"), *sure)
+        if curve.calibration is not None:
+            sure = f"{100 * curve.calibration.coverage[-1]:.1f} %", f"{curve.calibration.negative_log_density[-1]:.2f}"
+        table.add_row(model, *means, *reached, str(curve.settled[HEADLINE] or "not yet"), *sure)
     _print(table)
     say("<: number of trials at which the mean is first below; settled: from which on it is within 5 % of its best")
-    for model, entry in curves.items():
-        processes = (entry["sizes"], entry["processes"], entry["converged"]) if "coverage" in entry else ((), (), ())
-        for size, kind, share in zip(*processes, strict=True):
-            if kind != "exact" or share < 1:
-                short = "" if share == 1 else f"; {100 * (1 - share):.0f} % of them did not converge"
-                say(f"note: the processes of {model} at {size} trials are {kind}{short}")
+    for model, curve in curves.items():
+        _show_processes_of_curve(model, curve)
     say("coverage: share of (v_x, v_y, ω) inside the predicted 95 % ellipsoid, and density, at the largest size")
 
 
-def show_transfer(model: str, intervals: Mapping[str, Mapping], sizes: Sequence[int]) -> None:
-    """Headline error on each other body: as trained, and against the number of its trials."""
+def _show_processes_of_curve(model: str, curve: LearningCurve) -> None:
+    """Print where processes are not exact, or have not all converged."""
+    if curve.calibration is None:
+        return
+    kinds, converged = curve.calibration.processes, curve.calibration.converged
+    for size, kind, share in zip(curve.sizes, kinds, converged, strict=True):
+        if kind != "exact" or share < 1:
+            short = "" if share == 1 else f"; {100 * (1 - share):.0f} % of them did not converge"
+            say(f"note: the processes of {model} at {size} trials are {kind}{short}")
+
+
+def show_transfer(model: str, bodies: Mapping[str, BodyTransfer], sizes: Sequence[int]) -> None:
+    """Print the headline error on each other body: as trained, and against the number of its trials."""
     title = f"{model} on other bodies: {METRICS[HEADLINE].label.lower()} against the number of their trials"
     table = _table(title, "body", "", "0", *map(str, sizes))
-    for body, ways in intervals.items():
-        zero = f"{ways['zero_shot'][0, 0]:.3f}"
-        for way, label, first in (("prior", "trained model as prior", zero), ("scratch", "from scratch", "")):
-            table.add_row(body if first else "", label, first, *(f"{mean:.3f}" for mean in ways[way][:, 0].tolist()))
+    for body, found in bodies.items():
+        zero = f"{found.zero_shot[0].mean:.3f}"
+        table.add_row(body, "trained model as prior", zero, *(f"{one.mean:.3f}" for one in found.prior))
+        table.add_row("", "from scratch", "", *(f"{one.mean:.3f}" for one in found.scratch))
     _print(table)
 
 
@@ -179,8 +185,8 @@ def show_folder(folder: Path) -> None:
     say(f"look at  tensorboard --logdir {shlex.quote(str(shown))}")
 
 
-def _spread(mean: float, std: float) -> str:
-    return f"{mean:.3f} ± {std:.3f}" if math.isfinite(std) else f"{mean:.3f}"
+def _spread(mean: float, std: float | None) -> str:
+    return f"{mean:.3f}" if std is None else f"{mean:.3f} ± {std:.3f}"
 
 
 def _table(title: str, *headings: str) -> Table:

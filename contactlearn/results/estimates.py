@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from contactlearn.diagnosis.search.result import FittedParameter
 from contactlearn.errors import ContactLearnError
@@ -19,6 +20,7 @@ class LawEstimate:
     Args:
         law: its name.
         variant: of the law.
+        options: of the law, beside μ and ε.
         trials: in each subset.
         repetitions: number of subsets.
         mu: mean over the subsets.
@@ -33,6 +35,7 @@ class LawEstimate:
 
     law: str
     variant: str
+    options: Mapping[str, Any]
     trials: int
     repetitions: int
     mu: float

@@ -1,7 +1,7 @@
 """A run folder: a result of any kind is written to it, found below a folder, and read back.
 
-    diagnosis.json   of diagnose
-    results.json     of train, evaluate and transfer; its entry `kind` says which
+diagnosis.json   of diagnose
+results.json     of train, evaluate and transfer; its entry `kind` says which
 """
 
 import os

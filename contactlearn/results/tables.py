@@ -1,4 +1,4 @@
-"""Per-trial results as table files, CSV or Parquet, and the predictions read back; a file appears whole or not at all."""
+"""Results by trial as table files, CSV or Parquet, each whole or not at all; predictions are read back exactly."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

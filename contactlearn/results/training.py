@@ -19,6 +19,7 @@ class Training:
         law: that the model builds on; None for a model without a law.
         effects: names of the effects around the law.
         trained_on: trials of the subset.
+        equation: the model as text.
         fits: the law of a model without effects.
         joint: the law alone and with its effects, by name, where there are effects.
         errors: of the model, after those of the laws in `joint`.
@@ -34,6 +35,7 @@ class Training:
     law: str | None
     effects: tuple[str, ...]
     trained_on: int
+    equation: str
     fits: tuple[LawEstimate, ...]
     joint: Mapping[str, JointEstimate]
     errors: Mapping[str, ModelErrors]

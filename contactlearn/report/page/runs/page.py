@@ -3,17 +3,20 @@
 import os
 import re
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 from contactlearn.errors import ContactLearnError
+from contactlearn.evaluation.metrics import Interval
 from contactlearn.report.page.page import FILE, render, save
 from contactlearn.report.page.runs.lines import learning_lines
-from contactlearn.report.page.runs.read import FILES, HASH, Run, files, is_run, read, text
+from contactlearn.report.page.runs.rows import HASH, LAW, Row, printable, read_row
 from contactlearn.report.page.runs.settings import shared, varying
 from contactlearn.report.page.trials import digits, look
 from contactlearn.report.text import interval, label, listed
+from contactlearn.results.folder import FILES, find, is_run
 
 MARK = "contactlearn report"
 """How such a page is known again."""
@@ -24,7 +27,7 @@ def write_runs(
     folders: Sequence[str | os.PathLike],
     out: str | os.PathLike | None = None,
     progress: Callable[[Iterable, str], Iterable] = lambda items, what: items,
-) -> tuple[Path, list[Run], list[tuple[str, str]]]:
+) -> tuple[Path, list[Row], list[tuple[str, str]]]:
     """One page over all runs in `folders` and in what is below them.
 
     Args:
@@ -44,16 +47,16 @@ def write_runs(
             raise ContactLearnError(f"{root}: no such folder; give the folder of a run, of a sweep, or one above them")
     target = _target(roots, out)
     runs, skipped, top = [], [], Path(os.path.commonpath(roots))
-    for path in progress(dict.fromkeys(path for root in roots for path in files(root)), "reading runs"):
+    for path in progress(dict.fromkeys(path for root in roots for path in find(root)), "reading runs"):
         name = os.path.relpath(path.parent if path.name in FILES else path, top)
-        name = text(top.name if name == "." else name)
+        name = printable(top.name if name == "." else name)
         try:
-            run = read(path)
+            run = read_row(path)
         except ContactLearnError as error:
-            skipped.append((f"{name} ({path.name})" if path.name in FILES else name, text(str(error))))
+            skipped.append((f"{name} ({path.name})" if path.name in FILES else name, printable(str(error))))
             continue
-        run.name = f"{name} ({path.stem})" if all((path.parent / one).exists() for one in FILES) else name
-        runs.append(run)
+        both = all((path.parent / one).exists() for one in FILES)
+        runs.append(replace(run, name=f"{name} ({path.stem})" if both else name))
     if not runs:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in skipped[:5])
         raise ContactLearnError(
@@ -88,12 +91,12 @@ def _target(roots: Sequence[Path], out: str | os.PathLike | None) -> Path:
     return path
 
 
-def of_runs(runs: Sequence[Run], skipped: Sequence[tuple[str, str]], folder: Path) -> dict[str, Any]:
+def of_runs(runs: Sequence[Row], skipped: Sequence[tuple[str, str]], folder: Path) -> dict[str, Any]:
     """All that the page says and draws; links are from `folder`.  What begins with "_" the scripts do without."""
     settings = varying(runs)
     effects = sorted({name for run in runs for name in (*run.given, *run.found)})
-    several = len({run.data["sha256"] for run in runs}) > 1
-    bases = {run.data["sha256"]: run.data for run in runs}
+    several = len({run.data.sha256 for run in runs}) > 1
+    bases = {run.data.sha256: run.data for run in runs}
     return {
         "title": f"{len(runs)} runs side by side" if len(runs) > 1 else "One run",
         "trials": None,
@@ -103,7 +106,7 @@ def of_runs(runs: Sequence[Run], skipped: Sequence[tuple[str, str]], folder: Pat
                 "name": run.name,
                 **look(run.law or "no law"),
                 "effects": [*run.given, *run.found],
-                **digits({"error": run.error, "base": run.base, "noise": run.noise, "bound": run.bounds.get("irb")}, 8),
+                **_errors(run),
             }
             for run in runs
         ],
@@ -111,7 +114,7 @@ def of_runs(runs: Sequence[Run], skipped: Sequence[tuple[str, str]], folder: Pat
         "_mark": MARK,
         "_sentences": _sentences(runs),
         "_warnings": _warnings(runs, settings),
-        "_data": [dict(data, runs=sum(run.data["sha256"] == key for run in runs)) for key, data in bases.items()],
+        "_data": [asdict(data) | {"runs": sum(run.data.sha256 == key for run in runs)} for key, data in bases.items()],
         "_skipped": skipped,
         "_shared": shared(runs),
         "_columns": _columns(runs, settings, effects, several),
@@ -121,7 +124,7 @@ def of_runs(runs: Sequence[Run], skipped: Sequence[tuple[str, str]], folder: Pat
                 "run": k,
                 "name": run.name,
                 "law": _with(run),
-                "ladder": [{**one, "name": label(one["name"])} for one in run.ladder],
+                "ladder": [{**asdict(one.error), "name": label(one.name)} for one in run.ladder],
             }
             for k, run in enumerate(runs)
             if run.ladder
@@ -129,7 +132,7 @@ def of_runs(runs: Sequence[Run], skipped: Sequence[tuple[str, str]], folder: Pat
     }
 
 
-def _columns(runs: Sequence[Run], settings: list, effects: Sequence[str], several: bool) -> list[dict[str, Any]]:
+def _columns(runs: Sequence[Row], settings: list, effects: Sequence[str], several: bool) -> list[dict[str, Any]]:
     """Name, kind (text, number, tick or error) and cells (what is shown, what is sorted by) of each column."""
 
     def column(
@@ -139,7 +142,7 @@ def _columns(runs: Sequence[Run], settings: list, effects: Sequence[str], severa
         return {"name": name, "kind": kind, "cells": cells}
 
     def errors(name: str, values: Iterable[Any]) -> dict[str, Any]:
-        return {"name": name, "kind": "error", "cells": [(value, value and value["mean"]) for value in values]}
+        return {"name": name, "kind": "error", "cells": [_error_cell(value) for value in values]}
 
     def ticks(name: str) -> dict[str, Any]:
         said = (("found", 2) if name in run.found else ("", 1) if name in run.given else ("", None) for run in runs)
@@ -156,7 +159,7 @@ def _columns(runs: Sequence[Run], settings: list, effects: Sequence[str], severa
     ]
     found += own if len(own) <= _FEW else []
     found.append(column("Law", [None if run.law is None else look(run.law)["label"] for run in runs]))
-    if any(run.model != "law" for run in runs):
+    if any(run.model != LAW for run in runs):
         found.append(column("Model", [look(run.model)["label"] for run in runs]))
     found += [
         column("Verdict", [run.verdict for run in runs]),
@@ -169,12 +172,22 @@ def _columns(runs: Sequence[Run], settings: list, effects: Sequence[str], severa
     found += own if len(own) > _FEW else []
     if several:
         found += [
-            column("Data", [run.data["source"] for run in runs]),
-            column("Trials", [run.data["trials"] for run in runs], "number"),
-            column("SHA-256 of the data", [run.data["sha256"][:HASH] for run in runs], "hash"),
+            column("Data", [run.data.source for run in runs]),
+            column("Trials", [run.data.trials for run in runs], "number"),
+            column("SHA-256 of the data", [run.data.sha256[:HASH] for run in runs], "hash"),
         ]
     needed = {"Held-out mass error", "Law"}
     return [one for one in found if one["name"] in needed or any(key is not None for _, key in one["cells"])]
+
+
+def _errors(run: Row) -> dict[str, Any]:
+    """Errors as the scripts have them."""
+    values = {"error": run.error, "base": run.base, "noise": run.noise, "bound": run.bounds.get("irb")}
+    return {name: None if value is None else digits(asdict(value), 8) for name, value in values.items()}
+
+
+def _error_cell(value: Interval | None) -> tuple[dict[str, float] | None, float | None]:
+    return (None, None) if value is None else (asdict(value), value.mean)
 
 
 def _natural(name: str) -> list[tuple[bool, int, str]]:
@@ -189,33 +202,33 @@ def _numeric(values: Iterable[str | None]) -> bool:
     )
 
 
-def _with(run: Run) -> str:
+def _with(run: Row) -> str:
     """The law with the effects that were given to it."""
     return " with ".join((look(run.law or "no law")["label"], *([listed(map(label, run.given))] if run.given else [])))
 
 
-def _sentences(runs: Sequence[Run]) -> list[str]:
+def _sentences(runs: Sequence[Row]) -> list[str]:
     """How many there are, and which leaves the least error on each set of data."""
     commands = {run.command: sum(other.command == run.command for other in runs) for run in runs}
     said = [f"Runs of {listed(f'{command}.py ({count})' for command, count in commands.items())}."]
-    for data in {run.data["sha256"]: run.data for run in runs}.values():
-        there = [run for run in runs if run.data["sha256"] == data["sha256"] and run.error]
+    for data in {run.data.sha256: run.data for run in runs}.values():
+        there = [run for run in runs if run.data.sha256 == data.sha256 and run.error]
         if len(there) < 2:
             continue
-        best = min(there, key=lambda run: run.error["mean"])
-        near = sum(run is not best and run.error["low"] <= best.error["high"] for run in there)
+        best = min(there, key=lambda run: run.error.mean)
+        near = sum(run is not best and run.error.low <= best.error.high for run in there)
         overlap = {0: "no other interval overlaps with its", 1: "one other interval overlaps with its"}
         said.append(
             f"Of {len(there)} runs on {data['source']} ({data['trials']} trials, {data['sha256'][:HASH]}) the least "
-            f"error is that of run {best.name}, {interval(best.error)}; "
+            f"error is that of run {best.name}, {interval(asdict(best.error))}; "
             f"{overlap.get(near, f'{near} other intervals overlap with its')}."
         )
     return said
 
 
-def _warnings(runs: Sequence[Run], settings: list) -> list[str]:
+def _warnings(runs: Sequence[Row], settings: list) -> list[str]:
     """Why errors may not be compared, in words."""
-    said, count = [], len({run.data["sha256"] for run in runs})
+    said, count = [], len({run.data.sha256 for run in runs})
     if count > 1:
         said.append(
             f"These runs are on {count} different sets of data, so their errors cannot be compared with each other: "
@@ -238,7 +251,7 @@ def _warnings(runs: Sequence[Run], settings: list) -> list[str]:
     return said
 
 
-def _link(run: Run, folder: Path) -> str | None:
+def _link(run: Row, folder: Path) -> str | None:
     """From the page to the run's own; nothing in it but a relative path, whatever the folders are called."""
     own = run.path.parent / FILE
     if not own.is_file():

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from contactlearn.report.page.runs.read import Run, text
+from contactlearn.report.page.runs.rows import Row, printable
 
 _NAMED = ("model", "effect", "candidate")  # hold entries by name
 _ELSEWHERE = ("law", "data._target_")  # have columns of their own
@@ -13,12 +13,12 @@ Settings = list[tuple[str, list[str | None]]]
 """Key and each run's value as text, None where a run has no such setting."""
 
 
-def varying(runs: Sequence[Run]) -> Settings:
+def varying(runs: Sequence[Row]) -> Settings:
     """Settings in which runs differ, by their dotted keys."""
     return [(key, values) for key, values in _settings(runs) if _differ(values)]
 
 
-def shared(runs: Sequence[Run]) -> list[tuple[str, str]]:
+def shared(runs: Sequence[Row]) -> list[tuple[str, str]]:
     """Settings that are the same wherever they are, by their dotted keys."""
     found = []
     for key, values in _settings(runs):
@@ -30,7 +30,7 @@ def shared(runs: Sequence[Run]) -> list[tuple[str, str]]:
     return found
 
 
-def _settings(runs: Sequence[Run]) -> Settings:
+def _settings(runs: Sequence[Row]) -> Settings:
     kinds = [(run.command,) for run in runs]
     return list(_under("", [run.config for run in runs], kinds))
 
@@ -46,18 +46,18 @@ def _under(path: str, values: Sequence[Any], kinds: Sequence[tuple]) -> Settings
     """
     there = [value for value in values if value is not _ABSENT]
     if not there or not all(isinstance(value, Mapping) for value in there):
-        return [(path, [None if value is _ABSENT else text(value) for value in values])]
+        return [(path, [None if value is _ABSENT else printable(value) for value in values])]
     kinds = [
         kind if value is _ABSENT else (*kind, str(value.get("_target_", "")))
         for kind, value in zip(kinds, values, strict=True)
     ]
     found = []
     if path in _NAMED and path != "effect":  # of which each has a column
-        names = [None if value is _ABSENT else ", ".join(map(text, value)) or "none" for value in values]
+        names = [None if value is _ABSENT else ", ".join(map(printable, value)) or "none" for value in values]
         found.append((path, names))
     for key in dict.fromkeys(key for value in there for key in value):
         below = [value.get(key, _ABSENT) if isinstance(value, Mapping) else _ABSENT for value in values]
-        where = f"{path}.{text(key)}" if path else text(key)
+        where = f"{path}.{printable(key)}" if path else printable(key)
         if where in _ELSEWHERE or (path.startswith("model.") and key == "law"):
             continue
         having = {kind for kind, value in zip(kinds, below, strict=True) if value is not _ABSENT}
@@ -69,7 +69,7 @@ def _under(path: str, values: Sequence[Any], kinds: Sequence[tuple]) -> Settings
             found += _under(where, below, kinds)
         else:
             said = [
-                text(value) if value is not _ABSENT else "–" if kind in having else None
+                printable(value) if value is not _ABSENT else "–" if kind in having else None
                 for kind, value in zip(kinds, below, strict=True)
             ]
             found.append((where, said))

@@ -1,0 +1,93 @@
+"""Fits that several commands ask for, with the options of a configuration."""
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from jaxtyping import Float, Int
+from omegaconf import DictConfig
+from rich.progress import Progress
+from torch import Tensor
+
+from contactlearn.effects import Effect
+from contactlearn.identification import shared
+from contactlearn.identification.joint import FitOptions, JointFit, identify_jointly
+from contactlearn.identification.shared import Box, SharedFit
+from contactlearn.impacts import Impacts
+from contactlearn.laws import Law
+
+
+@dataclass(frozen=True, kw_only=True)
+class CostSurface:
+    """Cost of a law in N s over a grid of (μ, ε) on a whole pool, and its minimum; Eq. (3.1)."""
+
+    law: Law
+    mu: Float[Tensor, " a"]
+    eps: Float[Tensor, " b"]
+    cost: Float[Tensor, "a b"]
+    minimum: tuple[float, float]
+
+
+def box(cfg: DictConfig) -> Box:
+    """Return the limits of μ and ε."""
+    return Box(tuple(cfg.train.mu), tuple(cfg.train.eps))
+
+
+def identify_law(
+    cfg: DictConfig, law: Law, pool: Impacts, generator: torch.Generator, bar: Progress, **changes: Any
+) -> SharedFit:
+    """Identify the shared (μ, ε) of a law, with changes to the options of `identification.shared.identify`."""
+    options = {"sizes": (cfg.train.size,), "repetitions": cfg.train.repetitions} | changes
+    verb = "converging" if len(options["sizes"]) > 1 else "identifying"
+    return shared.identify(
+        law,
+        pool,
+        generator=generator,
+        target=cfg.train.target,
+        box=box(cfg),
+        progress=lambda blocks: bar.track(blocks, description=f"{verb} {law.name}"),
+        **options,
+    )
+
+
+def fit_options(cfg: DictConfig) -> FitOptions:
+    """Return the options of joint fits."""
+    noise = None if cfg.fit.noise is None else tuple(cfg.fit.noise)
+    return FitOptions(box=box(cfg), target=cfg.fit.target, noise=noise, starts=cfg.fit.starts)
+
+
+def fit_with_effects(
+    cfg: DictConfig,
+    law: Law,
+    effects: Mapping[str, Effect],
+    impacts: Impacts,
+    rows: Int[Tensor, "*subsets n"],
+    bar: Progress,
+) -> dict[str, JointFit]:
+    """Fit the law alone and with its effects, by name, both to the same trials in the same way."""
+    fits = {}
+    for chosen in bar.track(({}, effects), description=f"fitting {law.name} and its effects"):
+        fits[augmented_name(law.name, chosen)] = identify_jointly(law, chosen, impacts, rows, options=fit_options(cfg))
+    return fits
+
+
+def augmented_name(law: str, effects: Iterable[str]) -> str:
+    """Return the name of a law with effects in tables, such as `wang_mason + surface_tilt + spin_damping`."""
+    return " + ".join((law, *effects))
+
+
+def cost_surface(cfg: DictConfig, law: Law, pool: Impacts) -> CostSurface:
+    """Evaluate the cost of a law over the whole box, and find its minimum, on the whole pool."""
+    mu, eps = box(cfg).axes()
+    least = shared.identify(law, pool, sizes=(len(pool),), repetitions=1, box=box(cfg), target=cfg.train.target)
+    cost = shared.cost_surface(law, pool, mu, eps, target=cfg.train.target)
+    return CostSurface(law=law, mu=mu, eps=eps, cost=cost, minimum=least.mean())
+
+
+def workers(cfg: DictConfig) -> int:
+    """Return the number of processes to train in: as asked for, or one for each core that this process may use."""
+    if cfg.workers is not None:
+        return cfg.workers
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,79 @@
+"""Data of a run: the `data` part of a configuration as impacts, and their split."""
+
+from dataclasses import dataclass
+
+import torch
+from hydra.errors import InstantiationException
+from hydra.utils import instantiate
+from omegaconf import DictConfig, OmegaConf, flag_override
+
+from contactlearn.audit.corrections import correct
+from contactlearn.errors import ContactLearnError, DataError
+from contactlearn.impacts import Impacts
+
+
+@dataclass(frozen=True, kw_only=True)
+class Split:
+    """Impacts of a run: all, the pool to fit to, and the held-out trials; and the run's random source."""
+
+    impacts: Impacts
+    pool: Impacts
+    test: Impacts
+    generator: torch.Generator
+
+
+def load_data(cfg: DictConfig, suspect: bool = False) -> Impacts:
+    """Load the `data` part of a configuration as impacts, corrected; only this package's own sources are run.
+
+    With `suspect` a table is read, and stays, without the rule that contacts approach the floor: for the audit.
+
+    Raises:
+        ContactLearnError: a setting that the source does not have, or a correction that does not exist.
+        DataError: the source's own.
+    """
+    source = cfg.copy()  # it still knows its place in the whole, which messages name
+    with flag_override(source, ["struct", "readonly"], False):
+        names = source.pop("correct", None) or []
+    if isinstance(names, str):
+        raise ContactLearnError(f"data.correct must be a list of names, such as [{names}], got {names!r}")
+    return correct(_read(source, suspect or bool(names)), list(names)).replace(suspect=suspect)
+
+
+def _read(cfg: DictConfig, suspect: bool) -> Impacts:
+    target = str(cfg.get("_target_", ""))
+    if not target.startswith("contactlearn.data."):
+        raise ContactLearnError(f"data._target_ must be a source under contactlearn.data, got {target!r}")
+    for missing in sorted(OmegaConf.missing_keys(cfg)):
+        raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data")
+    try:
+        lenient = {"suspect": True} if suspect and target == "contactlearn.data.table.load" else {}
+        return instantiate(cfg, _convert_="all", **lenient)
+    except InstantiationException as error:
+        if isinstance(error.__cause__, ContactLearnError):
+            raise error.__cause__ from None
+        if isinstance(error.__cause__, TypeError):  # a setting that the source does not have
+            raise ContactLearnError(f"{target}: {error.__cause__}") from None
+        raise
+
+
+def split(cfg: DictConfig) -> Split:
+    """Load the data and hold out a share `test` of them.
+
+    Raises:
+        DataError: fewer trials than `train.size`, or an outcome at rest, to which no error is relative.
+    """
+    impacts = load_data(cfg.data)
+    generator = torch.Generator().manual_seed(cfg.seed)
+    pool, test = impacts.split(cfg.test, generator)
+    if len(pool) < cfg.train.size:
+        raise DataError(
+            f"{impacts.source}: train.size={cfg.train.size}, but {len(pool)} of {len(impacts)} trials are left to "
+            f"draw from after holding out a share test={cfg.test}; use train.size={len(pool)} or less"
+        )
+    at_rest = (test.v_post[:, :2] == 0).all(1).nonzero()[:, 0].tolist()
+    if at_rest:
+        raise DataError(
+            f"{impacts.source}: errors are relative to the outcome, which must not be at rest; trial "
+            f"{test.trial[at_rest[0]]!r} has vx_post = vy_post = 0: leave it out"
+        )
+    return Split(impacts=impacts, pool=pool, test=test, generator=generator)

@@ -1,0 +1,122 @@
+"""Results of a run as their types: where it writes, where they come from, and fits as plain numbers."""
+
+import platform
+import shlex
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+import torch
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+
+import contactlearn
+from contactlearn.diagnosis.search.result import FittedParameter
+from contactlearn.evaluation import metrics
+from contactlearn.identification.joint import JointFit
+from contactlearn.identification.shared import SharedFit
+from contactlearn.impacts import Impacts, Prediction
+from contactlearn.learning.recipe import OUTPUTS, Recipe
+from contactlearn.regression.features import SPACES
+from contactlearn.regression.regressor import Regressor
+from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate
+from contactlearn.results.provenance import DataSource, Provenance
+
+
+def command_line() -> str:
+    """Return the command of this run."""
+    job = HydraConfig.get()
+    return shlex.join(["python", f"{job.job.name}.py", *job.overrides.task])
+
+
+def run_folder() -> Path:
+    """Return the folder that this run writes to."""
+    return Path(HydraConfig.get().runtime.output_dir)
+
+
+def provenance(impacts: Impacts, cfg: DictConfig) -> Provenance:
+    """Say which data, code, configuration and command give the result of this run."""
+    packages = {name: version(name) for name in ("torch", "gpytorch", "numpy")}
+    return Provenance(
+        data=DataSource(source=impacts.source, trials=len(impacts), sha256=impacts.fingerprint()),
+        versions={"contactlearn": contactlearn.__version__, "python": platform.python_version(), **packages},
+        config=OmegaConf.to_container(cfg, resolve=True),
+        command=command_line(),
+    )
+
+
+def law_estimate(fit: SharedFit) -> LawEstimate:
+    """Return the parameters of a law, fitted to subsets, as numbers."""
+    (mu, eps), (mu_std, eps_std) = fit.mean(), fit.std()
+    several = len(fit.mu) > 1
+    return LawEstimate(
+        law=fit.law.name,
+        variant=fit.law.variant,
+        options=dict(fit.law.options),
+        trials=fit.sizes[-1],
+        repetitions=len(fit.mu),
+        mu=mu,
+        mu_std=mu_std if several else None,
+        eps=eps,
+        eps_std=eps_std if several else None,
+        cost=fit.cost[:, -1].mean().item(),
+        mu_range=tuple(fit.mu_range[:, -1].mean(0).tolist()),
+        eps_range=tuple(fit.eps_range[:, -1].mean(0).tolist()),
+        mu_undetermined=fit.mu_flat[:, -1].double().mean().item(),
+    )
+
+
+def joint_estimate(fit: JointFit) -> JointEstimate:
+    """Return a law with effects, fitted to one subset, as numbers."""
+    numbers = zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True)
+    return JointEstimate(
+        equation=str(fit.model),
+        parameters=tuple(
+            FittedParameter(name=p.name, symbol=p.symbol, unit=p.unit, value=value, standard_error=error)
+            for p, value, error in numbers
+        ),
+        correlation=tuple(map(tuple, fit.correlation.tolist())),
+        undetermined=fit.undetermined(),
+        at_bounds=fit.at_bounds(),
+        loss=fit.loss.item(),
+        starts_at_best=fit.agreement.item(),
+        converged=bool(fit.converged),
+        trials=len(fit.weight),
+        outliers=fit.outliers,
+    )
+
+
+def process_estimates(recipe: Recipe, regressor: Regressor) -> tuple[ProcessEstimate, ...]:
+    """Return the hyperparameters of each output's process, spread and noise in the output's unit."""
+    status, spread = regressor.status, regressor.outputs.spread[0]
+    entries = []
+    for o, (output, unit) in enumerate(OUTPUTS[recipe.target].items()):
+        *lengths, scale, noise = regressor.gps.hyperparameters()[o].tolist()
+        entry = ProcessEstimate(
+            output=output,
+            unit=unit,
+            length_scales=dict(zip(SPACES[recipe.features].columns, lengths, strict=True)),
+            spread=scale**0.5 * spread[o].item(),
+            noise=noise**0.5 * spread[o].item(),
+            loss=status.loss[o].item(),
+            converged=bool(status.converged[o]),
+            evaluations=int(status.evaluations[o]),
+        )
+        entries.append(entry)
+    return tuple(entries)
+
+
+def error_table(
+    test: Impacts, predictions: Mapping[str, Prediction], resamples: int, generator: torch.Generator
+) -> dict[str, ModelErrors]:
+    """Return the errors of every model; all models and metrics have the same resamples of the trials."""
+    state = generator.get_state()
+    table = {}
+    for name, prediction in predictions.items():
+        intervals = {}
+        for key, metric in metrics.METRICS.items():
+            generator.set_state(state)
+            intervals[key] = metrics.bootstrap(metric.error(test, prediction), generator, resamples)
+        outside = metrics.outside_admissible(test, prediction.wrench[..., :2])
+        table[name] = ModelErrors(**intervals, outside_admissible=outside.double().mean().item())
+    return table

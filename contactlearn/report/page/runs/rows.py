@@ -1,0 +1,141 @@
+"""A result of any kind as a row of the page over several runs."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from contactlearn.errors import ContactLearnError
+from contactlearn.evaluation.metrics import Interval
+from contactlearn.report.figures.style import BOUNDS
+from contactlearn.results import folder
+from contactlearn.results.estimates import ModelErrors
+from contactlearn.results.evaluation import Evaluation
+from contactlearn.results.provenance import DataSource, Provenance
+from contactlearn.results.training import Training
+from contactlearn.results.transfer import Transfer
+
+HASH = 10
+"""Digits of the hash of data that are shown."""
+LAW = "law"
+"""Model of a run without a learned one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LadderRung:
+    """A rung of a diagnosis' ladder: its words and its error."""
+
+    name: str
+    error: Interval
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One run; errors are mass errors.
+
+    Args:
+        name: of the run on the page.
+        path: of its file.
+        command: train, evaluate or diagnose.
+        law: by name; None where there is none.
+        model: name of the learned model, or `LAW`.
+        given: effects in the model from the start.
+        found: effects that a diagnosis found missing.
+        data: the impacts.
+        config: the composed configuration.
+        version: of this program.
+        error: of the run's model.
+        base: of the law without the effects.
+        noise: of measurement noise alone.
+        bounds: by name.
+        verdict: of a diagnosis, in words.
+        ladder: of a diagnosis.
+        curves: sizes and errors of learning curves by model.
+    """
+
+    name: str = ""
+    path: Path
+    command: str
+    law: str | None
+    model: str = LAW
+    given: tuple[str, ...]
+    found: tuple[str, ...] = ()
+    data: DataSource
+    config: Mapping[str, Any]
+    version: str
+    error: Interval | None = None
+    base: Interval | None = None
+    noise: Interval | None = None
+    bounds: Mapping[str, Interval] = field(default_factory=dict)
+    verdict: str | None = None
+    ladder: tuple[LadderRung, ...] = ()
+    curves: Mapping[str, tuple[tuple[float, ...], tuple[Interval, ...]]] = field(default_factory=dict)
+
+
+def read_row(path: Path) -> Row:
+    """Read the file of a run as a row.
+
+    Raises:
+        ContactLearnError: in one line, why it cannot be one.
+    """
+    if path.name == folder.FILES[0]:
+        from contactlearn.report.page.runs.untyped import diagnosis_row
+
+        return diagnosis_row(path)
+    result = folder.read(path)
+    if isinstance(result, Transfer):
+        raise ContactLearnError("is a transfer to other bodies, which has no one held-out error; see its own figures")
+    if isinstance(result, Training):
+        return _training(path, result)
+    if isinstance(result, Evaluation):
+        return _evaluation(path, result)
+    raise ContactLearnError("is a result of a kind without a row")
+
+
+def _training(path: Path, result: Training) -> Row:
+    return Row(
+        **_common(path, result.provenance),
+        command="train",
+        law=None if result.law is None else printable(result.law),
+        model=LAW if result.learned is None else printable(result.learned),
+        given=tuple(map(printable, result.effects)),
+        error=result.errors[result.model].headline,
+        base=_alone(result),
+        bounds={"irb": result.irb},
+    )
+
+
+def _evaluation(path: Path, result: Evaluation) -> Row:
+    return Row(
+        **_common(path, result.provenance),
+        command="evaluate",
+        law=printable(result.law),
+        given=tuple(map(printable, result.effects)),
+        error=result.errors[result.model].headline,
+        base=_alone(result),
+        bounds={name: result.errors[name].headline for name in BOUNDS if name in result.errors},
+        curves={printable(name): (curve.sizes, curve.headline) for name, curve in result.learning_curves.items()},
+    )
+
+
+def _common(path: Path, provenance: Provenance) -> dict[str, Any]:
+    data = provenance.data
+    return {
+        "path": path,
+        "data": DataSource(source=printable(data.source), trials=data.trials, sha256=printable(data.sha256)),
+        "config": provenance.config,
+        "version": printable(provenance.versions.get("contactlearn", "?")),
+    }
+
+
+def _alone(result: Training | Evaluation) -> Interval | None:
+    """Error of the law that was fitted as the model with effects was; None without effects."""
+    errors: Mapping[str, ModelErrors] = result.errors
+    return next((errors[name].headline for name in result.joint if name != result.model and name in errors), None)
+
+
+def printable(value: Any) -> str:
+    """Return a value as a cell or a terminal shows it, with a blank for every character that is not printable."""
+    value = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return "".join(c if c.isprintable() else " " for c in value)
