@@ -1,21 +1,49 @@
-"""`python -m contactlearn COMMAND`: tools beside train and evaluate.
+"""`python -m contactlearn COMMAND`: tools beside train, evaluate and diagnose.
 
 export FILE data=…   write any data source to a table file
-reveal DIR           say what was hidden in the drops of data=mystery
-report DIR…          one page over several runs or a whole sweep
+reveal DIR           print the sealed account of the drops of data=mystery
+report DIR…          redraw the page of one run, or make one page over several
 """
 
 import argparse
 import sys
 import textwrap
+from pathlib import Path
+from typing import Any
 
 from contactlearn.errors import ContactLearnError
 
+_REPORT = """Of one run of evaluate or diagnose: write its report.html again, from the run folder alone, without the
+data source and without a fit.  Of several runs, or of a folder above some: write one self-contained page that opens
+offline, with the settings in which the runs differ, their held-out errors, verdicts and missing effects in a table to
+sort and filter, learning curves where train.size differs, and the ladders of diagnoses.  Runs that cannot be read are
+named on it, with the reason."""
+
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point of the `contactlearn` command; returns the exit status."""
+    """Run the `contactlearn` command; return the exit status."""
+    options = _parser().parse_args(arguments)
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+
+    try:
+        print(options.run(options))
+    except (ContactLearnError, HydraException, OmegaConfBaseException) as error:
+        print(f"error: {str(error).splitlines()[0]}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="contactlearn", description="Tools beside contactlearn's train and evaluate.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _add_export(commands)
+    _add_reveal(commands)
+    _add_report(commands)
+    return parser
+
+
+def _add_export(commands: Any) -> None:
     export = commands.add_parser(
         "export",
         help="write any data source to a CSV or Parquet table",
@@ -27,21 +55,26 @@ def main(arguments: list[str] | None = None) -> int:
         "overrides", nargs="*", metavar="key=value", help="data=synthetic|ellipse_drops|mystery|table, data.KEY=…"
     )
     export.set_defaults(run=_export)
+
+
+def _add_reveal(commands: Any) -> None:
     reveal = commands.add_parser(
         "reveal",
-        help="say what was hidden in the drops of data=mystery",
+        help="print the sealed account of the drops of data=mystery",
         description="Open the sealed account beside mystery drops: law, parameters, noise and hidden effects.",
         epilog="example: contactlearn reveal outputs/mystery/seed_7",
     )
     reveal.add_argument("folder", metavar="DIR", help="the folder that data=mystery wrote")
     reveal.set_defaults(run=_reveal)
+
+
+def _add_report(commands: Any) -> None:
     report = commands.add_parser(
         "report",
-        help="one page over several runs or a whole sweep",
-        description="Write one self-contained page that opens offline: what the runs differ in, their held-out errors, "
-        "verdicts and missing effects in a table to sort and filter, learning curves where train.size differs, and the "
-        "ladders of diagnoses. Runs that cannot be read are named on it, with the reason.",
-        epilog="examples: contactlearn report outputs/train/2026-01-31_12-00-00_sweep; "
+        help="redraw the page of one run, or make one page over several runs or a whole sweep",
+        description=_REPORT,
+        epilog="examples: contactlearn report outputs/diagnose/2026-01-31_12-00-00; "
+        "contactlearn report outputs/train/2026-01-31_12-00-00_sweep; "
         "contactlearn report outputs/diagnose outputs/evaluate --out all.html",
     )
     report.add_argument(
@@ -53,20 +86,10 @@ def main(arguments: list[str] | None = None) -> int:
     report.add_argument(
         "--out",
         metavar="FILE",
-        help="the page, an .html file (default: report.html in DIR if it is one folder and no run itself, else "
-        "./report.html); a run's own report.html is never replaced",
+        help="the page over runs, an .html file, also of a single one (default: report.html in DIR if it is one folder "
+        "and no run itself, else ./report.html); it never replaces the page of a run",
     )
     report.set_defaults(run=_report)
-    options = parser.parse_args(arguments)
-    from hydra.errors import HydraException
-    from omegaconf.errors import OmegaConfBaseException
-
-    try:
-        print(options.run(options))
-    except (ContactLearnError, HydraException, OmegaConfBaseException) as error:
-        print(f"error: {str(error).splitlines()[0]}", file=sys.stderr)
-        return 2
-    return 0
 
 
 def _export(options: argparse.Namespace) -> str:
@@ -105,17 +128,20 @@ def _reveal(options: argparse.Namespace) -> str:
 
 def _report(options: argparse.Namespace) -> str:
     from contactlearn.report import terminal
+    from contactlearn.report.page.redraw import has_page, redraw
     from contactlearn.report.page.runs.page import write_runs
     from contactlearn.report.page.runs.rows import printable
 
+    if options.out is None and len(options.folders) == 1 and has_page(Path(options.folders[0])):
+        return f"open     {printable(str(redraw(Path(options.folders[0]))))}"
     with terminal.progress() as bar:
-        track = lambda items, what: bar.track(items, description=what)  # noqa: E731
-        page, runs, skipped = write_runs(options.folders, options.out, track)
+        page, runs, skipped = write_runs(
+            options.folders, options.out, lambda items, task: bar.track(items, description=task)
+        )
     lines = [f"left out {name}: {reason}" for name, reason in skipped]
     counted = f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}"
-    return "\n".join(
-        [*lines, f"{counted}{f', {len(skipped)} left out' if skipped else ''}", f"open     {printable(str(page))}"]
-    )
+    counted += f", {len(skipped)} left out" if skipped else ""
+    return "\n".join([*lines, counted, f"open     {printable(str(page))}"])
 
 
 if __name__ == "__main__":

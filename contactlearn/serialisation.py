@@ -28,9 +28,13 @@ def to_json(value: object) -> str:
     """Encode a dataclass as indented JSON in UTF-8, with a line end.
 
     Raises:
-        ContactLearnError: an entry that the declared type of its field does not allow, such as nan for a `float`.
+        ContactLearnError: an entry that the declared type of its field does not allow, such as nan for a `float`, or a
+            text that UTF-8 cannot hold.
     """
-    text = msgspec.json.format(msgspec.json.encode(value), indent=2).decode() + "\n"
+    try:
+        text = msgspec.json.format(msgspec.json.encode(value), indent=2).decode() + "\n"
+    except UnicodeEncodeError as error:
+        raise ContactLearnError(f"a text is not Unicode: {error.object!r}; is it the name of a file?") from None
     from_json(type(value), text)
     return text
 
@@ -78,11 +82,13 @@ def _said(error: msgspec.ValidationError, content: Any, kind: type) -> str:
             step = int(step[1:-1])
         path.append(str(step))
         here = here[step]
-    if rule.startswith(_MISSING):
+    missing = rule.startswith(_MISSING)
+    if missing:
         path.append(rule.split("`")[1])
-        rule = "is not there: not from this program, or from another version of it"
-    where = "".join(c if c.isprintable() else " " for c in ".".join(path))
-    return f"{where or 'the file'}: {rule[:1].lower()}{rule[1:].replace('`', '')}"
+    name = "".join(c if c.isprintable() else " " for c in ".".join(path)) or "the file"
+    if missing:
+        return f"{name} is not there: not from this program, or from another version of it"
+    return f"{name}: {rule[:1].lower()}{rule[1:].replace('`', '')}"
 
 
 def _first_wrong(content: Any, entries: dict[str, Any], kind: type, message: str) -> str:

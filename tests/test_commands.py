@@ -57,9 +57,9 @@ def test_evaluation_leaves_results(evaluation):
     _, folder = evaluation
     results = json.loads((folder / "results.json").read_text())
     assert {fit["law"] for fit in results["fits"]} == set(laws.PAPER_LAWS)
-    assert results["data"]["trials"] == 80
-    assert len(results["data"]["sha256"]) == 64
-    assert results["config"]["train"]["size"] == 20
+    assert results["provenance"]["data"]["trials"] == 80
+    assert len(results["provenance"]["data"]["sha256"]) == 64
+    assert results["provenance"]["config"]["train"]["size"] == 20
     for entry in results["errors"].values():
         for metric in metrics.METRICS:
             assert entry[metric]["low"] <= entry[metric]["mean"] <= entry[metric]["high"]
@@ -111,7 +111,7 @@ def test_train_then_evaluate_agree(tmp_path):
 def test_sweep(tmp_path):
     run("train.py", "-m", *TRAIN, "train.size=10,20", "model=analytical,x2_impulse", f"hydra.sweep.dir={tmp_path}")
     jobs = [json.loads((tmp_path / job / "results.json").read_text()) for job in "0123"]
-    assert [(*job["errors"], job["config"]["train"]["size"]) for job in jobs] == [
+    assert [(*job["errors"], job["provenance"]["config"]["train"]["size"]) for job in jobs] == [
         ("wang_mason", 10), ("x2_impulse", 10), ("wang_mason", 20), ("x2_impulse", 20)
     ]  # fmt: skip
 
@@ -134,7 +134,7 @@ def test_learning_curves(study):
         assert curve["sizes"] == [10, 20]
         for metric in metrics.METRICS:
             assert all(entry["low"] <= entry["mean"] <= entry["high"] for entry in curve[metric])
-        assert ("coverage" in curve) == (model not in laws.names())
+        assert (curve["calibration"] is not None) == (model not in laws.names())
     # More trials help a model that knows nothing, and the law's own parameters beat it.
     error = {model: [entry["mean"] for entry in curve["mass_error"]] for model, curve in curves.items()}
     assert error["x1_wrench"][1] < error["x1_wrench"][0]
@@ -164,10 +164,10 @@ def test_trained_model_predicts_the_same_from_its_checkpoint(tmp_path):
     assert "Length scales" in printed
     results = json.loads((tmp_path / "results.json").read_text())
     model, provenance = checkpoint.load(tmp_path / "model.pt")
-    assert provenance["data"] == results["data"]
+    assert provenance == results["provenance"]
     assert provenance["config"]["train"]["size"] == 20
     drops = synthetic.load(size=80)
-    assert drops.fingerprint() == results["data"]["sha256"]
+    assert drops.fingerprint() == results["provenance"]["data"]["sha256"]
     _, test = drops.split(0.25, torch.Generator().manual_seed(0))
     error = metrics.mass_error(test, model.predict(test)).mean().item()
     assert error == pytest.approx(results["errors"]["residual_wrench"]["mass_error"]["mean"], rel=1e-12)
@@ -296,7 +296,7 @@ def test_one_repetition_has_no_spread(tmp_path):
 
 def test_a_law_alone_has_no_learning_curve(tmp_path):
     run("evaluate.py", *SMALL[:5], "model=analytical", f"hydra.run.dir={tmp_path}")
-    assert "learning_curves" not in json.loads((tmp_path / "results.json").read_text())
+    assert json.loads((tmp_path / "results.json").read_text())["learning_curves"] == {}
 
 
 def test_unknown_setting_is_refused(tmp_path):

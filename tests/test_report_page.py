@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 
 import pytest
 import torch
+from evaluations import evaluation_of, learning_curve
 
 from contactlearn.audit.result import Evidence, Finding
 from contactlearn.data import mystery, synthetic
@@ -18,7 +19,7 @@ from contactlearn.diagnosis.search.subsets import Subsets, subsets
 from contactlearn.diagnosis.unexplained.formulas import Formula
 from contactlearn.diagnosis.unexplained.remainder import Remainder
 from contactlearn.effects import EffectId
-from contactlearn.evaluation.metrics import HEADLINE, METRICS, Interval, bootstrap, mass_error
+from contactlearn.evaluation.metrics import Interval, mass_error
 from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.impacts import Prediction
 from contactlearn.laws import PAPER_LAWS, find
@@ -251,29 +252,16 @@ def evaluation(tmp_path_factory, found):
     }
     laws = {law: find(law).at(model.base.mu, model.base.eps) for law, model in models.items()}
     predictions = {law: model.predict(found.impacts) for law, model in models.items()}
-    errors = {
-        law: {
-            key: asdict(bootstrap(metric.error(found.impacts, predictions[law]), seeded(), 100))
-            for key, metric in METRICS.items()
-        }
-        | {"outside_admissible": 0.0}
-        for law in models
-    }
-    curve = {
-        "sizes": [10, 100],
-        HEADLINE: [{"mean": 0.2, "low": 0.1, "high": 0.3}, {"mean": 0.1, "low": 0.05, "high": 0.2}],
-    }
-    folder = tmp_path_factory.mktemp("evaluation")
-    about = provenance(found.impacts)
-    content = of_evaluation(found.impacts, predictions, errors, laws, COMMAND, about, curves={HOSTILE: curve})
-    return write(folder, content), errors
+    curves = {HOSTILE: learning_curve((10, 100), (0.2, 0.1))}
+    result, held_out = evaluation_of(found.impacts, predictions, laws, {HOSTILE: HOSTILE}, curves)
+    return write(tmp_path_factory.mktemp("evaluation"), of_evaluation(result, held_out)), result
 
 
 def test_an_evaluation_has_a_page(evaluation):
-    path, errors = evaluation
+    path, result = evaluation
     said = data_of(path)
     assert {one["label"]: one["mean"] for one in said["models"]}["Mirtich"] == pytest.approx(
-        errors["mirtich"][HEADLINE]["mean"], rel=1e-4
+        result.errors["mirtich"].headline.mean, rel=1e-4
     )
     assert "<script>window" not in path.read_text()
 
@@ -286,16 +274,12 @@ def test_models_that_cannot_be_told_apart(found):
     scale = 0.1 * impacts.v_post.norm(dim=-1, keepdim=True)
     outcomes = {"irb": 0 * noise, "whittaker": 5 * noise, "mirtich": noise, "mirtich + side_drag": other}
     predictions = {name: Prediction(impacts.v_post + scale * x, impacts.wrench) for name, x in outcomes.items()}
-    errors = {
-        name: {HEADLINE: asdict(bootstrap(mass_error(impacts, x), seeded(), 100))} | {"outside_admissible": 0.0}
-        for name, x in predictions.items()
-    }
     laws = {name: find(name).at(0.1, 0.5) for name in ("whittaker", "mirtich")}
 
     def of(names):
         chosen = {name: predictions[name] for name in names}
         known = {name: law for name, law in laws.items() if name in names}
-        return of_evaluation(impacts, chosen, errors, known, COMMAND, provenance(impacts))
+        return of_evaluation(*evaluation_of(impacts, chosen, known, {}))
 
     content = of(predictions)
     labels = [one["label"] for one in content["models"]]

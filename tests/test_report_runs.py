@@ -7,6 +7,7 @@ import re
 from urllib.parse import unquote
 
 import pytest
+from evaluations import evaluation, learning_curve, training
 from test_commands import run
 from test_report_page import HOSTILE, browser, data_of, draw_everything, into_view, opened, silent, until  # noqa: F401
 
@@ -18,6 +19,7 @@ from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.report.figures.style import law_style
 from contactlearn.report.page.runs.page import write_runs
+from contactlearn.serialisation import to_json
 
 METRIC = "mass_error"
 
@@ -34,19 +36,25 @@ def interval(mean):
     return {"mean": mean, "low": 0.9 * mean, "high": 1.1 * mean}
 
 
-def trained(law="mirtich", size=20, error=0.2, effects=(), **data):
-    """results.json of a train.py, in short."""
-    config = {"law": law, "model": {"analytical": {"law": law}}, "effect": {name: {} for name in effects}, "seed": 0}
-    joint = {law: {}, " + ".join((law, *effects)): {}} if effects else {}
-    errors = {law: {METRIC: interval(1.5 * error)}} | {(list(joint) or [law])[-1]: {METRIC: interval(error)}}
-    return provenance(config | {"train": {"size": size}}, **data) | {"joint": joint, "errors": errors, "processes": []}
+def trained(**settings):
+    """results.json of a training as plain objects."""
+    return json.loads(to_json(training(**settings)))
 
 
-def evaluated(size=20, **data):
-    config = {"law": "mirtich", "laws": ["mirtich", "whittaker"], "effect": {}, "seed": 0, "train": {"size": size}}
-    means = {"mirtich": 0.2, "whittaker": 0.3, "best_post_hoc": 0.1, "irb": 0.05}
-    errors = {name: {METRIC: interval(mean)} for name, mean in means.items()}
-    return provenance(config, **data) | {"joint": {}, "errors": errors}
+def evaluated(**settings):
+    """results.json of an evaluation as plain objects."""
+    return json.loads(to_json(evaluation(**settings)))
+
+
+def changed(content, *path, to):
+    """A copy of plain objects with another entry at a path."""
+    content = json.loads(json.dumps(content))
+    *first, last = path
+    part = content
+    for key in first:
+        part = part[key]
+    part[last] = to
+    return content
 
 
 def diagnosed(names=("spin_damping:after",), first=0.3, **data):
@@ -131,12 +139,18 @@ def test_numbers_of_a_real_sweep(sweep):
         results = json.loads((folder / job / "results.json").read_text())
         (law, error), cells = next(iter(results["errors"].items())), row(text, job)
         assert cells["Held-out mass error"] == said(error[METRIC])
-        assert cells["train.size"] == str(results["config"]["train"]["size"])
+        assert cells["train.size"] == str(results["provenance"]["config"]["train"]["size"])
         assert cells["Law"].lower().replace("–", "_") == law
-    assert set(row(text, "0")) == {"Run", "Held-out mass error", "train.size", "Law"}  # the rest does not differ
+    assert set(row(text, "0")) == {
+        "Run",
+        "Held-out mass error",
+        "train.size",
+        "Law",
+        "IRB bound",
+    }  # the rest does not differ
     shared = html.unescape(re.search(r'id="shared">(.*?)</table>', text, re.S)[1])
     assert '<th scope="row">data.size</th><td>80</td>' in shared
-    assert results["data"]["sha256"] in text
+    assert results["provenance"]["data"]["sha256"] in text
     assert "cannot be compared" not in text
 
 
@@ -157,7 +171,7 @@ def test_learning_curves_with_bounds(tmp_path):
         leave(tmp_path / f"train_{k}", trained(size=size, error=0.2 / (k + 1)))
         leave(tmp_path / f"tilt_{k}", trained(size=size, effects=["surface_tilt"], error=0.1 / (k + 1)))
         leave(tmp_path / f"other_{k}", trained(size=size, sha256="b" * 64))
-        leave(tmp_path / f"evaluate_{k}", evaluated(size))
+        leave(tmp_path / f"evaluate_{k}", evaluated(size=size))
     lines = data_of(write_runs([tmp_path])[0])["curves"]
     by_label = {line["label"]: line for line in lines}
     tilt = by_label[f"Mirtich, effects surface tilt, train.py, drops {'a' * 10}"]
@@ -229,8 +243,8 @@ def test_names_are_escaped_and_links_stay_inside(mixed):
 def test_settings_that_only_some_runs_have(tmp_path):
     """Those of another command or another source are no difference; those of the same kind of run are."""
     leave(tmp_path / "a", trained())
-    other = trained()
-    other["config"] |= {
+    other = trained() | {"learned": "x1_wrench", "law": None}
+    other["provenance"]["config"] |= {
         "reference": {"mirtich": {"mu": 0.1}},
         "model": {"x1_wrench": {"law": None, "target": "wrench"}},
     }
@@ -261,23 +275,36 @@ def test_data_that_had_to_be_corrected_have_a_verdict(tmp_path):
         assert row(text, f"{physics}")["Verdict"] == verdict
 
 
+LEARNT = json.loads(to_json(learning_curve((1,), (0.1,))))
+NESTED = json.loads('{"a":' * 90 + "{}" + "}" * 90)
+ERROR = ("errors", "mirtich", METRIC)
 DAMAGED = {
     "empty": ("", "is not JSON"),
-    "foreign": ({"scores": [1, 2]}, "data is not there"),
-    "list": ([1], "data is not there"),
-    "no hash": ({"data": {"source": "x", "trials": 3}, "config": {}}, "data.sha256 is not there"),
-    "no config": ({"data": trained()["data"]}, "config is not there"),
-    "no errors": (trained() | {"errors": {}}, "errors is empty"),
-    "text for number": (trained() | {"errors": {"a": {METRIC: interval(1) | {"low": "x"}}}}, "errors.a.low must be"),
-    "errors a list": (trained() | {"errors": [1]}, "errors must be an object"),
-    "huge": (trained() | {"errors": {"a": {METRIC: {"mean": 10**400, "low": 0, "high": 0}}}}, "errors.a.mean must be"),
-    "nan": (json.dumps(trained(error=float("nan"))), "NaN is no number of JSON"),
-    "infinite": (json.dumps(trained()).replace("0.2,", "1e999,"), "must be a number"),
+    "foreign": ({"scores": [1, 2]}, "kind is not there"),
+    "another kind": ({"kind": "dream"}, "kind: invalid enum value 'dream'"),
+    "diagnosis": (trained() | {"kind": "diagnosis"}, "is not there"),
+    "list": ([1], "expected object, got array"),
+    "no hash": (changed(trained(), "provenance", "data", to={"source": "x", "trials": 3}), "sha256 is not there"),
+    "no provenance": ({"kind": "training"}, "provenance is not there"),
+    "no errors": (trained() | {"errors": {}}, "model must be one of those in errors (none)"),
+    "text for number": (changed(trained(), *ERROR, "low", to="x"), "errors.mirtich.mass_error.low: expected float"),
+    "negative": (changed(trained(), *ERROR, "low", to=-1), "errors.mirtich: mass_error must be a number, 0 or more"),
+    "errors a list": (trained() | {"errors": [1]}, "errors: expected object"),
+    "huge": (changed(trained(), *ERROR, "mean", to=10**400), "mass_error.mean: number out of range"),
+    "nan": (json.dumps(changed(trained(), *ERROR, "mean", to=float("nan"))), "is not JSON"),
+    "infinite": (json.dumps(trained()).replace("0.2,", "1e999,"), "is not JSON"),
     "deep": ("[" * 100_000, "is nested too deeply"),
-    "deep config": (trained() | {"config": json.loads('{"a":' * 90 + "{}" + "}" * 90)}, "is nested too deeply"),
+    "deep config": (changed(trained(), "provenance", "config", to=NESTED), "is nested too deeply"),
     "digits": (f'{{"data": {"9" * 5000}}}', "is not JSON"),
-    "transfer": (provenance({}) | {"transfer": {}}, "is a transfer to other bodies"),
-    "curves": (trained() | {"learning_curves": {"m": {"sizes": [1], METRIC: []}}}, "has 1 sizes and 0 errors"),
+    "surrogate": (changed(trained(), "model", to="\ud800"), "is not JSON"),
+    "transfer": (
+        {"kind": "transfer", "provenance": trained()["provenance"], "sizes": [1], "transfer": {}},
+        "is a transfer to other bodies",
+    ),
+    "curves": (
+        changed(evaluated(), "learning_curves", to={"m": {**LEARNT, "sizes": [1, 2]}}),
+        "learning_curves.m: 2 sizes and 1 errors must be as many",
+    ),
     "verdict": (diagnosed() | {"verdict": "sure"}, "verdict must be one of"),
     "ladder": (diagnosed() | {"ladder": diagnosed()["ladder"][:1]}, "ladder has fewer steps"),
     "old diagnosis": ({"verdict": "none", "law": "mirtich"}, "data is not there"),
@@ -304,7 +331,7 @@ def test_not_utf8(tmp_path):
     (leave(tmp_path / "latin", "") / "results.json").write_bytes(b'{"\xe4": 1}')
     os.mkdir(os.fsencode(tmp_path) + b"/\xff\x1b[31m")
     with open(os.fsencode(tmp_path) + b"/\xff\x1b[31m/results.json", "w") as file:
-        json.dump(trained(source="\ud800"), file)
+        json.dump(trained(), file)
     page, runs, skipped = write_runs([tmp_path])
     assert {one.name for one in runs} == {"good", "  [31m"}
     assert skipped[0][0] == "latin (results.json)"
@@ -396,7 +423,7 @@ def test_a_sweep_is_drawn_in_silence(browser, sweep):  # noqa: F811
 
 def test_sorting(browser, mixed):  # noqa: F811
     shown, names = opened(browser, mixed[0]), [one.name for one in mixed[1]]
-    error = {one.name: one.error["mean"] for one in mixed[1]}
+    error = {one.name: one.error.mean for one in mixed[1]}
     assert order(shown) == names
     assert press(shown, "Held-out mass error") == "ascending"
     assert order(shown) == sorted(names, key=error.get)
@@ -405,7 +432,7 @@ def test_sorting(browser, mixed):  # noqa: F811
     into_view(shown, "by-run")
     ticks = "document.querySelector('#by-run').layout.yaxis.ticktext[0]"
     assert until(shown, f"{ticks}.startsWith({json.dumps(order(shown)[0][:3])}) || {ticks}.startsWith('…')")
-    noise = {one.name: one.noise["mean"] for one in mixed[1] if one.noise}
+    noise = {one.name: one.noise.mean for one in mixed[1] if one.noise}
     for direction in (False, True):  # those without stay at the end
         press(shown, "Noise floor")
         assert order(shown)[: len(noise)] == sorted(noise, key=noise.get, reverse=direction)
@@ -419,7 +446,7 @@ def test_lines_follow_the_table(browser, tmp_path):  # noqa: F811
     for seed in range(40):
         for size in (20, 50):
             content = trained(size=size, error=1 / (seed + size), effects=["surface_tilt"] if seed == 7 else [])
-            content["config"]["seed"] = seed
+            content["provenance"]["config"]["seed"] = seed
             leave(tmp_path / f"{seed}_{size}", content)
     shown = opened(browser, write_runs([tmp_path])[0])
     into_view(shown, "curve")

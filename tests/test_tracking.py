@@ -268,7 +268,8 @@ def test_cards_tell_what_was_run_and_found(runs):
     for name, command in COMMANDS.items():
         rows = dict(row[:2] for row in card(events[name]))
         result = next((folder / name).glob("[rd]*s.json"))
-        data = json.loads(result.read_text())["data"]
+        content = json.loads(result.read_text())
+        data = content.get("provenance", content)["data"]
         assert rows["Command"].startswith(f"python {' '.join(command[:2])}")
         assert rows["SHA-256 of the data"] == data["sha256"]
         assert rows["Data"] == f"{data['source']}, {data['trials']} impacts"

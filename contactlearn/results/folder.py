@@ -50,9 +50,14 @@ def write(folder: Path, result: Result) -> Path:
     return path
 
 
+def files(folder: Path) -> list[Path]:
+    """Return the files of results in a folder itself."""
+    return [folder / name for name in FILES if (folder / name).exists()]
+
+
 def is_run(folder: Path) -> bool:
     """Whether a folder holds a result."""
-    return any((folder / name).exists() for name in FILES)
+    return bool(files(folder))
 
 
 def find(root: Path) -> Iterator[Path]:

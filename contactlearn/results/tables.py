@@ -69,7 +69,7 @@ def load_predictions(impacts: Impacts, path: Path) -> dict[str, Prediction]:
         for model, rows in frame.groupby("model", sort=False):
             if tuple(rows["trial"].astype(str)) != impacts.trial:
                 raise DataError(f"{path}: the trials of {model} are not the held-out ones; are the files of one run?")
-            v_post, wrench = (torch.from_numpy(rows[list(part)].to_numpy(float)) for part in (_V_POST, _WRENCH))
+            v_post, wrench = (torch.tensor(rows[list(part)].to_numpy(float)) for part in (_V_POST, _WRENCH))
             found[str(model)] = Prediction(v_post, wrench)
     except FileNotFoundError:
         raise DataError(f"{path}: no such file; the run is not complete, or was moved without it") from None

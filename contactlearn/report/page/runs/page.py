@@ -219,7 +219,7 @@ def _sentences(runs: Sequence[Row]) -> list[str]:
         near = sum(run is not best and run.error.low <= best.error.high for run in there)
         overlap = {0: "no other interval overlaps with its", 1: "one other interval overlaps with its"}
         said.append(
-            f"Of {len(there)} runs on {data['source']} ({data['trials']} trials, {data['sha256'][:HASH]}) the least "
+            f"Of {len(there)} runs on {data.source} ({data.trials} trials, {data.sha256[:HASH]}) the least "
             f"error is that of run {best.name}, {interval(asdict(best.error))}; "
             f"{overlap.get(near, f'{near} other intervals overlap with its')}."
         )

@@ -28,6 +28,7 @@ def diagnosis_row(path: Path) -> Row:
         ContactLearnError: an entry that it lacks, or that is of another kind.
     """
     content = parsed(path.read_bytes())
+    _get(content, "data", Mapping)
     for key, kind in (("source", str), ("trials", int), ("sha256", str)):
         _get(content, f"data.{key}", kind)
     data = content["data"]

@@ -1,0 +1,39 @@
+"""The page of one run, drawn again from its folder alone: no data source is read and nothing is fitted."""
+
+from pathlib import Path
+
+from contactlearn.errors import ContactLearnError
+from contactlearn.report.page.evaluation import of_evaluation
+from contactlearn.report.page.page import write
+from contactlearn.results import folder as run_folder
+from contactlearn.results.evaluation import Evaluation
+from contactlearn.results.folder import Result
+from contactlearn.results.held_out import HeldOut
+
+
+def has_page(folder: Path) -> bool:
+    """Whether a folder holds one run, of a kind that has a page of its own: an evaluation."""
+    files = [path for path in run_folder.files(folder)]
+    try:
+        return len(files) == 1 and isinstance(run_folder.read(files[0]), Evaluation)
+    except ContactLearnError:
+        return False
+
+
+def redraw(folder: Path) -> Path:
+    """Write report.html of a run from its result and the tables beside it; the same page as the run's own.
+
+    Raises:
+        ContactLearnError: a file of the run that is missing or damaged, or a run of a kind without a page.
+    """
+    (path,) = run_folder.files(folder)
+    try:
+        return write(folder, _content(folder, run_folder.read(path)))
+    except OSError as error:
+        raise ContactLearnError(f"{folder}: cannot be written: {error.strerror}") from None
+
+
+def _content(folder: Path, result: Result) -> dict:
+    if isinstance(result, Evaluation):
+        return of_evaluation(result, HeldOut.load(folder, result))
+    raise ContactLearnError(f"{folder}: a run of kind {result.kind} has no page of its own")

@@ -1,0 +1,109 @@
+"""Results of runs made by hand, for tests of what reads and shows them."""
+
+import torch
+
+from contactlearn.evaluation.metrics import METRICS, Interval, bootstrap
+from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors
+from contactlearn.results.evaluation import Evaluation, LearningCurve
+from contactlearn.results.held_out import HeldOut
+from contactlearn.results.provenance import DataSource, Provenance
+from contactlearn.results.training import Training
+from contactlearn.shapes import shape_entries
+
+
+def interval(mean):
+    return Interval(mean, 0.9 * mean, 1.1 * mean)
+
+
+def errors(mean):
+    return ModelErrors(**dict.fromkeys(METRICS, interval(mean)), outside_admissible=0.0)
+
+
+def provenance(config, source="drops", trials=200, sha256="a" * 64):
+    data = DataSource(source=source, trials=trials, sha256=sha256)
+    return Provenance(data=data, versions={"contactlearn": "0.1.0"}, config=config, command="python train.py")
+
+
+def law_estimate(law, mu=0.1, eps=0.5):
+    return LawEstimate(
+        law=law, variant="textbook", options={}, trials=20, repetitions=1, mu=mu, mu_std=None, eps=eps, eps_std=None,
+        cost=0.01, mu_range=(0.0, 1.0), eps_range=(0.4, 0.6), mu_undetermined=0.0,
+    )  # fmt: skip
+
+
+def joint_estimate(equation=""):
+    return JointEstimate(
+        equation=equation, parameters=(), correlation=(), undetermined={}, at_bounds={}, loss=0.0, starts_at_best=1.0,
+        converged=True, trials=20, outliers=0,
+    )  # fmt: skip
+
+
+def learning_curve(sizes, means):
+    rows = dict.fromkeys(METRICS, tuple(map(interval, means)))
+    return LearningCurve(sizes=tuple(sizes), **rows, below={}, settled={})
+
+
+def training(law="mirtich", size=20, error=0.2, effects=(), **data):
+    """A training of a law, or of a law with effects."""
+    config = {"law": law, "model": {"analytical": {"law": law}}, "effect": {name: {} for name in effects}, "seed": 0}
+    model = " + ".join((law, *effects))
+    return Training(
+        provenance=provenance(config | {"train": {"size": size}}, **data),
+        model=model,
+        learned=None,
+        law=law,
+        effects=tuple(effects),
+        trained_on=size,
+        equation=law,
+        fits=(),
+        joint={law: joint_estimate(), model: joint_estimate()} if effects else {},
+        errors={law: errors(1.5 * error)} | {model: errors(error)},
+        irb=interval(0.05),
+        processes=(),
+        processes_kind=None,
+    )
+
+
+def evaluation(size=20, **data):
+    """An evaluation of two laws."""
+    config = {"law": "mirtich", "laws": ["mirtich", "whittaker"], "effect": {}, "seed": 0, "train": {"size": size}}
+    means = {"mirtich": 0.2, "whittaker": 0.3, "best_post_hoc": 0.1, "irb": 0.05}
+    return Evaluation(
+        provenance=provenance(config, **data),
+        model="mirtich",
+        law="mirtich",
+        effects=(),
+        norm="mass",
+        fits=(law_estimate("mirtich"), law_estimate("whittaker")),
+        joint={},
+        errors={name: errors(mean) for name, mean in means.items()},
+        tables="parquet",
+        shape=None,
+    )
+
+
+def evaluation_of(impacts, predictions, laws, config, curves=()):
+    """The evaluation of predictions of all impacts, and what lies beside it; `laws` at their (μ, ε) by name."""
+    generator = torch.Generator()
+    table = {}
+    for name, prediction in predictions.items():
+        intervals = {
+            key: bootstrap(metric.error(impacts, prediction), generator.manual_seed(0), 100)
+            for key, metric in METRICS.items()
+        }
+        table[name] = ModelErrors(**intervals, outside_admissible=0.0)
+    law = min(laws, key=lambda name: table[name].headline)
+    result = Evaluation(
+        provenance=provenance(config, impacts.source, len(impacts), impacts.fingerprint()),
+        model=law,
+        law=law,
+        effects=(),
+        norm="mass",
+        fits=tuple(law_estimate(name, float(one.mu), float(one.eps)) for name, one in laws.items()),
+        joint={},
+        errors=table,
+        tables="parquet",
+        shape=shape_entries(impacts.shape),
+        learning_curves=dict(curves),
+    )
+    return result, HeldOut(impacts=impacts, predictions=predictions)

@@ -1,0 +1,154 @@
+"""Results of runs: what is written is read again equal, and a page is drawn again from the run folder alone."""
+
+import dataclasses
+import json
+import shutil
+
+import pytest
+import torch
+from evaluations import evaluation, evaluation_of, interval, learning_curve, provenance, training
+from test_commands import run
+
+from contactlearn.__main__ import main
+from contactlearn.data import synthetic
+from contactlearn.errors import ContactLearnError, DataError
+from contactlearn.evaluation import bounds
+from contactlearn.evaluation.metrics import METRICS
+from contactlearn.impacts import Prediction
+from contactlearn.laws import find
+from contactlearn.model import ContactModel
+from contactlearn.report.page.redraw import has_page, redraw
+from contactlearn.results import folder as run_folder
+from contactlearn.results.estimates import ModelErrors
+from contactlearn.results.evaluation import CurveCalibration, LearningCurve
+from contactlearn.results.held_out import HeldOut
+from contactlearn.results.transfer import BodyTransfer, Transfer
+from contactlearn.shapes import make_shape, shape_entries
+
+CALIBRATION = CurveCalibration(
+    processes=("exact",), converged=(1.0,), negative_log_density=(-3.1,), coverage=(0.9,),
+    component_coverage=((0.9, 1.0, 0.95),),
+)  # fmt: skip
+CURVE = dataclasses.replace(learning_curve((10,), (0.1,)), calibration=CALIBRATION, settled={"mass_error": None})
+TRANSFER = Transfer(
+    provenance=provenance({}),
+    sizes=(4, 8),
+    transfer={
+        "x1_wrench": {
+            "disc": BodyTransfer(
+                zero_shot=(interval(0.4),), prior=(interval(0.3), interval(0.2)), scratch=(interval(0.5), interval(0.4))
+            )
+        }
+    },
+)
+RESULTS = {
+    "training": training(effects=["surface_tilt"]),
+    "evaluation": dataclasses.replace(evaluation(), learning_curves={"x1_wrench": CURVE}),
+    "transfer": TRANSFER,
+}
+
+
+@pytest.mark.parametrize("result", RESULTS.values(), ids=RESULTS)
+def test_a_result_is_read_as_it_was_written(result, tmp_path):
+    path = run_folder.write(tmp_path, result)
+    assert run_folder.read(path) == result
+    assert list(run_folder.find(tmp_path)) == [path]
+    assert run_folder.is_run(tmp_path)
+    assert json.loads(path.read_text())["kind"] == result.kind
+    assert [one.name for one in tmp_path.iterdir()] == ["results.json"]
+
+
+def test_every_metric_has_an_entry():
+    for kind in (ModelErrors, LearningCurve):
+        assert set(METRICS) <= {field.name for field in dataclasses.fields(kind)}
+
+
+def test_a_number_that_is_not_finite_is_not_written(tmp_path):
+    wrong = dataclasses.replace(training(), irb=interval(float("nan")))
+    with pytest.raises(ContactLearnError, match=r"irb\.mean: expected float, got null"):
+        run_folder.write(tmp_path, wrong)
+    assert not list(tmp_path.iterdir())
+
+
+def test_shapes_are_made_again_from_their_entries():
+    for entries in (
+        {"kind": "disc", "radius": 0.02},
+        {"kind": "ellipse", "semi_axes": [0.035, 0.025]},
+        {"kind": "polygon", "vertices": [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]},
+        None,
+    ):
+        shape = make_shape(entries)
+        assert make_shape(json.loads(json.dumps(shape_entries(shape)))) == shape
+
+
+@pytest.fixture
+def small():
+    impacts = synthetic.load(size=30)
+    laws = {name: find(name).at(0.1, 0.5) for name in ("mirtich", "whittaker")}
+    predictions = {name: ContactModel(law).predict(impacts) for name, law in laws.items()}
+    return evaluation_of(impacts, predictions | {"irb": bounds.irb(impacts)}, laws, {})
+
+
+@pytest.mark.parametrize("tables", ["parquet", "csv"])
+def test_held_out_trials_are_read_as_they_were_written(small, tables, tmp_path):
+    result, held_out = small
+    result = dataclasses.replace(result, tables=tables)
+    held_out.save(tmp_path, tables)
+    again = HeldOut.load(tmp_path, result)
+    assert again.impacts.fingerprint() == held_out.impacts.fingerprint()
+    assert again.impacts.shape == held_out.impacts.shape
+    assert list(again.predictions) == list(held_out.predictions)
+    for name, prediction in held_out.predictions.items():
+        assert torch.equal(again.predictions[name].v_post, prediction.v_post)
+        assert torch.equal(again.predictions[name].wrench, prediction.wrench)
+
+
+def test_tables_of_other_runs_are_refused(small, tmp_path):
+    result, held_out = small
+    held_out.save(tmp_path, "parquet")
+    other = Prediction(held_out.impacts.v_post[:20], held_out.impacts.wrench[:20])
+    HeldOut(impacts=held_out.impacts[:20], predictions={"irb": other}).save(tmp_path / "other", "parquet")
+    shutil.copy(tmp_path / "other" / "predictions.parquet", tmp_path)
+    with pytest.raises(DataError, match="are not the held-out ones"):
+        HeldOut.load(tmp_path, result)
+    (tmp_path / "predictions.parquet").write_text("PAR1")
+    with pytest.raises(DataError, match="is no table of predictions"):
+        HeldOut.load(tmp_path, result)
+    (tmp_path / "predictions.parquet").unlink()
+    with pytest.raises(DataError, match="no such file"):
+        HeldOut.load(tmp_path, result)
+
+
+def test_the_page_of_an_evaluation_is_drawn_again_without_its_data(tmp_path, capsys):
+    run("-m", "contactlearn", "export", str(tmp_path / "drops.csv"), "data.size=60")
+    done = (
+        *("evaluate.py", "data=table", f"data.path={tmp_path / 'drops.csv'}", "train.size=20", "train.repetitions=3"),
+        *("laws=[whittaker,mirtich]", "figures.repetitions=1", "bootstrap=50", "model=[x1_wrench]", "workers=1"),
+        *("curves.sizes=[10]", "curves.seeds=1", "effect=[surface_tilt]", f"hydra.run.dir={tmp_path / 'run'}"),
+    )
+    run(*done)
+    page = tmp_path / "run" / "report.html"
+    drawn = page.read_bytes()
+    page.unlink()
+    (tmp_path / "drops.csv").rename(tmp_path / "elsewhere.csv")
+    assert has_page(tmp_path / "run")
+    assert main(["report", str(tmp_path / "run")]) == 0
+    assert capsys.readouterr().out == f"open     {page}\n"
+    assert page.read_bytes() == drawn
+
+
+def test_a_damaged_run_is_not_drawn(small, tmp_path, capsys):
+    result, _ = small
+    run_folder.write(tmp_path, result)
+    with pytest.raises(DataError, match=r"held_out\.parquet: no such file"):
+        redraw(tmp_path)
+    assert main(["report", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_a_training_has_no_page_of_its_own(tmp_path, monkeypatch):
+    run_folder.write(tmp_path, training())
+    assert not has_page(tmp_path)
+    with pytest.raises(ContactLearnError, match="has no page of its own"):
+        redraw(tmp_path)
