@@ -81,7 +81,7 @@ def load_predictions(impacts: Impacts, path: Path) -> dict[str, Prediction]:
 
 
 def _read_csv(path: Path) -> pd.DataFrame:
-    return pd.read_csv(path, dtype={"trial": str, "model": str}, keep_default_na=False, float_precision="round_trip")
+    return pd.read_csv(path, dtype={"trial": str, "model": str}, keep_default_na=False)
 
 
 def _names(impacts: Impacts) -> dict[str, tuple[str, ...]]:
