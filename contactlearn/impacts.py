@@ -16,8 +16,10 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import Any
 
 import torch
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from contactlearn import mechanics
@@ -53,22 +55,22 @@ class Impacts:
     corrections, which need not be in the right frame or order yet.  No model should be given them.
     """
 
-    mass: Tensor
-    inertia: Tensor
-    r: Tensor
-    q: Tensor
-    v_pre: Tensor
-    v_post: Tensor
-    q_post: Tensor | None = None
-    time: Tensor | None = None
-    order: Tensor | None = None
+    mass: Float[Tensor, "n"]
+    inertia: Float[Tensor, "n"]
+    r: Float[Tensor, "n 2"]
+    q: Float[Tensor, "n 3"]
+    v_pre: Float[Tensor, "n 3"]
+    v_post: Float[Tensor, "n 3"]
+    q_post: Float[Tensor, "n 3"] | None = None
+    time: Float[Tensor, "n"] | None = None
+    order: Float[Tensor, "n"] | None = None
     trial: tuple[str, ...] = ()
     object: tuple[str, ...] = ()
     shape: Shape | None = None
     source: str = field(default="unnamed", kw_only=True)
     suspect: bool = field(default=False, kw_only=True)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         n = len(self.mass)
         if self.order is None:
             object.__setattr__(self, "order", torch.arange(1, n + 1))
@@ -144,7 +146,7 @@ class Impacts:
         objects = ", ".join(dict.fromkeys(self.object))
         return f"Impacts({len(self)} trials of {objects}, shape={self.shape}, source={self.source!r})"
 
-    def __getitem__(self, rows: Tensor | Sequence[int] | slice) -> "Impacts":
+    def __getitem__(self, rows: Int[Tensor, "k"] | Bool[Tensor, "n"] | Sequence[int] | slice) -> "Impacts":
         """The trials at `rows` (indices, a boolean mask or a slice), in that order."""
         index = torch.arange(len(self))[rows if isinstance(rows, slice) else torch.as_tensor(rows)]
         picked = index.tolist()
@@ -156,22 +158,22 @@ class Impacts:
             values[name] = tuple(values[name][i] for i in picked)
         return Impacts(**values)
 
-    def replace(self, **changes) -> "Impacts":
+    def replace(self, **changes: Any) -> "Impacts":
         """A copy with some fields changed, validated again."""
         return replace(self, **changes)
 
     @cached_property
-    def W(self) -> Tensor:
+    def W(self) -> Float[Tensor, "n 2 2"]:
         """Inverse effective inertia at the contact, [N, 2, 2] in 1/kg."""
         return mechanics.inverse_inertia(self.mass, self.inertia, self.r)
 
     @cached_property
-    def v_c(self) -> Tensor:
+    def v_c(self) -> Float[Tensor, "n 2"]:
         """Velocity (v_t, v_n) of the contact point before contact, [N, 2] in m/s."""
         return mechanics.contact_velocity(self.r, self.v_pre)
 
     @cached_property
-    def wrench(self) -> Tensor:
+    def wrench(self) -> Float[Tensor, "n 3"]:
         """Measured wrench (P_t, P_n, τ) [N, 3] in (N s, N s, N m s): exact and unique."""
         return mechanics.measured_wrench(self.mass, self.inertia, self.r, self.v_pre, self.v_post)
 
@@ -202,12 +204,12 @@ class Prediction:
     [..., N, 3, 3] of the measured v_post about it, for a model that says how sure it is.
     """
 
-    v_post: Tensor
-    wrench: Tensor
-    covariance: Tensor | None = None
+    v_post: Float[Tensor, "*#batch n 3"]
+    wrench: Float[Tensor, "*#batch n 3"]
+    covariance: Float[Tensor, "*#batch n 3 3"] | None = None
 
     @classmethod
-    def from_wrench(cls, impacts: Impacts, wrench: Tensor) -> "Prediction":
+    def from_wrench(cls, impacts: Impacts, wrench: Float[Tensor, "*#batch n 3"]) -> "Prediction":
         """The post velocity follows from the wrench (P_t, P_n, τ) by the equation of motion."""
         v_post = mechanics.apply_wrench(impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, wrench)
         return cls(v_post, wrench)

@@ -15,17 +15,18 @@ contact can transmit.
 """
 
 import torch
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 
-def rotate(vector: Tensor, angle: Tensor) -> Tensor:
+def rotate(vector: Float[Tensor, "*#batch 2"], angle: Float[Tensor, "*#batch"]) -> Float[Tensor, "*#batch 2"]:
     """The vector [..., 2] turned counter-clockwise by an angle [...] in rad."""
     c, s = angle.cos(), angle.sin()
     x, y = vector.unbind(-1)
     return torch.stack((c * x - s * y, s * x + c * y), -1)
 
 
-def contact_jacobian(r: Tensor) -> Tensor:
+def contact_jacobian(r: Float[Tensor, "*#batch 2"]) -> Float[Tensor, "*#batch 2 3"]:
     """Contact Jacobian J [..., 2, 3] (rows t, n) from the contact point r [..., 2] in m."""
     one, zero = torch.ones_like(r[..., 0]), torch.zeros_like(r[..., 0])
     rows_t = torch.stack((one, zero, -r[..., 1]), -1)
@@ -33,7 +34,9 @@ def contact_jacobian(r: Tensor) -> Tensor:
     return torch.stack((rows_t, rows_n), -2)
 
 
-def inverse_inertia(mass: Tensor, inertia: Tensor, r: Tensor) -> Tensor:
+def inverse_inertia(
+    mass: Float[Tensor, "*#batch"], inertia: Float[Tensor, "*#batch"], r: Float[Tensor, "*#batch 2"]
+) -> Float[Tensor, "*#batch 2 2"]:
     """Inverse effective inertia W [..., 2, 2] in 1/kg at the contact point r [..., 2]."""
     w_tt = 1 / mass + r[..., 1] ** 2 / inertia
     w_tn = -r[..., 0] * r[..., 1] / inertia
@@ -41,33 +44,47 @@ def inverse_inertia(mass: Tensor, inertia: Tensor, r: Tensor) -> Tensor:
     return torch.stack((torch.stack((w_tt, w_tn), -1), torch.stack((w_tn, w_nn), -1)), -2)
 
 
-def effective_inertia(W: Tensor) -> Tensor:
+def effective_inertia(W: Float[Tensor, "*#batch 2 2"]) -> Float[Tensor, "*#batch 2 2"]:
     """Effective inertia M_c = W⁻¹ [..., 2, 2] in kg."""
     w_tt, w_tn, w_nn = W[..., 0, 0], W[..., 0, 1], W[..., 1, 1]
     adjugate = torch.stack((torch.stack((w_nn, -w_tn), -1), torch.stack((-w_tn, w_tt), -1)), -2)
     return adjugate / (w_tt * w_nn - w_tn**2)[..., None, None]
 
 
-def contact_velocity(r: Tensor, v: Tensor) -> Tensor:
+def contact_velocity(r: Float[Tensor, "*#batch 2"], v: Float[Tensor, "*#batch 3"]) -> Float[Tensor, "*#batch 2"]:
     """Velocity v_c = J v [..., 2] of the contact point in m/s, from v [..., 3] = (v_x, v_y, ω)."""
     return torch.stack((v[..., 0] - r[..., 1] * v[..., 2], v[..., 1] + r[..., 0] * v[..., 2]), -1)
 
 
-def apply_wrench(mass: Tensor, inertia: Tensor, r: Tensor, v: Tensor, wrench: Tensor) -> Tensor:
+def apply_wrench(
+    mass: Float[Tensor, "*#batch"],
+    inertia: Float[Tensor, "*#batch"],
+    r: Float[Tensor, "*#batch 2"],
+    v: Float[Tensor, "*#batch 3"],
+    wrench: Float[Tensor, "*#batch 3"],
+) -> Float[Tensor, "*#batch 3"]:
     """Velocity v⁺ [..., 3] after the wrench (P_t, P_n, τ) [..., 3] in (N s, N s, N m s)."""
     p_t, p_n, tau = wrench.unbind(-1)
     spin = r[..., 0] * p_n - r[..., 1] * p_t + tau
     return v + torch.stack((p_t / mass, p_n / mass, spin / inertia), -1)
 
 
-def velocity_per_wrench(mass: Tensor, inertia: Tensor, r: Tensor) -> Tensor:
+def velocity_per_wrench(
+    mass: Float[Tensor, "*#batch"], inertia: Float[Tensor, "*#batch"], r: Float[Tensor, "*#batch 2"]
+) -> Float[Tensor, "*#batch 3 3"]:
     """Derivative [..., 3, 3] of v⁺ (v_x, v_y, ω) in the wrench (P_t, P_n, τ): M⁻¹ (Jᵀ, (0, 0, 1)ᵀ)."""
     turning = torch.stack((torch.zeros_like(mass), torch.zeros_like(mass), torch.ones_like(mass)), -1)
     columns = torch.cat((contact_jacobian(r).mT, turning[..., None]), -1)
     return columns / torch.stack((mass, mass, inertia), -1)[..., None]
 
 
-def measured_wrench(mass: Tensor, inertia: Tensor, r: Tensor, v_pre: Tensor, v_post: Tensor) -> Tensor:
+def measured_wrench(
+    mass: Float[Tensor, "*#batch"],
+    inertia: Float[Tensor, "*#batch"],
+    r: Float[Tensor, "*#batch 2"],
+    v_pre: Float[Tensor, "*#batch 3"],
+    v_post: Float[Tensor, "*#batch 3"],
+) -> Float[Tensor, "*#batch 3"]:
     """The one wrench (P_t, P_n, τ) [..., 3] that takes v_pre to v_post: inverse of `apply_wrench`."""
     dv = v_post - v_pre
     p_t, p_n = mass * dv[..., 0], mass * dv[..., 1]
@@ -75,7 +92,12 @@ def measured_wrench(mass: Tensor, inertia: Tensor, r: Tensor, v_pre: Tensor, v_p
     return torch.stack((p_t, p_n, tau), -1)
 
 
-def least_squares_impulse(mass: Tensor, inertia: Tensor, r: Tensor, dv: Tensor) -> Tensor:
+def least_squares_impulse(
+    mass: Float[Tensor, "*#batch"],
+    inertia: Float[Tensor, "*#batch"],
+    r: Float[Tensor, "*#batch 2"],
+    dv: Float[Tensor, "*#batch 3"],
+) -> Float[Tensor, "*#batch 2"]:
     """Impulse P [..., 2] that minimises ‖Δv − M⁻¹JᵀP‖₂ over Δ(v_x, v_y, ω) [..., 3], unweighted.
 
     What the paper's authors identified with.  It adds metres to radians, so ω (tens of rad/s)
@@ -89,7 +111,9 @@ def least_squares_impulse(mass: Tensor, inertia: Tensor, r: Tensor, dv: Tensor) 
     return mass[..., None] * u
 
 
-def energy_excess(W: Tensor, v_c: Tensor, P: Tensor) -> Tensor:
+def energy_excess(
+    W: Float[Tensor, "*#batch 2 2"], v_c: Float[Tensor, "*#batch 2"], P: Float[Tensor, "*#batch 2"]
+) -> Float[Tensor, "*#batch"]:
     """Kinetic energy gained [...] in J: ½ Pᵀ W P + Pᵀ v_c.  At most 0 inside the energy ellipse.
 
     The energy ellipse, Eq. (2.5) with α = 1, is (P + M_c v_c)ᵀ W (P + M_c v_c) = v_cᵀ M_c v_c.
@@ -98,7 +122,9 @@ def energy_excess(W: Tensor, v_c: Tensor, P: Tensor) -> Tensor:
     return (P * (0.5 * WP + v_c)).sum(-1)
 
 
-def energy_ellipse(W: Tensor, v_c: Tensor, points: int = 181) -> Tensor:
+def energy_ellipse(
+    W: Float[Tensor, "*#batch 2 2"], v_c: Float[Tensor, "*#batch 2"], points: int = 181
+) -> Float[Tensor, "*#batch {points} 2"]:
     """Boundary of the energy ellipse as impulses [..., points, 2] in N s; it passes through P = 0."""
     centre = -(effective_inertia(W) @ v_c[..., None])[..., 0]
     radius = (-(centre * v_c).sum(-1)).clamp_min(0).sqrt()
@@ -110,7 +136,12 @@ def energy_ellipse(W: Tensor, v_c: Tensor, points: int = 181) -> Tensor:
     return centre[..., None, :] + radius[..., None, None] * offsets
 
 
-def admissible(W: Tensor, v_c: Tensor, P: Tensor, tolerance: float = 1e-9) -> Tensor:
+def admissible(
+    W: Float[Tensor, "*#batch 2 2"],
+    v_c: Float[Tensor, "*#batch 2"],
+    P: Float[Tensor, "*#batch 2"],
+    tolerance: float = 1e-9,
+) -> Bool[Tensor, "*#batch"]:
     """Whether P [..., 2] gains no energy, pulls nothing and leaves no penetration: bool [...].
 
     `tolerance` is relative: to the incident energy v_cᵀ M_c v_c, momentum and speed.

@@ -12,7 +12,7 @@ Nothing here knows of contact.
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -89,7 +89,7 @@ def whole(name: str, value: Any, low: int) -> int:
 
 
 @contextmanager
-def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
+def written_whole(path: str | os.PathLike[str]) -> Generator[Path]:
     """Yield a path of the same file name in a hidden folder beside `path`; the file moves to `path` at the end.
 
     A reader sees the old file or the new one, never a part of it; after an exception the old one stands and

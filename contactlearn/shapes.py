@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.errors import DataError, UnknownNameError
@@ -21,7 +22,7 @@ from contactlearn.mechanics import rotate
 class Shape(Protocol):
     """A convex body; the body frame has its origin at the centre of mass and is turned by θ."""
 
-    def support(self, direction: Tensor) -> Tensor:
+    def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
         """Farthest point [..., 2] in m in a direction [..., 2] of any length, both in the body frame."""
         ...
 
@@ -29,12 +30,16 @@ class Shape(Protocol):
         """Squared radius of gyration ρ² = I/m in m² about the centre of mass, at uniform density."""
         ...
 
-    def outline(self, points: int = 181) -> Tensor:
+    def outline(self, points: int = 181) -> Float[Tensor, "points 2"]:
         """Closed boundary [points, 2] in m, in the body frame."""
         ...
 
 
-def contact_point(shape: Shape, theta: Tensor, scale: tuple[Tensor | float, Tensor | float] = (1.0, 1.0)) -> Tensor:
+def contact_point(
+    shape: Shape,
+    theta: Float[Tensor, "*#batch"],
+    scale: tuple[Float[Tensor, "*#batch"] | float, Float[Tensor, "*#batch"] | float] = (1.0, 1.0),
+) -> Float[Tensor, "*#batch 2"]:
     """Lowest point r [..., 2] in m at orientation θ [...] in rad.
 
     The body may be stretched by `scale` along its own x and y axes: the farthest point of S K in the
@@ -52,10 +57,10 @@ class Ellipse:
 
     semi_axes: tuple[float, float]
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "semi_axes", _lengths("semi_axes", self.semi_axes, 2))
 
-    def support(self, direction: Tensor) -> Tensor:
+    def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
         a, b = self.semi_axes
         d_x, d_y = direction.unbind(-1)
         height = torch.sqrt((a * d_x) ** 2 + (b * d_y) ** 2)
@@ -64,7 +69,7 @@ class Ellipse:
     def gyration_squared(self) -> float:
         return (self.semi_axes[0] ** 2 + self.semi_axes[1] ** 2) / 4
 
-    def outline(self, points: int = 181) -> Tensor:
+    def outline(self, points: int = 181) -> Float[Tensor, "points 2"]:
         angle = torch.linspace(0, 2 * math.pi, points, dtype=torch.float64)
         return torch.stack((self.semi_axes[0] * angle.cos(), self.semi_axes[1] * angle.sin()), -1)
 
@@ -75,16 +80,16 @@ class Disc:
 
     radius: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "radius", _lengths("radius", [self.radius], 1)[0])
 
-    def support(self, direction: Tensor) -> Tensor:
+    def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
         return self.radius * direction / direction.norm(dim=-1, keepdim=True)
 
     def gyration_squared(self) -> float:
         return self.radius**2 / 2
 
-    def outline(self, points: int = 181) -> Tensor:
+    def outline(self, points: int = 181) -> Float[Tensor, "points 2"]:
         return Ellipse((self.radius, self.radius)).outline(points)
 
 
@@ -98,7 +103,7 @@ class Polygon:
 
     vertices: tuple[tuple[float, float], ...]
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         try:
             corners = tuple((float(x), float(y)) for x, y in self.vertices)
         except (TypeError, ValueError):
@@ -126,7 +131,7 @@ class Polygon:
             )
         object.__setattr__(self, "vertices", corners)
 
-    def support(self, direction: Tensor) -> Tensor:
+    def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
         corners = torch.tensor(self.vertices, dtype=direction.dtype, device=direction.device)
         return corners[(direction @ corners.T).argmax(-1)]
 
@@ -149,21 +154,21 @@ class Polygon:
             )
         return float(share @ (p * p + p * q + q * q).sum(1)) / 6
 
-    def outline(self, points: int = 181) -> Tensor:
+    def outline(self, points: int = 181) -> Float[Tensor, "points 2"]:
         return torch.tensor((*self.vertices, self.vertices[0]), dtype=torch.float64)
 
 
 KINDS = {"ellipse": Ellipse, "polygon": Polygon, "disc": Disc}
 
 
-def make_shape(spec: dict[str, Any] | Shape | None) -> Shape | None:
+def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:
     """Shape from `{kind: ellipse, semi_axes: [a, b]}`, `polygon` with `vertices`, `disc` with `radius`, or None.
 
     Raises:
         DataError: a missing, unknown or impossible entry.
         UnknownNameError: a kind that does not exist.
     """
-    if spec is None or isinstance(spec, tuple(KINDS.values())):
+    if spec is None or isinstance(spec, Ellipse | Disc | Polygon):
         return spec
     if not isinstance(spec, Mapping):
         raise DataError(f"a shape is given as {{kind: ellipse, semi_axes: [a, b]}}, got {spec!r}")

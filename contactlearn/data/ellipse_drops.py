@@ -38,7 +38,7 @@ _NAME = "ellipse_uniform.mat"
 _WIDTHS = {"states": 12, "n": 3, "d": 3, "flags": 6}
 
 
-def load(root: str | os.PathLike | None = None, inertia: str = "uniform_disc", flagged: bool = False) -> Impacts:
+def load(root: str | os.PathLike[str] | None = None, inertia: str = "uniform_disc", flagged: bool = False) -> Impacts:
     """The drops as published; a trial is named by its place (from 1) among the 2000.
 
     Args:
@@ -75,7 +75,7 @@ def load(root: str | os.PathLike | None = None, inertia: str = "uniform_disc", f
     )
 
 
-def find(root: str | os.PathLike | None = None) -> Path:
+def find(root: str | os.PathLike[str] | None = None) -> Path:
     """Where the .mat lies: under `root` or CONTACTLEARN_DATA if either is given, else in the cache."""
     root = root or os.environ.get("CONTACTLEARN_DATA")
     if not root:

@@ -24,6 +24,7 @@ Source: Fazeli et al. (2017), Section 3.2; the curve over w is this package's.
 from collections.abc import Mapping
 
 import torch
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from contactlearn import mechanics
@@ -38,7 +39,7 @@ _SLACK = 1e-14  # of the disc's radius: an edge that round-off shortens below a 
 _NEWTON_STEPS = 50  # from a bound below λ it converges monotonically; 10 were the most seen
 
 
-def distance(impacts: Impacts, v_post: Tensor, norm: str = "mass") -> Tensor:
+def distance(impacts: Impacts, v_post: Float[Tensor, "*batch n 3"], norm: str = "mass") -> Float[Tensor, "*batch n"]:
     """Distance [..., N] of v_post [..., N, 3] from the measured post velocity.
 
     √(eᵀ M e) in √J for `mass`, √(eᵀ e) over (v_x, v_y, ω) in m/s and rad/s for `euclidean`.  It is
@@ -52,7 +53,7 @@ def distance(impacts: Impacts, v_post: Tensor, norm: str = "mass") -> Tensor:
 
 def best_post_hoc(
     impacts: Impacts, predictions: Mapping[str, Prediction], norm: str = "mass"
-) -> tuple[Prediction, Tensor]:
+) -> tuple[Prediction, Int[Tensor, "*batch n"]]:
     """Per trial, the prediction closest to the measured v_post, and the index [..., N] of its model.
 
     The index counts the models in the order of `predictions`; the first of equals is chosen.  It
@@ -75,7 +76,7 @@ def best_post_hoc(
     return Prediction(_pick(v_post, model), _pick(wrench, model)), model
 
 
-def irb(impacts: Impacts, norm: str = "mass", patch: Tensor | float = 0.0) -> Prediction:
+def irb(impacts: Impacts, norm: str = "mass", patch: Float[Tensor, "*batch"] | float = 0.0) -> Prediction:
     """The admissible wrench (P_t, P_n, τ) whose v_post is nearest to the measured one; see the module.
 
     Args:

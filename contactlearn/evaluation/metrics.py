@@ -13,25 +13,27 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
+from jaxtyping import Bool, Float
 from scipy.stats import chi2
 from torch import Tensor
 
+from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.mechanics import admissible
 from contactlearn.numerics import Z_95
 
 
-def velocity_error(impacts: Impacts, prediction: Prediction) -> Tensor:
+def velocity_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
     """‖v̂_post − v_post‖₂ of the centre of mass [..., N] in m/s."""
     return (prediction.v_post - impacts.v_post)[..., :2].norm(dim=-1)
 
 
-def normalised_velocity_error(impacts: Impacts, prediction: Prediction) -> Tensor:
+def normalised_velocity_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
     """`velocity_error` divided by ‖v_post‖₂ [..., N]; the paper's Fig. 3.5."""
     return velocity_error(impacts, prediction) / impacts.v_post[:, :2].norm(dim=-1)
 
 
-def mass_error(impacts: Impacts, prediction: Prediction) -> Tensor:
+def mass_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
     """√(eᵀ M e) / √(v_postᵀ M v_post) over (v_x, v_y, ω) [..., N]."""
     M = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1)
     error = (M * (prediction.v_post - impacts.v_post) ** 2).sum(-1)
@@ -56,7 +58,7 @@ METRICS = {
 HEADLINE = "mass_error"
 
 
-def outside_admissible(impacts: Impacts, impulse: Tensor) -> Tensor:
+def outside_admissible(impacts: Impacts, impulse: Float[Tensor, "*batch n 2"]) -> Bool[Tensor, "*batch n"]:
     """Whether the impulse [..., N, 2] gains energy, pulls or leaves penetration: bool [..., N].
 
     For a point contact (τ = 0): see `mechanics.admissible`.
@@ -64,12 +66,12 @@ def outside_admissible(impacts: Impacts, impulse: Tensor) -> Tensor:
     return ~admissible(impacts.W, impacts.v_c, impulse, tolerance=1e-7)
 
 
-def squared_distance(impacts: Impacts, prediction: Prediction) -> Tensor:
+def squared_distance(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
     """Squared Mahalanobis distance [..., N] of the measured v_post: χ² with 3 degrees of freedom if all is Gaussian."""
     return _whitened(impacts, prediction)[0].square().sum(-1)
 
 
-def negative_log_density(impacts: Impacts, prediction: Prediction) -> Tensor:
+def negative_log_density(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
     """−log of the predicted density of the measured v_post [..., N], in nats; v_post in (m/s, m/s, rad/s)."""
     white, root = _whitened(impacts, prediction)
     return 0.5 * white.square().sum(-1) + root.log().sum(-1) + 1.5 * math.log(2 * math.pi)
@@ -77,26 +79,34 @@ def negative_log_density(impacts: Impacts, prediction: Prediction) -> Tensor:
 
 def _whitened(impacts: Impacts, prediction: Prediction) -> tuple[Tensor, Tensor]:
     """Error in units of the predicted covariance's Cholesky factor, and that factor's diagonal, [..., N, 3]."""
-    factor = torch.linalg.cholesky(prediction.covariance)
+    factor = torch.linalg.cholesky(_covariance(prediction))
     error = impacts.v_post - prediction.v_post
     white = torch.linalg.solve_triangular(factor, error[..., None], upper=False)[..., 0]
     return white, factor.diagonal(dim1=-2, dim2=-1)
+
+
+def _covariance(prediction: Prediction) -> Tensor:
+    if prediction.covariance is None:
+        raise ContactLearnError(
+            "the prediction has no covariance; a density needs a model with noise, such as a learned one"
+        )
+    return prediction.covariance
 
 
 CHI_SQUARED_95 = 7.8147279
 """95 % of squared distances are below, if the predictions are right."""
 
 
-def calibration(distance: Tensor) -> tuple[Tensor, Tensor]:
+def calibration(distance: Float[Tensor, "k"]) -> tuple[Float[Tensor, "levels"], Float[Tensor, "levels"]]:
     """Nominal levels [L] and the shares [L] of squared distances [K] inside the ellipsoids of those levels."""
     levels = torch.linspace(0.02, 0.98, 49, dtype=distance.dtype)
     radii = torch.from_numpy(chi2.ppf(levels.numpy(), 3))
     return levels, torch.searchsorted(distance.sort().values, radii, right=True) / len(distance)
 
 
-def covered(impacts: Impacts, prediction: Prediction) -> Tensor:
+def covered(impacts: Impacts, prediction: Prediction) -> Bool[Tensor, "*batch n 3"]:
     """Whether each of (v_x, v_y, ω) after contact lies in its 95 % interval: bool [..., N, 3]."""
-    spread = prediction.covariance.diagonal(dim1=-2, dim2=-1).sqrt()
+    spread = _covariance(prediction).diagonal(dim1=-2, dim2=-1).sqrt()
     return (impacts.v_post - prediction.v_post).abs() <= Z_95 * spread
 
 
@@ -112,7 +122,12 @@ class Interval:
         return iter((self.mean, self.low, self.high))
 
 
-def bootstrap(errors: Tensor, generator: torch.Generator, resamples: int = 2000, level: float = 0.95) -> Interval:
+def bootstrap(
+    errors: Float[Tensor, "n"] | Float[Tensor, "r n"],
+    generator: torch.Generator,
+    resamples: int = 2000,
+    level: float = 0.95,
+) -> Interval:
     """Mean of per-trial errors [N], or [R, N] of R training subsets, with its percentile bootstrap interval.
 
     Trials are resampled, and so are subsets, independently of them.

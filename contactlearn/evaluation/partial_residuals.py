@@ -11,6 +11,7 @@ Source: Larsen & McCleary 1972, for linear models.
 from dataclasses import dataclass, replace
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects import State, columns
@@ -37,9 +38,9 @@ class Partial:
     component_unit: str
     variable: str
     variable_unit: str
-    x: Tensor
-    measured: Tensor
-    explained: Tensor
+    x: Float[Tensor, "n"]
+    measured: Float[Tensor, "n"]
+    explained: Float[Tensor, "n"]
 
 
 def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Partial:
@@ -63,7 +64,7 @@ def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Parti
     known = of_state(State.of(impacts))
     known["theta"] = wrapped(known["theta"])
     shares = {symbol: share_explained(x, shape[:, best]) for symbol, x in known.items()}
-    variable = max(shares, key=shares.get)
+    variable = max(shares, key=shares.__getitem__)
     component, unit = COMPONENTS[quantity][best]
     against = SYMBOLS[variable].letter, SYMBOLS[variable].unit, known[variable]
     if shares[variable] < _TOLD and (explained != 0).any():
@@ -71,7 +72,7 @@ def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Parti
     return Partial(name, component, unit, *against, measured[:, best], explained[:, best])
 
 
-def share_explained(x: Tensor, y: Tensor) -> float:
+def share_explained(x: Float[Tensor, "n"], y: Float[Tensor, "n"]) -> float:
     """Share of the variance of y [N] that lies between groups of equal number along x [N]."""
     if x.max() == x.min() or y.max() == y.min():
         return 0.0
@@ -80,7 +81,7 @@ def share_explained(x: Tensor, y: Tensor) -> float:
     return (between / (y - y.mean()).square().sum()).item()
 
 
-def binned(x: Tensor, *values: Tensor, bins: int = _BINS) -> tuple[Tensor, ...]:
+def binned(x: Float[Tensor, "n"], *values: Float[Tensor, "n"], bins: int = _BINS) -> tuple[Float[Tensor, "bins"], ...]:
     """Means of x and of values over groups of equal number along x; [bins] each."""
     order = x.argsort()
     return tuple(

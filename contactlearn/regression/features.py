@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn import mechanics
@@ -59,7 +60,7 @@ SPACES = {
 """Each feature space by name."""
 
 
-def features(space: str, impacts: Impacts) -> Tensor:
+def features(space: str, impacts: Impacts) -> Float[Tensor, "n d"]:
     """Features [N, D] in SI units, in the order of `SPACES[space].columns`.
 
     Raises:
@@ -78,25 +79,25 @@ class Standardisation:
     0 wherever it is applied, for nothing has been learnt about it.
     """
 
-    mean: Tensor
-    scale: Tensor
+    mean: Float[Tensor, "*batch 1 d"]
+    scale: Float[Tensor, "*batch 1 d"]
 
     @classmethod
-    def of(cls, x: Tensor) -> "Standardisation":
+    def of(cls, x: Float[Tensor, "*batch n d"]) -> "Standardisation":
         """Of training values x [..., n, D]."""
         mean, spread = x.mean(-2, keepdim=True), x.std(-2, keepdim=True, correction=0)
         constant = spread <= 1e-9 * x.abs().amax(-2, keepdim=True)
         return cls(mean, torch.where(constant, torch.inf, spread))
 
-    def apply(self, x: Tensor) -> Tensor:
+    def apply(self, x: Float[Tensor, "*batch n d"]) -> Float[Tensor, "*more n d"]:
         """Standardised values [..., N, D]."""
         return (x - self.mean) / self.scale
 
-    def undo(self, x: Tensor) -> Tensor:
+    def undo(self, x: Float[Tensor, "*batch n d"]) -> Float[Tensor, "*more n d"]:
         """Values of `apply` in their own units again; a constant column is that constant."""
         return self.mean + self.spread * x
 
     @property
-    def spread(self) -> Tensor:
+    def spread(self) -> Float[Tensor, "*batch 1 d"]:
         """The scale, 0 for a constant column."""
         return self.scale.nan_to_num(posinf=0.0)

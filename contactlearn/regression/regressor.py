@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from contactlearn.errors import DataError
@@ -29,10 +30,10 @@ class Regressor:
         cls,
         space: str,
         impacts: Impacts,
-        rows: Tensor,
-        values: Tensor,
+        rows: Int[Tensor, "*batch n"],
+        values: Float[Tensor, "*batch n o"],
         *,
-        weight: Tensor | None = None,
+        weight: Float[Tensor, "*batch n o"] | None = None,
         outputs: Standardisation | None = None,
         like: "Regressor | None" = None,
     ) -> "Regressor":
@@ -66,12 +67,12 @@ class Regressor:
         points = self.gps.covar_module.inducing_points.shape[-2]
         return f"sparse variational ({points} inducing points), since there are more than {EXACT_LIMIT} training trials"
 
-    def predict(self, impacts: Impacts) -> tuple[Tensor, Tensor]:
+    def predict(self, impacts: Impacts) -> tuple[Float[Tensor, "*batch n o"], Float[Tensor, "*batch n o"]]:
         """Mean and variance [..., N, O], without the noise of a measurement, in the values' units."""
         mean, variance = self.gps.predict(self.inputs.apply(features(self.space, impacts)))
         return self.outputs.undo(mean.mT), self.outputs.spread**2 * variance.mT
 
-    def leave_one_out(self) -> tuple[Tensor, Tensor]:
+    def leave_one_out(self) -> tuple[Float[Tensor, "*batch n o"], Float[Tensor, "*batch n o"]]:
         """Value − prediction of each training trial if it were left out, and its variance, [..., n, O] each."""
         error, variance = self.gps.leave_one_out()
         return self.outputs.spread * error.mT, self.outputs.spread**2 * variance.mT

@@ -149,7 +149,7 @@ def _solref(eps: float, contact_time: float) -> tuple[float, float]:
     The penetration is x = −(v/ω_d) e^{−ζωt} sin ω_d t, and the force k x + c ẋ vanishes at ω_d t = 2β
     for ζ = cos β; from there on the body flies freely with ε = exp(−ζω t) = exp(−2β / tan β).
     """
-    low, high = 0.0, math.pi / 2  # ε grows with β from e⁻² to 1
+    beta, low, high = 0.0, 0.0, math.pi / 2  # ε grows with β from e⁻² to 1
     for _ in range(60):
         beta = (low + high) / 2
         low, high = (beta, high) if math.exp(-2 * beta / math.tan(beta)) < eps else (low, beta)

@@ -60,7 +60,7 @@ def _draw(size: int, bench: Bench, sigma: Tensor, generator: torch.Generator) ->
     return torch.stack((x, y, theta), -1)[chosen], v[chosen], noise[chosen]
 
 
-def _drop(runner, model, data, bench: Bench, q: Tensor, v: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def _drop(runner: Any, model: Any, data: Any, bench: Bench, q: Tensor, v: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """q and v [n, 3] at the sample, and whether the drop was one contact at one point: bool [n]."""
     if len(q) == 0:
         return q, v, torch.ones(0, dtype=torch.bool)
@@ -80,13 +80,15 @@ def _drop(runner, model, data, bench: Bench, q: Tensor, v: Tensor) -> tuple[Tens
     if bench.hidden.delay > 0:
         steps = math.ceil(bench.hidden.delay / FLIGHT_STEP)
         model.opt.timestep = bench.hidden.delay / steps
-        states, contacts = _simulate(runner, model, data, *state.split(3, -1), steps)
+        q, v = state.split(3, -1)
+        states, contacts = _simulate(runner, model, data, q, v, steps)
         state = states[:, -1]
         clean &= contacts.amax(1) == 0
-    return *state.split(3, -1), clean
+    q, v = state.split(3, -1)
+    return q, v, clean
 
 
-def _simulate(runner, model, data, q: Tensor, v: Tensor, steps: int) -> tuple[Tensor, Tensor]:
+def _simulate(runner: Any, model: Any, data: Any, q: Tensor, v: Tensor, steps: int) -> tuple[Tensor, Tensor]:
     """(q, v) [n, steps, 6] after each step, and the number of contacts [n, steps] before it."""
     start = torch.cat((torch.zeros_like(q[:, :1]), q, v), -1)  # the time comes first
     states, contacts = runner.rollout(model, data, start.numpy(), nstep=steps)

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 from contactlearn.data.mystery.forms import Grows, form, later, push
+from contactlearn.data.mystery.world import World
 
 GRAVITY = 9.81  # m/s²
 
@@ -12,7 +13,7 @@ GRAVITY = 9.81  # m/s²
 
 
 @form("surface_tilt", "the floor is inclined by φ", φ=Grows(0.1, "rad"))
-def _(world, φ):
+def _(world: World, φ: float) -> World:
     return replace(world, tilt=φ)
 
 
@@ -22,24 +23,24 @@ def _(world, φ):
     δ_a=Grows(0.006, "m", share=0.3),
     δ_b=Grows(0.006, "m", share=0.3),
 )
-def _(world, δ_a, δ_b):
+def _(world: World, δ_a: float, δ_b: float) -> World:
     return replace(world, centre=(δ_a, δ_b))
 
 
 @form("inertia_error", "the true moment of inertia is I e^κ", κ=Grows(0.6, ""))
-def _(world, κ):
+def _(world: World, κ: float) -> World:
     return replace(world, heaviness=math.exp(κ))
 
 
 @form("orientation_offset", "the true orientation is θ + δ", δ=Grows(0.3, "rad"))
-def _(world, δ):
+def _(world: World, δ: float) -> World:
     return replace(world, turn=δ)
 
 
 @form(
     "sampling_delay", "contact comes Δt after the reported pose; velocities are those at contact", Δt=Grows(0.012, "s")
 )
-def _(world, Δt):
+def _(world: World, Δt: float) -> World:
     return replace(world, delay=Δt)
 
 
@@ -49,7 +50,7 @@ def _(world, Δt):
     s_a=Grows(0.25, "", share=0.3),
     s_b=Grows(0.25, "", share=0.3),
 )
-def _(world, s_a, s_b):
+def _(world: World, s_a: float, s_b: float) -> World:
     return replace(world, scale=(1 + s_a, 1 + s_b))
 
 
@@ -61,15 +62,15 @@ def _(world, s_a, s_b):
     "after contact the spin decays to ω e^(−c) before it is measured",
     c=Grows(0.8, "", "plus"),
 )
-def _(world, c):
+def _(world: World, c: float) -> World:
     return later(world, lambda here, v: push(v, spin=v[:, 2] * math.expm1(-c)))
 
 
 @form("gravity_impulse", "gravity acts for Δt before the velocity is measured", Δt=Grows(0.03, "s", "plus"))
-def _(world, Δt):
+def _(world: World, Δt: float) -> World:
     return later(world, lambda here, v: push(v, y=-GRAVITY * Δt))
 
 
 @form("side_drag", "guide walls slow v_x and v_y down by e^(−c) after contact", c=Grows(0.3, "", "plus"))
-def _(world, c):
+def _(world: World, c: float) -> World:
     return later(world, lambda here, v: push(v, v[:, 0] * math.expm1(-c), v[:, 1] * math.expm1(-c)))

@@ -30,7 +30,7 @@ from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts
 from contactlearn.mechanics import contact_velocity
 from contactlearn.numerics import whole
-from contactlearn.shapes import Ellipse, contact_point
+from contactlearn.shapes import Ellipse, Shape, contact_point
 
 LAWS = {False: "wang_mason", True: "mirtich"}
 """The textbook law that agrees with nature where nothing is hidden, by whether restitution is energetic."""
@@ -47,7 +47,7 @@ def draw(
     effects: Sequence[str] | None = None,
     noise: float = 1.0,
     strength: tuple[float, float] = (2, 5),
-) -> tuple[Impacts, dict]:
+) -> tuple[Impacts, dict[str, Any]]:
     """Drops and the truth about them; the same arguments give the same bits.
 
     The body, the law and the drops of a seed are the same whatever is hidden.
@@ -73,43 +73,47 @@ def draw(
     """
     _check(seed, size, noise, strength)
     names = choose(random.Random(f"mystery {seed} effects")) if effects is None else _named(effects)
-    plain, mass, sigma = _laboratory(seed, names)
-    pool = _pool(seed, size, plain.shape, mass, noise * sigma)
-    sample = pool.rows(_clear(pool, plain.shape, plain), _SAMPLE)
+    shape, mass, plain, sigma = _laboratory(seed, names)
+    pool = _pool(seed, size, shape, mass, noise * sigma)
+    sample = pool.rows(_clear(pool, shape, plain), _SAMPLE)
     chosen = [_chosen(seed, name, plain, sample, sigma, strength) for name in names]
     world = reduce(lambda world, effect: effect.act(world), chosen, plain)
-    drops = pool.rows(_clear(pool, plain.shape, world), size)
+    drops = pool.rows(_clear(pool, shape, world), size)
     if len(drops.noise) < size:
         raise DataError(
             f"only {len(drops.noise)} of {size} drops approach the floor clearly; use less noise than {noise}"
         )
     v_post = world.outcome(drops.states)
-    truth = {"seed": seed, "size": size} | _account(plain, world, chosen, noise * sigma, drops, v_post)
-    return _reported(drops, v_post, plain.shape, seed), truth
+    truth: dict[str, Any] = {
+        "seed": seed,
+        "size": size,
+        "law": LAWS[plain.energetic],
+        "mu": plain.mu,
+        "eps": plain.eps,
+        "noise": {"v": noise * sigma[0].item(), "omega": noise * sigma[2].item()},
+        "body": {"semi_axes": list(shape.semi_axes), "mass": mass},
+    }
+    truth |= _account(plain, world, chosen, drops, v_post)
+    return _reported(drops, v_post, shape, seed), truth
 
 
-def _laboratory(seed: int, effects: Sequence[str]) -> tuple[World, float, Tensor]:
-    """The world without hidden effects, the body's mass in kg and the noise (σ_vx, σ_vy, σ_ω) at factor 1."""
+def _laboratory(seed: int, effects: Sequence[str]) -> tuple[Ellipse, float, World, Tensor]:
+    """Nominal body, its mass in kg, the world without hidden effects, and the noise (σ_vx, σ_vy, σ_ω) at factor 1."""
     rng = random.Random(f"mystery {seed}")
     a, energetic = rng.uniform(0.03, 0.045), rng.random() < 0.5
     shape = Ellipse((round(a, 4), round(a * rng.uniform(0.5, 0.8), 4)))
     mass, eps, mu = round(rng.uniform(0.02, 0.08), 4), rng.uniform(0.4, 0.8), rng.uniform(0.08, 0.3)
     sigma = torch.tensor([rng.uniform(0.005, 0.015)] * 2 + [rng.uniform(0.2, 0.6)], dtype=torch.float64)
     compliant = "tangential_restitution" in effects
-    return World(shape, mu, eps, energetic or compliant, compliant), mass, sigma
+    return shape, mass, World(shape, mu, eps, energetic or compliant, compliant), sigma
 
 
 def _account(
-    plain: World, world: World, chosen: Sequence["_Chosen"], sigma: Tensor, drops: "_Drops", v_post: Tensor
+    plain: World, world: World, chosen: Sequence["_Chosen"], drops: "_Drops", v_post: Tensor
 ) -> dict[str, Any]:
-    """The truth about law, noise, body, effects and outcomes; see `draw`."""
+    """The truth about effects and outcomes; see `draw`."""
     without = plain.outcome(drops.states)
     return {
-        "law": LAWS[plain.energetic],
-        "mu": plain.mu,
-        "eps": plain.eps,
-        "noise": {"v": sigma[0].item(), "omega": sigma[2].item()},
-        "body": {"semi_axes": list(plain.shape.semi_axes), "mass": drops.states.mass[0].item()},
         "effects": [effect.account(plain, drops.states, without) for effect in chosen],
         "v_post": v_post.tolist(),
         "v_post_from_measured": _from_measured(world, drops, v_post).tolist(),
@@ -146,7 +150,7 @@ class _Chosen(NamedTuple):
     values: dict[str, float]
     units: dict[str, str]
 
-    def account(self, plain: World, states: States, without: Tensor) -> dict:
+    def account(self, plain: World, states: States, without: Tensor) -> dict[str, Any]:
         world = self.act(plain)
         good = world.approaches(states)  # with the other effects all do
         some = States(*(value[good] for value in states))
@@ -160,7 +164,9 @@ class _Chosen(NamedTuple):
         }
 
 
-def _chosen(seed: int, name: str, plain: World, sample: _Drops, sigma: Tensor, strength) -> _Chosen:
+def _chosen(
+    seed: int, name: str, plain: World, sample: _Drops, sigma: Tensor, strength: tuple[float, float]
+) -> _Chosen:
     """An effect with its form and parameters, at the size that its strength asks for."""
     rng = random.Random(f"mystery {seed} {name}")
     form, multiple = rng.choice(forms(name)), rng.uniform(*strength)
@@ -206,7 +212,7 @@ def _relative(change: Tensor, v: Tensor, states: States) -> Tensor:
     return ((weight * change**2).sum(-1) / (weight * v**2).sum(-1)).sqrt()
 
 
-def _pool(seed: int, size: int, shape: Ellipse, mass: float, sigma: Tensor) -> _Drops:
+def _pool(seed: int, size: int, shape: Shape, mass: float, sigma: Tensor) -> _Drops:
     """More drops than are needed."""
     n = size * 3 // 2 + 100
     generator = torch.Generator().manual_seed(seed)
@@ -223,7 +229,7 @@ def _pool(seed: int, size: int, shape: Ellipse, mass: float, sigma: Tensor) -> _
     return _Drops(States(masses, masses * shape.gyration_squared(), x, theta, v, x), noise)
 
 
-def _clear(pool: _Drops, shape: Ellipse, world: World) -> Tensor:
+def _clear(pool: _Drops, shape: Shape, world: World) -> Tensor:
     """Where the contact point approaches, as reported with and without noise, and truly: bool [N]."""
     states = pool.states
     r = contact_point(shape, states.theta)
@@ -233,7 +239,7 @@ def _clear(pool: _Drops, shape: Ellipse, world: World) -> Tensor:
     return good
 
 
-def _reported(drops: _Drops, v_post: Tensor, shape: Ellipse, seed: int) -> Impacts:
+def _reported(drops: _Drops, v_post: Tensor, shape: Shape, seed: int) -> Impacts:
     states = drops.states
     r = contact_point(shape, states.theta)
     return Impacts(

@@ -4,16 +4,19 @@ Restitution is settled at first touch; friction and moments follow the slip and 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import torch
+from torch import Tensor
 
 from contactlearn.data.mystery.forms import Grows, Within, form
+from contactlearn.data.mystery.world import Here, World
 
 # Restitution
 
 
-def _restoring(world, factor):
+def _restoring(world: World, factor: Callable[[Here], Tensor]) -> World:
     return replace(world, restitution=(*world.restitution, factor))
 
 
@@ -23,8 +26,8 @@ def _restoring(world, factor):
     k=Grows(3.0, "", "plus"),
     v_0=Within(0.05, 0.3, "m/s"),
 )
-def _(world, k, v_0):
-    def thornton(v):
+def _(world: World, k: float, v_0: float) -> World:
+    def thornton(v: Tensor) -> Tensor:
         square = (v_0 / v.clamp_min(v_0)) ** 2
         ratio = square.sqrt()
         return (
@@ -42,7 +45,7 @@ def _(world, k, v_0):
     a=Grows(0.6, ""),
     v_s=Within(0.4, 1.5, "m/s"),
 )
-def _(world, a, v_s):
+def _(world: World, a: float, v_s: float) -> World:
     return _restoring(world, lambda here: 1 + a * here.v_c[:, 0].abs() / (here.v_c[:, 0].abs() + v_s))
 
 
@@ -53,7 +56,7 @@ def _(world, a, v_s):
     κ=Within(1.0, 4.0, ""),
     θ_0=Within(-math.pi, math.pi, "rad"),
 )
-def _(world, a, κ, θ_0):
+def _(world: World, a: float, κ: float, θ_0: float) -> World:
     return _restoring(world, lambda here: 1 - a * torch.exp(κ * (torch.cos(here.theta - θ_0) - 1)))
 
 
@@ -64,7 +67,7 @@ def _(world, a, κ, θ_0):
     x_0=Within(0.0, 0.12, "m"),
     L=Within(0.36, 0.5, "m"),
 )
-def _(world, a, x_0, L):
+def _(world: World, a: float, x_0: float, L: float) -> World:
     return _restoring(world, lambda here: 1 - a * torch.sin(math.pi * ((here.x - x_0) / L).clamp(0, 1)))
 
 
@@ -75,7 +78,7 @@ def _(world, a, x_0, L):
     x_0=Within(0.15, 0.43, "m"),
     w=Within(0.05, 0.12, "m"),
 )
-def _(world, a, x_0, w):
+def _(world: World, a: float, x_0: float, w: float) -> World:
     return _restoring(world, lambda here: 1 - a * torch.exp(-0.5 * ((here.x - x_0) / w) ** 2))
 
 
@@ -84,14 +87,14 @@ def _(world, a, x_0, w):
     "energy goes into vibration: ε exp(−c (r_x/ρ)²), ρ² = I/m",
     c=Grows(2.0, "", "plus"),
 )
-def _(world, c):
+def _(world: World, c: float) -> World:
     return _restoring(world, lambda here: torch.exp(-c * here.r[:, 0] ** 2 * here.mass / here.inertia))
 
 
 # Friction, at the slip of the instant
 
 
-def _rubbing(world, factor):
+def _rubbing(world: World, factor: Callable[[Here, Tensor], Tensor]) -> World:
     return replace(world, friction=(*world.friction, factor))
 
 
@@ -102,7 +105,7 @@ def _rubbing(world, factor):
     v_s=Within(0.3, 1.0, "m/s"),
     n=Within(0.7, 2.0, ""),
 )
-def _(world, a, v_s, n):
+def _(world: World, a: float, v_s: float, n: float) -> World:
     return _rubbing(world, lambda here, slip: 1 + a * torch.exp(-((slip.abs() / v_s) ** n)))
 
 
@@ -111,7 +114,7 @@ def _(world, a, v_s, n):
     "viscous: μ + b |v_t| at the slip of the instant",
     b=Grows(0.3, "s/m", "plus"),
 )
-def _(world, b):
+def _(world: World, b: float) -> World:
     return _rubbing(world, lambda here, slip: 1 + b / world.mu * slip.abs())
 
 
@@ -120,7 +123,7 @@ def _(world, b):
     "μ (|v_n|/2 m/s)^k, |v_n| of the approach",
     k=Grows(1.2, ""),
 )
-def _(world, k):
+def _(world: World, k: float) -> World:
     return _rubbing(world, lambda here, slip: (-here.v_c[:, 1] / 2.0) ** k)
 
 
@@ -129,7 +132,7 @@ def _(world, k):
     "μ (1 + a) while the contact slips to the right, μ (1 − a) to the left",
     a=Grows(0.8, ""),
 )
-def _(world, a):
+def _(world: World, a: float) -> World:
     return _rubbing(world, lambda here, slip: 1 + a * slip.sign())
 
 
@@ -140,8 +143,8 @@ def _(world, a):
     x_1=Within(0.12, 0.3, "m"),
     w=Within(0.1, 0.2, "m"),
 )
-def _(world, a, x_1, w):
-    def patch(here, slip):
+def _(world: World, a: float, x_1: float, w: float) -> World:
+    def patch(here: Here, slip: Tensor) -> Tensor:
         return 1 + 0.5 * a * (torch.tanh((here.x - x_1) / 0.01) - torch.tanh((here.x - x_1 - w) / 0.01))
 
     return _rubbing(world, patch)
@@ -157,16 +160,16 @@ def _(world, a, x_1, w):
     s=Grows(1.0, "", "plus"),
     c=Within(0.8, 1.5, ""),
 )
-def _(world, s, c):
+def _(world: World, s: float, c: float) -> World:
     return replace(world, compliant=True, energetic=True, compliance=c, resilience=s)
 
 
 @form("adhesion", "the surfaces stick together: parting costs the work w", w=Grows(0.02, "J", "plus"))
-def _(world, w):
+def _(world: World, w: float) -> World:
     return replace(world, adhesion=w)
 
 
-def _turning(world, lever):
+def _turning(world: World, lever: Callable[[Here, Tensor], Tensor]) -> World:
     return replace(world, levers=(*world.levers, lever))
 
 
@@ -176,7 +179,7 @@ def _turning(world, lever):
     k=Grows(1.0, "", "plus"),
     h=Within(0.003, 0.008, "m"),
 )
-def _(world, k, h):
+def _(world: World, k: float, h: float) -> World:
     return _turning(world, lambda here, spin: -h * torch.tanh(k * here.r[:, 0] / h))
 
 
@@ -186,7 +189,7 @@ def _(world, k, h):
     c=Grows(0.008, "m", "plus"),
     ω_s=Within(1.0, 4.0, "rad/s"),
 )
-def _(world, c, ω_s):
+def _(world: World, c: float, ω_s: float) -> World:
     return _turning(world, lambda here, spin: -c * torch.tanh(spin / ω_s))
 
 
@@ -195,7 +198,7 @@ def _(world, c, ω_s):
     "along the contact dω/dp = −c ω/m, p the normal impulse",
     c=Grows(0.4, "s/m", "plus"),
 )
-def _(world, c):
+def _(world: World, c: float) -> World:
     return _turning(world, lambda here, spin: -c * spin * here.inertia / here.mass)
 
 
@@ -205,7 +208,7 @@ def _(world, c):
     a=Grows(0.6, "", "plus"),
     τ=Within(0.15, 0.8, ""),
 )
-def _(world, a, τ):
+def _(world: World, a: float, τ: float) -> World:
     return _restoring(world, lambda here: 1 - a * (1 - torch.exp(-here.age / τ)))
 
 
@@ -215,5 +218,5 @@ def _(world, a, τ):
     a=Grows(2.0, "", "plus"),
     τ=Within(0.15, 0.8, ""),
 )
-def _(world, a, τ):
+def _(world: World, a: float, τ: float) -> World:
     return _rubbing(world, lambda here, slip: 1 + a * (1 - torch.exp(-here.age / τ)))

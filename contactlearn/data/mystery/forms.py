@@ -19,7 +19,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from contactlearn.data.mystery.world import World
+from contactlearn.data.mystery.world import Here, World
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ form = partial(_register, KNOWN)
 uncatalogued = partial(_register, OTHERS)
 
 
-def later(world: World, change: Callable) -> World:
+def later(world: World, change: Callable[[Here, Tensor], Tensor]) -> World:
     """The world in which `change`, (here, velocity) → velocity [N, 3], follows contact."""
     return replace(world, after=(*world.after, change))
 

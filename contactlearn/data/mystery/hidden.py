@@ -9,9 +9,11 @@ nearly the same trace: at most one of each is drawn.
 import math
 import random
 
-from contactlearn.data.mystery import camera, floor, unknown  # noqa: F401  (they fill the tables)
+from contactlearn.data.mystery import camera, floor, unknown
 from contactlearn.data.mystery.forms import KNOWN, OTHERS, Form
 from contactlearn.errors import UnknownNameError
+
+_FILLED_BY = camera, floor, unknown
 
 EFFECTS = tuple(sorted(KNOWN))
 UNKNOWN = tuple(sorted(OTHERS))

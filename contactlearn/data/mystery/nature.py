@@ -108,7 +108,9 @@ def _until_stopped(now: _Instant, rise: Tensor) -> Tensor:
     return torch.where(rise > 0, -now.v_n / rise, torch.inf)
 
 
-def _follow(contact: Contact, now: _Instant, step: Tensor, steps: int, until_end: Callable) -> _Instant:
+def _follow(
+    contact: Contact, now: _Instant, step: Tensor, steps: int, until_end: Callable[[_Instant, Tensor], Tensor]
+) -> _Instant:
     """One phase, in steps of about `step` (N s, per trial), to the end that `until_end` gives."""
     W = inverse_inertia(contact.mass, contact.inertia, contact.r)
     w_tt, w_tn, w_nn = W[:, 0, 0], W[:, 0, 1], W[:, 1, 1]

@@ -11,6 +11,7 @@ import os
 import textwrap
 import zlib
 from pathlib import Path
+from typing import Any
 
 from contactlearn.data import table
 from contactlearn.data.mystery.drops import draw
@@ -48,7 +49,7 @@ def load(seed: int, size: int = 500, folder: str | None = None) -> Impacts:
     return impacts
 
 
-def seal(truth: dict, folder: str | os.PathLike) -> Path:
+def seal(truth: dict[str, Any], folder: str | os.PathLike[str]) -> Path:
     """Write the account of `drops.draw` into the folder, whole or not at all; the same account gives the same bytes."""
     path = Path(folder) / SEALED
     packed = base64.b64encode(zlib.compress(json.dumps(truth, allow_nan=False).encode(), 9)).decode()
@@ -60,7 +61,7 @@ def seal(truth: dict, folder: str | os.PathLike) -> Path:
     return path
 
 
-def reveal(folder: str | os.PathLike) -> dict:
+def reveal(folder: str | os.PathLike[str]) -> dict[str, Any]:
     """The account of what was hidden in a folder of mystery drops; its keys are those of `drops.draw`.
 
     Raises:
@@ -92,9 +93,9 @@ def reveal(folder: str | os.PathLike) -> dict:
     return truth
 
 
-def _check(path: Path, truth: object) -> None:
+def _check(path: Path, truth: Any) -> None:
     """Every value that a reader relies on is there and of its kind."""
-    entries = [(truth, _KEYS)]
+    entries: list[tuple[Any, dict[str, type]]] = [(truth, _KEYS)]
     if isinstance(truth, dict) and isinstance(truth.get("effects"), list):
         entries += [(effect, _EFFECT_KEYS) for effect in truth["effects"]]
     if isinstance(truth, dict):

@@ -48,6 +48,7 @@ def collide(contact: Contact, compliance: float, resilience: float, steps: int =
     depth = deepest = stretch = P_t = p = tau = torch.zeros_like(v_n)
     give = compliance * w_nn  # of the tangential spring: stretch per force
     recall = resilience / (resilience * dt + (1 - resilience) * 0.5 * math.pi)  # 1 / (dt + T)
+    normal = torch.zeros_like(v_n)
     for _ in range(50 * steps):
         middle = depth - 0.5 * dt * v_n
         deepest = torch.maximum(deepest, middle)
@@ -66,4 +67,6 @@ def collide(contact: Contact, compliance: float, resilience: float, steps: int =
         omega = omega + dt * ((turn_n + lever / contact.inertia) * normal + turn_t * tangential)
         depth = middle - 0.5 * dt * v_n
         P_t, p, tau = P_t + dt * tangential, p + dt * normal, tau + dt * lever * normal
-    raise DataError(f"{int((normal != 0).sum())} simulated contacts do not come to an end: are their numbers finite?")
+    raise DataError(
+        f"{int(normal.count_nonzero())} simulated contacts do not come to an end: are their numbers finite?"
+    )

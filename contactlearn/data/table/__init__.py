@@ -46,7 +46,9 @@ _READERS = {".csv": sheet.read_csv, ".parquet": sheet.read_parquet}
 _WRITERS = {".csv": sheet.write_csv, ".parquet": sheet.write_parquet}
 
 
-def load(path: str | os.PathLike, shape: dict[str, Any] | Shape | None = None, *, suspect: bool = False) -> Impacts:
+def load(
+    path: str | os.PathLike[str], shape: dict[str, Any] | Shape | None = None, *, suspect: bool = False
+) -> Impacts:
     """Impacts from the table file `path`.
 
     Args:
@@ -86,7 +88,7 @@ def load(path: str | os.PathLike, shape: dict[str, Any] | Shape | None = None, *
         raise DataError(f"{error}; line {cells.lines[error.row - 1]} of the file", row=error.row) from None
 
 
-def save(impacts: Impacts, path: str | os.PathLike) -> Path:
+def save(impacts: Impacts, path: str | os.PathLike[str]) -> Path:
     """Write impacts to a .csv or .parquet file that `load` reads back exactly; the shape is not saved.
 
     The file appears whole or not at all.
@@ -96,7 +98,7 @@ def save(impacts: Impacts, path: str | os.PathLike) -> Path:
     """
     path = Path(path)
     write = _WRITERS[_suffix(path)]
-    columns: dict[str, list] = {name: list(getattr(impacts, name)) for name in NAMES}
+    columns: dict[str, list[Any]] = {name: list(getattr(impacts, name)) for name in NAMES}
     for field, names in COMPONENTS.items():
         value = getattr(impacts, field)
         if value is not None:

@@ -51,8 +51,9 @@ def _number(cell: Any) -> float:
             raise ValueError
         value = float(cell)
     except ValueError:
-        comma = isinstance(cell, str) and cell.count(",") == 1 and "." not in cell
-        hint = f": a decimal comma? write {cell.strip().replace(',', '.')}" if comma else ""
+        hint = ""
+        if isinstance(cell, str) and cell.count(",") == 1 and "." not in cell:
+            hint = f": a decimal comma? write {cell.strip().replace(',', '.')}"
         raise ValueError(f"got {cell!r}{hint}") from None
     if not math.isfinite(value):
         raise ValueError(f"got {cell}: leave the trial out")
@@ -98,7 +99,7 @@ def read_parquet(path: Path) -> Sheet:
         raise DataError(f"{path}: is not a readable Parquet file ({error}); write or copy it again") from error
 
 
-def write_csv(columns: dict[str, list], path: Path) -> None:
+def write_csv(columns: dict[str, list[Any]], path: Path) -> None:
     """Write a new CSV file; a float is written as its repr, which reads back exactly."""
     with path.open("x", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -106,7 +107,7 @@ def write_csv(columns: dict[str, list], path: Path) -> None:
         writer.writerows(zip(*columns.values(), strict=True))
 
 
-def write_parquet(columns: dict[str, list], path: Path) -> None:
+def write_parquet(columns: dict[str, list[Any]], path: Path) -> None:
     """Write a Parquet file with page checksums."""
     import pyarrow
     from pyarrow import parquet

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 Objective = Callable[[Tensor, Tensor, bool], tuple[Tensor, Tensor, Tensor | None]]
@@ -26,29 +27,30 @@ _LONGEST = 2.0  # a step changes no variable by more: the variables are logarith
 class Minimum(NamedTuple):
     """Where each of B minimisations ended."""
 
-    x: Tensor  # [B, P]
-    value: Tensor  # [B]
-    converged: Tensor  # [B] bool: what the next step promises to gain is below the tolerance
-    evaluations: Tensor  # [B]
-    history: Tensor  # [rounds, B], the value after each round
+    x: Float[Tensor, "b p"]
+    value: Float[Tensor, "b"]
+    converged: Bool[Tensor, "b"]  # the next step promises to gain less than the tolerance
+    evaluations: Int[Tensor, "b"]
+    history: Float[Tensor, "rounds b"]  # the value after each round
 
 
 def minimise(
     objective: Objective,
-    start: Tensor,
-    low: Tensor,
-    high: Tensor,
+    start: Float[Tensor, "b p"],
+    low: Float[Tensor, "p"],
+    high: Float[Tensor, "p"],
     *,
     tolerance: float,
     evaluations: int = 100,
     starts: int = 1,
 ) -> Minimum:
-    """Minimise B functions of P variables within [low, high] [P].
+    """Minimise B functions of P variables within [low, high].
 
     Args:
         objective: see `Objective`.
-        start: [B, P].
-        low, high: bounds [P].
+        start: where each problem begins.
+        low: lower bounds.
+        high: upper bounds.
         tolerance: a problem ends where its next step promises to gain less.
         evaluations: a problem ends after so many, not converged.
         starts: the batch is one problem after the other, and all of them again from each further start.
@@ -57,8 +59,9 @@ def minimise(
     x, damping = start.clamp(low, high), _DAMPING * torch.eye(start.shape[1]).to(start)
     which, step, count = torch.arange(len(x), device=x.device), torch.ones_like(x[:, 0]), 1
     f, g, curvature = objective(x, which, True)
-    hessian = curvature + damping
-    end = Minimum(x.clone(), f.clone(), *torch.zeros(2, len(x), dtype=torch.long, device=x.device), f)
+    hessian = damping if curvature is None else curvature + damping
+    converged, evaluated = torch.zeros(2, len(x), dtype=torch.long, device=x.device)
+    end = Minimum(x.clone(), f.clone(), converged, evaluated, f)
     history = []
     while True:
         now = end.value.clone()
@@ -98,7 +101,8 @@ def minimise(
 def _directions(hessian: Tensor, g: Tensor, at_low: Tensor, at_high: Tensor) -> tuple[Tensor, Tensor]:
     """Newton's step and steepest descent [b, P] in the variables that leave no bound they sit on."""
     free = ~((at_low & (g > 0)) | (at_high & (g < 0)))
-    steepest, one = -g * free, torch.eye(g.shape[1]).to(g)
+    p = steepest = -g * free
+    one = torch.eye(g.shape[1]).to(g)
     for _ in range(2):  # the second time without those that the others would push over their bound
         both = free[:, None] & free[..., None]
         p = torch.linalg.solve_ex(torch.where(both, hessian, one), -g * free).result

@@ -13,6 +13,7 @@ import math
 
 import numpy as np
 import torch
+from jaxtyping import Float, Int
 from scipy.linalg import blas, lapack
 from torch import Tensor
 
@@ -30,14 +31,18 @@ class Evidence:
         weight: w [B, n] > 0; 1 if left out.
     """
 
-    def __init__(self, x: Tensor, y: Tensor, weight: Tensor | None = None):
+    def __init__(
+        self, x: Float[Tensor, "b n d"], y: Float[Tensor, "b n"], weight: Float[Tensor, "b n"] | None = None
+    ) -> None:
         self.x, self.y = x, y if weight is None else weight * y
         self._log_weight = torch.zeros_like(y) if weight is None else weight.log()
         n = x.shape[1]
         self._chunk = max(1, _CHUNK // n**2)
         self._K, self._inverse = x.new_empty(2, self._chunk, n, n)
 
-    def __call__(self, phi: Tensor, which: Tensor, curvature: bool = False) -> tuple[Tensor, Tensor, Tensor | None]:
+    def __call__(
+        self, phi: Float[Tensor, "k p"], which: Int[Tensor, "k"], curvature: bool = False
+    ) -> tuple[Float[Tensor, "k"], Float[Tensor, "k p"], Float[Tensor, "k p p"] | None]:
         """Values [b] in nats, gradients [b, P] and curvatures [b, P, P] at phi [b, P = D + 2] of the processes `which`.
 
         The curvature is the average of the observed and the expected information, up to second

@@ -7,7 +7,7 @@ gradient of `evidence`, from two starts, since the likelihood has several optima
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import gpytorch
 import torch
@@ -15,6 +15,7 @@ from gpytorch.constraints import Positive
 from gpytorch.distributions import MultivariateNormal
 from gpytorch.kernels import RBFKernel, ScaleKernel
 from gpytorch.likelihoods import GaussianLikelihood
+from jaxtyping import Bool, Float, Int
 from linear_operator.operators import DiagLinearOperator
 from threadpoolctl import ThreadpoolController
 from torch import Tensor
@@ -32,24 +33,24 @@ _TOLERANCE = 3e-5  # nats a point
 class Fit(NamedTuple):
     """How the hyperparameters were found."""
 
-    loss: Tensor  # what was minimised, −log marginal likelihood (and prior) per point in nats [..., O]
-    converged: Tensor  # [..., O] bool
-    evaluations: Tensor  # [..., O] over all starts
-    history: Tensor  # [rounds, ..., O], the loss of the better start after each round
+    loss: Float[Tensor, "*batch o"]  # −log marginal likelihood (and prior) per point in nats
+    converged: Bool[Tensor, "*batch o"]
+    evaluations: Int[Tensor, "*batch o"]  # over all starts
+    history: Float[Tensor, "rounds *batch o"]  # the loss of the better start after each round
 
 
 class WeightedNoise(GaussianLikelihood):
     """Gaussian noise of variance σ²/w² on the training points [..., n], and σ² on any other number of points."""
 
-    def __init__(self, batch: torch.Size, weight: Tensor | None):
+    def __init__(self, batch: torch.Size, weight: Float[Tensor, "*batch n"] | None) -> None:
         super().__init__(batch_shape=batch, noise_constraint=Positive())
         self.register_buffer("weight", weight)
 
-    def variance(self) -> Tensor:
+    def variance(self) -> Float[Tensor, "*batch points"]:
         """Noise variance of the training points, [..., n] or [..., 1]."""
         return self.noise if self.weight is None else self.noise / self.weight.square()
 
-    def _shaped_noise_covar(self, base_shape: torch.Size, *inputs, **kwargs) -> DiagLinearOperator:
+    def _shaped_noise_covar(self, base_shape: torch.Size, *inputs: Any, **kwargs: Any) -> DiagLinearOperator:
         training = self.weight is None or base_shape[-1:] == self.weight.shape[-1:]
         return DiagLinearOperator((self.variance() if training else self.noise).expand(base_shape))
 
@@ -63,7 +64,12 @@ class ExactGPs(gpytorch.models.ExactGP):
         weight: w [..., O, n]; the noise variance of a point is σ²/w².  1 if left out.
     """
 
-    def __init__(self, x: Tensor, y: Tensor, weight: Tensor | None = None):
+    def __init__(
+        self,
+        x: Float[Tensor, "*batch n d"],
+        y: Float[Tensor, "*batch o n"],
+        weight: Float[Tensor, "*batch o n"] | None = None,
+    ) -> None:
         batch = y.shape[:-1]
         super().__init__(_for_each_output(x, batch), y, WeightedNoise(batch, weight))
         self.covar_module = ScaleKernel(RBFKernel(ard_num_dims=x.shape[-1], batch_shape=batch), batch_shape=batch)
@@ -81,8 +87,9 @@ class ExactGPs(gpytorch.models.ExactGP):
             prior: weigh the likelihood with `log_prior`.
         """
         (x,), y, weight = self.train_inputs, self.train_targets, self.likelihood.weight
-        flat = (None if part is None else part.reshape(-1, *part.shape[y.ndim - 1 :]) for part in (x, y, weight))
-        evidence, B, D = Evidence(*flat), y.shape[:-1].numel(), x.shape[-1]
+        flat_x, flat_y = (part.reshape(-1, *part.shape[y.ndim - 1 :]) for part in (x, y))
+        evidence = Evidence(flat_x, flat_y, None if weight is None else weight.reshape(flat_y.shape))
+        B, D = y.shape[:-1].numel(), x.shape[-1]
         bounds = torch.tensor([LENGTH] * D + [SCALE, NOISE], dtype=y.dtype, device=y.device).log()
         if like is None:
             starts = torch.tensor([[start] * D + [0.0, -2.0] for start in STARTS]).to(y).repeat_interleave(B, 0)
@@ -110,16 +117,19 @@ class ExactGPs(gpytorch.models.ExactGP):
         self.likelihood.noise = theta[..., D + 1 :]
         self.eval()
         history = found.history.unflatten(1, (-1, B))[:, best, torch.arange(B)].unflatten(1, y.shape[:-1])
-        return Fit(*(part.unflatten(0, y.shape[:-1]) for part in (value, converged, evaluations.sum(0))), history)
+        value, converged, evaluations = (
+            part.unflatten(0, y.shape[:-1]) for part in (value, converged, evaluations.sum(0))
+        )
+        return Fit(value, converged, evaluations, history)
 
     @torch.no_grad()
-    def hyperparameters(self) -> Tensor:
+    def hyperparameters(self) -> Float[Tensor, "*batch o p"]:
         """(ℓ_1 … ℓ_D, s², σ²) of each process, [..., O, D + 2], of standardised data."""
         lengths = self.covar_module.base_kernel.lengthscale[..., 0, :]
         return torch.cat((lengths, self.covar_module.outputscale[..., None], self.likelihood.noise), -1)
 
     @torch.no_grad()
-    def predict(self, x: Tensor) -> tuple[Tensor, Tensor]:
+    def predict(self, x: Float[Tensor, "*batch n d"]) -> tuple[Float[Tensor, "*more o n"], Float[Tensor, "*more o n"]]:
         """Mean and variance [..., O, N] of the noise-free functions at standardised x [..., N, D].
 
         What GPyTorch's own posterior gives in exact arithmetic, in a tenth of the time.
@@ -130,7 +140,7 @@ class ExactGPs(gpytorch.models.ExactGP):
         return (half.mT @ rest)[..., 0], (self.covar_module.outputscale[..., None] - half.square().sum(-2)).clamp_min(0)
 
     @torch.no_grad()
-    def leave_one_out(self) -> tuple[Tensor, Tensor]:
+    def leave_one_out(self) -> tuple[Float[Tensor, "*batch o n"], Float[Tensor, "*batch o n"]]:
         """Error y − ŷ of each training point if it were left out, and the variance of ŷ, [..., O, n] each.
 
         Closed form, Rasmussen & Williams (2006), Eq. (5.12); the hyperparameters are not found again.
@@ -146,7 +156,7 @@ class ExactGPs(gpytorch.models.ExactGP):
         return torch.linalg.cholesky(K + torch.diag_embed(self.likelihood.variance().expand(K.shape[:-1])))
 
 
-def log_prior(D: int) -> Tensor:
+def log_prior(D: int) -> Float[Tensor, "2 {D+2}"]:
     """Mean and precision [2, D + 2] of the Gaussian prior of log (ℓ_1 … ℓ_D, s², σ²), of standardised data.
 
     Weak beside a hundred points, but ten points fit seven hyperparameters too well without it.  Typical

@@ -21,6 +21,7 @@ import gpytorch
 import torch
 from gpytorch.distributions import MultivariateNormal
 from gpytorch.kernels import InducingPointKernel, RBFKernel, ScaleKernel
+from jaxtyping import Float
 from torch import Tensor
 from torch.func import grad_and_value
 from torch.linalg import cholesky_ex, solve_triangular
@@ -38,15 +39,14 @@ _TOLERANCE = 3e-5  # nats a point
 
 
 class SparseGPs(gpytorch.models.ExactGP):
-    """Independent processes for each subset of trials (leading axes) and each of O outputs.
+    """`ExactGPs` of many points, approximated by M inducing points; the arguments are the same."""
 
-    Args:
-        x: standardised inputs [..., n, D].
-        y: standardised outputs [..., O, n].
-        weight: w [..., O, n]; the noise variance of a point is σ²/w².  1 if left out.
-    """
-
-    def __init__(self, x: Tensor, y: Tensor, weight: Tensor | None = None):
+    def __init__(
+        self,
+        x: Float[Tensor, "*batch n d"],
+        y: Float[Tensor, "*batch o n"],
+        weight: Float[Tensor, "*batch o n"] | None = None,
+    ) -> None:
         batch, x = y.shape[:-1], x.unsqueeze(-3).expand(*y.shape, x.shape[-1])
         super().__init__(x, y, WeightedNoise(batch, weight))
         kernel = ScaleKernel(RBFKernel(ard_num_dims=x.shape[-1], batch_shape=batch), batch_shape=batch)
@@ -69,8 +69,9 @@ class SparseGPs(gpytorch.models.ExactGP):
         x, y, weight = x.reshape(-1, *x.shape[-2:]), y.flatten(0, -2), weight.flatten(0, -2)
         few = torch.randperm(y.shape[-1], generator=torch.Generator().manual_seed(0))[:_FEW].to(y.device)
         if like is None:
-            like = ExactGPs(x[:, few], y[:, None, few], weight[:, None, few])
-            like.fit(prior=False)
+            first = ExactGPs(x[:, few], y[:, None, few], weight[:, None, few])
+            first.fit(prior=False)
+            like = first
         start = like.hyperparameters().reshape(len(y), -1)
         z = torch.stack([_spread(*process) for process in zip(x, weight, start, strict=True)])
         found = _maximise(start.log(), few, z, x, y, weight)
@@ -79,17 +80,19 @@ class SparseGPs(gpytorch.models.ExactGP):
         kernel.base_kernel.lengthscale, kernel.outputscale = theta[..., None, :-2], theta[..., -2]
         self.likelihood.noise = theta[..., -1:]
         self.eval()
-        ends = (part.unflatten(0, batch) for part in (found.value, found.converged, found.evaluations))
-        return Fit(*ends, found.history.unflatten(1, batch))
+        value, converged, evaluations = (
+            part.unflatten(0, batch) for part in (found.value, found.converged, found.evaluations)
+        )
+        return Fit(value, converged, evaluations, found.history.unflatten(1, batch))
 
     @torch.no_grad()
-    def hyperparameters(self) -> Tensor:
+    def hyperparameters(self) -> Float[Tensor, "*batch o p"]:
         """(ℓ_1 … ℓ_D, s², σ²) of each process, [..., O, D + 2], of standardised data."""
         kernel, noise = self.covar_module.base_kernel, self.likelihood.noise
         return torch.cat((kernel.base_kernel.lengthscale[..., 0, :], kernel.outputscale[..., None], noise), -1)
 
     @torch.no_grad()
-    def predict(self, x: Tensor) -> tuple[Tensor, Tensor]:
+    def predict(self, x: Float[Tensor, "*batch n d"]) -> tuple[Float[Tensor, "*more o n"], Float[Tensor, "*more o n"]]:
         """Mean and variance [..., O, N] of the noise-free functions at standardised x [..., N, D].
 
         Titsias (2009), Eq. (6).  GPyTorch's own posterior is FITC's unless `sgpr_diagonal_correction` is off.
@@ -98,20 +101,22 @@ class SparseGPs(gpytorch.models.ExactGP):
         return mean, inside + outside
 
     @torch.no_grad()
-    def leave_one_out(self) -> tuple[Tensor, Tensor]:
+    def leave_one_out(self) -> tuple[Float[Tensor, "*batch o n"], Float[Tensor, "*batch o n"]]:
         """Error y − ŷ of each training point if it were left out, and the variance of ŷ, [..., O, n] each.
 
         Rasmussen & Williams (2006), Eq. (5.12), of the covariance Q + Λ: 1 / [(Q + Λ)⁻¹]_ii is λ_i / (1 − h_i)
         with the leverage h_i.  Neither the hyperparameters nor the inducing points are found again.
         """
-        mean, inside, outside = self._posterior(*self.train_inputs)
+        (x,) = self.train_inputs
+        mean, inside, outside = self._posterior(x)
         rest = 1 - inside / self.likelihood.variance()
         return (self.train_targets - mean) / rest, inside / rest + outside
 
     def _posterior(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Mean of f at x [..., N, D], and its variance inside and outside the span of the inducing points."""
         theta, z = self.hyperparameters(), self.covar_module.inducing_points
-        train = _project(*self.train_inputs, z, theta)
+        (points,) = self.train_inputs
+        train = _project(points, z, theta)
         root, target = _condition(train, self.train_targets, self.likelihood.variance())
         features = _project(x, z, theta)
         half = solve_triangular(root, features, upper=False)
