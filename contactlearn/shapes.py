@@ -61,15 +61,18 @@ class Ellipse:
         object.__setattr__(self, "semi_axes", _lengths("semi_axes", self.semi_axes, 2))
 
     def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
+        """(a² d_x, b² d_y) / √(a² d_x² + b² d_y²)."""
         a, b = self.semi_axes
         d_x, d_y = direction.unbind(-1)
         height = torch.sqrt((a * d_x) ** 2 + (b * d_y) ** 2)
         return torch.stack((a**2 * d_x / height, b**2 * d_y / height), -1)
 
     def gyration_squared(self) -> float:
+        """ρ² = (a² + b²) / 4."""
         return (self.semi_axes[0] ** 2 + self.semi_axes[1] ** 2) / 4
 
     def outline(self, points: int = 181) -> Float[Tensor, "points 2"]:
+        """Boundary at equal steps of the eccentric angle, closed."""
         angle = torch.linspace(0, 2 * math.pi, points, dtype=torch.float64)
         return torch.stack((self.semi_axes[0] * angle.cos(), self.semi_axes[1] * angle.sin()), -1)
 
@@ -84,12 +87,15 @@ class Disc:
         object.__setattr__(self, "radius", _lengths("radius", [self.radius], 1)[0])
 
     def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
+        """The radius along d."""
         return self.radius * direction / direction.norm(dim=-1, keepdim=True)
 
     def gyration_squared(self) -> float:
+        """ρ² = R² / 2."""
         return self.radius**2 / 2
 
     def outline(self, points: int = 181) -> Float[Tensor, "points 2"]:
+        """Boundary at equal steps of the angle, closed."""
         return Ellipse((self.radius, self.radius)).outline(points)
 
 
@@ -132,6 +138,7 @@ class Polygon:
         object.__setattr__(self, "vertices", corners)
 
     def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
+        """The vertex of the greatest d · p; the first of equals."""
         corners = torch.tensor(self.vertices, dtype=direction.dtype, device=direction.device)
         return corners[(direction @ corners.T).argmax(-1)]
 
@@ -155,6 +162,7 @@ class Polygon:
         return float(share @ (p * p + p * q + q * q).sum(1)) / 6
 
     def outline(self, points: int = 181) -> Float[Tensor, "points 2"]:
+        """The vertices, and the first again; `points` is not used."""
         return torch.tensor((*self.vertices, self.vertices[0]), dtype=torch.float64)
 
 

@@ -60,8 +60,8 @@ def minimise(
     which, step, count = torch.arange(len(x), device=x.device), torch.ones_like(x[:, 0]), 1
     f, g, curvature = objective(x, which, True)
     hessian = damping if curvature is None else curvature + damping
-    converged, evaluated = torch.zeros(2, len(x), dtype=torch.long, device=x.device)
-    end = Minimum(x.clone(), f.clone(), converged, evaluated, f)
+    none = torch.zeros_like(which)
+    end = Minimum(x.clone(), f.clone(), none.clone(), none.clone(), f)
     history = []
     while True:
         now = end.value.clone()

@@ -23,6 +23,8 @@ from torch import Tensor
 from contactlearn.regression.gp.bfgs import minimise
 from contactlearn.regression.gp.evidence import Evidence
 
+Inputs = Float[Tensor, "*batch n d"]
+Outputs = Float[Tensor, "*batch o n"]
 # Of standardised data: length scales, output scale and noise variance.
 LENGTH, SCALE, NOISE = (0.05, 1e3), (1e-3, 1e3), (1e-6, 10.0)
 STARTS = (0.5, 2.5)  # log length scale; each finds optima that the other misses
@@ -64,12 +66,7 @@ class ExactGPs(gpytorch.models.ExactGP):
         weight: w [..., O, n]; the noise variance of a point is σ²/w².  1 if left out.
     """
 
-    def __init__(
-        self,
-        x: Float[Tensor, "*batch n d"],
-        y: Float[Tensor, "*batch o n"],
-        weight: Float[Tensor, "*batch o n"] | None = None,
-    ) -> None:
+    def __init__(self, x: Inputs, y: Outputs, weight: Outputs | None = None) -> None:
         batch = y.shape[:-1]
         super().__init__(_for_each_output(x, batch), y, WeightedNoise(batch, weight))
         self.covar_module = ScaleKernel(RBFKernel(ard_num_dims=x.shape[-1], batch_shape=batch), batch_shape=batch)

@@ -28,7 +28,7 @@ from torch.linalg import cholesky_ex, solve_triangular
 
 from contactlearn.regression.gp.bfgs import Minimum, minimise
 from contactlearn.regression.gp.evidence import Evidence
-from contactlearn.regression.gp.exact import LENGTH, NOISE, SCALE, ExactGPs, Fit, WeightedNoise
+from contactlearn.regression.gp.exact import LENGTH, NOISE, SCALE, ExactGPs, Fit, Inputs, Outputs, WeightedNoise
 
 INDUCING = 200
 """Inducing points M of a process; all training points where these are fewer."""
@@ -41,12 +41,7 @@ _TOLERANCE = 3e-5  # nats a point
 class SparseGPs(gpytorch.models.ExactGP):
     """`ExactGPs` of many points, approximated by M inducing points; the arguments are the same."""
 
-    def __init__(
-        self,
-        x: Float[Tensor, "*batch n d"],
-        y: Float[Tensor, "*batch o n"],
-        weight: Float[Tensor, "*batch o n"] | None = None,
-    ) -> None:
+    def __init__(self, x: Inputs, y: Outputs, weight: Outputs | None = None) -> None:
         batch, x = y.shape[:-1], x.unsqueeze(-3).expand(*y.shape, x.shape[-1])
         super().__init__(x, y, WeightedNoise(batch, weight))
         kernel = ScaleKernel(RBFKernel(ard_num_dims=x.shape[-1], batch_shape=batch), batch_shape=batch)
