@@ -52,6 +52,7 @@ class EffectContract:
 
     @property
     def prepared(self) -> Effect:
+        """The effect with the numbers that it takes from the data."""
         return self.effect.prepare(self.impacts())
 
     def samples(self, count: int = 16) -> Tensor:
@@ -62,7 +63,8 @@ class EffectContract:
         spread = torch.rand(count, len(low), generator=generator, dtype=torch.float64)
         return at_rest + (low + spread * (high - low) - at_rest) / 3
 
-    def test_it_declares_itself(self):
+    def test_it_declares_itself(self) -> None:
+        """It has a docstring, an equation and parameters with units and ordered ranges; its options make it again."""
         effect = self.effect
         assert effect.equation
         assert effect.__doc__, "say in the docstring what it does, and what it is not"
@@ -77,19 +79,22 @@ class EffectContract:
         assert again.parameters == effect.parameters
         assert find_effect(effect.name, effect.form) is type(effect), "another effect or form has the same name"
 
-    def test_it_vanishes_to_the_last_bit(self):
+    def test_it_vanishes_to_the_last_bit(self) -> None:
+        """At its vanishing values every bit of the prediction is that of the law alone."""
         impacts = self.impacts()
         found = self.predict(impacts, columns(*self.effect.vanished().values))
         expected = assemble(self.law, {}, COEFFICIENTS).predict(impacts)
         assert torch.equal(found.v_post, expected.v_post)
         assert torch.equal(found.wrench, expected.wrench)
 
-    def test_it_acts(self):
+    def test_it_acts(self) -> None:
+        """Away from its vanishing values it changes some trial."""
         impacts = self.impacts()
         at_rest = self.predict(impacts, columns(*self.effect.vanished().values)).v_post
         assert ((self.predict(impacts, self.samples(2)).v_post - at_rest).abs().amax((-2, -1)) > 0).all()
 
-    def test_a_batch_is_a_loop(self):
+    def test_a_batch_is_a_loop(self) -> None:
+        """Leading axes of values and a choice of trials give what one value and one trial give."""
         impacts, samples = self.impacts(), self.samples(3)
         batch = self.predict(impacts, samples)
         for k in range(3):
@@ -101,7 +106,7 @@ class EffectContract:
             batch.v_post[:, some], self.predict(impacts[some], samples).v_post, rtol=ROUNDING, atol=ROUNDING
         )
 
-    def test_its_gradients_are_finite_and_exact(self):
+    def test_its_gradients_are_finite_and_exact(self) -> None:
         """Where it vanishes too; against differences on the nineteen in twenty trials that keep their contact mode."""
         impacts = self.impacts()
         state, law = State.of(impacts), self.law.at(*COEFFICIENTS)
@@ -118,14 +123,15 @@ class EffectContract:
                 error = (differences - slopes[..., k]).abs().amax(-1).amin(0)
                 assert (error <= DIFFERENCES * (1 + slopes[..., k].abs().amax(-1))).double().mean() > 0.95
 
-    def test_it_mirrors_as_it_says(self):
+    def test_it_mirrors_as_it_says(self) -> None:
+        """If `mirror_symmetric`, the mirror image of an impact has the mirror image of the outcome."""
         impacts, samples = self.impacts(), self.samples(8)
         mirrored = impacts.replace(q=impacts.q * MIRROR, r=impacts.r * MIRROR[:2], v_pre=impacts.v_pre * MIRROR)
         difference = self.predict(mirrored, samples).v_post * MIRROR - self.predict(impacts, samples).v_post
         difference = difference.abs().max().item()
         assert difference < 1e-8 or not self.effect.mirror_symmetric, f"the mirror image differs by {difference:.3g}"
 
-    def test_it_adds_energy_only_if_it_says_so(self):
+    def test_it_adds_energy_only_if_it_says_so(self) -> None:
         """Around an elastic contact with little friction."""
         impacts, samples = self.impacts(), self.samples(64)
         M = columns(impacts.mass, impacts.mass, impacts.inertia)

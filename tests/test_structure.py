@@ -242,10 +242,6 @@ ELSEWHERE = {
         "report/text.py",
     },
     r"split\(\" \+ \"\)": {"report/text.py"},
-    r"\*\*options\b": {
-        *("app/curves.py", "app/evaluate.py", "app/record.py", "app/transfer.py", "laws/__init__.py"),
-        "learning/curves.py",
-    },
 }
 PATTERNS = {
     r"os\.replace": "files are written by numerics.written_whole",
@@ -253,7 +249,6 @@ PATTERNS = {
     r"\b1\.959964\b": "numerics.Z_95",
     r"partition\(\":\"\)": "an effect is named by an EffectId",
     r"split\(\" \+ \"\)": "a set of effects is a tuple of EffectId",
-    r"\*\*options\b": "options are a dataclass",
 }
 
 
@@ -309,6 +304,28 @@ def test_a_public_name_means_one_thing():
 def test_what_is_written_elsewhere(pattern):
     found = {str(p.relative_to(PACKAGE)) for p in PATHS if any(re.search(pattern, line) for _, line in _code(p))}
     _only(found - {"numerics.py", "effects/identity.py"}, ELSEWHERE.get(pattern, set()), PATTERNS[pattern])
+
+
+# A registry passes the arguments of a class on, a copy those of its fields, an override those of its base.
+KEYWORDS = {
+    "contactlearn.data.mystery.forms._register",
+    "contactlearn.effects.base.Effect.__init_subclass__",
+    "contactlearn.effects.state.State.replace",
+    "contactlearn.impacts.Impacts.replace",
+    "contactlearn.laws.base.Law.__init_subclass__",
+    "contactlearn.laws.find",
+    "contactlearn.regression.gp.exact.WeightedNoise._shaped_noise_covar",
+}
+OPTIONS = {
+    "contactlearn.app.record.identify_law",
+    "contactlearn.effects.formula.effect.formula",
+    "contactlearn.learning.curves.law_curves",
+}
+
+
+def test_options_are_types():
+    found = {f"{_name(path)}.{name}" for path in PATHS for name, node, _ in _functions(path) if node.args.kwarg}
+    _only(found - KEYWORDS, OPTIONS, "keyword arguments are named, or the fields of a dataclass")
 
 
 # The front door

@@ -53,8 +53,7 @@ def minimise(
         high: upper bounds.
         tolerance: a problem ends where its next step promises to gain less.
         evaluations: a problem ends after so many, not converged.
-        starts: the batch is one problem after the other, and all of them again from each further start.
-            One that cannot hope to overtake another start of its problem gives up, not converged.
+        starts: how often the batch repeats its problems; a start that cannot overtake another one gives up.
     """
     x, damping = start.clamp(low, high), _DAMPING * torch.eye(start.shape[1]).to(start)
     which, step, count = torch.arange(len(x), device=x.device), torch.ones_like(x[:, 0]), 1
