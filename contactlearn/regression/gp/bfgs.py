@@ -59,8 +59,7 @@ def minimise(
     which, step, count = torch.arange(len(x), device=x.device), torch.ones_like(x[:, 0]), 1
     f, g, curvature = objective(x, which, True)
     hessian = damping if curvature is None else curvature + damping
-    none = torch.zeros_like(which)
-    end = Minimum(x.clone(), f.clone(), none.clone(), none.clone(), f)
+    end = Minimum(x.clone(), f.clone(), torch.zeros_like(which), torch.zeros_like(which), f)
     history = []
     while True:
         now = end.value.clone()
