@@ -2,6 +2,7 @@
 
 import torch
 
+from contactlearn.effects import EffectId
 from contactlearn.evaluation.metrics import METRICS, Interval, bootstrap
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors
 from contactlearn.results.evaluation import Evaluation, LearningCurve
@@ -52,7 +53,7 @@ def training(law="mirtich", size=20, error=0.2, effects=(), **data):
         model=model,
         learned=None,
         law=law,
-        effects=tuple(effects),
+        effects=tuple(map(EffectId.parse, effects)),
         trained_on=size,
         equation=law,
         fits=(),

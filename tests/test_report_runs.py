@@ -476,7 +476,7 @@ def test_sorting_by_keyboard(browser, mixed):  # noqa: F811
 
 def test_filtering_by_effect(browser, mixed):  # noqa: F811
     shown = opened(browser, mixed[0])
-    has = {one.name: {*one.given, *one.found} for one in mixed[1]}
+    has = {one.name: {str(effect) for effect in (*one.given, *one.found)} for one in mixed[1]}
     effects = shown.execute_script("return page.effects.map(one => one.name)")
     assert set(effects) == set().union(*has.values())
 

@@ -50,9 +50,9 @@ RESULTS = {
 
 @pytest.mark.parametrize("result", RESULTS.values(), ids=RESULTS)
 def test_a_result_is_read_as_it_was_written(result, tmp_path):
-    path = run_folder.write(tmp_path, result)
-    assert run_folder.read(path) == result
-    assert list(run_folder.find(tmp_path)) == [path]
+    path = run_folder.write_result(tmp_path, result)
+    assert run_folder.read_result(path) == result
+    assert list(run_folder.find_results(tmp_path)) == [path]
     assert run_folder.is_run(tmp_path)
     assert json.loads(path.read_text())["kind"] == result.kind
     assert [one.name for one in tmp_path.iterdir()] == ["results.json"]
@@ -66,7 +66,7 @@ def test_every_metric_has_an_entry():
 def test_a_number_that_is_not_finite_is_not_written(tmp_path):
     wrong = dataclasses.replace(training(), irb=interval(float("nan")))
     with pytest.raises(ContactLearnError, match=r"irb\.mean: expected float, got null"):
-        run_folder.write(tmp_path, wrong)
+        run_folder.write_result(tmp_path, wrong)
     assert not list(tmp_path.iterdir())
 
 
@@ -139,7 +139,7 @@ def test_the_page_of_an_evaluation_is_drawn_again_without_its_data(tmp_path, cap
 
 def test_a_damaged_run_is_not_drawn(small, tmp_path, capsys):
     result, _ = small
-    run_folder.write(tmp_path, result)
+    run_folder.write_result(tmp_path, result)
     with pytest.raises(DataError, match=r"held_out\.parquet: no such file"):
         redraw(tmp_path)
     assert main(["report", str(tmp_path)]) == 2
@@ -148,7 +148,7 @@ def test_a_damaged_run_is_not_drawn(small, tmp_path, capsys):
 
 
 def test_a_training_has_no_page_of_its_own(tmp_path, monkeypatch):
-    run_folder.write(tmp_path, training())
+    run_folder.write_result(tmp_path, training())
     assert not has_page(tmp_path)
     with pytest.raises(ContactLearnError, match="has no page of its own"):
         redraw(tmp_path)

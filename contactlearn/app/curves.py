@@ -51,7 +51,7 @@ def learning_study(cfg: DictConfig, data: Split) -> tuple[dict[str, Curve], list
             sizes,
             bases,
             impulse=cfg.train.target,
-            box=fitting.box(cfg),
+            box=settings.box(cfg),
             workers=fitting.workers(cfg),
             progress=lambda done, total: bar.track(done, total, description="learned models"),
         )
@@ -75,14 +75,14 @@ def _law_curves(
     needed = settings.named_laws(cfg, cfg.laws) | {r.law.name: r.law for r in recipes.values() if r.law}
     every = bar.track(needed.values(), description="laws on every subset")
     fits, curves = study.law_curves(
-        every, data.pool, data.test, orders, sizes, target=cfg.train.target, box=fitting.box(cfg)
+        every, data.pool, data.test, orders, sizes, target=cfg.train.target, box=settings.box(cfg)
     )
     bases = {name: {size: study.law_at(fit, size) for size in sizes} for name, fit in fits.items()}
     shown = {name: curves[name] for name in cfg.laws}
     if effects:
         every = bar.track(sizes, description=f"{law.name} and its effects on every subset")
         bases[law.name], curve = study.effect_curve(
-            law, effects, data.pool, data.test, orders, every, fitting.fit_options(cfg)
+            law, effects, data.pool, data.test, orders, every, settings.fit_options(cfg)
         )
         shown[fitting.augmented_name(law.name, effects)] = curve
     return bases, shown

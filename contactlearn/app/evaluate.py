@@ -75,7 +75,7 @@ def evaluate(cfg: DictConfig) -> None:
     held_out = HeldOut(impacts=data.test, predictions=compared.predictions)
     held_out.save(folder, cfg.tables)
     save_trial_parameters(data.impacts, list(compared.trials.values()), folder / f"trial_parameters.{cfg.tables}")
-    run_folder.write(folder, result)
+    run_folder.write_result(folder, result)
     _show(cfg, result)
     learned = {}
     if settings.recipes(cfg):
@@ -105,7 +105,7 @@ def _compared(cfg: DictConfig, data: Split, bar: Progress) -> _Compared:
     predictions |= {name: fit.model.predict(test) for name, fit in joint.items()}
     every = settings.named_laws(cfg, (*cfg.laws, cfg.figures.parameters))
     trials = {
-        name: identify_trials(law, data.impacts, target=cfg.train.target, box=fitting.box(cfg))
+        name: identify_trials(law, data.impacts, target=cfg.train.target, box=settings.box(cfg))
         for name, law in bar.track(every.items(), description="every trial")
     }
     return _Compared(fits=fits, joint=joint, predictions=predictions, trials=trials)
@@ -123,7 +123,7 @@ def _result(cfg: DictConfig, data: Split, compared: _Compared) -> Evaluation:
         provenance=results.provenance(data.impacts, cfg),
         model=list(joint)[-1] if joint else law,
         law=law,
-        effects=tuple(cfg.effect),
+        effects=results.effect_ids(settings.effects(cfg)),
         norm=cfg.bounds.norm,
         fits=tuple(map(results.law_estimate, compared.fits)),
         joint=joint,
@@ -151,7 +151,7 @@ def _with_curves(
     entries = {name: curves.curve_entry(curve, levels, data.generator, cfg.bootstrap) for name, curve in found.items()}
     result = replace(result, learning_curves=entries)
     save_curves(found, folder / f"learning_curves.{cfg.tables}")
-    run_folder.write(folder, result)
+    run_folder.write_result(folder, result)
     terminal.show_curves({name: entries[name] for name in learned})
     return result, {name: found[name] for name in learned}
 
@@ -168,7 +168,7 @@ def _extras(cfg: DictConfig, data: Split, bar: Progress) -> _Extras:
         convergence=fitting.identify_law(
             cfg, law, data.pool, data.generator, bar, sizes=sizes, repetitions=repetitions
         ),
-        surface=fitting.cost_surface(cfg, law, data.pool),
+        surface=fitting.law_surface(cfg, law, data.pool),
         widths=widths,
         patched=torch.tensor([list(metrics.bootstrap(error, data.generator, cfg.bootstrap)) for error in patched]),
     )
@@ -178,7 +178,7 @@ def _record(cfg: DictConfig, folder: Path, data: Split, result: Evaluation, draw
     """Log the result to TensorBoard, and save the figures; laws with effects are fitted to the whole pool."""
     plain = {name: entry for name, entry in result.errors.items() if name not in result.joint}
     size = len(data.pool) if result.joint else cfg.train.size
-    errors = record.headline(result.errors)
+    errors = record.headline_errors(result.errors)
     with Tracker(folder, cfg.train.size) as tracker:
         tracker.scalars(record.scalars(result.fits, plain, {}))
         if result.joint:
@@ -186,7 +186,7 @@ def _record(cfg: DictConfig, folder: Path, data: Split, result: Evaluation, draw
             tracker.scalars(record.scalars([], effects, result.joint), size)
         tracker.scalars({record.MODEL: errors[result.model]}, size)
         source = result.provenance.data.source
-        record.log_hyperparameters(tracker, cfg, source, size, result.law, result.effects)
+        record.log_hyperparameters(tracker, cfg, source, size, result.law, [effect.name for effect in result.effects])
         equations = (*map(record.law_equation, result.fits), *(fit.equation for fit in result.joint.values()))
         record.log_card(tracker, result.provenance, equations, errors)
         if result.learning_curves:
@@ -201,7 +201,7 @@ def _drawn(
     cfg: DictConfig, data: Split, compared: _Compared, result: Evaluation, extras: _Extras, row: int | None
 ) -> dict[str, Figure]:
     """Draw the figures of an evaluation by file name, but for learning curves."""
-    test, box, axis = data.test, fitting.box(cfg), record.headline_axis(cfg)
+    test, box, axis = data.test, settings.box(cfg), record.headline_axis(cfg)
     drawn = record.draw_effects(list(compared.joint.values())[-1].model, test) if compared.joint else {}
     laws = {fit.law.name: fit.to_law() for fit in compared.fits}
     headline = metrics.METRICS[metrics.HEADLINE]

@@ -1,9 +1,8 @@
 """Fits that several commands ask for, with the options of a configuration."""
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from jaxtyping import Float, Int
@@ -11,10 +10,11 @@ from omegaconf import DictConfig
 from rich.progress import Progress
 from torch import Tensor
 
+from contactlearn.app import settings
 from contactlearn.effects import Effect
 from contactlearn.identification import shared
-from contactlearn.identification.joint import FitOptions, JointFit, identify_jointly
-from contactlearn.identification.shared import Box, SharedFit
+from contactlearn.identification.joint import JointFit, identify_jointly
+from contactlearn.identification.shared import SharedFit
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
 
@@ -30,32 +30,42 @@ class CostSurface:
     minimum: tuple[float, float]
 
 
-def box(cfg: DictConfig) -> Box:
-    """Return the limits of μ and ε."""
-    return Box(tuple(cfg.train.mu), tuple(cfg.train.eps))
-
-
 def identify_law(
-    cfg: DictConfig, law: Law, pool: Impacts, generator: torch.Generator, bar: Progress, **changes: Any
+    cfg: DictConfig,
+    law: Law,
+    pool: Impacts,
+    generator: torch.Generator,
+    bar: Progress,
+    *,
+    sizes: Sequence[int] | None = None,
+    repetitions: int | None = None,
+    orders: Int[Tensor, "m n"] | None = None,
 ) -> SharedFit:
-    """Identify the shared (μ, ε) of a law, with changes to the options of `identification.shared.identify`."""
-    options = {"sizes": (cfg.train.size,), "repetitions": cfg.train.repetitions} | changes
-    verb = "converging" if len(options["sizes"]) > 1 else "identifying"
+    """Identify the shared (μ, ε) of a law.
+
+    Args:
+        cfg: the configuration.
+        law: with any μ and ε.
+        pool: the trials to draw subsets from.
+        generator: source of the subsets.
+        bar: shows the progress.
+        sizes: of the subsets; `train.size` if None.
+        repetitions: number of subsets; `train.repetitions` if None.
+        orders: of the pool's trials, the subsets being the first of each; drawn if None.
+    """
+    sizes = (cfg.train.size,) if sizes is None else sizes
+    verb = "converging" if len(sizes) > 1 else "identifying"
     return shared.identify(
         law,
         pool,
+        sizes=sizes,
+        repetitions=cfg.train.repetitions if repetitions is None else repetitions,
+        orders=orders,
         generator=generator,
         target=cfg.train.target,
-        box=box(cfg),
+        box=settings.box(cfg),
         progress=lambda blocks: bar.track(blocks, description=f"{verb} {law.name}"),
-        **options,
     )
-
-
-def fit_options(cfg: DictConfig) -> FitOptions:
-    """Return the options of joint fits."""
-    noise = None if cfg.fit.noise is None else tuple(cfg.fit.noise)
-    return FitOptions(box=box(cfg), target=cfg.fit.target, noise=noise, starts=cfg.fit.starts)
 
 
 def fit_with_effects(
@@ -69,7 +79,9 @@ def fit_with_effects(
     """Fit the law alone and with its effects, by name, both to the same trials in the same way."""
     fits = {}
     for chosen in bar.track(({}, effects), description=f"fitting {law.name} and its effects"):
-        fits[augmented_name(law.name, chosen)] = identify_jointly(law, chosen, impacts, rows, options=fit_options(cfg))
+        fits[augmented_name(law.name, chosen)] = identify_jointly(
+            law, chosen, impacts, rows, options=settings.fit_options(cfg)
+        )
     return fits
 
 
@@ -78,10 +90,12 @@ def augmented_name(law: str, effects: Iterable[str]) -> str:
     return " + ".join((law, *effects))
 
 
-def cost_surface(cfg: DictConfig, law: Law, pool: Impacts) -> CostSurface:
+def law_surface(cfg: DictConfig, law: Law, pool: Impacts) -> CostSurface:
     """Evaluate the cost of a law over the whole box, and find its minimum, on the whole pool."""
-    mu, eps = box(cfg).axes()
-    least = shared.identify(law, pool, sizes=(len(pool),), repetitions=1, box=box(cfg), target=cfg.train.target)
+    mu, eps = settings.box(cfg).axes()
+    least = shared.identify(
+        law, pool, sizes=(len(pool),), repetitions=1, box=settings.box(cfg), target=cfg.train.target
+    )
     cost = shared.cost_surface(law, pool, mu, eps, target=cfg.train.target)
     return CostSurface(law=law, mu=mu, eps=eps, cost=cost, minimum=least.mean())
 

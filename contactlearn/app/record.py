@@ -65,7 +65,7 @@ def scalars(
     return values
 
 
-def headline(errors: Mapping[str, ModelErrors]) -> dict[str, Interval]:
+def headline_errors(errors: Mapping[str, ModelErrors]) -> dict[str, Interval]:
     """Return the headline error of each model in an error table."""
     return {model: entry.headline for model, entry in errors.items()}
 

@@ -12,6 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 
 import contactlearn
 from contactlearn.diagnosis.search.result import FittedParameter
+from contactlearn.effects import Effect, EffectId
 from contactlearn.evaluation import metrics
 from contactlearn.identification.joint import JointFit
 from contactlearn.identification.shared import SharedFit
@@ -43,6 +44,11 @@ def provenance(impacts: Impacts, cfg: DictConfig) -> Provenance:
         config=OmegaConf.to_container(cfg, resolve=True),
         command=command_line(),
     )
+
+
+def effect_ids(effects: Mapping[str, Effect]) -> tuple[EffectId, ...]:
+    """Return the names and forms of the effects of a model."""
+    return tuple(EffectId(name, effect.form) for name, effect in effects.items())
 
 
 def law_estimate(fit: SharedFit) -> LawEstimate:

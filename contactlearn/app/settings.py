@@ -1,6 +1,5 @@
 """Checks of a composed configuration, before any data is read: a wrong setting costs seconds, not a run."""
 
-import math
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -12,37 +11,34 @@ from contactlearn.effects import Effect, from_settings
 from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.evaluation import bounds
-from contactlearn.identification import joint as fit_effects
-from contactlearn.identification.shared import TARGETS
+from contactlearn.identification.joint import FitOptions
+from contactlearn.identification.shared import TARGETS, Box
 from contactlearn.laws import Law
 from contactlearn.learning.recipe import Recipe
+from contactlearn.numerics import is_number, is_whole
 from contactlearn.results.tables import FORMATS
 
-
-def _whole(least: int) -> tuple[Callable[[Any], bool], str]:
-    return lambda x: isinstance(x, int) and not isinstance(x, bool) and x >= least, f"a whole number, {least} or more"
+_Rule = tuple[Callable[[Any], bool], str]
 
 
-def _number(accept: Callable[[float], bool], rule: str) -> tuple[Callable[[Any], bool], str]:
-    return lambda x: isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x) and accept(x), rule
+def _whole(least: int) -> _Rule:
+    return lambda x: is_whole(x, least), f"a whole number, {least} or more"
 
 
-def _range(high: float, rule: str) -> tuple[Callable[[Any], bool], str]:
-    number, _ = _number(lambda x: 0 <= x <= high, rule)
-    return lambda x: isinstance(x, ListConfig) and len(x) == 2 and all(map(number, x)) and x[0] < x[1], rule
+def _number(accept: Callable[[float], bool], rule: str) -> _Rule:
+    return lambda x: is_number(x) and accept(x), rule
 
 
-def _sizes(least: int) -> tuple[Callable[[Any], bool], str]:
-    whole, _ = _whole(least)
+def _pair(rule: str) -> _Rule:
+    return lambda x: isinstance(x, ListConfig) and len(x) == 2 and all(map(is_number, x)), rule
 
+
+def _sizes(least: int) -> _Rule:
     def accept(x: Any) -> bool:
-        return isinstance(x, ListConfig) and len(x) > 0 and all(map(whole, x)) and list(x) == sorted(set(x))
+        whole = isinstance(x, ListConfig) and len(x) > 0 and all(is_whole(one, least) for one in x)
+        return whole and list(x) == sorted(set(x))
 
     return accept, f"an increasing list of whole numbers, {least} or more, such as [10, 20, 50]"
-
-
-def _positive(x: float) -> bool:
-    return x > 0
 
 
 _RULES = {
@@ -51,8 +47,8 @@ _RULES = {
     "threads": _whole(1),
     "train.size": _whole(1),
     "train.repetitions": _whole(1),
-    "train.mu": _range(math.inf, "bounds [low, high] with 0 ≤ low < high"),
-    "train.eps": _range(1, "bounds [low, high] with 0 ≤ low < high ≤ 1"),
+    "train.mu": _pair("[low, high], such as [0, 1]"),
+    "train.eps": _pair("[low, high], such as [0, 1]"),
     "bounds.patch": _number(lambda x: x > 0, "a positive half-width in m"),
     "bootstrap": _whole(10),
     "curves.sizes": _sizes(2),
@@ -60,17 +56,12 @@ _RULES = {
     "transfer.sizes": _sizes(2),
     "transfer.seeds": _whole(1),
     "fit.starts": _whole(2),
-    "fit.noise": (
-        lambda x: x is None or (isinstance(x, ListConfig) and len(x) == 3 and all(map(_number(_positive, "")[0], x))),
-        "null, or three positive standard deviations, of v_x and v_y in m/s and of ω in rad/s",
-    ),
     "workers": (lambda x: x is None or _whole(1)[0](x), "a whole number, 1 or more, or null for one a core"),
     "figures.repetitions": _whole(1),
     "laws": (lambda x: isinstance(x, ListConfig) and len(x) > 0, "a list of at least one law, such as [whittaker]"),
 }
 _NAMES = {
     "train.target": ("impulse target", TARGETS),
-    "fit.target": ("target of a joint fit", fit_effects.TARGETS),
     "bounds.norm": ("norm", bounds.NORMS),
     "tables": ("table format", FORMATS),
 }
@@ -92,10 +83,11 @@ def check(cfg: DictConfig) -> None:
         value = OmegaConf.select(cfg, key, default=missing)
         if value is not missing and value not in known:
             raise UnknownNameError(kind, str(value), known)
-    number = _number(lambda x: True, "")[0]
     for name, ends in (cfg.get("limits") or {}).items():
-        if not isinstance(ends, ListConfig) or len(ends) != 2 or not all(map(number, ends)):
-            raise ContactLearnError(f"limits.{name} must be [low, high], such as [-3, -1], got {ends!r}")
+        accept, rule = _pair("[low, high], such as [-3, -1]")
+        if not accept(ends):
+            raise ContactLearnError(f"limits.{name} must be {rule}, got {ends!r}")
+    fit_options(cfg)
     recipes(cfg)
     if effects(cfg) and cfg.get("transfer") is not None:
         raise ContactLearnError("transfer is studied without effects; use effect=[]")
@@ -130,6 +122,32 @@ def law(cfg: DictConfig) -> Law | None:
 def named_laws(cfg: DictConfig, names: Iterable[str]) -> dict[str, Law]:
     """Laws by name, in the variant of the configuration."""
     return {str(name): laws.find(str(name), str(cfg.variant)) for name in names}
+
+
+def box(cfg: DictConfig) -> Box:
+    """Return the limits of μ and ε.
+
+    Raises:
+        DataError: limits in the wrong order, or an ε above 1.
+    """
+    return Box(tuple(cfg.train.mu), tuple(cfg.train.eps)) if "train" in cfg else Box()
+
+
+def noise(cfg: DictConfig) -> tuple[float, float, float] | None:
+    """Return the standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), where they are known."""
+    sigma = cfg.fit.noise
+    return None if sigma is None else tuple(sigma) if isinstance(sigma, ListConfig) else (sigma,)
+
+
+def fit_options(cfg: DictConfig) -> FitOptions:
+    """Return the options of joint fits; those that the configuration lacks have their defaults.
+
+    Raises:
+        DataError: limits in the wrong order, or noise that is not three positive numbers.
+        UnknownNameError: no such target.
+    """
+    given = {name: cfg.fit[name] for name in ("target", "starts") if name in cfg.fit}
+    return FitOptions(box=box(cfg), noise=noise(cfg), **given)
 
 
 def recipes(cfg: DictConfig) -> dict[str, Recipe]:

@@ -95,7 +95,7 @@ def train(cfg: DictConfig) -> None:
     predictions = {name: model.predict(data.test) for name, model in trained.models.items()}
     result = _result(cfg, task, data, trained, predictions)
     checkpoint.save(trained.model, folder / CHECKPOINT, provenance=asdict(result.provenance))
-    run_folder.write(folder, result)
+    run_folder.write_result(folder, result)
     _show(result)
     _record(cfg, folder, result, trained, _drawn(task, trained, data.test, predictions[trained.name]))
     terminal.show_folder(folder)
@@ -118,11 +118,11 @@ def _trained(cfg: DictConfig, task: _Task, data: Split, bar: Progress) -> _Train
         bar.add_task(f"training {task.name} on {len(rows)} trials", total=None)
         base = list(models.values())[-1] if models else None
         base = base if task.effects or base is None else base.base
-        model = learn(recipe, pool, rows, base, impulse=cfg.train.target, box=fitting.box(cfg))
+        model = learn(recipe, pool, rows, base, impulse=cfg.train.target, box=settings.box(cfg))
         # A law is shown beside the model that it is the base of only if it has effects.
         models = (models if task.effects else {}) | {fitting.augmented_name(task.name, task.effects): model}
     elif not task.effects:
-        surface = fitting.cost_surface(cfg, task.law, pool)
+        surface = fitting.law_surface(cfg, task.law, pool)
     return _Trained(fits=fits, joint=joint, models=models, surface=surface)
 
 
@@ -137,7 +137,7 @@ def _result(
         model=trained.name,
         learned=None if task.recipe is None else task.name,
         law=None if task.law is None else task.law.name,
-        effects=tuple(task.effects),
+        effects=results.effect_ids(task.effects),
         trained_on=cfg.train.size,
         equation=str(trained.model),
         fits=tuple(map(results.law_estimate, trained.fits)),
@@ -160,7 +160,7 @@ def _show(result: Training) -> None:
 
 def _record(cfg: DictConfig, folder: Path, result: Training, trained: _Trained, drawn: Mapping[str, Figure]) -> None:
     """Log the result to TensorBoard, and save the figures."""
-    shown = record.headline(result.errors) | {"irb": result.irb}
+    shown = record.headline_errors(result.errors) | {"irb": result.irb}
     equations = [result.equation]
     if result.learned is None and result.fits:
         equations = [record.law_equation(fit) for fit in result.fits]
@@ -171,8 +171,9 @@ def _record(cfg: DictConfig, folder: Path, result: Training, trained: _Trained, 
         if trained.regressor is not None:
             tracker.series("fit/loss", trained.regressor.status.history.mean(-1).tolist())
         record.save_figures(drawn, folder, tracker)
+        effects = [effect.name for effect in result.effects]
         source, model = result.provenance.data.source, next(iter(cfg.model))
-        record.log_hyperparameters(tracker, cfg, source, result.trained_on, result.law, result.effects, model)
+        record.log_hyperparameters(tracker, cfg, source, result.trained_on, result.law, effects, model)
         record.log_card(tracker, result.provenance, equations, shown)
 
 

@@ -49,7 +49,7 @@ def transfer(cfg: DictConfig) -> None:
             for body, ways in curves.items()
         }
     result = Transfer(provenance=provenance, sizes=tuple(cfg.transfer.sizes), transfer=found)
-    run_folder.write(folder, result)
+    run_folder.write_result(folder, result)
     for name, entries in found.items():
         terminal.show_transfer(name, entries, result.sizes)
     _record(cfg, folder, result)
@@ -78,7 +78,7 @@ def _transferred(
             cfg.transfer.seeds,
             generator,
             impulse=cfg.train.target,
-            box=fitting.box(cfg),
+            box=settings.box(cfg),
             workers=fitting.workers(cfg),
             progress=lambda done, total: bar.track(done, total, description=f"transfer of {name}"),
         )

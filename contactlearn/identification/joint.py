@@ -5,7 +5,6 @@ which these are most likely, robustly, many subsets and starts at once.  Derivat
 trial gets parameters of its own, so three backward passes give all of them.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,6 +21,7 @@ from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
 from contactlearn.mechanics import velocity_per_wrench
 from contactlearn.model import ContactModel, derivative, resolve
+from contactlearn.numerics import is_number
 
 TARGETS = ("velocity", "wrench")
 _SCATTER = 6  # numbers of a scatter matrix; as many again keep it from being singular
@@ -53,8 +53,10 @@ class FitOptions:
     """Of the search, for each subset."""
 
     def __post_init__(self):
-        if self.noise is not None and (len(self.noise) != 3 or not all(0 < sigma < math.inf for sigma in self.noise)):
-            raise DataError(f"noise must be three positive standard deviations, of v_x, v_y and ω; got {self.noise}")
+        if self.noise is not None and (len(self.noise) != 3 or not all(is_number(x) and x > 0 for x in self.noise)):
+            raise DataError(
+                f"noise must be three positive standard deviations, of v_x, v_y in m/s and ω in rad/s; got {self.noise}"
+            )
         if self.target not in TARGETS:
             raise UnknownNameError("target of a joint fit", self.target, TARGETS)
 

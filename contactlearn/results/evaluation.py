@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from contactlearn.effects import EffectId
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import HEADLINE, Interval
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, known_model
@@ -76,7 +77,7 @@ class Evaluation:
         provenance: of the run.
         model: name in `errors` of the model that the run is compared with others by.
         law: that it is, or builds on.
-        effects: names of the effects around the law.
+        effects: around the law.
         norm: in which the bounds come closest.
         fits: the laws, identified from random subsets.
         joint: the law alone and with its effects, by name, where there are effects.
@@ -90,7 +91,7 @@ class Evaluation:
     provenance: Provenance
     model: str
     law: str
-    effects: tuple[str, ...]
+    effects: tuple[EffectId, ...]
     norm: str
     fits: tuple[LawEstimate, ...]
     joint: Mapping[str, JointEstimate]

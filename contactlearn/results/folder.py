@@ -35,7 +35,7 @@ class _Head:
     kind: RunKind
 
 
-def write(folder: Path, result: Result) -> Path:
+def write_result(folder: Path, result: Result) -> Path:
     """Write a result, whole or not at all; a diagnosis without its record, which is saved by itself.
 
     Raises:
@@ -60,7 +60,7 @@ def is_run(folder: Path) -> bool:
     return bool(files(folder))
 
 
-def find(root: Path) -> Iterator[Path]:
+def find_results(root: Path) -> Iterator[Path]:
     """Yield the files of results in a folder and below it, and run folders without one; hidden folders are left out."""
     for folder, folders, names in os.walk(root):
         there = [name for name in FILES if name in names]
@@ -70,8 +70,8 @@ def find(root: Path) -> Iterator[Path]:
         yield from (Path(folder, name) for name in there)
 
 
-def read(path: Path) -> Result:
-    """Read the result in a file that `find` found.
+def read_result(path: Path) -> Result:
+    """Read the result in a file that `find_results` found.
 
     Raises:
         ContactLearnError: in one line, why it cannot be read.

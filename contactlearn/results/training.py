@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from contactlearn.effects import EffectId
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate, known_model
 from contactlearn.results.provenance import Provenance, RunKind
@@ -17,7 +18,7 @@ class Training:
         model: its name in `errors`.
         learned: name of the learned model in the configuration; None for a law, with effects or without.
         law: that the model builds on; None for a model without a law.
-        effects: names of the effects around the law.
+        effects: around the law.
         trained_on: trials of the subset.
         equation: the model as text.
         fits: the law of a model without effects.
@@ -33,7 +34,7 @@ class Training:
     model: str
     learned: str | None
     law: str | None
-    effects: tuple[str, ...]
+    effects: tuple[EffectId, ...]
     trained_on: int
     equation: str
     fits: tuple[LawEstimate, ...]

@@ -15,7 +15,7 @@ def has_page(folder: Path) -> bool:
     """Whether a folder holds one run, of a kind that has a page of its own: an evaluation."""
     files = [path for path in run_folder.files(folder)]
     try:
-        return len(files) == 1 and isinstance(run_folder.read(files[0]), Evaluation)
+        return len(files) == 1 and isinstance(run_folder.read_result(files[0]), Evaluation)
     except ContactLearnError:
         return False
 
@@ -28,7 +28,7 @@ def redraw(folder: Path) -> Path:
     """
     (path,) = run_folder.files(folder)
     try:
-        return write(folder, _content(folder, run_folder.read(path)))
+        return write(folder, _content(folder, run_folder.read_result(path)))
     except OSError as error:
         raise ContactLearnError(f"{folder}: cannot be written: {error.strerror}") from None
 

@@ -113,7 +113,7 @@ def _sized(runs: Sequence[Row], settings: Settings) -> Iterator[tuple[int, float
 
 
 def _parts(run: Row) -> dict[str, str]:
-    effects = {"effects": ", ".join(map(label, run.given))} if run.given else {}
+    effects = {"effects": ", ".join(label(str(effect)) for effect in run.given)} if run.given else {}
     return effects | {"data": f"{run.data.source} {run.data.sha256[:HASH]}"}
 
 

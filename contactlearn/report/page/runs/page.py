@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from contactlearn.effects import EffectId
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.report.page.page import FILE, render, save
@@ -16,7 +17,7 @@ from contactlearn.report.page.runs.rows import HASH, LAW, Row, printable, read_r
 from contactlearn.report.page.runs.settings import shared, varying
 from contactlearn.report.page.trials import digits, look
 from contactlearn.report.text import interval, label, listed
-from contactlearn.results.folder import FILES, find, is_run
+from contactlearn.results.folder import FILES, find_results, is_run
 
 MARK = "contactlearn report"
 """How such a page is known again."""
@@ -47,7 +48,7 @@ def write_runs(
             raise ContactLearnError(f"{root}: no such folder; give the folder of a run, of a sweep, or one above them")
     target = _target(roots, out)
     runs, skipped, top = [], [], Path(os.path.commonpath(roots))
-    for path in progress(dict.fromkeys(path for root in roots for path in find(root)), "reading runs"):
+    for path in progress(dict.fromkeys(path for root in roots for path in find_results(root)), "reading runs"):
         name = os.path.relpath(path.parent if path.name in FILES else path, top)
         name = printable(top.name if name == "." else name)
         try:
@@ -94,18 +95,18 @@ def _target(roots: Sequence[Path], out: str | os.PathLike | None) -> Path:
 def of_runs(runs: Sequence[Row], skipped: Sequence[tuple[str, str]], folder: Path) -> dict[str, Any]:
     """All that the page says and draws; links are from `folder`.  What begins with "_" the scripts do without."""
     settings = varying(runs)
-    effects = sorted({name for run in runs for name in (*run.given, *run.found)})
+    effects = sorted({effect for run in runs for effect in (*run.given, *run.found)})
     several = len({run.data.sha256 for run in runs}) > 1
     bases = {run.data.sha256: run.data for run in runs}
     return {
         "title": f"{len(runs)} runs side by side" if len(runs) > 1 else "One run",
         "trials": None,
-        "effects": [{"name": name, "label": label(name)} for name in effects],
+        "effects": [{"name": str(effect), "label": printable(label(str(effect)))} for effect in effects],
         "runs": [
             {
                 "name": run.name,
                 **look(run.law or "no law"),
-                "effects": [*run.given, *run.found],
+                "effects": [str(effect) for effect in (*run.given, *run.found)],
                 **_errors(run),
             }
             for run in runs
@@ -132,7 +133,7 @@ def of_runs(runs: Sequence[Row], skipped: Sequence[tuple[str, str]], folder: Pat
     }
 
 
-def _columns(runs: Sequence[Row], settings: list, effects: Sequence[str], several: bool) -> list[dict[str, Any]]:
+def _columns(runs: Sequence[Row], settings: list, effects: Sequence[EffectId], several: bool) -> list[dict[str, Any]]:
     """Name, kind (text, number, tick or error) and cells (what is shown, what is sorted by) of each column."""
 
     def column(
@@ -144,9 +145,9 @@ def _columns(runs: Sequence[Row], settings: list, effects: Sequence[str], severa
     def errors(name: str, values: Iterable[Any]) -> dict[str, Any]:
         return {"name": name, "kind": "error", "cells": [_error_cell(value) for value in values]}
 
-    def ticks(name: str) -> dict[str, Any]:
-        said = (("found", 2) if name in run.found else ("", 1) if name in run.given else ("", None) for run in runs)
-        return {"name": label(name), "kind": "tick", "cells": list(said)}
+    def ticks(effect: EffectId) -> dict[str, Any]:
+        said = (("found", 2) if effect in run.found else ("", 1) if effect in run.given else ("", None) for run in runs)
+        return {"name": printable(label(str(effect))), "kind": "tick", "cells": list(said)}
 
     found = [errors("Held-out mass error", [run.error for run in runs])]
     if len({run.command for run in runs}) > 1:
@@ -163,12 +164,15 @@ def _columns(runs: Sequence[Row], settings: list, effects: Sequence[str], severa
         found.append(column("Model", [look(run.model)["label"] for run in runs]))
     found += [
         column("Verdict", [run.verdict for run in runs]),
-        column("Missing effects", [", ".join(map(label, run.found)) or None for run in runs]),
+        column(
+            "Missing effects",
+            [", ".join(printable(label(str(effect))) for effect in run.found) or None for run in runs],
+        ),
         errors("Law alone", [run.base for run in runs]),
         errors("Noise floor", [run.noise for run in runs]),
         errors("IRB bound", [run.bounds.get("irb") for run in runs]),
     ]
-    found += [ticks(name) for name in effects]
+    found += [ticks(effect) for effect in effects]
     found += own if len(own) > _FEW else []
     if several:
         found += [
@@ -204,7 +208,12 @@ def _numeric(values: Iterable[str | None]) -> bool:
 
 def _with(run: Row) -> str:
     """The law with the effects that were given to it."""
-    return " with ".join((look(run.law or "no law")["label"], *([listed(map(label, run.given))] if run.given else [])))
+    return " with ".join(
+        (
+            look(run.law or "no law")["label"],
+            *([listed(printable(label(str(effect))) for effect in run.given)] if run.given else []),
+        )
+    )
 
 
 def _sentences(runs: Sequence[Row]) -> list[str]:

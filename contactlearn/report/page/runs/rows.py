@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from contactlearn.effects import EffectId
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.report.figures.style import BOUNDS
@@ -59,8 +60,8 @@ class Row:
     command: str
     law: str | None
     model: str = LAW
-    given: tuple[str, ...]
-    found: tuple[str, ...] = ()
+    given: tuple[EffectId, ...]
+    found: tuple[EffectId, ...] = ()
     data: DataSource
     config: Mapping[str, Any]
     version: str
@@ -83,7 +84,7 @@ def read_row(path: Path) -> Row:
         from contactlearn.report.page.runs.untyped import diagnosis_row
 
         return diagnosis_row(path)
-    result = folder.read(path)
+    result = folder.read_result(path)
     if isinstance(result, Transfer):
         raise ContactLearnError("is a transfer to other bodies, which has no one held-out error; see its own figures")
     if isinstance(result, Training):
@@ -99,7 +100,7 @@ def _training(path: Path, result: Training) -> Row:
         command="train",
         law=None if result.law is None else printable(result.law),
         model=LAW if result.learned is None else printable(result.learned),
-        given=tuple(map(printable, result.effects)),
+        given=result.effects,
         error=result.errors[result.model].headline,
         base=_alone(result),
         bounds={"irb": result.irb},
@@ -111,7 +112,7 @@ def _evaluation(path: Path, result: Evaluation) -> Row:
         **_common(path, result.provenance),
         command="evaluate",
         law=printable(result.law),
-        given=tuple(map(printable, result.effects)),
+        given=result.effects,
         error=result.errors[result.model].headline,
         base=_alone(result),
         bounds={name: result.errors[name].headline for name in BOUNDS if name in result.errors},

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from contactlearn.effects import EffectId
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.report.page.runs.rows import LadderRung, Row, printable
@@ -37,7 +38,7 @@ def diagnosis_row(path: Path) -> Row:
         "data": DataSource(source=printable(data["source"]), trials=data["trials"], sha256=printable(data["sha256"])),
         "config": _get(content, "config", Mapping),
         "version": printable(_get(content, "versions", Mapping, {}).get("contactlearn", "?")),
-        "given": tuple(printable(name) for name in _get(content, "config.effect", Mapping, {})),
+        "given": tuple(EffectId(name) for name in _get(content, "config.effect", Mapping, {})),
     }
     return _diagnosis(content, common)
 
@@ -60,7 +61,7 @@ def _diagnosis(content: Mapping, common: dict) -> Row:
     return Row(
         command="diagnose",
         law=printable(_get(content, "law", str)) if ladder else None,
-        found=tuple(found),
+        found=tuple(map(EffectId.parse, found)),
         error=bare[len(found)] if bare else None,
         base=known.get("base") or (bare[0] if bare else None),
         noise=known.get("noise"),
