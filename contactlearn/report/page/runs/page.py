@@ -101,7 +101,7 @@ def of_runs(runs: Sequence[Row], skipped: Sequence[tuple[str, str]], folder: Pat
     return {
         "title": f"{len(runs)} runs side by side" if len(runs) > 1 else "One run",
         "trials": None,
-        "effects": [{"name": str(effect), "label": printable(label(str(effect)))} for effect in effects],
+        "effects": [{"name": str(effect), "label": _words(effect)} for effect in effects],
         "runs": [
             {
                 "name": run.name,
@@ -147,7 +147,7 @@ def _columns(runs: Sequence[Row], settings: list, effects: Sequence[EffectId], s
 
     def ticks(effect: EffectId) -> dict[str, Any]:
         said = (("found", 2) if effect in run.found else ("", 1) if effect in run.given else ("", None) for run in runs)
-        return {"name": printable(label(str(effect))), "kind": "tick", "cells": list(said)}
+        return {"name": _words(effect), "kind": "tick", "cells": list(said)}
 
     found = [errors("Held-out mass error", [run.error for run in runs])]
     if len({run.command for run in runs}) > 1:
@@ -166,7 +166,7 @@ def _columns(runs: Sequence[Row], settings: list, effects: Sequence[EffectId], s
         column("Verdict", [run.verdict for run in runs]),
         column(
             "Missing effects",
-            [", ".join(printable(label(str(effect))) for effect in run.found) or None for run in runs],
+            [", ".join(map(_words, run.found)) or None for run in runs],
         ),
         errors("Law alone", [run.base for run in runs]),
         errors("Noise floor", [run.noise for run in runs]),
@@ -182,6 +182,10 @@ def _columns(runs: Sequence[Row], settings: list, effects: Sequence[EffectId], s
         ]
     needed = {"Held-out mass error", "Law"}
     return [one for one in found if one["name"] in needed or any(key is not None for _, key in one["cells"])]
+
+
+def _words(effect: EffectId) -> str:
+    return printable(label(str(effect)))
 
 
 def _errors(run: Row) -> dict[str, Any]:
@@ -208,12 +212,8 @@ def _numeric(values: Iterable[str | None]) -> bool:
 
 def _with(run: Row) -> str:
     """The law with the effects that were given to it."""
-    return " with ".join(
-        (
-            look(run.law or "no law")["label"],
-            *([listed(printable(label(str(effect))) for effect in run.given)] if run.given else []),
-        )
-    )
+    law, given = look(run.law or "no law")["label"], listed(map(_words, run.given)) if run.given else ""
+    return f"{law} with {given}" if given else law
 
 
 def _sentences(runs: Sequence[Row]) -> list[str]:
