@@ -12,6 +12,7 @@ from torch import Tensor
 
 from contactlearn import checkpoint
 from contactlearn.data import synthetic
+from contactlearn.effects import EffectId, find_effect
 from contactlearn.errors import DataError
 from contactlearn.laws import Law, find
 from contactlearn.learning.recipe import TARGETS, Recipe, learn
@@ -321,6 +322,25 @@ def test_every_tensor_is_checked(tmp_path, learned, fault):
     }
     for name in torch.load(learned, weights_only=True)["tensors"]:
         refused(changed(tmp_path / "model.pt", learned, lambda _, t, name=name: faults[fault](t, name)), name)
+
+
+@pytest.mark.parametrize("form", ["after", "during"])
+def test_the_form_of_an_effect_comes_back(tmp_path, form):
+    """Also from files of format 1, which have it among the options."""
+    drops = synthetic.load(size=20)
+    effects = {"spin_damping": find_effect("spin_damping", form)().at([0.2])}
+    model = ContactModel(find("wang_mason").at(0.12, 0.55), effects=effects)
+    path = checkpoint.save(model, tmp_path / "model.pt", provenance={})
+
+    def older(description, tensors):
+        description["format"] = 1
+        effect = description["model"]["effects"]["spin_damping"]
+        effect["options"]["form"] = effect.pop("form")
+
+    for each in (path, changed(tmp_path / "older.pt", path, older)):
+        loaded, _ = checkpoint.load(each)
+        assert loaded.effects["spin_damping"].id == EffectId("spin_damping", form)
+        assert torch.equal(loaded.predict(drops).v_post, model.predict(drops).v_post)
 
 
 def test_an_unchanged_copy_is_accepted(tmp_path, learned):

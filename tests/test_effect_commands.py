@@ -8,11 +8,14 @@ import torch
 from test_commands import ROOT, SMALL, TRAIN, run
 
 from contactlearn import checkpoint
+from contactlearn.app import settings
+from contactlearn.cli import compose
 from contactlearn.data import synthetic
-from contactlearn.effects import find_effect
+from contactlearn.effects import EffectId, find_effect
 from contactlearn.errors import DataError
 from contactlearn.laws import find
 
+FAMILY = "contactlearn.effects.spin_damping.SpinDamping"
 FORMULA = ('+effect.mine.tau="-c*I*omega_post"', "+effect.mine.parameters.c=[0,1]")
 OWN = '''
 from dataclasses import dataclass
@@ -142,13 +145,33 @@ def test_a_new_effect_of_the_package_is_one_file_and_one_yaml(tmp_path):
     assert {path.name for path in changed} == {"spin_loss.py", "spin_loss.yaml"}
 
 
+FORMS = {
+    "the first": (["effect=[spin_damping]"], "after"),
+    "another": (["effect=[spin_damping]", "effect.spin_damping.form=during"], "during"),
+    "under a name of one's own": ([f"+effect.mine._target_={FAMILY}", "+effect.mine.form=during"], "during"),
+    "of a family, none named": ([f"+effect.mine._target_={FAMILY}"], "after"),
+    "by its class": ([f"+effect.mine._target_={FAMILY}During"], "during"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "form"), FORMS.values(), ids=FORMS)
+def test_a_form_is_a_setting(arguments, form):
+    (effect,) = settings.effects(compose("train", arguments)).values()
+    assert effect.id == EffectId("spin_damping", form)
+
+
 REFUSED = {
     "no law": (["model=x1_wrench", "effect=[side_drag]"], "effects act around a law, and model x1_wrench has none"),
     "not an effect": (["+effect.mine._target_=os.system"], "Located non-class"),
     "a class that is none": (["+effect.mine._target_=pathlib.Path"], "must be a subclass"),
     "not importable": (["+effect.mine._target_=no_such.Thing"], "cannot be imported"),
     "a fitted parameter": (["effect=[side_drag]", "+effect.side_drag.c=0.1"], "has no setting 'c' (it is fitted)"),
-    "a form": (["effect=[adhesion]", "effect.adhesion.form=glue"], "unknown form of adhesion 'glue'"),
+    "a form": (
+        ["effect=[spin_damping]", "effect.spin_damping.form=durring"],
+        "effect.spin_damping: unknown form of spin_damping 'durring', did you mean 'during'?; known: after, during",
+    ),
+    "a form of a form": ([f"+effect.mine._target_={FAMILY}After", "+effect.mine.form=during"], "unknown form"),
+    "a form of none": (["effect=[side_drag]", "+effect.side_drag.form=late"], "has no setting 'form'; it has: none"),
     "a formula": (['+effect.mine.tau="c*__import__"', "+effect.mine.parameters.c=[0,1]"], "^"),
     "identified": (["model=parameters_identified", "effect=[side_drag]"], "use model=parameters_likelihood"),
     "noise": (["fit.noise=[0.1,0.1]"], "three positive standard deviations"),

@@ -1,14 +1,19 @@
 """Every effect of the catalogue obeys the contract."""
 
+import gc
+import inspect
 import os
 import subprocess
 import sys
+from abc import abstractmethod
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from contactlearn.effects import Effect, EffectId, catalogue
-from contactlearn.errors import ContactLearnError
+from contactlearn.effects import Effect, EffectId, catalogue, find_effect, forms_of, from_settings, parameter
+from contactlearn.effects.spin_damping import SpinDamping
+from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.laws import find
 from contactlearn.testing import EffectContract
 
@@ -45,6 +50,107 @@ def test_an_effect_acts_at_one_place():
     both = {"law": Effect.law, "wrench": Effect.wrench}
     with pytest.raises(TypeError, match="not \\['law', 'wrench'\\]"):
         type("Everywhere", (Effect,), both)
+
+
+# --- Families ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def forgotten():
+    """Classes made in the test leave the registry with their last reference."""
+    yield
+    gc.collect()
+
+
+def family():
+    """A third party's family; its argument keeps it out of the catalogue."""
+
+    @dataclass(frozen=True, eq=False)
+    class Gust(Effect):
+        """Air moves.  It is not a drag."""
+
+        strength: float
+
+        @abstractmethod
+        def velocity(self, state, v_post):
+            """Blow."""
+
+    return Gust
+
+
+def form_of(parent, name, **own):
+    """A form that adds c to every velocity."""
+    body = {"form": name, "formula": "v⁺ ← v⁺ + c", "c": parameter("c", "m/s", -1.0, 1.0)} | own
+    body |= {"__annotations__": {"c": float}, "velocity": lambda self, state, v_post: v_post + self.c}
+    return dataclass(frozen=True, eq=False)(type(f"{name.title()}Gust", (parent,), body))
+
+
+def test_families_are_abstract_and_forms_final():
+    for forms in catalogue().values():
+        for kind in forms:
+            parents = [base for base in kind.__mro__[1:] if base is not Effect and issubclass(base, Effect)]
+            assert (kind.form is None) == (parents == [])
+            assert all(inspect.isabstract(base) and base.name == kind.name for base in parents)
+            assert not inspect.isabstract(kind)
+    with pytest.raises(TypeError, match="abstract"):
+        SpinDamping()
+    assert [kind.form for kind in catalogue()["spin_damping"]] == ["after", "during"]
+
+
+def test_a_family_of_ones_own_is_known_by_its_forms(forgotten):
+    parent = family()
+    steady, gusty = form_of(parent, "steady"), form_of(parent, "gusty")
+    assert "gust" not in catalogue()
+    assert (find_effect("gust"), find_effect("gust", "gusty")) == (steady, gusty)
+    assert forms_of(parent) == (steady, gusty)
+    made = from_settings(parent, {"form": "gusty", "strength": 2})
+    assert (type(made), made.id, made.strength, made.options) == (gusty, EffectId("gust", "gusty"), 2, {"strength": 2})
+    with pytest.raises(UnknownNameError, match="unknown form of gust 'gutsy', did you mean 'gusty'"):
+        find_effect("gust", "gutsy")
+    with pytest.raises(ContactLearnError, match="gust needs the setting strength"):
+        from_settings(parent, {"form": "gusty"})
+    with pytest.raises(ContactLearnError, match=r"gust has no setting 'c' \(it is fitted\); it has: form, strength"):
+        from_settings(gusty, {"c": 1})
+    form_of(parent, "steady")
+    with pytest.raises(ContactLearnError, match="two forms of gust are called steady"):
+        forms_of(parent)
+
+
+def test_a_form_may_join_a_family_of_another_package(forgotten):
+    """It comes after those that are declared with the family, and so is never the default."""
+    turbulent = type("Turbulent", (SpinDamping,), {"form": "turbulent", "wrench": lambda self, state, wrench: wrench})
+    assert find_effect("spin_damping", "turbulent") is turbulent
+    assert find_effect("spin_damping").form == "after"
+
+
+def test_an_effect_without_forms_has_none_to_choose_from():
+    assert find_effect("side_drag").form is None
+    with pytest.raises(ContactLearnError, match="effect side_drag has no forms to choose from, got 'late'"):
+        find_effect("side_drag", "late")
+
+
+def test_two_effects_of_one_name_are_refused(forgotten):
+    dataclass(frozen=True)(type("SideDrag", (Effect,), {"velocity": Effect.velocity}))
+    with pytest.raises(
+        ContactLearnError, match="two effects are called side_drag, in contactlearn"
+    ):
+        catalogue()
+
+
+BROKEN = {
+    "no family": ((Effect,), {"form": "late"}, "has a form and no family"),
+    "of a final class": ((find_effect("side_drag"),), {}, "must not subclass SideDrag, which is final"),
+    "of a form": ((find_effect("spin_damping"),), {"form": "late"}, "SpinDampingAfter, which is final"),
+    "no form": ((SpinDamping,), {}, "must name its form of spin_damping"),
+    "another place": ((SpinDamping,), {"form": "late", "law": Effect.law}, "must override wrench, as its family"),
+}
+
+
+@pytest.mark.parametrize(("bases", "body", "message"), BROKEN.values(), ids=BROKEN)
+def test_what_is_neither_effect_nor_form_is_refused(forgotten, bases, body, message):
+    place = "wrench" if "law" not in body else "law"
+    with pytest.raises(TypeError, match=message):
+        type("Broken", bases, {place: getattr(Effect, place)} | body)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: str(kind.id))
