@@ -14,7 +14,6 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from pickle import UnpicklingError
-from tempfile import TemporaryDirectory
 from typing import Any
 from zipfile import BadZipFile, ZipFile
 
@@ -26,6 +25,7 @@ from contactlearn.effects import Effect, columns
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.laws import Law
 from contactlearn.model import RESIDUALS, ContactModel
+from contactlearn.numerics import written_whole
 from contactlearn.regression.features import SPACES, Standardisation
 from contactlearn.regression.gp.exact import ExactGPs
 from contactlearn.regression.gp.sparse import SparseGPs
@@ -39,8 +39,13 @@ _INFINITE = (".scale", "_bound")  # may be so: of a constant column, of GPyTorch
 _FIX = "copy the file again, upgrade contactlearn if a newer one wrote it, or save the model again"
 
 
-def save(model: ContactModel, path: str | os.PathLike, *, provenance: dict[str, Any]) -> Path:
-    """Write a model and, as JSON, how it was made: whole or not at all, beside its place and then moved there.
+def save(model: ContactModel, path: str | os.PathLike[str], *, provenance: dict[str, Any]) -> Path:
+    """Write a model and its provenance; the file appears whole or not at all.
+
+    Args:
+        model: with leading axes or without.
+        path: of a .pt file.
+        provenance: how the model was made, as JSON.
 
     Raises:
         DataError: a suffix other than .pt, or the file cannot be written.
@@ -52,18 +57,15 @@ def save(model: ContactModel, path: str | os.PathLike, *, provenance: dict[str, 
     description = {"format": FORMAT, "model": _describe(model, "model", tensors), "provenance": provenance}
     contents = {"description": json.dumps(description), "tensors": tensors}
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(prefix=".saving-", dir=path.parent) as folder:
-            part = Path(folder) / path.name
+        with written_whole(path) as part:
             torch.save(contents, part)
-            os.replace(part, path)
     except (OSError, RuntimeError) as error:
         raise DataError(f"{path}: cannot be written: {error}") from error
     return path
 
 
-def load(path: str | os.PathLike) -> tuple[ContactModel, dict[str, Any]]:
-    """The model of a file, on the CPU, and its provenance.
+def load(path: str | os.PathLike[str]) -> tuple[ContactModel, dict[str, Any]]:
+    """Read the model of a file, on the CPU, and its provenance.
 
     Raises:
         DataError: no such file, not a checkpoint, not all of one, or one of a newer format.
@@ -144,15 +146,20 @@ def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         gps.load_state_dict(own)
         return gps.eval()
     part = kind(**own)
-    if kind is ContactModel and part.target not in RESIDUALS:
+    if isinstance(part, ContactModel) and part.target not in RESIDUALS:
         raise UnknownNameError("target", part.target, RESIDUALS)
-    if kind is Regressor:
-        if part.space not in SPACES:
-            raise UnknownNameError("feature space", part.space, SPACES)
-        wanted, seen = len(SPACES[part.space].columns), part.inputs.mean.shape[-1]
-        if seen != wanted:
-            raise DataError(f"{name}.inputs.mean has {seen} columns, and feature space {part.space} has {wanted}")
+    if isinstance(part, Regressor):
+        _check_space(part, name)
     return part
+
+
+def _check_space(part: Regressor, name: str) -> None:
+    """Refuse a regressor on an unknown feature space, or with another number of columns than its space has."""
+    if part.space not in SPACES:
+        raise UnknownNameError("feature space", part.space, SPACES)
+    wanted, seen = len(SPACES[part.space].columns), part.inputs.mean.shape[-1]
+    if seen != wanted:
+        raise DataError(f"{name}.inputs.mean has {seen} columns, and feature space {part.space} has {wanted}")
 
 
 def _build_effect(description: dict[str, Any]) -> Effect:

@@ -1,9 +1,10 @@
-"""What depends on the place along the floor: smooth functions on the span of the measurements."""
+"""Smooth functions of the place along the floor, on the span of the measurements."""
 
 from dataclasses import dataclass, replace
 from typing import Self
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import parameter
@@ -27,14 +28,18 @@ class AlongFloor:
     span: tuple[float, float] | None = None  # of x in m; None: that of nine tenths of the measurements
 
     def prepare(self, impacts: Impacts) -> Self:
-        """With the span of the impacts where it is open, to a tenth of a millimetre outwards."""
+        """Return the functions with the span of the impacts where it is open, rounded outwards to 0.1 mm."""
         if self.span is not None:
             return self
         low, high = impacts.q[:, 0].quantile(torch.tensor((0.05, 0.95), dtype=torch.float64)).tolist()
         return replace(self, span=(round(low - 5e-5, 4), round(high + 5e-5, 4)))
 
-    def change(self, x: Tensor) -> Tensor:
-        """The function at x [..., N] in m."""
+    def change(self, x: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
+        """Evaluate the function at x [..., N] in m.
+
+        Raises:
+            ContactLearnError: the span is open or empty.
+        """
         if self.span is None or not self.span[0] < self.span[1]:
             rule = "a span must be [low, high] of x in m with low < high, given or taken by prepare(impacts)"
             raise ContactLearnError(f"{rule}; got {self.span}")

@@ -1,4 +1,4 @@
-"""What acts while the contact lasts: Routh's path once as it is, and once with a change to it.
+"""Changes that act while the contact lasts: Routh's path as it is, and with the change.
 
 A law gives the end of a contact.  A change that acts at every instant, such as a moment or another friction,
 moves the whole path; `retraced` adds to the law's wrench the difference between the two paths, each
@@ -6,6 +6,7 @@ followed until v_n is what the law made it.  The path is continuous in everythin
 """
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.state import State, columns
@@ -14,14 +15,20 @@ from contactlearn.laws.wang_mason import Path, routh_path
 
 
 def retraced(
-    state: State, wrench: Tensor, *, arm: Tensor | None = None, friction: tuple[Tensor, Tensor] | None = None
-) -> Tensor:
-    """The wrench [..., N, 3] after a change to the path.
+    state: State,
+    wrench: Float[Tensor, "... n 3"],
+    *,
+    arm: Float[Tensor, "... n"] | None = None,
+    friction: tuple[Float[Tensor, "..."], Float[Tensor, "..."]] | None = None,
+) -> Float[Tensor, "... n 3"]:
+    """Return the wrench [..., N, 3] after a change to the path.
 
     Args:
-        state, wrench: as an effect gets them.
-        arm: the normal impulse acts so far to the right of the contact point, [..., N] in m: τ grows by arm P_n.
-        friction: μ against slip in the direction of the initial one, and against slip in the other.
+        state: with μ and ε of the law.
+        wrench: of the law, in contact axes.
+        arm: distance [..., N] in m at which the normal impulse acts to the right of the contact point: τ grows by
+            arm P_n.
+        friction: μ against slip in the direction of the initial slip, and against slip in the other direction.
     """
     P_t, P_n, tau = wrench.unbind(-1)
     W, v = state.W, state.approach
@@ -37,10 +44,10 @@ def retraced(
     return columns(P_t, P_n, tau if arm is None else tau + arm * P_n)
 
 
-def _until(path: Path, rise: Tensor) -> tuple[Tensor, Tensor]:
-    """(P_t, P_n) where v_n has risen by so much, m/s."""
+def _until(path: Path, rise: Float[Tensor, "... n"]) -> tuple[Tensor, Tensor]:
+    """(P_t, P_n) at which v_n has risen by `rise`, m/s."""
     first = rise <= path.v_slip
     p_first = rise / torch.where(first, path.stiffness, 1.0)
-    left = rise - torch.where(first, 0.0, path.v_slip)
-    p_second = torch.where(first, 0.0, path.p_slip) + left / path.stiffness_after
+    further = rise - torch.where(first, 0.0, path.v_slip)
+    p_second = torch.where(first, 0.0, path.p_slip) + further / path.stiffness_after
     return path.impulse(torch.where(first, p_first, p_second))

@@ -30,7 +30,7 @@ def catalogue() -> dict[str, tuple[type[Effect], ...]]:
     for entry in entry_points(group=ENTRY_POINT):
         entry.load()
     found: dict[str, tuple[type[Effect], ...]] = {}
-    for kind in sorted(Effect.__subclasses__(), key=lambda e: (PLACES.index(e.place), e.name)):
+    for kind in sorted(_defined(Effect), key=lambda e: (PLACES.index(e.place), e.name)):
         forms = tuple(form for form in forms_of(kind) if all(_optional(f) for f in fields(form)))
         if forms and kind.name in found:
             raise _homonyms(f"effects are called {kind.name}", found[kind.name][0], kind)
@@ -45,7 +45,7 @@ def find_effect(name: str, form: str | None = None) -> type[Effect]:
     Raises:
         UnknownNameError: no such effect or form; an effect of another package is known once that has been imported.
     """
-    known = dict.fromkeys(catalogue()) | {kind.name: kind for kind in Effect.__subclasses__()}
+    known = dict.fromkeys(catalogue()) | {kind.name: kind for kind in _defined(Effect)}
     if name not in known:
         raise UnknownNameError("effect", name, known)
     return choose_form(known[name], form)
@@ -58,7 +58,7 @@ def forms_of(kind: type[Effect]) -> tuple[type[Effect], ...]:
         ContactLearnError: two forms of one name.
     """
     found: dict[str | None, type[Effect]] = {}
-    for form in kind.__subclasses__() if inspect.isabstract(kind) else (kind,):
+    for form in _defined(kind) if inspect.isabstract(kind) else (kind,):
         if form.form in found:
             raise _homonyms(f"forms of {kind.name} are called {form.form}", found[form.form], form)
         found[form.form] = form
@@ -110,6 +110,11 @@ def from_settings(kind: type[Effect], settings: Mapping[str, Any]) -> Effect:
     if missing := [name for name, f in known.items() if not _optional(f) and name not in options]:
         raise ContactLearnError(f"{kind.name} needs the setting {', '.join(missing)}; give it a value")
     return kind(**options)
+
+
+def _defined(parent: type[Effect]) -> list[type[Effect]]:
+    """Direct subclasses; a class whose definition was refused has no identity, and lives until it is collected."""
+    return [kind for kind in parent.__subclasses__() if "id" in vars(kind)]
 
 
 def _homonyms(what: str, first: type[Effect], second: type[Effect]) -> ContactLearnError:

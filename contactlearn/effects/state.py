@@ -1,21 +1,22 @@
-"""State: what effects see of N impacts, as tensors that carry gradients and leading axes.
+"""State: the impacts as effects see them, tensors that carry gradients and leading axes.
 
-`Impacts` are measurements, validated and fixed; a `State` is what a model makes of them.  Effects of
-the place `state` change it, and it remembers how to bring a velocity back to what is measured:
+`Impacts` are measurements, validated and fixed; a model derives a `State` from them.  Effects of
+the place `state` change it, and it keeps the changes of frame, so that a velocity can be brought back to measured axes:
 
     tilt      angle in rad from the world's axes to those of the contact; r, q and v_pre are in the latter
     offset    centre of mass minus the tracked point, m; v_pre is the centre of mass's
 
-`stretch` is what the body is longer by along its own axes than its nominal shape.
+`stretch` is the factor on the body's nominal shape along its own axes.
 
 Once the law's coefficients are known they are in `mu` and `eps`.
 """
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from contactlearn import mechanics
@@ -32,90 +33,90 @@ _BARELY = 1e-9  # m/s
 class State:
     """Fields as in `Impacts`, [..., N] and [..., N, D] with leading axes, in contact axes."""
 
-    mass: Tensor
-    inertia: Tensor
-    r: Tensor
-    q: Tensor
-    v_pre: Tensor
-    order: Tensor
+    mass: Float[Tensor, "*#batch n"]
+    inertia: Float[Tensor, "*#batch n"]
+    r: Float[Tensor, "*#batch n 2"]
+    q: Float[Tensor, "*#batch n 3"]
+    v_pre: Float[Tensor, "*#batch n 3"]
+    order: Float[Tensor, "*#batch n"]
     shape: Shape | None = None
     stretch: tuple[Tensor | float, Tensor | float] = (1.0, 1.0)
-    tilt: Tensor | None = None
-    offset: Tensor | None = None
-    mu: Tensor | None = None
-    eps: Tensor | None = None
+    tilt: Float[Tensor, "..."] | None = None
+    offset: Float[Tensor, "... 2"] | None = None
+    mu: Float[Tensor, "..."] | None = None
+    eps: Float[Tensor, "..."] | None = None
 
     @classmethod
-    def of(cls, impacts: Impacts, rows: Tensor | slice = slice(None)) -> "State":
-        """The measured state, of all impacts or of those at `rows` [..., n]."""
+    def of(cls, impacts: Impacts, rows: Int[Tensor, "... n"] | slice = slice(None)) -> "State":
+        """Return the measured state of all impacts, or of those at `rows` [..., n]."""
         fields = (getattr(impacts, name)[rows] for name in ("mass", "inertia", "r", "q", "v_pre", "order"))
         return cls(*fields, impacts.shape)
 
-    def replace(self, **changes) -> "State":
-        """A copy with some fields changed."""
+    def replace(self, **changes: Any) -> "State":
+        """Return a copy with some fields changed."""
         return replace(self, **changes)
 
     @property
-    def x(self) -> Tensor:
+    def x(self) -> Float[Tensor, "... n"]:
         """Position along the floor, m."""
         return self.q[..., 0]
 
     @property
-    def theta(self) -> Tensor:
+    def theta(self) -> Float[Tensor, "... n"]:
         """Orientation against the floor, rad."""
         return self.q[..., 2]
 
     @property
-    def v_t(self) -> Tensor:
+    def v_t(self) -> Float[Tensor, "... n"]:
         """Slip before contact, m/s."""
         return self.v_c[..., 0]
 
     @property
-    def v_n(self) -> Tensor:
+    def v_n(self) -> Float[Tensor, "... n"]:
         """Normal velocity of the contact point before contact, m/s; negative on approach."""
         return self.v_c[..., 1]
 
     @property
-    def omega(self) -> Tensor:
+    def omega(self) -> Float[Tensor, "... n"]:
         """Spin before contact, rad/s."""
         return self.v_pre[..., 2]
 
     @cached_property
-    def W(self) -> Tensor:
+    def W(self) -> Float[Tensor, "... n 2 2"]:
         """Inverse effective inertia at the contact [..., N, 2, 2], 1/kg."""
         return mechanics.inverse_inertia(self.mass, self.inertia, self.r)
 
     @cached_property
-    def v_c(self) -> Tensor:
+    def v_c(self) -> Float[Tensor, "... n 2"]:
         """Velocity (v_t, v_n) of the contact point before contact [..., N, 2], m/s."""
         return mechanics.contact_velocity(self.r, self.v_pre)
 
     @property
-    def approach(self) -> Tensor:
-        """v_c for a law, which expects an approach: where a changed state has v_n ≥ 0, it barely approaches."""
+    def approach(self) -> Float[Tensor, "... n 2"]:
+        """v_c for a law, which expects an approach: v_n is at most −1e-9 m/s, also where the state has v_n ≥ 0."""
         return torch.stack((self.v_t, self.v_n.clamp_max(-_BARELY)), -1)
 
-    def v_after(self, wrench: Tensor) -> Tensor:
+    def v_after(self, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         """(v_x, v_y, ω) [..., N, 3] after a wrench, in contact axes and of the centre of mass."""
         return mechanics.apply_wrench(self.mass, self.inertia, self.r, self.v_pre, wrench)
 
-    def contact_after(self, wrench: Tensor) -> Tensor:
+    def contact_after(self, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 2"]:
         """Velocity (v_t, v_n) [..., N, 2] of the contact point after a wrench, m/s."""
         return mechanics.contact_velocity(self.r, self.v_after(wrench))
 
-    def turned(self, angle: Tensor) -> "State":
-        """With the orientation changed by `angle` [..., N] in rad and the contact point that goes with it."""
+    def turned(self, angle: Float[Tensor, "..."]) -> "State":
+        """Return the state with the orientation changed by `angle` [..., N] in rad, and the contact point with it."""
         theta = self.theta + angle
         return self.replace(
             q=columns(*self.q.unbind(-1)[:2], theta), r=self.r + (self.lowest(theta) - self.lowest(self.theta))
         )
 
-    def lowest(self, theta: Tensor) -> Tensor:
+    def lowest(self, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n 2"]:
         """Contact point [..., N, 2] of the stretched body at orientation θ [..., N], m; the shape must be known."""
         return contact_point(self.shape, theta, self.stretch)
 
-    def as_measured(self, v_post: Tensor) -> Tensor:
-        """The velocity of the tracked point in world axes, from that of the centre of mass in contact axes."""
+    def as_measured(self, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        """Return the velocity of the tracked point in world axes, from that of the centre of mass in contact axes."""
         velocity, spin = v_post[..., :2], v_post[..., 2]
         if self.offset is not None:
             velocity = velocity - spin[..., None] * perpendicular(self.offset)
@@ -124,11 +125,11 @@ class State:
         return columns(*velocity.unbind(-1), spin)
 
 
-def columns(*parts: Tensor) -> Tensor:
-    """Parts [..., N], broadcast against each other, side by side along a new last axis."""
+def columns(*parts: Float[Tensor, "..."]) -> Float[Tensor, "... k"]:
+    """Stack K parts [..., N], broadcast against each other, side by side along a new last axis."""
     return torch.stack(torch.broadcast_tensors(*parts), -1)
 
 
-def perpendicular(vector: Tensor) -> Tensor:
-    """The vector [..., 2] turned by a right angle: ẑ × it."""
+def perpendicular(vector: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
+    """Return ẑ × the vector [..., 2], which is the vector turned counter-clockwise by a right angle."""
     return torch.stack((-vector[..., 1], vector[..., 0]), -1)
