@@ -10,23 +10,36 @@ import pytest
 import torch
 from corruptions import corrupt
 from matplotlib.text import Text
-from test_diagnosis import few
 from test_figures import HOSTILE, assert_fits, visible_axes
 
 from contactlearn.audit.consistency import balance, contradictions, gross_outliers, kinetic_energy, torque
 from contactlearn.audit.corrections import CORRECTIONS, correct
-from contactlearn.audit.findings import Finding, audit
+from contactlearn.audit.findings import audit
+from contactlearn.audit.result import Finding
 from contactlearn.data import mystery
-from contactlearn.diagnosis.failure.regions import Region
 from contactlearn.diagnosis.failure.variables import variables
-from contactlearn.diagnosis.pipeline import Diagnosis, diagnose
-from contactlearn.diagnosis.unexplained.remainder import COMPONENTS, Component
+from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.result import (
+    ComponentTest,
+    Diagnosis,
+    Record,
+    Region,
+    Rung,
+    RungKind,
+    VariableShare,
+    Verdict,
+    WrenchComponent,
+)
+from contactlearn.diagnosis.search.candidates import all_candidates
+from contactlearn.effects import EffectId
 from contactlearn.evaluation.metrics import Interval, mass_error
 from contactlearn.impacts import Impacts
 from contactlearn.laws import find
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import audit_figure
-from contactlearn.report.figures.diagnosis import drawn, ladder, regions_figure, remainder_figure
+from contactlearn.report.figures.diagnosis import drawn, ladder
+from contactlearn.report.figures.regions import regions_figure
+from contactlearn.report.figures.residual import residual_figure
 from contactlearn.shapes import contact_point
 
 UNIT = re.compile(r"\((\$10\^\{-?\d+\}\$ )?(mN m s|mN s|mm|m/s|rad/s|rad|°|kg|m|s|–|count)\)")
@@ -41,7 +54,27 @@ def drops() -> Impacts:
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
     impacts, truth = mystery.draw(3, effects=["spin_damping"], size=250)
-    return diagnose(impacts, find(truth["law"]), candidates=few("spin_damping", "adhesion"))
+    kinds = ("spin_damping", "adhesion")
+    candidates = {effect: kind for effect, kind in all_candidates().items() if effect.name in kinds}
+    return diagnose(impacts, find(truth["law"]), candidates=candidates)
+
+
+def refused(findings: tuple[Finding, ...]) -> Diagnosis:
+    """A diagnosis without a model."""
+    return Diagnosis(verdict=Verdict.BAD_DATA, law="best", variant="textbook", findings=tuple(findings))
+
+
+def recorded(record: Record, **changes) -> Record:
+    """A record with some of its parts changed."""
+    return Record(**{name: getattr(record, name) for name in Record.__slots__} | changes)
+
+
+def of_regions(found: Diagnosis):
+    return regions_figure(found.regions, found.record)
+
+
+def of_residual(found: Diagnosis):
+    return residual_figure(found.remainder, found.record)
 
 
 def again(drops: Impacts) -> Impacts:
@@ -127,7 +160,7 @@ def test_every_finding_has_a_figure(name, drops, tmp_path):
     spoilt = SPOILT[name](drops)
     findings = audit(spoilt)
     assert name in [finding.name for finding in findings]
-    figures = drawn(Diagnosis("bad_data", "best", {}, findings), spoilt)
+    figures = drawn(refused(findings), spoilt)
     assert list(figures) == [f"audit_{finding.name}" for finding in findings]
     for figure in figures.values():
         assert_sound(figure)
@@ -172,7 +205,7 @@ def test_the_moment_balance_is_shown_without_and_with_the_correction(name, drops
 def test_each_of_two_corrections_is_shown_after_the_one_before_it(drops):
     spoilt = corrupt(drops, "mirrored_x", "grams")
     findings = audit(spoilt)
-    first, second = drawn(Diagnosis("bad_data", "best", {}, findings), spoilt).values()
+    first, second = drawn(refused(findings), spoilt).values()
     assert [finding.correction for finding in findings] == ["mirrored_x", "grams"]
     half = correct(spoilt, ["mirrored_x"])
     shown = line(first.axes[1], "Trial"), line(second.axes[0], "Trial"), line(second.axes[1], "Trial")
@@ -227,7 +260,7 @@ def test_names_of_neighbours_do_not_lie_on_each_other(drops):
 
 
 def test_energies_repeats_times_and_shapes_are_those_of_the_data(drops):
-    shown = {name: drawn(Diagnosis("bad_data", "best", {}, audit(SPOILT[name](drops))), SPOILT[name](drops))
+    shown = {name: drawn(refused(audit(SPOILT[name](drops))), SPOILT[name](drops))
              for name in ("energy_gained", "duplicated_trials", "out_of_order", "contact_point_off_shape")}  # fmt: skip
     axes = shown["energy_gained"]["audit_energy_gained"].axes[0]
     assert [one.get_xdata()[0] for one in axes.lines] == [1, 1.25]
@@ -252,7 +285,7 @@ def test_a_finding_without_correction_shows_the_data_as_read(drops):
     (finding,) = audit(shuffled(drops))
     assert finding.fatal
     best = replace(finding, hypothesis=("mirrored_x",))
-    found = Diagnosis("bad_data", "best", {}, (best,))
+    found = refused((best,))
     *panels, _ = drawn(found, shuffled(drops))["audit_impossible"].axes
     assert [axes.get_title().splitlines()[0] for axes in panels] == ["As read", "Under the best hypothesis"]
     best = replace(finding, hypothesis=())
@@ -278,9 +311,20 @@ def test_every_correction_of_a_frame_can_be_drawn(drops):
 
 
 def with_regions(found: Diagnosis, *limits: tuple[str, float, float]) -> Diagnosis:
-    known = {v.name: v for v in variables(found.impacts, found.base.predict(found.impacts))}
-    regions = (Region(name, low, high, known[name].said(low, high), 2.3, (1.5, 3), 3e-8, torch.ones(250) > 0)
-               for name, low, high in limits)  # fmt: skip
+    record = found.record
+    known = {v.name: v for v in variables(record.impacts, record.base.predict(record.impacts))}
+    regions = (
+        Region(
+            variable=name,
+            where=known[name].said(low, high),
+            low=low if math.isfinite(low) else None,
+            high=high if math.isfinite(high) else None,
+            ratio=Interval(2.3, 1.5, 3.0),
+            p_value=3e-8,
+            rows=tuple(range(250)),
+        )
+        for name, low, high in limits
+    )
     return replace(found, regions=tuple(regions))
 
 
@@ -303,7 +347,7 @@ LIMITS = {
 @pytest.mark.parametrize("case", LIMITS)
 def test_the_shaded_span_is_the_region(case, found):
     name, low, high, wanted, label = LIMITS[case]
-    (axes,) = regions_figure(with_regions(found, (name, low, high))).axes
+    (axes,) = of_regions(with_regions(found, (name, low, high))).axes
     assert shaded(axes) == pytest.approx(wanted)
     assert axes.get_xlabel() == label
     assert axes.get_ylabel() == "Mass-weighted velocity error (–)"
@@ -313,15 +357,15 @@ def test_the_shaded_span_is_the_region(case, found):
 
 
 def test_open_regions_reach_the_end_of_the_axis(found):
-    left, right = regions_figure(with_regions(found, ("location", -math.inf, 0.3), ("spin_rate", 4, math.inf))).axes
+    left, right = of_regions(with_regions(found, ("location", -math.inf, 0.3), ("spin_rate", 4, math.inf))).axes
     assert shaded(left) == pytest.approx((left.get_xlim()[0], 0.3))
     assert shaded(right) == pytest.approx((4, right.get_xlim()[1]))
 
 
 def test_errors_of_law_and_model_are_those_of_all_trials(found):
-    (axes,) = regions_figure(with_regions(found, ("spin", -3, 2.5))).axes
-    impacts = found.impacts
-    before, after = (mass_error(impacts, model.predict(impacts)) for model in (found.base, found.model))
+    (axes,) = of_regions(with_regions(found, ("spin", -3, 2.5))).axes
+    impacts = found.record.impacts
+    before, after = (mass_error(impacts, model.predict(impacts)) for model in (found.record.base, found.record.model))
     points = line(axes, "Trial, law")
     assert len(points) == 250
     assert (points[:, 0] == impacts.v_pre[:, 2].numpy()).all()
@@ -332,20 +376,20 @@ def test_errors_of_law_and_model_are_those_of_all_trials(found):
         last = order[-20:]
         assert middle == pytest.approx((np.median(impacts.v_pre[last, 2]), np.median(errors[last])))
     title = axes.get_title().splitlines()
-    assert title == ["-3 ≤ ω < 2.5 rad/s", "error 2.3 times the rest, 250 trials, p = 3e-8"]
+    assert title == ["-3 ≤ ω < 2.5 rad/s", "error 2.3 times the rest, 250 trials, p = 3e−8"]
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
 def test_up_to_five_regions_have_a_panel_each(count, found):
     limits = [limits[:3] for limits in LIMITS.values()][:count]
-    figure = regions_figure(with_regions(found, *limits))
+    figure = of_regions(with_regions(found, *limits))
     assert len(visible_axes(figure)) == count
     assert_sound(figure)
 
 
 def test_without_effects_there_is_one_median(found):
-    alone = replace(with_regions(found, ("mode", -0.5, 0.5), ("spin", -3, 2)), missing=())
-    figure = regions_figure(alone)
+    regions = with_regions(found, ("mode", -0.5, 0.5), ("spin", -3, 2)).regions
+    figure = regions_figure(regions, recorded(found.record, model=found.record.base, residuals=()))
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "Region",
         "Trial, law",
@@ -356,10 +400,18 @@ def test_without_effects_there_is_one_median(found):
 # --- What remains -------------------------------------------------------------------------------
 
 
+COMPONENTS = tuple(WrenchComponent)
+
+
 def with_remainder(found: Diagnosis, components: tuple[str, ...], variables: dict[str, float]) -> Diagnosis:
-    tested = tuple(Component(name, 0.1 + 0.2 * k, 0.03, 0.1) for k, name in enumerate(COMPONENTS))
+    tested = tuple(
+        ComponentTest(component=name, r_squared=0.1 + 0.2 * k, standard_error=0.03, error_reduction=0.1, clear=True)
+        for k, name in enumerate(COMPONENTS)
+    )
+    shares = tuple(VariableShare(symbol=symbol, share=share) for symbol, share in variables.items())
     share = Interval(0.3, 0.2, 0.4) if components else Interval(0.0, -0.1, 0.1)
-    left = replace(found.remainder, components=components, variables=variables, tested=tested, share=share)
+    named = tuple(map(WrenchComponent, components))
+    left = replace(found.remainder, components=named, variables=shares, tested=tested, share=share)
     return replace(found, remainder=left)
 
 
@@ -369,14 +421,14 @@ def with_remainder(found: Diagnosis, components: tuple[str, ...], variables: dic
     ids=["one", "two by two", "three", "nothing"],
 )
 def test_what_remains_is_the_measured_wrench_without_the_models(components, variables, found):
-    figure = remainder_figure(with_remainder(found, components, variables))
+    figure = of_residual(with_remainder(found, components, variables))
     assert_sound(figure)
     columns, rows = min(2, len(variables)) or 1, len(components) or 1
     assert len(figure.axes) == columns * rows
-    left = 1e3 * (found.impacts.wrench - found.model.predict(found.impacts).wrench)
+    left = 1e3 * (found.record.impacts.wrench - found.record.model.predict(found.record.impacts).wrench)
     for axes, name in zip(figure.axes[::columns], components or ("tau",), strict=True):
-        k = COMPONENTS.index(name)
-        label = ("Left of P_t (mN s)", "Left of P_n (mN s)", "Left of τ (mN m s)")[k]
+        k = COMPONENTS.index(WrenchComponent(name))
+        label = ("Residual of P_t (mN s)", "Residual of P_n (mN s)", "Residual of τ (mN m s)")[k]
         assert axes.get_ylabel() == label
         assert f"R² = {0.1 + 0.2 * k:.2f} ± 0.03" in axes.get_title(loc="left")
         shown = line(axes, "Trial")[:, 1]
@@ -388,15 +440,15 @@ def test_what_remains_is_the_measured_wrench_without_the_models(components, vari
         assert y.mean() == pytest.approx(shown.mean(), abs=0.1 * shown.std())
     said = " ".join(figure.get_suptitle().split())
     assert said == (
-        "Gaussian processes take 30% (20% to 40%) more off the error"
+        "Gaussian processes on the residual reduce the held-out error by 30 % (20 % to 40 %)"
         if components
-        else "Nothing remains that Gaussian processes could predict"
+        else "Gaussian processes predict no part of the residual on held-out trials."
     )
 
 
 def test_means_and_standard_errors_are_those_of_the_trials_in_a_group(found):
-    (axes,) = remainder_figure(with_remainder(found, ("n",), {"vx": 1.0})).axes
-    assert axes.get_xlabel() == "v_x (m/s), 100% of what they predict"
+    (axes,) = of_residual(with_remainder(found, ("n",), {"vx": 1.0})).axes
+    assert axes.get_xlabel() == "v_x (m/s), 100\u00a0% of the prediction"
     points = line(axes, "Trial")
     points = points[points[:, 0].argsort(kind="stable")]
     groups = np.array_split(points, 20)
@@ -408,8 +460,10 @@ def test_means_and_standard_errors_are_those_of_the_trials_in_a_group(found):
 
 
 def test_orientation_is_shown_in_one_turn(found):
-    turned = found.impacts.replace(q=found.impacts.q + torch.tensor((0, 0, 14 * math.pi), dtype=torch.float64))
-    (axes,) = remainder_figure(with_remainder(replace(found, impacts=turned), ("tau",), {"theta": 1.0})).axes
+    impacts = found.record.impacts
+    turned = impacts.replace(q=impacts.q + torch.tensor((0, 0, 14 * math.pi), dtype=torch.float64))
+    left = with_remainder(found, ("tau",), {"theta": 1.0}).remainder
+    (axes,) = residual_figure(left, recorded(found.record, impacts=turned)).axes
     assert abs(line(axes, "Trial")[:, 0]).max() <= math.pi
 
 
@@ -417,21 +471,22 @@ def test_orientation_is_shown_in_one_turn(found):
 
 
 def test_a_diagnosis_is_drawn_by_name(found):
-    figures = drawn(with_regions(found, ("spin", -3, 2)), found.impacts)
-    effects = [f"effect_{str(missing.id).replace(':', '_')}" for missing in found.missing]
-    assert found.effects == ["spin_damping"]
-    assert list(figures) == ["regions", "remainder", *effects, "ladder"]
-    for name in ("regions", "remainder", "ladder"):
+    figures = drawn(with_regions(found, ("spin", -3, 2)), found.record.impacts)
+    effects = [f"effect_{str(missing.effect).replace(':', '_')}" for missing in found.missing]
+    assert found.effects == ("spin_damping",)
+    assert list(figures) == ["regions", "residual", *effects, "ladder"]
+    for name in ("regions", "residual", "ladder"):
         assert_sound(figures[name])
-    assert "regions" not in drawn(replace(found, regions=()), found.impacts)
+    assert "regions" not in drawn(replace(found, regions=()), found.record.impacts)
 
 
 def test_the_ladder_shows_errors_intervals_and_the_bound(found):
     (axes,) = ladder(found).axes
-    assert [bar.get_width() for bar in axes.patches] == [interval.mean for _, interval in found.ladder]
+    errors = [rung.error for rung in found.ladder]
+    assert [bar.get_width() for bar in axes.patches] == [error.mean for error in errors]
     *intervals, bound = axes.lines
-    assert [tuple(one.get_xdata()) for one in intervals] == [(i.low, i.high) for _, i in found.ladder]
-    assert bound.get_xdata()[0] == found.budget["bound"]["mean"]
+    assert [tuple(one.get_xdata()) for one in intervals] == [(error.low, error.high) for error in errors]
+    assert bound.get_xdata()[0] == found.budget.bound.mean
     assert axes.get_xlim()[0] == 0
-    hostile = replace(found, ladder=tuple((name, found.ladder[0][1]) for name in HOSTILE))
-    assert_sound(ladder(hostile))
+    rungs = (Rung(kind=RungKind.EFFECT, error=errors[0], effect=EffectId(name)) for name in HOSTILE)
+    assert_sound(ladder(replace(found, ladder=tuple(rungs))))

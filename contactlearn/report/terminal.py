@@ -24,8 +24,8 @@ _SHORT = {"mass_error": "mass error", "normalised_velocity_error": "velocity/spe
 
 
 def say(line: str) -> None:
-    """A line as it is: no markup, no folding of paths."""
-    _console.print(Text(line), soft_wrap=True)
+    """Print a line as it is: no markup, no folding of paths, plain spaces."""
+    _console.print(Text(line.replace("\u00a0", " ")), soft_wrap=True)
 
 
 def progress() -> Progress:

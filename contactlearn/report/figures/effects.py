@@ -10,16 +10,21 @@ from matplotlib.ticker import MaxNLocator
 
 from contactlearn.evaluation.partial_residuals import Partial, binned
 from contactlearn.report.figures import style as st
+from contactlearn.report.text import label
 
 _COLOR = st.CONTRAST[1]
 
 
 @st.look()
-def effect_curve(partial: Partial) -> Figure:
+def effect_curve(partial: Partial, title: str | None = None) -> Figure:
     """Draw the measured residuals without the effect, their mean along the variable, and the effect's own change.
 
     A dot is a trial.  Impulses and moments are in mN s and mN m s.  The axis leaves out the outermost percent
     of the residuals on each side, unless the effect goes there.
+
+    Args:
+        partial: residuals with and without the effect.
+        title: the effect in words; its name if left out.
     """
     milli = st.MILLI if "N" in partial.component_unit else 1.0
     unit = ("m" if milli != 1 else "") + partial.component_unit
@@ -29,7 +34,7 @@ def effect_curve(partial: Partial) -> Figure:
     along = f"{partial.variable} ({unit if same else partial.variable_unit})"
     axes = st.name_axes(figure.subplots(), along, f"Residual of {partial.component} ({unit})")
     _draw(axes, shown)
-    axes.set_title(st.plain(partial.effect.replace("_", " ")))
+    axes.set_title(st.plain(label(partial.effect) if title is None else title))
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 

@@ -13,7 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from contactlearn.report.page.arrays import compressed
-from contactlearn.report.text import number, percent, spaced
+from contactlearn.report.text import brief_interval, error, number, percent, spaced
 
 FILE = "report.html"
 _SCRIPTS = ("numbers.js", "figures.js", "live.js")
@@ -21,12 +21,12 @@ _ESCAPED = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028",
 
 
 def write(folder: Path, content: dict[str, Any]) -> Path:
-    """report.html, whole or not at all."""
+    """Write report.html into a folder, whole or not at all."""
     return save(folder / FILE, render(content))
 
 
 def save(path: Path, text: str) -> Path:
-    """A page, whole or not at all; what UTF-8 cannot hold is "?"."""
+    """Write a page, whole or not at all; characters that UTF-8 cannot hold become "?"."""
     part = path.with_suffix(".part")
     part.write_text(text, encoding="utf-8", errors="replace")
     os.replace(part, path)
@@ -34,27 +34,14 @@ def save(path: Path, text: str) -> Path:
 
 
 def render(content: dict[str, Any], template: str = "report.html.j2", *, scripts: tuple[str, ...] = ()) -> str:
-    """The page; everything in `content` is escaped.
+    """Return the page as HTML; everything in `content` is escaped.
 
     Args:
-        content: what the template says; scripts have it as `page`, but for `block` and what begins with "_".
+        content: of the template; scripts have it as `page`, but for `block` and the entries that begin with "_".
         template: the page's.
         scripts: that come after those of every page.
     """
-    templates = Environment(
-        loader=PackageLoader("contactlearn.report.page"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    templates.filters |= {
-        "number": _number,
-        "interval": _interval,
-        "pretty": _pretty,
-        "percent": percent,
-        "spaced": spaced,
-    }
+    templates = _templates()
 
     def source(name: str) -> str:
         return templates.loader.get_source(templates, name)[0]
@@ -72,8 +59,28 @@ def render(content: dict[str, Any], template: str = "report.html.j2", *, scripts
     )
 
 
+def _templates() -> Environment:
+    """The templates, with the number formats of `report.text` as filters."""
+    templates = Environment(
+        loader=PackageLoader("contactlearn.report.page"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    templates.filters |= {
+        "error": error,
+        "number": _number,
+        "interval": brief_interval,
+        "pretty": _pretty,
+        "percent": percent,
+        "spaced": spaced,
+    }
+    return templates
+
+
 def embedded(content: Any) -> str:
-    """JSON that may stand in a script element."""
+    """Return JSON that may stand in a script element."""
     text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return text.translate(str.maketrans(_ESCAPED))
 
@@ -87,11 +94,6 @@ def _number(x: float | None, digits: int = 4) -> str:
     if x is None:
         return "–"
     return number(x, digits) if isinstance(x, float) else str(x)
-
-
-def _interval(x: dict[str, float]) -> str:
-    dash = " to " if x["low"] < 0 else "–"
-    return f"{x['mean']:.4f} ({x['low']:.4f}{dash}{x['high']:.4f})".replace("-", "−")
 
 
 def _pretty(x: Any) -> str:

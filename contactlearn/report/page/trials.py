@@ -1,16 +1,19 @@
-"""What a page holds of every trial, and what the laws can do to it."""
+"""Every trial on a page: its state and outcome, the variables of the map, the impulses of the laws and their reach."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn import mechanics
 from contactlearn.diagnosis.failure.variables import Variable, variables
+from contactlearn.evaluation.metrics import Interval
 from contactlearn.identification.shared import Box
 from contactlearn.impacts import COMPONENTS, Impacts, Prediction
 from contactlearn.laws import Law
+from contactlearn.report.figures.reach import grid
 from contactlearn.report.figures.style import law_style
 
 REACH = 0.002
@@ -23,9 +26,11 @@ _DASHES = {"-": "solid", "--": "dash", "-.": "dashdot"}
 
 
 def of_trials(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
-    """Names, states, outcomes, the body's outline, and the variables in which the map is drawn.
+    """Return names, states, outcomes, the body's outline, and the variables in which the map is drawn.
 
-    `prediction` decides which trials are said to stick.
+    Args:
+        impacts: of the page.
+        prediction: of the law; it decides which trials stick.
     """
     fields = ("mass", "inertia", "r", "q", "v_pre", "v_post")
     columns = {
@@ -46,7 +51,7 @@ def of_trials(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
 
 
 def of_laws(impacts: Impacts, fitted: Mapping[str, Law]) -> tuple[list[dict[str, Any]], dict[str, Tensor]]:
-    """The laws at their fitted parameters; and arrays: their impulses [L, N, 2] in N s, and what they can reach.
+    """Return the laws at their fitted parameters, and arrays: their impulses [L, N, 2] in N s, and their reach.
 
     `reach` [L, N, A, B, 2] is the impulse at nodes of (μ, ε), in units of the momentum ‖M_c v_c‖; between nodes where
     `torn` [L, N, A − 1, B − 1] is 1 it jumps.
@@ -61,11 +66,11 @@ def of_laws(impacts: Impacts, fitted: Mapping[str, Law]) -> tuple[list[dict[str,
     return entries, {"impulse": impulses, "reach": torch.stack(reach), "torn": torch.stack(torn)}
 
 
-def _reach(law: Law, W: Tensor, v_c: Tensor) -> tuple[Tensor, Tensor]:
-    """Impulses [N, A, B, 2] at nodes of (μ, ε), and where between them they jump [N, A − 1, B − 1]."""
-    box = Box()
-    u, w = (torch.linspace(0, 1, _FINER * (n - 1) + 1, dtype=W.dtype) for n in _NODES)
-    mu, eps = box.mu[0] + u**2 * (box.mu[1] - box.mu[0]), box.eps[0] + w * (box.eps[1] - box.eps[0])
+def _reach(
+    law: Law, W: Float[Tensor, "n 2 2"], v_c: Float[Tensor, "n 2"]
+) -> tuple[Float[Tensor, "n a b 2"], Bool[Tensor, "n c d"]]:
+    """Impulses at nodes of (μ, ε), and whether they jump between neighbours, c = a − 1 by d = b − 1."""
+    mu, eps = grid(Box(), _NODES, _FINER)
     P = law.at(mu[:, None, None], eps[:, None]).impulse(W, v_c)
     momentum = (mechanics.effective_inertia(W) @ v_c[..., None])[..., 0].norm(dim=-1)
     P = (P / momentum[:, None]).movedim(2, 0)
@@ -76,7 +81,7 @@ def _reach(law: Law, W: Tensor, v_c: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def look(name: str) -> dict[str, str]:
-    """How plotly draws a law, bound or learned model."""
+    """Return how plotly draws a law, bound or learned model."""
     style = law_style(name)
     line = style.linestyle
     dash = _DASHES[line] if isinstance(line, str) else " ".join(f"{part}px" for part in line[1])
@@ -84,7 +89,7 @@ def look(name: str) -> dict[str, str]:
 
 
 def digits(x: Any, count: int = 5) -> Any:
-    """Numbers rounded to significant digits, as JSON holds them: what is not finite is None."""
+    """Round numbers to significant digits, as JSON holds them; those that are not finite become None."""
     if isinstance(x, Tensor):
         x = x.tolist()
     if isinstance(x, Mapping):
@@ -96,8 +101,13 @@ def digits(x: Any, count: int = 5) -> Any:
     return x
 
 
+def bounded(x: Interval) -> dict[str, float]:
+    """Round an error and the ends of its interval as `finely` does."""
+    return finely({"mean": x.mean, "low": x.low, "high": x.high})
+
+
 def finely(x: Any) -> Any:
-    """Errors and their intervals, so that four decimals of what JSON holds are those of the numbers."""
+    """Round errors to seven significant digits, so that their four decimals are those of the numbers themselves."""
     return digits(x, 7)
 
 

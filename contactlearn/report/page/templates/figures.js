@@ -37,7 +37,7 @@ function drawMap(state) {
   });
   const points = {
     type: "scatter", mode: "markers", ...at, showlegend: false, hoverinfo: "text",
-    text: error.map((value, i) => `trial ${plain(trials.name[i])}<br>error ${value.toFixed(4)}`),
+    text: error.map((value, i) => `trial ${plain(trials.name[i])}<br>error ${written(value)}`),
     marker: {
       color: error, cmin: 0, cmax: most, colorscale: "Cividis", size: narrow() ? 6 : 7,
       opacity: region ? error.map((_, i) => inside.has(i) ? 1 : 0.15) : 0.9,
@@ -54,7 +54,7 @@ function drawMap(state) {
   return draw("map", [points, ring], {
     xaxis: axis(x), yaxis: axis(y), shapes: marked.flatMap(one => [...bands(one, x, "x"), ...bands(one, y, "y")]),
     uirevision: `${state.across} ${state.up}`,
-    summary: `${plain(y.label)} over ${plain(x.label)} for ${name}: mean error ${average(error).toFixed(4)}, largest ${
+    summary: `${plain(y.label)} over ${plain(x.label)} for ${name}: mean error ${written(average(error))}, largest ${
       Math.max(...error).toFixed(2)} of trial ${trials.name[error.indexOf(Math.max(...error))]}.`,
   });
 }
@@ -187,7 +187,7 @@ function reach(law, i, momentum) {
   return outlines.map(p => p[0] === null ? [NaN, NaN] : p);
 }
 
-// Partial residuals of one effect, and what the ticked model leaves.
+// Partial residuals of one effect, and the residual of the ticked model.
 function drawCurve(state, k) {
   const {curve} = page.effects[k], {component, quantity} = curve;
   const on = state.ticked(page.effects[k].name), wrenches = quantity === "wrench";
@@ -195,27 +195,27 @@ function drawCurve(state, k) {
   const [x, variableUnit] = curve.variable_unit === "rad" ? [curve.x.map(degrees), "°"]
     : curve.variable_unit === curve.unit ? [curve.x.map(value => milli * value), unit] : [curve.x, curve.variable_unit];
   const explained = trials.name.map((_, i) => milli * arrays.explained(i, k));
-  const left = trials.name.map((_, i) => {
+  const residual = trials.name.map((_, i) => {
     const difference = minus(measured(i), predicted(state.model, i));
     return milli * (wrenches ? wrench(i, difference) : difference)[component];
   });
-  const without = left.map((value, i) => value + (on ? explained[i] : 0));
-  const groups = grouped(x), [middle, mean, effect, rest] = [x, without, explained, left].map(y => means(groups, y));
-  const told = values => values.filter(value => value !== null);
-  const ends = [share(without, 0.01), share(without, 0.99), ...explained, ...told(rest), 0];
+  const without = residual.map((value, i) => value + (on ? explained[i] : 0));
+  const groups = grouped(x), [middle, mean, effect, rest] = [x, without, explained, residual].map(y => means(groups, y));
+  const known = values => values.filter(value => value !== null);
+  const ends = [share(without, 0.01), share(without, 0.99), ...explained, ...known(rest), 0];
   const low = Math.min(...ends), high = Math.max(...ends), dots = {type: "scatter", mode: "markers", hoverinfo: "skip"};
   return draw(`curve-${k}`, [
     {...dots, x, y: without, name: "Trials without it", marker: {size: 3.5, color: color("muted"), opacity: 0.45}},
     {...dots, x, y: explained, name: "Effect, by trial", marker: {size: 3, color: color("red"), opacity: 0.55}},
     {type: "scatter", mode: "lines", x: middle, y: effect, name: "Effect, mean", line: {color: color("red"), width: 2.5, dash: on ? "solid" : "dot"}},
     {type: "scatter", mode: "markers", x: middle, y: mean, name: "Trials, mean of a twentieth", marker: {size: 8, color: color("text")}},
-    {type: "scatter", mode: "lines+markers", x: middle, y: rest, name: "Left by the ticked model",
+    {type: "scatter", mode: "lines+markers", x: middle, y: rest, name: "Residual of the ticked model, mean",
      line: {color: color("accent"), width: 1.5}, marker: {size: 8, symbol: "square-open", color: color("accent"), line: {width: 2}}},
   ], {
     xaxis: {title: {text: plain(curve.variable + (variableUnit && ` (${variableUnit})`))}, ...(variableUnit === "°" && quarters)},
-    yaxis: {title: {text: plain(`${curve.letter} not explained (${unit})`)}, range: [low - 0.05 * (high - low), high + 0.05 * (high - low)]},
-    summary: `The effect goes from ${digits(Math.min(...told(effect)))} to ${digits(Math.max(...told(effect)))} ${unit}; the ticked model leaves means from ${
-      digits(Math.min(...told(rest)))} to ${digits(Math.max(...told(rest)))} ${unit}.`,
+    yaxis: {title: {text: plain(`Residual of ${curve.letter} (${unit})`)}, range: [low - 0.05 * (high - low), high + 0.05 * (high - low)]},
+    summary: `The effect goes from ${digits(Math.min(...known(effect)))} to ${digits(Math.max(...known(effect)))} ${unit}; the mean residual of the ticked model from ${
+      digits(Math.min(...known(rest)))} to ${digits(Math.max(...known(rest)))} ${unit}.`,
   });
 }
 
@@ -264,7 +264,7 @@ function drawDistributions() {
     boxmean: true, showlegend: false, hoverinfo: "x", line: {color: visible(one.color), width: 1.5},
   })), {
     xaxis: {title: {text: "Mass error"}, rangemode: "tozero"}, yaxis: {showgrid: false, type: "category"},
-    summary: shown.map(one => `${one.label}: median ${share(one.errors, 0.5).toFixed(4)}`).reverse().join("; ") + ".",
+    summary: shown.map(one => `${one.label}: median ${written(share(one.errors, 0.5))}`).reverse().join("; ") + ".",
   });
 }
 

@@ -10,14 +10,12 @@ const state = {
 };
 
 const model = () => page.models[state.model];
-const interval = one => `${one.mean.toFixed(4)} (${one.low.toFixed(4)}–${one.high.toFixed(4)})`;
 
 function showModel() {
   for (const box of document.querySelectorAll("[data-bit]")) box.checked = Boolean(state.model >> box.dataset.bit & 1);
-  const change = 1 - model().mean / page.models[0].mean;
   for (const output of document.querySelectorAll(".ticked")) {
-    output.textContent = `Error ${interval(model())}` + (state.model ? `, ${Math.abs(100 * change).toFixed(0)} % ${
-      change < 0 ? "above" : "below"} ${page.models[0].name}` : "");
+    const [law] = page.models, less = state.model ? `, ${compared(model().mean, law.mean)} than ${law.name}` : "";
+    output.textContent = `Error ${interval(model())}${less}`;
   }
   const row = get("ticked-row");
   if (row) {
@@ -29,8 +27,8 @@ function showModel() {
   }
   page.regions?.forEach((region, k) => {
     const cells = get("regions").tBodies[0].rows[k], inside = new Set(region.rows), error = massErrors(state.model);
-    cells.querySelector(".there").textContent = average(error.filter((_, i) => inside.has(i))).toFixed(4);
-    cells.querySelector(".elsewhere").textContent = average(error.filter((_, i) => !inside.has(i))).toFixed(4);
+    cells.querySelector(".there").textContent = written(average(error.filter((_, i) => inside.has(i))));
+    cells.querySelector(".elsewhere").textContent = written(average(error.filter((_, i) => !inside.has(i))));
   });
 }
 
@@ -41,7 +39,7 @@ function showTrial(note = "") {
   const parts = errorParts(state.model, i).map((part, k) => [part, ["v_x", "v_y", "ω"][k]]).sort((a, b) => b[0] - a[0]);
   const percent = part => part > 0 && part < 0.005 ? "below 1\u00a0%" : `${(100 * part).toFixed(0)}\u00a0%`;
   get("trial-name").textContent = `${note}Trial ${trials.name[i]} of ${trials.object[i]}, θ = ${digits(trials.theta[i] * 180 / Math.PI)}°: error of the ${page.switches?.length ? "ticked" : "chosen"} model ${
-    massErrors(state.model)[i].toFixed(4)}, number ${rank} of ${trials.count} from the worst` + (parts[0][0] ? `; ${
+    written(massErrors(state.model)[i])}, number ${rank} of ${trials.count} from the worst` + (parts[0][0] ? `; ${
     parts.map(([part, name], k) => `${percent(part)} ${k ? "" : "of the squared error is "}in ${name}`).join(", ")}` : "") + ".";
   const impulse = v => wrench(i, minus(v, before(i))).map(value => 1000 * value);
   const rows = [["Before", before(i), false], ["After, measured", measured(i), true], ["After, predicted", predicted(state.model, i), true]];

@@ -95,4 +95,20 @@ const means = (groups, y) => groups.map(part => part && average(part.map(i => y[
 
 const average = values => values.reduce((sum, value) => sum + value, 0) / values.length;
 const share = (values, part) => [...values].sort((a, b) => a - b)[Math.round(part * (values.length - 1))];
+
+// Number formats: as in contactlearn/report/text/numbers.py.
+const written = x => {
+  if (Math.abs(x) >= 1e-3 || x === 0) return x.toFixed(4).replace("-", "−");
+  const [figure, power] = x.toExponential(1).split("e");
+  return Math.abs(x) >= 1e-4 ? digits(x, 2) : `${digits(Number(figure), 2)}e−${-power}`;
+};
+const compared = (x, y) => {
+  const [word, ratio] = x <= y ? ["less", y / x] : ["more", x / y];
+  if (!(Math.min(x, y) > 0)) return x === y ? "no less" : word;
+  const times = ratio < 10 ? ratio.toFixed(1) : ratio.toFixed(0);
+  const percent = 100 * Math.abs(x - y) / y;
+  return ratio >= 2 ? `${times} times ${word}` : `${percent.toFixed(percent < 1 ? 1 : 0)}\u00a0% ${word}`;
+};
+const interval = one => `${written(one.mean)} (${written(one.low)}${one.low < 0 ? " to " : "–"}${written(one.high)})`;
+
 const digits = (x, count = 3) => Number(x.toPrecision(count)).toString().replace("-", "−");

@@ -96,7 +96,7 @@ function drawLines() {
   return draw("curve", [...bands, ...traces], {
     xaxis: {title: {text: "Training trials"}, type: "log", tickvals: sizes, ticktext: sizes.map(String)},
     yaxis: {title: {text: "Mass error"}, rangemode: "tozero"}, showlegend: true,
-    summary: lines.map(one => `${one.label}: ${one.intervals.at(-1).mean.toFixed(4)} at ${one.sizes.at(-1)}`).join("; ") + ".",
+    summary: lines.map(one => `${one.label}: ${written(one.intervals.at(-1).mean)} at ${one.sizes.at(-1)}`).join("; ") + ".",
   });
 }
 

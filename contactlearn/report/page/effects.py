@@ -1,0 +1,117 @@
+"""Effects, the next experiment and the residual of a diagnosis, as data of its page."""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from contactlearn.diagnosis.result import Experiment, FittedParameter, Formula, MissingEffect, Region, Remainder, Rival
+from contactlearn.effects.formula.symbols import SYMBOLS
+from contactlearn.evaluation.partial_residuals import COMPONENTS, Partial
+from contactlearn.report.page.trials import bounded, digits, finely
+from contactlearn.report.text import WRENCH, effect_label, measured, sentence, stages
+from contactlearn.report.text.stages import separation_label
+
+
+class _Axis(NamedTuple):
+    """A number that a drop sets: its column in the trials of the page, label, and scale to the label's unit."""
+
+    column: str
+    label: str
+    scale: float = 1.0
+
+
+_AXES = {
+    "x": _Axis("x", "x (m)"),
+    "theta": _Axis("theta", "θ (°)", math.degrees(1)),
+    "v_x": _Axis("vx", "v_x (m/s)"),
+    "v_y": _Axis("vy", "v_y (m/s)"),
+    "omega": _Axis("omega", "ω (rad/s)"),
+}
+
+
+def effect_content(missing: MissingEffect, partial: Partial, regions: Sequence[Region]) -> dict[str, Any]:
+    """Return a missing effect with its parameters, rivals and the curve of its partial residuals."""
+    on_all = missing.reduction_on_all_trials
+    inadmissible = stages.inadmissible(missing)
+    return {
+        "name": str(missing.effect),
+        "label": effect_label(missing.effect),
+        "formula": missing.equation,
+        "before": bounded(missing.error_before),
+        "after": bounded(missing.error_after),
+        "error_reduction": finely(missing.error_reduction),
+        "all_trials": None if on_all is None else bounded(on_all),
+        "confidence": digits(missing.confidence, 4),
+        "parameters": [_parameter(one) for one in missing.parameters],
+        "inadmissible": sentence(inadmissible) if inadmissible else "",
+        "improvements": stages.improvements(missing, regions),
+        "rivals": [_rival(one) for one in missing.rivals],
+        "curve": _curve(partial),
+    }
+
+
+def _parameter(found: FittedParameter) -> dict[str, Any]:
+    numbers = digits({"value": found.value, "standard_error": found.standard_error}, 4)
+    said = measured(found.value, found.standard_error, found.unit)
+    return {"symbol": found.symbol, "unit": found.unit, "said": said, **numbers}
+
+
+def _rival(rival: Rival) -> dict[str, Any]:
+    numbers = {"similarity": rival.similarity, "loss": rival.loss_difference, "error": rival.standard_error}
+    return {"label": effect_label(rival.effect), **digits(numbers)}
+
+
+def _curve(partial: Partial) -> dict[str, Any]:
+    """The axes of partial residuals: the component of the wrench or velocity, and the variable by trial."""
+    quantity = next(name for name, parts in COMPONENTS.items() if partial.component in dict(parts))
+    return {
+        "quantity": quantity,
+        "component": [letter for letter, _ in COMPONENTS[quantity]].index(partial.component),
+        "letter": partial.component,
+        "unit": partial.component_unit,
+        "variable": partial.variable,
+        "variable_unit": "" if partial.variable_unit == "–" else partial.variable_unit,
+        "x": digits(partial.x, 4),
+    }
+
+
+def experiment_content(experiment: Experiment) -> dict[str, Any]:
+    """Return the drops by their state, θ in °, and by the difference of the model from each rival there."""
+    located = experiment.drops[0].x is not None
+    axes = {name: axis for name, axis in _AXES.items() if name != "x" or located}
+    return {
+        "axes": [
+            {"name": name, "column": axis.column, "label": axis.label, "scale": axis.scale}
+            for name, axis in axes.items()
+        ],
+        "rivals": [{"name": separation_label(one), "said": stages.separation(one)} for one in experiment.separations],
+        "drops": [
+            digits({name: axis.scale * getattr(drop, name) for name, axis in axes.items()}, 3)
+            | {"differences": [digits(difference, 2) for difference in drop.differences]}
+            for drop in experiment.drops
+        ],
+    }
+
+
+def residual_content(left: Remainder, formulas: Sequence[Formula]) -> dict[str, Any]:
+    """Return the predictable part of the residual by component and variable, and formulas for it."""
+    return {
+        "said": stages.residual(left)[0],
+        "components": [
+            {
+                "name": WRENCH[one.component],
+                "said": measured(one.r_squared, one.standard_error),
+                "named": one.clear,
+            }
+            for one in left.tested
+        ],
+        "variables": [
+            {
+                "name": SYMBOLS[one.symbol].letter,
+                "description": SYMBOLS[one.symbol].description,
+                "share": digits(one.share, 3),
+            }
+            for one in left.variables
+        ],
+        "formulas": [{"code": stages.formula_overrides(one), "said": stages.formula_gain(one)} for one in formulas],
+    }

@@ -1,0 +1,57 @@
+"""The words and number formats of terminal, page, figures and run cards, each in one place.
+
+    numbers   errors, shares, comparisons, values with their standard errors
+    names     laws, models, effects, rungs and components as a person writes them
+    stages    the result of each stage of a diagnosis in a sentence
+    verdict   the conclusion of a diagnosis in one line, and the numbers behind it
+
+A no-break space stands between a number and its % sign; the terminal prints it as a space.
+"""
+
+from contactlearn.report.text.names import (
+    WRENCH,
+    base_label,
+    effect_label,
+    label,
+    law_label,
+    listed,
+    model_label,
+    opened,
+    rung_label,
+    sentence,
+)
+from contactlearn.report.text.numbers import (
+    brief_interval,
+    compared,
+    error,
+    interval,
+    measured,
+    number,
+    percent,
+    spaced,
+)
+from contactlearn.report.text.verdict import conclusion, headline, summary
+
+__all__ = [
+    "WRENCH",
+    "base_label",
+    "brief_interval",
+    "compared",
+    "conclusion",
+    "effect_label",
+    "error",
+    "headline",
+    "interval",
+    "label",
+    "law_label",
+    "listed",
+    "measured",
+    "model_label",
+    "number",
+    "opened",
+    "percent",
+    "rung_label",
+    "sentence",
+    "spaced",
+    "summary",
+]

@@ -1,0 +1,100 @@
+"""Names as a person writes them: laws, models, effects, rungs of the ladder, components; lists and sentences."""
+
+from collections.abc import Iterable, Sequence
+
+from contactlearn.diagnosis.result import Diagnosis, NoiseSource, Rung, RungKind, WrenchComponent
+from contactlearn.effects import EffectId
+from contactlearn.report.figures.style import law_style
+from contactlearn.report.text.numbers import spaced
+
+WRENCH = {WrenchComponent.TANGENTIAL: "P_t", WrenchComponent.NORMAL: "P_n", WrenchComponent.MOMENT: "τ"}
+"""Components of the wrench."""
+
+NOISE_SOURCES = {
+    NoiseSource.STATED: "from the stated noise",
+    NoiseSource.ESTIMATED: "from differences between similar trials",
+}
+"""Origins of the noise floor."""
+
+PROCESSES = "Gaussian processes on the residual"
+NOISE_FLOOR = "noise floor"
+
+_SPELT = {"_dependent_": "-dependent ", "kuwabara_kono": "Kuwabara–Kono", "stribeck": "Stribeck"}
+
+
+def label(name: str) -> str:
+    """Write an identifier in words: velocity_dependent_friction as velocity-dependent friction."""
+    for code, words in _SPELT.items():
+        name = name.replace(code, words)
+    return name.replace("_", " ")
+
+
+def effect_label(effect: EffectId) -> str:
+    """Write an effect with its form: velocity-dependent friction (Stribeck)."""
+    return label(effect.name) + (f" ({label(effect.form)})" if effect.form is not None else "")
+
+
+def budget_labels(base: str, source: NoiseSource) -> dict[str, str]:
+    """Write the entries of an error budget by the names of their fields, the law's as `base`."""
+    return {
+        "base": base,
+        "named": f"{base} with the missing effects",
+        "ceiling": f"{base} and Gaussian processes of the full state",
+        "flexible": f"{base} with the missing effects and {PROCESSES}",
+        "bound": "Best impulse of a rigid point contact (ideal rigid-body bound, IRB)",
+        "noise": f"Noise floor, {NOISE_SOURCES[source]}",
+    }
+
+
+def law_label(name: str) -> str:
+    """Write a law by its authors; any other model as it is drawn."""
+    return law_style(name).label
+
+
+def model_label(name: str) -> str:
+    """Write a model of an evaluation: `wang_mason + side_drag` as Wang–Mason + side drag."""
+    known = law_style(name).label
+    if known != name or " + " not in name:
+        law = name.removesuffix(" (joint)")
+        return known if known != name or law == name else f"{law_style(law).label} (joint)"
+    law, *effects = name.split(" + ")
+    return " + ".join((law_style(law).label, *map(label, effects)))
+
+
+def base_label(found: Diagnosis) -> str:
+    """Write the law of a diagnosis with the effects that were given."""
+    given = [effect_label(effect) for effect in found.given]
+    return (law_label(found.law) if found.law else "any law") + (f" with {listed(given)}" if given else "")
+
+
+def rung_label(rung: Rung, base: str) -> str:
+    """Write a rung of the ladder, the law's as `base`."""
+    if rung.kind is RungKind.EFFECT:
+        return f"+ {effect_label(rung.effect)}" if rung.effect is not None else "+ effect"
+    return {RungKind.LAW: base, RungKind.PROCESSES: f"+ {PROCESSES}", RungKind.NOISE: NOISE_FLOOR}[rung.kind]
+
+
+def listed(names: Iterable[str], word: str = "and") -> str:
+    """Write a list of one or more names: one, two and three."""
+    *first, last = names
+    return f"{', '.join(first)} {word} {last}" if first else last
+
+
+def shortened(names: Sequence[str], most: int, kind: str) -> list[str]:
+    """The first names of a list that is longer than `most`, and the number of the others of their kind."""
+    rest = len(names) - most
+    if rest <= 0:
+        return list(names)
+    return [*names[:most], f"one other {kind}" if rest == 1 else f"{rest} other {kind}s"]
+
+
+def opened(text: str) -> str:
+    """Write a capital first, unless the text opens with a number or a symbol, such as x."""
+    first = text.partition(" ")[0].rstrip(",:")
+    word = first == "a" or (len(first) > 1 and first.isascii() and first.replace("-", "").isalpha())
+    return text[0].upper() + text[1:] if word else text
+
+
+def sentence(text: str) -> str:
+    """Write a clause as a sentence: a capital first, a full stop last, spaces before %."""
+    return spaced(opened(text)) + ("" if text.endswith((".", "?", "!")) else ".")

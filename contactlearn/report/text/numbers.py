@@ -1,0 +1,90 @@
+"""Number formats: errors, intervals, shares, comparisons, values with standard errors and units."""
+
+import math
+import re
+from collections.abc import Mapping
+
+from contactlearn.evaluation.metrics import Interval
+
+_SMALL = 1e-3  # errors below it are written with two significant digits
+_PERCENT = 0.01  # difference below which a percentage has a decimal
+_TIMES = 2.0  # ratio from which on a comparison is a factor and no percentage
+
+
+def number(x: float, digits: int = 4) -> str:
+    """Write a number to significant digits; exponents are written as 3e−5."""
+    return re.sub(r"e([+−])0*", lambda e: "e" + e[1].strip("+"), f"{x:.{digits}g}".replace("-", "−"))
+
+
+def error(x: float) -> str:
+    """Write an error with four decimals, or with two digits where these would be zeros."""
+    return f"{x:.4f}".replace("-", "−") if abs(x) >= _SMALL or x == 0 else number(x, 2)
+
+
+def interval(x: Interval | Mapping[str, float]) -> str:
+    """Write a mean error with its 95 % interval: 0.1811 (95 %: 0.1790–0.1832)."""
+    mean, low, high = _ends(x)
+    return f"{error(mean)} (95\u00a0%: {error(low)}{_dash(low)}{error(high)})"
+
+
+def brief_interval(x: Interval | Mapping[str, float]) -> str:
+    """Write a mean error with its interval where the heading says which: 0.1811 (0.1790–0.1832)."""
+    mean, low, high = _ends(x)
+    return f"{error(mean)} ({error(low)}{_dash(low)}{error(high)})"
+
+
+def percent(x: float, decimals: int = 0) -> str:
+    """Write a share as 78 %."""
+    return f"{100 * x:.{decimals}f}\u00a0%".replace("-", "−")
+
+
+def share_interval(x: Interval) -> str:
+    """Write a share with its 95 % interval: 40 % (30 % to 50 %)."""
+    return f"{percent(x.mean)} ({percent(x.low)} to {percent(x.high)})"
+
+
+def compared(x: float, y: float) -> str:
+    """Compare an error with another one, before "than": 3.9 times less, 18 % less, 18 % more, 2.1 times more."""
+    if not min(x, y) > 0:
+        return "no less" if x == y else "less" if x < y else "more"
+    word, ratio = ("less", y / x) if x <= y else ("more", x / y)
+    if ratio >= _TIMES:
+        return f"{times(ratio)} {word}"
+    share = abs(x - y) / y
+    return f"{percent(share, 0 if share >= _PERCENT else 1)} {word}"
+
+
+def times(ratio: float) -> str:
+    """Write a ratio as 3.9 times."""
+    return f"{ratio:.1f} times" if ratio < 10 else f"{ratio:.0f} times"
+
+
+def p_value(p: float) -> str:
+    """Write a probability with one significant digit: p = 3e−8, p = 0.02."""
+    return f"p = {number(p, 1)}"
+
+
+def measured(value: float, standard_error: float | None, unit: str = "–") -> str:
+    """Write a value with the digits that its standard error leaves, the standard error, and the unit."""
+    if standard_error is None or not math.isfinite(standard_error) or standard_error == 0:
+        text = number(value) + (" ± 0" if standard_error == 0 else "")
+    elif standard_error > 10 * abs(value) + 0.1 or standard_error < 1e-6:  # no digit is known, or too many are
+        text = f"{number(value, 3)} ± {number(standard_error, 2)}"
+    else:
+        decimals = max(0, 1 - math.floor(math.log10(standard_error)))
+        text = f"{value:.{decimals}f} ± {standard_error:.{decimals}f}".replace("-", "−")
+    return text + (f" {unit}" if unit not in ("", "–") else "")
+
+
+def spaced(text: str) -> str:
+    """Write `78%` and `3e-5` in a text as 78 % and 3e−5."""
+    return re.sub(r"(?<=\de)-(?=\d)", "−", re.sub(r"(?<=\d)%", "\u00a0%", text))
+
+
+def _ends(x: Interval | Mapping[str, float]) -> tuple[float, float, float]:
+    return (x["mean"], x["low"], x["high"]) if isinstance(x, Mapping) else (x.mean, x.low, x.high)
+
+
+def _dash(low: float) -> str:
+    """Between the ends of an interval: a dash would read as the sign of a negative one."""
+    return " to " if low < 0 else "–"

@@ -1,0 +1,116 @@
+"""The conclusion of a diagnosis: a clause, a headline, and a summary with its numbers."""
+
+from collections.abc import Sequence
+
+from contactlearn.diagnosis.result import Diagnosis, MissingEffect, RungKind, Verdict
+from contactlearn.report.text import stages
+from contactlearn.report.text.names import base_label, effect_label, listed, opened, sentence, shortened
+from contactlearn.report.text.numbers import interval, measured, percent
+
+VERDICTS = {
+    Verdict.EFFECTS: "effects are missing",
+    Verdict.NONE: "no missing effect is detectable",
+    Verdict.UNKNOWN: "an unknown effect is missing",
+    Verdict.BAD_DATA: "the measurements are inconsistent",
+}
+"""Each verdict in a clause."""
+
+_RIVALS = 2  # that a headline names
+
+
+def conclusion(verdict: Verdict, physics: Verdict | None, corrections: Sequence[str] = ()) -> str:
+    """Write a verdict in a clause; of corrected data also the conclusion about them.
+
+    Args:
+        verdict: of the diagnosis.
+        physics: the conclusion about the corrected data; None where they are refused.
+        corrections: names of the corrections.
+    """
+    if verdict is not Verdict.BAD_DATA or physics is None:
+        return VERDICTS[verdict]
+    said = f"the data were corrected ({', '.join(corrections)})" if corrections else VERDICTS[verdict]
+    return f"{said}; {VERDICTS[physics]}"
+
+
+def headline(found: Diagnosis) -> str:
+    """Write the verdict in one line."""
+    law = base_label(found)
+    if any(finding.fatal for finding in found.findings):
+        return "The measurements are inconsistent, and no known correction resolves this."
+    effects = listed(effect_label(one.effect) for one in found.missing) if found.missing else ""
+    return f"{_finding(found, law, effects)}{_doubt(found)}"
+
+
+def _finding(found: Diagnosis, law: str, effects: str) -> str:
+    """The missing effects, or their absence, with what else the data show."""
+    predictable = found.remainder is not None and found.remainder.found
+    verb = "is" if len(found.missing) == 1 else "are"
+    if found.physics == Verdict.UNKNOWN:
+        known = f" {opened(effects)} {verb} missing as well{_rivals(found.missing)}." if effects else ""
+        return f"An unknown effect is missing from {law}: no effect of the catalogue explains its error.{known}"
+    if effects:
+        rest = "; no known effect explains the predictable part of the residual" if predictable else ""
+        return f"{opened(effects)} {verb} missing from {law}{_rivals(found.missing)}{rest}."
+    if predictable:
+        return f"No known effect is missing from {law}, but a small part of its residual is predictable."
+    return f"These data show no effect that is missing from {law}."
+
+
+def _rivals(missing: Sequence[MissingEffect]) -> str:
+    """The rivals of the effects, behind their names."""
+    said = ""
+    for one in missing:
+        others = shortened([effect_label(other.effect) for other in one.rivals], _RIVALS, "effect")
+        if others:
+            said += f"; these data cannot distinguish {effect_label(one.effect)} from {listed(others, 'or')}"
+    return said
+
+
+def _doubt(found: Diagnosis) -> str:
+    """The audit's opinion of the data, behind a headline."""
+    if found.corrections:
+        return " The data were corrected first."
+    return " The audit questions the data." if found.findings else ""
+
+
+def summary(found: Diagnosis) -> list[str]:
+    """Write the numbers behind a verdict, a sentence each."""
+    if not found.ladder:
+        return [sentence(finding.sentence) for finding in found.findings if finding.fatal]
+    said = [f"{base_label(found)} has a held-out mass error of {interval(found.ladder[0].error)}.", *_reduction(found)]
+    said += [_size(missing) for missing in found.missing if missing.parameters]
+    if found.remainder is not None:
+        said += stages.residual(found.remainder)
+        said += [f"The best formula for it: {stages.formula(one)}." for one in found.formulas[:1]]
+    if found.budget is not None:
+        said.append(stages.noise(found.budget))
+    said += [one for one in (stages.better_law(found), stages.worst_region(found)) if one]
+    return said + _confused(found)
+
+
+def _reduction(found: Diagnosis) -> list[str]:
+    """The error with the missing effects."""
+    if not found.missing:
+        return []
+    before = found.ladder[0].error
+    after = next(rung.error for rung in reversed(found.ladder) if rung.kind is RungKind.EFFECT)
+    these = "This effect reduces" if len(found.missing) == 1 else f"These {len(found.missing)} effects reduce"
+    share = 1 - after.mean / before.mean if before.mean else 0.0
+    return [f"{these} it to {interval(after)}: an error reduction of {percent(share)}."]
+
+
+def _size(missing: MissingEffect) -> str:
+    """An effect with the first of its parameters."""
+    first = missing.parameters[0]
+    size = measured(first.value, first.standard_error, first.unit)
+    return f"{opened(effect_label(missing.effect))}: {first.symbol} = {size}."
+
+
+def _confused(found: Diagnosis) -> list[str]:
+    """The effects that have rivals, and whether an experiment helps."""
+    names = [effect_label(missing.effect) for missing in found.missing if missing.rivals]
+    if not names:
+        return []
+    decided = found.experiment is not None and any(one.drops_needed for one in found.experiment.separations)
+    help_ = "; the next experiment distinguishes them" if decided else ""
+    return [f"These data cannot distinguish {listed(names)} from other effects{help_}."]

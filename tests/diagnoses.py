@@ -1,0 +1,108 @@
+"""Diagnoses that no data gave, for tests of the report."""
+
+from dataclasses import replace
+
+import torch
+
+from contactlearn.data import synthetic
+from contactlearn.diagnosis.result import (
+    Choices,
+    Diagnosis,
+    ErrorBudget,
+    ErrorShares,
+    LawFit,
+    MissingEffect,
+    NoiseSource,
+    Record,
+    Remainder,
+    Rung,
+    RungKind,
+    VariableShare,
+    Verdict,
+    WrenchComponent,
+)
+from contactlearn.diagnosis.search.candidates import all_candidates
+from contactlearn.effects import EffectId
+from contactlearn.evaluation.metrics import Interval
+from contactlearn.evaluation.partial_residuals import partial_residuals
+from contactlearn.impacts import Impacts
+from contactlearn.laws import PAPER_LAWS, find
+from contactlearn.model import ContactModel
+from contactlearn.results.provenance import DataSource, Provenance
+
+ERROR = Interval(0.1, 0.09, 0.11)
+SIX = (
+    EffectId("surface_tilt"),
+    EffectId("spin_damping", "after"),
+    EffectId("contact_patch"),
+    EffectId("inertia_error"),
+    EffectId("side_drag"),
+    EffectId("sampling_delay"),
+)
+MOST = 6  # effects in play
+
+
+def provenance_of(impacts: Impacts, command: str = "", **config) -> Provenance:
+    data = DataSource(source=impacts.source, trials=len(impacts), sha256=impacts.fingerprint())
+    return Provenance(data=data, versions={"contactlearn": "0"}, config=config, command=command)
+
+
+def made_up(size: int, *effects: EffectId) -> Diagnosis:
+    """A diagnosis with these effects, of which as many as may be are in play, and predictions nothing compresses."""
+    shares = ErrorShares(noise=1.7, explained=0.0, unexplained=0.0, beyond_rigid=0.0)
+    errors = dict.fromkeys(("base", "ceiling", "bound", "named", "flexible", "noise"), ERROR)
+    rungs = (Rung(kind=RungKind.EFFECT, error=ERROR, effect=effect) for effect in effects)
+    record = record_of(size, *effects)
+    return Diagnosis(
+        verdict=Verdict.EFFECTS,
+        physics=Verdict.EFFECTS,
+        law="wang_mason",
+        variant="textbook",
+        findings=(),
+        laws=tuple(LawFit(name=law, variant="textbook", error=0.1, mu=0.1, eps=0.5) for law in PAPER_LAWS),
+        missing=tuple(missing(effect, ERROR if k < MOST else None) for k, effect in enumerate(effects)),
+        ladder=(Rung(kind=RungKind.LAW, error=ERROR), *rungs),
+        budget=ErrorBudget(**errors, noise_source=NoiseSource.ESTIMATED, shares=shares),
+        choices=Choices(effects=effects[:MOST], errors=(ERROR,) * len(record.outcomes)),
+        record=record,
+    )
+
+
+def missing(effect: EffectId, reduction: Interval | None = None) -> MissingEffect:
+    return MissingEffect(
+        effect=effect,
+        equation="",
+        parameters=(),
+        error_before=ERROR,
+        error_after=ERROR,
+        error_reduction=0.01,
+        confidence=1.0,
+        inadmissible_before=0.0,
+        inadmissible_after=0.0,
+        reduction_on_all_trials=reduction,
+    )
+
+
+def record_of(size: int, *effects: EffectId) -> Record:
+    impacts = synthetic.load(size=size, seed=0)
+    candidates = all_candidates()
+    model = ContactModel(
+        find("wang_mason").at(0.12, 0.55),
+        effects={effect.name: candidates[effect].prepare(impacts) for effect in effects},
+    )
+    choices = 2 ** min(MOST, len(effects))
+    generator = torch.Generator().manual_seed(0)
+    noise = torch.randn((choices, len(impacts), 3), generator=generator, dtype=torch.float64)
+    return Record(
+        impacts=impacts,
+        base=replace(model, effects={}),
+        model=model,
+        outcomes=impacts.v_post + noise,
+        residuals=tuple(partial_residuals(model, impacts, effect.name) for effect in effects),
+    )
+
+
+def remainder(share: Interval, *components: WrenchComponent) -> Remainder:
+    variables = VariableShare(symbol="omega", share=0.61), VariableShare(symbol="theta", share=0.2)
+    named = components or (WrenchComponent.MOMENT,)
+    return Remainder(share=share, large=False, components=named, variables=variables, tested=())

@@ -1,0 +1,247 @@
+"""The words of terminal and page: verdicts, names, numbers and comparisons."""
+
+from dataclasses import replace
+
+import pytest
+from diagnoses import SIX, made_up, missing, remainder
+
+from contactlearn.audit.result import Finding
+from contactlearn.diagnosis.observer import Task
+from contactlearn.diagnosis.result import (
+    Drop,
+    Experiment,
+    FittedParameter,
+    Formula,
+    Improvement,
+    LawFit,
+    NoiseSource,
+    Region,
+    Rival,
+    Rung,
+    RungKind,
+    Separation,
+    Verdict,
+    WrenchComponent,
+)
+from contactlearn.effects import EffectId
+from contactlearn.evaluation.metrics import Interval
+from contactlearn.report.observer import TerminalObserver, show_verdict
+from contactlearn.report.text import (
+    compared,
+    conclusion,
+    effect_label,
+    error,
+    headline,
+    interval,
+    measured,
+    model_label,
+    rung_label,
+    sentence,
+    stages,
+    summary,
+)
+
+TILT, DRAG = EffectId("surface_tilt"), EffectId("side_drag")
+REGION = Region(
+    variable="spin", where="-3 ≤ ω < 2.5 rad/s", low=-3.0, high=2.5, ratio=Interval(2.3, 1.5, 3.0), p_value=3e-8,
+    rows=(0, 1, 2),
+)  # fmt: skip
+BEST = Formula(
+    component=WrenchComponent.MOMENT, terms=("omega",), ranges=((-1.0, 1.0),), coefficients=(0.1,),
+    error_reduction=0.25, standard_error=0.0,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def found():
+    return made_up(40, TILT, EffectId("spin_damping", "after"))
+
+
+def plain(text: str) -> str:
+    return text.replace("\u00a0", " ")
+
+
+# --- Numbers and names ----------------------------------------------------------------------------
+
+
+def test_words():
+    assert measured(0.10512, 0.00412, "m") == "0.1051 ± 0.0041 m"
+    assert measured(-3.2e-7, 4e-8) == "−3.2e−7 ± 4e−8"
+    known = EffectId("velocity_dependent_restitution", "kuwabara_kono")
+    assert effect_label(known) == "velocity-dependent restitution (Kuwabara–Kono)"
+    assert model_label("wang_mason + side_drag") == "Wang–Mason + side drag"
+    assert sentence("x points left") == "x points left."
+    assert sentence("no balance. Is it?") == "No balance. Is it?"
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "said"),
+    [
+        (0.1, 0.39, "3.9 times less"),
+        (0.09, 0.1, "10 % less"),
+        (0.11, 0.1, "10 % more"),
+        (0.0399, 0.04, "0.2 % less"),
+        (3.0, 0.1, "30 times more"),
+        (0.0, 0.1, "less"),
+        (0.0, 0.0, "no less"),
+    ],
+)
+def test_errors_are_compared_in_factors_where_percentages_mislead(x, y, said):
+    assert plain(compared(x, y)) == said
+
+
+def test_small_errors_keep_two_digits():
+    assert [error(x) for x in (0.18114, 0.00042, 2e-5, 0.0)] == ["0.1811", "0.00042", "2e−5", "0.0000"]
+    assert plain(interval(Interval(0.1, -0.02, 0.3))) == "0.1000 (95 %: −0.0200 to 0.3000)"
+
+
+def test_rungs_are_named_by_their_kind():
+    effect = EffectId("velocity_dependent_friction", "stribeck")
+    rungs = [Rung(kind=kind, error=Interval(0, 0, 0)) for kind in RungKind if kind is not RungKind.EFFECT]
+    rungs.append(Rung(kind=RungKind.EFFECT, error=Interval(0, 0, 0), effect=effect))
+    assert [rung_label(rung, "Mirtich") for rung in rungs] == [
+        "Mirtich", "+ Gaussian processes on the residual", "noise floor", "+ velocity-dependent friction (Stribeck)",
+    ]  # fmt: skip
+
+
+# --- The verdict ----------------------------------------------------------------------------------
+
+
+def test_the_headline_names_rivals_and_doubts(found):
+    effects = EffectId("com_offset"), EffectId("shape_error"), EffectId("adhesion", "work")
+    rivals = tuple(Rival(effect=one, similarity=0.9, loss_difference=0.0, standard_error=0.1) for one in effects)
+    first, *others = found.missing
+
+    def confused(count):
+        return headline(replace(found, missing=(replace(first, rivals=rivals[:count]), *others)))
+
+    assert confused(0) == "Surface tilt and spin damping (after) are missing from Wang–Mason."
+    assert confused(1).endswith("missing from Wang–Mason; these data cannot distinguish surface tilt from com offset.")
+    assert confused(3).endswith("surface tilt from com offset, shape error or one other effect.")
+    more = remainder(Interval(0.05, 0.02, 0.08))
+    assert headline(replace(found, remainder=more)).endswith(
+        "; no known effect explains the predictable part of the residual."
+    )
+    noted = Finding(name="grams", sentence="grams", evidence=(), correction="grams")
+    assert headline(replace(found, findings=(noted,))).endswith(" The data were corrected first.")
+    doubted = replace(noted, correction=None)
+    assert headline(replace(found, findings=(doubted,))).endswith(" The audit questions the data.")
+    assert headline(replace(found, findings=(replace(doubted, fatal=True),))).startswith(
+        "The measurements are inconsistent"
+    )
+
+
+def test_the_headline_without_effects(found):
+    bare = replace(found, missing=(), physics=Verdict.NONE)
+    assert headline(bare) == "These data show no effect that is missing from Wang–Mason."
+    more = remainder(Interval(0.05, 0.02, 0.08))
+    assert headline(replace(bare, remainder=more)).endswith("but a small part of its residual is predictable.")
+    unknown = headline(replace(bare, physics=Verdict.UNKNOWN))
+    assert unknown.startswith("An unknown effect is missing from Wang–Mason: no effect of the catalogue explains")
+    given = replace(bare, given=(DRAG,))
+    assert headline(given).endswith("from Wang–Mason with side drag.")
+
+
+def test_the_verdict_says_what_remains(found):
+    """Components, variables and the best formula, as the terminal does."""
+    left = remainder(Interval(0.4, 0.3, 0.5), WrenchComponent.MOMENT, WrenchComponent.TANGENTIAL)
+    text = plain(" ".join(summary(replace(found, remainder=left, formulas=(BEST,)))))
+    said = "Gaussian processes on the residual reduce the held-out error by 40 % (30 % to 50 %), in τ and P_t."
+    assert said in text
+    assert "The predicted residual depends on ω (61 %) and θ (20 %)." in text
+    assert "The best formula for it: τ ← τ + c1*omega reduces the held-out error by 25 % ± 0 %." in text
+    assert stages.formula_overrides(BEST) == "'+effect.mine.tau=\"c1*omega\"' '+effect.mine.parameters.c1=[-1,1]'"
+
+
+def test_the_conclusion_names_the_corrections():
+    said = conclusion(Verdict.BAD_DATA, Verdict.NONE, ("mirrored_x",))
+    assert said == "the data were corrected (mirrored_x); no missing effect is detectable"
+    assert conclusion(Verdict.BAD_DATA, None) == "the measurements are inconsistent"
+    assert conclusion(Verdict.EFFECTS, Verdict.EFFECTS) == "effects are missing"
+
+
+# --- The stages -----------------------------------------------------------------------------------
+
+
+def test_laws_are_compared_with_the_next_and_the_worst():
+    errors = {"wang_mason": 0.1, "mirtich": 0.12, "whittaker": 0.4}
+    fits = [LawFit(name=law, variant="textbook", error=x, mu=0.1, eps=0.5) for law, x in errors.items()]
+    assert plain(stages.laws("wang_mason", fits)) == (
+        "Wang–Mason has a held-out mass error of 0.1000, 17 % less than Mirtich; Whittaker has the largest, 0.4000."
+    )
+    assert plain(stages.laws("whittaker", fits)) == (
+        "Whittaker has a held-out mass error of 0.4000, Wang–Mason 0.1000, 4.0 times less."
+    )
+
+
+def test_an_effect_has_its_parameters_inadmissible_impulses_and_regions():
+    parameter = FittedParameter(name="c", symbol="c", unit="m", value=0.10512, standard_error=0.00412)
+    change, excess = Interval(-0.1, -0.15, -0.05), Interval(-0.08, -0.12, -0.01)
+    helped = Improvement(
+        before=0.25, after=0.15, rest_before=0.1, rest_after=0.08, change=change, excess=excess, share=0.8
+    )
+    effect = replace(missing(SIX[2]), parameters=(parameter,), inadmissible_after=0.021, improvements=(helped,))
+    assert plain(stages.missing_effect(effect)) == (
+        "contact patch: held-out error 0.1000 → 0.1000; c = 0.1051 ± 0.0041 m; with it 2.1 % of the impulses gain "
+        "energy, pull or penetrate, without it 0.0 %"
+    )
+    said = "-3 ≤ ω < 2.5 rad/s: error 0.25 → 0.15 (rest 0.1 → 0.08)"
+    assert stages.improvements(effect, [REGION]) == [said]
+    unhelped = replace(effect, improvements=(replace(helped, change=Interval(-0.1, -0.15, 0.05)),))
+    assert stages.improvements(unhelped, [REGION]) == []
+    assert stages.region(REGION) == "-3 ≤ ω < 2.5 rad/s: error 2.3 times the rest, 3 trials, p = 3e−8"
+
+
+def test_the_next_experiment_says_where_and_how_many():
+    separations = (
+        Separation(effect=TILT, rival=DRAG, drops_needed=4),
+        Separation(effect=TILT, rival=SIX[5], drops_needed=None),
+    )
+    drop = Drop(theta=0.5, v_x=-1.0, v_y=-2.0, omega=3.0, differences=(3.2, 0.4))
+    experiment = Experiment(separations=separations, drops=(drop,))
+    assert stages.drop(drop, experiment) == (
+        "A drop at θ = 28.6°, v = (−1, −2) m/s, ω = 3 rad/s: the model differs by 3.2 from side drag in place of "
+        "surface tilt and 0.4 from sampling delay in place of surface tilt, in standard deviations."
+    )
+    assert [stages.separation(one) for one in separations] == [
+        "About 4 drops like these distinguish surface tilt from side drag.",
+        "No drops within reach distinguish surface tilt from sampling delay.",
+    ]
+
+
+def test_stated_noise_that_does_not_agree_is_questioned(found):
+    budget = replace(found.budget, noise_source=NoiseSource.STATED, noise=Interval(0.02, 0.01, 0.03))
+    quiet = remainder(Interval(0.0, -0.1, 0.1))
+    said = stages.misfit(replace(found, budget=budget, remainder=quiet))
+    assert said.startswith("The residual is 5 times that of the stated noise")
+    assert stages.misfit(replace(found, remainder=quiet)) == ""  # it was estimated
+    agreeing = replace(budget, noise=Interval(0.09, 0.08, 0.1))
+    assert stages.misfit(replace(found, budget=agreeing, remainder=quiet)) == ""
+
+
+def test_a_law_that_does_better_alone_is_named(found):
+    better = LawFit(name="mirtich", variant="textbook", error=0.05, mu=0.1, eps=0.5)
+    unknown = replace(found, physics=Verdict.UNKNOWN, laws=(better,))
+    assert stages.better_law(unknown).endswith("try law=mirtich.")
+    assert stages.better_law(replace(unknown, physics=Verdict.EFFECTS)) == ""
+
+
+def test_the_terminal_prints_the_sentences_of_the_page(found, capsys):
+    observer, finding = TerminalObserver(), Finding(name="grams", sentence="50% in grams", evidence=(), correction="g")
+    observer.audit([finding])
+    observer.regions([])
+    observer.missing(found.missing, ())
+    assert list(observer.progress(Task.LAWS, [1, 2])) == [1, 2]
+    show_verdict(replace(found, remainder=remainder(Interval(0.4, 0.3, 0.5)), formulas=(BEST,)), "python evaluate.py")
+    printed = capsys.readouterr().out
+    assert "\u00a0" not in printed
+    for said in (
+        "audit: 50 % in grams. From here on the data are corrected; data.correct=[g] does so on any command.",
+        f"region: {stages.NO_REGION}",
+        f"missing: {stages.missing_effect(found.missing[0])}",
+        "residual: Gaussian processes on the residual reduce the held-out error by 40 % (30 % to 50 %), in τ.",
+        "  0.1000  0.0900–0.1100  + surface tilt\n",
+        f"verdict: {headline(replace(found, remainder=remainder(Interval(0.4, 0.3, 0.5))))}",
+        "to use it: python evaluate.py",
+    ):
+        assert said in printed
