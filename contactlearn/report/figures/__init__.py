@@ -1,1 +1,16 @@
-"""Matplotlib figures, a PNG and a PDF each, in one style."""
+"""Matplotlib figures, a PNG and a PDF each, in one style.
+
+    laws            identified parameters: cost surface, convergence, trial by trial (Figs. 3.3, 3.4, 3.6)
+    comparison      errors by model, and the IRB bound against a patch's width (Fig. 3.5)
+    impulse_space   one impact in impulse space (Fig. 2.3); `reach` maps a box of (μ, ε) there
+    learning        learning curves, error densities, transfer to other bodies (Figs. 4.1, 4.2)
+    quality         predictions, calibration and training of one learned model
+    audit           the evidence for each finding about the measurements
+    regions         errors of the law by region
+    residual        the residual wrench of the full model
+    effects         partial residuals of each effect
+    diagnosis       all figures of a diagnosis by file name, and its ladder
+    style           sizes, colours, markers and lines; text that is never markup; saving
+
+The figure numbers are those of Fazeli et al. (2017).
+"""

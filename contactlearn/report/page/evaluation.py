@@ -12,13 +12,13 @@ from contactlearn.laws import find
 from contactlearn.report.figures.style import BOUNDS
 from contactlearn.report.page.arrays import packed
 from contactlearn.report.page.trials import REACH, finely, look, of_laws, of_trials
-from contactlearn.report.text import interval, listed, model_label, number
+from contactlearn.report.text import model_label
+from contactlearn.report.text.evaluation import evaluation_headline, evaluation_summary
 from contactlearn.results.estimates import ModelErrors
 from contactlearn.results.evaluation import Evaluation
 from contactlearn.results.held_out import HeldOut
 
 _RESAMPLES = 2000
-_FEW = 3  # models that a headline names
 
 
 def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
@@ -44,8 +44,8 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
         "title": f"Evaluation on {test.source}",
         "verdict": {
             "key": "evaluation",
-            "headline": _headline(best, behind),
-            "sentences": _sentences(errors, best, behind, closest, len(test), bool(result.learning_curves)),
+            "headline": evaluation_headline(best, behind),
+            "sentences": _sentences(result, best, behind, closest, len(test)),
         },
         "law": look(closest) | {"name": closest},
         "comparison": [{"key": key, "label": metric.label, "unit": metric.unit} for key, metric in METRICS.items()],
@@ -79,49 +79,11 @@ def _behind(test: Impacts, predictions: Mapping[str, Prediction], models: Sequen
     }
 
 
-def _headline(best: str, behind: Mapping[str, Interval]) -> str:
-    """Name the model with the least error, and those that cannot be told from it."""
-    if not behind:
-        return f"{model_label(best)} is the only model here."
-    near = [model_label(name) for name, more in behind.items() if more.low <= 0]
-    if not near:
-        return f"{model_label(best)} leaves the least error of {len(behind) + 1} models."
-    if len(near) > _FEW:
-        near = [*near[: _FEW - 1], f"{len(near) - _FEW + 1} others"]
-    return (
-        f"{model_label(best)} leaves the least error of {len(behind) + 1} models, but {listed(near)} cannot be told "
-        "from it."
-    )
-
-
-def _sentences(
-    errors: Mapping[str, ModelErrors],
-    best: str,
-    behind: Mapping[str, Interval],
-    closest: str,
-    trials: int,
-    learned: bool,
-) -> list[str]:
-    said = [f"On {trials} held-out trials {model_label(best)} leaves a mass error of {_interval(errors[best])}."]
-    worse = next((name for name, more in behind.items() if more.low > 0), None)
-    if worse:
-        mean, low, high = (number(x, 2) for x in behind[worse])
-        nearest = "The next" if worse == next(iter(behind)) else "The nearest that can be told from it"
-        said.append(f"{nearest}, {model_label(worse)}, leaves {mean} (95\u00a0%: {low}–{high}) more, trial by trial.")
-    elif behind:
-        said.append("No difference from it, trial by trial, has a 95\u00a0% interval without 0.")
-    if best != closest:
-        said.append(f"Of the laws alone {model_label(closest)} is the best with {_interval(errors[closest])}.")
-    bounds = {
-        "best_post_hoc": "The best law for each trial, chosen after the fact, leaves",
-        "irb": "No impulse of a rigid point contact gets below",
-    }
-    said += [f"{words} {_interval(errors[name])}." for name, words in bounds.items() if name in errors]
-    return said + (["Learned models are under Learning curves."] if learned else [])
-
-
-def _interval(errors: ModelErrors) -> str:
-    return interval(asdict(errors.headline))
+def _sentences(result: Evaluation, best: str, behind: Mapping[str, Interval], closest: str, trials: int) -> list[str]:
+    """The numbers behind the headline, and where the learned models are."""
+    errors = {name: entry.headline for name, entry in result.errors.items()}
+    said = evaluation_summary(errors, best, behind, closest, trials)
+    return said + (["Learned models are under Learning curves."] if result.learning_curves else [])
 
 
 def _curves(result: Evaluation) -> list[dict[str, Any]]:

@@ -1,9 +1,10 @@
 """The words and number formats of terminal, page, figures and run cards, each in one place.
 
-    numbers   errors, shares, comparisons, values with their standard errors
-    names     laws, models, effects, rungs and components as a person writes them
-    stages    the result of each stage of a diagnosis in a sentence
-    verdict   the conclusion of a diagnosis in one line, and the numbers behind it
+    numbers      errors, shares, comparisons, values with their standard errors
+    names        laws, models, effects, rungs and components as a person writes them
+    stages       the result of each stage of a diagnosis in a sentence
+    verdict      the conclusion of a diagnosis in one line, and the numbers behind it
+    evaluation   the model with the least error, and its distance to the others
 
 A no-break space stands between a number and its % sign; the terminal prints it as a space.
 """
