@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import pytest
 import torch
 from test_commands import run
+from told import Told
 
 from contactlearn.data import synthetic, table
 from contactlearn.diagnosis.pipeline import diagnose
@@ -104,11 +105,11 @@ def test_a_candidate_with_the_name_of_another_effect_is_refused():
 def test_what_is_left_out_is_said():
     terms = {f"c{k}": [-1, 1] for k in range(8)}
     many = formula(terms, tau=" + ".join(f"{c}*Pn*rx*sin({k}*order)" for k, c in enumerate(terms, 1)))
-    told = {}
+    told = Told()
     candidates = {EffectId("many"): many, EffectId("tilt"): find_effect("surface_tilt")()}
     diagnose(synthetic.load(size=60), find("wang_mason"), candidates=candidates,
-             say=told.__setitem__)  # fmt: skip
-    assert told["left out"] == ["many"]
+             observer=told)  # fmt: skip
+    assert told["left_out"] == [EffectId("many")]
 
 
 def test_limits_and_settings_reach_the_experiment_and_the_command(tmp_path):

@@ -5,6 +5,7 @@ import torch
 
 from contactlearn.data import synthetic
 from contactlearn.diagnosis.noise import noise_floor
+from contactlearn.diagnosis.result import NoiseSource
 from contactlearn.evaluation.metrics import mass_error
 from contactlearn.identification.joint import identify_jointly
 from contactlearn.impacts import Impacts, Prediction
@@ -29,7 +30,7 @@ def test_of_the_true_model_it_is_the_error(size):
     impacts = drops(size)
     error = mass_error(impacts, TRUE.predict(impacts)).mean().item()
     found = floor(impacts, TRUE)
-    assert found.how == "estimated"
+    assert found.source is NoiseSource.ESTIMATED
     assert found.error.low < error < found.error.high
     assert found.error.mean == pytest.approx(error, rel=0.08)
 
@@ -65,7 +66,7 @@ def test_stated_noise_is_carried_through_the_model():
     """The noise that was planted, before and after impact, gives the error that the true model has."""
     errors = [mass_error(d, TRUE.predict(d)).mean().item() for d in (drops(400, seed) for seed in range(5))]
     found = floor(drops(400), TRUE, noise=(V, V, OMEGA))
-    assert found.how == "stated"
+    assert found.source is NoiseSource.STATED
     assert found.error.mean == pytest.approx(sum(errors) / 5, rel=0.1)
 
 
@@ -78,5 +79,5 @@ def test_what_an_outlier_leaves_is_noise_of_its_own():
     fit = identify_jointly(find("wang_mason"), {}, wild)
     assert fit.inliers.tolist() == [row != 7 for row in range(300)]
     own = mass_error(wild, fit.model.predict(wild))[7].item() / 300
-    spoilt, clean = floor(wild, fit.model, usual=fit.inliers), floor(impacts, fit.model)
+    spoilt, clean = floor(wild, fit.model, inliers=fit.inliers), floor(impacts, fit.model)
     assert spoilt.error.mean - own == pytest.approx(clean.error.mean, rel=0.02)

@@ -7,29 +7,32 @@ import re
 from urllib.parse import unquote
 
 import pytest
-from evaluations import evaluation, learning_curve, training
+from evaluations import evaluation, learning_curve, provenance, training
 from test_commands import run
 from test_report_page import HOSTILE, browser, data_of, draw_everything, into_view, opened, silent, until  # noqa: F401
 
 from contactlearn.__main__ import main
-from contactlearn.diagnosis.pipeline import Diagnosis
-from contactlearn.diagnosis.search.ladder import Missing
+from contactlearn.diagnosis.result import (
+    Diagnosis,
+    ErrorBudget,
+    ErrorShares,
+    Finding,
+    MissingEffect,
+    NoiseSource,
+    Rung,
+    RungKind,
+    Verdict,
+)
 from contactlearn.effects import EffectId
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.report.figures.style import law_style
 from contactlearn.report.page.runs.page import write_runs
+from contactlearn.report.text import conclusion
+from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.serialisation import to_json
 
 METRIC = "mass_error"
-
-
-def provenance(config, sha256="a" * 64, source="drops"):
-    return {
-        "data": {"source": source, "trials": 200, "sha256": sha256},
-        "versions": {"contactlearn": "0.1.0"},
-        "config": config,
-    }
 
 
 def interval(mean):
@@ -57,29 +60,48 @@ def changed(content, *path, to):
     return content
 
 
-def diagnosed(names=("spin_damping:after",), first=0.3, **data):
-    """diagnosis.json as `Diagnosis.to_dict` makes it."""
-    means = [first / (k + 1) for k in range(len(names) + 3)]
-    steps = ["wang_mason", *(f"+ {name}" for name in names), "+ processes on what remains", "noise floor"]
+def diagnosed(names=("spin_damping:after",), first=0.3, law="wang_mason", **data):
+    """diagnosis.json as plain objects."""
     of = lambda mean: Interval(**interval(mean))  # noqa: E731
-    missing = tuple(Missing(EffectId.parse(name), None, of(0.2), of(0.1), 0.1, 1.0, {}, (0.0, 0.0)) for name in names)
-    budget = {"base": interval(first), "noise": interval(means[-1]) | {"how": "as stated"}, "bound": interval(0.01)}
+    effects = tuple(map(EffectId.parse, names))
+    missing = tuple(
+        MissingEffect(
+            effect=effect, equation="", parameters=(), error_before=of(0.2), error_after=of(0.1), error_reduction=0.1,
+            confidence=1.0, inadmissible_before=0.0, inadmissible_after=0.0,
+        )
+        for effect in effects
+    )  # fmt: skip
+    kinds = (RungKind.LAW, *[RungKind.EFFECT] * len(names), RungKind.PROCESSES, RungKind.NOISE)
+    errors = [of(first / (k + 1)) for k in range(len(kinds))]
+    rungs = zip(kinds, (None, *effects, None, None), errors, strict=True)
+    budget = ErrorBudget(
+        base=errors[0], ceiling=errors[1], bound=of(0.01), named=errors[len(names)], flexible=errors[-2],
+        noise=errors[-1], noise_source=NoiseSource.STATED,
+        shares=ErrorShares(noise=0.2, explained=0.5, unexplained=0.3, beyond_rigid=0.0),
+    )  # fmt: skip
     found = Diagnosis(
-        "effects" if names else "none",
-        "wang_mason",
-        {},
-        (),
-        missing,
-        tuple((step, of(mean)) for step, mean in zip(steps, means, strict=True)),
-        budget,
+        verdict=Verdict.EFFECTS if names else Verdict.NONE,
+        physics=Verdict.EFFECTS if names else Verdict.NONE,
+        law=law,
+        variant="textbook",
+        findings=(),
+        missing=missing,
+        ladder=tuple(Rung(kind=kind, effect=effect, error=error) for kind, effect, error in rungs),
+        budget=budget,
     )
-    return found.to_dict() | {"command": "python evaluate.py"} | provenance({"effect": {}, "law": "best"}, **data)
+    return ran(found, **data)
+
+
+def ran(found, **data):
+    """A diagnosis with its provenance as plain objects."""
+    about = provenance({"effect": {}, "law": "best"}, **data)
+    return json.loads(to_json(DiagnosisRun(provenance=about, use="python evaluate.py", diagnosis=found)))
 
 
 def leave(folder, content, page=False):
     """A run folder."""
     folder.mkdir(parents=True)
-    name = "diagnosis.json" if "verdict" in content else "results.json"
+    name = "diagnosis.json" if "diagnosis" in content else "results.json"
     (folder / name).write_text(content if isinstance(content, str) else json.dumps(content))
     if page:
         (folder / "report.html").write_text("its own")
@@ -120,12 +142,13 @@ def mixed(tmp_path_factory):
     leave(folder / "javascript:alert(1)" / "#<b>?%41", diagnosed(), page=True)
     two = leave(folder / "two", diagnosed(("surface_tilt", "spin_damping"), 0.6, sha256="b" * 64, source=HOSTILE))
     own = json.loads((two / "diagnosis.json").read_text())
-    own["missing_effects"][1]["name"] = HOSTILE
-    own["ladder"][2]["step"] = f"+ {HOSTILE}"
-    own["config"] |= {HOSTILE: HOSTILE, "law": HOSTILE}
-    own |= {"law": HOSTILE}
+    hostile = HOSTILE.replace(":", "")  # which the name of an effect must not have
+    for one in (own["diagnosis"]["missing"][1], own["diagnosis"]["ladder"][2]):
+        one["effect"]["name"] = hostile
+    own["provenance"]["config"] |= {HOSTILE: HOSTILE, "law": HOSTILE}
+    own["diagnosis"]["law"] = HOSTILE
     (two / "diagnosis.json").write_text(json.dumps(own))
-    leave(folder / "cut", '{"verdict": ')
+    leave(folder / "cut", '{"diagnosis": ')
     (folder / "failed" / ".hydra").mkdir(parents=True)
     page, runs, skipped = write_runs([folder])
     return page, runs, dict(skipped)
@@ -187,9 +210,9 @@ def test_every_command_has_its_numbers(mixed):
     page, runs, _ = mixed
     text = page.read_text()
     assert [one.name for one in runs][:3] == ["b9", "b10", "evaluation"]
-    own = diagnosed()
+    own = diagnosed()["diagnosis"]
     cells = row(text, "javascript:alert(1)/#<b>?%41")
-    assert cells["Held-out mass error"] == said(own["ladder"][1])
+    assert cells["Held-out mass error"] == said(own["ladder"][1]["error"])
     assert cells["Law alone"] == said(own["budget"]["base"])
     assert cells["Noise floor"] == said(own["budget"]["noise"])
     assert cells["IRB bound"] == said(own["budget"]["bound"])
@@ -202,7 +225,7 @@ def test_every_command_has_its_numbers(mixed):
     assert row(text, "evaluation")["Held-out mass error"] == said(interval(0.2))
     assert row(text, "evaluation")["IRB bound"] == said(interval(0.05))
     for step in own["ladder"]:
-        assert f'<td class="value">{said(step)}</td>' in text
+        assert f'<td class="value">{said(step["error"])}</td>' in text
 
 
 def test_different_data_are_warned_of(mixed):
@@ -259,20 +282,15 @@ def test_settings_that_only_some_runs_have(tmp_path):
 
 
 def test_data_that_had_to_be_corrected_have_a_verdict(tmp_path):
-    """What they say then; files from before `physics` was in them are read, too."""
-    corrected = diagnosed() | {"verdict": "bad_data", "data_problems": [{"name": "x", "correction": "mirrored_x"}]}
-    said = {
-        "none": "corrected (mirrored_x); nothing is missing",
-        "effects": "corrected (mirrored_x); effects are missing",
-        "unknown": "corrected (mirrored_x); something unknown is missing",
-        None: "the data contradict themselves",
-    }
-    for physics in said:
-        leave(tmp_path / f"{physics}", corrected | {"physics": physics})
-    leave(tmp_path / "old", {key: value for key, value in corrected.items() if key != "physics"})
+    finding = Finding(name="mirrored_x", sentence="", evidence=(), correction="mirrored_x")
+    for physics in (Verdict.NONE, Verdict.EFFECTS, Verdict.UNKNOWN, None):
+        found = Diagnosis(
+            verdict=Verdict.BAD_DATA, physics=physics, law="mirtich", variant="textbook", findings=(finding,)
+        )
+        leave(tmp_path / f"{physics}", ran(found))
     text = write_runs([tmp_path])[0].read_text()
-    for physics, verdict in (said | {"old": "the data are doubtful"}).items():
-        assert row(text, f"{physics}")["Verdict"] == verdict
+    for physics in (Verdict.NONE, Verdict.EFFECTS, Verdict.UNKNOWN, None):
+        assert row(text, f"{physics}")["Verdict"] == conclusion(Verdict.BAD_DATA, physics, ("mirrored_x",))
 
 
 LEARNT = json.loads(to_json(learning_curve((1,), (0.1,))))
@@ -305,10 +323,12 @@ DAMAGED = {
         changed(evaluated(), "learning_curves", to={"m": {**LEARNT, "sizes": [1, 2]}}),
         "learning_curves.m: 2 sizes and 1 errors must be as many",
     ),
-    "verdict": (diagnosed() | {"verdict": "sure"}, "verdict must be one of"),
-    "ladder": (diagnosed() | {"ladder": diagnosed()["ladder"][:1]}, "ladder has fewer steps"),
-    "old diagnosis": ({"verdict": "none", "law": "mirtich"}, "data is not there"),
-    "missing": (diagnosed() | {"missing_effects": ["tilt"]}, "name is not there"),
+    "verdict": (changed(diagnosed(), "diagnosis", "verdict", to="sure"), "diagnosis.verdict: invalid enum value"),
+    "budget": (
+        changed(diagnosed(), "diagnosis", "budget", "base", "low", to=-1.0),
+        "an error of the diagnosis must be",
+    ),
+    "missing": (changed(diagnosed(), "diagnosis", "missing", to=["tilt"]), "diagnosis.missing.0: expected object"),
 }
 
 
@@ -339,10 +359,9 @@ def test_not_utf8(tmp_path):
 
 
 def test_data_that_are_refused_have_a_row(tmp_path):
-    refused = Diagnosis("bad_data", "best", {}, ()).to_dict() | provenance({"effect": {}, "law": "best"})
-    leave(tmp_path / "refused", refused)
+    leave(tmp_path / "refused", ran(Diagnosis(verdict=Verdict.BAD_DATA, law=None, variant=None, findings=())))
     cells = row(write_runs([tmp_path])[0].read_text(), "refused")
-    assert (cells["Held-out mass error"], cells["Verdict"]) == ("–", "the data contradict themselves")
+    assert (cells["Held-out mass error"], cells["Verdict"]) == ("–", conclusion(Verdict.BAD_DATA, None))
 
 
 def test_where_the_page_goes(tmp_path, monkeypatch):

@@ -37,7 +37,7 @@ def alike(seed, size=100, spread=0.0):
 def test_scatter_is_no_effect(size):
     for seed in range(5):
         found = diagnose(alike(seed, size), find("wang_mason"))
-        assert found.effects == []
+        assert found.effects == ()
         assert found.verdict == "none"
         assert "averaged_vy" in [finding.correction for finding in found.findings]
 

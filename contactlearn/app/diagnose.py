@@ -1,32 +1,29 @@
 """Diagnose a contact model: findings as they come, the verdict, diagnosis.json, figures."""
 
-import json
 import shlex
 from collections.abc import Mapping
-from dataclasses import asdict, fields
-from pathlib import Path
-from typing import Any
+from dataclasses import asdict
 
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from contactlearn.app import fitting, loading, record, results, settings
-from contactlearn.diagnosis.pipeline import Diagnosis
-from contactlearn.diagnosis.pipeline import diagnose as find_out
+from contactlearn.diagnosis import pipeline
+from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.effects import Effect, EffectId, catalogue
 from contactlearn.errors import ContactLearnError
-from contactlearn.evaluation.metrics import HEADLINE, Interval
+from contactlearn.evaluation.metrics import HEADLINE
 from contactlearn.impacts import Impacts
 from contactlearn.laws import PAPER_LAWS
-from contactlearn.numerics import written_whole
-from contactlearn.report import findings as report
+from contactlearn.report import observer as report
 from contactlearn.report import terminal
 from contactlearn.report.figures.diagnosis import drawn
-from contactlearn.report.page.diagnosis import of_diagnosis
-from contactlearn.report.page.page import write
+from contactlearn.report.page.diagnosis import write_page
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text import headline
+from contactlearn.report.text import base_label, headline, rung_label
+from contactlearn.results.diagnosis import DiagnosisRun
+from contactlearn.results.folder import write_result
 
 
 def diagnose(cfg: DictConfig) -> None:
@@ -37,7 +34,7 @@ def diagnose(cfg: DictConfig) -> None:
     impacts = loading.load_data(cfg.data, suspect=True)
     report.show_start(impacts)
     with terminal.progress() as bar:
-        found = find_out(
+        found = pipeline.diagnose(
             impacts,
             settings.law(cfg),
             effects,
@@ -46,48 +43,34 @@ def diagnose(cfg: DictConfig) -> None:
             noise=None if cfg.fit.noise is None else tuple(cfg.fit.noise),
             limits={name: tuple(ends) for name, ends in cfg.limits.items()},
             seed=cfg.seed,
-            say=report.show_stage,
-            progress=lambda items, what: bar.track(items, description=what),
+            observer=report.TerminalObserver(bar),
         )
     command = _command(cfg, found)
     report.show_verdict(found, command)
     provenance = results.provenance(impacts, cfg)
-    _write(folder / "diagnosis.json", found.to_dict() | asdict(provenance) | {"command": command})
+    write_result(folder, DiagnosisRun(provenance=provenance, use=command if found.missing else "", diagnosis=found))
+    if found.record is not None:
+        found.record.save(folder, asdict(provenance))
     with Tracker(folder, len(impacts)) as tracker:
         _log(tracker, cfg, found, impacts)
         verdict = {"Verdict": headline(found), "To use it": command}
-        record.log_card(tracker, provenance, [found.equation] if found.equation else [], dict(found.ladder), verdict)
+        errors = {rung_label(rung, base_label(found)): rung.error for rung in found.ladder}
+        record.log_card(tracker, provenance, [found.equation] if found.equation else [], errors, verdict)
         record.save_figures(drawn(found, impacts), folder, tracker)
-    with terminal.progress() as bar:
-        content = of_diagnosis(
-            found,
-            provenance.command,
-            {name: part for name, part in asdict(provenance).items() if name != "command"},
-            use=command if found.missing else "",
-            noise=None if cfg.fit.noise is None else tuple(cfg.fit.noise),
-            progress=lambda items: bar.track(items, description="choices of effects"),
-        )
-    write(folder, content)
+    write_page(folder, found, provenance, use=command if found.missing else "")
     terminal.show_folder(folder)
-
-
-def _write(path: Path, content: dict[str, Any]) -> None:
-    with written_whole(path) as part:
-        part.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _log(tracker: Tracker, cfg: DictConfig, found: Diagnosis, impacts: Impacts) -> None:
     """The ladder as a chart, its law and its model as runs of the other commands log theirs."""
     tag, effects = f"ladder/{HEADLINE}", dict.fromkeys((*cfg.effect, *found.effects))
-    if found.ladder:
-        rungs = [interval for _, interval in found.ladder]
-        tracker.series(tag, rungs)
-        bound = Interval(*(found.budget["bound"][end.name] for end in fields(Interval)))
+    if found.budget is not None:
+        tracker.series(tag, [rung.error for rung in found.ladder])
         model = {
-            f"{HEADLINE}/{fitting.augmented_name(found.law, cfg.effect)}": rungs[0],
-            record.MODEL: rungs[len(found.missing)],
+            f"{HEADLINE}/{fitting.augmented_name(found.law, cfg.effect)}": found.budget.base,
+            record.MODEL: found.budget.named,
         }
-        tracker.scalars(model | {record.BOUND: bound})
+        tracker.scalars(model | {record.BOUND: found.budget.bound})
     tracker.charts(
         record.charts() | {"Ladder of a diagnosis": {"Mass error by rung; the run card names the rungs": tag}}
     )
@@ -107,21 +90,22 @@ def _command(cfg: DictConfig, found: Diagnosis) -> str:
     """The command that evaluates what was found on these data."""
     task = HydraConfig.get().overrides.task
     words = ["python", "evaluate.py", *(word for word in task if word.startswith("data"))]
-    repairs = [finding.correction for finding in found.findings if finding.correction]
+    repairs = found.corrections
     if repairs:
         words = [word for word in words if not word.startswith("data.correct")]
         words.append(f"data.correct=[{','.join([*cfg.data.correct, *repairs])}]")
-    words.append(f"law={found.law}")
+    words.append(f"law={found.law or cfg.law}")
     names = [name for name in dict.fromkeys((*cfg.effect, *found.effects)) if _named(name)]
     words.append(f"effect=[{','.join(names)}]")
     words += [word for word in task if word.lstrip("+").startswith(("effect.", "variant=", "fit."))]
     for missing in found.missing:
-        name, form = missing.id.name, missing.id.form
+        name, form = missing.effect.name, missing.effect.form
         if name in cfg.candidate:
             own = [word.lstrip("+") for word in task if word.lstrip("+").startswith(f"candidate.{name}.")]
             words += [f"+effect.{word.removeprefix('candidate.')}" for word in own]
         elif not _named(name):
-            words.append(f"+effect.{name}._target_={type(missing.effect).__module__}.{type(missing.effect).__name__}")
+            kind = type(found.record.model.effects[name])
+            words.append(f"+effect.{name}._target_={kind.__module__}.{kind.__name__}")
         elif form:
             words.append(f"effect.{name}.form={form}")
     return shlex.join([*words, "model=[]"])

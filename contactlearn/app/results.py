@@ -11,7 +11,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 import contactlearn
-from contactlearn.diagnosis.search.result import FittedParameter
+from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import Effect, EffectId
 from contactlearn.evaluation import metrics
 from contactlearn.identification.joint import JointFit

@@ -1,42 +1,59 @@
-"""The error budget: what of the error of a law is noise, explained, left, or out of reach of any rigid contact."""
-
-from dataclasses import asdict
-from typing import Any
+"""The error budget: the error of a law in noise, explained, unexplained, and beyond any rigid contact."""
 
 import torch
 
-from contactlearn.diagnosis.noise import HOW, Floor
-from contactlearn.diagnosis.search.ladder import RESAMPLES, interval
+from contactlearn.diagnosis.noise import NoiseFloor
+from contactlearn.diagnosis.result import ErrorBudget, ErrorLimits, ErrorShares
 from contactlearn.diagnosis.search.selection import Selection
-from contactlearn.diagnosis.unexplained.remainder import Remainder
+from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder
+from contactlearn.diagnosis.validation import RESAMPLES, interval
 from contactlearn.evaluation import bounds
 from contactlearn.evaluation.metrics import Interval, bootstrap, mass_error
 
 
-def first_budget(selection: Selection, ceiling: Remainder, generator: torch.Generator) -> dict[str, Any]:
-    """Errors of the base, of processes on top of it that see the whole state, and of the best rigid contact."""
+def error_limits(selection: Selection, ceiling: LearnedRemainder, generator: torch.Generator) -> ErrorLimits:
+    """Compute the errors of the law, of processes on top of it that see the whole state, and of the best rigid contact.
+
+    Args:
+        selection: around the law.
+        ceiling: the processes on the residual of its base.
+        generator: of the bootstrap.
+    """
     impacts = selection.impacts
-    return {
-        "base": asdict(interval(selection.base.error, generator)),
-        "ceiling": asdict(interval(ceiling.error, generator)),
-        "bound": asdict(bootstrap(mass_error(impacts, bounds.irb(impacts, "mass")), generator, RESAMPLES)),
-    }
+    return ErrorLimits(
+        base=interval(selection.base.error, generator),
+        ceiling=interval(ceiling.error, generator),
+        bound=bootstrap(mass_error(impacts, bounds.irb(impacts, "mass")), generator, RESAMPLES),
+    )
 
 
-def full_budget(budget: dict[str, Any], steps: tuple[tuple[str, Interval], ...], floor: Floor) -> dict[str, Any]:
-    """The budget with what was found, and the error of the law in shares."""
-    *_, (_, named), (_, flexible), _ = steps
-    base, noise = steps[0][1].mean, floor.error.mean
-    whole = base or 1.0  # of exact data
-    return budget | {
-        "base": asdict(steps[0][1]),
-        "named": asdict(named),
-        "flexible": asdict(flexible),
-        "noise": asdict(floor.error) | {"how": HOW[floor.how]},
-        "shares": {
-            "noise": noise / whole,
-            "explained": (base - named.mean) / whole,
-            "left": max(0.0, named.mean - noise) / whole,
-            "beyond_rigid": max(0.0, budget["bound"]["mean"] - noise) / whole,
-        },
-    }
+def error_budget(
+    limits: ErrorLimits, *, base: Interval, named: Interval, flexible: Interval, floor: NoiseFloor
+) -> ErrorBudget:
+    """Divide the error of the law into shares.
+
+    Args:
+        limits: of the law alone.
+        base: error of the law, on the ladder.
+        named: error with all effects, on the ladder.
+        flexible: error with processes on the residual of that model.
+        floor: the noise.
+    """
+    noise = floor.error.mean
+    whole = base.mean or 1.0  # of exact data
+    shares = ErrorShares(
+        noise=noise / whole,
+        explained=(base.mean - named.mean) / whole,
+        unexplained=max(0.0, named.mean - noise) / whole,
+        beyond_rigid=max(0.0, limits.bound.mean - noise) / whole,
+    )
+    return ErrorBudget(
+        base=base,
+        ceiling=limits.ceiling,
+        bound=limits.bound,
+        named=named,
+        flexible=flexible,
+        noise=floor.error,
+        noise_source=floor.source,
+        shares=shares,
+    )

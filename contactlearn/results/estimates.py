@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from contactlearn.diagnosis.search.result import FittedParameter
+from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import HEADLINE, Interval
 

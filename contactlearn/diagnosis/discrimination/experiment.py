@@ -1,7 +1,7 @@
-"""The next experiment: the few drops that would best separate models that are alike on what was measured.
+"""The next experiment: the few drops that would best separate models that agree on the measurements.
 
-For many states before impact, within the limits of the set-up, both models say what they expect; `contest` says by how
-many standard deviations that differs, and what evidence a drop brings after those before it.
+For many states before impact, within the limits of the set-up, both models predict the outcome; `contest` says by how
+many standard deviations they differ, and how much evidence a drop brings after those before it.
 
 States are drawn evenly within the limits (Sobol), in round numbers that can be set and said, and chosen one by one:
 each for the rival that is separated least so far, and away from those chosen before, since a model can be wrong at one
@@ -14,13 +14,16 @@ Source: Atkinson & Fedorov 1975.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.diagnosis.discrimination.contest import Contest, contests
+from contactlearn.diagnosis.discrimination.contest import Contest, Key, contests
 from contactlearn.diagnosis.failure.variables import symmetry
+from contactlearn.diagnosis.result.rivals import Drop, Experiment, Separation
+from contactlearn.diagnosis.thresholds import RivalThresholds
+from contactlearn.effects import EffectId
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.impacts import Impacts
 from contactlearn.mechanics import contact_velocity
@@ -28,7 +31,7 @@ from contactlearn.model import ContactModel
 from contactlearn.shapes import contact_point
 
 STATES = ("x", "theta", "v_x", "v_y", "omega")
-"""What a drop sets, in m, rad, m/s, m/s and rad/s."""
+"""The state of a drop, in m, rad, m/s, m/s and rad/s."""
 _DRAWN = 4096
 _GRAZING = 0.1  # a drop's contact point approaches at more than this share of the body's speed
 _BEYOND = 0.25  # of its own size, by which a limit of v or ω lies beyond the measured ones
@@ -36,64 +39,33 @@ _APART = 0.4  # of the widths of the limits: drops that are closer count for les
 
 
 @dataclass(frozen=True)
-class Drop:
-    """A state before impact in SI units, and by how many standard deviations the chosen model differs there.
+class Substitution:
+    """The chosen model with a rival in the place of one of its effects."""
 
-    `x` is None where no model asks for it; `differences` are by the name of the rival.
-    """
-
-    theta: float
-    v_x: float
-    v_y: float
-    omega: float
-    differences: Mapping[str, float]
-    x: float | None = None
-
-    def __str__(self) -> str:
-        place = "" if self.x is None else f"x = {self.x:.3g} m, "
-        state = f"{place}θ = {math.degrees(self.theta):.3g}°, v = ({self.v_x:.3g}, {self.v_y:.3g}) m/s"
-        state = f"drop at {state}, ω = {self.omega:.3g} rad/s".replace("-", "−")
-        if len(self.differences) == 1:
-            return f"{state}: the two differ by {next(iter(self.differences.values())):.1f} standard deviations"
-        by = ", ".join(f"{difference:.1f} from {name}" for name, difference in self.differences.items())
-        return f"{state}: the chosen model differs by {by} standard deviations"
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        state = {name: getattr(self, name) for name in STATES}
-        return state | {"differences": dict(self.differences), "sentence": str(self)}
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """Drops, the best first, and how many in all, repeating them in turn, it takes to rule out each rival.
-
-    `needed` is where the evidence is expected to reach `ODDS`; half of such experiments take more.  It is None for a
-    rival that no such number of drops up to a thousand rules out.
-    """
-
-    drops: tuple[Drop, ...]
-    needed: Mapping[str, int | None]
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {"drops": [drop.to_dict() for drop in self.drops], "needed": dict(self.needed)}
+    effect: EffectId
+    rival: EffectId
 
 
 def next_experiment(
     impacts: Impacts,
     chosen: ContactModel,
-    rivals: Mapping[str, ContactModel],
+    rivals: Mapping[Substitution, ContactModel],
     *,
     generator: torch.Generator,
     limits: Mapping[str, tuple[float, float]] | None = None,
+    odds: float = RivalThresholds.odds,
     count: int = 6,
     drawn: int = _DRAWN,
 ) -> Experiment:
-    """The drops that best separate a chosen model from its rivals, all fitted to the impacts.
+    """Choose the drops that best separate a chosen model from its rivals, all fitted to the impacts.
 
     Args:
+        impacts: measurements.
+        chosen: the model with its own effects.
+        rivals: models by what they substitute.
+        generator: of the states.
         limits: [low, high] of some of `STATES`; the others reach as far as was measured, velocities a quarter further.
+        odds: at which the evidence decides.
         count: of drops.
         drawn: states to choose from.
 
@@ -105,28 +77,54 @@ def next_experiment(
         raise DataError("an experiment that separates models needs at least one rival, got none")
     within = reachable(impacts, limits or {})
     states = _states(impacts, within, generator, drawn)
-    squared = separation(impacts, chosen, rivals, states)
-    picked = _picked(contests(impacts, chosen, rivals, states), _places(states, within), count)
+    squared = separations_of(impacts, chosen, rivals, states)
+    picked = _picked([*contests(impacts, chosen, rivals, states).values()], _places(states, within), count)
+    located = _depends_on_place(impacts, chosen, rivals, states, squared, within)
+    drops = tuple(_drop(states, k, squared[:, k], located) for k in picked)
+    at_drops = contests(impacts, chosen, rivals, states[picked])
+    separations = tuple(
+        Separation(effect=key.effect, rival=key.rival, drops_needed=contest.needed(odds))
+        for key, contest in at_drops.items()
+    )
+    return Experiment(separations=separations, drops=drops)
+
+
+def _drop(states: Impacts, k: int, squared: Float[Tensor, " r"], located: bool) -> Drop:
+    """State k as a result."""
+    (x, _, theta), (v_x, v_y, omega) = states.q[k].tolist(), states.v_pre[k].tolist()
+    differences = tuple(squared.sqrt().tolist())
+    return Drop(theta=theta, v_x=v_x, v_y=v_y, omega=omega, differences=differences, x=x if located else None)
+
+
+def _depends_on_place(
+    impacts: Impacts,
+    chosen: ContactModel,
+    rivals: Mapping[Key, ContactModel],
+    states: Impacts,
+    squared: Float[Tensor, "r n"],
+    within: Float[Tensor, "5 2"],
+) -> bool:
+    """Whether a separation changes if all states move to the middle of the floor."""
     middle = states.q.clone()
     middle[:, 0] = within[0].mean()
-    moved = separation(impacts, chosen, rivals, states.replace(q=middle))
-    located = bool(((moved - squared).abs() > 1e-6 * squared + 1e-9).any())
-    drops = []
-    for k in picked:
-        x, _, theta = states.q[k].tolist()
-        differences = dict(zip(rivals, squared[:, k].sqrt().tolist(), strict=True))
-        drops.append(Drop(theta, *states.v_pre[k].tolist(), differences, x if located else None))
-    needed = (contest.needed() for contest in contests(impacts, chosen, rivals, states[picked]))
-    return Experiment(tuple(drops), dict(zip(rivals, needed, strict=True)))
+    moved = separations_of(impacts, chosen, rivals, states.replace(q=middle))
+    return bool(((moved - squared).abs() > 1e-6 * squared + 1e-9).any())
 
 
-def separation(impacts: Impacts, chosen: ContactModel, rivals: Mapping[str, ContactModel], states: Impacts) -> Tensor:
-    """Squared difference d² [R, n] between a chosen model and each rival at states, in units of what is not known."""
-    return torch.stack([contest.squared() for contest in contests(impacts, chosen, rivals, states)])
+def separations_of(
+    impacts: Impacts, chosen: ContactModel, rivals: Mapping[Key, ContactModel], states: Impacts
+) -> Float[Tensor, "r n"]:
+    """Compute the squared difference d² between a chosen model and each rival at states; see `contest`."""
+    return torch.stack([contest.squared() for contest in contests(impacts, chosen, rivals, states).values()])
 
 
-def reachable(impacts: Impacts, limits: Mapping[str, tuple[float, float]]) -> Tensor:
-    """Limits [5, 2] of `STATES`: those that are given, else the measured ones, those of velocities a quarter beyond."""
+def reachable(impacts: Impacts, limits: Mapping[str, tuple[float, float]]) -> Float[Tensor, "5 2"]:
+    """Compute the limits of `STATES`: the given ones, else the measured ones, those of velocities a quarter beyond.
+
+    Raises:
+        DataError: limits that are not finite numbers in order.
+        UnknownNameError: a limit of something that a drop does not set.
+    """
     for name, (low, high) in limits.items():
         if name not in STATES:
             raise UnknownNameError("limit of an experiment", name, STATES)
@@ -141,7 +139,7 @@ def reachable(impacts: Impacts, limits: Mapping[str, tuple[float, float]]) -> Te
     return within
 
 
-def _states(impacts: Impacts, within: Tensor, generator: torch.Generator, drawn: int) -> Impacts:
+def _states(impacts: Impacts, within: Float[Tensor, "5 2"], generator: torch.Generator, drawn: int) -> Impacts:
     """States within the limits that approach the floor, after all measured ones; their v_post is not known yet."""
     seed = int(torch.randint(2**31, (), generator=generator))
     unit = torch.quasirandom.SobolEngine(5, scramble=True, seed=seed).draw(drawn, dtype=torch.float64)
@@ -164,21 +162,21 @@ def _states(impacts: Impacts, within: Tensor, generator: torch.Generator, drawn:
     )  # fmt: skip
 
 
-def _rounded(state: Tensor, within: Tensor) -> Tensor:
-    """States [n, 5] in steps of about a hundredth of the limits, θ in degrees: 1°, 0.01 m/s."""
+def _rounded(state: Float[Tensor, "n 5"], within: Float[Tensor, "5 2"]) -> Float[Tensor, "n 5"]:
+    """States in steps of about a hundredth of the limits, θ in degrees: 1°, 0.01 m/s."""
     unit = torch.tensor((1.0, math.pi / 180, 1.0, 1.0, 1.0), dtype=torch.float64)
     width = (within[:, 1] - within[:, 0]) / unit
     step = unit * 10 ** (width.clamp_min(1e-9) / 100).log10().floor()
     return torch.where(width > 0, (state / step).round() * step, state)
 
 
-def _places(states: Impacts, within: Tensor) -> Tensor:
-    """Where states [n, 5] are within the limits: θ around a circle, once a symmetry; velocities from 0 to 1."""
+def _places(states: Impacts, within: Float[Tensor, "5 2"]) -> Float[Tensor, "n 5"]:
+    """Positions of states within the limits: θ around a circle, once a symmetry; velocities from 0 to 1."""
     theta, width = symmetry(states.shape) * states.q[:, 2:], within[2:, 1] - within[2:, 0]
     return torch.cat((theta.cos() / 2, theta.sin() / 2, (states.v_pre - within[2:, 0]) / width.clamp_min(1e-9)), 1)
 
 
-def _picked(rivals: Sequence[Contest], places: Tensor, count: int) -> list[int]:
+def _picked(rivals: Sequence[Contest], places: Float[Tensor, "n 5"], count: int) -> list[int]:
     """States one by one, each the best for the rival that is separated least so far, less where it is close."""
     picked, total = [], torch.zeros(len(rivals))
     near = places.new_ones(len(places))
@@ -190,6 +188,5 @@ def _picked(rivals: Sequence[Contest], places: Tensor, count: int) -> list[int]:
         picked.append(best)
         total = total + squared[:, best]
         near = near.minimum((places - places[best]).norm(dim=-1) / _APART)
-        for rival in rivals:
-            rival.make(best)
+        rivals = [rival.after(best) for rival in rivals]
     return picked

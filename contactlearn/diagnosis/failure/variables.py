@@ -1,17 +1,18 @@
-"""The variables in which a person says where a model fails, their windows, and the words for those.
+"""Variables of regions: quantities of the contact before impact, their windows, and the words for those.
 
 θ                            orientation, also modulo the symmetry of the body
 r_x/ρ, |r_x|/ρ               lever arm in radii of gyration
 direction, |v_t|, |v_t|/|v_n|, incidence   of the slip; incidence is the angle of v_c against the normal
 |v_n|, ω, |ω|                approach speed and spin
 x, order                     where on the floor, and when
-mode                         what the model makes of the slip: it goes on, ends or turns round
+mode                         the fate of the slip as the model predicts it: it goes on, ends or turns round
 """
 
 import math
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import pad
 
@@ -22,14 +23,14 @@ from contactlearn.shapes import Shape, contact_point
 
 MODES = ("predicted to reverse its slip", "predicted to stick", "predicted to slide")
 DIRECTIONS = ("slip to the left (v_t < 0)", "no slip", "slip to the right (v_t > 0)")
-_STUCK = 0.01  # of the speed of the contact point: slip that is left if it sticks
+_STUCK = 0.01  # of the speed of the contact point: slip after impact up to which the contact stuck
 _CELLS = 48  # quantiles of a variable, at most
 _FINEST = 4  # trials between two of them in the half that is searched, at least
 
 
 @dataclass(frozen=True)
 class Variable:
-    """Values [N] in SI units; those in ° are in rad and said in degrees, modulo `period` in rad.
+    """A quantity of each trial in SI units; one of unit ° is in rad, modulo `period` in rad, and written in degrees.
 
     With `labels` the values −1, 0 and 1 stand for three names.
     """
@@ -37,17 +38,17 @@ class Variable:
     name: str
     letter: str
     unit: str
-    values: Tensor
+    values: Float[Tensor, " n"]
     period: float | None = None
     labels: tuple[str, ...] = ()
 
     @property
     def scale(self) -> float:
-        """From SI units to those of the sentence."""
+        """Factor from SI units to those of text and figures."""
         return math.degrees(1) if self.unit == "°" else 1.0
 
     def said(self, low: float, high: float) -> str:
-        """The window [low, high) in words: |θ − 90°| < 20° (mod 180°), |v_t| < 0.3 m/s, 0.1 ≤ x < 0.2 m."""
+        """Write the window [low, high) in words: |θ − 90°| < 20° (mod 180°), |v_t| < 0.3 m/s, 0.1 ≤ x < 0.2 m."""
         if self.labels:
             return self.labels[(low > -1) + (low > 0)]
         low, high = self.scale * low, self.scale * high
@@ -64,7 +65,7 @@ class Variable:
 
 
 def variables(impacts: Impacts, prediction: Prediction) -> list[Variable]:
-    """What regions are said in; incidence is the signed angle of the contact's velocity against the normal."""
+    """Compute all variables; incidence is the signed angle of the contact's velocity against the normal."""
     state = State.of(impacts)
     theta, v_t, v_n, lever = state.theta, state.v_t, state.v_n, state.r[:, 0] / (state.inertia / state.mass).sqrt()
     slip = contact_velocity(impacts.r, prediction.v_post.reshape(-1, len(impacts), 3).mean(0))[:, 0]
@@ -90,7 +91,7 @@ def variables(impacts: Impacts, prediction: Prediction) -> list[Variable]:
 
 
 def symmetry(shape: Shape | None) -> int:
-    """How often a body looks the same in one turn: 2 for an ellipse; 1 if unknown, and for a disc, always the same."""
+    """Count the orientations in one turn in which a body looks the same: 2 for an ellipse; 1 if unknown or a disc."""
     if shape is None:
         return 1
     theta = torch.arange(7, dtype=torch.float64) + 0.1234  # any that put no flat side on the floor
@@ -102,16 +103,17 @@ def symmetry(shape: Shape | None) -> int:
 
 @dataclass(frozen=True)
 class Grid:
-    """A variable in cells [N], its windows from one cell up to another [C, 2], and their limits [C, 2]."""
+    """A variable in cells of about equal number, its windows from one cell up to another, and their limits."""
 
     variable: Variable
-    cell: Tensor
+    cell: Int[Tensor, " n"]
     count: int
-    ends: Tensor
-    limits: Tensor
+    ends: Int[Tensor, "c 2"]
+    limits: Float[Tensor, "c 2"]
 
     @classmethod
-    def of(cls, variable: Variable, searched: Tensor) -> "Grid":
+    def of(cls, variable: Variable, searched: Bool[Tensor, " n"]) -> "Grid":
+        """Divide a variable by quantiles of the trials that are searched."""
         period, values = variable.period, variable.values
         values = values.remainder(period) if period else values.contiguous()
         cuts = _cuts(variable, values[searched])
@@ -126,22 +128,22 @@ class Grid:
         ends = ends[ends[:, 1] < len(bounds)]
         return cls(variable, cell, count, ends, bounds[ends])
 
-    def rows(self, window: int, margin: int = 0) -> Tensor:
-        """Mask [N] of the trials in a window, and in `margin` more cells on either side."""
+    def rows(self, window: int, margin: int = 0) -> Bool[Tensor, " n"]:
+        """Find the trials in a window and in `margin` more cells on either side."""
         start, stop = self.ends[window].tolist()
         place = self.cell - (start - margin)
         place = place.remainder(self.count) if self.variable.period else place
         return (place >= 0) & (place < stop - start + 2 * margin)
 
-    def sums(self, *weights: Tensor) -> Tensor:
-        """Sums [len(weights), C] over the trials of each window."""
+    def sums(self, *weights: Float[Tensor, " n"]) -> Float[Tensor, "w c"]:
+        """Sum each of the weights over the trials of each window."""
         cells = torch.stack([torch.bincount(self.cell, weight, minlength=self.count) for weight in weights])
         up_to = pad(torch.cat((cells, cells), -1).cumsum(-1), (1, 0))
         return up_to[:, self.ends[:, 1]] - up_to[:, self.ends[:, 0]]
 
 
-def _cuts(variable: Variable, values: Tensor) -> Tensor:
-    """Limits between cells of about equal number, ascending, rounded as they will be said."""
+def _cuts(variable: Variable, values: Float[Tensor, " m"]) -> Float[Tensor, " k"]:
+    """Limits between cells of about equal number, ascending, rounded as they are written."""
     if variable.labels:
         return torch.tensor((-0.5, 0.5), dtype=torch.float64)
     cells = min(_CELLS, len(values) // _FINEST)

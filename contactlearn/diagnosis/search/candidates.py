@@ -1,22 +1,21 @@
-"""Which effects may be missing: the catalogue in all its forms, the user's own, and what is refused.
+"""Candidates for missing effects: the catalogue in all its forms, the user's own, and the rules for refusing some.
 
 An effect is refused if it could explain anything: with a parameter for every few trials, or with constants that it
-takes from the outcomes it is to predict.  What needs a body's shape is left out where that is not known.
+takes from the outcomes it is to predict.  Effects that need a body's shape are left out where that is not known.
 """
 
 from collections.abc import Mapping
 
 import torch
 
+from contactlearn.diagnosis.thresholds import SelectionThresholds
 from contactlearn.effects import Effect, EffectId, State, catalogue, columns
 from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts
 from contactlearn.laws.wang_mason import WangMason
 from contactlearn.model import resolve
 
-TRIALS = 10
-"""That a parameter must have to itself."""
-_NUDGE = 0.1  # of a parameter's range: where an effect is looked at
+_NUDGE = 0.1  # of a parameter's range: the change of an effect at which its prediction is looked at
 
 
 def all_candidates() -> dict[EffectId, Effect]:
@@ -24,19 +23,24 @@ def all_candidates() -> dict[EffectId, Effect]:
     return {kind.id: kind() for forms in catalogue().values() for kind in forms}
 
 
-def usable(candidates: Mapping[EffectId, Effect], impacts: Impacts) -> dict[EffectId, Effect]:
-    """The candidates that these measurements can speak of: without a shape none that needs one, none too rich.
+def usable(
+    candidates: Mapping[EffectId, Effect],
+    impacts: Impacts,
+    thresholds: SelectionThresholds = SelectionThresholds(),
+) -> dict[EffectId, Effect]:
+    """Keep the candidates that these measurements can decide about: a known shape, and enough trials a parameter.
 
     Raises:
-        ContactLearnError: none is left, or one takes its constants from the outcomes.
+        ContactLearnError: no candidate is kept, or one takes its constants from the outcomes.
     """
+    share = thresholds.trials_per_parameter
     able = {key: effect for key, effect in candidates.items() if impacts.shape is not None or not effect.needs_shape}
-    able = {key: effect for key, effect in able.items() if len(effect.parameters) * TRIALS <= len(impacts)}
+    able = {key: effect for key, effect in able.items() if len(effect.parameters) * share <= len(impacts)}
     if not able:
         most = max((len(effect.parameters) for effect in candidates.values()), default=0)
         raise ContactLearnError(
             f"there are no candidates to choose from: {len(candidates)} given, of up to {most} parameters, for "
-            f"{len(impacts)} trials; a parameter must have {TRIALS} trials to itself"
+            f"{len(impacts)} trials; a parameter must have {share} trials to itself"
         )
     for key, effect in able.items():
         if _sees_outcomes(effect, impacts):
@@ -48,11 +52,12 @@ def usable(candidates: Mapping[EffectId, Effect], impacts: Impacts) -> dict[Effe
 
 
 def _sees_outcomes(effect: Effect, impacts: Impacts) -> bool:
-    """Whether it acts differently once the outcomes of the trials are exchanged."""
+    """Whether its prediction changes once the outcomes of the trials are exchanged."""
     other = impacts.replace(v_post=1.1 * impacts.v_post.flip(0), suspect=True)
     moved = columns(*effect.vanished().values) + _NUDGE * torch.tensor([p.high - p.low for p in effect.parameters])
+    law = WangMason(0.2, 0.5)
     first, second = (
-        resolve(WangMason(0.2, 0.5), {"": effect.prepare(known).at(moved)}, State.of(impacts), 0.2, 0.5)
+        resolve(law, {"": effect.prepare(known).at(moved)}, State.of(impacts), law.mu, law.eps)
         for known in (impacts, other)
     )
     return not torch.equal(first.v_post.nan_to_num(), second.v_post.nan_to_num())

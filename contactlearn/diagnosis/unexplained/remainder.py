@@ -1,236 +1,193 @@
-"""What remains: whether a flexible model still does clearly better than the best named one, and in what.
+"""The remainder: the part of a model's residual that flexible models still predict, and its components and variables.
 
 Gaussian processes learn the wrench (P_t, P_n, τ) that the model leaves, per unit mass and inertia, from the full state
 and the order of the trials, on the fitted rows of each fold, and are tested on the rows held out:
 
     share        how far the held-out mass error falls: with the model of a law alone this is the ceiling
     components   those of the wrench that are predicted better than by 0, by held-out R² and its standard error
-    variables    the total Sobol index of what is predicted: how much of its variance goes if a variable is another
+    variables    the total Sobol index of the prediction: the part of its variance that goes if a variable is another
                  trial's and everything else stays
 
-For a body of known shape above a level floor r and y are functions of θ.  What follows from θ moves with it
-and goes by its name, so that no state is asked about that could not be.  A wrench at the contact point has no unique
+For a body of known shape above a level floor r and y are functions of θ.  A symbol that follows from θ moves with it
+and goes by its name, so that no impossible state is asked about.  A wrench at the contact point has no unique
 cause: a force elsewhere on the body shows as an impulse and a moment.
 The model has few parameters and is fitted to all trials, so that next to nothing of those held out is in it.
-Gross outliers count neither in training nor in what is said, but have their `error`.
+Gross outliers count neither in training nor in the result, but have their `error`.
 Sources: Rasmussen & Williams 2006, for the processes; Jansen 1999, for the index.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from contactlearn.diagnosis.search.selection import Folds
-from contactlearn.effects import State
-from contactlearn.effects.formula.symbols import of_state
-from contactlearn.errors import DataError
+from contactlearn.diagnosis.result.remainder import ComponentTest, Remainder, VariableShare, WrenchComponent
+from contactlearn.diagnosis.thresholds import RemainderThresholds
+from contactlearn.diagnosis.unexplained.processes import Processes, input_columns
+from contactlearn.diagnosis.validation import Folds
 from contactlearn.evaluation.metrics import Interval, mass_error
 from contactlearn.evaluation.partial_residuals import share_explained
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.model import ContactModel
-from contactlearn.regression.features import Standardisation
-from contactlearn.regression.gp.exact import ExactGPs
+from contactlearn.numerics import MAD_SCALE, wrapped
 
-COMPONENTS = ("t", "n", "tau")
-"""Of the wrench: P_t, P_n (N s) and τ (N m s)."""
-
-CLEARLY = 0.1
-"""Share of the model's error that the processes must take off for something unknown to be missing; half of it must be
-certain."""
-SIGMAS = 3.0
-"""Standard errors by which the R² of a component must be above 0 …"""
-LEAST = 0.04
-"""… and how large it must be, for the component to be named."""
+_COMPONENTS = tuple(WrenchComponent)
 _TRIALS = 450  # of a fold that are learnt from, at most
-_INPUTS = ("m", "I", "rx", "ry", "x", "y", "theta", "vx", "vy", "omega", "order")
-_FOLLOWS = 0.85  # share of a symbol's variance along θ from which on it is taken to follow from it
-_GROSS = 8.0  # robust standard deviations, where it is not said which trials are usual
-_NAMED = 0.05  # share below which a variable is not named
 _PERMUTATIONS, _RESAMPLES = 2, 2000
 _ROUNDING = 1e-12  # of a mass error
 
 
-@dataclass(frozen=True)
-class Component:
-    """How well one component of the remainder is predicted where it was not learnt.
+@dataclass(frozen=True, kw_only=True)
+class LearnedRemainder:
+    """A remainder with its arrays by trial.
 
-    `r_squared` is 1 − Σ (y − ŷ)² / Σ y² with gross values curbed, `taken` what this component alone takes off the
-    mean mass error.
+    Args:
+        remainder: the result.
+        before: mass errors of the model alone, nan where a trial was never held out.
+        error: the same with the processes, on held-out trials.
+        v_post: predictions of the processes there, in (m/s, m/s, rad/s).
     """
 
-    name: str
-    r_squared: float
-    standard_error: float
-    taken: float
-
-    @property
-    def clear(self) -> bool:
-        """Whether it can be named."""
-        return self.r_squared > LEAST and self.r_squared > SIGMAS * self.standard_error
+    remainder: Remainder
+    before: Float[Tensor, " n"]
+    error: Float[Tensor, " n"]
+    v_post: Float[Tensor, "n 3"]
 
 
-@dataclass(frozen=True, eq=False)
-class Remainder:
-    """See the module.
-
-    `before` and `error` [N] are the mass errors of the model alone and with the processes on held-out trials, nan
-    where one never was, `v_post` [N, 3] what these predict there, in (m/s, m/s, rad/s); `share` the relative fall of
-    the mean errors with its 95 % interval, at or below 0 where there is nothing to learn.  `components` are the
-    clear ones, the one that takes most off the error first, and that one if the share is large; `variables` the
-    shares of those symbols that matter for them, `tested` the numbers behind the components.
-    """
-
-    error: Tensor
-    before: Tensor
-    v_post: Tensor
-    share: Interval
-    components: tuple[str, ...]
-    variables: dict[str, float]
-    tested: tuple[Component, ...]
-
-    @property
-    def large(self) -> bool:
-        """Whether so much remains that something unknown must be missing."""
-        return _large(self.share)
-
-    @property
-    def found(self) -> bool:
-        """Whether something clearly remains."""
-        return bool(self.components) and self.share.low > 0
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        said = {"share": self.share.mean, "interval": [self.share.low, self.share.high]}
-        tested = {c.name: {"r_squared": c.r_squared, "standard_error": c.standard_error} for c in self.tested}
-        return said | {"components": list(self.components), "variables": dict(self.variables), "tested": tested}
-
-
-def remainder(
+def learn_remainder(
     impacts: Impacts,
     model: ContactModel,
     folds: Folds,
     *,
     generator: torch.Generator,
-    usual: Tensor | None = None,
-) -> Remainder:
-    """What the model leaves of the impacts and flexible models can predict.
+    inliers: Bool[Tensor, " n"] | None = None,
+    thresholds: RemainderThresholds = RemainderThresholds(),
+) -> LearnedRemainder:
+    """Learn the part of the residual of a model that flexible models predict.
 
     Args:
+        impacts: measurements.
         model: fitted to these impacts, without leading axes.
-        folds: what is learnt from and what is held out; all are learnt at once.
+        folds: to learn from and to hold out; all are learnt at once.
         generator: of the permutations and the bootstrap.
-        usual: trials [N] that are no gross outliers, see `JointFit`.  If left out, those without a component beyond
-            eight robust standard deviations.
+        inliers: trials that are no gross outliers, see `JointFit`; if None, those without a component beyond several
+            robust standard deviations.
+        thresholds: limits of what is named.
 
     Raises:
         DataError: fewer than two trials to learn from.
     """
     base = model.base_prediction(impacts)
-    left = impacts.wrench - base.wrench
-    usual = _usual(left) if usual is None else usual
-    processes = _Processes.of(impacts, left, _rows(folds, usual))
-    learned = processes.at(folds.held_out)
-
-    def predicted(*which: int) -> Prediction:
-        added = torch.zeros(len(learned), len(impacts), 3, dtype=torch.float64)
-        index = folds.held_out[..., None].expand(-1, -1, len(which))
-        added[..., list(which)] = added[..., list(which)].scatter(1, index, learned[..., list(which)])
-        return Prediction.from_wrench(impacts, base.wrench + added)
-
-    def held_out(*which: int) -> Tensor:
-        return folds.scores(mass_error(impacts, predicted(*which)))
-
-    error = held_out(0, 1, 2)
-    v_post = torch.stack([folds.scores(part) for part in predicted(0, 1, 2).v_post.unbind(-1)], -1)
+    residual = impacts.wrench - base.wrench
+    inliers = _inliers(residual, thresholds.gross) if inliers is None else inliers
+    processes = Processes.of(impacts, residual, _rows(folds, inliers))
+    learned = _Learned(impacts, base, folds, processes.at(folds.held_out))
+    error = learned.error(*_COMPONENTS)
     before = mass_error(impacts, base).where(error.isfinite(), torch.nan)
-    said = usual & error.isfinite()
-    tested = tuple(
-        Component(
-            name, *_r_squared(folds, left[:, k], learned[..., k], said), (before - held_out(k))[said].mean().item()
-        )
-        for k, name in enumerate(COMPONENTS)
+    counted = inliers & error.isfinite()
+    share = _share(before[counted], error[counted], generator)
+    large = share.mean > thresholds.share and share.low > thresholds.certain_share
+    tested = [_tested(learned, residual, name, before, counted, thresholds) for name in _COMPONENTS]
+    most = max(tested, key=lambda one: one.error_reduction)
+    named = sorted((one for one in tested if one.clear or (one is most and large)), key=lambda c: -c.error_reduction)
+    components = tuple(one.component for one in named)
+    remainder = Remainder(
+        share=share,
+        large=large,
+        components=components,
+        variables=_variables(learned, processes, components, generator, thresholds),
+        tested=tuple(tested),
     )
-    share = _share(before[said], error[said], generator)
-    most = max(tested, key=lambda c: c.taken)
-    clear = sorted((c for c in tested if c.clear or (c is most and _large(share))), key=lambda c: -c.taken)
-    return Remainder(
-        error,
-        before,
-        v_post,
-        share,
-        tuple(c.name for c in clear),
-        _variables(impacts, processes, folds, learned, [COMPONENTS.index(c.name) for c in clear], generator),
-        tested,
-    )
+    return LearnedRemainder(remainder=remainder, before=before, error=error, v_post=learned.v_post())
 
 
 @dataclass(frozen=True)
-class _Processes:
-    """Processes of each fold for the three components; `x` [N, D] is what they see of the trials."""
+class _Learned:
+    """Wrenches of the held-out rows of each fold as learned, [B, m, 3], on top of a prediction."""
 
-    x: Tensor
-    unit: Tensor  # [N, 3], of the wrench: mass, mass, inertia
-    inputs: Standardisation
-    outputs: Standardisation
-    gps: ExactGPs
+    impacts: Impacts
+    base: Prediction
+    folds: Folds
+    wrench: Float[Tensor, "b m 3"]
 
-    @classmethod
-    def of(cls, impacts: Impacts, left: Tensor, rows: Tensor) -> "_Processes":
-        if rows.shape[-1] < 2:
-            raise DataError(f"what remains needs at least 2 trials to learn from, got {rows.shape[-1]}")
-        x = torch.cat([columns for columns in _columns(impacts).values()], -1)
-        unit = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1)
-        left = left / unit
-        inputs, outputs = Standardisation.of(x[rows]), Standardisation.of(left[rows])
-        gps = ExactGPs(inputs.apply(x[rows]), outputs.apply(left[rows]).mT)
-        gps.fit()
-        return cls(x, unit, inputs, outputs, gps)
+    def prediction(self, *which: WrenchComponent) -> Prediction:
+        """Predict every trial in each fold, with some components of the learned wrench."""
+        columns = [_COMPONENTS.index(name) for name in which]
+        added = torch.zeros(len(self.wrench), len(self.impacts), 3, dtype=torch.float64)
+        index = self.folds.held_out[..., None].expand(-1, -1, len(columns))
+        added[..., columns] = added[..., columns].scatter(1, index, self.wrench[..., columns])
+        return Prediction.from_wrench(self.impacts, self.base.wrench + added)
 
-    def at(self, rows: Tensor, x: Tensor | None = None) -> Tensor:
-        """Predicted wrench [B, m, 3] of the rows [B, m], or of inputs x [B, m, D]."""
-        mean, _ = self.gps.predict(self.inputs.apply(self.x[rows] if x is None else x))
-        unit = self.unit[rows].repeat(1, mean.shape[-1] // rows.shape[1], 1)
-        return self.outputs.undo(mean.mT) * unit
+    def error(self, *which: WrenchComponent) -> Float[Tensor, " n"]:
+        """Held-out mass error with some components."""
+        return self.folds.scores(mass_error(self.impacts, self.prediction(*which)))
+
+    def v_post(self) -> Float[Tensor, "n 3"]:
+        """Held-out prediction with all components, in (m/s, m/s, rad/s)."""
+        parts = self.prediction(*_COMPONENTS).v_post.unbind(-1)
+        return torch.stack([self.folds.scores(part) for part in parts], -1)
 
 
-def _columns(impacts: Impacts) -> dict[str, Tensor]:
-    """Input columns [N, 1 or 2] by symbol, θ as (cos θ, sin θ)."""
-    known = of_state(State.of(impacts))
-    theta = torch.stack((known["theta"].cos(), known["theta"].sin()), -1)
-    return {name: theta if name == "theta" else known[name][:, None] for name in _INPUTS}
+def _tested(
+    learned: _Learned,
+    residual: Float[Tensor, "n 3"],
+    name: WrenchComponent,
+    before: Float[Tensor, " n"],
+    counted: Bool[Tensor, " n"],
+    thresholds: RemainderThresholds,
+) -> ComponentTest:
+    """The prediction of one component where it was not learnt."""
+    k = _COMPONENTS.index(name)
+    r_squared, error = _r_squared(learned.folds, residual[:, k], learned.wrench[..., k], counted, thresholds.gross)
+    return ComponentTest(
+        component=name,
+        r_squared=r_squared,
+        standard_error=error,
+        error_reduction=(before - learned.error(name))[counted].mean().item(),
+        clear=is_clear(r_squared, error, thresholds),
+    )
 
 
-def _usual(left: Tensor) -> Tensor:
-    """Trials [N] without a gross component."""
-    off = (left - left.median(0).values).abs()
-    return (off <= _GROSS * 1.4826 * off.median(0).values + 1e-300).all(-1)
+def is_clear(r_squared: float, standard_error: float, thresholds: RemainderThresholds) -> bool:
+    """Whether a component with this R² can be named: it is both large and certain."""
+    certain = r_squared > thresholds.component_sigmas * standard_error
+    return r_squared > thresholds.component_r_squared and certain
 
 
-def _rows(folds: Folds, usual: Tensor) -> Tensor:
-    """Of each fold's fitted rows as many usual ones as every fold has, in their random order."""
-    rows = [part[usual[part]] for part in folds.fitted]
+def _inliers(residual: Float[Tensor, "n 3"], gross: float) -> Bool[Tensor, " n"]:
+    """Trials without a gross component."""
+    off = (residual - residual.median(0).values).abs()
+    return (off <= gross * MAD_SCALE * off.median(0).values + 1e-300).all(-1)
+
+
+def _rows(folds: Folds, inliers: Bool[Tensor, " n"]) -> Int[Tensor, "b m"]:
+    """Of each fold's fitted rows as many inliers as every fold has, in their random order."""
+    rows = [part[inliers[part]] for part in folds.fitted]
     size = min(_TRIALS, *map(len, rows))
     return torch.stack([part[:size] for part in rows])
 
 
-def _r_squared(folds: Folds, left: Tensor, learned: Tensor, said: Tensor) -> tuple[float, float]:
+def _r_squared(
+    folds: Folds,
+    residual: Float[Tensor, " n"],
+    learned: Float[Tensor, "b m"],
+    counted: Bool[Tensor, " n"],
+    gross: float,
+) -> tuple[float, float]:
     """Held-out R² against 0 and its standard error over the trials that count."""
-    y = left[folds.held_out]
-    gain = torch.zeros(len(y), len(left), dtype=y.dtype).scatter(1, folds.held_out, y.square() - (y - learned).square())
-    gain, size = folds.scores(gain)[said], left[said].square().mean().clamp_min(1e-300)
-    limit = _GROSS * gain.abs().median() + size  # curbs trials by which the mean would stand or fall
+    y = residual[folds.held_out]
+    gain = torch.zeros(len(y), len(residual), dtype=y.dtype)
+    gain = gain.scatter(1, folds.held_out, y.square() - (y - learned).square())
+    gain, size = folds.scores(gain)[counted], residual[counted].square().mean().clamp_min(1e-300)
+    limit = gross * gain.abs().median() + size  # curbs trials by which the mean would stand or fall
     gain = gain.clamp(-limit, limit) / size
     return gain.mean().item(), (gain.std() / math.sqrt(len(gain))).item()
 
 
-def _large(share: Interval) -> bool:
-    return share.mean > CLEARLY and share.low > CLEARLY / 2
-
-
-def _share(before: Tensor, error: Tensor, generator: torch.Generator) -> Interval:
+def _share(before: Float[Tensor, " n"], error: Float[Tensor, " n"], generator: torch.Generator) -> Interval:
     """Relative fall of the mean error with its 95 % paired bootstrap interval."""
     before, error = before + _ROUNDING, error + _ROUNDING
     rows = torch.randint(len(before), (_RESAMPLES, len(before)), generator=generator)
@@ -240,12 +197,17 @@ def _share(before: Tensor, error: Tensor, generator: torch.Generator) -> Interva
 
 
 def _variables(
-    impacts: Impacts, processes: _Processes, folds: Folds, learned: Tensor, which: list[int], generator: torch.Generator
-) -> dict[str, float]:
-    """Shares of the symbols in what is predicted of the components, as it counts in the mass error."""
-    if not which:
-        return {}
-    groups, size = _groups(impacts), folds.held_out.shape[1]
+    learned: _Learned,
+    processes: Processes,
+    components: Sequence[WrenchComponent],
+    generator: torch.Generator,
+    thresholds: RemainderThresholds,
+) -> tuple[VariableShare, ...]:
+    """Shares of the symbols in the prediction of the components, as it counts in the mass error."""
+    if not components:
+        return ()
+    impacts, folds = learned.impacts, learned.folds
+    groups, size = _groups(impacts, thresholds.follows), folds.held_out.shape[1]
     x = processes.x[folds.held_out]
     moved = []
     for _ in range(_PERMUTATIONS):
@@ -255,21 +217,21 @@ def _variables(
             changed[..., columns] = other[..., columns]
             moved.append(changed)
     there = processes.at(folds.held_out, torch.cat(moved, 1)).unflatten(1, (_PERMUTATIONS, len(groups), size))
-    index = (there - learned[:, None, None]).square().mean((0, 1, 3))  # [G, 3]
+    index = (there - learned.wrench[:, None, None]).square().mean((0, 1, 3))
     in_mass = torch.stack((impacts.W[:, 0, 0], impacts.W[:, 1, 1], 1 / impacts.inertia), -1).mean(0)
-    total = (index * in_mass)[:, which].sum(-1)
+    total = (index * in_mass)[:, [_COMPONENTS.index(name) for name in components]].sum(-1)
     shares = dict(zip(groups, (total / total.sum().clamp_min(1e-300)).tolist(), strict=True))
-    return {name: share for name, share in sorted(shares.items(), key=lambda s: -s[1]) if share >= _NAMED}
+    ordered = sorted(shares.items(), key=lambda item: -item[1])
+    return tuple(VariableShare(symbol=name, share=x) for name, x in ordered if x >= thresholds.variable_share)
 
 
-def _groups(impacts: Impacts) -> dict[str, list[int]]:
+def _groups(impacts: Impacts, follows: float) -> dict[str, list[int]]:
     """Columns that move together, by the symbol that they go by; without those that are constant."""
-    groups, at, theta = {}, 0, impacts.q[:, 2]
-    turn = torch.atan2(theta.sin(), theta.cos())
-    for name, columns in _columns(impacts).items():
+    groups, at, turn = {}, 0, wrapped(impacts.q[:, 2])
+    for name, columns in input_columns(impacts).items():
         own, at = list(range(at, at + columns.shape[-1])), at + columns.shape[-1]
         if (columns.amax(0) - columns.amin(0)).max() <= 1e-9 * columns.abs().max():
             continue
-        follows = name in ("rx", "ry", "y") and share_explained(turn, columns[:, 0]) > _FOLLOWS
-        groups.setdefault("theta" if follows else name, []).extend(own)
+        moves = name in ("rx", "ry", "y") and share_explained(turn, columns[:, 0]) > follows
+        groups.setdefault("theta" if moves else name, []).extend(own)
     return groups

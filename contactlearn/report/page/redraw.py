@@ -1,21 +1,25 @@
 """The page of one run, drawn again from its folder alone: no data source is read and nothing is fitted."""
 
+from dataclasses import replace
 from pathlib import Path
 
+from contactlearn.diagnosis.record import Record
 from contactlearn.errors import ContactLearnError
+from contactlearn.report.page.diagnosis import of_diagnosis
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
 from contactlearn.results import folder as run_folder
+from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.results.evaluation import Evaluation
 from contactlearn.results.folder import Result
 from contactlearn.results.held_out import HeldOut
 
 
 def has_page(folder: Path) -> bool:
-    """Whether a folder holds one run, of a kind that has a page of its own: an evaluation."""
+    """Whether a folder holds one run, of a kind that has a page of its own: an evaluation or a diagnosis."""
     files = [path for path in run_folder.files(folder)]
     try:
-        return len(files) == 1 and isinstance(run_folder.read_result(files[0]), Evaluation)
+        return len(files) == 1 and isinstance(run_folder.read_result(files[0]), Evaluation | DiagnosisRun)
     except ContactLearnError:
         return False
 
@@ -36,4 +40,8 @@ def redraw(folder: Path) -> Path:
 def _content(folder: Path, result: Result) -> dict:
     if isinstance(result, Evaluation):
         return of_evaluation(result, HeldOut.load(folder, result))
+    if isinstance(result, DiagnosisRun):
+        found = result.diagnosis
+        record = None if found.choices is None else Record.load(folder)
+        return of_diagnosis(replace(found, record=record), result.provenance, use=result.use)
     raise ContactLearnError(f"{folder}: a run of kind {result.kind} has no page of its own")

@@ -125,7 +125,7 @@ def of_runs(runs: Sequence[Row], skipped: Sequence[tuple[str, str]], folder: Pat
                 "run": k,
                 "name": run.name,
                 "law": _with(run),
-                "ladder": [{**asdict(one.error), "name": label(one.name)} for one in run.ladder],
+                "ladder": [{**asdict(one.error), "name": one.name} for one in run.ladder],
             }
             for k, run in enumerate(runs)
             if run.ladder

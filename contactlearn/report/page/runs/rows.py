@@ -10,7 +10,9 @@ from contactlearn.effects import EffectId
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.report.figures.style import BOUNDS
+from contactlearn.report.text import base_label, conclusion, rung_label
 from contactlearn.results import folder
+from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.results.estimates import ModelErrors
 from contactlearn.results.evaluation import Evaluation
 from contactlearn.results.provenance import DataSource, Provenance
@@ -19,6 +21,7 @@ from contactlearn.results.transfer import Transfer
 
 HASH = 10
 """Digits of the hash of data that are shown."""
+_HIGHEST = 1e9
 LAW = "law"
 """Model of a run without a learned one."""
 
@@ -80,11 +83,9 @@ def read_row(path: Path) -> Row:
     Raises:
         ContactLearnError: in one line, why it cannot be one.
     """
-    if path.name == folder.FILES[0]:
-        from contactlearn.report.page.runs.untyped import diagnosis_row
-
-        return diagnosis_row(path)
     result = folder.read_result(path)
+    if isinstance(result, DiagnosisRun):
+        return _diagnosis(path, result)
     if isinstance(result, Transfer):
         raise ContactLearnError("is a transfer to other bodies, which has no one held-out error; see its own figures")
     if isinstance(result, Training):
@@ -118,6 +119,35 @@ def _evaluation(path: Path, result: Evaluation) -> Row:
         bounds={name: result.errors[name].headline for name in BOUNDS if name in result.errors},
         curves={printable(name): (curve.sizes, curve.headline) for name, curve in result.learning_curves.items()},
     )
+
+
+def _diagnosis(path: Path, result: DiagnosisRun) -> Row:
+    found, base = result.diagnosis, base_label(result.diagnosis)
+    ladder = tuple(
+        LadderRung(name=printable(rung_label(one, base)), error=_drawable(one.error)) for one in found.ladder
+    )
+    errors = {}
+    if found.budget is not None:
+        known = {"error": found.budget.named, "base": found.budget.base, "noise": found.budget.noise}
+        errors = {name: _drawable(one) for name, one in known.items()}
+        errors["bounds"] = {"irb": _drawable(found.budget.bound)}
+    return Row(
+        **_common(path, result.provenance),
+        command="diagnose",
+        law=printable(found.law) if found.law is not None and ladder else None,
+        given=found.given,
+        found=tuple(one.effect for one in found.missing),
+        verdict=printable(conclusion(found.verdict, found.physics, found.corrections)),
+        ladder=ladder,
+        **errors,
+    )
+
+
+def _drawable(error: Interval) -> Interval:
+    """The error, if a page can draw it."""
+    if not all(0 <= x < _HIGHEST for x in error):
+        raise ContactLearnError(f"an error of the diagnosis must be 0 or more, and less than {_HIGHEST:g}")
+    return error
 
 
 def _common(path: Path, provenance: Provenance) -> dict[str, Any]:

@@ -14,19 +14,21 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from contactlearn.audit.result import Evidence, Finding
-from contactlearn.diagnosis.discrimination.result import Drop, Experiment, Rival, Separation
-from contactlearn.diagnosis.failure.result import Improvement, Region
 from contactlearn.diagnosis.record import Record
-from contactlearn.diagnosis.search.result import Choices, FittedParameter, MissingEffect, Rung, RungKind
-from contactlearn.diagnosis.unexplained.result import (
+from contactlearn.diagnosis.result.effects import Choices, FittedParameter, MissingEffect, Rung, RungKind
+from contactlearn.diagnosis.result.regions import Improvement, Region
+from contactlearn.diagnosis.result.remainder import (
     ComponentTest,
     Formula,
     Remainder,
     VariableShare,
     WrenchComponent,
 )
+from contactlearn.diagnosis.result.rivals import Drop, Experiment, Rival, Separation
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.evaluation.metrics import Interval
+from contactlearn.laws import Law, find
 from contactlearn.serialisation import from_json, to_json
 
 __all__ = [
@@ -50,7 +52,7 @@ class Verdict(StrEnum):
 class LawFit:
     """A law by name and variant, with the held-out error of it and the given effects.
 
-    `mu` and `eps` are those of the law without any effect, fitted to all trials.
+    `mu` and `eps` are those of the law without any effect, fitted to all trials; `options` its other fields.
     """
 
     name: str
@@ -58,6 +60,23 @@ class LawFit:
     error: float
     mu: float
     eps: float
+    options: dict[str, float | str | bool] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, law: Law, error: float) -> "LawFit":
+        """Describe a fitted law."""
+        options = {name: x if isinstance(x, str | bool) else float(x) for name, x in law.options.items()}
+        return cls(
+            name=law.name, variant=law.variant, error=error, mu=float(law.mu), eps=float(law.eps), options=options
+        )
+
+    def law(self) -> Law:
+        """Make the law again.
+
+        Raises:
+            UnknownNameError: the law of another package, which has not been imported.
+        """
+        return find(self.name, self.variant, **self.options).at(self.mu, self.eps)
 
 
 class NoiseSource(StrEnum):
@@ -111,7 +130,7 @@ class Diagnosis:
     Args:
         verdict: the conclusion, `bad_data` where the measurements had to be corrected.
         physics: the conclusion about the corrected measurements; None where the data are refused.
-        law: name of the law, given or chosen; `best` where the data are refused before one is chosen.
+        law: name of the law, given or chosen; None where the data are refused before one is chosen.
         variant: of the law.
         given: effects that were in the model from the start.
         findings: of the audit.
@@ -125,12 +144,13 @@ class Diagnosis:
         remainder: the predictable part of the residual.
         formulas: for it, the best first.
         choices: every subset of the missing effects.
+        thresholds: limits of every decision.
         record: impacts, models and arrays by trial; no part of the file and of equality.
     """
 
     verdict: Verdict
-    law: str
-    variant: str
+    law: str | None
+    variant: str | None
     findings: tuple[Finding, ...]
     physics: Verdict | None = None
     given: tuple[EffectId, ...] = ()
@@ -144,6 +164,7 @@ class Diagnosis:
     remainder: Remainder | None = None
     formulas: tuple[Formula, ...] = ()
     choices: Choices | None = None
+    thresholds: Thresholds = field(default_factory=Thresholds)
     record: Record | None = field(default=None, compare=False, repr=False)
 
     @property

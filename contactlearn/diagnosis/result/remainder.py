@@ -1,5 +1,6 @@
 """Results about the residual of the full model: the share that is predictable, and formulas for it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -12,6 +13,11 @@ class WrenchComponent(StrEnum):
     TANGENTIAL = "t"
     NORMAL = "n"
     MOMENT = "tau"
+
+    @property
+    def output(self) -> str:
+        """The name of the component in a formula: Pt, Pn or tau."""
+        return {"t": "Pt", "n": "Pn", "tau": "tau"}[self.value]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,31 +84,17 @@ class Formula:
     error_reduction: float
     standard_error: float
 
-    @property
-    def output(self) -> str:
-        """The name of the component in a formula of the configuration."""
-        return OUTPUTS[self.component]
+    @staticmethod
+    def sum_of(terms: Sequence[str]) -> str:
+        """Write the sum of terms with their coefficients, such as c1*Pn*sin(3*theta) + c2*Pn."""
+        return " + ".join(f"c{k}" + ("" if term == "1" else f"*{term}") for k, term in enumerate(terms, 1))
 
     @property
     def text(self) -> str:
-        """The sum of the terms, such as c1*Pn*sin(3*theta) + c2*Pn."""
-        return weighted_sum(self.terms)
+        """The sum of the terms, as the configuration takes it."""
+        return self.sum_of(self.terms)
 
-    @property
-    def parameters(self) -> dict[str, list[float]]:
-        """[low, high] of each coefficient by name."""
-        return named_ranges(self.ranges)
-
-
-OUTPUTS = {WrenchComponent.TANGENTIAL: "Pt", WrenchComponent.NORMAL: "Pn", WrenchComponent.MOMENT: "tau"}
-"""Outputs of a formula effect by component."""
-
-
-def weighted_sum(terms: tuple[str, ...]) -> str:
-    """Expression of terms with their coefficients."""
-    return " + ".join(f"c{k}" + ("" if term == "1" else f"*{term}") for k, term in enumerate(terms, 1))
-
-
-def named_ranges(ranges: tuple[tuple[float, float], ...]) -> dict[str, list[float]]:
-    """Ranges by the names c1, c2, … of the coefficients."""
-    return {f"c{k}": list(limits) for k, limits in enumerate(ranges, 1)}
+    def overrides(self, name: str = "mine") -> tuple[str, ...]:
+        """Write the arguments of a command that adds the formula as an effect; quote them for a shell."""
+        ranges = (f"+effect.{name}.parameters.c{k}=[{low:g},{high:g}]" for k, (low, high) in enumerate(self.ranges, 1))
+        return (f'+effect.{name}.{self.component.output}="{self.text}"', *ranges)

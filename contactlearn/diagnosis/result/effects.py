@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from contactlearn.diagnosis.discrimination.result import Rival
-from contactlearn.diagnosis.failure.result import Improvement
+from contactlearn.diagnosis.result.regions import Improvement
+from contactlearn.diagnosis.result.rivals import Rival
 from contactlearn.effects import EffectId
 from contactlearn.evaluation.metrics import Interval
 

@@ -1,0 +1,225 @@
+"""Stages of a diagnosis after the audit: search, what the effects explain, what they do not.
+
+    Study            the question: given effects, candidates, laws, options, and the random source of all stages
+    search_effects   the selection around a law, and the failures of that law
+    compare_effects  the ladder of the effects, their rivals, and the experiment that separates them
+    divide_error     the predictable part of the residual, formulas for it, and the error budget
+
+Each stage is a function of the study and of the results before it.  The generator is drawn from in this order.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+
+from contactlearn.audit.averaging import averaged
+from contactlearn.audit.corrections import correct
+from contactlearn.diagnosis.budget import error_budget, error_limits
+from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment, reachable
+from contactlearn.diagnosis.discrimination.rivals import FittedRival, find_rivals
+from contactlearn.diagnosis.failure.regions import find_regions
+from contactlearn.diagnosis.noise import noise_floor
+from contactlearn.diagnosis.observer import Observer, Task
+from contactlearn.diagnosis.result import (
+    ErrorBudget,
+    ErrorLimits,
+    Experiment,
+    Finding,
+    Formula,
+    LawFit,
+    Region,
+)
+from contactlearn.diagnosis.search.candidates import usable
+from contactlearn.diagnosis.search.ladder import Ladder, ladder
+from contactlearn.diagnosis.search.reselection import reselected
+from contactlearn.diagnosis.search.selection import Selection, identities
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.formulas import formulas
+from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder, learn_remainder
+from contactlearn.diagnosis.validation import Folds, ValidatedFit, held_out_error, interval
+from contactlearn.effects import Effect, EffectId
+from contactlearn.errors import ContactLearnError, DataError
+from contactlearn.identification.joint import FitOptions, identify_jointly
+from contactlearn.impacts import Impacts
+from contactlearn.laws import Law
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """The question: given effects, candidates, laws, options, and the random source of all stages."""
+
+    given: Mapping[str, Effect]
+    candidates: Mapping[EffectId, Effect]
+    laws: Mapping[str, Law]
+    options: FitOptions
+    limits: Mapping[str, tuple[float, float]]
+    thresholds: Thresholds
+    observer: Observer
+    generator: torch.Generator
+
+    def check(self, impacts: Impacts) -> None:
+        """Refuse too few trials, and limits of the set-up that make no sense, before any work is done."""
+        fewest = self.thresholds.fewest_trials
+        if len(impacts) < fewest:
+            raise DataError(f"{impacts.source}: a diagnosis needs at least {fewest} trials, got {len(impacts)}")
+        reachable(impacts, self.limits)
+
+    def progress(self, task: Task) -> Callable[[Iterable], Iterable]:
+        """Wrap the items of a long task."""
+        return lambda items: self.observer.progress(task, items)
+
+    def law_fits(self, impacts: Impacts, folds: Folds) -> tuple[LawFit, ...]:
+        """Each law: its held-out error with the given effects, and its coefficients alone."""
+        laws = self.observer.progress(Task.LAWS, list(self.laws.values()))
+        return tuple(LawFit.of(self.alone(law, impacts), self.held_out(law, impacts, folds)) for law in laws)
+
+    def alone(self, law: Law, impacts: Impacts) -> Law:
+        """A law without any effect, fitted to all trials."""
+        return identify_jointly(law, {}, impacts, options=replace(self.options, starts=2)).model.base
+
+    def held_out(self, law: Law, impacts: Impacts, folds: Folds) -> float:
+        """Held-out error of a law with the given effects."""
+        return held_out_error(law, self.given, impacts, folds, self.options)
+
+    def usable(self, impacts: Impacts) -> dict[EffectId, Effect]:
+        """The candidates that these measurements can decide about."""
+        among = usable(self.candidates, impacts, self.thresholds.selection)
+        if left_out := [candidate for candidate in self.candidates if candidate not in among]:
+            self.observer.left_out(left_out)
+        return among
+
+    def remainder(self, model: ValidatedFit, impacts: Impacts, folds: Folds) -> LearnedRemainder:
+        """The predictable part of the residual of a model."""
+        fit, limits = model.fit, self.thresholds.remainder
+        return learn_remainder(
+            impacts, fit.model, folds, generator=self.generator, inliers=fit.inliers, thresholds=limits
+        )
+
+    def failures(self, selection: Selection, ceiling: LearnedRemainder) -> tuple[ErrorLimits, tuple[Region, ...]]:
+        """The limits of the law's error, and the regions in which it fails."""
+        limits = error_limits(selection, ceiling, self.generator)
+        self.observer.limits(limits)
+        prediction = selection.base.fit.model.predict(selection.impacts)
+        regions = find_regions(
+            selection.impacts, prediction, generator=self.generator, thresholds=self.thresholds.regions
+        )
+        self.observer.regions(regions)
+        return limits, regions
+
+
+def corrected(impacts: Impacts, findings: Iterable[Finding], thresholds: Thresholds) -> Impacts:
+    """The impacts with the corrections of all findings."""
+    names = [finding.correction for finding in findings if finding.correction]
+    return correct(impacts, names, thresholds.audit.outliers)
+
+
+# --- Search ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Searched:
+    """The selection after its run, and the failures of the law that it is around."""
+
+    selection: Selection
+    notes: tuple[Finding, ...]
+    limits: ErrorLimits
+    regions: tuple[Region, ...]
+
+
+def search_effects(study: Study, law: Law, others: Sequence[LawFit], impacts: Impacts, folds: Folds) -> Searched:
+    """Select effects around a law and, if other laws may be chosen, around one that does better with them."""
+    among, limits = study.usable(impacts), study.thresholds.selection
+    selection = Selection(law, impacts, among, folds, study.given, study.options, limits)
+    ceiling = study.remainder(selection.base, impacts, folds)
+    notes = averaged(impacts, ceiling.v_post, lambda drops: study.held_out(law, drops, folds), study.thresholds.audit)
+    if notes:
+        study.observer.averaging(notes)
+        impacts = corrected(impacts, notes, study.thresholds)
+        selection = Selection(law, impacts, among, folds, study.given, study.options, limits)
+        ceiling = study.remainder(selection.base, impacts, folds)
+    bounds, regions = study.failures(selection, ceiling)
+    selection.run(study.progress(Task.EFFECTS))
+    if others:
+        errors = {fit.name: fit.error for fit in others}
+        better = reselected(selection, study.laws, errors, study.thresholds.laws, study.progress(Task.EFFECTS))
+        if better.law.name != law.name:
+            selection = better
+            study.observer.law_changed(selection.law.name)
+            bounds, regions = study.failures(selection, study.remainder(selection.base, impacts, folds))
+    return Searched(selection=selection, notes=notes, limits=bounds, regions=regions)
+
+
+# --- What the effects explain, and what they do not --------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explained:
+    """The ladder, rivals of its effects by name, and the experiment that separates them."""
+
+    ladder: Ladder
+    rivals: Mapping[str, tuple[FittedRival, ...]]
+    experiment: Experiment | None
+
+
+def compare_effects(study: Study, searched: Searched) -> Explained:
+    """Order the effects, and look for what else could explain the same."""
+    selection = searched.selection
+    rungs = ladder(selection, searched.regions, study.generator)
+    study.observer.missing(rungs.missing, searched.regions)
+    rivals = find_rivals(selection, study.thresholds.rivals, study.progress(Task.RIVALS))
+    ids = {one.name: one for one in identities(selection.present.effects)}
+    models = {
+        Substitution(ids[name], one.rival.effect): one.fitted.fit.model for name, some in rivals.items() for one in some
+    }
+    experiment = None
+    if models:
+        chosen, odds = selection.present.fit.model, study.thresholds.rivals.odds
+        experiment = next_experiment(
+            selection.impacts, chosen, models, generator=study.generator, limits=study.limits, odds=odds
+        )
+    return Explained(ladder=rungs, rivals=rivals, experiment=experiment)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unexplained:
+    """The remainder of the full model, formulas for it, and the error budget."""
+
+    learned: LearnedRemainder
+    formulas: tuple[Formula, ...]
+    budget: ErrorBudget
+
+
+def divide_error(study: Study, searched: Searched, rungs: Ladder) -> Unexplained:
+    """Learn what the full model leaves, and divide the error of the law."""
+    selection = searched.selection
+    impacts, fit = selection.impacts, selection.present.fit
+    learned = study.remainder(selection.present, impacts, selection.folds)
+    large = learned.remainder.large
+    written = _formulas(study, selection, learned) if large else ()
+    floor = noise_floor(
+        impacts,
+        fit.model,
+        generator=study.generator,
+        noise=study.options.noise,
+        inliers=fit.inliers,
+        predicted=learned.v_post if large else None,
+    )
+    budget = error_budget(
+        searched.limits,
+        base=rungs.rungs[0].error,
+        named=rungs.rungs[-1].error,
+        flexible=interval(learned.error, study.generator),
+        floor=floor,
+    )
+    return Unexplained(learned=learned, formulas=written, budget=budget)
+
+
+def _formulas(study: Study, selection: Selection, learned: LearnedRemainder) -> tuple[Formula, ...]:
+    """For the component that reduces the error most; none without the library that finds them."""
+    component, model = learned.remainder.components[0], selection.present.fit.model
+    try:
+        return formulas(selection.impacts, model, component, selection.folds, thresholds=study.thresholds.formulas)
+    except ContactLearnError as error:
+        study.observer.no_formulas(str(error))
+        return ()

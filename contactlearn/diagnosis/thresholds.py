@@ -1,0 +1,154 @@
+"""Thresholds of the diagnosis: every number that decides what a user is told, with its unit and its reason.
+
+The row of `benchmarks/thresholds.py` that shows false alarms and power over a range of a threshold has its name, such
+as regions.ratio.  Sizes of grids, numbers of starts and tolerances of fits are no thresholds and stay where they are
+used.  Figures draw the same fields.
+"""
+
+from dataclasses import dataclass, field
+
+from contactlearn.audit.thresholds import AuditThresholds
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawThresholds:
+    """Limits of the choice of a law."""
+
+    near: float = 2.0
+    """Held-out error over that of the chosen law up to which another is tried again with the effects: no effect of
+    the catalogue explains more than half of a law's error without the better law (row laws.near)."""
+    better: float = 0.97
+    """Held-out error with the effects, over that of the chosen law, below which another replaces it: as much as an
+    effect must bring (row laws.better)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelectionThresholds:
+    """Limits beyond which an effect is named."""
+
+    trials_per_parameter: int = 10
+    """Trials that each parameter of a candidate must have to itself; richer candidates explain noise
+    (row selection.trials_per_parameter)."""
+    false_alarms: float = 0.05
+    """Probability that the score tests admit anything where nothing is missing, over all candidates together
+    (row selection.false_alarms)."""
+    least_gain: float = 0.03
+    """Share of the held-out error that an effect must take away to be worth a name (row selection.least_gain)."""
+    gain_sigmas: float = 2.0
+    """Standard errors by which the held-out gain of an effect must exceed 0, to come in and to stay
+    (row selection.gain_sigmas)."""
+    sure: float = 60.0
+    """Wald statistic (χ²) of an effect beyond which it stays without a refit: far beyond any chance
+    (row selection.sure)."""
+    most_effects: int = 10
+    """Effects that are admitted at most; no data set so far held half as many (row selection.most_effects)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionThresholds:
+    """Limits beyond which the law is said to fail in a region."""
+
+    level: float = 0.05
+    """Probability of reporting any region where errors do not depend on the inputs (row regions.level)."""
+    ratio: float = 1.5
+    """Mean error inside over that of the rest; noise alone, in v_pre as in v_post, makes it 1.3 between some
+    orientations of the published ellipse (row regions.ratio)."""
+    smallest: int = 10
+    """Trials of a region, and of its rest, in the half that is searched (row regions.smallest)."""
+    most: int = 5
+    """Regions that are tested; the correction for their number costs power (row regions.most)."""
+    gross: float = 5.0
+    """Medians at which an error is curbed, inside and in the rest, so that no outlier makes a region
+    (row regions.gross)."""
+    new: float = 0.5
+    """Share of a region's trials that are in no region before it (row regions.new)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RivalThresholds:
+    """Limits within which an effect is said to be indistinguishable from a missing one."""
+
+    similarity: float = 0.5
+    """Share R² of the effect's change that a rival must reproduce to first order to be refitted
+    (row rivals.similarity)."""
+    sigmas: float = 2.0
+    """Standard errors of the paired difference of held-out losses that are chance (row rivals.sigmas)."""
+    loss: float = 0.02
+    """Rise of the held-out loss in nats a trial that is too small to decide (row rivals.loss)."""
+    error: float = 0.02
+    """Relative rise of the held-out mass error that is too small to decide (row rivals.error)."""
+    odds: float = 20.0
+    """Odds at which evidence decides between two models: log 20 = 3.0 nats over all trials (row rivals.odds)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RemainderThresholds:
+    """Limits beyond which something unknown is said to be missing."""
+
+    share: float = 0.1
+    """Share of the model's error that processes must take away for the verdict `unknown`; also how much better than
+    the full model another law alone must be for the same (row remainder.share)."""
+    certain_share: float = 0.05
+    """Lower end of the 95 % interval of that share (row remainder.certain_share)."""
+    component_sigmas: float = 3.0
+    """Standard errors by which the R² of a component must exceed 0 for the component to be named
+    (row remainder.component_sigmas)."""
+    component_r_squared: float = 0.04
+    """Least R² of a component that is named (row remainder.component_r_squared)."""
+    variable_share: float = 0.05
+    """Least share of a variable that is named (row remainder.variable_share)."""
+    follows: float = 0.85
+    """Share of a symbol's variance along θ from which on it goes by the name of θ (row remainder.follows)."""
+    gross: float = 8.0
+    """Robust standard deviations beyond which a residual is curbed or left out (row remainder.gross)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FormulaThresholds:
+    """Limits beyond which a formula is offered."""
+
+    false_alarms: float = 0.05
+    """Probability that chance gives a term a coefficient, over the library (row formulas.false_alarms)."""
+    sigmas: float = 2.0
+    """Standard errors by which the held-out gain of a formula must exceed 0 (row formulas.sigmas)."""
+    gain: float = 0.01
+    """Share of the held-out error that a formula must take away (row formulas.gain)."""
+    identical: float = 0.995
+    """Correlation from which on two terms are the same to these data (row formulas.identical)."""
+    distinct: float = 0.05
+    """Share of a term's norm that μ and ε cannot reproduce, below which it is dropped (row formulas.distinct)."""
+    gross: float = 8.0
+    """Robust standard deviations at which a residual is curbed (row formulas.gross)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseThresholds:
+    """Limits of the noise floor."""
+
+    stated_ratio: float = 1.4
+    """Residual over stated noise, or its inverse, beyond which the statement is questioned: its units, most often
+    (row noise.stated_ratio)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Thresholds:
+    """Limits of every decision of a diagnosis."""
+
+    fewest_trials: int = 20
+    """Trials below which nothing is diagnosed: five folds of four (row fewest_trials)."""
+    audit: AuditThresholds = field(default_factory=AuditThresholds)
+    """Of mistakes in the measurements."""
+    laws: LawThresholds = field(default_factory=LawThresholds)
+    """Of the choice of a law."""
+    selection: SelectionThresholds = field(default_factory=SelectionThresholds)
+    """Of missing effects."""
+    regions: RegionThresholds = field(default_factory=RegionThresholds)
+    """Of regions in which the law fails."""
+    rivals: RivalThresholds = field(default_factory=RivalThresholds)
+    """Of effects that cannot be told from missing ones."""
+    remainder: RemainderThresholds = field(default_factory=RemainderThresholds)
+    """Of the predictable part of the residual."""
+    formulas: FormulaThresholds = field(default_factory=FormulaThresholds)
+    """Of formulas for it."""
+    noise: NoiseThresholds = field(default_factory=NoiseThresholds)
+    """Of the noise floor."""

@@ -1,0 +1,139 @@
+"""A diagnosis and its record, written and read back; thresholds are arguments and not constants."""
+
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+import pytest
+import torch
+
+from contactlearn.data import mystery
+from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.record import Record
+from contactlearn.diagnosis.result import Diagnosis, RungKind, Verdict
+from contactlearn.diagnosis.search.candidates import all_candidates
+from contactlearn.diagnosis.thresholds import RegionThresholds, SelectionThresholds, Thresholds
+from contactlearn.errors import ContactLearnError, DataError
+from contactlearn.evaluation.metrics import bootstrap, mass_error
+from contactlearn.identification.joint import identify_jointly
+from contactlearn.impacts import Prediction
+from contactlearn.laws import find
+
+
+@pytest.fixture(scope="module")
+def impacts():
+    return mystery.draw(11, effects=["surface_tilt", "spin_damping"], size=120)[0]
+
+
+@pytest.fixture(scope="module")
+def few():
+    kinds = ("surface_tilt", "spin_damping", "side_drag")
+    return {key: effect for key, effect in all_candidates().items() if key.name in kinds}
+
+
+@pytest.fixture(scope="module")
+def found(impacts, few):
+    return diagnose(impacts, find("wang_mason"), candidates=few)
+
+
+def test_a_diagnosis_is_read_back_equal(found):
+    text = found.to_json()
+    assert Diagnosis.from_json(text) == found
+    assert "record" not in text or '"record": null' in text
+    assert found.missing
+    with pytest.raises(ContactLearnError, match="verdict"):
+        Diagnosis.from_json(text.replace('"verdict": "effects"', '"verdict": "perhaps"'))
+
+
+def test_its_record_is_read_back_to_the_last_bit(found, tmp_path):
+    found.record.save(tmp_path, {"made": "by hand"})
+    read = Record.load(tmp_path)
+    kept = found.record
+    assert read.impacts.fingerprint() == kept.impacts.fingerprint()
+    assert (read.impacts.source, read.impacts.shape) == (kept.impacts.source, kept.impacts.shape)
+    assert torch.equal(read.outcomes, kept.outcomes)
+    for one, other in ((read.base, kept.base), (read.model, kept.model)):
+        assert torch.equal(one.predict(read.impacts).v_post, other.predict(kept.impacts).v_post)
+    assert str(read.model) == found.equation
+    for one, other in zip(read.residuals, kept.residuals, strict=True):
+        for field in fields(other):
+            mine, theirs = getattr(one, field.name), getattr(other, field.name)
+            assert torch.equal(mine, theirs) if isinstance(theirs, torch.Tensor) else mine == theirs
+
+
+def test_a_record_of_something_else_is_refused(found, tmp_path):
+    with pytest.raises(ContactLearnError, match="no such file"):
+        Record.load(tmp_path)
+    found.record.save(tmp_path, {})
+    arrays = dict(np.load(tmp_path / "record.npz"))
+    np.savez(tmp_path / "record.npz", **arrays | {"outcomes": arrays["outcomes"][:, 1:]})
+    with pytest.raises(DataError, match="do the files belong to one run"):
+        Record.load(tmp_path)
+    np.savez(tmp_path / "record.npz", **arrays | {"outcomes": np.array([{"a": 1}], dtype=object)})
+    with pytest.raises(DataError, match=r"record\.npz"):
+        Record.load(tmp_path)
+    (tmp_path / "record.npz").write_bytes(b"no archive")
+    with pytest.raises(DataError, match="cannot be read"):
+        Record.load(tmp_path)
+
+
+def test_everything_is_frozen_and_made_with_keywords():
+    """Of the types that a diagnosis consists of."""
+    import contactlearn.diagnosis.result as result
+
+    kinds = [kind for kind in map(result.__dict__.get, result.__all__) if is_dataclass(kind)]
+    assert len(kinds) > 20
+    for kind in kinds:
+        assert kind.__dataclass_params__.frozen, kind
+        assert all(field.kw_only for field in fields(kind)), kind
+
+
+def test_choices_are_joint_fits(found, impacts):
+    effects = found.choices.effects
+    assert effects == tuple(missing.effect for missing in found.missing)
+    assert len(found.choices.errors) == len(found.record.outcomes) == 2 ** len(effects)
+    for k, interval in enumerate(found.choices.errors):
+        chosen = {one.name: found.record.model.effects[one.name] for j, one in enumerate(effects) if k >> j & 1}
+        fit = identify_jointly(find("wang_mason"), chosen, impacts)
+        expected = mass_error(impacts, fit.model.predict(impacts)).mean().item()
+        assert interval.mean == pytest.approx(expected, rel=0.01)
+
+
+def test_the_reduction_on_all_trials_is_that_of_the_choices(found, impacts):
+    full = len(found.record.outcomes) - 1
+    for j, missing in enumerate(found.missing):
+        without, with_ = (
+            mass_error(impacts, Prediction(found.record.outcomes[k], impacts.wrench)) for k in (full - 2**j, full)
+        )
+        expected = bootstrap(without - with_, torch.Generator().manual_seed(0), 10).mean
+        assert missing.reduction_on_all_trials.mean == pytest.approx(expected)
+
+
+def test_rungs_say_what_they_are(found):
+    assert [rung.kind for rung in found.ladder] == [
+        RungKind.LAW, *[RungKind.EFFECT] * len(found.missing), RungKind.PROCESSES, RungKind.NOISE
+    ]  # fmt: skip
+    assert [rung.effect for rung in found.ladder[1:-2]] == [missing.effect for missing in found.missing]
+    budget = found.budget
+    assert (budget.base, budget.named) == (found.ladder[0].error, found.ladder[len(found.missing)].error)
+    assert (budget.flexible, budget.noise) == (found.ladder[-2].error, found.ladder[-1].error)
+
+
+def test_laws_are_made_again(found, impacts):
+    fit = next(one for one in found.laws if one.name == "mirtich")
+    law = identify_jointly(find("mirtich"), {}, impacts).model.base
+    assert float(fit.law().mu) == pytest.approx(float(law.mu), abs=1e-4)
+
+
+def test_thresholds_decide(impacts, few):
+    """An effect that would have to halve the error is not named, and a region no worse than the rest not reported."""
+    strict = replace(
+        Thresholds(), selection=SelectionThresholds(least_gain=0.99), regions=RegionThresholds(ratio=100.0)
+    )
+    found = diagnose(impacts, find("wang_mason"), candidates=few, thresholds=strict)
+    assert found.missing == ()
+    assert found.regions == ()
+    assert found.verdict is Verdict.UNKNOWN  # for the processes still find something
+    assert found.thresholds == strict
+    assert Diagnosis.from_json(found.to_json()) == found
+    with pytest.raises(DataError, match="at least 121 trials, got 120"):
+        diagnose(impacts, thresholds=replace(Thresholds(), fewest_trials=121))
