@@ -223,7 +223,7 @@ def test_functions_are_annotated():
 # Once
 
 REPEATED: set[frozenset[str]] = set()
-HOMONYMS = {"Contact", "Drop", "Evidence", "formula"}
+HOMONYMS = {"Contact", "Evidence", "formula", "noise"}
 HOMONYMS |= {"calibration", "collide", "cost_surface", "diagnose", "effect_curve", "energy_ellipse", "evaluate"}
 HOMONYMS |= {"headline", "interval", "ladder", "look", "number", "train", "transfer", "write"}
 ELSEWHERE = {
