@@ -19,6 +19,7 @@ test: .venv/ready
 	  echo "Chromium could not be installed: the report is not tested in a browser"; fi
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
+	$(PY) -m pyright --pythonpath $(PY)
 	$(PY) -m pytest
 
 bench: .venv/ready

@@ -1,3 +1,5 @@
+"""The command diagnose from a checkout; see `python diagnose.py --help`."""
+
 from contactlearn.cli import diagnose
 
 if __name__ == "__main__":

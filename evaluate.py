@@ -1,3 +1,5 @@
+"""The command evaluate from a checkout; see `python evaluate.py --help`."""
+
 from contactlearn.cli import evaluate
 
 if __name__ == "__main__":

@@ -1,3 +1,5 @@
+"""The command train from a checkout; see `python train.py --help`."""
+
 from contactlearn.cli import train
 
 if __name__ == "__main__":

@@ -33,6 +33,6 @@ class UnknownNameError(ContactLearnError):
 
 
 def suggest(name: str, known: Iterable[str]) -> str:
-    """ ", did you mean 'x'?" for the nearest known name, or an empty string."""
+    """Return ", did you mean 'x'?" for the nearest known name, or an empty string."""
     near = get_close_matches(str(name), list(known), n=1, cutoff=0.5)
     return f", did you mean {near[0]!r}?" if near else ""

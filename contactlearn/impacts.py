@@ -63,7 +63,7 @@ class Impacts:
     v_post: Float[Tensor, "n 3"]
     q_post: Float[Tensor, "n 3"] | None = None
     time: Float[Tensor, "n"] | None = None
-    order: Float[Tensor, "n"] | None = None
+    order: Float[Tensor, "n"] = field(default=None)  # pyright: ignore[reportAssignmentType]  (filled in below)
     trial: tuple[str, ...] = ()
     object: tuple[str, ...] = ()
     shape: Shape | None = None
@@ -72,7 +72,7 @@ class Impacts:
 
     def __post_init__(self) -> None:
         n = len(self.mass)
-        if self.order is None:
+        if self.order is None:  # left out
             object.__setattr__(self, "order", torch.arange(1, n + 1))
         for name, columns in COMPONENTS.items():
             value = getattr(self, name)

@@ -71,7 +71,7 @@ class ContactModel:
         return Prediction(prediction.v_post, prediction.wrench, covariance)
 
     def __str__(self) -> str:
-        """The equation of the model, a line for each effect:
+        """Write the equation of the model, a line for each effect.
 
         wang_mason (textbook): μ = 0.120 ± 0.001, ε = 0.550 ± 0.002
           + spin_damping: τ ← τ − c I ω⁺, c = 0.105 ± 0.004
@@ -82,7 +82,7 @@ class ContactModel:
             values = zip(("μ", "ε"), (self.base.mu, self.base.eps), ("", ""), self.standard_errors()[:2], strict=True)
             lines = [f"{self.base.name} ({self.base.variant}): {_listed(values)}"]
         if self.parameters is not None:
-            lines = [f"{self.base.name} ({self.base.variant}): (μ, ε)({self.parameters.space})"]
+            lines = [f"{self.law.name} ({self.law.variant}): (μ, ε)({self.parameters.space})"]
         errors = iter(self.standard_errors()[2:])
         for name, effect in self.effects.items():
             values = (
@@ -100,6 +100,31 @@ class ContactModel:
         errors = self.parameter_covariance.diagonal(dim1=-2, dim2=-1).sqrt()
         return errors.reshape(-1, errors.shape[-1]).mean(0).tolist()
 
+    @property
+    def law(self) -> Law:
+        """The analytical law that the model is built on.
+
+        Raises:
+            ContactLearnError: the base is another model, or there is none.
+        """
+        if not isinstance(self.base, Law):
+            raise ContactLearnError(
+                f"the model is built on {self.base}, not on a law; name one, such as law=wang_mason"
+            )
+        return self.base
+
+    @property
+    def processes(self) -> Regressor:
+        """The learned part: the processes of the parameters or of the residual.
+
+        Raises:
+            ContactLearnError: nothing is learned.
+        """
+        processes = self.parameters or self.residual
+        if processes is None:
+            raise ContactLearnError("the model has no learned part; make one with contactlearn.learn")
+        return processes
+
     def base_prediction(self, impacts: Impacts) -> Prediction:
         """What the base predicts, with its effects."""
         if isinstance(self.base, ContactModel):
@@ -111,7 +136,7 @@ class ContactModel:
     def complete(self, impacts: Impacts, learned: Tensor) -> Prediction:
         """Prediction from the value [..., N, O] of the learned part: (μ, ε) or the residual."""
         if self.parameters is not None:
-            return predict_with(self.base, impacts, learned, self.effects)
+            return predict_with(self.law, impacts, learned, self.effects)
         base = self.base_prediction(impacts)
         if self.target == "velocity":
             v_post = base.v_post + learned
@@ -125,7 +150,7 @@ class ContactModel:
             return torch.diag_embed(variance)
         slope = mechanics.velocity_per_wrench(impacts.mass, impacts.inertia, impacts.r)
         if self.parameters is not None:
-            slope = slope @ wrench_per_parameter(self.base, impacts, learned, self.effects)
+            slope = slope @ wrench_per_parameter(self.law, impacts, learned, self.effects)
         slope = slope[..., : variance.shape[-1]]
         return (slope * variance[..., None, :]) @ slope.mT
 

@@ -166,7 +166,7 @@ class Polygon:
         return torch.tensor((*self.vertices, self.vertices[0]), dtype=torch.float64)
 
 
-KINDS = {"ellipse": Ellipse, "polygon": Polygon, "disc": Disc}
+KINDS: dict[str, type[Ellipse | Polygon | Disc]] = {"ellipse": Ellipse, "polygon": Polygon, "disc": Disc}
 
 
 def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:
@@ -195,6 +195,8 @@ def shape_entries(shape: Shape | None) -> dict[str, Any] | None:
     """The entries from which `make_shape` makes the same shape, as plain values for a file."""
     if shape is None:
         return None
+    if not isinstance(shape, Ellipse | Polygon | Disc):
+        raise DataError(f"a shape in a file is one of {', '.join(KINDS)}, got {shape!r}")
     kind = next(name for name, kind in KINDS.items() if type(shape) is kind)
     return {"kind": kind, **asdict(shape)}
 

@@ -187,7 +187,6 @@ UNDOCUMENTED = {
 UNANNOTATED = {
     "contactlearn.app.record.fit_with_effects",
     "contactlearn.app.fitting.identify_law",
-    "contactlearn.learning.curves.law_curves",
 }
 
 
@@ -308,7 +307,6 @@ KEYWORDS = {
 OPTIONS = {
     "contactlearn.app.fitting.identify_law",
     "contactlearn.effects.formula.effect.formula",
-    "contactlearn.learning.curves.law_curves",
 }
 
 

@@ -177,9 +177,12 @@ def balance(impacts: Impacts) -> Balance:
     terms = torque(impacts)
     X, y = torch.stack((terms.normal, terms.tangential), -1), terms.spin
     weight = torch.ones_like(y)
+    fit, covariance = _weighted(X, y, weight)
+    size = (y - X @ fit).abs()
     for step in range(40):
-        fit, covariance = _weighted(X, y, weight)
-        size = (y - X @ fit).abs()
+        if step:
+            fit, covariance = _weighted(X, y, weight)
+            size = (y - X @ fit).abs()
         spread = (MAD_SCALE * size.median()).clamp_min(1e-9 * y.abs().mean() + 1e-300)
         weight = (
             1 / size.clamp_min(spread / 10) if step < 10 else (1 - (size / (_BIWEIGHT * spread)) ** 2).clamp_min(0) ** 2

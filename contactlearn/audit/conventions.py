@@ -133,13 +133,16 @@ def _combinations(depth: int) -> list[tuple[str, ...]]:
     film run backwards explains any body that gains energy.
     """
     sets = itertools.combinations((*AXES, *UNITS), depth)
-    sensible = [
+    sensible: list[tuple[str, ...]] = [
         names
         for names in sets
         if len({*names}.intersection(DEGREES)) < 2 and not (depth > 2 and "swapped_pre_post" in names)
     ]
     turned = [names for names in sensible if {*names} >= TURN]
-    return sensible + [("swapped_axes", "mirrored_y", *(x for x in names if x not in TURN)) for names in turned]
+    turns: list[tuple[str, ...]] = [
+        ("swapped_axes", "mirrored_y", *(x for x in names if x not in TURN)) for names in turned
+    ]
+    return sensible + turns
 
 
 def _apply(given: Hypothesis, names: tuple[str, ...]) -> Hypothesis | None:

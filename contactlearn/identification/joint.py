@@ -266,7 +266,7 @@ class _Problem:
     def scaled(self) -> bool:
         return self.whitening is not None
 
-    def __getitem__(self, which: Tensor | slice) -> "_Problem":
+    def __getitem__(self, which: Tensor | slice | tuple[slice, slice]) -> "_Problem":
         state = self.state.replace(
             **{name: getattr(self.state, name)[which] for name in ("mass", "inertia", "r", "q", "v_pre", "order")}
         )

@@ -58,8 +58,8 @@ def identify_trials(
     """
     P = measured_impulse(impacts, target)
     # Component by component in memory: the laws then read them a quarter faster.
-    measured = (x.movedim(0, -1).contiguous().movedim(-1, 0) for x in (impacts.W, impacts.v_c, P))
-    problem = _Problem(law, *measured, box or Box())
+    W, v_c, P = (x.movedim(0, -1).contiguous().movedim(-1, 0) for x in (impacts.W, impacts.v_c, P))
+    problem = _Problem(law, W, v_c, P, box or Box())
     zero = 1e-20 * _dot(problem.P.T, problem.P.T)
     *found, slack = _levenberg_marquardt(problem, *problem.starts(), rounds=3)
     pairs = ((slack > 1e-9 * found[0]) & (found[0].amin(0) > zero)).nonzero(as_tuple=True)
@@ -87,7 +87,8 @@ class _Problem:
 
     def impulse(self, mu: Tensor | float, eps: Tensor) -> tuple[Tensor, Tensor]:
         """P̂ by component, [..., N] each."""
-        return self.law.at(mu, eps).impulse(self.W, self.v_c).unbind(-1)
+        P_t, P_n = self.law.at(mu, eps).impulse(self.W, self.v_c).unbind(-1)
+        return P_t, P_n
 
     def residual(self, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
         """P̂ − P by component, [..., N] each."""
@@ -138,6 +139,7 @@ def _levenberg_marquardt(problem: _Problem, mu: Tensor, eps: Tensor, rounds: int
     box = problem.box
     damping = torch.full_like(mu, 1e-3)
     cost = problem.cost(mu, eps)
+    better, promised = torch.zeros_like(mu, dtype=torch.bool), torch.zeros_like(mu)
     for _ in range(rounds):
         h_mu = torch.where(mu + _STEP > box.mu[1], -_STEP, _STEP)
         h_eps = torch.where(eps + _STEP > box.eps[1], -_STEP, _STEP)
@@ -164,7 +166,9 @@ def _levenberg_marquardt(problem: _Problem, mu: Tensor, eps: Tensor, rounds: int
     return cost, mu, eps, torch.where(better, torch.inf, promised)
 
 
-def _edge_of_sticking(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, nodes: int = 33) -> tuple[Tensor, ...]:
+def _edge_of_sticking(
+    problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, *, nodes: int = 33
+) -> tuple[Tensor, ...]:
     """Best (cost, μ, ε) [N] on the curve of the largest μ that still slides, where P̂ may jump."""
     low, high = problem.box.eps
     centre, half = torch.full_like(cost, 0.5 * (low + high)), 0.5 * (high - low)
@@ -185,10 +189,13 @@ def _jumps(problem: _Problem, mu: Tensor, eps: Tensor) -> Tensor:
 
 
 def _shrinking_grid(
-    problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, widest: float = 0.1
+    problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, *, widest: float = 0.1
 ) -> tuple[Tensor, ...]:
-    """Best (cost, μ, ε) [N] of 9 × 9 grids about the best so far, each a quarter as wide as the last; but where
-    the border is best, thrice as wide, since folds are narrow and oblique valleys."""
+    """Best (cost, μ, ε) [N] of 9 × 9 grids about the best so far.
+
+    Each is a quarter as wide as the last, but thrice as wide where the border is best, since folds are narrow and
+    oblique valleys.
+    """
     offsets = torch.linspace(-1, 1, 9, dtype=torch.float64)
     offset_mu, offset_eps = torch.cartesian_prod(offsets, offsets)[:, :, None].unbind(1)
     border = torch.maximum(offset_mu.abs(), offset_eps.abs())
@@ -242,7 +249,7 @@ def _best_in_eps(problem: _Problem, mu: Tensor, eps: Tensor, steps: int) -> tupl
     return best
 
 
-def _dot(a: Sequence[Tensor], b: Sequence[Tensor]) -> Tensor:
+def _dot(a: Sequence[Tensor] | Tensor, b: Sequence[Tensor] | Tensor) -> Tensor:
     """a·b of vectors by component."""
     return a[0] * b[0] + a[1] * b[1]
 

@@ -26,13 +26,32 @@ _TOLERANCE = 1e-7  # nats a trial
 
 
 class Problem(Protocol):
-    """B problems in K parameters, μ and ε first; `scaled` where the residual is whitened by its known noise."""
+    """B problems in K parameters, μ and ε first."""
 
-    low: Tensor  # [K]
-    high: Tensor
-    start: Tensor
-    reach: Tensor  # about the start
-    scaled: bool
+    @property
+    def low(self) -> Tensor:
+        """Lower bounds [K]."""
+        ...
+
+    @property
+    def high(self) -> Tensor:
+        """Upper bounds [K]."""
+        ...
+
+    @property
+    def start(self) -> Tensor:
+        """First parameters [K]."""
+        ...
+
+    @property
+    def reach(self) -> Tensor:
+        """Half-widths [K] about the start in which other starts lie."""
+        ...
+
+    @property
+    def scaled(self) -> bool:
+        """Whether the residual is whitened by its known noise."""
+        ...
 
     def __len__(self) -> int: ...
 
@@ -121,7 +140,7 @@ def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int) -> t
         theta.clone(),
         scatter.clone(),
         theta.new_full(theta.shape[:1], torch.inf),
-        torch.zeros(len(theta), dtype=bool),
+        torch.zeros(len(theta), dtype=torch.bool),
     ]
     active, damping = torch.arange(len(theta)), theta.new_full(theta.shape[:1], 1e-3)
     calm = torch.zeros(len(theta), dtype=torch.long)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import torch
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from contactlearn import mechanics
@@ -36,7 +37,7 @@ class Box:
     eps: tuple[float, float] = (0.0, 1.0)
     nodes: int = 64
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name, (low, high) in (("mu", self.mu), ("eps", self.eps)):
             if not 0 <= low < high:
                 raise DataError(f"bounds of {name} must be 0 ≤ low < high, got {[low, high]}")
@@ -46,11 +47,13 @@ class Box:
             raise DataError(f"the grid needs at least 3 nodes a parameter, got {self.nodes}")
 
     @property
-    def low(self) -> Tensor:
+    def low(self) -> Float[Tensor, "2"]:
+        """Lower bounds of (μ, ε)."""
         return torch.tensor((self.mu[0], self.eps[0]), dtype=torch.float64)
 
     @property
-    def high(self) -> Tensor:
+    def high(self) -> Float[Tensor, "2"]:
+        """Upper bounds of (μ, ε)."""
         return torch.tensor((self.mu[1], self.eps[1]), dtype=torch.float64)
 
     def axes(self) -> tuple[Tensor, Tensor]:
@@ -127,11 +130,11 @@ def identify(
     *,
     sizes: Sequence[int] = (120,),
     repetitions: int = 100,
-    orders: Tensor | None = None,
+    orders: Int[Tensor, "m k"] | None = None,
     generator: torch.Generator | None = None,
     target: str = "momentum",
     box: Box | None = None,
-    progress: Callable[[Iterable], Iterable] = iter,
+    progress: Callable[[Iterable[Tensor]], Iterable[Tensor]] = iter,
 ) -> SharedFit:
     """Shared (μ, ε) from the first k trials of m random orders, for every k of `sizes`.
 
@@ -150,7 +153,28 @@ def identify(
         DataError: fewer trials than the largest size, or sizes that do not increase.
         UnknownNameError: no such target.
     """
-    sizes = tuple(sizes)
+    sizes, box = tuple(sizes), box or Box()
+    orders = _orders(impacts, sizes, repetitions, orders, generator or torch.Generator().manual_seed(0))
+    mu, eps = box.axes()
+    # One evaluation serves every subset: [N, nodes²].
+    grid = distances(law, impacts, mu[:, None, None], eps[:, None], target=target)
+    grid = grid.flatten(0, 1).T.contiguous()
+    P = measured_impulse(impacts, target)
+    found = []
+    # Repetitions go in blocks, so that a block's surfaces and searches fit in memory.
+    for block in progress(orders.split(max(1, _BLOCK // (len(sizes) * (sizes[-1] + box.nodes**2 // 8))))):
+        surfaces = torch.stack([_nested_sums(grid, order, sizes) for order in block])
+        surfaces = (surfaces / torch.tensor(sizes)[:, None]).unflatten(-1, (box.nodes, box.nodes))
+        found.append(_search(_mean_distance(law, impacts, P, block, sizes), surfaces, box, mu, eps))
+    x, best, mu_range, eps_range = (torch.cat(parts) for parts in zip(*found, strict=True))
+    mu_flat = mu_range[..., 1] - mu_range[..., 0] > 0.1 * (box.mu[1] - box.mu[0])
+    return SharedFit(law, sizes, x[..., 0], x[..., 1], best, mu_range, eps_range, mu_flat)
+
+
+def _orders(
+    impacts: Impacts, sizes: tuple[int, ...], repetitions: int, orders: Tensor | None, generator: torch.Generator
+) -> Tensor:
+    """Rows [m, largest size] of the subsets, the given ones or random ones; see `identify` for what is refused."""
     if not sizes or sizes[0] < 1 or any(b <= a for a, b in pairwise(sizes)):
         raise DataError(f"sizes must be positive and increasing, got {list(sizes)}")
     if sizes[-1] > len(impacts):
@@ -159,38 +183,36 @@ def identify(
         )
     if repetitions < 1:
         raise DataError(f"repetitions must be at least 1, got {repetitions}")
-    box = box or Box()
-    generator = generator or torch.Generator().manual_seed(0)
-    mu, eps = box.axes()
-    # One evaluation serves every subset: [N, nodes²].
-    grid = distances(law, impacts, mu[:, None, None], eps[:, None], target=target)
-    grid = grid.flatten(0, 1).T.contiguous()
-    P = measured_impulse(impacts, target)
     if orders is None:
         orders = torch.stack([torch.randperm(len(impacts), generator=generator) for _ in range(repetitions)])
     if orders.shape[1] < sizes[-1]:
         raise DataError(f"orders must hold the largest size, {sizes[-1]} trials each, got {orders.shape[1]}")
-    orders = orders[:, : sizes[-1]]
+    return orders[:, : sizes[-1]]
+
+
+def _mean_distance(
+    law: Law, impacts: Impacts, P: Tensor, block: Tensor, sizes: tuple[int, ...]
+) -> Callable[[Tensor], Tensor]:
+    """Mean distance [..., B, S] of a block's subsets as a function of the parameters [..., B, S, 2]."""
     member = torch.arange(sizes[-1]) < torch.tensor(sizes)[:, None]
-    found, single = [], len(sizes) == 1
-    # Repetitions go in blocks, so that a block's surfaces and searches fit in memory.
-    for block in progress(orders.split(max(1, _BLOCK // (len(sizes) * (sizes[-1] + box.nodes**2 // 8))))):
-        surfaces = torch.stack([_nested_sums(grid, order, sizes) for order in block])
-        surfaces = (surfaces / torch.tensor(sizes)[:, None]).unflatten(-1, (box.nodes, box.nodes))
-        low = _lowest_nodes(surfaces, *((4, 24) if single else (2, 2)))
-        W, v_c, P_block = impacts.W[block][:, None], impacts.v_c[block][:, None], P[block][:, None]
+    W, v_c, measured = impacts.W[block][:, None], impacts.v_c[block][:, None], P[block][:, None]
 
-        def cost(x: Tensor, W=W, v_c=v_c, P_block=P_block) -> Tensor:
-            """Mean distance [..., B, S] of the block's subsets at parameters x [..., B, S, 2]."""
-            P_hat = law.at(x[..., 0, None], x[..., 1, None]).impulse(W, v_c)
-            return (_length(P_hat - P_block) * member).sum(-1) / member.sum(-1)
+    def cost(x: Tensor) -> Tensor:
+        P_hat = law.at(x[..., 0, None], x[..., 1, None]).impulse(W, v_c)
+        return (_length(P_hat - measured) * member).sum(-1) / member.sum(-1)
 
-        starts = torch.stack((mu[low[..., 0]], eps[low[..., 1]]), -1)
-        x, best = _pattern_search(cost, _finer(cost, starts, box, keep=3 if single else 1), box)
-        found.append((x, best, *_ranges(cost, surfaces, best, x, mu, eps)))
-    x, best, mu_range, eps_range = (torch.cat(parts) for parts in zip(*found, strict=True))
-    mu_flat = mu_range[..., 1] - mu_range[..., 0] > 0.1 * (box.mu[1] - box.mu[0])
-    return SharedFit(law, sizes, x[..., 0], x[..., 1], best, mu_range, eps_range, mu_flat)
+    return cost
+
+
+def _search(
+    cost: Callable[[Tensor], Tensor], surfaces: Tensor, box: Box, mu: Tensor, eps: Tensor
+) -> tuple[Tensor, ...]:
+    """Best x [B, S, 2], its cost [B, S] and the ranges of μ and of ε [B, S, 2], from surfaces [B, S, nodes, nodes]."""
+    single = surfaces.shape[1] == 1
+    low = _lowest_nodes(surfaces, *((4, 24) if single else (2, 2)))
+    starts = torch.stack((mu[low[..., 0]], eps[low[..., 1]]), -1)
+    x, best = _pattern_search(cost, _finer(cost, starts, box, keep=3 if single else 1), box)
+    return x, best, *_ranges(cost, surfaces, best, x, mu, eps)
 
 
 _BLOCK = 1 << 17  # elements of a block: repetitions × sizes × (trials + an eighth of the nodes)
@@ -228,7 +250,9 @@ def _finer(cost: Callable[[Tensor], Tensor], x: Tensor, box: Box, keep: int) -> 
     return points.gather(0, best[..., None].expand(*best.shape, 2))
 
 
-def _pattern_search(cost: Callable[[Tensor], Tensor], x: Tensor, box: Box, tolerance: float = 1e-6):
+def _pattern_search(
+    cost: Callable[[Tensor], Tensor], x: Tensor, box: Box, tolerance: float = 1e-6
+) -> tuple[Tensor, Tensor]:
     """Best (x [B, S, 2], cost [B, S]) over the starts x [starts, B, S, 2].
 
     Twelve points around, a grid's spacing away at first, nearer where none is better.  The pattern turns

@@ -128,7 +128,7 @@ class Law(ABC):
         return P
 
 
-def _blocks(shape: tuple[int, ...]) -> list[tuple]:
+def _blocks(shape: torch.Size) -> list[tuple[Any, ...]]:
     """Places of blocks of a few rows and columns each.
 
     A term that depends on one parameter alone is then computed once for all rows of a block, and not for every impulse.
@@ -142,7 +142,7 @@ def _blocks(shape: tuple[int, ...]) -> list[tuple]:
     ]
 
 
-def _part(x: Tensor, dimensions: int, place: tuple) -> Tensor:
+def _part(x: Tensor, dimensions: int, place: tuple[Any, ...]) -> Tensor:
     """The part of an input that a block of the broadcast result needs."""
     if x.ndim == dimensions and x.shape[0] > 1:
         x = x[place[0]]

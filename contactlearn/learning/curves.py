@@ -5,12 +5,14 @@ are nested along a curve and the same for every model.  Laws are identified and 
 nothing but the subset; all seeds of a model at one size are one batch.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
+from typing import Any, TypeVar
 
 import torch
+from jaxtyping import Int
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
@@ -23,6 +25,19 @@ from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
 from contactlearn.learning.recipe import Recipe, learn
 from contactlearn.model import RESIDUALS, ContactModel
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trained:
+    """One model trained on subsets of one size, for the held-out trials."""
+
+    key: Hashable  # of the curve
+    size: int
+    prediction: Prediction
+    kind: str  # of the processes
+    converged: float  # share of them
 
 
 @dataclass(frozen=True)
@@ -65,10 +80,17 @@ def nested_orders(trials: int, seeds: int, generator: torch.Generator) -> Tensor
 
 
 def law_curves(
-    laws: Iterable[Law], pool: Impacts, test: Impacts, orders: Tensor, sizes: Sequence[int], **options
+    laws: Iterable[Law],
+    pool: Impacts,
+    test: Impacts,
+    orders: Int[Tensor, "r k"],
+    sizes: Sequence[int],
+    *,
+    target: str = "momentum",
+    box: Box | None = None,
 ) -> tuple[dict[str, SharedFit], dict[str, Curve]]:
-    """Laws identified on every subset, and their curves; the options are those of `identify`."""
-    fits = {law.name: identify(law, pool, sizes=sizes, orders=orders, **options) for law in laws}
+    """Laws identified on every subset, and their curves; `target` and `box` are those of `identify`."""
+    fits = {law.name: identify(law, pool, sizes=sizes, orders=orders, target=target, box=box) for law in laws}
     curves = {}
     for name, fit in fits.items():
         predictions = {size: ContactModel(law_at(fit, size)).predict(test) for size in sizes}
@@ -107,7 +129,7 @@ def learning_curves(
     impulse: str = "momentum",
     box: Box | None = None,
     workers: int = 1,
-    progress: Callable[[Iterable, int], Iterable] = lambda done, total: done,
+    progress: Callable[[Iterable[Trained], int], Iterable[Trained]] = lambda done, total: done,
 ) -> dict[str, Curve]:
     """Curves of learned models.
 
@@ -127,23 +149,32 @@ def learning_curves(
         for name, recipe in recipes.items():
             base = bases[recipe.law.name][size] if recipe.law else None
             tasks.append((name, size, recipe, pool, test, orders[:, :size], base, impulse, box))
-    found = {name: {} for name in recipes}
-    for name, size, trained in progress(run(_train_one, tasks, workers), len(tasks)):
-        found[name][size] = trained
-    return {name: _curve(test, trained) for name, trained in found.items()}
+    found = list(progress(run(_train_one, tasks, workers), len(tasks)))
+    return {name: _curve(test, [one for one in found if one.key == name]) for name in recipes}
 
 
-def _train_one(name, size, recipe, pool, test, rows, base, impulse, box) -> tuple[str, int, tuple]:
-    """Prediction, kind of the processes, and share of them that converged."""
+def _train_one(
+    key: Hashable,
+    size: int,
+    recipe: Recipe,
+    pool: Impacts,
+    test: Impacts,
+    rows: Tensor,
+    base: Law | ContactModel | None,
+    impulse: str,
+    box: Box | None,
+) -> Trained:
     model = learn(recipe, pool, rows, base, impulse=impulse, box=box)
-    regressor = model.parameters or model.residual
-    return name, size, (model.predict(test), regressor.kind, regressor.status.converged.double().mean().item())
+    processes = model.processes
+    share = 1.0 if processes.status is None else processes.status.converged.double().mean().item()
+    return Trained(key=key, size=size, prediction=model.predict(test), kind=processes.kind, converged=share)
 
 
-def _curve(test: Impacts, trained: Mapping[int, tuple]) -> Curve:
-    """From what `_train_one` gave at each size."""
-    predictions, kinds, converged = ({size: one[k] for size, one in sorted(trained.items())} for k in range(3))
-    return replace(Curve.of(test, predictions), kinds=tuple(kinds.values()), converged=tuple(converged.values()))
+def _curve(test: Impacts, trained: Iterable[Trained]) -> Curve:
+    """From the models of one curve at each size."""
+    ordered = sorted(trained, key=lambda one: one.size)
+    curve = Curve.of(test, {one.size: one.prediction for one in ordered})
+    return replace(curve, kinds=tuple(one.kind for one in ordered), converged=tuple(one.converged for one in ordered))
 
 
 def transfer_curves(
@@ -157,7 +188,7 @@ def transfer_curves(
     impulse: str = "momentum",
     box: Box | None = None,
     workers: int = 1,
-    progress: Callable[[Iterable, int], Iterable] = lambda done, total: done,
+    progress: Callable[[Iterable[Trained], int], Iterable[Trained]] = lambda done, total: done,
 ) -> tuple[ContactModel, dict[str, dict[str, Curve]]]:
     """A model trained on one body, and what becomes of it on others.
 
@@ -175,11 +206,10 @@ def transfer_curves(
         model with processes for what it leaves, trained on the body's trials) and `scratch` (the recipe
         trained on the body's trials alone).
     """
-    shared = {"target": impulse, "box": box}
     rows = torch.arange(len(source))
     base = None
     if recipe.law:
-        base = identify(recipe.law, source, sizes=(len(source),), orders=rows[None], **shared).to_law()
+        base = identify(recipe.law, source, sizes=(len(source),), orders=rows[None], target=impulse, box=box).to_law()
     model = learn(recipe, source, rows, base, impulse=impulse, box=box)
     correction = recipe if recipe.target in RESIDUALS else replace(recipe, target="impulse")
     curves, tasks = {}, []
@@ -188,20 +218,21 @@ def transfer_curves(
             raise DataError(f"{body}: {max(sizes)} trials asked for, but {len(pool)} are there to draw from")
         curves[body] = {"zero_shot": Curve.of(test, {0: model.predict(test)})}
         orders = nested_orders(len(pool), seeds, generator)
-        fit = identify(recipe.law, pool, sizes=sizes, orders=orders, **shared) if recipe.law else None
+        fit = None
+        if recipe.law:
+            fit = identify(recipe.law, pool, sizes=sizes, orders=orders, target=impulse, box=box)
         for size in sorted(sizes, reverse=True):
             common = pool, test, orders[:, :size]
             tasks.append(((body, "prior"), size, correction, *common, model, impulse, box))
             tasks.append(((body, "scratch"), size, recipe, *common, fit and law_at(fit, size), impulse, box))
-    found = {}
-    for key, size, trained in progress(run(_train_one, tasks, workers), len(tasks)):
-        found.setdefault(key, {})[size] = trained
-    for (body, way), trained in found.items():
-        curves[body][way] = _curve(bodies[body][1], trained)
+    found = list(progress(run(_train_one, tasks, workers), len(tasks)))
+    for body, (_, test) in bodies.items():
+        for way in ("prior", "scratch"):
+            curves[body][way] = _curve(test, [one for one in found if one.key == (body, way)])
     return model, curves
 
 
-def run(job: Callable, tasks: Sequence[tuple], workers: int) -> Iterable:
+def run(job: Callable[..., Result], tasks: Sequence[tuple[Any, ...]], workers: int) -> Iterable[Result]:
     """Results of job(*task) as they come, from `workers` processes of one thread each."""
     if min(workers, len(tasks)) <= 1:
         yield from (job(*task) for task in tasks)

@@ -57,7 +57,7 @@ class Recipe:
     target: str
     law: Law | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.features not in SPACES:
             raise UnknownNameError("feature space", self.features, SPACES)
         if self.target not in TARGETS:
@@ -102,7 +102,7 @@ def learn(
                 f"({', '.join(under.effects)}); use target parameters_likelihood"
             )
         if recipe.target == "parameters_identified":
-            found = identify_trials(recipe.law, impacts, target=impulse, box=box)
+            found = identify_trials(under.law, impacts, target=impulse, box=box)
             values = torch.stack((found.mu, found.eps), -1)[rows]
             regressor = Regressor.fit(recipe.features, impacts, rows, values)
         else:
@@ -132,11 +132,11 @@ def _learn_parameters(
     do as well.  So a trial that sticks says next to nothing about μ.  The posteriors of the two parameters
     are taken as independent.
     """
-    law, effects = base.base, base.effects
+    law, effects = base.law, base.effects
     mu, eps = (torch.as_tensor(x, dtype=torch.float64) for x in (law.mu, law.eps))
     shared = torch.atleast_2d(torch.stack(torch.broadcast_tensors(mu, eps), -1))  # [..., 1, 2]
     outputs = Standardisation(shared, torch.full_like(shared, _PRIOR_SPREAD))
-    theta = shared.expand(*rows.shape, 2)
+    theta = observed = shared.expand(*rows.shape, 2)
     regressor = None
     for _ in range(_ROUNDS):
         theta = torch.minimum(torch.maximum(theta, box.low), box.high)
@@ -152,6 +152,7 @@ def _learn_parameters(
             recipe.features, impacts, rows, observed, weight=weight, outputs=outputs, like=regressor
         )
         theta = _at(regressor.predict(impacts)[0], rows)
+    assert regressor is not None  # there is at least one round
     return regressor, observed
 
 
@@ -163,8 +164,7 @@ def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Ten
     holds 95 % of these errors (the rank is that of conformal prediction, so that few trials make it
     wide).  It is in post velocities because measurement noise is; what a rigid model cannot say, τ, is in it.
     """
-    regressor = model.parameters or model.residual
-    error, variance = regressor.leave_one_out()
+    error, variance = model.processes.leave_one_out()
     learned = _everywhere(values - error, rows, len(impacts))
     e = _at(impacts.v_post - model.complete(impacts, learned).v_post, rows)
     V = _at(model.spread(impacts, learned, _everywhere(variance, rows, len(impacts))), rows, 2)

@@ -66,8 +66,11 @@ KNOWN: dict[str, list[Form]] = {}
 OTHERS: dict[str, list[Form]] = {}
 
 
-def _register(table: dict[str, list[Form]], name: str, text: str, **parameters: Grows | Within):
-    def register(act: Callable[..., World]) -> Callable[..., World]:
+Act = Callable[..., World]
+
+
+def _register(table: dict[str, list[Form]], name: str, text: str, **parameters: Grows | Within) -> Callable[[Act], Act]:
+    def register(act: Act) -> Act:
         table.setdefault(name, []).append(Form(text, parameters, act))
         return act
 
