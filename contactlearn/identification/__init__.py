@@ -3,5 +3,6 @@
 shared      one (μ, ε) for all trials, from random subsets, as in the paper
 per_trial   (μ, ε) of every single trial
 joint       (μ, ε) together with the parameters of the effects, with standard errors
+grid_search the box of (μ, ε), and the search of it
 robust      the robust likelihood that the joint fit maximises
 """

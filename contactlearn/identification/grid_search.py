@@ -1,0 +1,129 @@
+"""Search of a box for the least cost: a grid over all of it, finer grids, and a pattern search from the best points.
+
+The costs of B repetitions with S sizes each are searched at once; nothing is assumed of their smoothness.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn.errors import DataError
+
+Cost = Callable[[Tensor], Tensor]
+"""Costs [..., B, S] at parameters (μ, ε) [..., B, S, 2]."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """Where μ and ε are sought, and the nodes of the grid along each."""
+
+    mu: tuple[float, float] = (0.0, 1.0)
+    eps: tuple[float, float] = (0.0, 1.0)
+    nodes: int = 64
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in (("mu", self.mu), ("eps", self.eps)):
+            if not 0 <= low < high:
+                raise DataError(f"bounds of {name} must be 0 ≤ low < high, got {[low, high]}")
+        if self.eps[1] > 1:
+            raise DataError(f"bounds of eps must end at 1 or below, got {list(self.eps)}")
+        if self.nodes < 3:
+            raise DataError(f"the grid needs at least 3 nodes a parameter, got {self.nodes}")
+
+    @property
+    def low(self) -> Float[Tensor, "2"]:
+        """Lower bounds of (μ, ε)."""
+        return torch.tensor((self.mu[0], self.eps[0]), dtype=torch.float64)
+
+    @property
+    def high(self) -> Float[Tensor, "2"]:
+        """Upper bounds of (μ, ε)."""
+        return torch.tensor((self.mu[1], self.eps[1]), dtype=torch.float64)
+
+    def axes(self) -> tuple[Tensor, Tensor]:
+        """Grid nodes of μ and of ε, [nodes] each."""
+        mu, eps = (torch.linspace(*ends, self.nodes, dtype=torch.float64) for ends in (self.mu, self.eps))
+        return mu, eps
+
+
+def nested_sums(grid: Tensor, order: Tensor, sizes: tuple[int, ...]) -> Tensor:
+    """Sums of `grid` rows over the first k of `order` for every k: [S, nodes²]."""
+    ends = torch.tensor((0, *sizes))
+    pieces = torch.stack([grid[order[a:b]].sum(0) for a, b in pairwise(ends)])
+    return pieces.cumsum(0)
+
+
+def lowest_nodes(surfaces: Tensor, minima: int, nodes: int) -> Tensor:
+    """Indices [minima + nodes, B, S, 2] of the lowest local minima and of the lowest nodes of surfaces [B, S, G, G]."""
+    width = surfaces.shape[-1]
+    lowest = -torch.nn.functional.max_pool2d(-surfaces, 3, stride=1, padding=1)
+    basins = torch.where(surfaces <= lowest, surfaces, torch.inf).flatten(-2)
+    value, index = basins.topk(minima, dim=-1, largest=False)
+    index = torch.where(value.isfinite(), index, index[..., :1])  # the best again if there are fewer
+    index = torch.cat((index, surfaces.flatten(-2).topk(nodes, dim=-1, largest=False).indices), -1)
+    return torch.stack((index // width, index % width), -1).movedim(-2, 0)
+
+
+def finer(cost: Cost, x: Tensor, box: Box, keep: int) -> Tensor:
+    """Best points [keep, B, S, 2] among 7 × 7 grids that reach from each x [K, B, S, 2] to its neighbours."""
+    offsets = torch.linspace(-1, 1, 7, dtype=torch.float64) / (box.nodes - 1)
+    offsets = torch.cartesian_prod(offsets, offsets)[:, None, None] * (box.high - box.low)
+    found = []
+    for centre in x:
+        around = torch.minimum(torch.maximum(centre + offsets, box.low), box.high)
+        value, which = cost(around).min(0)
+        found.append((value, _pick(around, which)))
+    values, points = (torch.stack(parts) for parts in zip(*found, strict=True))
+    best = values.topk(keep, dim=0, largest=False).indices
+    return points.gather(0, best[..., None].expand(*best.shape, 2))
+
+
+def pattern_search(cost: Cost, x: Tensor, box: Box, tolerance: float = 1e-6) -> tuple[Tensor, Tensor]:
+    """Best (x [B, S, 2], cost [B, S]) over the starts x [starts, B, S, 2].
+
+    Twelve points around, a grid's spacing away at first, nearer where none is better.  The pattern turns
+    from round to round, so that a valley or a jump at any angle is followed.
+    """
+    low, high = box.low, box.high
+    clock = 2 * torch.pi / 12 * torch.arange(12, dtype=torch.float64).view(12, *(1,) * (x.ndim - 1))
+    spacing = 1 / (box.nodes - 1)
+    step = torch.full_like(x[..., 0], spacing)
+    best = cost(x)
+    turn = 0.0
+    while bool((step > tolerance).any()):
+        around = torch.stack(((clock + turn).cos(), (clock + turn).sin()), -1) * step[..., None] * (high - low)
+        around = torch.minimum(torch.maximum(x + around, low), high)
+        value, which = cost(around).min(0)
+        better = value < best * (1 - 1e-9)
+        x = torch.where(better[..., None], _pick(around, which), x)
+        best = torch.where(better, value, best)
+        # A flat valley is long: the step grows again along it.
+        step = torch.where(better, (2 * step).clamp_max(spacing), 0.7 * step)
+        turn += 2.4  # the golden angle, rad
+    best, which = best.min(0)
+    return _pick(x, which), best
+
+
+def _pick(x: Tensor, which: Tensor) -> Tensor:
+    """x[which[...], ..., :] along the first axis."""
+    return x.gather(0, which[None, ..., None].expand(1, *which.shape, x.shape[-1]))[0]
+
+
+def ranges_within(cost: Cost, surfaces: Tensor, best: Tensor, x: Tensor, mu: Tensor, eps: Tensor) -> list[Tensor]:
+    """Ranges [B, S, 2] of μ and of ε over which the least cost stays within 0.1 % of its minimum.
+
+    The other parameter is at its best node, or where it is at the optimum, whichever is better.
+    """
+    limit = 1.001 * best[..., None]
+    ranges = []
+    for own, nodes, profile in ((0, mu, surfaces.amin(-1)), (1, eps, surfaces.amin(-2))):
+        line = x.expand(len(nodes), *x.shape).clone()
+        line[..., own] = nodes.view(-1, *(1,) * (x.ndim - 1))
+        near = (profile <= limit) | (cost(line).movedim(0, -1) <= limit)
+        low, high = torch.where(near, nodes, torch.inf).amin(-1), torch.where(near, nodes, -torch.inf).amax(-1)
+        ranges.append(torch.stack((torch.minimum(low, x[..., own]), torch.maximum(high, x[..., own])), -1))
+    return ranges
