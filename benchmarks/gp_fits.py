@@ -35,7 +35,6 @@ from collections.abc import Callable
 import gpytorch
 import numpy as np
 import torch
-from gp_evidence import ZeroMeanGP, covariance, set_parameters
 from gpytorch.constraints import GreaterThan
 from gpytorch.likelihoods import GaussianLikelihood
 from gpytorch.mlls import ExactMarginalLogLikelihood
@@ -50,6 +49,7 @@ from contactlearn.regression.features import Standardisation, features
 from contactlearn.regression.gp.bfgs import minimise
 from contactlearn.regression.gp.evidence import Evidence
 from contactlearn.regression.gp.exact import LENGTH, NOISE, SCALE, STARTS, ExactGPs
+from gp_evidence import ZeroMeanGP, covariance, set_parameters
 
 SEEDS, HELD_OUT, MORE_STARTS = 10, 500, 10
 RIVAL_SEEDS = {100: SEEDS, 450: 2}

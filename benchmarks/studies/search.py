@@ -1,0 +1,188 @@
+"""Studies of the choice of a law, of missing effects, and of effects that cannot be told from them."""
+
+from typing import NamedTuple
+
+import torch
+from contactlearn.diagnosis.discrimination.rivals import find_rivals
+from contactlearn.diagnosis.search.reselection import reselected
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.validation import Folds, held_out_error
+
+from contactlearn import laws
+from contactlearn.diagnosis import validation
+from contactlearn.diagnosis.discrimination import rivals
+from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.search import reselection
+from contactlearn.diagnosis.search import score_test, selection
+from contactlearn.diagnosis.search.candidates import all_candidates, usable
+from contactlearn.diagnosis.search.selection import Selection
+from contactlearn.errors import DataError
+from contactlearn.identification.joint import FitOptions
+from contactlearn.impacts import Impacts
+from studies.cases import drops, heavy, mystery
+from studies.memory import remember
+from studies.study import Row, Study, each
+
+remember("identify_jointly", validation, selection, reselection)
+remember("linearise", score_test, rivals)
+
+
+class Hidden(NamedTuple):
+    """Measurements with hidden effects, and the law that nature's contacts agree with."""
+
+    impacts: Impacts
+    law: str
+    effects: tuple[str, ...] = ()
+
+    def folds(self) -> Folds:
+        """One repeat of five folds."""
+        return Folds.draw(len(self.impacts), torch.Generator().manual_seed(0), repeats=1)
+
+    def selection(self, thresholds: Thresholds, law: str | None = None) -> Selection:
+        """The selection around a law, nature's if None, before its run."""
+        limits = thresholds.selection
+        among = usable(all_candidates(), self.impacts, limits)
+        return Selection(
+            laws.find(law or self.law), self.impacts, among, self.folds(), {}, FitOptions(), thresholds=limits
+        )
+
+
+def _hidden(effects: tuple[str, ...], strength: tuple[float, float], size: int, seed: int) -> Hidden:
+    """Nature's drops; ("heavy",) has no effect, but noise of heavy tails."""
+    named = tuple(name for name in effects if name != "heavy")
+    impacts, law = drops(named, size, seed, strength)
+    known = tuple(name for name in named if name in mystery.EFFECTS)
+    return Hidden(heavy(impacts, seed) if "heavy" in effects else impacts, law, known)
+
+
+def _named(hidden: Hidden, thresholds: Thresholds) -> bool:
+    """Whether all hidden effects are named; where the catalogue has none of them, whether any effect is."""
+    found = hidden.selection(thresholds).run().effects
+    return set(hidden.effects) <= set(found) if hidden.effects else bool(found)
+
+
+_WEAK, _CLEAR = (0.7, 2.0), (2.0, 5.0)
+_EFFECTS = tuple(((name,), _WEAK, 100) for name in mystery.EFFECTS)
+_UNKNOWN = tuple(((name,), _CLEAR, 100) for name in mystery.UNKNOWN)
+_PAIRS = tuple(
+    (pair, _CLEAR, 100)
+    for pair in (
+        ("contact_patch", "side_drag"), ("directional_friction", "surface_tilt"),
+        ("parameter_drift", "tangential_restitution"), ("com_offset", "velocity_dependent_restitution"),
+    )
+)  # fmt: skip
+
+SELECTION = Study(
+    name="missing effects",
+    null=(*each(4, ((), _CLEAR, 100)), *each(3, (("heavy",), _CLEAR, 100)), *each(1, *_UNKNOWN)),
+    planted=(*each(1, *_EFFECTS[::2]), *each(1, *_PAIRS[:1])), prepare=_hidden, alarm=_named,
+)  # fmt: skip
+SMALL = Study(
+    name="missing effects, few trials",
+    null=each(5, ((), _CLEAR, 20), ((), _CLEAR, 40)),
+    planted=each(1, *((effect, _CLEAR, size) for effect, *_ in _EFFECTS[::4] for size in (20, 40))),
+    prepare=_hidden, alarm=_named,
+)  # fmt: skip
+
+
+class Chosen(NamedTuple):
+    """A selection that was run, and the group of effects with nearly the same trace to which the hidden one belongs."""
+
+    selection: Selection
+    twins: set[str]
+
+
+def _chosen(effects: tuple[str, ...], seed: int) -> Chosen:
+    made = _hidden(effects, _CLEAR, 100, seed).selection(Thresholds())
+    made.run()
+    return Chosen(made, {name for group in mystery.hidden.RIVALS if group & set(effects) for name in group})
+
+
+def _rivals(chosen: Chosen, thresholds: Thresholds) -> bool:
+    """Whether two of the twins are reported, as named or as rival; where the effect has none, whether a rival is."""
+    found = find_rivals(chosen.selection, thresholds.rivals)
+    names = {other.rival.effect.name for others in found.values() for other in others}
+    return len((names | set(chosen.selection.present.effects)) & chosen.twins) > 1 if chosen.twins else bool(names)
+
+
+_LONELY = (
+    "contact_patch",
+    "directional_friction",
+    "location_dependent_restitution",
+    "tangential_restitution",
+    "com_offset",
+)
+RIVALS = Study(
+    name="rivals", null=each(1, *(((name,),) for name in _LONELY)),
+    planted=each(1, *(((sorted(group)[0],),) for group in mystery.hidden.RIVALS)), prepare=_chosen, alarm=_rivals,
+)  # fmt: skip
+
+
+class Around(NamedTuple):
+    """A selection around a law, run, the held-out errors of all laws alone, and nature's law."""
+
+    selection: Selection
+    errors: dict[str, float]
+    true: str
+
+
+def _around(true: bool, effects: tuple[str, ...], seed: int) -> Around:
+    """A selection around nature's law, or around the best other one."""
+    hidden = _hidden(effects, (3.0, 8.0), 100, seed)
+    every = {name: laws.find(name) for name in laws.PAPER_LAWS}
+    errors = {
+        name: held_out_error(law, {}, hidden.impacts, hidden.folds(), FitOptions()) for name, law in every.items()
+    }
+    others = [name for name in errors if name != hidden.law]
+    made = hidden.selection(Thresholds(), hidden.law if true else min(others, key=errors.__getitem__))
+    made.run()
+    return Around(made, errors, hidden.law)
+
+
+def _changed(around: Around, thresholds: Thresholds) -> bool:
+    """Whether the law is changed where it was nature's, and to nature's where it was another."""
+    every = {name: laws.find(name) for name in around.errors}
+    law = reselected(around.selection, every, around.errors, thresholds.laws).law.name
+    return law == around.true if around.selection.law.name != around.true else law != around.true
+
+
+_DISTURBED = tuple((name,) for name in mystery.EFFECTS[::4])
+LAWS = Study(
+    name="law", null=each(1, *((True, effects) for effects in _DISTURBED)),
+    planted=each(1, *((False, effects) for effects in _DISTURBED)), prepare=_around, alarm=_changed,
+)  # fmt: skip
+
+
+def _diagnosed(hidden: Hidden, thresholds: Thresholds) -> bool:
+    """Whether the data are diagnosed at all and the hidden effect is named, or any where there is none."""
+    try:
+        found = diagnose(hidden.impacts, laws.find(hidden.law), thresholds=thresholds).missing
+    except DataError:  # too few trials
+        return False
+    names = {missing.effect.name for missing in found}
+    return bool(names & set(hidden.effects)) if hidden.effects else bool(names)
+
+
+FEW = Study(
+    name="few trials in all", null=each(3, ((), _CLEAR, 20), ((), _CLEAR, 30), ((), _CLEAR, 40)),
+    planted=each(1, *((effect, _CLEAR, size) for effect, *_ in _EFFECTS[::7] for size in (20, 30, 40))),
+    prepare=_hidden, alarm=_diagnosed,
+)  # fmt: skip
+
+_S, _R = "selection.", "rivals."
+ROWS = (
+    Row(field="fewest_trials", values=(20, 25, 35, 50), study=FEW),
+    Row(field="laws.near", values=(1.0, 1.5, 2.0, 4.0, 1e9), study=LAWS),
+    Row(field="laws.better", values=(0.8, 0.9, 0.97, 1.0, 1.05), study=LAWS),
+    Row(field=_S + "trials_per_parameter", values=(1, 5, 10, 20, 40), study=SMALL),
+    Row(field=_S + "false_alarms", values=(0.001, 0.01, 0.05, 0.2, 1.0), study=SELECTION),
+    Row(field=_S + "least_gain", values=(0.0, 0.01, 0.03, 0.06, 0.12), study=SELECTION),
+    Row(field=_S + "gain_sigmas", values=(-1e9, 1.0, 2.0, 3.0, 5.0), study=SELECTION),
+    Row(field=_S + "sure", values=(6.0, 20.0, 60.0, 180.0, 1e9), study=SELECTION),
+    Row(field=_S + "most_effects", values=(1, 2, 10, 40), study=SELECTION),
+    Row(field=_R + "similarity", values=(0.0, 0.25, 0.5, 0.75, 0.9), study=RIVALS),
+    Row(field=_R + "sigmas", values=(0.5, 1.0, 2.0, 4.0, 1e9), study=RIVALS),
+    Row(field=_R + "loss", values=(0.0, 0.01, 0.02, 0.05, 0.2), study=RIVALS),
+    Row(field=_R + "error", values=(-1e9, 0.01, 0.02, 0.05, 0.2), study=RIVALS),
+    Row(field=_R + "odds", values=(1.0, 4.0, 20.0, 100.0, 1e4), study=RIVALS),
+)
