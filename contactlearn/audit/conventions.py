@@ -59,9 +59,8 @@ class Hypothesis:
 
     @property
     def score(self) -> float:
-        """Mean sum of the contradictions and the price of the corrections, twice for one with a fitted factor."""
-        price = self.thresholds.price
-        return self.total.mean().item() + price * len(self.names) + price * ("inertia_scaled" in self.names)
+        """Mean sum of the contradictions."""
+        return self.total.mean().item()
 
     def means(self) -> dict[str, float]:
         """Mean contradiction by question."""

@@ -43,9 +43,6 @@ class ConventionThresholds:
     indistinct: float = 0.02
     """Difference of the sum of contradictions below which two hypotheses are reported as equivalent
     (row conventions.indistinct)."""
-    price: float = 0.01
-    """Contradictions that a correction costs, twice for one with a fitted factor: of equals the simpler one is taken
-    (row conventions.price)."""
     explained: float = 0.5
     """Share of Δω that the moment balance must explain under other units, which else only shrink a Δω that is noise
     (row conventions.explained)."""
