@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from contactlearn.diagnosis.thresholds import Thresholds
 from rich.progress import track
 from threadpoolctl import threadpool_limits
 
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.learning.curves import run
 from studies import conventions, descriptions, measurements, residuals, search
 from studies.memory import memory
@@ -155,6 +155,7 @@ HEAD = """# Thresholds: false alarms and power
 `python benchmarks/thresholds.py` makes this table; its first lines say how. Each row is a field of
 `contactlearn.diagnosis.thresholds.Thresholds`. At each value, the default one bold: false alarms of so many null cases,
 and right alarms of so many planted ones. Planted mistakes and effects are small on purpose, so that some are missed.
+A row that says "not run", or has fewer cases than its study, is still to be decided: `--keep` goes on from there.
 """
 
 
@@ -166,7 +167,8 @@ def table(outcomes: Iterable[Outcome]) -> str:
         row, cells = outcome.row, []
         for value, false, right in zip(row.values, outcome.false_alarms, outcome.power, strict=True):
             said = f"**{_said(value)}**" if value == defaults[row.field] else _said(value)
-            cells.append(f"{said}: {false}/{outcome.null}, {right}/{outcome.planted}")
+            counts = f": {false}/{outcome.null}, {right}/{outcome.planted}" if outcome.null + outcome.planted else ""
+            cells.append(said + counts)
         lines.append(f"| `{row.field}` | {row.study.name} | {'; '.join(cells)} | {outcome.verdict} |")
     return "\n".join(lines)
 
@@ -184,11 +186,12 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, help="file of the decisions, one a line")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--table", type=Path, help="Markdown file that the table is written to")
+    parser.add_argument("--redraw", action="store_true", help="the table of what is kept, no decisions")
     options = parser.parse_args()
     torch.set_num_threads(1)
     threadpool_limits(1)
     rows = [row for row in ROWS if row.field.startswith(options.only)]
-    made = decisions(rows, options.keep, options.workers)
+    made = kept(options.keep) if options.redraw else decisions(rows, options.keep, options.workers)
     text = table(Outcome.of(row, made) for row in rows)
     print(text)
     if options.table:

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import pytest
+
 from contactlearn.diagnosis.thresholds import Thresholds
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))

@@ -4,11 +4,11 @@ import math
 from typing import NamedTuple
 
 import torch
-from contactlearn.diagnosis.thresholds import Thresholds
 
 from contactlearn.audit.convention_findings import impossible_findings, inertia_findings
 from contactlearn.audit.conventions import ConventionComparison, compare
 from contactlearn.audit.findings import audit
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.impacts import Impacts
 from contactlearn.shapes import Disc, Ellipse
 from studies.cases import MIRRORS, SPOILT, after, between, body, heavier, nature, random, shuffled, spoilt, textbook

@@ -3,11 +3,11 @@
 from typing import NamedTuple
 
 import torch
-from contactlearn.diagnosis.thresholds import Thresholds
 from torch import Tensor
 
 from contactlearn.audit import findings
 from contactlearn.audit.consistency import gross_outliers, outliers
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.impacts import Impacts
 from contactlearn.shapes import Ellipse
 from studies.cases import after, between, heavy, nature, random, some, spiked, textbook

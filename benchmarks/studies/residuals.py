@@ -4,15 +4,15 @@ import math
 from typing import NamedTuple
 
 import torch
-from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.processes import Processes
-from contactlearn.diagnosis.validation import Folds
 from torch import Tensor
 
 from contactlearn import laws
 from contactlearn.diagnosis.failure.regions import find_regions
 from contactlearn.diagnosis.result import Remainder
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.processes import Processes
 from contactlearn.diagnosis.unexplained.remainder import learn_remainder
+from contactlearn.diagnosis.validation import Folds
 from contactlearn.identification.joint import JointFit, identify_jointly
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.numerics import wrapped

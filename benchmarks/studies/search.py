@@ -3,19 +3,18 @@
 from typing import NamedTuple
 
 import torch
-from contactlearn.diagnosis.discrimination.rivals import find_rivals
-from contactlearn.diagnosis.search.reselection import reselected
-from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.validation import Folds, held_out_error
 
 from contactlearn import laws
 from contactlearn.diagnosis import validation
 from contactlearn.diagnosis.discrimination import rivals
+from contactlearn.diagnosis.discrimination.rivals import find_rivals
 from contactlearn.diagnosis.pipeline import diagnose
-from contactlearn.diagnosis.search import reselection
-from contactlearn.diagnosis.search import score_test, selection
+from contactlearn.diagnosis.search import reselection, score_test, selection
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
+from contactlearn.diagnosis.search.reselection import reselected
 from contactlearn.diagnosis.search.selection import Selection
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.validation import Folds, held_out_error
 from contactlearn.errors import DataError
 from contactlearn.identification.joint import FitOptions
 from contactlearn.impacts import Impacts

@@ -19,7 +19,8 @@ class OutlierThresholds:
     """Share of the terms of the balance that the same residual must exceed, since the spread of exact data is tiny
     (row outliers.imbalance)."""
     energy_ratio: float = 2.0
-    """Kinetic energy after impact over that before; noise of slow drops stays below (row outliers.energy_ratio)."""
+    """Kinetic energy after impact over that before; noise of 3 to 15 % of the speed passes 2 in one of 12 sets
+    of 100 drops, and never 3 (row outliers.energy_ratio)."""
     mass_ratio: float = 2.0
     """Factor between a mass or inertia and the median of its object; a slip of the decimal point is 10
     (row outliers.mass_ratio)."""
@@ -33,7 +34,8 @@ class ConventionThresholds:
     """Limits of the comparison of hypotheses about units and axes."""
 
     gain: float = 0.15
-    """Fall of the mean sum of contradictions per correction; chance moves it by hundredths (row conventions.gain)."""
+    """Fall of the mean sum of contradictions per correction; beyond chance only bodies that gain energy move it, as
+    much as this in one of 3 sets (row conventions.gain)."""
     sigmas: float = 5.0
     """Standard errors of the same fall, trial by trial; some three hundred hypotheses are compared
     (row conventions.sigmas)."""
@@ -90,13 +92,13 @@ class AuditThresholds:
     """Share of outliers up to which they are dropped; with more of them the data are doubted
     (row audit.dropped_share)."""
     energy_gain: float = 1.25
-    """Ratio of kinetic energies after and before impact above which a trial gains energy beyond noise
-    (row audit.energy_gain)."""
+    """Ratio of kinetic energies after and before impact above which a trial gains energy; 1 to 1.25 decide the same,
+    since the share of such trials guards against noise (row audit.energy_gain)."""
     energy_share: float = 0.05
     """Share of such trials above which the gain is reported (row audit.energy_share)."""
     contact_point_off: float = 0.15
-    """Distance of the contact point from the shape's, of |r|, in the median; tilted floors stay below
-    (row audit.contact_point_off)."""
+    """Distance of the contact point from the shape's, of |r|, in the median; physical effects stay below a quarter
+    of this (row audit.contact_point_off)."""
     seconds_per_trial: float = 0.5
     """Time in s that a trial takes at least: times that span less are no clock of the session
     (row audit.seconds_per_trial)."""
