@@ -1,19 +1,18 @@
 """Checks of a composed configuration, before any data is read: a wrong setting costs seconds, not a run."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
-from hydra.utils import get_class
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
-from contactlearn import laws
+from contactlearn.app import laws
+from contactlearn.app.targets import subclass
 from contactlearn.effects import Effect, from_settings
 from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.evaluation import bounds
 from contactlearn.identification.joint import FitOptions
 from contactlearn.identification.shared import TARGETS, Box
-from contactlearn.laws import Law
 from contactlearn.learning.recipe import Recipe
 from contactlearn.numerics import is_number, is_whole
 from contactlearn.results.tables import FORMATS
@@ -94,34 +93,13 @@ def check(cfg: DictConfig) -> None:
     if cfg.get("transfer") is not None and not (recipes(cfg) and cfg.transfer.get("bodies")):
         raise ContactLearnError("transfer needs a learned model and a body; see configs/experiment/transfer.yaml")
     if "law" in cfg:
-        law(cfg)
-    for name in [*cfg.get("laws", []), *(cfg.figures[part] for part in ("surface", "parameters") if "figures" in cfg)]:
-        laws.find(str(name), str(cfg.variant))
+        drawn = [cfg.figures[part] for part in ("surface", "parameters")] if "figures" in cfg else []
+        laws.named(cfg, [*cfg.get("laws", []), *drawn])
     for one, entry in (cfg.get("reference") or {}).items():
         for name in ("mu", "eps"):
             pair = entry.get(name) if isinstance(entry, DictConfig) else None
             if not isinstance(pair, ListConfig) or len(pair) != 2:
                 raise ContactLearnError(f"reference.{one} must hold mu: [mean, std] and eps: [mean, std], got {entry}")
-
-
-BEST = "best"
-"""As the law of a diagnosis: the one with the least held-out error."""
-
-
-def law(cfg: DictConfig) -> Law | None:
-    """The law of the configuration; None where a diagnosis is to choose it.
-
-    Raises:
-        UnknownNameError: no such law or variant.
-    """
-    if cfg.law == BEST and "test" not in cfg:
-        return None
-    return laws.find(str(cfg.law), str(cfg.variant))
-
-
-def named_laws(cfg: DictConfig, names: Iterable[str]) -> dict[str, Law]:
-    """Laws by name, in the variant of the configuration."""
-    return {str(name): laws.find(str(name), str(cfg.variant)) for name in names}
 
 
 def box(cfg: DictConfig) -> Box:
@@ -170,7 +148,7 @@ def recipes(cfg: DictConfig) -> dict[str, Recipe]:
         if missing:
             raise ContactLearnError(f"model.{name} lacks {', '.join(sorted(missing))}; see configs/model")
         base = settings.pop("law", None)
-        found[name] = Recipe(**settings, law=None if base is None else laws.find(str(base), str(cfg.variant)))
+        found[name] = Recipe(**settings, law=None if base is None else laws.of_entry(base, str(cfg.variant)))
     return found
 
 
@@ -218,18 +196,4 @@ def effects(cfg: DictConfig, part: str = "effect") -> dict[str, Effect]:
 def _effect(settings: dict[str, Any]) -> Effect:
     """The effect of a class or of lines of mathematics."""
     target = settings.pop("_target_", None)
-    return formula(**settings) if target is None else from_settings(_effect_class(target), settings)
-
-
-def _effect_class(target: Any) -> type[Effect]:
-    """The class that a dotted path names; nothing but an effect is made."""
-    try:
-        kind = get_class(str(target))
-    except Exception as error:
-        seen = str(error).splitlines()[0]
-        raise ContactLearnError(
-            f"_target_={target} cannot be imported ({seen}); is its package installed, or its folder on PYTHONPATH?"
-        ) from None
-    if not issubclass(kind, Effect):
-        raise ContactLearnError(f"_target_ must be a subclass of contactlearn.effects.Effect, got {target}")
-    return kind
+    return formula(**settings) if target is None else from_settings(subclass(target, Effect), settings)
