@@ -1,0 +1,152 @@
+"""What every law must obey, as tests that the package of a law of your own can inherit.
+
+    from contactlearn.testing import LawContract
+    from my_package import Frictionless
+
+    class TestFrictionless(LawContract):
+        law = Frictionless()
+
+pytest then finds the methods: the law declares itself, stays in what a rigid contact with Coulomb friction can do
+except where it says otherwise, mirrors and scales, treats a batch and blocks of it like a loop, and has finite
+gradients.
+"""
+
+from typing import NamedTuple, Self
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn import laws, mechanics
+from contactlearn.laws import Law
+
+N = 4000
+SPEED = 2.5  # factor by which speeds and masses are scaled
+ROUNDING = 1e-9  # relative to |M_c v_c|, to |v_c| and to the energy that the contact brings
+REPEATED = 1e-13  # a batch and a single contact may differ in how a last digit is rounded
+
+
+class Contacts(NamedTuple):
+    """Random contacts and coefficients."""
+
+    W: Float[Tensor, "n 2 2"]
+    v_c: Float[Tensor, "n 2"]
+    mu: Float[Tensor, " n"]
+    eps: Float[Tensor, " n"]
+
+    @classmethod
+    def draw(cls, count: int = N, seed: int = 8) -> Self:
+        """Draw bodies, contact points and velocities; an eighth each has no slip, no friction, ε = 0 and ε = 1."""
+        generator = torch.Generator().manual_seed(seed)
+
+        def uniform(low: float, high: float) -> Tensor:
+            return low + (high - low) * torch.rand(count, generator=generator, dtype=torch.float64)
+
+        mass, radius = 10 ** uniform(-2, 1), 10 ** uniform(-2, 0)
+        r = radius[:, None] * torch.stack((uniform(-2, 2), uniform(-2, -0.01)), -1)
+        v_c = torch.stack((uniform(-5, 5), -(10 ** uniform(-1, 1))), -1)
+        mu, eps = uniform(0, 1.5), uniform(0, 1)
+        v_c[::8, 0], mu[1::8], eps[2::8], eps[3::8] = 0.0, 0.0, 0.0, 1.0
+        return cls(mechanics.inverse_inertia(mass, mass * radius**2, r), v_c, mu, eps)
+
+    def part(self, which: slice) -> "Contacts":
+        """Return some of the contacts."""
+        return Contacts(*(values[which] for values in self))
+
+    def size(self) -> Float[Tensor, " n"]:
+        """Return |M_c v_c| in N s, the impulse that would stop the contact point."""
+        return (mechanics.effective_inertia(self.W) @ self.v_c[..., None])[..., 0].norm(dim=-1)
+
+
+class LawContract:
+    """Inherit, and set `law` to an instance; its μ and ε are ignored."""
+
+    law: Law
+
+    def impulse(self, c: Contacts) -> Float[Tensor, "n 2"]:
+        """Return P in N s."""
+        return self.law.at(c.mu, c.eps).impulse(c.W, c.v_c)
+
+    def differences(self) -> dict[str, bool]:
+        """Return for each way in which a law may differ from a rigid contact whether this one is seen to do so."""
+        c = Contacts.draw()
+        elastic = c._replace(eps=torch.ones_like(c.eps))
+        P, scale = self.impulse(c), c.size()
+        v_n = (c.v_c + (c.W @ P[..., None])[..., 0])[:, 1]
+        added = torch.cat([mechanics.energy_excess(x.W, x.v_c, self.impulse(x)) for x in (c, elastic)])
+        brought = 0.5 * (c.v_c * (mechanics.effective_inertia(c.W) @ c.v_c[..., None])[..., 0]).sum(-1).repeat(2)
+        return {
+            "adds_energy": bool((added > ROUNDING * brought).any()),
+            "leaves_cone": bool((P[:, 0].abs() - c.mu * P[:, 1] > ROUNDING * scale).any()),
+            "pulls": bool((P[:, 1] < -ROUNDING * scale).any()),
+            "penetrates": bool((v_n < -ROUNDING * c.v_c.norm(dim=-1)).any()),
+        }
+
+    def test_it_declares_itself(self):
+        """It has a docstring, and is found by its name, variant and options."""
+        law = self.law
+        assert type(law).__doc__, "say in the docstring what it does, and what it is not"
+        assert law.name
+        assert law.label
+        found = laws.find(law.name, law.variant, **law.options)
+        assert type(found) is type(law)
+        assert (found.options, found.at(0.2, 0.5).mu) == (law.options, 0.2)
+
+    def test_it_is_a_rigid_contact_but_for_what_it_declares(self):
+        """P_n ≥ 0, |P_t| ≤ μ P_n, v_n⁺ ≥ 0 and no energy added, or a class attribute says that one does not hold."""
+        assert self.impulse(Contacts.draw()).isfinite().all()
+        undeclared = [name for name, seen in self.differences().items() if seen and not getattr(self.law, name)]
+        assert not undeclared, f"declare {', '.join(f'{name} = True' for name in undeclared)}, or mend the law"
+
+    def test_without_friction_there_is_no_tangential_impulse(self):
+        """μ = 0 gives P_t = 0 exactly."""
+        c = Contacts.draw()
+        assert (self.impulse(c._replace(mu=torch.zeros_like(c.mu)))[:, 0] == 0).all()
+
+    def test_it_mirrors_as_it_says(self):
+        """The mirror image of a contact has the mirror image of its impulse."""
+        c, mirror = Contacts.draw(), torch.tensor((-1.0, 1.0), dtype=torch.float64)
+        image = c._replace(W=mirror[:, None] * c.W * mirror, v_c=mirror * c.v_c)
+        same = self._close(self.impulse(image), mirror * self.impulse(c), c)
+        assert same or not self.law.mirror_symmetric
+
+    def test_it_scales_with_speed_as_it_says(self):
+        """k times the velocity gives k times the impulse."""
+        c = Contacts.draw()
+        faster = c._replace(v_c=SPEED * c.v_c)
+        assert self._close(self.impulse(faster), SPEED * self.impulse(c), faster) or not self.law.scales
+
+    def test_it_scales_with_mass(self):
+        """k times mass and moment of inertia give k times the impulse."""
+        c = Contacts.draw()
+        heavier = c._replace(W=c.W / SPEED)
+        assert self._close(self.impulse(heavier), SPEED * self.impulse(c), heavier)
+
+    def test_a_batch_is_a_loop(self):
+        """Single contacts with scalar coefficients give the same impulses."""
+        c = Contacts.draw(64)
+        each = zip(*c, strict=True)
+        loop = torch.stack([self.law.at(mu.item(), eps.item()).impulse(W, v_c) for W, v_c, mu, eps in each])
+        torch.testing.assert_close(self.impulse(c), loop, rtol=REPEATED, atol=0)
+
+    def test_blocks_are_the_whole(self):
+        """A grid of coefficients too large for one block gives the same impulses node by node."""
+        c = Contacts.draw(300)
+        mu, eps = (torch.linspace(0, high, count, dtype=torch.float64) for high, count in ((1.2, 17), (1.0, 19)))
+        whole = self.law.at(mu[:, None, None], eps[:, None]).impulse(c.W, c.v_c)
+        assert whole.shape == (17, 19, 300, 2)
+        for i, j in ((0, 0), (8, 9), (16, 18)):
+            node = self.law.at(mu[i], eps[j]).impulse(c.W, c.v_c)
+            torch.testing.assert_close(whole[i, j], node, rtol=REPEATED, atol=0)
+
+    def test_its_gradients_are_finite(self):
+        """In W, v_c, μ and ε, also at their ends."""
+        inputs = [values.clone().requires_grad_() for values in Contacts.draw()]
+        P = self.impulse(Contacts(*inputs))
+        for part in P.unbind(-1):
+            for gradient in torch.autograd.grad(part.sum(), inputs, retain_graph=True, allow_unused=True):
+                assert gradient is None or gradient.isfinite().all()
+
+    def _close(self, P: Tensor, expected: Tensor, c: Contacts) -> bool:
+        error = (P - expected).norm(dim=-1) / c.size().maximum(expected.norm(dim=-1))
+        return error.max().item() <= ROUNDING
