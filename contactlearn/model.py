@@ -210,8 +210,9 @@ def derivative(outcome: Tensor, parameters: Sequence[Tensor]) -> Tensor:
     """Derivative [..., N, D, K] of outcomes [..., N, D] in parameters [..., N] of their own impacts alone."""
     size = outcome.shape[-1]
     each = torch.eye(size, dtype=outcome.dtype).expand(*outcome.shape[:-1], size, size).movedim(-2, 0)
-    rows = torch.autograd.grad(outcome, parameters, each, is_grads_batched=True)
-    return torch.stack(rows, -1).movedim(0, -2)
+    rows = torch.autograd.grad(outcome, parameters, each, is_grads_batched=True, allow_unused=True)
+    flat = [outcome.new_zeros(size, *p.shape) if row is None else row for row, p in zip(rows, parameters, strict=True)]
+    return torch.stack(flat, -1).movedim(0, -2)
 
 
 def _clamped(mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:

@@ -106,6 +106,18 @@ def test_laws_alone_come_back(tmp_path, alone):
     assert (loaded.residual, loaded.parameters, loaded.noise) == (None, None, None)
 
 
+def test_older_files_have_an_e_t_in_every_law(tmp_path):
+    path = checkpoint.save(ContactModel(LAWS["sweep"]), tmp_path / "model.pt", provenance=PROVENANCE)
+
+    def older(description, tensors):
+        description["model"]["base"]["e_t"] = []
+        tensors["model.base.e_t"] = torch.zeros((), dtype=torch.float64)
+
+    loaded, _ = checkpoint.load(changed(tmp_path / "older.pt", path, older))
+    assert loaded.base.options == {}
+    assert torch.equal(loaded.base.mu, LAWS["sweep"].mu)
+
+
 def test_the_model_of_no_impulse_comes_back(tmp_path):
     assert round_trip(ContactModel(), tmp_path) == ContactModel()
 

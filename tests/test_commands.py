@@ -224,7 +224,6 @@ def test_help(script):
 
 ERRORS = {
     "law": (["evaluate.py", "laws=[witaker]"], "unknown law 'witaker', did you mean 'whittaker'?"),
-    "train law": (["train.py", "law=mirtch"], "did you mean 'mirtich'?"),
     "variant": (["train.py", "variant=fazeli"], "did you mean 'fazeli2017'?"),
     "too few": (["train.py", "train.size=1000"], "train.size=1000, but 600 of 800 trials"),
     "test share": (["train.py", "test=1.5"], "share in (0, 1)"),

@@ -1,5 +1,6 @@
 """What the documents show works: Python blocks run, commands compose, links lead somewhere."""
 
+import gc
 import re
 import shlex
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
+from contactlearn import laws
 from contactlearn.cli import compose
 from contactlearn.effects import catalogue
 from contactlearn.effects.formula.symbols import SYMBOLS
@@ -33,6 +35,7 @@ def _commands():
 @pytest.mark.parametrize("code", list(_blocks("python")))
 def test_python_blocks_run(code):
     exec(compile(code, "document", "exec"), {})
+    gc.collect()  # classes that a block defines are laws and effects until they are gone
 
 
 @pytest.mark.parametrize(("script", "words"), list(_commands()))
@@ -56,6 +59,7 @@ def test_every_setting_is_explained():
         *ROOT.glob("configs/data/*.yaml"),
         *ROOT.glob("configs/model/*.yaml"),
         *ROOT.glob("configs/effect/*.yaml"),
+        *ROOT.glob("configs/law/*.yaml"),
     ]:
         ours = re.split(r"^hydra:$", path.read_text("utf-8"), flags=re.MULTILINE)[0]
         for line in ours.splitlines():
@@ -91,3 +95,15 @@ def test_every_effect_has_its_configuration():
         assert entry == default().options
         comment = path.read_text("utf-8").splitlines()[0]
         assert comment.endswith("; or ".join(kind.formula for kind in (default, *others)))
+
+
+def test_every_law_has_its_configuration():
+    """And no other has one but the choice of a diagnosis; the options are those of the class, with its defaults."""
+    paths = {path.stem: path for path in (ROOT / "configs" / "law").glob("*.yaml")}
+    assert paths.keys() == {*laws.names(), "best"}
+    for name in laws.names():
+        entry = OmegaConf.to_container(OmegaConf.load(paths[name]))
+        kind = laws.catalogue()[name]["textbook"]
+        assert entry.pop("_target_") == f"contactlearn.laws.{name}.{kind.__name__}"
+        assert entry == kind().options
+        assert f"| `{name}` |" in (ROOT / "docs" / "laws.md").read_text("utf-8")

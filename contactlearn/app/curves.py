@@ -9,6 +9,7 @@ from rich.progress import Progress
 from torch import Tensor
 
 from contactlearn.app import fitting, settings
+from contactlearn.app.laws import chosen_law, compared_laws
 from contactlearn.app.loading import Split
 from contactlearn.errors import DataError
 from contactlearn.evaluation import metrics
@@ -56,7 +57,7 @@ def learning_study(cfg: DictConfig, data: Split) -> tuple[dict[str, Curve], list
             progress=lambda done, total: bar.track(done, total, description="learned models"),
         )
     curves |= learned
-    return curves, [name for name in curves if name not in cfg.laws]
+    return curves, [name for name in curves if name not in compared_laws(cfg)]
 
 
 def _sizes(cfg: DictConfig, pool: Impacts) -> list[int]:
@@ -71,14 +72,14 @@ def _law_curves(
     cfg: DictConfig, recipes: Mapping[str, Recipe], data: Split, orders: Tensor, sizes: list[int], bar: Progress
 ) -> tuple[Bases, dict[str, Curve]]:
     """Laws on every subset, by name and size, and the curves of those that are shown; effects are around `law`."""
-    law, effects = settings.law(cfg), settings.effects(cfg)
-    needed = settings.named_laws(cfg, cfg.laws) | {r.law.name: r.law for r in recipes.values() if r.law}
+    law, laws, effects = chosen_law(cfg), compared_laws(cfg), settings.effects(cfg)
+    needed = laws | {r.law.name: r.law for r in recipes.values() if r.law}
     every = bar.track(needed.values(), description="laws on every subset")
     fits, curves = study.law_curves(
         every, data.pool, data.test, orders, sizes, target=cfg.train.target, box=settings.box(cfg)
     )
     bases = {name: {size: study.law_at(fit, size) for size in sizes} for name, fit in fits.items()}
-    shown = {name: curves[name] for name in cfg.laws}
+    shown = {name: curves[name] for name in laws}
     if effects:
         every = bar.track(sizes, description=f"{law.name} and its effects on every subset")
         bases[law.name], curve = study.effect_curve(

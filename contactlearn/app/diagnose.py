@@ -8,6 +8,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from contactlearn.app import fitting, loading, record, results, settings
+from contactlearn.app.laws import chosen_law, named_laws
 from contactlearn.diagnosis import pipeline
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates
@@ -36,10 +37,10 @@ def diagnose(cfg: DictConfig) -> None:
     with terminal.progress() as bar:
         found = pipeline.diagnose(
             impacts,
-            settings.law(cfg),
+            chosen_law(cfg),
             effects,
             candidates=_candidates(cfg, effects),
-            laws=list(settings.named_laws(cfg, PAPER_LAWS).values()),
+            laws=list(named_laws(cfg, PAPER_LAWS).values()),
             noise=None if cfg.fit.noise is None else tuple(cfg.fit.noise),
             limits={name: tuple(ends) for name, ends in cfg.limits.items()},
             seed=cfg.seed,
@@ -94,7 +95,8 @@ def _command(cfg: DictConfig, found: Diagnosis) -> str:
     if repairs:
         words = [word for word in words if not word.startswith("data.correct")]
         words.append(f"data.correct=[{','.join([*cfg.data.correct, *repairs])}]")
-    words.append(f"law={found.law or cfg.law}")
+    given = [word for word in task if word.startswith("law=") or word.lstrip("+").startswith("law.")]
+    words += given if chosen_law(cfg) else [f"law={found.law or cfg.law}"]
     names = [name for name in dict.fromkeys((*cfg.effect, *found.effects)) if _named(name)]
     words.append(f"effect=[{','.join(names)}]")
     words += [word for word in task if word.lstrip("+").startswith(("effect.", "variant=", "fit."))]

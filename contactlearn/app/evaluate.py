@@ -11,6 +11,7 @@ from rich.progress import Progress
 
 from contactlearn.app import curves, fitting, loading, record, results, settings
 from contactlearn.app.fitting import CostSurface
+from contactlearn.app.laws import chosen_law, compared_laws, named_laws
 from contactlearn.app.loading import Split
 from contactlearn.app.transfer import transfer
 from contactlearn.errors import DataError
@@ -93,17 +94,17 @@ def evaluate(cfg: DictConfig) -> None:
 def _compared(cfg: DictConfig, data: Split, bar: Progress) -> _Compared:
     """Fit the laws, and `law` with the effects if there are any, and predict the held-out trials."""
     pool, test, effects = data.pool, data.test, settings.effects(cfg)
-    laws = settings.named_laws(cfg, cfg.laws)
+    laws = compared_laws(cfg)
     fits = tuple(fitting.identify_law(cfg, law, pool, data.generator, bar) for law in laws.values())
     predictions, joint = {fit.law.name: ContactModel(fit.to_law()).predict(test) for fit in fits}, {}
     if effects:
         rows = torch.arange(len(pool))
-        found = fitting.fit_with_effects(cfg, settings.law(cfg), effects, pool, rows, bar)
+        found = fitting.fit_with_effects(cfg, chosen_law(cfg), effects, pool, rows, bar)
         joint = {f"{name} (joint)" if name in predictions else name: fit for name, fit in found.items()}
     best, _ = bounds.best_post_hoc(test, predictions, cfg.bounds.norm)
     predictions |= {BEST_POST_HOC: best, IRB: bounds.irb(test, cfg.bounds.norm)}
     predictions |= {name: fit.model.predict(test) for name, fit in joint.items()}
-    every = settings.named_laws(cfg, (*cfg.laws, cfg.figures.parameters))
+    every = laws | named_laws(cfg, [cfg.figures.parameters])
     trials = {
         name: identify_trials(law, data.impacts, target=cfg.train.target, box=settings.box(cfg))
         for name, law in bar.track(every.items(), description="every trial")
@@ -118,7 +119,8 @@ def _result(cfg: DictConfig, data: Split, compared: _Compared) -> Evaluation:
     """
     errors = results.error_table(data.test, compared.predictions, cfg.bootstrap, data.generator)
     joint = {name: results.joint_estimate(fit) for name, fit in compared.joint.items()}
-    law = cfg.law if joint or cfg.law in cfg.laws else min(cfg.laws, key=lambda name: errors[name].headline)
+    law, laws = chosen_law(cfg).name, [fit.law.name for fit in compared.fits]
+    law = law if joint or law in laws else min(laws, key=lambda name: errors[name].headline)
     return Evaluation(
         provenance=results.provenance(data.impacts, cfg),
         model=list(joint)[-1] if joint else law,
@@ -159,7 +161,7 @@ def _with_curves(
 def _extras(cfg: DictConfig, data: Split, bar: Progress) -> _Extras:
     # Every k up to 120, and as many of a larger range.
     sizes = torch.linspace(1, cfg.train.size, min(cfg.train.size, 120)).round().int().tolist()
-    (law,) = settings.named_laws(cfg, [cfg.figures.surface]).values()
+    (law,) = named_laws(cfg, [cfg.figures.surface]).values()
     repetitions = cfg.figures.repetitions
     widths = cfg.bounds.patch * torch.linspace(0, 1, 25, dtype=torch.float64) ** 2  # dense where the bound falls
     headline = metrics.METRICS[metrics.HEADLINE]

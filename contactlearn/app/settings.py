@@ -5,7 +5,7 @@ from typing import Any
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
-from contactlearn.app import laws
+from contactlearn.app.laws import law_of, named_laws
 from contactlearn.app.targets import subclass
 from contactlearn.effects import Effect, from_settings
 from contactlearn.effects.formula.effect import formula
@@ -13,6 +13,7 @@ from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.evaluation import bounds
 from contactlearn.identification.joint import FitOptions
 from contactlearn.identification.shared import TARGETS, Box
+from contactlearn.laws import PAPER_LAWS
 from contactlearn.learning.recipe import Recipe
 from contactlearn.numerics import is_number, is_whole
 from contactlearn.results.tables import FORMATS
@@ -87,14 +88,14 @@ def check(cfg: DictConfig) -> None:
         if not accept(ends):
             raise ContactLearnError(f"limits.{name} must be {rule}, got {ends!r}")
     fit_options(cfg)
+    if "law" in cfg:
+        drawn = [cfg.figures[part] for part in ("surface", "parameters")] if "figures" in cfg else []
+        named_laws(cfg, [*cfg.get("laws", PAPER_LAWS), *drawn])
     recipes(cfg)
     if effects(cfg) and cfg.get("transfer") is not None:
         raise ContactLearnError("transfer is studied without effects; use effect=[]")
     if cfg.get("transfer") is not None and not (recipes(cfg) and cfg.transfer.get("bodies")):
         raise ContactLearnError("transfer needs a learned model and a body; see configs/experiment/transfer.yaml")
-    if "law" in cfg:
-        drawn = [cfg.figures[part] for part in ("surface", "parameters")] if "figures" in cfg else []
-        laws.named(cfg, [*cfg.get("laws", []), *drawn])
     for one, entry in (cfg.get("reference") or {}).items():
         for name in ("mu", "eps"):
             pair = entry.get(name) if isinstance(entry, DictConfig) else None
@@ -148,7 +149,7 @@ def recipes(cfg: DictConfig) -> dict[str, Recipe]:
         if missing:
             raise ContactLearnError(f"model.{name} lacks {', '.join(sorted(missing))}; see configs/model")
         base = settings.pop("law", None)
-        found[name] = Recipe(**settings, law=None if base is None else laws.of_entry(base, str(cfg.variant)))
+        found[name] = Recipe(**settings, law=None if base is None else law_of(base, str(cfg.variant)))
     return found
 
 

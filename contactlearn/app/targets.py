@@ -1,6 +1,5 @@
 """Classes that a configuration names by `_target_`: found, checked to be of one kind, and never anything else."""
 
-import inspect
 from typing import TypeVar
 
 from hydra.utils import get_class
@@ -11,7 +10,7 @@ Kind = TypeVar("Kind", bound=type)
 
 
 def subclass(target: object, base: Kind) -> Kind:
-    """Return the class that a dotted path names; nothing but a subclass of `base` that can be made.
+    """Return the class that a dotted path names; nothing but a subclass of `base`.
 
     Raises:
         ContactLearnError: the path cannot be imported, or names another thing.
@@ -23,7 +22,7 @@ def subclass(target: object, base: Kind) -> Kind:
         raise ContactLearnError(
             f"_target_={target} cannot be imported ({seen}); is its package installed, or its folder on PYTHONPATH?"
         ) from None
-    if not issubclass(kind, base) or kind is base or inspect.isabstract(kind):
+    if not issubclass(kind, base) or kind is base:
         package = base.__module__.rpartition(".")[0]
         raise ContactLearnError(f"_target_ must be a subclass of {package}.{base.__name__}, got {target}")
     return kind

@@ -12,6 +12,7 @@ from rich.progress import Progress
 from contactlearn import checkpoint
 from contactlearn.app import fitting, loading, record, results, settings
 from contactlearn.app.fitting import CostSurface
+from contactlearn.app.laws import chosen_law
 from contactlearn.app.loading import Split
 from contactlearn.effects import Effect
 from contactlearn.errors import ContactLearnError
@@ -59,7 +60,7 @@ class _Task:
                 f"model {name} takes each trial's (μ, ε) from the law alone, but there are effects "
                 f"({', '.join(effects)}); use model=parameters_likelihood"
             )
-        law = settings.law(cfg) if recipe is None or effects else recipe.law
+        law = chosen_law(cfg) if recipe is None or effects else recipe.law
         return cls(name=name, recipe=recipe, law=law, effects=effects)
 
 

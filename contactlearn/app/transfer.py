@@ -9,6 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from contactlearn import checkpoint
 from contactlearn.app import fitting, loading, record, results, settings
+from contactlearn.app.laws import chosen_law
 from contactlearn.app.loading import Split
 from contactlearn.evaluation import metrics
 from contactlearn.evaluation.metrics import Interval
@@ -102,7 +103,7 @@ def _record(cfg: DictConfig, folder: Path, result: Transfer) -> None:
         chart = {"Each model from scratch, and with the trained one as prior": [f"{headline}/"]}
         tracker.charts(record.charts() | {"Transfer to other bodies, against their training impacts": chart})
         source, models = result.provenance.data.source, ", ".join(result.transfer)
-        record.log_hyperparameters(tracker, cfg, source, cfg.train.size, cfg.law, (), models)
+        record.log_hyperparameters(tracker, cfg, source, cfg.train.size, chosen_law(cfg).name, (), models)
         record.log_card(tracker, result.provenance, (), {})
 
 

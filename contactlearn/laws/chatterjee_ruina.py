@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import torch
+from torch import Tensor
 
 from contactlearn.laws.base import Law
 from contactlearn.laws.contact import Contact, Values, stick
+from contactlearn.numerics import number
 
 
 @dataclass(frozen=True)
@@ -21,6 +23,9 @@ class ChatterjeeRuina(Law):
     """Algebraic restitution in both directions; it never adds energy.
 
     e_t is not a coefficient of friction: within the friction cone it alone decides the final slip.
+
+    Raises:
+        DataError: e_t is not in [−1, 1].
     """
 
     label: ClassVar[str] = "Chatterjee–Ruina"
@@ -28,6 +33,10 @@ class ChatterjeeRuina(Law):
 
     e_t: Values | float = 0.0
     """Coefficient of tangential restitution in [−1, 1], broadcast against [..., N]."""
+
+    def __post_init__(self):
+        if not isinstance(self.e_t, Tensor):
+            number("e_t", self.e_t, -1, 1)
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""

@@ -5,6 +5,7 @@ its 8 pt text stays 8 pt.  A law or a learned model has the same colour, marker 
 colours are told apart with any colour vision, markers and lines without colour.
 """
 
+import itertools
 import os
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,6 +22,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, get_font
 from torch import Tensor
+
+from contactlearn import laws
 
 COLUMN, PAGE = 3.4, 7.0
 """Widths in inches of a figure over one column and over two."""
@@ -67,21 +70,38 @@ class LawStyle(NamedTuple):
     linestyle: str | tuple
 
 
+def _law_label(name: str) -> str:
+    return next(iter(laws.catalogue()[name].values())).label
+
+
 # Okabe & Ito's (2008) colours without yellow, which white paper swallows; wine is Tol's (2021).
-LAW_STYLE = {
-    "whittaker": LawStyle("Whittaker", "#0072B2", "o", "-"),
-    "anitescu_potra_newton": LawStyle("Anitescu–Potra Newton", "#D55E00", "s", "--"),
-    "anitescu_potra_poisson": LawStyle("Anitescu–Potra Poisson", "#E69F00", "D", "-."),
-    "drumwright_shell": LawStyle("Drumwright–Shell", "#009E73", "^", (0, (8, 2))),
-    "wang_mason": LawStyle("Wang–Mason", "#CC79A7", "v", (0, (4, 1, 1, 1, 1, 1))),
-    "mirtich": LawStyle("Mirtich", "#56B4E9", "P", (0, (1, 1))),
-    "chatterjee_ruina": LawStyle("Chatterjee–Ruina", "#882255", "X", (0, (8, 2, 2, 2))),
+_LAW_LOOKS: tuple[tuple[str, str, str | tuple], ...] = (
+    ("#0072B2", "o", "-"),
+    ("#D55E00", "s", "--"),
+    ("#E69F00", "D", "-."),
+    ("#009E73", "^", (0, (8, 2))),
+    ("#CC79A7", "v", (0, (4, 1, 1, 1, 1, 1))),
+    ("#56B4E9", "P", (0, (1, 1))),
+    ("#882255", "X", (0, (8, 2, 2, 2))),
+)
+# For further laws, in turn: markers and lines of their own, and greens and browns of Tol's.
+_MORE_LOOKS: tuple[tuple[str, str, str | tuple], ...] = (
+    ("#999933", "<", (0, (12, 2, 2, 2, 2, 2))),
+    ("#661100", "D", (0, (8, 2, 1, 2))),
+    ("#44AA99", "s", (0, (3, 1))),
+    ("#6699CC", "^", (0, (12, 2))),
+)
+_BOUND_STYLE = {
     "best_post_hoc": LawStyle("Best Post Hoc", "#000000", "*", (0, (2, 2))),
     "irb": LawStyle("IRB bound", "#666666", "h", (0, (5, 1))),
 }
-"""By name; the two bounds are black and grey."""
 
-BOUNDS = ("best_post_hoc", "irb")
+LAW_STYLE = {
+    name: LawStyle(_law_label(name), *look) for name, look in zip(laws.names(), _LAW_LOOKS, strict=False)
+} | _BOUND_STYLE
+"""The first laws of the catalogue by name, and the two bounds, which are black and grey."""
+
+BOUNDS = tuple(_BOUND_STYLE)
 
 # Of Tol's (2021) colours eight that any colour vision tells from each other (ΔE > 18) and from the laws' (> 8).
 MODEL_STYLE = {
@@ -104,8 +124,16 @@ STYLES = LAW_STYLE | MODEL_STYLE
 
 def law_style(name: str) -> LawStyle:
     """Style of a law, bound or learned model by name or label; any other keeps its name and is neutral grey."""
-    by_label = {style.label: style for style in STYLES.values()}
-    return STYLES.get(name) or by_label.get(name) or LawStyle(name, "#4D4D4D", "o", "-")
+    known = STYLES | _more_laws()
+    by_label = {style.label: style for style in known.values()}
+    return known.get(name) or by_label.get(name) or LawStyle(name, "#4D4D4D", "o", "-")
+
+
+def _more_laws() -> dict[str, LawStyle]:
+    """Styles of the laws of the catalogue beyond those of `LAW_STYLE`."""
+    more = [name for name in laws.names() if name not in LAW_STYLE]
+    looks = zip(more, itertools.cycle(_MORE_LOOKS), strict=False)
+    return {name: LawStyle(_law_label(name), *look) for name, look in looks}
 
 
 def law_styles(names: Iterable[str], colors: Sequence[str] = ("#4D4D4D",)) -> dict[str, LawStyle]:
@@ -117,7 +145,8 @@ def law_styles(names: Iterable[str], colors: Sequence[str] = ("#4D4D4D",)) -> di
     """
     styles = {name: law_style(name) for name in names}
     markers, lines = ([getattr(style, part) for style in MODEL_STYLE.values()] for part in ("marker", "linestyle"))
-    for place, name in enumerate([name for name, style in styles.items() if style not in STYLES.values()]):
+    known = [*STYLES.values(), *_more_laws().values()]
+    for place, name in enumerate([name for name, style in styles.items() if style not in known]):
         # 7 markers and 8 lines: the first pair comes back after 56 names.
         styles[name] = LawStyle(styles[name].label, colors[place % len(colors)], markers[place % 7], lines[place % 8])
     return styles

@@ -6,7 +6,7 @@ from typing import Any
 from contactlearn.report.page.runs.rows import Row, printable
 
 _NAMED = ("model", "effect", "candidate")  # hold entries by name
-_ELSEWHERE = ("law", "data._target_")  # have columns of their own
+_ELSEWHERE = ("law", "law._target_", "data._target_")  # have columns of their own
 _ABSENT = object()
 
 Settings = list[tuple[str, list[str | None]]]
@@ -58,7 +58,8 @@ def _under(path: str, values: Sequence[Any], kinds: Sequence[tuple]) -> Settings
     for key in dict.fromkeys(key for value in there for key in value):
         below = [value.get(key, _ABSENT) if isinstance(value, Mapping) else _ABSENT for value in values]
         where = f"{path}.{printable(key)}" if path else printable(key)
-        if where in _ELSEWHERE or (path.startswith("model.") and key == "law"):
+        options = where == "law" and all(isinstance(value, Mapping) for value in below)
+        if (where in _ELSEWHERE and not options) or (path.startswith("model.") and key == "law"):
             continue
         having = {kind for kind, value in zip(kinds, below, strict=True) if value is not _ABSENT}
         lacking = any(

@@ -1,0 +1,125 @@
+"""Laws from the command line: options, variants, one of one's own in every command, and one announced by a package."""
+
+import json
+import os
+import shutil
+
+import pytest
+from test_commands import ROOT, SMALL, TRAIN, run
+
+OWN = '''
+from dataclasses import dataclass
+
+from contactlearn.laws import Law
+
+
+@dataclass(frozen=True)
+class BumpyFloor(Law):
+    """Newton restitution, and a tangential impulse that is a share of sticking's.  It is not Coulomb friction."""
+
+    leaves_cone = True
+    share: float = 1.0
+
+    def solve(self, contact, mu, eps):
+        P_n = -(1 + eps) * contact.v_n / contact.w_nn
+        return -self.share * mu * (contact.v_t + contact.w_tn * P_n) / contact.w_tt, P_n
+'''
+CHOSEN = ("law._target_=bumpy.BumpyFloor", "+law.share=0.5")
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A folder with a law on the path of the commands."""
+    folder = tmp_path / "package"
+    folder.mkdir()
+    (folder / "bumpy.py").write_text(OWN)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(folder), str(ROOT))))
+    return folder
+
+
+def results(folder, name="results.json"):
+    return json.loads((folder / name).read_text())
+
+
+def test_a_law_of_ones_own_takes_part_in_an_evaluation(package, tmp_path):
+    curves = ("model=[residual_wrench]", "curves.sizes=[10]", "curves.seeds=2", "workers=1")
+    printed = run("evaluate.py", *SMALL[:-1], *curves, *CHOSEN, "effect=[spin_damping]", "figures.surface=bumpy_floor",
+                  "figures.parameters=bumpy_floor", f"hydra.run.dir={tmp_path / 'run'}")  # fmt: skip
+    assert "bumpy_floor" in printed
+    found = results(tmp_path / "run")
+    (fit,) = (fit for fit in found["fits"] if fit["law"] == "bumpy_floor")
+    assert fit["options"] == {"share": 0.5}
+    assert {"bumpy_floor", "bumpy_floor + spin_damping"} <= found["errors"].keys()
+    assert found["learning_curves"].keys() >= {"bumpy_floor", "residual_wrench"}
+    assert "Bumpy floor" in (tmp_path / "run" / "report.html").read_text("utf-8")
+
+
+def test_a_law_of_ones_own_takes_part_in_a_diagnosis(package, tmp_path):
+    printed = run("diagnose.py", "data.size=100", *CHOSEN, f"hydra.run.dir={tmp_path / 'run'}")
+    assert "bumpy_floor" in printed
+    found = results(tmp_path / "run", "diagnosis.json")
+    assert found["law"] == "bumpy_floor"
+    assert "Bumpy floor" in (tmp_path / "run" / "report.html").read_text("utf-8")
+    assert all(word in found["command"] for word in CHOSEN)
+
+
+def test_a_trained_law_of_ones_own_comes_back(package, tmp_path):
+    printed = run("train.py", *TRAIN, *CHOSEN, f"hydra.run.dir={tmp_path / 'run'}")
+    assert "bumpy_floor" in printed
+    load = (
+        "import bumpy; from contactlearn import checkpoint; print(checkpoint.load('run/model.pt')[0].base.share.item())"
+    )
+    assert "0.5" in run("-c", load, cwd=tmp_path)
+
+
+def test_a_package_announces_its_laws(package, tmp_path):
+    about = package / "bumpy-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: bumpy\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[contactlearn.laws]\nbumpy = bumpy\n")
+    run("evaluate.py", *SMALL, "laws=[bumpy_floor,mirtich]", f"hydra.run.dir={tmp_path / 'run'}")
+    assert [fit["law"] for fit in results(tmp_path / "run")["fits"]] == ["bumpy_floor", "mirtich"]
+
+
+def test_a_new_law_in_the_package_is_one_file_and_one_configuration(tmp_path):
+    for part in ("contactlearn", "configs"):
+        shutil.copytree(ROOT / part, tmp_path / part, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "train.py", tmp_path)
+    (tmp_path / "contactlearn" / "laws" / "bumpy_floor.py").write_text(OWN)
+    (tmp_path / "configs" / "law" / "bumpy_floor.yaml").write_text(
+        "_target_: contactlearn.laws.bumpy_floor.BumpyFloor\nshare: 0.5\n"
+    )
+    words = (*TRAIN, "law=bumpy_floor", f"hydra.run.dir={tmp_path / 'run'}")
+    assert "bumpy_floor" in run(str(tmp_path / "train.py"), *words, cwd=tmp_path)
+
+
+def test_variants_and_options(tmp_path):
+    for name, words in {
+        "variant": ("law=mirtich", "variant=fazeli2017"),
+        "option": ("law=chatterjee_ruina", "law.e_t=0.3"),
+    }.items():
+        run("train.py", *TRAIN, *words, f"hydra.run.dir={tmp_path / name}")
+    (fit,) = results(tmp_path / "variant")["fits"]
+    assert (fit["law"], fit["variant"]) == ("mirtich", "fazeli2017")
+    (fit,) = results(tmp_path / "option")["fits"]
+    assert fit["options"] == {"e_t": 0.3}
+
+
+ERRORS = {
+    "no law": (["train.py", "law._target_=os.PathLike"], "_target_ must be a subclass of contactlearn.laws.Law"),
+    "a function": (["train.py", "law._target_=os.system"], "cannot be imported"),
+    "the interface": (
+        ["train.py", "law._target_=contactlearn.laws.Law"],
+        "must be a subclass of contactlearn.laws.Law",
+    ),
+    "nowhere": (["train.py", "law._target_=nowhere.Law"], "is its package installed, or its folder on PYTHONPATH?"),
+    "best": (["evaluate.py", "law=best"], "law=best is a choice of diagnose.py alone"),
+    "option": (["train.py", "+law.e_t=0.3"], "unknown option of law wang_mason 'e_t'"),
+    "range": (["train.py", "law=chatterjee_ruina", "law.e_t=3"], "e_t must be a finite number in [-1, 1], got 3"),
+    "variant": (["diagnose.py", "variant=fazeli"], "did you mean 'fazeli2017'?"),
+}
+
+
+@pytest.mark.parametrize(("words", "message"), ERRORS.values(), ids=ERRORS)
+def test_what_is_no_law_is_refused(words, message, tmp_path):
+    assert message in run(*words, f"hydra.run.dir={tmp_path}", status=2)
