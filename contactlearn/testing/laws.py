@@ -82,7 +82,7 @@ class LawContract:
             "penetrates": bool((v_n < -ROUNDING * c.v_c.norm(dim=-1)).any()),
         }
 
-    def test_it_declares_itself(self):
+    def test_it_declares_itself(self) -> None:
         """It has a docstring, and is found by its name, variant and options."""
         law = self.law
         assert type(law).__doc__, "say in the docstring what it does, and what it is not"
@@ -92,44 +92,44 @@ class LawContract:
         assert type(found) is type(law)
         assert (found.options, found.at(0.2, 0.5).mu) == (law.options, 0.2)
 
-    def test_it_is_a_rigid_contact_but_for_what_it_declares(self):
+    def test_it_is_a_rigid_contact_but_for_what_it_declares(self) -> None:
         """P_n ≥ 0, |P_t| ≤ μ P_n, v_n⁺ ≥ 0 and no energy added, or a class attribute says that one does not hold."""
         assert self.impulse(Contacts.draw()).isfinite().all()
         undeclared = [name for name, seen in self.differences().items() if seen and not getattr(self.law, name)]
         assert not undeclared, f"declare {', '.join(f'{name} = True' for name in undeclared)}, or mend the law"
 
-    def test_without_friction_there_is_no_tangential_impulse(self):
+    def test_without_friction_there_is_no_tangential_impulse(self) -> None:
         """μ = 0 gives P_t = 0 exactly."""
         c = Contacts.draw()
         assert (self.impulse(c._replace(mu=torch.zeros_like(c.mu)))[:, 0] == 0).all()
 
-    def test_it_mirrors_as_it_says(self):
+    def test_it_mirrors_as_it_says(self) -> None:
         """The mirror image of a contact has the mirror image of its impulse."""
         c, mirror = Contacts.draw(), torch.tensor((-1.0, 1.0), dtype=torch.float64)
         image = c._replace(W=mirror[:, None] * c.W * mirror, v_c=mirror * c.v_c)
         same = self._close(self.impulse(image), mirror * self.impulse(c), c)
         assert same or not self.law.mirror_symmetric
 
-    def test_it_scales_with_speed_as_it_says(self):
+    def test_it_scales_with_speed_as_it_says(self) -> None:
         """k times the velocity gives k times the impulse."""
         c = Contacts.draw()
         faster = c._replace(v_c=SPEED * c.v_c)
         assert self._close(self.impulse(faster), SPEED * self.impulse(c), faster) or not self.law.scales
 
-    def test_it_scales_with_mass(self):
+    def test_it_scales_with_mass(self) -> None:
         """k times mass and moment of inertia give k times the impulse."""
         c = Contacts.draw()
         heavier = c._replace(W=c.W / SPEED)
         assert self._close(self.impulse(heavier), SPEED * self.impulse(c), heavier)
 
-    def test_a_batch_is_a_loop(self):
+    def test_a_batch_is_a_loop(self) -> None:
         """Single contacts with scalar coefficients give the same impulses."""
         c = Contacts.draw(64)
         each = zip(*c, strict=True)
         loop = torch.stack([self.law.at(mu.item(), eps.item()).impulse(W, v_c) for W, v_c, mu, eps in each])
         torch.testing.assert_close(self.impulse(c), loop, rtol=REPEATED, atol=0)
 
-    def test_blocks_are_the_whole(self):
+    def test_blocks_are_the_whole(self) -> None:
         """A grid of coefficients too large for one block gives the same impulses node by node."""
         c = Contacts.draw(300)
         mu, eps = (torch.linspace(0, high, count, dtype=torch.float64) for high, count in ((1.2, 17), (1.0, 19)))
@@ -139,7 +139,7 @@ class LawContract:
             node = self.law.at(mu[i], eps[j]).impulse(c.W, c.v_c)
             torch.testing.assert_close(whole[i, j], node, rtol=REPEATED, atol=0)
 
-    def test_its_gradients_are_finite(self):
+    def test_its_gradients_are_finite(self) -> None:
         """In W, v_c, μ and ε, also at their ends."""
         inputs = [values.clone().requires_grad_() for values in Contacts.draw()]
         P = self.impulse(Contacts(*inputs))
