@@ -23,7 +23,7 @@ from torch import Tensor
 
 from contactlearn import diagnose, mechanics
 from contactlearn.data import ellipse_drops
-from contactlearn.diagnosis.search.selection import Folds
+from contactlearn.diagnosis.validation import Folds
 from contactlearn.effects import Effect
 from contactlearn.evaluation import bounds
 from contactlearn.evaluation.metrics import bootstrap, mass_error
@@ -74,7 +74,7 @@ def main() -> None:
     found = diagnose(published, seed=seed)
     print(f"{found.equation}\n")
     print("| model | alone | + rigid | + wrench | rigid − wrench | IRB bound |\n|---|---|---|---|---|---|")
-    for impacts, missing in ((published, ()), (found.impacts, found.missing)):
+    for impacts, missing in ((published, ()), (found.record.impacts, found.missing)):
         folds = Folds.draw(len(impacts), torch.Generator().manual_seed(seed), repeats=1)
         bound = mass_error(impacts, bounds.irb(impacts, "mass"))
         frame = "as published" if impacts is published else "corrected"
@@ -82,9 +82,9 @@ def main() -> None:
         print(line(f"{found.law}, {frame}", errors, bound), flush=True)
         effects = {}
         for one in missing:
-            effects[one.id.name] = one.effect
+            effects[one.effect.name] = found.record.model.effects[one.effect.name]
             errors = rung(found.law, effects, impacts, folds)
-            print(line(f"+ {one.id}", errors, bound), flush=True)
+            print(line(f"+ {one.effect}", errors, bound), flush=True)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ law=best and the whole catalogue, knowing nothing; only then is the truth looked
     pair        two effects, both found
     none        nothing hidden: anything named is a false alarm
     unknown     effects that no catalogue entry describes: said to be unknown, with the right component
-    confounded  two effects that leave nearly the same trace, both found or said to be equivalent
+    confounded  two effects that leave nearly the same trace, both found or said to be rivals
     corrupted   columns, axes and units of clean drops spoilt: caught, and clean data not accused
     mujoco      tilt, offset centre of mass, wrong inertia, late sample, by another engine
 
@@ -36,7 +36,8 @@ from threadpoolctl import threadpool_limits
 from contactlearn.audit.corrections import correct
 from contactlearn.data import mujoco, mystery
 from contactlearn.data.mystery.hidden import RIVALS
-from contactlearn.diagnosis.pipeline import Diagnosis, diagnose
+from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.evaluation.metrics import mass_error
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.learning.curves import run
@@ -102,28 +103,29 @@ def one(group: str, names: tuple, seed: int, size: int, noise: float) -> dict:
     found = diagnose(impacts)
     seconds = time.perf_counter() - began
     entry = {
-        "group": group, "names": names, "size": size, "noise": noise, "seed": seed, "found": found.effects,
+        "group": group, "names": names, "size": size, "noise": noise, "seed": seed, "found": list(found.effects),
         "seconds": seconds, "verdict": found.verdict, "law": found.law,
         "repairs": [finding.correction for finding in found.findings],
-        "components": list(found.remainder.components) if found.remainder else [],
-        "equivalents": {k: [e["name"] for e in v] for k, v in found.to_dict()["equivalents"].items()},
+        "components": [str(name) for name in found.remainder.components] if found.remainder else [],
+        "rivals": {one.effect.name: [rival.effect.name for rival in one.rivals] for one in found.missing},
         "sigmas": _sigmas(found, expected),
     }  # fmt: skip
-    if truth is not None and found.ladder:
+    if truth is not None and found.budget is not None:
         best = _error(impacts, truth["v_post_from_measured"])
-        base, named = found.budget["base"]["mean"], found.budget["named"]["mean"]
+        base, named = found.budget.base.mean, found.budget.named.mean
         entry["way"] = (base - named) / (base - best) if base > 1.05 * best else None
         entry["hidden_share"] = 1 - best / base
-        entry["floor"] = found.budget["noise"]["mean"] / best
+        entry["floor"] = found.budget.noise.mean / best
     return entry
 
 
 def _sigmas(found: Diagnosis, expected: dict[str, dict[str, float]]) -> list[float]:
     """How many standard errors the parameters of effects that were rightly named are off."""
     return [
-        (missing.parameters[key]["value"] - value) / missing.parameters[key]["standard_error"]
+        (one.value - expected[str(missing.effect)][one.name]) / one.standard_error
         for missing in found.missing
-        for key, value in expected.get(str(missing.id), {}).items()
+        for one in missing.parameters
+        if one.name in expected.get(str(missing.effect), {})
     ]
 
 
@@ -132,9 +134,9 @@ def _error(impacts: Impacts, v_post: list) -> float:
 
 
 def named(entry: dict, name: str) -> bool:
-    """Whether an effect was named, or one that the diagnosis says is equivalent to it here."""
+    """Whether an effect was named, or one that the diagnosis reports as its rival here."""
     return name in entry["found"] or any(
-        name in others for effect, others in entry["equivalents"].items() if effect in entry["found"]
+        name in others for effect, others in entry["rivals"].items() if effect in entry["found"]
     )
 
 
@@ -173,7 +175,7 @@ def _as_asked(entry: dict) -> bool:
     if entry["group"] == "unknown":
         return entry["verdict"] == "unknown" and COMPONENTS[names[0]] in entry["components"]
     if entry["group"] in ("single", "mujoco"):
-        return bool(found) and (found[0] == names[0] or names[0] in entry["equivalents"].get(found[0], []))
+        return bool(found) and (found[0] == names[0] or names[0] in entry["rivals"].get(found[0], []))
     return all(named(entry, name) for name in names)
 
 

@@ -27,7 +27,10 @@ if TYPE_CHECKING:
         shapes,
     )
     from contactlearn.citation import cite
-    from contactlearn.diagnosis.pipeline import Diagnosis, diagnose
+    from contactlearn.diagnosis.observer import Observer
+    from contactlearn.diagnosis.pipeline import diagnose
+    from contactlearn.diagnosis.result import Diagnosis
+    from contactlearn.diagnosis.thresholds import Thresholds
     from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
     from contactlearn.identification.joint import identify_jointly
     from contactlearn.identification.shared import identify
@@ -45,8 +48,10 @@ __all__ = [
     "Diagnosis",
     "Impacts",
     "Law",
+    "Observer",
     "Prediction",
     "Recipe",
+    "Thresholds",
     "UnknownNameError",
     "__version__",
     "audit",
@@ -76,11 +81,13 @@ _HOME = {
     "ContactLearnError": "errors",
     "ContactModel": "model",
     "DataError": "errors",
-    "Diagnosis": "diagnosis.pipeline",
+    "Diagnosis": "diagnosis.result",
     "Impacts": "impacts",
     "Law": "laws",
+    "Observer": "diagnosis.observer",
     "Prediction": "impacts",
     "Recipe": "learning.recipe",
+    "Thresholds": "diagnosis.thresholds",
     "cite": "citation",
     "UnknownNameError": "errors",
     "diagnose": "diagnosis.pipeline",

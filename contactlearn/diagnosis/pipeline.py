@@ -88,7 +88,7 @@ def diagnose(
         given=dict(effects or {}),
         candidates=candidates or all_candidates(),
         laws={one.name: one for one in (laws or map(find, PAPER_LAWS))} | ({law.name: law} if law else {}),
-        options=FitOptions(noise=noise),
+        options=FitOptions(noise=noise, thresholds=thresholds.fit),
         limits=limits or {},
         thresholds=thresholds,
         observer=observer,

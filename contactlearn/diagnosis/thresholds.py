@@ -8,6 +8,7 @@ used.  Figures draw the same fields.
 from dataclasses import dataclass, field
 
 from contactlearn.audit.thresholds import AuditThresholds
+from contactlearn.identification.thresholds import FitThresholds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,6 +139,8 @@ class Thresholds:
     """Trials below which nothing is diagnosed: five folds of four (row fewest_trials)."""
     audit: AuditThresholds = field(default_factory=AuditThresholds)
     """Of mistakes in the measurements."""
+    fit: FitThresholds = field(default_factory=FitThresholds)
+    """Of outliers of a fit, and of parameters that are not determined."""
     laws: LawThresholds = field(default_factory=LawThresholds)
     """Of the choice of a law."""
     selection: SelectionThresholds = field(default_factory=SelectionThresholds)

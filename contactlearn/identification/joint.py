@@ -17,6 +17,7 @@ from contactlearn.effects import Effect, Parameter, State
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.identification import robust
 from contactlearn.identification.shared import Box
+from contactlearn.identification.thresholds import FitThresholds
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
 from contactlearn.mechanics import velocity_per_wrench
@@ -25,10 +26,6 @@ from contactlearn.numerics import is_number
 
 TARGETS = ("velocity", "wrench")
 _SCATTER = 6  # numbers of a scatter matrix; as many again keep it from being singular
-_OPEN = 0.125  # of its plausible range: a parameter with a larger standard error is not determined
-_HARDLY = 0.07  # weight of a trial at five standard deviations in each of three components
-_FEW = 5.0  # trials
-_ALIKE = 0.95  # correlation from which on two parameters are said to do the same
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +48,8 @@ class FitOptions:
     """
     starts: int = 8
     """Of the search, for each subset."""
+    thresholds: FitThresholds = FitThresholds()
+    """Limits of what is said about the fit."""
 
     def __post_init__(self):
         if self.noise is not None and (len(self.noise) != 3 or not all(is_number(x) and x > 0 for x in self.noise)):
@@ -78,6 +77,7 @@ class JointFit:
     loss: Tensor  # [...] what was minimised, nats a trial
     agreement: Tensor  # [...] share of the starts followed to the end that came to the best one
     converged: Tensor  # [...]
+    thresholds: FitThresholds = FitThresholds()
 
     @property
     def standard_errors(self) -> Tensor:
@@ -93,7 +93,7 @@ class JointFit:
     @property
     def inliers(self) -> Tensor:
         """Trials [..., n] whose weight is not negligible; the residual of the others is over five times the typical."""
-        return self.weight >= _HARDLY
+        return self.weight >= self.thresholds.outlier_weight
 
     @property
     def outliers(self) -> int:
@@ -108,13 +108,13 @@ class JointFit:
             others = self.correlation[k].abs().clone()
             others[k] = 0
             other, share, reasons = int(others.argmax()), error / (p.high - p.low), []
-            if share > _OPEN:
+            if share > self.thresholds.open_share:
                 reasons.append(f"its standard error is {share:.0%} of its plausible range" if share < 1 else "nothing")
-            if others.max() > _ALIKE:
+            if others.max() > self.thresholds.correlation:
                 reasons.append(
                     f"its correlation with {self.parameters[other].name} is {self.correlation[k, other]:+.3f}"
                 )
-            if told[k] < _FEW and share <= 1:
+            if told[k] < self.thresholds.effective_trials and share <= 1:
                 reasons.append(f"about {max(1, round(told[k]))} trials tell of it")
             if reasons:
                 found[p.name] = " and ".join(reasons).replace("nothing", "hardly anything depends on it")
@@ -169,7 +169,8 @@ def identify_jointly(
         for x in (theta, covariance, scatter, weight, effective, loss, agreement, converged)
     )
     theta, covariance, *others = back
-    return JointFit(assemble(law, effects, theta, covariance), parameters, theta, covariance, *others)
+    model = assemble(law, effects, theta, covariance)
+    return JointFit(model, parameters, theta, covariance, *others, thresholds=options.thresholds)
 
 
 class Linearisation(NamedTuple):

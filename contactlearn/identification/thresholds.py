@@ -1,0 +1,22 @@
+"""Thresholds of a joint fit: every number that decides which trials count and which parameters are determined.
+
+The row of `benchmarks/thresholds.py` that shows a range of a threshold is named behind its reason.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitThresholds:
+    """Limits of the statements about a fit."""
+
+    outlier_weight: float = 0.07
+    """Weight of a trial, 1 for an ordinary one, below which it is a gross outlier: that of five standard deviations in
+    each of three components (row fit.outlier_weight)."""
+    open_share: float = 0.125
+    """Standard error of a parameter, of its plausible range, above which it is not determined: its 95 % interval then
+    covers half of the range (row fit.open_share)."""
+    correlation: float = 0.95
+    """Correlation above which two parameters do the same on these data (row fit.correlation)."""
+    effective_trials: float = 5.0
+    """Trials in effect below which the information on a parameter comes from too few (row fit.effective_trials)."""
