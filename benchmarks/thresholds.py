@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.learning.curves import run
-from studies import conventions, descriptions, measurements, residuals, search
+from studies import conventions, descriptions, fits, measurements, residuals, search
 from studies.memory import memory
 from studies.study import Row, paths, replaced
 
@@ -32,6 +32,7 @@ ROWS: tuple[Row, ...] = (
     *search.ROWS,
     *residuals.ROWS,
     *descriptions.ROWS,
+    *fits.ROWS,
 )
 STUDIES = {row.study.name: row.study for row in ROWS}
 

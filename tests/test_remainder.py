@@ -104,7 +104,7 @@ def test_an_unknown_effect_remains_with_its_component_and_symbols(unknown):
 @pytest.mark.parametrize("name", ["com_offset", "velocity_dependent_restitution", "surface_tilt"])
 def test_a_named_effect_leaves_nothing_once_it_is_in_the_model(name):
     drops, truth, with_ = hidden(name, fitted=[name])
-    assert what_remains(drops, identify_jointly(laws.find(truth["law"]), {}, drops)).found
+    assert what_remains(drops, identify_jointly(laws.find(truth["law"]), {}, drops)).remainder.found
     found = what_remains(drops, with_).remainder
     assert found.components == ()
     assert found.share.mean < 0.03

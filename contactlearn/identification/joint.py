@@ -102,23 +102,26 @@ class JointFit:
 
     def undetermined(self) -> dict[str, str]:
         """What a single subset's data leave open: parameter → reasons with the numbers that show them."""
-        found = {}
-        errors, told = self.standard_errors.tolist(), self.effective_trials.tolist()
-        for k, (p, error) in enumerate(zip(self.parameters, errors, strict=True)):
-            others = self.correlation[k].abs().clone()
-            others[k] = 0
-            other, share, reasons = int(others.argmax()), error / (p.high - p.low), []
-            if share > self.thresholds.open_share:
-                reasons.append(f"its standard error is {share:.0%} of its plausible range" if share < 1 else "nothing")
-            if others.max() > self.thresholds.correlation:
-                reasons.append(
-                    f"its correlation with {self.parameters[other].name} is {self.correlation[k, other]:+.3f}"
-                )
-            if told[k] < self.thresholds.effective_trials and share <= 1:
-                reasons.append(f"about {max(1, round(told[k]))} trials tell of it")
-            if reasons:
-                found[p.name] = " and ".join(reasons).replace("nothing", "hardly anything depends on it")
-        return found
+        reasons = {p.name: " and ".join(self._open(k)) for k, p in enumerate(self.parameters)}
+        return {name: said for name, said in reasons.items() if said}
+
+    def _open(self, k: int) -> list[str]:
+        """Why the data do not determine parameter k."""
+        p, limits, correlation = self.parameters[k], self.thresholds, self.correlation[k]
+        others = correlation.abs().clone()
+        others[k] = 0
+        other, share = int(others.argmax()), self.standard_errors[k].item() / (p.high - p.low)
+        reasons = []
+        if share >= 1:
+            reasons.append("hardly anything depends on it")
+        elif share > limits.open_share:
+            reasons.append(f"its standard error is {share:.0%} of its plausible range")
+        if others.max() > limits.correlation:
+            reasons.append(f"its correlation with {self.parameters[other].name} is {correlation[other]:+.3f}")
+        trials = self.effective_trials[k].item()
+        if trials < limits.effective_trials and share <= 1:
+            reasons.append(f"about {max(1, round(trials))} trials tell of it")
+        return reasons
 
     def at_bounds(self) -> dict[str, str]:
         """Parameters of a single subset that end at a bound: parameter → what that means."""

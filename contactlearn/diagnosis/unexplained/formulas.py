@@ -70,8 +70,8 @@ def formulas(
         UnknownNameError: no such component.
         ContactLearnError: scikit-learn is not installed, or the model has no law.
     """
-    if component not in tuple(WrenchComponent):
-        raise UnknownNameError("component of the wrench", component, tuple(WrenchComponent))
+    if component not in (known := [one.value for one in WrenchComponent]):
+        raise UnknownNameError("component of the wrench", component, known)
     if not isinstance(model.base, Law):
         raise ContactLearnError(f"a formula acts around a law, got {model.base}; fit one, such as law=wang_mason")
     if name in model.effects:
