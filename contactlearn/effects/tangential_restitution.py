@@ -46,6 +46,6 @@ class TangentialRestitution(Effect):
         return columns(P_t + change * t, P_n + change * n, tau)
 
 
-def _room(left: Tensor, rate: Tensor) -> Tensor:
-    """Change of v_t, m/s, that uses up what is left of the cone."""
-    return torch.where(rate > 0, left / torch.where(rate > 0, rate, 1.0), torch.inf)
+def _room(distance: Float[Tensor, "..."], rate: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+    """Change of v_t, m/s, at which an impulse that approaches the edge of the cone at `rate` reaches it."""
+    return torch.where(rate > 0, distance / torch.where(rate > 0, rate, 1.0), torch.inf)

@@ -8,11 +8,13 @@
 
 pytest then finds the methods: the effect declares itself, changes nothing at its vanishing values, acts
 elsewhere, treats a batch like a loop, has exact gradients, mirrors as it says and adds energy as it says.
+Each form of a family is a class and has a test class of its own.
 """
 
 import math
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.data import synthetic
@@ -45,8 +47,13 @@ class EffectContract:
         steep = v[:, 1] + drops.r[:, 0] * v[:, 2] < -0.1
         return drops[steep].replace(v_pre=v[steep])
 
-    def predict(self, impacts: Impacts, values: Tensor, coefficients: Tensor = COEFFICIENTS) -> Prediction:
-        """With the effect at values [..., K]."""
+    def predict(
+        self,
+        impacts: Impacts,
+        values: Float[Tensor, "*batch k"],
+        coefficients: Float[Tensor, "2"] = COEFFICIENTS,
+    ) -> Prediction:
+        """Predict with the effect at values [..., K] of its parameters."""
         theta = torch.cat((coefficients.expand(*values.shape[:-1], 2), values), -1)
         return assemble(self.law, {"it": self.prepared}, theta).predict(impacts)
 
@@ -55,8 +62,8 @@ class EffectContract:
         """The effect with the numbers that it takes from the data."""
         return self.effect.prepare(self.impacts())
 
-    def samples(self, count: int = 16) -> Tensor:
-        """Values [count, K] spread over a third of the plausible ranges about the vanishing ones."""
+    def samples(self, count: int = 16) -> Float[Tensor, "count k"]:
+        """Draw values [count, K] spread over a third of the plausible ranges about the vanishing ones."""
         generator = torch.Generator().manual_seed(7)
         low, high = torch.tensor([(p.low, p.high) for p in self.effect.parameters], dtype=torch.float64).T
         at_rest = columns(*self.effect.vanished().values)
