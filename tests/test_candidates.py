@@ -17,6 +17,7 @@ from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import ContactLearnError
 from contactlearn.identification.joint import assemble
 from contactlearn.laws import find
+from contactlearn.results import folder as run_folder
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +79,9 @@ def test_ones_own_candidate_is_found_from_the_command_line(tmp_path):
     ]
     own = ['+candidate.mine.tau="c*Pn*sin(3*theta)"', "+candidate.mine.parameters.c=[-0.02,0.02]"]
     run("diagnose.py", *words, *own, "law=wang_mason", f"hydra.run.dir={tmp_path / 'found'}")
-    found = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
-    assert [missing["name"] for missing in found["missing_effects"]] == ["mine"]
-    command = shlex.split(found["command"])
+    result = run_folder.read(tmp_path / "found" / "diagnosis.json")
+    assert result.diagnosis.effects == ("mine",)
+    command = shlex.split(result.use)
     assert '+effect.mine.tau="c*Pn*sin(3*theta)"' in command
     run(
         *command[1:],
@@ -91,8 +92,8 @@ def test_ones_own_candidate_is_found_from_the_command_line(tmp_path):
     )
     errors = json.loads((tmp_path / "used" / "results.json").read_text())["errors"]
     assert errors["wang_mason + mine"]["mass_error"]["high"] < errors["wang_mason"]["mass_error"]["low"]
-    value = found["missing_effects"][0]["parameters"]["c"]
-    assert value["value"] == pytest.approx(0.004, abs=4 * value["standard_error"])
+    (c,) = result.diagnosis.missing[0].parameters
+    assert c.value == pytest.approx(0.004, abs=4 * c.standard_error)
 
 
 def test_a_candidate_with_the_name_of_another_effect_is_refused():
@@ -119,5 +120,5 @@ def test_limits_and_settings_reach_the_experiment_and_the_command(tmp_path):
     assert "limits.v_y must be [low, high]" in run("diagnose.py", "data.size=60", "+limits.v_y=-3", status=2)
     words = ("data=mystery", "data.seed=11", "data.size=80", f"data.folder={tmp_path}", "fit.noise=[0.01,0.01,0.4]")
     run("diagnose.py", *words, "law=wang_mason", "+limits.v_y=[-3,-1]", f"hydra.run.dir={tmp_path / 'found'}")
-    command = json.loads((tmp_path / "found" / "diagnosis.json").read_text())["command"]
-    assert "fit.noise=[0.01,0.01,0.4]" in shlex.split(command)
+    result = run_folder.read(tmp_path / "found" / "diagnosis.json")
+    assert "fit.noise=[0.01,0.01,0.4]" in shlex.split(result.use)

@@ -23,6 +23,7 @@ from contactlearn.evaluation.metrics import mass_error
 from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.impacts import Prediction
 from contactlearn.laws import find
+from contactlearn.results import folder as run_folder
 
 
 def few(*names):
@@ -222,20 +223,20 @@ def test_the_loop_from_the_command_line(tmp_path):
     printed = run(
         "diagnose.py", "data=table", f"data.path={tmp_path / 'drops.csv'}", shape, f"hydra.run.dir={tmp_path / 'found'}"
     )
-    result = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
-    found = Diagnosis.from_json(json.dumps(result))
+    result = run_folder.read(tmp_path / "found" / "diagnosis.json")
+    found = result.diagnosis
     assert found.effects[0] == "contact_patch"
     assert (tmp_path / "found" / "figures" / "ladder.png").exists()
     assert "missing: contact patch" in printed
     assert "verdict: " in printed
     (command,) = re.findall(r"to use it: python (.*)", printed)
-    assert command == result["command"].removeprefix("python ")
+    assert command == result.use.removeprefix("python ")
     run(*shlex.split(command), "train.repetitions=5", "figures.repetitions=2", "bootstrap=50",
         f"hydra.run.dir={tmp_path / 'used'}", cwd=ROOT)  # fmt: skip
     errors = json.loads((tmp_path / "used" / "results.json").read_text())["errors"]
     with_ = next(entry for name, entry in errors.items() if "contact_patch" in name)["mass_error"]["mean"]
     floor = mass_error(impacts, Prediction(torch.tensor(truth["v_post_from_measured"]), None)).mean().item()
-    base = errors[result["law"]]["mass_error"]["mean"]
+    base = errors[found.law]["mass_error"]["mean"]
     assert base - with_ > 0.85 * (base - floor)
 
 

@@ -58,9 +58,9 @@ def test_a_law_of_ones_own_takes_part_in_a_diagnosis(package, tmp_path):
     printed = run("diagnose.py", "data.size=100", *CHOSEN, f"hydra.run.dir={tmp_path / 'run'}")
     assert "bumpy_floor" in printed
     found = results(tmp_path / "run", "diagnosis.json")
-    assert found["law"] == "bumpy_floor"
+    assert found["diagnosis"]["law"] == "bumpy_floor"
     assert "Bumpy floor" in (tmp_path / "run" / "report.html").read_text("utf-8")
-    assert all(word in found["command"] for word in CHOSEN)
+    assert all(word in found["use"] for word in CHOSEN)
 
 
 def test_a_trained_law_of_ones_own_comes_back(package, tmp_path):

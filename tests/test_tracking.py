@@ -21,6 +21,8 @@ from contactlearn.data import mystery, table
 from contactlearn.effects import catalogue, find_effect
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.report.tensorboard import Tracker, ends
+from contactlearn.report.text import base_label, rung_label
+from contactlearn.results import folder as run_folder
 
 with warnings.catch_warnings():  # the copy of html5lib in TensorBoard warns of itself
     warnings.simplefilter("ignore", DeprecationWarning)
@@ -166,11 +168,15 @@ def test_every_run_has_the_same_hyperparameters_and_metrics(runs):
         ]
 
 
+def diagnosed(folder):
+    """The result of the diagnosis among the runs."""
+    return run_folder.read(folder / "diagnose" / "diagnosis.json")
+
+
 def test_runs_say_what_they_were_made_with(runs):
     folder, events = runs
     made = {name: values(found) for name, found in events.items()}
-    found = json.loads((folder / "diagnose" / "diagnosis.json").read_text())
-    missing = [effect["name"] for effect in found["missing_effects"]]
+    missing = diagnosed(folder).diagnosis.effects
     assert missing
     expected = {
         "train": ("train", "wang_mason", "analytical", 20, ["surface_tilt"]),
@@ -251,13 +257,13 @@ def test_the_charts_of_all_commands_stand_together(runs):
 
 def test_the_ladder_is_a_chart(runs):
     folder, events = runs
-    found, events = json.loads((folder / "diagnose" / "diagnosis.json").read_text()), events["diagnose"]
-    ladder = [rung["mean"] for rung in found["ladder"]]
+    found, events = diagnosed(folder).diagnosis, events["diagnose"]
+    ladder = [rung.error.mean for rung in found.ladder]
     assert [event.value for event in events.Scalars("ladder/mass_error")] == torch.tensor(ladder).tolist()
     assert [event.step for event in events.Scalars("ladder/mass_error")] == list(range(len(ladder)))
     (series,) = next(iter(layout(events)["Ladder of a diagnosis"].values())).margin.series
     assert series.value == "ladder/mass_error"
-    steps = {"wang_mason": ladder[0], "model": ladder[len(found["missing_effects"])]}
+    steps = {"wang_mason": ladder[0], "model": ladder[len(found.missing)]}
     for name, level in steps.items():
         assert events.Scalars(f"mass_error/{name}")[0].value == torch.tensor(level).item()
     assert "figures/ladder" in events.Tags()["images"]
@@ -286,12 +292,13 @@ def test_cards_tell_what_was_run_and_found(runs):
 
 def test_the_card_of_a_diagnosis_has_the_verdict_and_the_rungs(runs):
     folder, events = runs
-    found = json.loads((folder / "diagnose" / "diagnosis.json").read_text())
-    rows = card(events["diagnose"])
+    result = diagnosed(folder)
+    found, rows = result.diagnosis, card(events["diagnose"])
     assert "missing from Wang–Mason" in dict(row[:2] for row in rows)["Verdict"]
-    assert dict(row[:2] for row in rows)["To use it"] == found["command"]
-    assert [row[0] for row in rows[-len(found["ladder"]) :]] == [rung["step"] for rung in found["ladder"]]
-    assert any(row[0].partition(":")[0] == found["missing_effects"][0]["name"] for row in rows)
+    assert dict(row[:2] for row in rows)["To use it"] == result.use
+    steps = [rung_label(rung, base_label(found)) for rung in found.ladder]
+    assert [row[0] for row in rows[-len(steps) :]] == steps
+    assert any(row[0].partition(":")[0] == found.effects[0] for row in rows)
 
 
 def test_a_diagnosis_of_no_impacts_is_a_run_too(tmp_path, runs):

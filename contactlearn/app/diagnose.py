@@ -49,7 +49,7 @@ def diagnose(cfg: DictConfig) -> None:
     command = _command(cfg, found)
     report.show_verdict(found, command)
     provenance = results.provenance(impacts, cfg)
-    write_result(folder, DiagnosisRun(provenance=provenance, use=command if found.missing else "", diagnosis=found))
+    write_result(folder, DiagnosisRun(provenance=provenance, use=command, diagnosis=found))
     if found.record is not None:
         found.record.save(folder, asdict(provenance))
     with Tracker(folder, len(impacts)) as tracker:

@@ -43,5 +43,5 @@ def _content(folder: Path, result: Result) -> dict:
     if isinstance(result, DiagnosisRun):
         found = result.diagnosis
         record = None if found.choices is None else Record.load(folder)
-        return of_diagnosis(replace(found, record=record), result.provenance, use=result.use)
+        return of_diagnosis(replace(found, record=record), result.provenance, use=result.use if found.missing else "")
     raise ContactLearnError(f"{folder}: a run of kind {result.kind} has no page of its own")
