@@ -206,9 +206,8 @@ def test_corrupted_data_are_mended_first_and_then_explained():
 def test_data_of_no_impact_are_refused():
     impacts, _ = mystery.draw(5, effects=[], size=120)
     order = torch.randperm(120, generator=torch.Generator().manual_seed(0))
-    found = diagnose(
-        impacts.replace(v_post=impacts.v_post[order] * torch.tensor((1.0, -1.0, 3.0)), suspect=True), "best"
-    )
+    shuffled = impacts.v_post[order] * torch.tensor((1.0, -1.0, 3.0))
+    found = diagnose(impacts.replace(v_post=shuffled, suspect=True))
     assert found.verdict == "bad_data"
     assert any(finding.fatal for finding in found.findings)
     assert found.missing == ()
