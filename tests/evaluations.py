@@ -2,6 +2,7 @@
 
 import torch
 
+from contactlearn.app.results import ranked
 from contactlearn.effects import EffectId
 from contactlearn.evaluation.metrics import METRICS, Interval, bootstrap
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors
@@ -32,10 +33,10 @@ def law_estimate(law, mu=0.1, eps=0.5):
     )  # fmt: skip
 
 
-def joint_estimate(equation=""):
+def joint_estimate(law="mirtich", *effects):
     return JointEstimate(
-        equation=equation, parameters=(), correlation=(), undetermined={}, at_bounds={}, loss=0.0, starts_at_best=1.0,
-        converged=True, trials=20, outliers=0,
+        law=law, effects=tuple(map(EffectId.parse, effects)), equation="", parameters=(), correlation=(),
+        undetermined={}, at_bounds={}, loss=0.0, starts_at_best=1.0, converged=True, trials=20, outliers=0,
     )  # fmt: skip
 
 
@@ -57,7 +58,7 @@ def training(law="mirtich", size=20, error=0.2, effects=(), **data):
         trained_on=size,
         equation=law,
         fits=(),
-        joint={law: joint_estimate(), model: joint_estimate()} if effects else {},
+        joint={law: joint_estimate(law), model: joint_estimate(law, *effects)} if effects else {},
         errors={law: errors(1.5 * error)} | {model: errors(error)},
         irb=interval(0.05),
         processes=(),
@@ -78,6 +79,8 @@ def evaluation(size=20, **data):
         fits=(law_estimate("mirtich"), law_estimate("whittaker")),
         joint={},
         errors={name: errors(mean) for name, mean in means.items()},
+        best="mirtich",
+        differences={"whittaker": interval(0.1)},
         tables="parquet",
         shape=None,
     )
@@ -93,6 +96,7 @@ def evaluation_of(impacts, predictions, laws, config, curves=()):
             for key, metric in METRICS.items()
         }
         table[name] = ModelErrors(**intervals, outside_admissible=0.0)
+    best, differences = ranked(impacts, predictions)
     law = min(laws, key=lambda name: table[name].headline)
     result = Evaluation(
         provenance=provenance(config, impacts.source, len(impacts), impacts.fingerprint()),
@@ -101,8 +105,10 @@ def evaluation_of(impacts, predictions, laws, config, curves=()):
         effects=(),
         norm="mass",
         fits=tuple(law_estimate(name, float(one.mu), float(one.eps)) for name, one in laws.items()),
-        joint={},
+        joint={name: joint_estimate(*name.split(" + ")) for name in predictions if " + " in name},
         errors=table,
+        best=best,
+        differences=differences,
         tables="parquet",
         shape=shape_entries(impacts.shape),
         learning_curves=dict(curves),

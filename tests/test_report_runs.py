@@ -216,9 +216,9 @@ def test_every_command_has_its_numbers(mixed):
     assert cells["Law alone"] == said(own["budget"]["base"])
     assert cells["Noise floor"] == said(own["budget"]["noise"])
     assert cells["IRB bound"] == said(own["budget"]["bound"])
-    assert (cells["Verdict"], cells["Missing effects"]) == ("effects are missing", "spin damping")
+    assert (cells["Verdict"], cells["Missing effects"]) == ("effects are missing", "spin damping (after)")
     assert (cells["Command"], cells["Trials"], cells["SHA-256 of the data"]) == ("diagnose", "200", "a" * 10)
-    assert (cells["spin damping"], cells["surface tilt"]) == ("✓ found", "")
+    assert (cells["spin damping (after)"], cells["surface tilt"]) == ("✓ found", "")
     assert row(text, "b10")["surface tilt"] == "✓ "
     assert row(text, "b10")["Held-out mass error"] == said(interval(0.15))
     assert row(text, "b10")["Law alone"] == said(interval(1.5 * 0.15))
@@ -304,7 +304,7 @@ DAMAGED = {
     "list": ([1], "expected object, got array"),
     "no hash": (changed(trained(), "provenance", "data", to={"source": "x", "trials": 3}), "sha256 is not there"),
     "no provenance": ({"kind": "training"}, "provenance is not there"),
-    "no errors": (trained() | {"errors": {}}, "model must be one of those in errors (none)"),
+    "no errors": (trained() | {"errors": {}}, "a model must be one of those in errors (none)"),
     "text for number": (changed(trained(), *ERROR, "low", to="x"), "errors.mirtich.mass_error.low: expected float"),
     "negative": (changed(trained(), *ERROR, "low", to=-1), "errors.mirtich: mass_error must be a number, 0 or more"),
     "errors a list": (trained() | {"errors": [1]}, "errors: expected object"),
@@ -514,9 +514,9 @@ def test_filtering_by_effect(browser, mixed):  # noqa: F811
     assert len(shown.execute_script(f"return {ladders}")) == 1
     into_view(shown, "by-run")
     assert until(shown, "document.querySelector('#by-run').layout.yaxis.ticktext.length === 2")
-    assert choose("spin_damping", "without") == ["b10", "two"]
+    assert choose("spin_damping:after", "without") == ["b10", "two"]
     assert choose("surface_tilt", "without") == ["b9", "evaluation"]
-    assert choose("spin_damping", "with") == ["javascript:alert(1)/#<b>?%41"]
-    choose("spin_damping", "")
+    assert choose("spin_damping:after", "with") == ["javascript:alert(1)/#<b>?%41"]
+    choose("spin_damping:after", "")
     assert len(choose("surface_tilt", "")) == 5
     assert silent(shown)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 from diagnoses import SIX, made_up, missing, remainder
+from evaluations import evaluation, joint_estimate
 
 from contactlearn.audit.result import Finding
 from contactlearn.diagnosis.observer import Task
@@ -34,7 +35,7 @@ from contactlearn.report.text import (
     headline,
     interval,
     measured,
-    model_label,
+    model_labels,
     rung_label,
     sentence,
     stages,
@@ -69,7 +70,13 @@ def test_words():
     assert measured(-3.2e-7, 4e-8) == "−3.2e−7 ± 4e−8"
     known = EffectId("velocity_dependent_restitution", "kuwabara_kono")
     assert effect_label(known) == "velocity-dependent restitution (Kuwabara–Kono)"
-    assert model_label("wang_mason + side_drag") == "Wang–Mason + side drag"
+    joint = {"irb": joint_estimate("wang_mason", "side_drag"), "mirtich": joint_estimate("mirtich")}
+    assert model_labels(replace(evaluation(), joint=joint)) == {
+        "mirtich": "Mirtich (joint)",
+        "whittaker": "Whittaker",
+        "best_post_hoc": "Best Post Hoc",
+        "irb": "Wang–Mason + side drag",
+    }
     assert sentence("x points left") == "x points left."
     assert sentence("no balance. Is it?") == "No balance. Is it?"
 

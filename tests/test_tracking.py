@@ -17,9 +17,11 @@ from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 from test_commands import SMALL, TRAIN, run
 
 from contactlearn import laws
+from contactlearn.__main__ import main
 from contactlearn.data import mystery, table
 from contactlearn.effects import catalogue, find_effect
 from contactlearn.evaluation.metrics import Interval
+from contactlearn.identification import robust
 from contactlearn.report.tensorboard import Tracker, ends
 from contactlearn.report.text import base_label, rung_label
 from contactlearn.results import folder as run_folder
@@ -288,6 +290,17 @@ def test_cards_tell_what_was_run_and_found(runs):
     shown = {row[0]: row[1:] for row in card(events["train"]) if len(row) == 3}
     entry = errors["wang_mason + surface_tilt"]["mass_error"]
     assert shown["wang_mason + surface_tilt"] == [f"{entry['mean']:.4f}", f"{entry['low']:.4f}–{entry['high']:.4f}"]
+
+
+def test_the_page_of_a_diagnosis_is_drawn_again(runs, monkeypatch):
+    """From the folder alone: neither the data nor any fit is there."""
+    folder = runs[0] / "diagnose"
+    drawn = (folder / "report.html").read_bytes()
+    (folder / "report.html").unlink()
+    monkeypatch.setattr(mystery, "load", None)
+    monkeypatch.setattr(robust, "search", None)
+    assert main(["report", str(folder)]) == 0
+    assert (folder / "report.html").read_bytes() == drawn
 
 
 def test_the_card_of_a_diagnosis_has_the_verdict_and_the_rungs(runs):

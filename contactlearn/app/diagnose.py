@@ -1,11 +1,14 @@
-"""Diagnose a contact model: findings as they come, the verdict, diagnosis.json, figures."""
+"""Diagnose a contact model: each stage as it comes, diagnosis.json and its record, figures, page."""
 
 import shlex
 from collections.abc import Mapping
 from dataclasses import asdict
+from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
+from matplotlib.figure import Figure
 from omegaconf import DictConfig
+from rich.progress import Progress
 
 from contactlearn.app import fitting, loading, record, results, settings
 from contactlearn.app.laws import chosen_law, named_laws
@@ -28,54 +31,56 @@ from contactlearn.results.folder import write_result
 
 
 def diagnose(cfg: DictConfig) -> None:
-    """Audit, law, regions, effects, ladder, figures; each finding is printed as soon as it is known."""
+    """Find the missing effects; each stage is printed as soon as it is known, the conclusion once it is on disk."""
     settings.check(cfg)
-    effects = settings.effects(cfg)
-    folder = results.run_folder()
-    impacts = loading.load_data(cfg.data, suspect=True)
+    folder, impacts = results.run_folder(), loading.load_data(cfg.data, suspect=True)
     report.show_start(impacts)
     with terminal.progress() as bar:
-        found = pipeline.diagnose(
-            impacts,
-            chosen_law(cfg),
-            effects,
-            candidates=_candidates(cfg, effects),
-            laws=list(named_laws(cfg, PAPER_LAWS).values()),
-            noise=None if cfg.fit.noise is None else tuple(cfg.fit.noise),
-            limits={name: tuple(ends) for name, ends in cfg.limits.items()},
-            seed=cfg.seed,
-            observer=report.TerminalObserver(bar),
-        )
+        found = _found(cfg, impacts, bar)
     command = _command(cfg, found)
-    report.show_verdict(found, command)
-    provenance = results.provenance(impacts, cfg)
-    write_result(folder, DiagnosisRun(provenance=provenance, use=command, diagnosis=found))
+    result = DiagnosisRun(provenance=results.provenance(impacts, cfg), use=command, diagnosis=found)
     if found.record is not None:
-        found.record.save(folder, asdict(provenance))
-    with Tracker(folder, len(impacts)) as tracker:
-        _log(tracker, cfg, found, impacts)
-        verdict = {"Verdict": headline(found), "To use it": command}
-        errors = {rung_label(rung, base_label(found)): rung.error for rung in found.ladder}
-        record.log_card(tracker, provenance, [found.equation] if found.equation else [], errors, verdict)
-        record.save_figures(drawn(found, impacts), folder, tracker)
-    write_page(folder, found, provenance, use=command if found.missing else "")
+        found.record.save(folder, asdict(result.provenance))
+    write_result(folder, result)
+    report.show_verdict(found, command)
+    _record(cfg, folder, result, drawn(found, impacts))
+    write_page(folder, found, result.provenance, use=command if found.missing else "")
     terminal.show_folder(folder)
 
 
-def _log(tracker: Tracker, cfg: DictConfig, found: Diagnosis, impacts: Impacts) -> None:
-    """The ladder as a chart, its law and its model as runs of the other commands log theirs."""
-    tag, effects = f"ladder/{HEADLINE}", dict.fromkeys((*cfg.effect, *found.effects))
-    if found.budget is not None:
-        tracker.series(tag, [rung.error for rung in found.ladder])
-        model = {
-            f"{HEADLINE}/{fitting.augmented_name(found.law, cfg.effect)}": found.budget.base,
-            record.MODEL: found.budget.named,
-        }
-        tracker.scalars(model | {record.BOUND: found.budget.bound})
-    tracker.charts(
-        record.charts() | {"Ladder of a diagnosis": {"Mass error by rung; the run card names the rungs": tag}}
+def _found(cfg: DictConfig, impacts: Impacts, bar: Progress) -> Diagnosis:
+    effects = settings.effects(cfg)
+    return pipeline.diagnose(
+        impacts,
+        chosen_law(cfg),
+        effects,
+        candidates=_candidates(cfg, effects),
+        laws=list(named_laws(cfg, PAPER_LAWS).values()),
+        noise=settings.noise(cfg),
+        limits={name: tuple(ends) for name, ends in cfg.limits.items()},
+        seed=cfg.seed,
+        observer=report.TerminalObserver(bar),
     )
-    record.log_hyperparameters(tracker, cfg, impacts.source, len(impacts), found.law if found.ladder else None, effects)
+
+
+def _record(cfg: DictConfig, folder: Path, result: DiagnosisRun, figures: Mapping[str, Figure], command: str) -> None:
+    """Log the ladder as a chart, its law and its model as runs of the other commands log theirs, and the figures."""
+    found, data, tag = result.diagnosis, result.provenance.data, f"ladder/{HEADLINE}"
+    with Tracker(folder, data.trials) as tracker:
+        if found.budget is not None:
+            tracker.series(tag, [rung.error for rung in found.ladder])
+            base = f"{HEADLINE}/{fitting.augmented_name(found.law, cfg.effect)}"
+            model = {base: found.budget.base, record.MODEL: found.budget.named}
+            tracker.scalars(model | {record.BOUND: found.budget.bound})
+        ladder = {"Mass error by rung; the run card names the rungs": tag}
+        tracker.charts(record.charts() | {"Ladder of a diagnosis": ladder})
+        law, effects = found.law if found.ladder else None, dict.fromkeys((*cfg.effect, *found.effects))
+        record.log_hyperparameters(tracker, cfg, data.source, data.trials, law, effects)
+        verdict = {"Verdict": headline(found), "To use it": result.use}
+        errors = {rung_label(rung, base_label(found)): rung.error for rung in found.ladder}
+        equations = [found.equation] if found.equation else []
+        record.log_card(tracker, result.provenance, equations, errors, verdict)
+        record.save_figures(figures, folder, tracker)
 
 
 def _candidates(cfg: DictConfig, effects: Mapping[str, Effect]) -> dict[EffectId, Effect]:

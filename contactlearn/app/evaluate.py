@@ -29,12 +29,10 @@ from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
 from contactlearn.report.tensorboard import Tracker
 from contactlearn.results import folder as run_folder
-from contactlearn.results.evaluation import Evaluation
+from contactlearn.results.evaluation import BEST_POST_HOC, IRB, Evaluation
 from contactlearn.results.held_out import HeldOut
 from contactlearn.results.tables import save_curves, save_trial_parameters
 from contactlearn.shapes import shape_entries
-
-BEST_POST_HOC, IRB = "best_post_hoc", "irb"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,6 +117,7 @@ def _result(cfg: DictConfig, data: Split, compared: _Compared) -> Evaluation:
     """
     errors = results.error_table(data.test, compared.predictions, cfg.bootstrap, data.generator)
     joint = {name: results.joint_estimate(fit) for name, fit in compared.joint.items()}
+    best, differences = results.ranked(data.test, compared.predictions)
     law, laws = chosen_law(cfg).name, [fit.law.name for fit in compared.fits]
     law = law if joint or law in laws else min(laws, key=lambda name: errors[name].headline)
     return Evaluation(
@@ -130,6 +129,8 @@ def _result(cfg: DictConfig, data: Split, compared: _Compared) -> Evaluation:
         fits=tuple(map(results.law_estimate, compared.fits)),
         joint=joint,
         errors=errors,
+        best=best,
+        differences=differences,
         tables=cfg.tables,
         shape=shape_entries(data.test.shape),
     )

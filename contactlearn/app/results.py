@@ -14,6 +14,7 @@ import contactlearn
 from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import Effect, EffectId
 from contactlearn.evaluation import metrics
+from contactlearn.evaluation.metrics import Interval
 from contactlearn.identification.joint import JointFit
 from contactlearn.identification.shared import SharedFit
 from contactlearn.impacts import Impacts, Prediction
@@ -21,6 +22,7 @@ from contactlearn.learning.recipe import OUTPUTS, Recipe
 from contactlearn.regression.features import SPACES
 from contactlearn.regression.regressor import Regressor
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate
+from contactlearn.results.evaluation import BEST_POST_HOC, IRB
 from contactlearn.results.provenance import DataSource, Provenance
 
 
@@ -76,6 +78,8 @@ def joint_estimate(fit: JointFit) -> JointEstimate:
     """Return a law with effects, fitted to one subset, as numbers."""
     numbers = zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True)
     return JointEstimate(
+        law=fit.model.base.name,
+        effects=effect_ids(fit.model.effects),
         equation=str(fit.model),
         parameters=tuple(
             FittedParameter(name=p.name, symbol=p.symbol, unit=p.unit, value=value, standard_error=error)
@@ -126,3 +130,18 @@ def error_table(
         outside = metrics.outside_admissible(test, prediction.wrench[..., :2])
         table[name] = ModelErrors(**intervals, outside_admissible=outside.double().mean().item())
     return table
+
+
+def ranked(test: Impacts, predictions: Mapping[str, Prediction]) -> tuple[str, dict[str, Interval]]:
+    """Compare the models by their mass error on the same trials.
+
+    Returns:
+        The model with the least mean error, bounds aside; and the error of each other model less that of the best,
+        paired by trial, with its interval, the smallest mean first.
+    """
+    errors = {
+        name: metrics.mass_error(test, one) for name, one in predictions.items() if name not in (BEST_POST_HOC, IRB)
+    }
+    best, *others = sorted(errors, key=lambda name: errors[name].mean().item())
+    generator = torch.Generator().manual_seed(0)
+    return best, {name: metrics.bootstrap(errors[name] - errors[best], generator) for name in others}

@@ -24,6 +24,7 @@ from contactlearn.report.tensorboard import Tracker
 from contactlearn.results import folder as run_folder
 from contactlearn.results.transfer import BodyTransfer, Transfer
 
+_ORDER = ("zero_shot", "prior", "scratch")  # of the resamples, whatever is trained first
 WAYS = {"scratch": "From scratch", "prior": "Trained model as prior"}
 
 Bodies = dict[str, tuple[Impacts, Impacts]]
@@ -46,7 +47,7 @@ def transfer(cfg: DictConfig) -> None:
         model, curves = _transferred(cfg, name, recipe, source, bodies, data.generator)
         checkpoint.save(model, folder / f"{name}.pt", provenance=asdict(provenance))
         found[name] = {
-            body: BodyTransfer(**{way: _intervals(cfg, curve, data.generator) for way, curve in ways.items()})
+            body: BodyTransfer(**{way: _intervals(cfg, ways[way], data.generator) for way in _ORDER})
             for body, ways in curves.items()
         }
     result = Transfer(provenance=provenance, sizes=tuple(cfg.transfer.sizes), transfer=found)

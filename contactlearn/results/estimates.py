@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from contactlearn.diagnosis.result.effects import FittedParameter
+from contactlearn.effects import EffectId
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import HEADLINE, Interval
 
@@ -53,6 +54,8 @@ class JointEstimate:
     """A law with effects, fitted jointly.
 
     Args:
+        law: its name.
+        effects: around it; none for the law that was fitted in the same way.
         equation: the model with parameters and standard errors, as text.
         parameters: μ and ε, then those of the effects.
         correlation: of the estimates, square.
@@ -65,6 +68,8 @@ class JointEstimate:
         outliers: trials with next to no weight.
     """
 
+    law: str
+    effects: tuple[EffectId, ...]
     equation: str
     parameters: tuple[FittedParameter, ...]
     correlation: tuple[tuple[float, ...], ...]
@@ -139,4 +144,4 @@ def known_model(model: str, errors: Mapping[str, ModelErrors]) -> None:
         ContactLearnError: naming it.
     """
     if model not in errors:
-        raise ContactLearnError(f"model must be one of those in errors ({', '.join(errors) or 'none'}), got {model}")
+        raise ContactLearnError(f"a model must be one of those in errors ({', '.join(errors) or 'none'}), got {model}")

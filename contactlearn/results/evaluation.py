@@ -10,6 +10,9 @@ from contactlearn.evaluation.metrics import HEADLINE, Interval
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, known_model
 from contactlearn.results.provenance import Provenance, RunKind
 
+BEST_POST_HOC, IRB = "best_post_hoc", "irb"
+"""Names of the bounds among the errors."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class CurveCalibration:
@@ -82,6 +85,8 @@ class Evaluation:
         fits: the laws, identified from random subsets.
         joint: the law alone and with its effects, by name, where there are effects.
         errors: of all models and of both bounds.
+        best: name in `errors` of the model with the least mass error, bounds aside.
+        differences: mass error of each other model less that of the best, paired by trial; the smallest first.
         tables: format of the tables beside the file.
         shape: of the body, as `shapes.make_shape` reads it; None where it is not known.
         learning_curves: by model.
@@ -96,9 +101,14 @@ class Evaluation:
     fits: tuple[LawEstimate, ...]
     joint: Mapping[str, JointEstimate]
     errors: Mapping[str, ModelErrors]
+    best: str
+    differences: Mapping[str, Interval]
     tables: Literal["parquet", "csv"]
     shape: Mapping[str, Any] | None
     learning_curves: Mapping[str, LearningCurve] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        known_model(self.model, self.errors)
+        for name in (self.model, self.best, *self.differences, *(fit.law for fit in self.fits), *self.joint):
+            known_model(name, self.errors)
+        if not self.fits:
+            raise ContactLearnError("fits must hold at least one law")

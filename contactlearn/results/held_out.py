@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from contactlearn.data import table
+from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.results.evaluation import Evaluation
 from contactlearn.results.tables import load_predictions, save_predictions
@@ -39,4 +40,8 @@ class HeldOut:
         shape = make_shape(None if result.shape is None else dict(result.shape))
         impacts = table.load(folder / f"{_IMPACTS}.{result.tables}", shape)
         impacts = impacts.replace(source=result.provenance.data.source)
-        return cls(impacts=impacts, predictions=load_predictions(impacts, folder / f"{_PREDICTIONS}.{result.tables}"))
+        path = folder / f"{_PREDICTIONS}.{result.tables}"
+        predictions = load_predictions(impacts, path)
+        if missing := result.errors.keys() - predictions.keys():
+            raise DataError(f"{path}: lacks the predictions of {', '.join(sorted(missing))}; are the files of one run?")
+        return cls(impacts=impacts, predictions=predictions)

@@ -1,24 +1,21 @@
 """An evaluation as the data of its page: models side by side on the trials that were held out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
 import torch
 
-from contactlearn.evaluation.metrics import METRICS, Interval, bootstrap, mass_error
-from contactlearn.impacts import Impacts, Prediction
+from contactlearn.evaluation.metrics import METRICS
 from contactlearn.laws import find
 from contactlearn.report.figures.style import BOUNDS
 from contactlearn.report.page.arrays import packed
 from contactlearn.report.page.trials import REACH, finely, look, of_laws, of_trials
-from contactlearn.report.text import model_label
+from contactlearn.report.text import model_labels
 from contactlearn.report.text.evaluation import evaluation_headline, evaluation_summary
 from contactlearn.results.estimates import ModelErrors
 from contactlearn.results.evaluation import Evaluation
 from contactlearn.results.held_out import HeldOut
-
-_RESAMPLES = 2000
 
 
 def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
@@ -31,26 +28,24 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
     Raises:
         UnknownNameError: a law of another package that has not been imported.
     """
-    test, predictions, errors = held_out.impacts, held_out.predictions, result.errors
-    means = {name: errors[name].headline.mean for name in predictions}
-    models = sorted((name for name in predictions if name not in BOUNDS), key=means.get)
-    names = [*models, *(name for name in BOUNDS if name in predictions)]
-    best, behind = models[0], _behind(test, predictions, models)
+    test, predictions = held_out.impacts, held_out.predictions
+    labels = model_labels(result)
+    names = [result.best, *result.differences, *(name for name in BOUNDS if name in predictions)]
     laws = {fit.law: find(fit.law, fit.variant, **fit.options).at(fit.mu, fit.eps) for fit in result.fits}
-    closest = min(laws, key=means.get)
+    closest = min(laws, key=lambda name: result.errors[name].headline.mean)
     fitted, arrays = of_laws(test, laws)
     arrays["v_post"] = torch.stack([predictions[name].v_post for name in names])
     return {
         "title": f"Evaluation on {test.source}",
         "verdict": {
             "key": "evaluation",
-            "headline": evaluation_headline(best, behind),
-            "sentences": _sentences(result, best, behind, closest, len(test)),
+            "headline": evaluation_headline(labels, result.best, result.differences),
+            "sentences": _sentences(result, labels, closest, len(test)),
         },
         "law": look(closest) | {"name": closest},
         "comparison": [{"key": key, "label": metric.label, "unit": metric.unit} for key, metric in METRICS.items()],
-        "models": [_model(name, errors[name]) for name in names],
-        "chosen": names.index(best),
+        "models": [_model(name, labels[name], result.errors[name]) for name in names],
+        "chosen": 0,
         "yardstick": names.index(closest),
         "trials": of_trials(test, predictions[closest]),
         "fitted": fitted,
@@ -60,29 +55,20 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
     }
 
 
-def _model(name: str, errors: ModelErrors) -> dict[str, Any]:
+def _model(name: str, label: str, errors: ModelErrors) -> dict[str, Any]:
     """A row of the table of models."""
     return {
         **look(name),
-        "label": model_label(name),
+        "label": label,
         **finely(asdict(errors.headline)),
         "errors": finely(asdict(errors)),
     }
 
 
-def _behind(test: Impacts, predictions: Mapping[str, Prediction], models: Sequence[str]) -> dict[str, Interval]:
-    """Mean difference of each model's error from that of the first, with its paired interval over the trials."""
-    best, *others = (mass_error(test, predictions[name]) for name in models)
-    generator = torch.Generator().manual_seed(0)
-    return {
-        name: bootstrap(error - best, generator, _RESAMPLES) for name, error in zip(models[1:], others, strict=True)
-    }
-
-
-def _sentences(result: Evaluation, best: str, behind: Mapping[str, Interval], closest: str, trials: int) -> list[str]:
+def _sentences(result: Evaluation, labels: Mapping[str, str], closest: str, trials: int) -> list[str]:
     """The numbers behind the headline, and where the learned models are."""
     errors = {name: entry.headline for name, entry in result.errors.items()}
-    said = evaluation_summary(errors, best, behind, closest, trials)
+    said = evaluation_summary(labels, errors, result.best, result.differences, closest, trials)
     return said + (["Learned models are under Learning curves."] if result.learning_curves else [])
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from contactlearn.evaluation.metrics import Interval
-from contactlearn.report.text.names import listed, model_label, shortened
+from contactlearn.report.text.names import listed, shortened
 from contactlearn.report.text.numbers import interval, number
 
 _FEW = 2  # models that a headline names beside the best
@@ -13,17 +13,18 @@ _BOUNDS = {
 }
 
 
-def evaluation_headline(best: str, behind: Mapping[str, Interval]) -> str:
+def evaluation_headline(labels: Mapping[str, str], best: str, behind: Mapping[str, Interval]) -> str:
     """Name the model with the least error, and the models that these data cannot distinguish from it.
 
     Args:
+        labels: of the models by name.
         best: the model with the least mean error.
         behind: paired difference of each other model's error from that of the best, the smallest first.
     """
     if not behind:
-        return f"{model_label(best)} is the only model here."
-    said = f"{model_label(best)} has the least error of {len(behind) + 1} models"
-    near = [model_label(name) for name, more in behind.items() if more.low <= 0]
+        return f"{labels[best]} is the only model here."
+    said = f"{labels[best]} has the least error of {len(behind) + 1} models"
+    near = [labels[name] for name, more in behind.items() if more.low <= 0]
     if not near:
         return f"{said}."
     most = len(near) if len(near) == _FEW + 1 else _FEW
@@ -31,24 +32,30 @@ def evaluation_headline(best: str, behind: Mapping[str, Interval]) -> str:
 
 
 def evaluation_summary(
-    errors: Mapping[str, Interval], best: str, behind: Mapping[str, Interval], closest: str, trials: int
+    labels: Mapping[str, str],
+    errors: Mapping[str, Interval],
+    best: str,
+    behind: Mapping[str, Interval],
+    closest: str,
+    trials: int,
 ) -> list[str]:
     """Write the numbers behind the headline, a sentence each.
 
     Args:
+        labels: of the models by name.
         errors: held-out mass error of every model and bound.
         best, behind: as of `evaluation_headline`.
         closest: the law with the least error.
         trials: that were held out.
     """
-    said = [f"On {trials} held-out trials {model_label(best)} has a mass error of {interval(errors[best])}."]
+    said = [f"On {trials} held-out trials {labels[best]} has a mass error of {interval(errors[best])}."]
     worse = next((name for name, more in behind.items() if more.low > 0), None)
     if worse is not None:
         mean, low, high = (number(x, 2) for x in behind[worse])
         which = "next" if worse == next(iter(behind)) else "next that these data distinguish from it"
-        said.append(f"The {which}, {model_label(worse)}, has {mean} (95\u00a0%: {low}–{high}) more, trial by trial.")
+        said.append(f"The {which}, {labels[worse]}, has {mean} (95\u00a0%: {low}–{high}) more, trial by trial.")
     elif behind:
         said.append("No other model differs from it beyond chance, trial by trial.")
     if best != closest:
-        said.append(f"Of the laws alone {model_label(closest)} has the least error, {interval(errors[closest])}.")
+        said.append(f"Of the laws alone {labels[closest]} has the least error, {interval(errors[closest])}.")
     return said + [f"{words} {interval(errors[name])}." for name, words in _BOUNDS.items() if name in errors]

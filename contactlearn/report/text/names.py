@@ -6,6 +6,7 @@ from contactlearn.diagnosis.result import Diagnosis, NoiseSource, Rung, RungKind
 from contactlearn.effects import EffectId
 from contactlearn.report.figures.style import law_style
 from contactlearn.report.text.numbers import spaced
+from contactlearn.results.evaluation import Evaluation
 
 WRENCH = {WrenchComponent.TANGENTIAL: "P_t", WrenchComponent.NORMAL: "P_n", WrenchComponent.MOMENT: "τ"}
 """Components of the wrench."""
@@ -51,14 +52,15 @@ def law_label(name: str) -> str:
     return law_style(name).label
 
 
-def model_label(name: str) -> str:
-    """Write a model of an evaluation: `wang_mason + side_drag` as Wang–Mason + side drag."""
-    known = law_style(name).label
-    if known != name or " + " not in name:
-        law = name.removesuffix(" (joint)")
-        return known if known != name or law == name else f"{law_style(law).label} (joint)"
-    law, *effects = name.split(" + ")
-    return " + ".join((law_style(law).label, *map(label, effects)))
+def model_labels(result: Evaluation) -> dict[str, str]:
+    """Write each model of an evaluation, by name: laws by their authors, with effects as Whittaker + side drag."""
+    alone = {fit.law for fit in result.fits}
+    labels = {name: law_label(name) for name in result.errors}
+    for name, fit in result.joint.items():
+        labels[name] = " + ".join((law_label(fit.law), *map(effect_label, fit.effects)))
+        if not fit.effects and fit.law in alone:
+            labels[name] += " (joint)"
+    return labels
 
 
 def base_label(found: Diagnosis) -> str:

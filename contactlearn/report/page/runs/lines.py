@@ -10,7 +10,7 @@ from contactlearn.report.figures.style import BOUNDS, MODEL_STYLE, STYLES
 from contactlearn.report.page.runs.rows import HASH, LAW, Row
 from contactlearn.report.page.runs.settings import Settings
 from contactlearn.report.page.trials import digits, look
-from contactlearn.report.text import label
+from contactlearn.report.text import effect_label
 
 SIZE = "train.size"
 _PLAIN = ("law", "command", "data")  # said without their key
@@ -113,7 +113,7 @@ def _sized(runs: Sequence[Row], settings: Settings) -> Iterator[tuple[int, float
 
 
 def _parts(run: Row) -> dict[str, str]:
-    effects = {"effects": ", ".join(label(str(effect)) for effect in run.given)} if run.given else {}
+    effects = {"effects": ", ".join(map(effect_label, run.given))} if run.given else {}
     return effects | {"data": f"{run.data.source} {run.data.sha256[:HASH]}"}
 
 

@@ -16,7 +16,7 @@ from contactlearn.report.page.runs.lines import learning_lines
 from contactlearn.report.page.runs.rows import HASH, LAW, Row, printable, read_row
 from contactlearn.report.page.runs.settings import shared, varying
 from contactlearn.report.page.trials import digits, look
-from contactlearn.report.text import interval, label, listed
+from contactlearn.report.text import effect_label, interval, listed
 from contactlearn.results.folder import FILES, find_results, is_run
 
 MARK = "contactlearn report"
@@ -185,7 +185,7 @@ def _columns(runs: Sequence[Row], settings: list, effects: Sequence[EffectId], s
 
 
 def _words(effect: EffectId) -> str:
-    return printable(label(str(effect)))
+    return printable(effect_label(effect))
 
 
 def _errors(run: Row) -> dict[str, Any]:
