@@ -63,7 +63,7 @@ def _found(cfg: DictConfig, impacts: Impacts, bar: Progress) -> Diagnosis:
     )
 
 
-def _record(cfg: DictConfig, folder: Path, result: DiagnosisRun, figures: Mapping[str, Figure], command: str) -> None:
+def _record(cfg: DictConfig, folder: Path, result: DiagnosisRun, figures: Mapping[str, Figure]) -> None:
     """Log the ladder as a chart, its law and its model as runs of the other commands log theirs, and the figures."""
     found, data, tag = result.diagnosis, result.provenance.data, f"ladder/{HEADLINE}"
     with Tracker(folder, data.trials) as tracker:
