@@ -2,10 +2,16 @@
 
 import json
 import os
+import re
 import shutil
 
 import pytest
 from test_commands import ROOT, SMALL, TRAIN, run
+
+from contactlearn.app.laws import chosen_law, compared_laws
+from contactlearn.app.settings import check
+from contactlearn.cli import compose
+from contactlearn.errors import ContactLearnError
 
 OWN = '''
 from dataclasses import dataclass
@@ -93,33 +99,35 @@ def test_a_new_law_in_the_package_is_one_file_and_one_configuration(tmp_path):
     assert "bumpy_floor" in run(str(tmp_path / "train.py"), *words, cwd=tmp_path)
 
 
-def test_variants_and_options(tmp_path):
-    for name, words in {
-        "variant": ("law=mirtich", "variant=fazeli2017"),
-        "option": ("law=chatterjee_ruina", "law.e_t=0.3"),
-    }.items():
-        run("train.py", *TRAIN, *words, f"hydra.run.dir={tmp_path / name}")
-    (fit,) = results(tmp_path / "variant")["fits"]
-    assert (fit["law"], fit["variant"]) == ("mirtich", "fazeli2017")
-    (fit,) = results(tmp_path / "option")["fits"]
-    assert fit["options"] == {"e_t": 0.3}
-
-
 ERRORS = {
-    "no law": (["train.py", "law._target_=os.PathLike"], "_target_ must be a subclass of contactlearn.laws.Law"),
-    "a function": (["train.py", "law._target_=os.system"], "cannot be imported"),
-    "the interface": (
-        ["train.py", "law._target_=contactlearn.laws.Law"],
-        "must be a subclass of contactlearn.laws.Law",
-    ),
-    "nowhere": (["train.py", "law._target_=nowhere.Law"], "is its package installed, or its folder on PYTHONPATH?"),
-    "best": (["evaluate.py", "law=best"], "law=best is a choice of diagnose.py alone"),
-    "option": (["train.py", "+law.e_t=0.3"], "unknown option of law wang_mason 'e_t'"),
-    "range": (["train.py", "law=chatterjee_ruina", "law.e_t=3"], "e_t must be a finite number in [-1, 1], got 3"),
-    "variant": (["diagnose.py", "variant=fazeli"], "did you mean 'fazeli2017'?"),
+    "no law": ("train", ["law._target_=os.PathLike"], "_target_ must be a subclass of contactlearn.laws.Law"),
+    "a function": ("train", ["law._target_=os.system"], "cannot be imported"),
+    "the interface": ("train", ["law._target_=contactlearn.laws.Law"], "must be a subclass of contactlearn.laws.Law"),
+    "nowhere": ("train", ["law._target_=nowhere.Law"], "is its package installed, or its folder on PYTHONPATH?"),
+    "best": ("evaluate", ["law=best"], "law=best is a choice of diagnose.py alone"),
+    "option": ("train", ["+law.e_t=0.3"], "unknown option of law wang_mason 'e_t'"),
+    "range": ("train", ["law=chatterjee_ruina", "law.e_t=3"], "e_t must be a finite number in [-1, 1], got 3"),
+    "variant": ("diagnose", ["variant=fazeli"], "did you mean 'fazeli2017'?"),
 }
 
 
-@pytest.mark.parametrize(("words", "message"), ERRORS.values(), ids=ERRORS)
-def test_what_is_no_law_is_refused(words, message, tmp_path):
-    assert message in run(*words, f"hydra.run.dir={tmp_path}", status=2)
+@pytest.mark.parametrize(("command", "words", "message"), ERRORS.values(), ids=ERRORS)
+def test_what_is_no_law_is_refused(command, words, message):
+    with pytest.raises(ContactLearnError, match=re.escape(message)):
+        check(compose(command, words))
+
+
+def test_variants_and_options():
+    """A name of the configuration's own file, and a law in full or by name, in any variant."""
+    cfg = compose(
+        "evaluate", ["law=chatterjee_ruina", "law.e_t=0.3", "laws=[mirtich,wang_mason]", "variant=fazeli2017"]
+    )
+    law, laws = chosen_law(cfg), compared_laws(cfg)
+    assert (law.name, law.variant, law.options) == ("chatterjee_ruina", "textbook", {"e_t": 0.3})
+    assert [(one.name, one.variant, one.options) for one in laws.values()] == [
+        ("mirtich", "fazeli2017", {}),
+        ("wang_mason", "textbook", {}),  # the authors computed the textbook's
+        ("chatterjee_ruina", "textbook", {"e_t": 0.3}),
+    ]
+    assert type(chosen_law(compose("train", ["law=mirtich", "variant=fazeli2017"]))).__name__ == "MirtichFazeli2017"
+    assert chosen_law(compose("diagnose", [])) is None

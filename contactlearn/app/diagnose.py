@@ -101,7 +101,7 @@ def _command(cfg: DictConfig, found: Diagnosis) -> str:
         words = [word for word in words if not word.startswith("data.correct")]
         words.append(f"data.correct=[{','.join([*cfg.data.correct, *repairs])}]")
     given = [word for word in task if word.startswith("law=") or word.lstrip("+").startswith("law.")]
-    words += given if chosen_law(cfg) else [f"law={found.law or cfg.law}"]
+    words += given if chosen_law(cfg) else [f"law={found.law}"] if found.law else []
     names = [name for name in dict.fromkeys((*cfg.effect, *found.effects)) if _named(name)]
     words.append(f"effect=[{','.join(names)}]")
     words += [word for word in task if word.lstrip("+").startswith(("effect.", "variant=", "fit."))]
