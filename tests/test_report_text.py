@@ -210,7 +210,7 @@ def test_the_next_experiment_says_where_and_how_many():
         "A drop at θ = 28.6°, v = (−1, −2) m/s, ω = 3 rad/s: the model differs by 3.2 from side drag in place of "
         "surface tilt and 0.4 from sampling delay in place of surface tilt, in standard deviations."
     )
-    assert [stages.separation(one) for one in separations] == [
+    assert [stages.needed_drops(one) for one in separations] == [
         "About 4 drops like these distinguish surface tilt from side drag.",
         "No drops within reach distinguish surface tilt from sampling delay.",
     ]

@@ -106,7 +106,7 @@ def _show_rivals(found: Diagnosis) -> None:
         for drop in found.experiment.drops:
             say(f"next experiment: {stages.drop(drop, found.experiment)}")
         for separation in found.experiment.separations:
-            say(f"next experiment: {stages.separation(separation)}")
+            say(f"next experiment: {stages.needed_drops(separation)}")
 
 
 def _show_residual(found: Diagnosis) -> None:
@@ -114,7 +114,7 @@ def _show_residual(found: Diagnosis) -> None:
     if found.remainder is not None:
         say(f"residual: {' '.join(stages.residual(found.remainder))}")
     for formula in found.formulas:
-        say(f"formula: {stages.formula(formula)}: {stages.formula_overrides(formula)}")
+        say(f"formula: {stages.formula_effect(formula)}: {stages.formula_overrides(formula)}")
 
 
 def _say_finding(kind: str, finding: Finding) -> None:

@@ -24,6 +24,7 @@ from matplotlib.font_manager import findfont, get_font
 from torch import Tensor
 
 from contactlearn import laws
+from contactlearn.report.text.names import model_label
 
 COLUMN, PAGE = 3.4, 7.0
 """Widths in inches of a figure over one column and over two."""
@@ -70,10 +71,6 @@ class LawStyle(NamedTuple):
     linestyle: str | tuple
 
 
-def _law_label(name: str) -> str:
-    return next(iter(laws.catalogue()[name].values())).label
-
-
 # Okabe & Ito's (2008) colours without yellow, which white paper swallows; wine is Tol's (2021).
 _LAW_LOOKS: tuple[tuple[str, str, str | tuple], ...] = (
     ("#0072B2", "o", "-"),
@@ -92,28 +89,29 @@ _MORE_LOOKS: tuple[tuple[str, str, str | tuple], ...] = (
     ("#6699CC", "^", (0, (12, 2))),
 )
 _BOUND_STYLE = {
-    "best_post_hoc": LawStyle("Best Post Hoc", "#000000", "*", (0, (2, 2))),
-    "irb": LawStyle("IRB bound", "#666666", "h", (0, (5, 1))),
+    "best_post_hoc": LawStyle(model_label("best_post_hoc"), "#000000", "*", (0, (2, 2))),
+    "irb": LawStyle(model_label("irb"), "#666666", "h", (0, (5, 1))),
 }
 
 LAW_STYLE = {
-    name: LawStyle(_law_label(name), *look) for name, look in zip(laws.names(), _LAW_LOOKS, strict=False)
+    name: LawStyle(model_label(name), *look) for name, look in zip(laws.names(), _LAW_LOOKS, strict=False)
 } | _BOUND_STYLE
 """The first laws of the catalogue by name, and the two bounds, which are black and grey."""
 
 BOUNDS = tuple(_BOUND_STYLE)
 
 # Of Tol's (2021) colours eight that any colour vision tells from each other (ΔE > 18) and from the laws' (> 8).
-MODEL_STYLE = {
-    "state_velocity": LawStyle("10-D → velocity", "#332288", "o", "-"),
-    "x1_impulse": LawStyle("X1 → impulse", "#7EB875", "s", "--"),
-    "x2_impulse": LawStyle("X2 → impulse", "#B997C7", "^", "-."),
-    "x1_wrench": LawStyle("X1 → wrench", "#117733", "D", (0, (1, 1))),
-    "residual_impulse": LawStyle("Law + impulse GP", "#E67F33", "v", (0, (8, 2))),
-    "residual_wrench": LawStyle("Law + wrench GP", "#521A13", "P", (0, (4, 1, 1, 1, 1, 1))),
-    "parameters_identified": LawStyle("Law, (μ, ε) GP, identified", "#EE99AA", "X", (0, (8, 2, 2, 2))),
-    "parameters_likelihood": LawStyle("Law, (μ, ε) GP, likelihood", "#8C4E99", "<", (0, (12, 2, 2, 2, 2, 2))),
+_MODELS = {
+    "state_velocity": ("#332288", "o", "-"),
+    "x1_impulse": ("#7EB875", "s", "--"),
+    "x2_impulse": ("#B997C7", "^", "-."),
+    "x1_wrench": ("#117733", "D", (0, (1, 1))),
+    "residual_impulse": ("#E67F33", "v", (0, (8, 2))),
+    "residual_wrench": ("#521A13", "P", (0, (4, 1, 1, 1, 1, 1))),
+    "parameters_identified": ("#EE99AA", "X", (0, (8, 2, 2, 2))),
+    "parameters_likelihood": ("#8C4E99", "<", (0, (12, 2, 2, 2, 2, 2))),
 }
+MODEL_STYLE = {name: LawStyle(model_label(name), *look) for name, look in _MODELS.items()}
 """Learned models by name: first those of Class I, then those of Class II."""
 
 CLASS_I, CLASS_II = tuple(MODEL_STYLE)[:4], tuple(MODEL_STYLE)[4:]
@@ -126,14 +124,14 @@ def law_style(name: str) -> LawStyle:
     """Style of a law, bound or learned model by name or label; any other keeps its name and is neutral grey."""
     known = STYLES | _more_laws()
     by_label = {style.label: style for style in known.values()}
-    return known.get(name) or by_label.get(name) or LawStyle(name, "#4D4D4D", "o", "-")
+    return known.get(name) or by_label.get(name) or LawStyle(model_label(name), "#4D4D4D", "o", "-")
 
 
 def _more_laws() -> dict[str, LawStyle]:
     """Styles of the laws of the catalogue beyond those of `LAW_STYLE`."""
     more = [name for name in laws.names() if name not in LAW_STYLE]
     looks = zip(more, itertools.cycle(_MORE_LOOKS), strict=False)
-    return {name: LawStyle(_law_label(name), *look) for name, look in looks}
+    return {name: LawStyle(model_label(name), *look) for name, look in looks}
 
 
 def law_styles(names: Iterable[str], colors: Sequence[str] = ("#4D4D4D",)) -> dict[str, LawStyle]:

@@ -84,7 +84,7 @@ def experiment_content(experiment: Experiment) -> dict[str, Any]:
             {"name": name, "column": axis.column, "label": axis.label, "scale": axis.scale}
             for name, axis in axes.items()
         ],
-        "rivals": [{"name": separation_label(one), "said": stages.separation(one)} for one in experiment.separations],
+        "rivals": [{"name": separation_label(one), "said": stages.needed_drops(one)} for one in experiment.separations],
         "drops": [
             digits({name: axis.scale * getattr(drop, name) for name, axis in axes.items()}, 3)
             | {"differences": [digits(difference, 2) for difference in drop.differences]}

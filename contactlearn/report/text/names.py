@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable, Sequence
 
+from contactlearn import laws
 from contactlearn.diagnosis.result import Diagnosis, NoiseSource, Rung, RungKind, WrenchComponent
 from contactlearn.effects import EffectId
-from contactlearn.report.figures.style import law_style
 from contactlearn.report.text.numbers import spaced
 from contactlearn.results.evaluation import Evaluation
 
@@ -16,6 +16,20 @@ NOISE_SOURCES = {
     NoiseSource.ESTIMATED: "from differences between similar trials",
 }
 """Origins of the noise floor."""
+
+MODELS = {
+    "best_post_hoc": "Best Post Hoc",
+    "irb": "IRB bound",
+    "state_velocity": "10-D → velocity",
+    "x1_impulse": "X1 → impulse",
+    "x2_impulse": "X2 → impulse",
+    "x1_wrench": "X1 → wrench",
+    "residual_impulse": "Law + impulse GP",
+    "residual_wrench": "Law + wrench GP",
+    "parameters_identified": "Law, (μ, ε) GP, identified",
+    "parameters_likelihood": "Law, (μ, ε) GP, likelihood",
+}
+"""Bounds, and learned models by the name of their recipe."""
 
 PROCESSES = "Gaussian processes on the residual"
 NOISE_FLOOR = "noise floor"
@@ -48,14 +62,19 @@ def budget_labels(base: str, source: NoiseSource) -> dict[str, str]:
 
 
 def law_label(name: str) -> str:
-    """Write a law by its authors; any other model as it is drawn."""
-    return law_style(name).label
+    """Write a law by its authors; any other name as it is."""
+    return laws.find(name).label if name in laws.names() else name
+
+
+def model_label(name: str) -> str:
+    """Write a law, bound or learned model by its name; any other name as it is."""
+    return MODELS.get(name) or law_label(name)
 
 
 def model_labels(result: Evaluation) -> dict[str, str]:
     """Write each model of an evaluation, by name: laws by their authors, with effects as Whittaker + side drag."""
     alone = {fit.law for fit in result.fits}
-    labels = {name: law_label(name) for name in result.errors}
+    labels = {name: model_label(name) for name in result.errors}
     for name, fit in result.joint.items():
         labels[name] = " + ".join((law_label(fit.law), *map(effect_label, fit.effects)))
         if not fit.effects and fit.law in alone:

@@ -166,7 +166,7 @@ def separation_label(found: Separation) -> str:
     return f"{effect_label(found.rival)} in place of {effect_label(found.effect)}"
 
 
-def separation(found: Separation) -> str:
+def needed_drops(found: Separation) -> str:
     """Say how many drops distinguish an effect from a rival."""
     pair = f"{effect_label(found.effect)} from {effect_label(found.rival)}"
     if found.drops_needed is None:
@@ -207,7 +207,7 @@ def residual_share(found: Remainder) -> str:
     return f"Gaussian processes on the residual reduce the held-out error by {share_interval(found.share)}"
 
 
-def formula(found: Formula) -> str:
+def formula_effect(found: Formula) -> str:
     """Write a formula as a change of its component, and the error reduction that it brings."""
     letter = WRENCH[found.component]
     return f"{letter} ← {letter} + {found.text} reduces the held-out error by {formula_gain(found)}"
