@@ -16,7 +16,7 @@ from contactlearn.report.page.runs.lines import learning_lines
 from contactlearn.report.page.runs.rows import HASH, LAW, Row, printable, read_row
 from contactlearn.report.page.runs.settings import shared, varying
 from contactlearn.report.page.trials import digits, look
-from contactlearn.report.text import effect_label, interval, listed
+from contactlearn.report.text import effect_label, interval, label, listed
 from contactlearn.results.folder import FILES, find_results, is_run
 
 MARK = "contactlearn report"
@@ -95,18 +95,18 @@ def _target(roots: Sequence[Path], out: str | os.PathLike | None) -> Path:
 def of_runs(runs: Sequence[Row], skipped: Sequence[tuple[str, str]], folder: Path) -> dict[str, Any]:
     """All that the page says and draws; links are from `folder`.  What begins with "_" the scripts do without."""
     settings = varying(runs)
-    effects = sorted({effect for run in runs for effect in (*run.given, *run.found)})
+    families = sorted({effect.name for run in runs for effect in (*run.given, *run.found)})
     several = len({run.data.sha256 for run in runs}) > 1
     bases = {run.data.sha256: run.data for run in runs}
     return {
         "title": f"{len(runs)} runs side by side" if len(runs) > 1 else "One run",
         "trials": None,
-        "effects": [{"name": str(effect), "label": _words(effect)} for effect in effects],
+        "effects": [{"name": name, "label": printable(label(name))} for name in families],
         "runs": [
             {
                 "name": run.name,
                 **look(run.law or "no law"),
-                "effects": [str(effect) for effect in (*run.given, *run.found)],
+                "effects": [effect.name for effect in (*run.given, *run.found)],
                 **_errors(run),
             }
             for run in runs
@@ -118,7 +118,7 @@ def of_runs(runs: Sequence[Row], skipped: Sequence[tuple[str, str]], folder: Pat
         "_data": [asdict(data) | {"runs": sum(run.data.sha256 == key for run in runs)} for key, data in bases.items()],
         "_skipped": skipped,
         "_shared": shared(runs),
-        "_columns": _columns(runs, settings, effects, several),
+        "_columns": _columns(runs, settings, families, several),
         "_links": [_link(run, folder) for run in runs],
         "_ladders": [
             {
@@ -133,7 +133,7 @@ def of_runs(runs: Sequence[Row], skipped: Sequence[tuple[str, str]], folder: Pat
     }
 
 
-def _columns(runs: Sequence[Row], settings: list, effects: Sequence[EffectId], several: bool) -> list[dict[str, Any]]:
+def _columns(runs: Sequence[Row], settings: list, families: Sequence[str], several: bool) -> list[dict[str, Any]]:
     """Name, kind (text, number, tick or error) and cells (what is shown, what is sorted by) of each column."""
 
     def column(
@@ -145,9 +145,8 @@ def _columns(runs: Sequence[Row], settings: list, effects: Sequence[EffectId], s
     def errors(name: str, values: Iterable[Any]) -> dict[str, Any]:
         return {"name": name, "kind": "error", "cells": [_error_cell(value) for value in values]}
 
-    def ticks(effect: EffectId) -> dict[str, Any]:
-        said = (("found", 2) if effect in run.found else ("", 1) if effect in run.given else ("", None) for run in runs)
-        return {"name": _words(effect), "kind": "tick", "cells": list(said)}
+    def ticks(family: str) -> dict[str, Any]:
+        return {"name": printable(label(family)), "kind": "tick", "cells": [_tick(run, family) for run in runs]}
 
     found = [errors("Held-out mass error", [run.error for run in runs])]
     if len({run.command for run in runs}) > 1:
@@ -172,7 +171,7 @@ def _columns(runs: Sequence[Row], settings: list, effects: Sequence[EffectId], s
         errors("Noise floor", [run.noise for run in runs]),
         errors("IRB bound", [run.bounds.get("irb") for run in runs]),
     ]
-    found += [ticks(effect) for effect in effects]
+    found += [ticks(family) for family in families]
     found += own if len(own) > _FEW else []
     if several:
         found += [
@@ -182,6 +181,13 @@ def _columns(runs: Sequence[Row], settings: list, effects: Sequence[EffectId], s
         ]
     needed = {"Held-out mass error", "Law"}
     return [one for one in found if one["name"] in needed or any(key is not None for _, key in one["cells"])]
+
+
+def _tick(run: Row, family: str) -> tuple[str, int | None]:
+    """Whether an effect of a family was found, or was in the model from the start; and the rank of that."""
+    if any(effect.name == family for effect in run.found):
+        return "found", 2
+    return "", 1 if any(effect.name == family for effect in run.given) else None
 
 
 def _words(effect: EffectId) -> str:
