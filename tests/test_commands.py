@@ -28,9 +28,10 @@ FIGURES = (
 )
 
 
-def run(*arguments, cwd=ROOT, status=0):
-    """Run a command from `cwd`; its output."""
+def run(*arguments, cwd=ROOT, status=0, shapes=False):
+    """Run a command from `cwd`, with the shapes of its tensors checked if asked for; its output."""
     script = [str(ROOT / arguments[0])] if arguments[0].endswith(".py") else list(arguments[:1])
+    script = [str(ROOT / "tests" / "shapecheck.py"), *script] if shapes else script
     done = subprocess.run(
         [sys.executable, *script, *arguments[1:]], cwd=cwd, capture_output=True, text=True, timeout=300
     )
@@ -42,7 +43,7 @@ def run(*arguments, cwd=ROOT, status=0):
 def evaluation(tmp_path_factory):
     """One small evaluation: (what it printed, its folder)."""
     folder = tmp_path_factory.mktemp("evaluation")
-    printed = run("evaluate.py", *SMALL, "tables=csv", f"hydra.run.dir={folder}")
+    printed = run("evaluate.py", *SMALL, "tables=csv", f"hydra.run.dir={folder}", shapes=True)
     return printed, folder
 
 
@@ -120,7 +121,7 @@ def test_sweep(tmp_path):
 def study(tmp_path_factory):
     """One small evaluation with learning curves: (what it printed, its folder)."""
     folder = tmp_path_factory.mktemp("study")
-    return run("evaluate.py", *SMALL[:5], *CURVES, "tables=csv", f"hydra.run.dir={folder}"), folder
+    return run("evaluate.py", *SMALL[:5], *CURVES, "tables=csv", f"hydra.run.dir={folder}", shapes=True), folder
 
 
 def test_learning_curves(study):

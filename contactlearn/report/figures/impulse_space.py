@@ -177,7 +177,7 @@ def _draw_reach(axes: Axes, cells: Cells, color: str) -> None:
 def _draw_space(axes: Axes, space: _Space) -> None:
     """Energy ellipse, admissible impulses, and the lines of the contact's kinematics."""
     W, v_c, ellipse = st.array(space.trial.W[0]), st.array(space.trial.v_c[0]), space.ellipse * st.MILLI
-    admissible = clipped(clipped(ellipse[:-1], np.array((0, 1)), 0.0), W[1], -v_c[1] * st.MILLI)
+    admissible = clipped(clipped(ellipse[:-1], np.array((0.0, 1.0)), 0.0), W[1], -v_c[1] * st.MILLI)
     axes.add_patch(Polygon(admissible, **_ADMISSIBLE, zorder=1))
     axes.plot(*ellipse.T, **_ELLIPSE, zorder=2)
     centre = -np.linalg.solve(W, v_c) * st.MILLI

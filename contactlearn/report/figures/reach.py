@@ -16,7 +16,7 @@ from contactlearn.report.figures.style import array
 _JUMP = 0.03  # of the ellipse's size, between the corners of a cell
 _RESOLUTION = 4000  # steps across the ellipse: finer than a printer's dot
 
-Cells = Float[np.ndarray, "cells 4 2"]
+Cells = Float[np.ndarray, "_ 4 2"]
 
 
 def grid(box: Box, nodes: tuple[int, int], finer: int = 1) -> tuple[Float[Tensor, " a"], Float[Tensor, " b"]]:

@@ -19,6 +19,7 @@ from contactlearn.diagnosis.result import ComponentTest, Record, Remainder, Wren
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import SYMBOLS, of_state
 from contactlearn.evaluation.partial_residuals import COMPONENTS, binned, share_explained
+from contactlearn.numerics import wrapped
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import dots, legend_below
 from contactlearn.report.text import percent, stages
@@ -36,7 +37,7 @@ def residual_figure(found: Remainder, record: Record) -> Figure:
     the symbol along which its means differ most.  The outermost percent of the trials on each side is left out.
     """
     known = of_state(State.of(record.impacts))
-    known["theta"] = torch.atan2(known["theta"].sin(), known["theta"].cos())
+    known["theta"] = wrapped(known["theta"])
     residual = (record.impacts.wrench - record.model.base_prediction(record.impacts).wrench) * st.MILLI
     tests = _tests(found)
     first = residual[:, _ROWS.index(tests[0].component)]

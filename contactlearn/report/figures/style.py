@@ -7,7 +7,6 @@ colours are told apart with any colour vision, markers and lines without colour.
 
 import itertools
 import os
-import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,6 +23,7 @@ from matplotlib.font_manager import findfont, get_font
 from torch import Tensor
 
 from contactlearn import laws
+from contactlearn.numerics import written_whole
 from contactlearn.report.text.names import model_label
 
 COLUMN, PAGE = 3.4, 7.0
@@ -217,13 +217,8 @@ def save(figure: Figure, folder: str | os.PathLike, name: str) -> tuple[Path, Pa
     Returns:
         The paths of the PNG and of the PDF.
     """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    targets = folder / f"{name}.png", folder / f"{name}.pdf"
-    with look(), tempfile.TemporaryDirectory(dir=folder, prefix=".figure-") as draft:
-        png, pdf = (Path(draft) / target.name for target in targets)
+    targets = Path(folder) / f"{name}.png", Path(folder) / f"{name}.pdf"
+    with look(), written_whole(targets[0]) as png, written_whole(targets[1]) as pdf:
         figure.savefig(png, dpi=200)
         figure.savefig(pdf, metadata={"CreationDate": None})
-        for source, target in zip((png, pdf), targets, strict=True):
-            os.replace(source, target)
     return targets

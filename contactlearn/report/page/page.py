@@ -3,7 +3,6 @@
 import base64
 import hashlib
 import json
-import os
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import plotly
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from contactlearn.numerics import written_whole
 from contactlearn.report.page.arrays import compressed
 from contactlearn.report.text import brief_interval, error, number, percent, spaced
 
@@ -27,9 +27,8 @@ def write(folder: Path, content: dict[str, Any]) -> Path:
 
 def save(path: Path, text: str) -> Path:
     """Write a page, whole or not at all; characters that UTF-8 cannot hold become "?"."""
-    part = path.with_suffix(".part")
-    part.write_text(text, encoding="utf-8", errors="replace")
-    os.replace(part, path)
+    with written_whole(path) as part:
+        part.write_text(text, encoding="utf-8", errors="replace")
     return path
 
 
