@@ -40,8 +40,9 @@ def check_on(effect: Tried, impacts: Impacts) -> None:
     start = torch.tensor([[p.start] for p in effect.parameters], dtype=torch.float64).repeat(1, len(impacts))
     with torch.enable_grad():
         tried = effect.at([value.requires_grad_() for value in start.unbind()])
+        parameters = [torch.as_tensor(value) for value in tried.current]
         for output, value in tried.added(state, so_far).items():
-            slopes = torch.autograd.grad(value.sum(), tried.current, allow_unused=True)
+            slopes = torch.autograd.grad(value.sum(), parameters, allow_unused=True)
             _refuse_infinite(effect, impacts, output, "value", value)
             for p, slope in zip(effect.parameters, slopes, strict=True):
                 if slope is not None:
