@@ -79,7 +79,7 @@ def test_ones_own_candidate_is_found_from_the_command_line(tmp_path):
     ]
     own = ['+candidate.mine.tau="c*Pn*sin(3*theta)"', "+candidate.mine.parameters.c=[-0.02,0.02]"]
     run("diagnose.py", *words, *own, "law=wang_mason", f"hydra.run.dir={tmp_path / 'found'}")
-    result = run_folder.read(tmp_path / "found" / "diagnosis.json")
+    result = run_folder.read_result(tmp_path / "found" / "diagnosis.json")
     assert result.diagnosis.effects == ("mine",)
     command = shlex.split(result.use)
     assert '+effect.mine.tau="c*Pn*sin(3*theta)"' in command
@@ -120,5 +120,5 @@ def test_limits_and_settings_reach_the_experiment_and_the_command(tmp_path):
     assert "limits.v_y must be [low, high]" in run("diagnose.py", "data.size=60", "+limits.v_y=-3", status=2)
     words = ("data=mystery", "data.seed=11", "data.size=80", f"data.folder={tmp_path}", "fit.noise=[0.01,0.01,0.4]")
     run("diagnose.py", *words, "law=wang_mason", "+limits.v_y=[-3,-1]", f"hydra.run.dir={tmp_path / 'found'}")
-    result = run_folder.read(tmp_path / "found" / "diagnosis.json")
+    result = run_folder.read_result(tmp_path / "found" / "diagnosis.json")
     assert "fit.noise=[0.01,0.01,0.4]" in shlex.split(result.use)

@@ -222,7 +222,7 @@ def test_the_loop_from_the_command_line(tmp_path):
     printed = run(
         "diagnose.py", "data=table", f"data.path={tmp_path / 'drops.csv'}", shape, f"hydra.run.dir={tmp_path / 'found'}"
     )
-    result = run_folder.read(tmp_path / "found" / "diagnosis.json")
+    result = run_folder.read_result(tmp_path / "found" / "diagnosis.json")
     found = result.diagnosis
     assert found.effects[0] == "contact_patch"
     assert (tmp_path / "found" / "figures" / "ladder.png").exists()

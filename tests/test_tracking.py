@@ -172,7 +172,7 @@ def test_every_run_has_the_same_hyperparameters_and_metrics(runs):
 
 def diagnosed(folder):
     """The result of the diagnosis among the runs."""
-    return run_folder.read(folder / "diagnose" / "diagnosis.json")
+    return run_folder.read_result(folder / "diagnose" / "diagnosis.json")
 
 
 def test_runs_say_what_they_were_made_with(runs):
