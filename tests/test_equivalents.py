@@ -30,7 +30,7 @@ from contactlearn.shapes import contact_point
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
 POWER, VISCOELASTIC = (EffectId("velocity_dependent_restitution", form) for form in ("power", "kuwabara_kono"))
 LATE = EffectId("gravity_impulse")
-PATCH = Substitution(LATE, EffectId("contact_patch"))
+PATCH = Substitution(LATE, EffectId("contact_patch", "linear"))
 WIDE = {"v_x": (-2.0, 2.0), "v_y": (-4.0, -1.0), "omega": (-20.0, 20.0)}
 
 
@@ -93,7 +93,7 @@ def rivals(one_height):
 
 def test_drops_from_one_height_do_not_tell_a_late_frame_from_an_offset_of_the_contact(one_height):
     _, found = one_height
-    patch = next(one for one in found if one.rival.effect == EffectId("contact_patch"))
+    patch = next(one for one in found if one.rival.effect == EffectId("contact_patch", "linear"))
     assert patch.rival.similarity > 0.95
     assert 0 < patch.rival.loss_difference < min(0.1, 2 * patch.rival.standard_error)
     assert patch.fitted.effects.keys() == {"contact_patch"}

@@ -14,7 +14,7 @@ from torch import Tensor
 from contactlearn import checkpoint, laws
 from contactlearn.data import synthetic
 from contactlearn.effects import PLACES, State, catalogue, find_effect
-from contactlearn.effects.configuration_dependent_restitution import ConfigurationDependentRestitution
+from contactlearn.effects.configuration_dependent_restitution import QuadraticLeverRestitution
 from contactlearn.effects.formula.effect import WrenchFormula, formula
 from contactlearn.effects.formula.expression import CONSTANTS, FUNCTIONS, MAX_DEPTH, MAX_LENGTH, MAX_STEPS, Expression
 from contactlearn.effects.formula.symbols import OUTPUTS, SYMBOLS, at_place, of_state, symbols
@@ -276,7 +276,7 @@ def test_symbols_that_are_not_known_are_refused():
 
 TWINS = {
     "spin_damping": (formula(tau="-c*I*omega_post", parameters=C), SpinDampingAfter(), [0.3]),
-    "restitution": (formula(eps="-c*(rx/rho)**2", parameters=C), ConfigurationDependentRestitution(), [0.2]),
+    "restitution": (formula(eps="-c*(rx/rho)**2", parameters=C), QuadraticLeverRestitution(), [0.2]),
     "orientation_offset": (formula(theta="c", parameters=C), OrientationOffset(), [0.05]),
 }
 

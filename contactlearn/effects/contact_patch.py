@@ -1,29 +1,61 @@
 """The contact is a patch, and its centre of pressure moves."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
+from contactlearn.effects.curve import ArmCurve
 from contactlearn.effects.path import retraced
 from contactlearn.effects.state import State
 
 
 @dataclass(frozen=True, eq=False)
 class ContactPatch(Effect):
-    """The normal impulse acts c − k r_x to the right of the contact point: τ → τ + (c − k r_x) P_n.
+    """The normal impulse acts at an arm to the right of the contact point: τ → τ + arm P_n.
+
+        linear    c − k r_x
+        curve     c + s(r_x), see `contactlearn.effects.curve`
 
     The contact responds while it lasts, so that v_n⁺ stays (`path.retraced`).  It is not a resistance to
     rolling, which follows the spin (`rolling_resistance`).
     """
 
-    formula = "τ ← τ − k r_x P_n + c P_n while the contact lasts, P_t and P_n responding"
     source = "finite contact area"
     mirror_symmetric = False
     adds_energy = True
+
+    @abstractmethod
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        """Return the wrench with the moment of the arm."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearContactPatch(ContactPatch):
+    """The arm is c − k r_x.  It does not end at the edge of the patch (`ContactPatchCurve`)."""
+
+    form = "linear"
+    formula = "τ ← τ − k r_x P_n + c P_n while the contact lasts, P_t and P_n responding"
     k: Tensor | float = parameter("k", "–", -1.0, 1.0)
     c: Tensor | float = parameter("c", "m", -0.01, 0.01)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         return retraced(state, wrench, arm=self.c - self.k * state.r[..., 0])
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPatchCurve(ArmCurve, ContactPatch):
+    """The arm is c + s(r_x).  It is not proportional to r_x (`LinearContactPatch`)."""
+
+    form = "curve"
+    formula = "τ ← τ + (c + s(r_x)) P_n while the contact lasts, a smooth s that rises by c₁, c₂, c₃ from knot to knot"
+    variable, unit = "r_x", "m"
+    c: Tensor | float = parameter("c", "m", -0.01, 0.01)
+
+    def along(self, state: State) -> Float[Tensor, "... n"]:
+        return state.r[..., 0]
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        return retraced(state, wrench, arm=self.c + self.change(self.along(state)))

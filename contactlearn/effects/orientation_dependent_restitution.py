@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
+from contactlearn.effects.harmonics import AroundBody
 from contactlearn.effects.state import Coefficients, State
 
 
@@ -29,20 +30,14 @@ class OrientationDependentRestitution(Effect):
 
 
 @dataclass(frozen=True, eq=False)
-class HarmonicRestitution(OrientationDependentRestitution):
+class HarmonicRestitution(AroundBody, OrientationDependentRestitution):
     """ε → ε + a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ.  It is not one soft spot (`SoftSpot`)."""
 
     form = "harmonics"
     formula = "ε ← ε + a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ"
-    a1: Tensor | float = parameter("a₁", "–", -0.5, 0.5)
-    b1: Tensor | float = parameter("b₁", "–", -0.5, 0.5)
-    a2: Tensor | float = parameter("a₂", "–", -0.5, 0.5)
-    b2: Tensor | float = parameter("b₂", "–", -0.5, 0.5)
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        theta = state.theta
-        first = self.a1 * theta.cos() + self.b1 * theta.sin()
-        return mu, eps + (first + self.a2 * (2 * theta).cos() + self.b2 * (2 * theta).sin())
+        return mu, eps + self.change(state.theta)
 
 
 @dataclass(frozen=True, eq=False)

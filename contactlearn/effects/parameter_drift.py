@@ -1,18 +1,26 @@
 """The surfaces change while they are being measured."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.base import Effect, parameter
+from contactlearn.effects.base import Effect, known, parameter
+from contactlearn.effects.curve import CoefficientCurve
 from contactlearn.effects.state import Coefficients, State
+from contactlearn.impacts import Impacts
 
 
 @dataclass(frozen=True, eq=False)
 class ParameterDrift(Effect):
-    """ε or μ changes in proportion to the number k of trials before this one.
+    """ε or μ changes with the number k of trials before this one.
+
+        restitution, friction                      in proportion: ε + c k/1000
+        settling_restitution, settling_friction    towards a value: ε + a (1 − exp(−λ k/N)), N trials in all
+        restitution_curve, friction_curve          ε + s(k), see `contactlearn.effects.curve`
 
     It is not a dependence on the place on the floor (`location_dependent_restitution`).
     """
@@ -46,6 +54,75 @@ class FrictionDrift(ParameterDrift):
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
         return mu + self.d * _thousands(state), eps
+
+
+@dataclass(frozen=True, eq=False)
+class _Settling:
+    """a (1 − exp(−λ k/N)): a change that comes to an end."""
+
+    a: Tensor | float = parameter("a", "–", -0.5, 0.5)
+    rate: Tensor | float = parameter("λ", "–", 0.5, 20.0, vanishing=None, start=3.0)
+    trials: float | None = None  # N; None: the number of the last one
+
+    def prepare(self, impacts: Impacts) -> Self:
+        """Return the effect with N taken from the impacts where it is open."""
+        return self if self.trials is not None else replace(self, trials=impacts.order.max().item())
+
+    def change(self, state: State) -> Float[Tensor, "... n"]:
+        """Evaluate the change [..., N]."""
+        return self.a * -torch.expm1(-self.rate * (state.order - 1) / known(self.trials))
+
+
+@dataclass(frozen=True, eq=False)
+class SettlingRestitution(_Settling, ParameterDrift):
+    """ε → ε + a (1 − exp(−λ k/N)), as surfaces run in.  It does not go on for ever (`RestitutionDrift`)."""
+
+    form = "settling_restitution"
+    formula = "ε ← ε + a (1 − exp(−λ k/N)), N trials in all"
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        return mu, eps + self.change(state)
+
+
+@dataclass(frozen=True, eq=False)
+class SettlingFriction(_Settling, ParameterDrift):
+    """μ → μ + a (1 − exp(−λ k/N)), as surfaces run in.  It does not go on for ever (`FrictionDrift`)."""
+
+    form = "settling_friction"
+    formula = "μ ← μ + a (1 − exp(−λ k/N)), N trials in all"
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        return mu + self.change(state), eps
+
+
+@dataclass(frozen=True, eq=False)
+class RestitutionDriftCurve(CoefficientCurve, ParameterDrift):
+    """ε → ε + s(k).  It need not settle (`SettlingRestitution`)."""
+
+    form = "restitution_curve"
+    formula = "ε ← ε + s(k), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
+    variable, unit = "k", "trials"
+
+    def along(self, state: State) -> Float[Tensor, "... n"]:
+        return state.order - 1
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        return mu, eps + self.change(self.along(state))
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionDriftCurve(CoefficientCurve, ParameterDrift):
+    """μ → μ + s(k).  It need not settle (`SettlingFriction`)."""
+
+    form = "friction_curve"
+    formula = "μ ← μ + s(k), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
+    variable, unit = "k", "trials"
+
+    def along(self, state: State) -> Float[Tensor, "... n"]:
+        return state.order - 1
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        return mu + self.change(self.along(state)), eps
 
 
 def _thousands(state: State) -> Float[Tensor, "... n"]:

@@ -93,14 +93,17 @@ def from_settings(kind: type[Effect], settings: Mapping[str, Any]) -> Effect:
     Args:
         kind: a family, one form of it, or an effect with a single form.
         settings: the options of the class by name, lists in place of tuples; `form` chooses among a family's forms.
+            An option of another form of the family is passed over where it has its default value.
 
     Raises:
         UnknownNameError: the family has no such form.
         ContactLearnError: an option that the class does not have, or lacks.
     """
     options = {key: tuple(value) if isinstance(value, list) else value for key, value in settings.items()}
+    defaults = [(name, f.default) for form in forms_of(kind) for name, f in _options(form).items()]
     kind = choose_form(kind, options.pop("form", None) if kind.form or inspect.isabstract(kind) else None)
-    known = {f.name: f for f in fields(kind) if "parameter" not in f.metadata}
+    known = _options(kind)
+    options = {key: value for key, value in options.items() if key in known or (key, value) not in defaults}
     names = [*(["form"] if kind.form else []), *known]
     for key in options:
         if key not in known:
@@ -115,6 +118,11 @@ def from_settings(kind: type[Effect], settings: Mapping[str, Any]) -> Effect:
 def _defined(parent: type[Effect]) -> list[type[Effect]]:
     """Direct subclasses; a class whose definition was refused has no identity, and lives until it is collected."""
     return [kind for kind in parent.__subclasses__() if "id" in vars(kind)]
+
+
+def _options(kind: type[Effect]) -> dict[str, Field[Any]]:
+    """Fields that are not fitted, by name."""
+    return {f.name: f for f in fields(kind) if "parameter" not in f.metadata}
 
 
 def _homonyms(what: str, first: type[Effect], second: type[Effect]) -> ContactLearnError:

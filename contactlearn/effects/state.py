@@ -77,6 +77,16 @@ class State:
         return self.v_c[..., 1]
 
     @property
+    def incidence(self) -> Float[Tensor, "... n"]:
+        """Angle of incidence arctan(|v_t|/|v_n|) of the contact point, rad."""
+        return torch.atan2(self.v_t.abs(), -self.approach[..., 1])
+
+    @property
+    def lever(self) -> Float[Tensor, "... n"]:
+        """|r_x|/ρ, ρ² = I/m: arm of the normal impulse in radii of gyration."""
+        return self.r[..., 0].abs() * (self.mass / self.inertia).sqrt()
+
+    @property
     def omega(self) -> Float[Tensor, "... n"]:
         """Spin before contact, rad/s."""
         return self.v_pre[..., 2]

@@ -1,6 +1,7 @@
 """Friction depends on how fast the contact slips."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -8,6 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
+from contactlearn.effects.curve import CoefficientCurve
 from contactlearn.effects.state import Coefficients, State
 
 
@@ -17,6 +19,7 @@ class VelocityDependentFriction(Effect):
 
         viscous    μ + c v
         stribeck   μ (1 + d exp(−v/v_s))      more friction at little slip
+        curve      μ + s(v), see `contactlearn.effects.curve`
 
     The slip goes from |v_t| to the `final_slip` of the law's own μ and ε; the average is Simpson's.
     It is not friction that changes with the load (`load_dependent_friction`).
@@ -53,9 +56,30 @@ class StribeckFriction(VelocityDependentFriction):
     v_s: Tensor | float = parameter("v_s", "m/s", 0.05, 5.0, vanishing=None, start=0.5)
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        first, last = state.v_t.abs(), final_slip(state, mu, eps)
-        weakened = [(-slip / self.v_s).exp() for slip in (first, (first + last) / 2, last)]
-        return mu * (1 + self.d * (weakened[0] + 4 * weakened[1] + weakened[2]) / 6), eps
+        return mu * (1 + self.d * _mean(lambda slip: (-slip / self.v_s).exp(), state, mu, eps)), eps
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionOverSlip(CoefficientCurve, VelocityDependentFriction):
+    """μ → μ + s̄, the mean of s(v) over the slip.  It is no law of lubrication (`StribeckFriction`)."""
+
+    form = "curve"
+    formula = "μ ← μ + s̄, the mean over the slip v of a smooth s that rises by c₁, c₂, c₃ from knot to knot"
+    variable, unit = "v", "m/s"
+
+    def along(self, state: State) -> Float[Tensor, "... n"]:
+        return torch.cat((state.v_t.abs(), state.v_t.abs() / 2), -1)  # at first, and later if the contact sticks
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        return mu + _mean(self.change, state, mu, eps), eps
+
+
+def _mean(
+    function: Callable[[Tensor], Tensor], state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]
+) -> Float[Tensor, "... n"]:
+    """Mean of a function over the slip, after Simpson."""
+    first, last = state.v_t.abs(), final_slip(state, mu, eps)
+    return (function(first) + 4 * function((first + last) / 2) + function(last)) / 6
 
 
 def final_slip(state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Float[Tensor, "... n"]:

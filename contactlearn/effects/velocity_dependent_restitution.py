@@ -7,18 +7,22 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, known, parameter
+from contactlearn.effects.curve import CoefficientCurve
 from contactlearn.effects.speed import SpeedReference
 from contactlearn.effects.state import Coefficients, State
 
 
 @dataclass(frozen=True, eq=False)
-class VelocityDependentRestitution(SpeedReference, Effect):
-    """ε falls with the normal velocity of approach.
+class VelocityDependentRestitution(Effect):
+    """ε is a function of the normal velocity of approach.
 
         power           ε (|v_n|/v_ref)^(−p)                         plastic yield, p = 1/4
         kuwabara_kono   ε (1 − C ((|v_n|/v_ref)^(1/5) − 1))          viscoelastic
+        linear          ε (1 − k (|v_n|/v_ref − 1))                  damping that grows with the load
+        slow            ε + a exp(−|v_n|/v_s)                        another restitution at low speed
+        curve           ε + s(|v_n|), see `contactlearn.effects.curve`
 
-    ε is the restitution at v_ref.  It is not a dependence on the slip (`slip_dependent_restitution`).
+    At v_ref the restitution is ε.  It is not a dependence on the slip (`slip_dependent_restitution`).
     """
 
     source = "Johnson 1985, §11.5; Kuwabara & Kono 1987"
@@ -34,7 +38,7 @@ class VelocityDependentRestitution(SpeedReference, Effect):
 
 
 @dataclass(frozen=True, eq=False)
-class PowerLawRestitution(VelocityDependentRestitution):
+class PowerLawRestitution(SpeedReference, VelocityDependentRestitution):
     """ε → ε (|v_n|/v_ref)^(−p), plastic yield with p = 1/4.  It has no elastic limit (`KuwabaraKonoRestitution`)."""
 
     form = "power"
@@ -47,7 +51,7 @@ class PowerLawRestitution(VelocityDependentRestitution):
 
 
 @dataclass(frozen=True, eq=False)
-class KuwabaraKonoRestitution(VelocityDependentRestitution):
+class KuwabaraKonoRestitution(SpeedReference, VelocityDependentRestitution):
     """ε → ε (1 − C ((|v_n|/v_ref)^(1/5) − 1)), viscoelastic spheres.  It is not plastic (`PowerLawRestitution`)."""
 
     form = "kuwabara_kono"
@@ -57,3 +61,45 @@ class KuwabaraKonoRestitution(VelocityDependentRestitution):
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
         speed = state.v_n.abs() / known(self.v_ref)
         return mu, eps * (1 - self.C * (speed**0.2 - 1))
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFallRestitution(SpeedReference, VelocityDependentRestitution):
+    """ε → ε (1 − k (|v_n|/v_ref − 1)).  It does not level off (`SlowImpactRestitution`)."""
+
+    form = "linear"
+    formula = "ε ← ε (1 − k (|v_n|/v_ref − 1))"
+    source = "Hunt & Crossley 1975"
+    citations = ("hunt1975",)
+    k: Tensor | float = parameter("k", "–", -1.0, 1.0)
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        return mu, eps * (1 - self.k * (state.v_n.abs() / known(self.v_ref) - 1))
+
+
+@dataclass(frozen=True, eq=False)
+class SlowImpactRestitution(VelocityDependentRestitution):
+    """ε → ε + a exp(−|v_n|/v_s), so ε is that of fast impacts.  It does not fall for ever (`PowerLawRestitution`)."""
+
+    form = "slow"
+    formula = "ε ← ε + a exp(−|v_n|/v_s)"
+    a: Tensor | float = parameter("a", "–", -1.0, 1.0)
+    v_s: Tensor | float = parameter("v_s", "m/s", 0.05, 5.0, vanishing=None, start=1.0)
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        return mu, eps + self.a * (-state.v_n.abs() / self.v_s).exp()
+
+
+@dataclass(frozen=True, eq=False)
+class RestitutionOverSpeed(CoefficientCurve, VelocityDependentRestitution):
+    """ε → ε + s(|v_n|).  It is no law of a material (`KuwabaraKonoRestitution`)."""
+
+    form = "curve"
+    formula = "ε ← ε + s(|v_n|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
+    variable, unit = "|v_n|", "m/s"
+
+    def along(self, state: State) -> Float[Tensor, "... n"]:
+        return state.v_n.abs()
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        return mu, eps + self.change(self.along(state))
