@@ -1,0 +1,148 @@
+"""What a diagnosis said of a set, scored against the truth.  `Said` is a line of the file that is kept."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+from threadpoolctl import threadpool_limits
+
+from contactlearn import diagnose
+from second_nature.truth import Asked, PlantedSet, Truth
+
+
+@dataclass(frozen=True, kw_only=True)
+class Said:
+    """What the diagnosis said: names in their order with confidence, the law, the verdict, and what else it shows."""
+
+    name: str
+    group: str
+    half: str
+    n: int
+    truth: dict[str, Any]
+    effects: list[str]
+    forms: list[str]
+    confidence: list[float]
+    parameters: list[dict[str, float]]
+    rivals: list[list[str]]
+    law: str | None
+    verdict: str
+    physics: str | None
+    findings: list[str]
+    remainder: list[str]
+    """Variables of the predictable residual by their share, the largest first; empty where nothing was found."""
+    formulas: list[str]
+    models: list[tuple[str, list[str]]] | None
+    seconds: float
+    error: str = ""
+
+
+def ask(planted_set: PlantedSet) -> dict[str, Any]:
+    """Draw a set, let the diagnosis look at its impacts alone, and write down what it says."""
+    torch.set_num_threads(1)
+    with threadpool_limits(1):
+        planted = planted_set.draw()
+        start = time.perf_counter()
+        try:
+            found, error = diagnose(planted.impacts), ""
+        except Exception as problem:  # a diagnosis that fails is a wrong answer, and the others go on
+            found, error = None, f"{type(problem).__name__}: {problem}"
+        seconds = time.perf_counter() - start
+    known = {
+        "name": planted_set.name,
+        "group": planted_set.group,
+        "half": planted_set.half,
+        "n": len(planted.impacts),
+        "truth": asdict(planted.truth),
+        "seconds": seconds,
+        "error": error,
+    }
+    return known | (_written(found) if found else _NOTHING)
+
+
+_NOTHING = asdict(
+    Said(
+        name="", group="", half="", n=0, truth={}, effects=[], forms=[], confidence=[], parameters=[], rivals=[],
+        law=None, verdict="failed", physics="failed", findings=[], remainder=[], formulas=[], models=None, seconds=0,
+    )
+)  # fmt: skip
+_NOTHING = {k: v for k, v in _NOTHING.items() if k not in ("name", "group", "half", "n", "truth", "seconds", "error")}
+
+
+def _written(found) -> dict[str, Any]:
+    models = getattr(found, "models", None)
+    remainder = found.remainder if found.remainder is not None and found.remainder.found else None
+    variables = sorted(remainder.variables, key=lambda one: -one.share) if remainder else []
+    return {
+        "effects": list(found.effects),
+        "forms": [str(one.effect) for one in found.missing],
+        "confidence": [one.confidence for one in found.missing],
+        "parameters": [{p.name: p.value for p in one.parameters} for one in found.missing],
+        "rivals": [[rival.effect.name for rival in one.rivals] for one in found.missing],
+        "law": found.law,
+        "verdict": str(found.verdict),
+        "physics": None if found.physics is None else str(found.physics),
+        "findings": [str(getattr(finding, "name", finding)) for finding in found.findings],
+        "remainder": [one.symbol for one in variables],
+        "formulas": [one.text for one in found.formulas],
+        "models": None if models is None else [(str(one.law), [e.name for e in one.effects]) for one in models],
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """Answers to the questions of a set; None where a question is not asked of it."""
+
+    first: bool | None = None
+    exact: bool | None = None
+    inside: bool | None = None
+    false_name: bool | None = None
+    unknown: bool | None = None
+    variable: bool | None = None
+    twins: bool | None = None
+    named: tuple[tuple[float, bool], ...] = ()
+    """Confidence of each named effect, and whether it is in the set; of sets of which all effects are known."""
+
+
+def score(said: Said) -> Score:
+    """Compare what was said with the truth."""
+    truth = Truth(**said.truth)
+    hidden, names = [set(accepted) for accepted in truth.effects], said.effects
+    if truth.asked == Asked.INCLUDES:
+        return Score(first=bool(hidden[0] & set(names))) if hidden else Score()
+    if truth.asked == Asked.ORDERED:
+        right = [name in accepted for name, accepted in zip(names, hidden, strict=False)]
+        return Score(first=right[:1] == [True], exact=right == [True] * len(hidden))
+    if truth.asked == Asked.UNKNOWN:
+        said_so = said.physics == "unknown"
+        right = bool(set(said.remainder[:2]) & set(truth.variables))
+        known = tuple((c, False) for c, name in zip(said.confidence, names, strict=True) if name not in truth.tolerated)
+        return Score(unknown=said_so, variable=said_so and right, named=known)
+    shown = {*names, *(rival for rivals in said.rivals for rival in rivals)}
+    shown |= {name for _, model in said.models or () for name in model}
+    if truth.asked == Asked.TWIN:
+        either = hidden[0] | set(truth.rivals)
+        seen = bool(shown & hidden[0]) and bool(shown & set(truth.rivals))
+        return Score(first=bool(names) and names[0] in either, exact=len(names) == 1 and names[0] in either, twins=seen)
+    names = [name for name in names if "object" not in name and "body" not in name]  # parameters by body
+    inside = None if said.models is None else any(matches(model, hidden) for _, model in said.models)
+    right = tuple(
+        (c, any(name in accepted for accepted in hidden)) for c, name in zip(said.confidence, said.effects, strict=True)
+    )
+    if not hidden:
+        return Score(exact=not names, false_name=bool(names), inside=inside, named=right)
+    first = bool(names) and any(names[0] in accepted for accepted in hidden)
+    return Score(first=first, exact=matches(names, hidden), inside=inside, named=right)
+
+
+def matches(names: Sequence[str], hidden: Sequence[set[str]]) -> bool:
+    """Whether each name is accepted for one hidden effect of its own, and none is left on either side."""
+    if len(names) != len(hidden):
+        return False
+    if not names:
+        return True
+    return any(
+        names[0] in accepted and matches(names[1:], [*hidden[:k], *hidden[k + 1 :]])
+        for k, accepted in enumerate(hidden)
+    )
