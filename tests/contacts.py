@@ -266,6 +266,10 @@ def _follow(contacts: Contacts, restitution: str, friction: str, h: np.ndarray, 
             stops = (phase == 1) & (step * (v_n + 0.5 * d_n) >= left)
             root = np.sqrt(np.maximum(v_n**2 + 2 * d_n * left / step, 0))
             share[stops] = (2 * left / (step * np.maximum(v_n + root, 1e-300)))[stops]
+        elif restitution == "newton":
+            left = -eps * v_c[:, 1] - v_n  # of v_n
+            stops = (phase == 1) & (d_n >= left)
+            share[stops] = (left / d_n)[stops]
         else:
             stops = poisson & (goal - p <= h)
         share[phase == 2] = 0

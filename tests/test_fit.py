@@ -26,7 +26,7 @@ DISTINCT = [
     if variant == "textbook" or name in DIFFER
 ]
 # Laws whose impulse in stick does not depend on μ at all; on Routh's path it does, by way of p_c.
-STICKY = [case for case in DISTINCT if case.values[0] not in ("wang_mason", "mirtich")]
+STICKY = [case for case in DISTINCT if case.values[0] not in ("wang_mason", "wang_mason_newton", "mirtich")]
 
 
 def seeded(seed: int) -> torch.Generator:

@@ -27,7 +27,7 @@ VARIANTS = ("textbook", "fazeli2017")
 DIFFER = {"whittaker", "anitescu_potra_poisson", "drumwright_shell", "mirtich"}  # in the paper's variant
 EVERY = [pytest.param(n, v, id=f"{n}-{v}") for n in names() for v in VARIANTS]
 DISTINCT = [case for case in EVERY if case.values[1] == "textbook" or case.values[0] in DIFFER]
-NEWTON = ("whittaker", "anitescu_potra_newton")
+NEWTON = ("whittaker", "anitescu_potra_newton", "wang_mason_newton")
 POISSON = ("anitescu_potra_poisson", "drumwright_shell", "wang_mason")
 PROFILE = settings(derandomize=True, deadline=None, database=None, max_examples=60)
 
@@ -220,7 +220,7 @@ def test_drumwright_shell_compression_is_optimal():
 def test_without_coupling_newton_poisson_and_stronge_agree():
     uncoupled = CONTACTS._replace(W=CONTACTS.W * torch.eye(2, dtype=torch.float64))
     reference = evaluate("whittaker", uncoupled)
-    for name in ("anitescu_potra_newton", "anitescu_potra_poisson", "wang_mason", "mirtich"):
+    for name in ("anitescu_potra_newton", "anitescu_potra_poisson", "wang_mason", "mirtich", "wang_mason_newton"):
         assert_close(evaluate(name, uncoupled), reference, uncoupled)
 
 
@@ -228,13 +228,14 @@ def test_in_lasting_slip_newton_poisson_and_stronge_agree():
     reference = on_all("wang_mason")
     lasting = CONTACTS.v_c[:, 0] * after(CONTACTS, reference)[:, 0] > ROUNDING * CONTACTS.v_c.norm(dim=-1) ** 2
     assert lasting.sum() > N / 10
-    for name in ("whittaker", "anitescu_potra_newton", "anitescu_potra_poisson", "mirtich"):
+    for name in ("whittaker", "anitescu_potra_newton", "anitescu_potra_poisson", "mirtich", "wang_mason_newton"):
         assert_close(on_all(name)[lasting], reference[lasting], CONTACTS[lasting])
 
 
 def test_plastic_impact_makes_pairs_agree():
     plastic = shared(CONTACTS, 0.0, 0.0)._replace(mu=CONTACTS.mu)
-    for one, other in (("anitescu_potra_newton", "anitescu_potra_poisson"), ("wang_mason", "mirtich")):
+    paths = ("wang_mason", "mirtich"), ("wang_mason", "wang_mason_newton")
+    for one, other in (("anitescu_potra_newton", "anitescu_potra_poisson"), *paths):
         assert_close(evaluate(one, plastic), evaluate(other, plastic), plastic)
         assert not torch.allclose(on_all(one), on_all(other), rtol=1e-3)
 
@@ -353,7 +354,7 @@ MODES = {  # phase in which the slip ends, and whether it reverses
     "C-reversed": (0, True),
     "R-reversed": (1, True),
 }
-PATHS = {"wang_mason": "poisson", "mirtich": "stronge"}
+PATHS = {"wang_mason": "poisson", "wang_mason_newton": "newton", "mirtich": "stronge"}
 
 
 @functools.cache
@@ -379,7 +380,7 @@ def test_coulomb_path_against_integration(name, mode):
         assert 8 < error[250].mean() / error[4000].mean() < 32
     else:  # the step that ends the slip is not cut, and errs only in its work: second order
         assert error[4000].max() < 1e-5
-        assert name == "wang_mason" or 100 < error[250].mean() / error[4000].mean() < 500
+        assert name != "mirtich" or 100 < error[250].mean() / error[4000].mean() < 500
 
 
 def test_viscous_path_against_integration():
@@ -563,7 +564,7 @@ def test_gradients_at_the_ends_are_one_sided(name, variant, end):
 
 def test_names():
     assert len(PAPER_LAWS) == 6
-    assert names() == (*PAPER_LAWS, "chatterjee_ruina")
+    assert names() == (*PAPER_LAWS, "chatterjee_ruina", "wang_mason_newton")
 
 
 def test_unknown_names_are_refused():

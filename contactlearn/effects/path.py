@@ -5,13 +5,12 @@ moves the whole path; `retraced` adds to the law's wrench the difference between
 followed until v_n is what the law made it.  The path is continuous in everything, so the change is too.
 """
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.state import State, columns
 from contactlearn.laws.contact import Contact
-from contactlearn.laws.wang_mason import Path, routh_path
+from contactlearn.laws.wang_mason import routh_path
 
 
 def retraced(
@@ -38,16 +37,7 @@ def retraced(
         turn_t, turn_n = -state.r[..., 1] * arm / state.inertia, state.r[..., 0] * arm / state.inertia
         moved = contact._replace(w_tn=contact.w_tn + turn_t, w_nn=contact.w_nn + turn_n)
     rise = (state.contact_after(wrench)[..., 1] - state.v_n).clamp_min(0)
-    before = _until(routh_path(contact, *mu, w_nt), rise)
-    after = _until(routh_path(moved, *(friction or mu), w_nt), rise)
+    was, now = routh_path(contact, *mu, w_nt), routh_path(moved, *(friction or mu), w_nt)
+    before, after = was.impulse(was.until(rise)), now.impulse(now.until(rise))
     P_t, P_n = P_t + (after[0] - before[0]), P_n + (after[1] - before[1])
     return columns(P_t, P_n, tau if arm is None else tau + arm * P_n)
-
-
-def _until(path: Path, rise: Float[Tensor, "... n"]) -> tuple[Tensor, Tensor]:
-    """(P_t, P_n) at which v_n has risen by `rise`, m/s."""
-    first = rise <= path.v_slip
-    p_first = rise / torch.where(first, path.stiffness, 1.0)
-    further = rise - torch.where(first, 0.0, path.v_slip)
-    p_second = torch.where(first, 0.0, path.p_slip) + further / path.stiffness_after
-    return path.impulse(torch.where(first, p_first, p_second))

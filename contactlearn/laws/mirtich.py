@@ -34,7 +34,7 @@ class Mirtich(Law):
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""
         path = routh_path(contact, mu)
-        w = -contact.v_n
+        w, p_c = -contact.v_n, path.p_c
         compressed_first = path.v_slip >= w  # compression ends before the slip does
         v_left = torch.where(compressed_first, 0.0, w - path.v_slip)
         p_slip = torch.where(torch.isfinite(path.p_slip), path.p_slip, 0.0)
@@ -43,9 +43,9 @@ class Mirtich(Law):
         work_both = p_slip * (w - 0.5 * path.stiffness * p_slip) + 0.5 * v_left**2 / path.stiffness_after
         work_both = torch.where(compressed_first, 1.0, work_both)
         # Restitution on the second piece alone.
-        p_second = path.p_c + eps * (2 * work_both / path.stiffness_after).sqrt()
+        p_second = p_c + eps * (2 * work_both / path.stiffness_after).sqrt()
         # Restitution that starts on the first piece, and goes on to the second where the slip ends in it.
-        p_first = (1 + eps) * path.p_c
+        p_first = (1 + eps) * p_c
         crosses = compressed_first & (p_first > path.p_slip)
         v_end = torch.where(crosses, path.v_slip - w, 1.0)
         work_end = 0.5 * v_end**2 / torch.where(crosses, path.stiffness, 1.0)

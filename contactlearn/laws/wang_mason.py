@@ -26,7 +26,19 @@ class Path(NamedTuple):
     stiffness_after: Tensor
     p_slip: Tensor  # p at which the initial slip ends (N s), inf where it never does
     v_slip: Tensor  # v_n gained by then (m/s), inf where the slip never ends
-    p_c: Tensor  # p at which compression ends (N s)
+    v_n: Tensor  # v_n before contact (m/s)
+
+    @property
+    def p_c(self) -> Tensor:
+        """Clock p at which compression ends (N s)."""
+        return self.until(-self.v_n)
+
+    def until(self, rise: Tensor) -> Tensor:
+        """Clock p at which v_n has risen by `rise` (m/s)."""
+        first = self.v_slip >= rise
+        p_first = rise / torch.where(first, self.stiffness, 1.0)
+        p_slip, v_slip = (torch.where(first, 0.0, x) for x in (self.p_slip, self.v_slip))
+        return torch.where(first, p_first, p_slip + (rise - v_slip) / self.stiffness_after)
 
     def impulse(self, p: Tensor) -> tuple[Tensor, Tensor]:
         """(P_t, P_n) at clock p."""
@@ -53,10 +65,7 @@ def routh_path(contact: Contact, mu: Tensor, mu_back: Tensor | None = None, w_nt
     ends = braking > 0
     p_slip = torch.where(ends, v_t.abs() / torch.where(ends, braking, 1.0), torch.inf)
     v_slip = torch.where(ends, stiffness * torch.where(ends, p_slip, 0.0), torch.inf)
-    first = v_slip >= -v_n
-    p_first = -v_n / torch.where(first, stiffness, 1.0)
-    p_second = torch.where(first, 0.0, p_slip) + (-v_n - torch.where(first, 0.0, v_slip)) / stiffness_after
-    return Path(slope, slope_after, stiffness, stiffness_after, p_slip, v_slip, torch.where(first, p_first, p_second))
+    return Path(slope, slope_after, stiffness, stiffness_after, p_slip, v_slip, v_n)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,30 @@
+"""Wang & Mason (1992): Routh's path in impulse space with Newton restitution.
+
+The path is that of `wang_mason`; contact ends where v_n = −ε v_n⁻ on it.  The slip may end on the way, in stick or in
+reversed sliding, so it differs from Whittaker's law, whose sliding keeps its direction, and it can add energy where
+the slip ends early.  It is not one of the paper's six.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from contactlearn.laws.base import Law
+from contactlearn.laws.contact import Contact, Values
+from contactlearn.laws.wang_mason import routh_path
+
+
+@dataclass(frozen=True)
+class WangMasonNewton(Law):
+    """Routh's path in impulse space with Newton restitution; it can add energy.
+
+    It is not Poisson's restitution, which ends the contact by its normal impulse (`WangMason`).
+    """
+
+    label: ClassVar[str] = "Wang–Mason Newton"
+    citations: ClassVar[tuple[str, ...]] = ("wang1992",)
+    adds_energy: ClassVar[bool] = True
+
+    def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
+        """Return (P_t, P_n) in N s; see the module."""
+        path = routh_path(contact, mu)
+        return path.impulse(path.until(-(1 + eps) * contact.v_n))
