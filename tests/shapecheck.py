@@ -1,15 +1,13 @@
 """Shapes of tensors, checked at every call while testing: what `Float[Tensor, "*batch n 3"]` says must hold.
 
-A call costs about a third more, too much for all tests, so the tests of some commands run them as
+A call costs about a third more, too much for all tests, so test_shapes runs some commands as
 `python tests/shapecheck.py train.py …`.  `install` makes jaxtyping wrap every function and dataclass of the package
 as it is imported.  Arrays alone are checked: the other annotations are pyright's, and tests pass wrong values on
 purpose to see them refused.
 """
 
-import runpy
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 import beartype
@@ -39,7 +37,7 @@ def _has_array(hint: Any) -> bool:
 
 
 if __name__ == "__main__":  # python shapecheck.py train.py …: a command with every call checked
-    sys.argv = sys.argv[1:]
-    sys.path.insert(1, str(Path(sys.argv[0]).parent))
     install()
-    runpy.run_path(sys.argv[0], run_name="__main__")
+    from commands import run  # from here on the package is imported
+
+    print(run(*sys.argv[1:]))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 import torch
-from test_commands import run
+from commands import run
 from told import Told
 
 from contactlearn.data import synthetic, table

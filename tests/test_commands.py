@@ -2,21 +2,17 @@
 
 import json
 import re
-import subprocess
 import sys
-from pathlib import Path
 
 import pandas as pd
 import pytest
 import torch
+from commands import SMALL, TRAIN, run, run_alone
 
 from contactlearn import checkpoint, cli, laws
 from contactlearn.data import synthetic, table
 from contactlearn.evaluation import metrics
 
-ROOT = Path(__file__).parent.parent
-SMALL = ("data.size=80", "train.size=20", "train.repetitions=4", "figures.repetitions=2", "bootstrap=50", "model=[]")
-TRAIN = ("data.size=80", "train.size=20", "train.repetitions=4", "bootstrap=50")
 CURVES = ("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10,20,500]", "curves.seeds=3", "workers=2")
 FIGURES = (
     "energy_ellipse",
@@ -28,22 +24,11 @@ FIGURES = (
 )
 
 
-def run(*arguments, cwd=ROOT, status=0, shapes=False):
-    """Run a command from `cwd`, with the shapes of its tensors checked if asked for; its output."""
-    script = [str(ROOT / arguments[0])] if arguments[0].endswith(".py") else list(arguments[:1])
-    script = [str(ROOT / "tests" / "shapecheck.py"), *script] if shapes else script
-    done = subprocess.run(
-        [sys.executable, *script, *arguments[1:]], cwd=cwd, capture_output=True, text=True, timeout=300
-    )
-    assert done.returncode == status, done.stdout + done.stderr
-    return done.stdout + done.stderr
-
-
 @pytest.fixture(scope="module")
 def evaluation(tmp_path_factory):
     """One small evaluation: (what it printed, its folder)."""
     folder = tmp_path_factory.mktemp("evaluation")
-    printed = run("evaluate.py", *SMALL, "tables=csv", f"hydra.run.dir={folder}", shapes=True)
+    printed = run("evaluate.py", *SMALL, "tables=csv", f"hydra.run.dir={folder}", figures=True)
     return printed, folder
 
 
@@ -121,7 +106,7 @@ def test_sweep(tmp_path):
 def study(tmp_path_factory):
     """One small evaluation with learning curves: (what it printed, its folder)."""
     folder = tmp_path_factory.mktemp("study")
-    return run("evaluate.py", *SMALL[:5], *CURVES, "tables=csv", f"hydra.run.dir={folder}", shapes=True), folder
+    return run("evaluate.py", *SMALL[:5], *CURVES, "tables=csv", f"hydra.run.dir={folder}", figures=True), folder
 
 
 def test_learning_curves(study):
@@ -161,7 +146,9 @@ def test_learning_curves_in_tables_and_events(study):
 
 def test_trained_model_predicts_the_same_from_its_checkpoint(tmp_path):
     """The errors in results.json are those of the saved model on the same held-out trials."""
-    printed = run("train.py", *TRAIN, "model=residual_wrench", "law=whittaker", f"hydra.run.dir={tmp_path}")
+    printed = run(
+        "train.py", *TRAIN, "model=residual_wrench", "law=whittaker", f"hydra.run.dir={tmp_path}", figures=True
+    )
     assert "Length scales" in printed
     results = json.loads((tmp_path / "results.json").read_text())
     model, provenance = checkpoint.load(tmp_path / "model.pt")
@@ -179,7 +166,7 @@ def test_trained_model_predicts_the_same_from_its_checkpoint(tmp_path):
 
 def test_transfer(tmp_path):
     small = ("data.size=60", "train.size=30", "transfer.sizes=[4,8]", "transfer.seeds=2", "bootstrap=50", "workers=1")
-    printed = run("evaluate.py", "experiment=transfer", *small, f"hydra.run.dir={tmp_path}")
+    printed = run("evaluate.py", "experiment=transfer", *small, f"hydra.run.dir={tmp_path}", figures=True)
     assert "x1_wrench on other bodies" in printed
     results = json.loads((tmp_path / "results.json").read_text())
     for bodies in results["transfer"].values():
@@ -191,7 +178,7 @@ def test_transfer(tmp_path):
 
 def test_own_table_round_trip(tmp_path):
     """Export a source, evaluate the file: the same data gives the same parameters."""
-    run("-m", "contactlearn", "export", str(tmp_path / "drops.csv"), "data.size=60", "data.seed=3")
+    run("contactlearn", "export", str(tmp_path / "drops.csv"), "data.size=60", "data.seed=3")
     assert (table.load(tmp_path / "drops.csv").v_post == synthetic.load(size=60, seed=3).v_post).all()
     shape = "data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}"
     small = ("train.size=20", "train.repetitions=4", "bootstrap=50", "law=mirtich")
@@ -217,7 +204,7 @@ def test_published_table_beside_ours(ellipse_drops, tmp_path):
 
 @pytest.mark.parametrize("script", ["train.py", "evaluate.py"])
 def test_help(script):
-    printed = run(script, "--help")
+    printed = run_alone(script, "--help")
     assert "Examples" in printed
     assert "data=table data.path=drops.csv" in printed
     assert "threads: 1" in printed

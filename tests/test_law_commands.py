@@ -1,13 +1,16 @@
 """Laws from the command line: options, variants, one of one's own in every command, and one announced by a package."""
 
+import gc
 import json
 import os
 import re
 import shutil
+import sys
 
 import pytest
-from test_commands import ROOT, SMALL, TRAIN, run
+from commands import ROOT, SMALL, TRAIN, run, run_alone
 
+from contactlearn import checkpoint, laws
 from contactlearn.app.laws import chosen_law, compared_laws
 from contactlearn.app.settings import check
 from contactlearn.cli import compose
@@ -35,12 +38,16 @@ CHOSEN = ("law._target_=bumpy.BumpyFloor", "+law.share=0.5")
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """A folder with a law on the path of the commands."""
+    """A folder with a law on the path of the commands, which is forgotten afterwards."""
     folder = tmp_path / "package"
     folder.mkdir()
     (folder / "bumpy.py").write_text(OWN)
+    monkeypatch.syspath_prepend(folder)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(folder), str(ROOT))))
-    return folder
+    yield folder
+    sys.modules.pop("bumpy", None)
+    gc.collect()
+    assert "bumpy_floor" not in laws.names()
 
 
 def results(folder, name="results.json"):
@@ -61,7 +68,7 @@ def test_a_law_of_ones_own_takes_part_in_an_evaluation(package, tmp_path):
 
 
 def test_a_law_of_ones_own_takes_part_in_a_diagnosis(package, tmp_path):
-    printed = run("diagnose.py", "data.size=100", *CHOSEN, f"hydra.run.dir={tmp_path / 'run'}", shapes=True)
+    printed = run("diagnose.py", "data.size=100", *CHOSEN, f"hydra.run.dir={tmp_path / 'run'}")
     assert "bumpy_floor" in printed
     found = results(tmp_path / "run", "diagnosis.json")
     assert found["diagnosis"]["law"] == "bumpy_floor"
@@ -72,10 +79,8 @@ def test_a_law_of_ones_own_takes_part_in_a_diagnosis(package, tmp_path):
 def test_a_trained_law_of_ones_own_comes_back(package, tmp_path):
     printed = run("train.py", *TRAIN, *CHOSEN, f"hydra.run.dir={tmp_path / 'run'}")
     assert "bumpy_floor" in printed
-    load = (
-        "import bumpy; from contactlearn import checkpoint; print(checkpoint.load('run/model.pt')[0].base.share.item())"
-    )
-    assert "0.5" in run("-c", load, cwd=tmp_path)
+    model, _ = checkpoint.load(tmp_path / "run" / "model.pt")
+    assert model.base.share == 0.5
 
 
 def test_a_package_announces_its_laws(package, tmp_path):
@@ -83,8 +88,9 @@ def test_a_package_announces_its_laws(package, tmp_path):
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: bumpy\nVersion: 1.0\n")
     (about / "entry_points.txt").write_text("[contactlearn.laws]\nbumpy = bumpy\n")
-    run("evaluate.py", *SMALL, "laws=[bumpy_floor,mirtich]", f"hydra.run.dir={tmp_path / 'run'}")
-    assert [fit["law"] for fit in results(tmp_path / "run")["fits"]] == ["bumpy_floor", "mirtich"]
+    compared = "from contactlearn.app.laws import *; from contactlearn.cli import *; print(*compared_laws(compose({})))"
+    words = "'evaluate', ['laws=[bumpy_floor,mirtich]']"
+    assert run_alone("-c", compared.format(words)).startswith("bumpy_floor mirtich")
 
 
 def test_a_new_law_in_the_package_is_one_file_and_one_configuration(tmp_path):
@@ -96,7 +102,7 @@ def test_a_new_law_in_the_package_is_one_file_and_one_configuration(tmp_path):
         "_target_: contactlearn.laws.bumpy_floor.BumpyFloor\nshare: 0.5\n"
     )
     words = (*TRAIN, "law=bumpy_floor", f"hydra.run.dir={tmp_path / 'run'}")
-    assert "bumpy_floor" in run(str(tmp_path / "train.py"), *words, cwd=tmp_path)
+    assert "bumpy_floor" in run_alone(str(tmp_path / "train.py"), *words, cwd=tmp_path)
 
 
 ERRORS = {

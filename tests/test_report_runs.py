@@ -7,8 +7,8 @@ import re
 from urllib.parse import unquote
 
 import pytest
+from commands import run
 from evaluations import evaluation, learning_curve, provenance, training
-from test_commands import run
 from test_report_page import HOSTILE, browser, data_of, draw_everything, into_view, opened, silent, until  # noqa: F401
 
 from contactlearn.__main__ import main
@@ -129,7 +129,7 @@ def sweep(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sweep")
     small = ("data.size=80", "train.repetitions=3", "bootstrap=50", "train.size=10,40", "law=wang_mason,whittaker")
     run("train.py", "-m", *small, f"hydra.sweep.dir={folder}")
-    return run("-m", "contactlearn", "report", str(folder)), folder
+    return run("contactlearn", "report", str(folder)), folder
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import shutil
 
 import pytest
 import torch
+from commands import run
 from evaluations import evaluation, evaluation_of, interval, learning_curve, provenance, training
-from test_commands import run
 
 from contactlearn.__main__ import main
 from contactlearn.data import synthetic
@@ -120,7 +120,7 @@ def test_tables_of_other_runs_are_refused(small, tmp_path):
 
 
 def test_the_page_of_an_evaluation_is_drawn_again_without_its_data(tmp_path, capsys):
-    run("-m", "contactlearn", "export", str(tmp_path / "drops.csv"), "data.size=60")
+    run("contactlearn", "export", str(tmp_path / "drops.csv"), "data.size=60")
     done = (
         *("evaluate.py", "data=table", f"data.path={tmp_path / 'drops.csv'}", "train.size=20", "train.repetitions=3"),
         *("laws=[whittaker,mirtich]", "figures.repetitions=1", "bootstrap=50", "model=[x1_wrench]", "workers=1"),

@@ -7,6 +7,7 @@ import warnings
 
 import pytest
 import torch
+from commands import SMALL, TRAIN, run
 from tensorboard.backend.event_processing.data_provider import MultiplexerDataProvider
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.backend.event_processing.plugin_event_multiplexer import EventMultiplexer
@@ -14,7 +15,6 @@ from tensorboard.context import RequestContext
 from tensorboard.plugins.base_plugin import TBContext
 from tensorboard.plugins.custom_scalar.layout_pb2 import Layout
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
-from test_commands import SMALL, TRAIN, run
 
 from contactlearn import laws
 from contactlearn.__main__ import main

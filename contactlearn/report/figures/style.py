@@ -212,13 +212,17 @@ def array(x: Shaped[Tensor, "*shape"] | Sequence[float]) -> Float[np.ndarray, "*
 def save(figure: Figure, folder: str | os.PathLike, name: str) -> tuple[Path, Path]:
     """Write `name`.png (200 dpi) and `name`.pdf (vector) into `folder`, whole or not at all.
 
-    A figure that is built and saved in the same way gives the same bytes: no date is written.
+    A figure that is built and saved in the same way gives the same bytes: no date is written.  It is arranged once,
+    for the PNG, which takes as long as drawing it.
 
     Returns:
         The paths of the PNG and of the PDF.
     """
     targets = Path(folder) / f"{name}.png", Path(folder) / f"{name}.pdf"
+    engine = figure.get_layout_engine()
     with look(), written_whole(targets[0]) as png, written_whole(targets[1]) as pdf:
         figure.savefig(png, dpi=200)
+        figure.set_layout_engine("none")
         figure.savefig(pdf, metadata={"CreationDate": None})
+    figure.set_layout_engine(engine)
     return targets

@@ -1,0 +1,67 @@
+"""Commands as a user types them: in this process, which has loaded what they need, or in one of their own."""
+
+import base64
+import contextlib
+import io
+import logging
+import subprocess
+import sys
+from pathlib import Path
+from unittest.mock import patch
+
+from matplotlib.figure import Figure
+
+from contactlearn import cli
+from contactlearn.__main__ import main
+
+ROOT = Path(__file__).parent.parent
+SMALL = ("data.size=80", "train.size=20", "train.repetitions=4", "figures.repetitions=2", "bootstrap=50", "model=[]")
+TRAIN = ("data.size=80", "train.size=20", "train.repetitions=4", "bootstrap=50")
+
+
+PIXEL = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNoAAAAggCBd81ytgAAAABJRU5ErkJggg=="
+)  # a PNG
+
+
+def run(*arguments, cwd=ROOT, status=0, figures=False):
+    """Run `train.py …`, `evaluate.py …`, `diagnose.py …` or `contactlearn …` from `cwd`; its output.
+
+    Figures are built, but their files hold nothing unless asked for: drawing takes longer than everything else.
+    """
+    printed, handlers = io.StringIO(), list(logging.getLogger().handlers)
+    try:
+        with (
+            contextlib.nullcontext() if figures else patch.object(Figure, "savefig", _save_a_pixel),
+            contextlib.chdir(cwd),
+            contextlib.redirect_stdout(printed),
+            contextlib.redirect_stderr(printed),
+            patch.object(sys, "argv", list(arguments)),
+        ):
+            done = _done(*arguments)
+    finally:
+        logging.getLogger().handlers = handlers  # Hydra's write to what is closed now
+    assert done == status, printed.getvalue()
+    return printed.getvalue()
+
+
+def _save_a_pixel(figure, path, **options):
+    path.write_bytes(PIXEL)
+
+
+def _done(command, *arguments):
+    """The exit status of a command."""
+    if command == "contactlearn":
+        return main(list(arguments))
+    try:
+        getattr(cli, command.removesuffix(".py"))()
+    except SystemExit as end:
+        return end.code
+    return 0
+
+
+def run_alone(*arguments, cwd=ROOT):
+    """Run Python in a process of its own, for what a process loads, or where; its output."""
+    done = subprocess.run([sys.executable, *arguments], cwd=cwd, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
