@@ -7,7 +7,7 @@ import sys
 import pandas as pd
 import pytest
 import torch
-from commands import SMALL, TRAIN, run, run_alone
+from commands import ROOT, SMALL, TRAIN, run, run_alone  # noqa: F401 (test_diagnosis takes ROOT from here)
 
 from contactlearn import checkpoint, cli, laws
 from contactlearn.data import synthetic, table

@@ -6,8 +6,8 @@ import shlex
 
 import pytest
 import torch
-from commands import ROOT, run
 from scipy.stats import chi2
+from test_commands import ROOT, run
 from told import Told
 
 from contactlearn.data import mystery, synthetic, table
