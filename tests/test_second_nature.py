@@ -195,6 +195,20 @@ def test_a_set_follows_from_its_seed(group):
     assert prints[0] == prints[1] != prints[2]
 
 
+@pytest.mark.parametrize("kind", ["disc", "ellipse"])
+def test_plain_contacts_of_mujoco_are_nearly_a_law(kind):
+    """A third of the noise of the sets, so that the difference of the engine makes a twentieth of the error."""
+    from second_nature import mujoco_drops
+
+    body = bodies.draw(kind, np.random.default_rng(11))
+    drops = free(np.random.default_rng(12), 60, body)
+    record = mujoco_drops.simulate(body, 0.07 if kind == "disc" else 0.02, 0.6, drops)
+    assert record.valid.mean() > 0.8
+    plain = law_error(record.rows(record.valid), path.STRONGE)[0]
+    noisy = nature.measured(record, "gaussian", 0.05, np.random.default_rng(13))
+    assert plain < 0.33 * law_error(noisy.rows(noisy.valid), path.STRONGE)[0]
+
+
 @pytest.mark.usefixtures("hasty")
 @pytest.mark.parametrize("group", ENGINES)
 def test_engines_can_be_drawn(group):
@@ -209,7 +223,7 @@ def test_an_effect_on_measured_drops_changes_their_outcome_alone(ellipse_drops, 
     published.mirrored.cache_clear()
     plain, dragged = (
         published.planted_on_drops(effect, np.random.default_rng(3), 60).impacts
-        for effect in (None, published.form_on_drops("side_drag", np.random.default_rng(0)))
+        for effect in (None, published.ON_DROPS[0](np.random.default_rng(0)))
     )
     published.mirrored.cache_clear()
     assert torch.equal(plain.v_pre, dragged.v_pre)

@@ -1,8 +1,8 @@
 """Drops of MuJoCo: a body in the plane (two slides, a hinge) that starts just above a plane and bounces once.
 
-Contact: solref as stiffness and damping for a half-period of 1 ms, friction of its own strong damping (solreffriction)
-so that it is dry.  No gravity but where it is the effect.  Recorded: pose and velocity in the last step without
-contact and in the first after it.  Effects are options that MuJoCo documents (XML reference and Computation):
+Contact: solref as stiffness and damping for a half-period of 0.1 ms, friction with strong damping of its own
+(solreffriction), so that it is dry.  No gravity but where it is the effect.  Recorded: pose and velocity in the last
+step without contact and in the first after it.  Effects are options that MuJoCo documents (XML reference):
 
     rolling_resistance   condim 6, rolling friction: a length, the moment is at most so much times the normal force
     spin_damping         damping of the hinge while the body flies on until it is seen
@@ -20,8 +20,8 @@ import numpy as np
 from second_nature.bodies import Body
 from second_nature.nature import Drops, Record
 
-PERIOD, STEP, FLIGHT = 1e-3, 2e-5, 0.02
-FRICTION = "-1 -4000"
+PERIOD, STEP, FLIGHT, GLIDE = 1e-4, 2e-6, 0.02, 5e-4
+FRICTION = "-1 -40000"
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def simulate(body: Body, mu: float, eps: float, drops: Drops, options: Options =
 
 def _bounce(model, data, before, after):
     """Fill the states before and after one contact; whether there was exactly one of ordinary length."""
-    touched = False
+    touched, model.opt.timestep = False, STEP
     for _ in range(int(6 * PERIOD / STEP)):
         before[:] = before if touched else np.concatenate((data.qpos, data.qvel))
         mujoco.mj_step(model, data)
@@ -68,7 +68,8 @@ def _bounce(model, data, before, after):
     else:
         return False
     extra = FLIGHT if model.opt.gravity[2] or model.dof_damping.any() else 0.0
-    for _ in range(int(extra / STEP)):
+    model.opt.timestep = GLIDE
+    for _ in range(int(extra / GLIDE)):
         mujoco.mj_step(model, data)
         if data.ncon:
             return False

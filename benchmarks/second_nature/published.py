@@ -12,7 +12,7 @@ with the effect, which have nothing else.
 import csv
 import os
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,6 @@ from contactlearn.impacts import Impacts
 from contactlearn.shapes import Disc
 from second_nature import path
 from second_nature.effect import Circumstances, Effect
-from second_nature.forms import FORMS
 from second_nature.nature import Record
 from second_nature.path import Contacts
 from second_nature.planted import Planted
@@ -54,7 +53,7 @@ def planted_on_drops(effect: Effect | None, rng: np.random.Generator, n: int) ->
     planted = _outcome(record, effect, mu, eps)
     change = np.nan_to_num(planted - _outcome(record, None, mu, eps))
     alone, _ = law_error(replace(record, v_post=np.where(np.isfinite(planted), planted, record.v_post)), path.STRONGE)
-    share = 1 - before / np.hypot(before, alone)
+    share = float(1 - before / np.hypot(before, alone))
     truth = Truth(asked=Asked.INCLUDES, effects=(effect.accepted,), forms=(effect.form,), share=share, shares=(share,))
     return Planted(drops.replace(v_post=record.v_post + change), truth)
 
@@ -76,26 +75,45 @@ def _outcome(record: Record, effect: Effect | None, mu: float, eps: float) -> np
     return v if effect.after is None else effect.after(replace(known, contacts=contacts), v)
 
 
+def _softer(k, at, c):
+    return c * np.cos(k.theta - at)
+
+
+def _effect(name, text, **hooks):
+    return lambda rng: Effect(name, text, (name,), **{hook: build(rng) for hook, build in hooks.items()})
+
+
 ON_DROPS = (
-    "side_drag", "spin_damping", "directional_friction", "rolling_resistance", "velocity_dependent_restitution",
-    "contact_patch", "parameter_drift", "location_dependent_friction", "slip_dependent_restitution",
-    "load_dependent_friction",
+    _effect("side_drag", "a share that levels off with speed",
+            after=lambda rng, c=0.12: lambda k, v: v * (1 - c * np.tanh(_speed(v) / 0.5) * [1, 1, 0])),
+    _effect("side_drag", "quadratic in the speed",
+            after=lambda rng, c=0.1: lambda k, v: v / (1 + c * _speed(v) * [1, 1, 0])),
+    _effect("spin_damping", "quadratic in the spin",
+            after=lambda rng, c=0.012: lambda k, v: v / (1 + c * np.abs(v[:, 2:]) * [0, 0, 1])),
+    _effect("spin_damping", "a moment during contact, proportional to the present spin",
+            moment=lambda rng, b=0.6: lambda k, v: -b * k.rho**2 * v[:, 2] / k.speed),
+    _effect("rolling_resistance", "a constant arm against the present spin",
+            moment=lambda rng, arm=0.08: lambda k, v: -arm * k.rho * np.tanh(v[:, 2] / 0.3)),
+    _effect("contact_patch", "a lop-sided pad: τ = c P_n",
+            moment=lambda rng, arm=0.1: lambda k, v: arm * k.rho),
+    _effect("orientation_dependent_restitution", "a first harmonic over θ",
+            eps=lambda rng: partial(_softer, at=rng.uniform(-np.pi, np.pi), c=0.1)),
+    _effect("orientation_dependent_restitution", "a first harmonic over θ",
+            eps=lambda rng: partial(_softer, at=rng.uniform(-np.pi, np.pi), c=0.07)),
+    _effect("parameter_drift", "ε settles",
+            eps=lambda rng: lambda k: 0.25 * (np.exp(-k.share / 0.3) - 0.3)),
+    _effect("parameter_drift", "ε jumps",
+            eps=lambda rng: lambda k: 0.07 * np.sign(k.share - 0.6)),
+    _effect("location_dependent_restitution", "two plates side by side",
+            eps=lambda rng: lambda k: 0.07 * np.tanh((k.x + 0.37) / 0.01)),
+    _effect("slip_dependent_restitution", "saturates with the slip",
+            eps=lambda rng: lambda k: 0.5 * (np.abs(k.slip) / (np.abs(k.slip) + 0.6) - 0.5)),
 )  # fmt: skip
+"""Effects that 700 of these drops can show: their speed of fall hardly varies, and their slip has one sign."""
 
 
-def harmonic(rng: np.random.Generator) -> Effect:
-    """Restitution with a first harmonic over θ: one side of the body is softer."""
-    at, c = rng.uniform(-np.pi, np.pi), rng.uniform(0.1, 0.15)
-    name = "orientation_dependent_restitution"
-    return Effect(name, "a first harmonic over θ", (name,), eps=lambda k: c * np.cos(k.theta - at))
-
-
-def form_on_drops(name: str, rng: np.random.Generator) -> Effect:
-    """A form of the effect that the ellipse has and that the path can be given."""
-    if name == "orientation_dependent_restitution":
-        return harmonic(rng)
-    usable = [e for e in (build(rng) for build in FORMS[name]) if "ellipse" in e.bodies and not e.compliance]
-    return usable[rng.integers(len(usable))]
+def _speed(v):
+    return np.hypot(v[:, :1], v[:, 1:2])
 
 
 def table_tennis(rng: np.random.Generator, n: int, rows: slice = slice(None)) -> Planted:
