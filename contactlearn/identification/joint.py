@@ -48,6 +48,8 @@ class FitOptions:
     """
     starts: int = 8
     """Of the search, for each subset."""
+    tolerance: float = robust.TOLERANCE
+    """Fall of the loss in nats a trial below which a step brings nothing, and two such steps end the fit."""
     thresholds: FitThresholds = FitThresholds()
     """Limits of what is said about the fit."""
 
@@ -165,7 +167,7 @@ def identify_jointly(
         raise DataError(f"{len(parameters)} parameters need at least {least} trials, got {rows.shape[-1]}")
     flat = rows.reshape(-1, rows.shape[-1])
     problem = _Problem.of(law, effects, impacts, flat, parameters, options)
-    theta, scatter, loss, agreement, converged = robust.search(problem, options.starts, start)
+    theta, scatter, loss, agreement, converged = robust.search(problem, options.starts, start, options.tolerance)
     covariance, weight, effective = robust.uncertainty(problem, theta, scatter)
     back = (
         x.reshape(rows.shape[:-1] + x.shape[1:])

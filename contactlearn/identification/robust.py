@@ -22,7 +22,8 @@ from torch import Tensor
 
 _NU = 5.0  # degrees of freedom: 95 % as efficient as least squares on Gaussian noise
 _ROUNDS, _HALVING = 60, 6
-_TOLERANCE = 1e-7  # nats a trial
+TOLERANCE = 1e-7
+"""Fall of the loss in nats a trial below which a step brings nothing."""
 
 
 class Problem(Protocol):
@@ -87,7 +88,9 @@ def _loss(residual: Tensor, scatter: Tensor) -> Tensor:
     return torch.where(loss.isnan(), torch.inf, loss)
 
 
-def search(problem: Problem, starts: int, start: Tensor | None = None) -> tuple[Tensor, ...]:
+def search(
+    problem: Problem, starts: int, start: Tensor | None = None, tolerance: float = TOLERANCE
+) -> tuple[Tensor, ...]:
     """Best (θ [B, K], Σ [B, 3, 3], loss, agreement, converged [B]) over the starts, or from the one that is given."""
     B = len(problem)
     if start is None:
@@ -98,11 +101,11 @@ def search(problem: Problem, starts: int, start: Tensor | None = None) -> tuple[
     size = problem[which].residual(theta[:, None]).square().median(-2).values
     scatter = torch.diag_embed(torch.where(size.isfinite(), size, 1.0) + 1e-12)
     if starts > 2:
-        theta, scatter, loss, _ = _descend(problem[which], theta, scatter, _HALVING)
+        theta, scatter, loss, _ = _descend(problem[which], theta, scatter, _HALVING, tolerance)
         kept = loss.view(starts, B).argsort(0)[: starts // 2]  # [S/2, B]
         kept = (kept * B + torch.arange(B)).flatten()
         which, theta, scatter = which[kept], theta[kept], scatter[kept]
-    theta, scatter, loss, converged = _descend(problem[which], theta, scatter, _ROUNDS)
+    theta, scatter, loss, converged = _descend(problem[which], theta, scatter, _ROUNDS, tolerance)
     loss = loss.view(-1, B)
     least, best = loss.min(0)
     chosen = best * B + torch.arange(B)
@@ -134,7 +137,7 @@ def _starts(problem: Problem, starts: int) -> Tensor:
     return points.clamp(low, high)
 
 
-def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int) -> tuple[Tensor, ...]:
+def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int, tolerance: float) -> tuple[Tensor, ...]:
     """(θ, Σ, loss, converged) after rounds of damped steps; problems that have settled drop out."""
     result = [
         theta.clone(),
@@ -155,7 +158,7 @@ def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int) -> t
         better = new < loss
         theta = torch.where(better[:, None], _picked(tried, pick), theta)
         damping = damping * torch.where(better, torch.tensor((0.1, 1.0, 10.0), dtype=theta.dtype)[pick], 100.0)
-        calm = torch.where(loss - new.minimum(loss) < _TOLERANCE, calm + 1, 0)
+        calm = torch.where(loss - new.minimum(loss) < tolerance, calm + 1, 0)
         done = (calm >= 2) | (damping > 1e10)
         for whole, part in zip(result, (theta, scatter, new.minimum(loss), done), strict=True):
             whole[active] = part
