@@ -34,7 +34,7 @@ ERROR = Interval(0.1, 0.09, 0.11)
 SIX = (
     EffectId("surface_tilt"),
     EffectId("spin_damping", "after"),
-    EffectId("contact_patch"),
+    EffectId("contact_patch", "linear"),
     EffectId("inertia_error"),
     EffectId("side_drag"),
     EffectId("sampling_delay"),

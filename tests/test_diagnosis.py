@@ -6,7 +6,6 @@ import shlex
 
 import pytest
 import torch
-from scipy.stats import chi2
 from test_commands import ROOT, run
 from told import Told
 
@@ -14,7 +13,7 @@ from contactlearn.data import mystery, synthetic, table
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis, NoiseSource
 from contactlearn.diagnosis.search.candidates import all_candidates
-from contactlearn.diagnosis.search.selection import Selection
+from contactlearn.diagnosis.search.selection import select
 from contactlearn.diagnosis.validation import Folds
 from contactlearn.effects import EffectId, find_effect
 from contactlearn.effects.formula.effect import formula
@@ -48,45 +47,20 @@ def test_folds_hold_every_trial_out_as_often():
         Folds.draw(12, torch.Generator())
 
 
-def test_score_tests_are_those_of_a_refit():
-    """Where little is missing, the statistic is the fall of the likelihood that a refit finds, twice."""
-    drops = synthetic.load(size=600, seed=4)
-    selection = Selection(find("wang_mason"), drops, few("surface_tilt", "contact_patch", "inertia_error"),
-                          Folds.draw(600, torch.Generator().manual_seed(0)), {})  # fmt: skip
-    for one in selection.comparisons():
-        assert one.test.statistic < 25
-        assert one.test.p_value > 1e-5
-
-
-CROSSED = (
-    EffectId("parameter_drift", "restitution"),
-    EffectId("slip_dependent_restitution", "linear"),
-    *map(EffectId, ("inertia_error", "com_offset")),
-)
-"""All but the last do mostly what μ and ε could do as well."""
-
-
-def test_score_tests_hold_their_level():
-    """With nothing missing p-values are spread evenly, also of effects that do mostly what μ and ε do."""
-    found = []
-    for seed in range(60):
-        drops = synthetic.load(size=200, seed=seed)
-        folds = Folds.draw(200, torch.Generator().manual_seed(0), repeats=1)
-        candidates = {key: all_candidates()[key] for key in CROSSED}
-        selection = Selection(find("wang_mason"), drops, candidates, folds, {})
-        found.append([selection.score_test(key).p_value for key in CROSSED])
-    found = torch.tensor(found)
-    assert abs((found < 0.1).double().mean() - 0.1) < 0.07
-    for level in (0.3, 0.5, 0.7):
-        assert ((found < level).double().mean(0) - level).abs().max() < 0.26  # 60 draws: 4 standard errors
-        assert abs((found < level).double().mean() - level) < 0.11
+def chosen(law, impacts, candidates, given=None, **options):
+    """A selection around a law."""
+    folds = Folds.draw(len(impacts), torch.Generator().manual_seed(0), repeats=1)
+    return select(
+        {law: find(law)}, impacts, candidates, folds, given=given or {}, options=FitOptions(**options),
+        generator=torch.Generator().manual_seed(0),
+    )  # fmt: skip
 
 
 def test_held_out_errors_are_of_trials_that_were_not_fitted_to():
     """As by hand, fold by fold."""
     drops = synthetic.load(size=100, seed=1)
-    folds = Folds.draw(100, torch.Generator().manual_seed(0), repeats=1)
-    base = Selection(find("wang_mason"), drops, few("surface_tilt"), folds, {}).base
+    selection = chosen("wang_mason", drops, few("surface_tilt"))
+    folds, base = selection.folds, selection.base
     for fitted, held_out in zip(folds.fitted, folds.held_out, strict=True):
         by_hand = identify_jointly(find("wang_mason"), {}, drops[fitted]).model.predict(drops[held_out])
         error = mass_error(drops[held_out], by_hand)
@@ -243,11 +217,8 @@ def test_the_loop_from_the_command_line(tmp_path):
 @pytest.mark.parametrize("options", [{"noise": (0.01, 0.01, 0.4)}, {"target": "wrench"}], ids=["noise", "wrench"])
 def test_what_is_compared_does_not_change_what_is_found(options):
     impacts, truth = mystery.draw(12, effects=["surface_tilt"], size=250)
-    folds = Folds.draw(250, torch.Generator().manual_seed(0))
-    selection = Selection(
-        find(truth["law"]), impacts, few("surface_tilt", "com_offset", "adhesion"), folds, {}, FitOptions(**options)
-    )
-    assert list(selection.run().effects) == ["surface_tilt"]
+    selection = chosen(truth["law"], impacts, few("surface_tilt", "com_offset", "adhesion"), **options)
+    assert list(selection.present.effects) == ["surface_tilt"]
 
 
 def test_an_unknown_effect_is_said_to_be_unknown():
@@ -268,14 +239,3 @@ def test_a_law_that_was_chosen_without_the_effects_is_chosen_again_with_them():
     assert found.best_law.name != found.law == truth["law"]
     assert told["law_changed"] == truth["law"]
     assert set(found.effects) == {effect["name"] for effect in truth["effects"]}
-
-
-def test_a_place_that_means_nothing_without_its_effect_is_paid_for():
-    """The p-value of a spot is that of the best place times their number."""
-    drops = synthetic.load(size=100)
-    spot = EffectId("orientation_dependent_restitution", "spot")
-    folds = Folds.draw(100, torch.Generator().manual_seed(0), repeats=1)
-    selection = Selection(find("wang_mason"), drops, {spot: all_candidates()[spot]}, folds, {})
-    test = selection.score_test(spot)
-    there = chi2.sf(test.statistic, 1)
-    assert test.p_value == pytest.approx(min(1.0, 8 * there), rel=1e-6)

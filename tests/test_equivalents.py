@@ -17,11 +17,12 @@ from contactlearn.diagnosis.discrimination.experiment import (
 )
 from contactlearn.diagnosis.discrimination.rivals import find_rivals, similarity
 from contactlearn.diagnosis.result.rivals import Experiment
-from contactlearn.diagnosis.search.selection import Selection
+from contactlearn.diagnosis.search.pool import Pool, Spec
+from contactlearn.diagnosis.search.selection import Selection, select, validated
 from contactlearn.diagnosis.validation import Folds, paired_gain, robust_covariance
 from contactlearn.effects import EffectId, catalogue, find_effect
 from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.identification.joint import identify_jointly
+from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel
 from contactlearn.serialisation import from_json, to_json
@@ -62,11 +63,17 @@ def drops(effect, size, seed=0, width=1.0):
 
 def having(impacts, *chosen, among=()):
     """A selection that has chosen these effects."""
+    prepared = {key: effect.prepare(impacts) for key, effect in candidates(*among).items()}
+    pool = Pool({"wang_mason": laws.find("wang_mason")}, impacts, prepared, {}, FitOptions())
+    spec, folds = Spec("wang_mason", frozenset(chosen)), Folds.draw(len(impacts), seeded(0))
+    base, present = (validated(pool, folds, pool.fitted(one)) for one in (Spec("wang_mason"), spec))
+    return Selection(pool=pool, folds=folds, spec=spec, base=base, present=present, plausible=(), complete=True)
+
+
+def chosen(law, impacts, given=None):
+    """A selection from the whole catalogue."""
     folds = Folds.draw(len(impacts), seeded(0))
-    selection = Selection(laws.find("wang_mason"), impacts, candidates(*among), folds, {})
-    chosen = {key.name: selection.candidates[key] for key in map(EffectId.parse, map(str, chosen))}
-    selection.present = selection.models.validated(chosen, identify_jointly(selection.law, chosen, impacts))
-    return selection
+    return select({law: laws.find(law)}, impacts, candidates(), folds, given=given or {}, generator=seeded(0))
 
 
 def gravity(dt):
@@ -80,8 +87,8 @@ def slowing(p):
 @pytest.fixture(scope="module")
 def one_height():
     """Sixty drops from one height with a late frame, and what could stand for it."""
-    selection = having(drops(gravity(0.004), 60, seed=1, width=0.1), "gravity_impulse")
-    return selection, find_rivals(selection)["gravity_impulse"]
+    selection = having(drops(gravity(0.004), 60, seed=1, width=0.1), LATE)
+    return selection, find_rivals(selection)[LATE]
 
 
 @pytest.fixture(scope="module")
@@ -104,43 +111,39 @@ def test_drops_from_one_height_do_not_tell_a_late_frame_from_an_offset_of_the_co
 
 
 def test_many_drops_from_many_heights_do():
-    assert find_rivals(having(drops(gravity(0.02), 400), "gravity_impulse")) == {"gravity_impulse": ()}
+    assert find_rivals(having(drops(gravity(0.02), 400), LATE)) == {LATE: ()}
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_few_drops_do_not_tell_a_weak_dependence_on_the_speed_from_adhesion(seed):
     selection = having(drops(slowing(-0.04), 60, seed), POWER, among=("velocity_dependent_restitution", "adhesion"))
-    assert EffectId("adhesion", "work") in [one.rival.effect for one in find_rivals(selection)[POWER.name]]
+    assert EffectId("adhesion", "work") in [one.rival.effect for one in find_rivals(selection)[POWER]]
 
 
 def test_adhesion_cannot_stand_for_a_restitution_that_falls_with_the_speed():
     """It mimics that to first order, but would have to be negative: the refit says so."""
     selection = having(drops(slowing(0.25), 100), POWER, among=("velocity_dependent_restitution", "adhesion"))
-    assert similarity(selection, POWER.name)[EffectId("adhesion", "work")].similarity > 0.5
-    assert find_rivals(selection) == {POWER.name: ()}
+    assert similarity(selection, POWER)[EffectId("adhesion", "work")].similarity > 0.5
+    assert find_rivals(selection) == {POWER: ()}
 
 
 def test_forms_of_one_effect_are_not_equivalents_of_each_other():
     selection = having(drops(slowing(0.1), 60), POWER, among=("velocity_dependent_restitution",))
-    chosen = {VISCOELASTIC.name: selection.candidates[VISCOELASTIC]}
-    other = selection.models.validated(chosen, identify_jointly(selection.law, chosen, selection.impacts))
+    spec = Spec("wang_mason", frozenset({VISCOELASTIC}))
+    other = validated(selection.pool, selection.folds, selection.pool.fitted(spec))
     assert abs(paired_gain(selection.present, other)[0]) < 0.01  # though they are as good
-    assert find_rivals(selection) == {POWER.name: ()}
+    assert find_rivals(selection) == {POWER: ()}
 
 
 def test_a_hidden_tilt_has_no_equivalent():
     impacts, truth = mystery.draw(1, effects=["surface_tilt"], size=500)
-    selection = Selection(laws.find(truth["law"]), impacts, candidates(), Folds.draw(500, seeded(0)), {})
-    selection.run()
-    assert find_rivals(selection) == {"surface_tilt": ()}
+    assert find_rivals(chosen(truth["law"], impacts)) == {EffectId("surface_tilt"): ()}
 
 
 def test_given_effects_are_not_asked_about():
     impacts = drops(gravity(0.004), 60, seed=1, width=0.1)
     given = {"gravity_impulse": gravity(0.0)}
-    assert (
-        find_rivals(Selection(laws.find("wang_mason"), impacts, candidates(), Folds.draw(60, seeded(0)), given)) == {}
-    )
+    assert find_rivals(chosen("wang_mason", impacts, given)) == {}
 
 
 def test_next_drops_separate_better_than_random_ones(rivals):
@@ -188,8 +191,8 @@ def test_next_drops_made_tell_the_two_apart(rivals):
         evidence.append((losses[0] - losses[1]) * len(together))
     assert math.log(20) - 1 < sum(evidence) / 6 < math.log(20) + 4
     together = joined(impacts, measured(made, gravity(0.004), seed=9))
-    selection = having(together, "gravity_impulse", among=("gravity_impulse", "contact_patch"))
-    assert find_rivals(selection) == {"gravity_impulse": ()}
+    selection = having(together, LATE, among=("gravity_impulse", "contact_patch"))
+    assert find_rivals(selection) == {LATE: ()}
 
 
 def placed(impacts, made):

@@ -166,7 +166,7 @@ def test_numbers_are_written_as_in_the_ladder(found, content):
 
 
 def test_noise_is_no_more_than_all():
-    whole = made_up(60, EffectId("contact_patch"))
+    whole = made_up(60, EffectId("contact_patch", "linear"))
     assert "100\u00a0% is noise" in render(of_diagnosis(whole, about(whole.record.impacts)))
 
 

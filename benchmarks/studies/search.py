@@ -9,21 +9,19 @@ from contactlearn.diagnosis import validation
 from contactlearn.diagnosis.discrimination import rivals
 from contactlearn.diagnosis.discrimination.rivals import find_rivals
 from contactlearn.diagnosis.pipeline import diagnose
-from contactlearn.diagnosis.search import reselection, score_test, selection
+from contactlearn.diagnosis.search import pool, quadratic
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
-from contactlearn.diagnosis.search.reselection import reselected
-from contactlearn.diagnosis.search.selection import Selection
+from contactlearn.diagnosis.search.selection import Selection, select
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.validation import Folds, held_out_error
+from contactlearn.diagnosis.validation import Folds
 from contactlearn.errors import DataError
-from contactlearn.identification.joint import FitOptions
 from contactlearn.impacts import Impacts
 from studies.cases import drops, heavy, mystery
 from studies.memory import remember
 from studies.study import Row, Study, each
 
-remember("identify_jointly", validation, selection, reselection)
-remember("linearise", score_test, rivals)
+remember("identify_jointly", validation, pool)
+remember("linearise", quadratic, rivals)
 
 
 class Hidden(NamedTuple):
@@ -38,12 +36,13 @@ class Hidden(NamedTuple):
         return Folds.draw(len(self.impacts), torch.Generator().manual_seed(0), repeats=1)
 
     def selection(self, thresholds: Thresholds, law: str | None = None) -> Selection:
-        """The selection around a law, nature's if None, before its run."""
-        limits = thresholds.selection
+        """The selection around a law, nature's if None."""
+        limits, law = thresholds.selection, law or self.law
         among = usable(all_candidates(), self.impacts, limits)
-        return Selection(
-            laws.find(law or self.law), self.impacts, among, self.folds(), {}, FitOptions(), thresholds=limits
-        )
+        return select(
+            {law: laws.find(law)}, self.impacts, among, self.folds(), given={}, thresholds=limits,
+            generator=torch.Generator().manual_seed(0),
+        )  # fmt: skip
 
 
 def _hidden(effects: tuple[str, ...], strength: tuple[float, float], size: int, seed: int) -> Hidden:
@@ -56,7 +55,7 @@ def _hidden(effects: tuple[str, ...], strength: tuple[float, float], size: int, 
 
 def _named(hidden: Hidden, thresholds: Thresholds) -> bool:
     """Whether all hidden effects are named; where the catalogue has none of them, whether any effect is."""
-    found = hidden.selection(thresholds).run().effects
+    found = hidden.selection(thresholds).present.effects
     return set(hidden.effects) <= set(found) if hidden.effects else bool(found)
 
 
@@ -85,7 +84,7 @@ SMALL = Study(
 
 
 class Chosen(NamedTuple):
-    """A selection that was run, and the group of effects with nearly the same trace to which the hidden one belongs."""
+    """A selection, and the group of effects with nearly the same trace to which the hidden one belongs."""
 
     selection: Selection
     twins: set[str]
@@ -93,7 +92,6 @@ class Chosen(NamedTuple):
 
 def _chosen(effects: tuple[str, ...], seed: int) -> Chosen:
     made = _hidden(effects, _CLEAR, 100, seed).selection(Thresholds())
-    made.run()
     return Chosen(made, {name for group in mystery.hidden.RIVALS if group & set(effects) for name in group})
 
 
@@ -117,41 +115,6 @@ RIVALS = Study(
 )  # fmt: skip
 
 
-class Around(NamedTuple):
-    """A selection around a law, run, the held-out errors of all laws alone, and nature's law."""
-
-    selection: Selection
-    errors: dict[str, float]
-    true: str
-
-
-def _around(true: bool, effects: tuple[str, ...], seed: int) -> Around:
-    """A selection around nature's law, or around the best other one."""
-    hidden = _hidden(effects, (3.0, 8.0), 100, seed)
-    every = {name: laws.find(name) for name in laws.PAPER_LAWS}
-    errors = {
-        name: held_out_error(law, {}, hidden.impacts, hidden.folds(), FitOptions()) for name, law in every.items()
-    }
-    others = [name for name in errors if name != hidden.law]
-    made = hidden.selection(Thresholds(), hidden.law if true else min(others, key=errors.__getitem__))
-    made.run()
-    return Around(made, errors, hidden.law)
-
-
-def _changed(around: Around, thresholds: Thresholds) -> bool:
-    """Whether the law is changed where it was nature's, and to nature's where it was another."""
-    every = {name: laws.find(name) for name in around.errors}
-    law = reselected(around.selection, every, around.errors, thresholds.laws).law.name
-    return law == around.true if around.selection.law.name != around.true else law != around.true
-
-
-_DISTURBED = tuple((name,) for name in mystery.EFFECTS[::4])
-LAWS = Study(
-    name="law", null=each(1, *((True, effects) for effects in _DISTURBED)),
-    planted=each(1, *((False, effects) for effects in _DISTURBED)), prepare=_around, alarm=_changed,
-)  # fmt: skip
-
-
 def _diagnosed(hidden: Hidden, thresholds: Thresholds) -> bool:
     """Whether the data are diagnosed at all and the hidden effect is named, or any where there is none."""
     try:
@@ -171,14 +134,11 @@ FEW = Study(
 _S, _R = "selection.", "rivals."
 ROWS = (
     Row(field="fewest_trials", values=(20, 25, 35, 50), study=FEW),
-    Row(field="laws.near", values=(1.0, 1.5, 2.0, 4.0, 1e9), study=LAWS),
-    Row(field="laws.better", values=(0.8, 0.9, 0.97, 1.0, 1.05), study=LAWS),
     Row(field=_S + "trials_per_parameter", values=(1, 5, 10, 20, 40), study=SMALL),
-    Row(field=_S + "false_alarms", values=(0.001, 0.01, 0.05, 0.2, 1.0), study=SELECTION),
     Row(field=_S + "least_gain", values=(0.0, 0.01, 0.03, 0.06, 0.12), study=SELECTION),
     Row(field=_S + "gain_sigmas", values=(-1e9, 1.0, 2.0, 3.0, 5.0), study=SELECTION),
-    Row(field=_S + "sure", values=(6.0, 20.0, 60.0, 180.0, 1e9), study=SELECTION),
-    Row(field=_S + "most_effects", values=(1, 2, 10, 40), study=SELECTION),
+    Row(field=_S + "window", values=(0.0, 3.0, 7.0, 12.0), study=RIVALS),
+    Row(field=_S + "most_effects", values=(1, 2, 8), study=SELECTION),
     Row(field=_R + "similarity", values=(0.0, 0.25, 0.5, 0.75, 0.9), study=RIVALS),
     Row(field=_R + "sigmas", values=(0.5, 1.0, 2.0, 4.0, 1e9), study=RIVALS),
     Row(field=_R + "loss", values=(0.0, 0.01, 0.02, 0.05, 0.2), study=RIVALS),

@@ -14,12 +14,11 @@ from contactlearn.app import fitting, loading, record, results, settings
 from contactlearn.app.laws import chosen_law, named_laws
 from contactlearn.diagnosis import pipeline
 from contactlearn.diagnosis.result import Diagnosis
-from contactlearn.diagnosis.search.candidates import all_candidates
+from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS, all_candidates
 from contactlearn.effects import Effect, EffectId, catalogue
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import HEADLINE
 from contactlearn.impacts import Impacts
-from contactlearn.laws import PAPER_LAWS
 from contactlearn.report import observer as report
 from contactlearn.report import terminal
 from contactlearn.report.figures.diagnosis import drawn
@@ -55,10 +54,11 @@ def _found(cfg: DictConfig, impacts: Impacts, bar: Progress) -> Diagnosis:
         chosen_law(cfg),
         effects,
         candidates=_candidates(cfg, effects),
-        laws=list(named_laws(cfg, PAPER_LAWS).values()),
+        laws=list(named_laws(cfg, SEARCHED_LAWS).values()),
         noise=settings.noise(cfg),
         limits={name: tuple(ends) for name, ends in cfg.limits.items()},
         seed=cfg.seed,
+        seconds=cfg.seconds,
         observer=report.TerminalObserver(bar),
     )
 

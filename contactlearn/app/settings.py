@@ -45,6 +45,7 @@ _RULES = {
     "test": _number(lambda x: 0 < x < 1, "a share in (0, 1)"),
     "seed": _whole(0),
     "threads": _whole(1),
+    "seconds": _number(lambda x: x > 0, "a positive number of seconds"),
     "train.size": _whole(1),
     "train.repetitions": _whole(1),
     "train.mu": _pair("[low, high], such as [0, 1]"),

@@ -1,10 +1,10 @@
 """The diagnosis: from measurements and a law to the effects that are missing, or to the honest alternative.
 
     audit        mistakes in the measurements; those that can be corrected are, and are reported first
-    laws         the given one, or the one that is best on held-out trials, alone and then with the effects
+    laws         held-out error of each law alone
+    selection    a law, the given one or any, with effects of the catalogue: searched together, fitted jointly
     limits       error of the law, of processes that learn all they can, of the best rigid contact
     regions      where the law alone fails, and where the effects help
-    selection    effects of the catalogue that are admitted, by held-out error
     ladder       law, each effect, flexible model, noise: held-out errors
     rivals       effects that explain these data as well, and the drops that separate them
     remainder    the part of the residual that a flexible model still predicts, and formulas for it
@@ -24,15 +24,17 @@ from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result import (
     Diagnosis,
     Finding,
+    FrontierModel,
     LawFit,
     MissingEffect,
+    PlausibleModel,
     Rung,
     RungKind,
     Verdict,
 )
-from contactlearn.diagnosis.search.candidates import all_candidates
+from contactlearn.diagnosis.search.candidates import all_candidates, all_laws
 from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
-from contactlearn.diagnosis.search.selection import Selection, identities
+from contactlearn.diagnosis.search.selection import Selection, validated
 from contactlearn.diagnosis.stages import (
     Explained,
     Searched,
@@ -44,12 +46,12 @@ from contactlearn.diagnosis.stages import (
     search_effects,
 )
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.validation import Folds
+from contactlearn.diagnosis.validation import Folds, interval
 from contactlearn.effects import Effect, EffectId
 from contactlearn.evaluation.partial_residuals import partial_residuals
 from contactlearn.identification.joint import FitOptions
 from contactlearn.impacts import Impacts
-from contactlearn.laws import PAPER_LAWS, Law, find
+from contactlearn.laws import Law
 
 _FEW = 600  # trials up to which the cross-validation is repeated
 
@@ -64,6 +66,7 @@ def diagnose(
     noise: tuple[float, float, float] | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
     seed: int = 0,
+    seconds: float = 60.0,
     thresholds: Thresholds = Thresholds(),
     observer: Observer = Observer(),
 ) -> Diagnosis:
@@ -74,10 +77,11 @@ def diagnose(
         law: an analytical law; if None, that of `laws` with the least held-out error.
         effects: in the model already, by name.
         candidates: effects that may be missing; the whole catalogue if None.  `candidates.usable` refuses some.
-        laws: to compare; if None, the textbook laws of the paper.
+        laws: to compare; `all_laws()` if None.
         noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s) where they are known.
         limits: of the set-up for the next experiment, see `next_experiment`.
         seed: of the folds and resamples.
+        seconds: after which the search goes on with the models that it has, and the result says so.
         thresholds: limits of every decision.
         observer: hears of each stage's result.
 
@@ -87,10 +91,11 @@ def diagnose(
     study = Study(
         given=dict(effects or {}),
         candidates=candidates or all_candidates(),
-        laws={one.name: one for one in (laws or map(find, PAPER_LAWS))} | ({law.name: law} if law else {}),
+        laws={one.name: one for one in (laws or all_laws())} | ({law.name: law} if law else {}),
         options=FitOptions(noise=noise, thresholds=thresholds.fit),
         limits=limits or {},
         thresholds=thresholds,
+        seconds=seconds,
         observer=observer,
         generator=torch.Generator().manual_seed(seed),
     )
@@ -104,7 +109,7 @@ def diagnose(
     fits = study.law_fits(impacts, folds)
     chosen = law or study.laws[min(fits, key=lambda fit: fit.error).name]
     observer.laws(chosen.name, fits)
-    searched = search_effects(study, chosen, fits if law is None else (), impacts, folds)
+    searched = search_effects(study, chosen, law is None, impacts, folds)
     explained = compare_effects(study, searched)
     rest = divide_error(study, searched, explained.ladder)
     return _assembled(study, searched, explained, rest, fits, (*findings, *searched.notes))
@@ -138,7 +143,7 @@ def _assembled(
         physics=physics,
         law=selection.law.name,
         variant=selection.law.variant,
-        given=tuple(identities(study.given)),
+        given=tuple(EffectId(name, effect.form) for name, effect in study.given.items()),
         findings=findings,
         laws=tuple(laws),
         missing=missing,
@@ -154,6 +159,9 @@ def _assembled(
         remainder=rest.learned.remainder,
         formulas=rest.formulas,
         choices=chosen.choices,
+        models=_plausible(selection),
+        frontier=_frontier(study, selection),
+        complete=selection.complete,
         thresholds=study.thresholds,
         record=Record(
             impacts=selection.impacts,
@@ -182,12 +190,32 @@ def _choices(
     complete = tuple(
         replace(
             one,
-            rivals=tuple(rival.rival for rival in explained.rivals[one.effect.name]),
+            rivals=tuple(rival.rival for rival in explained.rivals[one.effect]),
             reduction_on_all_trials=chosen.reduction(impacts, one.effect, generator),
         )
         for one in missing
     )
     return chosen, complete
+
+
+def _plausible(selection: Selection) -> tuple[PlausibleModel, ...]:
+    """The models that the data cannot tell from the chosen one."""
+    return tuple(
+        PlausibleModel(law=one.model.spec.law, effects=tuple(sorted(one.model.spec.effects)), share=one.share)
+        for one in selection.plausible
+    )
+
+
+def _frontier(study: Study, selection: Selection) -> tuple[FrontierModel, ...]:
+    """The best model of each number of effects up to one more than were chosen."""
+    pool, found = selection.pool, []
+    for size in range(len(selection.spec.effects) + 2):
+        models = [model for model in pool.models.values() if len(model.spec.effects) == size]
+        if models:
+            best = pool.best(models)
+            error = interval(validated(pool, selection.folds, best).error, study.generator)
+            found.append(FrontierModel(law=best.spec.law, effects=tuple(sorted(best.spec.effects)), error=error))
+    return tuple(found)
 
 
 def _physics(

@@ -8,7 +8,7 @@
 Each stage is a function of the study and of the results before it.  The generator is drawn from in this order.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import torch
@@ -32,12 +32,11 @@ from contactlearn.diagnosis.result import (
 )
 from contactlearn.diagnosis.search.candidates import usable
 from contactlearn.diagnosis.search.ladder import Ladder, ladder
-from contactlearn.diagnosis.search.reselection import reselected
-from contactlearn.diagnosis.search.selection import Selection, identities
+from contactlearn.diagnosis.search.selection import Selection, select
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.formulas import formulas
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder, learn_remainder
-from contactlearn.diagnosis.validation import Folds, ValidatedFit, held_out_error, interval
+from contactlearn.diagnosis.validation import CrossValidation, Folds, ValidatedFit, held_out_error, interval
 from contactlearn.effects import Effect, EffectId
 from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.identification.joint import FitOptions, identify_jointly
@@ -55,6 +54,7 @@ class Study:
     options: FitOptions
     limits: Mapping[str, tuple[float, float]]
     thresholds: Thresholds
+    seconds: float
     observer: Observer
     generator: torch.Generator
 
@@ -72,11 +72,22 @@ class Study:
     def law_fits(self, impacts: Impacts, folds: Folds) -> tuple[LawFit, ...]:
         """Each law: its held-out error with the given effects, and its coefficients alone."""
         laws = self.observer.progress(Task.LAWS, list(self.laws.values()))
-        return tuple(LawFit.of(self.alone(law, impacts), self.held_out(law, impacts, folds)) for law in laws)
+        return tuple(self._law_fit(law, impacts, folds) for law in laws)
+
+    def _law_fit(self, law: Law, impacts: Impacts, folds: Folds) -> LawFit:
+        """One law: its coefficients alone, and its held-out error with the given effects."""
+        alone = identify_jointly(law, {}, impacts, options=replace(self.options, starts=2))
+        start = None if self.given else alone.values
+        return LawFit.of(alone.model.base, held_out_error(law, self.given, impacts, folds, self.options, start))
 
     def alone(self, law: Law, impacts: Impacts) -> Law:
         """A law without any effect, fitted to all trials."""
         return identify_jointly(law, {}, impacts, options=replace(self.options, starts=2)).model.base
+
+    def base(self, law: Law, impacts: Impacts, folds: Folds) -> ValidatedFit:
+        """Fit a law with the given effects and validate it."""
+        models = CrossValidation(law=law, impacts=impacts, folds=folds, options=self.options)
+        return models.validated(self.given, models.fit(self.given))
 
     def held_out(self, law: Law, impacts: Impacts, folds: Folds) -> float:
         """Held-out error of a law with the given effects."""
@@ -127,27 +138,32 @@ class Searched:
     regions: tuple[Region, ...]
 
 
-def search_effects(study: Study, law: Law, others: Sequence[LawFit], impacts: Impacts, folds: Folds) -> Searched:
-    """Select effects around a law and, if other laws may be chosen, around one that does better with them."""
-    among, limits = study.usable(impacts), study.thresholds.selection
-    selection = Selection(law, impacts, among, folds, study.given, study.options, limits)
-    ceiling = study.remainder(selection.base, impacts, folds)
+def search_effects(study: Study, law: Law, chosen: bool, impacts: Impacts, folds: Folds) -> Searched:
+    """Select a law and effects; the law is the given one, or any where it was only `chosen` as the best alone."""
+    among = study.usable(impacts)
+    ceiling = study.remainder(study.base(law, impacts, folds), impacts, folds)
     notes = averaged(impacts, ceiling.v_post, lambda drops: study.held_out(law, drops, folds), study.thresholds.audit)
     if notes:
         study.observer.averaging(notes)
         impacts = corrected(impacts, notes, study.thresholds)
-        selection = Selection(law, impacts, among, folds, study.given, study.options, limits)
+    selection = select(
+        study.laws if chosen else {law.name: law},
+        impacts,
+        among,
+        folds,
+        given=study.given,
+        options=study.options,
+        thresholds=study.thresholds.selection,
+        seconds=study.seconds,
+        generator=study.generator,
+        progress=study.progress(Task.EFFECTS),
+    )
+    if notes or selection.law.name != law.name:
         ceiling = study.remainder(selection.base, impacts, folds)
-    bounds, regions = study.failures(selection, ceiling)
-    selection.run(study.progress(Task.EFFECTS))
-    if others:
-        errors = {fit.name: fit.error for fit in others}
-        better = reselected(selection, study.laws, errors, study.thresholds.laws, study.progress(Task.EFFECTS))
-        if better.law.name != law.name:
-            selection = better
-            study.observer.law_changed(selection.law.name)
-            bounds, regions = study.failures(selection, study.remainder(selection.base, impacts, folds))
-    return Searched(selection=selection, notes=notes, limits=bounds, regions=regions)
+    if selection.law.name != law.name:
+        study.observer.law_changed(selection.law.name)
+    limits, regions = study.failures(selection, ceiling)
+    return Searched(selection=selection, notes=notes, limits=limits, regions=regions)
 
 
 # --- What the effects explain, and what they do not --------------------------------------------
@@ -155,10 +171,10 @@ def search_effects(study: Study, law: Law, others: Sequence[LawFit], impacts: Im
 
 @dataclass(frozen=True, kw_only=True)
 class Explained:
-    """The ladder, rivals of its effects by name, and the experiment that separates them."""
+    """The ladder, rivals of its effects, and the experiment that separates them."""
 
     ladder: Ladder
-    rivals: Mapping[str, tuple[FittedRival, ...]]
+    rivals: Mapping[EffectId, tuple[FittedRival, ...]]
     experiment: Experiment | None
 
 
@@ -168,9 +184,8 @@ def compare_effects(study: Study, searched: Searched) -> Explained:
     rungs = ladder(selection, searched.regions, study.generator)
     study.observer.missing(rungs.missing, searched.regions)
     rivals = find_rivals(selection, study.thresholds.rivals, study.progress(Task.RIVALS))
-    ids = {one.name: one for one in identities(selection.present.effects)}
     models = {
-        Substitution(ids[name], one.rival.effect): one.fitted.fit.model for name, some in rivals.items() for one in some
+        Substitution(effect, one.rival.effect): one.fitted.fit.model for effect, some in rivals.items() for one in some
     }
     experiment = None
     if models:

@@ -12,37 +12,21 @@ from contactlearn.identification.thresholds import FitThresholds
 
 
 @dataclass(frozen=True, kw_only=True)
-class LawThresholds:
-    """Limits of the choice of a law."""
-
-    near: float = 2.0
-    """Held-out error over that of the chosen law up to which another is tried again with the effects: no effect of
-    the catalogue explains more than half of a law's error without the better law (row laws.near)."""
-    better: float = 0.97
-    """Held-out error with the effects, over that of the chosen law, below which another replaces it: as much as an
-    effect must bring (row laws.better)."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class SelectionThresholds:
-    """Limits beyond which an effect is named."""
+    """Limits beyond which an effect is named, and within which models are as good."""
 
     trials_per_parameter: int = 10
     """Trials that each parameter of a candidate must have to itself; richer candidates explain noise
     (row selection.trials_per_parameter)."""
-    false_alarms: float = 0.05
-    """Probability that the score tests admit anything where nothing is missing, over all candidates together
-    (row selection.false_alarms)."""
     least_gain: float = 0.03
     """Share of the held-out error that an effect must take away to be worth a name (row selection.least_gain)."""
     gain_sigmas: float = 2.0
-    """Standard errors by which the held-out gain of an effect must exceed 0, to come in and to stay
-    (row selection.gain_sigmas)."""
-    sure: float = 60.0
-    """Wald statistic (χ²) of an effect beyond which it stays without a refit: far beyond any chance
-    (row selection.sure)."""
-    most_effects: int = 10
-    """Effects that are admitted at most; no data set so far held half as many (row selection.most_effects)."""
+    """Standard errors by which the held-out gain of an effect must exceed 0 (row selection.gain_sigmas)."""
+    window: float = 7.0
+    """Nats above the chosen model's score within which another model is plausible: odds of 1000
+    (row selection.window)."""
+    most_effects: int = 8
+    """Effects that are admitted at most (row selection.most_effects)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,10 +125,8 @@ class Thresholds:
     """Of mistakes in the measurements."""
     fit: FitThresholds = field(default_factory=FitThresholds)
     """Of outliers of a fit, and of parameters that are not determined."""
-    laws: LawThresholds = field(default_factory=LawThresholds)
-    """Of the choice of a law."""
     selection: SelectionThresholds = field(default_factory=SelectionThresholds)
-    """Of missing effects."""
+    """Of the law and of missing effects."""
     regions: RegionThresholds = field(default_factory=RegionThresholds)
     """Of regions in which the law fails."""
     rivals: RivalThresholds = field(default_factory=RivalThresholds)

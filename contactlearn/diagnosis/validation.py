@@ -19,6 +19,7 @@ from contactlearn.laws import Law
 RESAMPLES = 1000
 """Of the bootstrap of a mean error."""
 _STARTS = 4  # of a fit to all trials without a start
+_TOLERANCE = 1e-5  # nats a trial, of the fits of the folds, which begin next to their ends
 _CHI_SQUARED_50 = 2.3659739  # median, 3 degrees of freedom
 
 
@@ -110,8 +111,9 @@ class CrossValidation:
             fit: of it to all trials, where the fits of the folds start.
             scatter: in which the losses are measured; if None, that of the model's own residual.
         """
+        options = replace(self.options, tolerance=_TOLERANCE)
         held = identify_jointly(
-            self.law, effects, self.impacts, self.folds.fitted, options=self.options, start=fit.values
+            self.law, effects, self.impacts, self.folds.fitted, options=options, start=fit.values
         ).model.predict(self.impacts)
         if scatter is None:
             scatter = robust_covariance(self.impacts.v_post - fit.model.predict(self.impacts).v_post)

@@ -9,7 +9,7 @@ from contactlearn.diagnosis.result import Diagnosis, ErrorLimits, Finding, LawFi
 from contactlearn.effects import EffectId
 from contactlearn.impacts import Impacts
 from contactlearn.report.terminal import say
-from contactlearn.report.text import base_label, error, headline, rung_label, sentence, stages
+from contactlearn.report.text import base_label, error, headline, rung_label, search, sentence, stages
 
 _TASKS = {
     Task.LAWS: "laws",
@@ -80,6 +80,7 @@ def show_verdict(found: Diagnosis, command: str) -> None:
         found: the diagnosis.
         command: that evaluates the model with the missing effects.
     """
+    _show_search(found)
     _show_rivals(found)
     _show_residual(found)
     for rung in found.ladder:
@@ -95,6 +96,17 @@ def show_verdict(found: Diagnosis, command: str) -> None:
             say(f"note: {note}")
     if found.missing:
         say(f"to use it: {command}")
+
+
+def _show_search(found: Diagnosis) -> None:
+    """The best model of each number of effects, and the models that the data do not distinguish."""
+    for model in found.frontier:
+        say(f"frontier: {search.frontier_line(model)}")
+    for model in search.listed_models(found):
+        say(f"model: {search.share(model)}  {search.model_name(model.law, model.effects)}")
+    for note in (search.equal_laws(found), "" if found.complete else search.STOPPED):
+        if note:
+            say(f"note: {note}")
 
 
 def _show_rivals(found: Diagnosis) -> None:

@@ -7,6 +7,7 @@
     refit      the candidates that mimic half of it or more are fitted in the effect's place
     compare    on the same folds, trial by trial against the chosen model, in the scatter of its residual
 
+The effects that a plausible model of the selection has in the place of the chosen one are refitted as well.
 A candidate is a rival if its held-out loss is no higher by more than chance (two standard errors of the paired
 difference) and by too little to decide: a little loss a trial or a little mass error, or, where trials are few, less
 than the logarithm of the odds over all of them.  So a rival is about these trials and not about physics: where drops
@@ -16,14 +17,14 @@ Forms of one effect are not reported as rivals of each other.
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.diagnosis.result.rivals import Rival
-from contactlearn.diagnosis.search.selection import Selection, without
+from contactlearn.diagnosis.search.selection import Selection, validated
 from contactlearn.diagnosis.thresholds import RivalThresholds
 from contactlearn.diagnosis.validation import ValidatedFit, paired_gain, robust_covariance
 from contactlearn.effects import Effect, EffectId, columns
@@ -50,59 +51,79 @@ def find_rivals(
     selection: Selection,
     thresholds: RivalThresholds = RivalThresholds(),
     progress: Callable[[Iterable], Iterable] = iter,
-) -> dict[str, tuple[FittedRival, ...]]:
+) -> dict[EffectId, tuple[FittedRival, ...]]:
     """Find the rivals of each effect of the chosen model that was not given, the best first.
 
     Args:
-        selection: after its run.
+        selection: the chosen model and what it was chosen from.
         thresholds: limits within which two effects are indistinguishable.
         progress: wraps the candidates that are refitted.
     """
-    names = [name for name in selection.present.effects if name not in selection.given]
+    exchanged = {effect: _exchanged(selection, effect) for effect in selection.missing}
     tasks = [
-        (name, candidate, mimicry)
-        for name in names
-        for candidate, mimicry in similarity(selection, name).items()
-        if mimicry.similarity >= thresholds.similarity
+        (effect, candidate, mimicry)
+        for effect in selection.missing
+        for candidate, mimicry in similarity(selection, effect).items()
+        if mimicry.similarity >= thresholds.similarity or candidate in exchanged[effect]
     ]
-    found: dict[str, list[FittedRival]] = {name: [] for name in names}
-    if not tasks:
-        return dict.fromkeys(names, ())
-    scatter, chosen = _yardstick(selection)
-    for name, candidate, mimicry in progress(tasks):
-        fitted = _replaced(selection, name, candidate, mimicry.start, scatter)
+    found: dict[EffectId, list[FittedRival]] = {effect: [] for effect in selection.missing}
+    scatter, chosen = _yardstick(selection) if tasks else (None, None)
+    for effect, candidate, mimicry in progress(tasks) if tasks else ():
+        fitted = _replaced(selection, effect, candidate, mimicry.start, scatter)
         gain, error = paired_gain(chosen, fitted)
         if _as_good(chosen, fitted, -gain, error, thresholds):
             rival = Rival(effect=candidate, similarity=mimicry.similarity, loss_difference=-gain, standard_error=error)
-            found[name].append(FittedRival(rival=rival, fitted=fitted))
-    return {name: tuple(sorted(some, key=lambda one: one.rival.loss_difference)) for name, some in found.items()}
+            found[effect].append(FittedRival(rival=rival, fitted=fitted))
+    return {effect: tuple(sorted(some, key=lambda one: one.rival.loss_difference)) for effect, some in found.items()}
 
 
-def similarity(selection: Selection, name: str) -> dict[EffectId, Mimicry]:
-    """Compute how well each candidate mimics a chosen effect to first order."""
-    present, found = selection.present, {}
-    others, values = without(present, name)
+def similarity(selection: Selection, effect: EffectId) -> dict[EffectId, Mimicry]:
+    """Compute how well each candidate of another family mimics a chosen effect to first order."""
+    present, pool = selection.present, selection.pool
+    others = {key: value for key, value in present.effects.items() if key != effect.name}
+    kept = ~own_parameters(present, effect.name)
+    values = present.fit.values[kept]
+    among = {key: e for key, e in pool.candidates.items() if key.name not in present.effects}
+    if not among:
+        return {}
     whole = _about(selection, present.effects, present.fit.values)
+    added = {f"{key}/": e.vanished() for key, e in among.items()}
+    start = torch.cat((values, *(columns(*e.values) for e in added.values())))
+    less = _about(selection, {**others, **added}, start)
     root = whole.weight.sqrt()[:, None]
-    for candidate, effect in selection.candidates.items():
-        if candidate.name in present.effects:
-            continue
-        start = torch.cat((values, columns(*effect.vanished().values)))
-        less = _about(selection, {**others, candidate.name: effect}, start)
-        change = (root * (less.residual - whole.residual)).flatten()
-        slope = (root[..., None] * -less.slope).flatten(0, 1)  # of the prediction
-        _, before = _least_squares(slope[:, : len(values)], change)
-        step, after = _least_squares(slope, change)
+    change = (root * (less.residual - whole.residual)).flatten()
+    slope = (root[..., None] * -less.slope).flatten(0, 1).nan_to_num(0.0, 0.0, 0.0)  # of the prediction
+    _, before = _least_squares(slope[:, : len(values)], change)
+    found, at = {}, len(values)
+    for candidate, e in among.items():
+        own = [*range(len(values)), *range(at, at + len(e.parameters))]
+        at += len(e.parameters)
+        step, after = _least_squares(slope[:, own], change)
         share = 1 - (after / before).item() if before > 0 else 0.0
-        found[candidate] = Mimicry(similarity=share, start=start + step)
+        found[candidate] = Mimicry(similarity=share, start=start[own] + step)
     return found
+
+
+def _exchanged(selection: Selection, effect: EffectId) -> set[EffectId]:
+    """Effects that plausible models have in the place of a chosen one."""
+    return {
+        other
+        for one in selection.plausible
+        if effect.name not in one.model.spec.families
+        for other in one.model.spec.effects - selection.spec.effects
+    }
+
+
+def own_parameters(model: ValidatedFit, name: str) -> Bool[Tensor, " k"]:
+    """Tell which parameters of a model are those of one effect."""
+    return torch.tensor([p.name.startswith(f"{name}.") for p in model.fit.parameters])
 
 
 def _yardstick(selection: Selection) -> tuple[Float[Tensor, "3 3"], ValidatedFit]:
     """The scatter of the chosen model's residual, and that model with its losses in this scatter."""
     present = selection.present
     scatter = robust_covariance(selection.impacts.v_post - present.fit.model.predict(selection.impacts).v_post)
-    return scatter, selection.models.validated(present.effects, present.fit, scatter)
+    return scatter, validated(selection.pool, selection.folds, selection.chosen, scatter)
 
 
 def _as_good(
@@ -116,18 +137,22 @@ def _as_good(
 
 
 def _replaced(
-    selection: Selection, name: str, candidate: EffectId, start: Float[Tensor, " k"], scatter: Float[Tensor, "3 3"]
+    selection: Selection,
+    effect: EffectId,
+    candidate: EffectId,
+    start: Float[Tensor, " k"],
+    scatter: Float[Tensor, "3 3"],
 ) -> ValidatedFit:
     """The chosen model with a candidate in the place of one effect, refitted and validated on the same folds."""
-    others, _ = without(selection.present, name)
-    effects = {**others, candidate.name: selection.candidates[candidate]}
-    near, far = selection.models.fit(effects, start=start), selection.models.fit(effects)
-    return selection.models.validated(effects, near if near.loss <= far.loss + 1e-6 else far, scatter)
+    pool, spec = selection.pool, replace(selection.spec, effects=selection.spec.effects - {effect} | {candidate})
+    own = start[-len(pool.candidates[candidate].parameters) :]
+    pool.fitted(spec, pool.start(spec, selection.chosen, {candidate: own}))
+    return validated(pool, selection.folds, pool.models[spec], scatter)
 
 
 def _about(selection: Selection, effects: Mapping[str, Effect], theta: Float[Tensor, " k"]) -> Linearisation:
     scatter = selection.present.fit.scatter
-    return linearise(selection.law, effects, selection.impacts, theta, scatter, options=selection.options)
+    return linearise(selection.law, effects, selection.impacts, theta, scatter, options=selection.pool.options)
 
 
 def _least_squares(slope: Float[Tensor, "m k"], change: Float[Tensor, " m"]) -> tuple[Tensor, Tensor]:

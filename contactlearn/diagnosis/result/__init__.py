@@ -15,7 +15,15 @@ from enum import StrEnum
 
 from contactlearn.audit.result import Evidence, Finding
 from contactlearn.diagnosis.record import Record
-from contactlearn.diagnosis.result.effects import Choices, FittedParameter, MissingEffect, Rung, RungKind
+from contactlearn.diagnosis.result.effects import (
+    Choices,
+    FittedParameter,
+    FrontierModel,
+    MissingEffect,
+    PlausibleModel,
+    Rung,
+    RungKind,
+)
 from contactlearn.diagnosis.result.regions import Improvement, Region
 from contactlearn.diagnosis.result.remainder import (
     ComponentTest,
@@ -33,8 +41,9 @@ from contactlearn.serialisation import from_json, to_json
 
 __all__ = [
     "Choices", "ComponentTest", "Diagnosis", "Drop", "ErrorBudget", "ErrorLimits", "ErrorShares", "Evidence",
-    "Experiment", "Finding", "FittedParameter", "Formula", "Improvement", "LawFit", "MissingEffect", "NoiseSource",
-    "Record", "Region", "Remainder", "Rival", "Rung", "RungKind", "Separation", "VariableShare", "Verdict",
+    "Experiment", "Finding", "FittedParameter", "Formula", "FrontierModel", "Improvement", "LawFit", "MissingEffect",
+    "NoiseSource", "PlausibleModel", "Record", "Region",
+    "Remainder", "Rival", "Rung", "RungKind", "Separation", "VariableShare", "Verdict",
     "WrenchComponent",
 ]  # fmt: skip
 
@@ -144,6 +153,9 @@ class Diagnosis:
         remainder: the predictable part of the residual.
         formulas: for it, the best first.
         choices: every subset of the missing effects.
+        models: laws with effects that the data cannot tell from the chosen model, it among them, by their shares.
+        frontier: the best model with each number of effects, from none on.
+        complete: whether the search came to its own end; if not, its time was up.
         thresholds: limits of every decision.
         record: impacts, models and arrays by trial; no part of the file and of equality.
     """
@@ -164,6 +176,9 @@ class Diagnosis:
     remainder: Remainder | None = None
     formulas: tuple[Formula, ...] = ()
     choices: Choices | None = None
+    models: tuple[PlausibleModel, ...] = ()
+    frontier: tuple[FrontierModel, ...] = ()
+    complete: bool = True
     thresholds: Thresholds = field(default_factory=Thresholds)
     record: Record | None = field(default=None, compare=False, repr=False)
 

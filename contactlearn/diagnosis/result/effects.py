@@ -28,6 +28,24 @@ class Rung:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlausibleModel:
+    """A law with effects that the data cannot tell from the chosen model, and its share of all belief."""
+
+    law: str
+    effects: tuple[EffectId, ...]
+    share: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrontierModel:
+    """The best model with a number of effects, and its held-out error."""
+
+    law: str
+    effects: tuple[EffectId, ...]
+    error: Interval
+
+
+@dataclass(frozen=True, kw_only=True)
 class FittedParameter:
     """A parameter of an effect: symbol, unit, value and standard error."""
 
@@ -50,7 +68,7 @@ class MissingEffect:
         error_after: of the rung that it adds.
         error_reduction: mean error without it, the other effects refitted, less that of the full model.
         reduction_on_all_trials: the same between fits to all trials, not held out; None if it is always on.
-        confidence: probability that the held-out gain is not chance.
+        confidence: share of the plausible models that have the effect, in whatever form.
         inadmissible_before: share of impulses that gain energy, pull or leave penetration, on the rung before.
         inadmissible_after: the same on its rung.
         improvements: one for each region of the diagnosis, in that order.

@@ -12,15 +12,23 @@ from contactlearn.diagnosis.thresholds import SelectionThresholds
 from contactlearn.effects import Effect, EffectId, State, catalogue, columns
 from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts
+from contactlearn.laws import PAPER_LAWS, Law, find
 from contactlearn.laws.wang_mason import WangMason
 from contactlearn.model import resolve
 
+SEARCHED_LAWS = (*PAPER_LAWS, "wang_mason_newton")
+"""Names of the laws that a diagnosis compares."""
 _NUDGE = 0.1  # of a parameter's range: the change of an effect at which its prediction is looked at
 
 
 def all_candidates() -> dict[EffectId, Effect]:
     """Return every effect of the catalogue in each of its forms."""
     return {kind.id: kind() for forms in catalogue().values() for kind in forms}
+
+
+def all_laws() -> list[Law]:
+    """Return the textbook laws of the paper, and Routh's path with Newton's restitution, which it leaves out."""
+    return [find(name) for name in SEARCHED_LAWS]
 
 
 def usable(

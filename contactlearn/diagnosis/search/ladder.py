@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from statistics import NormalDist
 
 import torch
 from jaxtyping import Float
@@ -11,8 +10,10 @@ from torch import Tensor
 from contactlearn.diagnosis.failure.regions import improvement_by_region
 from contactlearn.diagnosis.result.effects import FittedParameter, MissingEffect, Rung, RungKind
 from contactlearn.diagnosis.result.regions import Region
-from contactlearn.diagnosis.search.selection import Selection, identities, without
-from contactlearn.diagnosis.validation import ValidatedFit, interval, paired_gain
+from contactlearn.diagnosis.search.plausible import inclusion
+from contactlearn.diagnosis.search.selection import Selection, smaller
+from contactlearn.diagnosis.validation import ValidatedFit, interval
+from contactlearn.effects import EffectId
 from contactlearn.evaluation.metrics import outside_admissible
 
 
@@ -28,62 +29,52 @@ def ladder(selection: Selection, regions: Sequence[Region], generator: torch.Gen
     """Order the chosen effects by their error reductions, and fit and validate the models between law and all of them.
 
     Args:
-        selection: after its run.
+        selection: the chosen model and what it was chosen from.
         regions: in which the law fails.
         generator: of the bootstrap.
     """
-    final = selection.present
-    ids = {one.name: one for one in identities(final.effects)}
-    names = [name for name in final.effects if name not in selection.given]
-    less = {name: selection.without(name) for name in names}
-    reductions = {name: (less[name].error - final.error).nanmean().item() for name in names}
-    names.sort(key=reductions.__getitem__, reverse=True)
-    models = _models(selection, names, less)
+    final, effects = selection.present, selection.missing
+    less = {effect: selection.without(effect) for effect in effects}
+    reductions = {effect: (less[effect].error - final.error).nanmean().item() for effect in effects}
+    effects.sort(key=reductions.__getitem__, reverse=True)
+    models = _models(selection, effects)
     errors = [interval(model.error, generator) for model in models]
     outside = [_inadmissible(selection, model) for model in models]
     missing = tuple(
         MissingEffect(
-            effect=ids[name],
-            equation=final.fit.model.effects[name].equation,
-            parameters=_parameters(final, name),
+            effect=effect,
+            equation=final.fit.model.effects[effect.name].equation,
+            parameters=_parameters(final, effect.name),
             error_before=errors[k],
             error_after=errors[k + 1],
-            error_reduction=reductions[name],
-            confidence=_confidence(less[name], final),
+            error_reduction=reductions[effect],
+            confidence=inclusion(selection.plausible, effect),
             inadmissible_before=outside[k],
             inadmissible_after=outside[k + 1],
             improvements=improvement_by_region(regions, _filled(models[k].error), _filled(models[k + 1].error)),
         )
-        for k, name in enumerate(names)
+        for k, effect in enumerate(effects)
     )
-    effects = (
-        Rung(kind=RungKind.EFFECT, effect=ids[name], error=error) for name, error in zip(names, errors[1:], strict=True)
+    rungs = (
+        Rung(kind=RungKind.EFFECT, effect=effect, error=error)
+        for effect, error in zip(effects, errors[1:], strict=True)
     )
-    return Ladder(rungs=(Rung(kind=RungKind.LAW, error=errors[0]), *effects), missing=missing)
+    return Ladder(rungs=(Rung(kind=RungKind.LAW, error=errors[0]), *rungs), missing=missing)
 
 
-def _models(selection: Selection, names: Sequence[str], less: dict[str, ValidatedFit]) -> list[ValidatedFit]:
+def _models(selection: Selection, effects: Sequence[EffectId]) -> list[ValidatedFit]:
     """The model of each rung: the law, and one more of the effects on each."""
-    final = selection.present
-    models = [final]
-    for name in reversed(names[1:]):
-        others, values = without(models[0], name)
-        first = models[0] is final
-        rung = less[name] if first else selection.models.validated(others, selection.models.fit(others, values))
-        models.insert(0, rung)
-    return [selection.base, *models] if names else models
+    model, models = selection.chosen, [selection.present]
+    for effect in reversed(effects):
+        model = smaller(selection.pool, model, effect)
+        models.insert(0, selection.validated(model.spec))
+    return models
 
 
 def _inadmissible(selection: Selection, model: ValidatedFit) -> float:
     """Share of the predicted impulses that gain energy, pull or leave penetration."""
     impulse = model.fit.model.predict(selection.impacts).wrench[..., :2]
     return outside_admissible(selection.impacts, impulse).double().mean().item()
-
-
-def _confidence(without_it: ValidatedFit, final: ValidatedFit) -> float:
-    """Probability that the held-out gain of an effect is above 0."""
-    gain, error = paired_gain(without_it, final)
-    return NormalDist().cdf(gain / error) if error > 0 else 0.0
 
 
 def _filled(error: Float[Tensor, " n"]) -> Float[Tensor, " n"]:

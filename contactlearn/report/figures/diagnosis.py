@@ -1,7 +1,8 @@
 """All figures of a diagnosis by file name, and the ladder of held-out errors.
 
-drawn     audit, regions, residual, the curve of each effect, the ladder
+drawn     audit, regions, residual, the curve of each effect, the ladder, the frontier
 ladder    law, effect after effect, Gaussian processes, noise
+frontier  the best model of each number of effects
 """
 
 from matplotlib.figure import Figure
@@ -19,7 +20,9 @@ from contactlearn.report.text import base_label, effect_label, rung_label
 
 
 def drawn(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
-    """Draw every figure of a diagnosis: `audit_<finding>`, `regions`, `residual`, `effect_<name>`, `ladder`.
+    """Draw every figure of a diagnosis.
+
+    They are `audit_<finding>`, `regions`, `residual`, `effect_<name>`, `ladder` and `frontier`.
 
     Args:
         found: the diagnosis, with its record unless the data were refused.
@@ -35,6 +38,8 @@ def drawn(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
             figures[_file(missing.effect)] = effect_curve(partial, effect_label(missing.effect))
     if found.ladder:
         figures["ladder"] = ladder(found)
+    if found.frontier:
+        figures["frontier"] = frontier(found)
     return figures
 
 
@@ -72,4 +77,25 @@ def ladder(found: Diagnosis) -> Figure:
         axes.axvline(bound, color=style.color, linestyle=style.linestyle, label=style.label)
     axes.set_xlim(left=0)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center")
+    return figure
+
+
+@st.look()
+def frontier(found: Diagnosis) -> Figure:
+    """Draw the held-out error of the best model of each number of effects; the chosen number is marked."""
+    figure = st.new_figure(st.PAGE, 2.6)
+    axes = st.name_axes(figure.subplots(), "number of effects", ERROR)
+    sizes = [len(model.effects) for model in found.frontier]
+    means = [model.error.mean for model in found.frontier]
+    lows, highs = ([getattr(model.error, end) for model in found.frontier] for end in ("low", "high"))
+    axes.vlines(sizes, lows, highs, color=st.DARK)
+    axes.plot(sizes, means, color=st.CONTRAST[0], marker="o", label="best of each number")
+    chosen = len(found.missing)
+    if chosen in sizes:
+        axes.plot(chosen, means[sizes.index(chosen)], color=st.CONTRAST[1], marker="o", linestyle="", label="chosen")
+    if found.budget is not None:
+        axes.axhline(found.budget.noise.mean, color=st.DARK, linestyle=":", label="noise floor")
+    axes.set_xticks(sizes)
+    axes.set_ylim(bottom=0)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure

@@ -17,7 +17,17 @@ from contactlearn.report.page.arrays import packed
 from contactlearn.report.page.effects import effect_content, experiment_content, residual_content
 from contactlearn.report.page.page import write
 from contactlearn.report.page.trials import REACH, bounded, digits, finely, look, of_laws, of_trials
-from contactlearn.report.text import base_label, effect_label, headline, label, rung_label, sentence, stages, summary
+from contactlearn.report.text import (
+    base_label,
+    effect_label,
+    headline,
+    label,
+    rung_label,
+    search,
+    sentence,
+    stages,
+    summary,
+)
 from contactlearn.report.text.names import budget_labels
 from contactlearn.results.provenance import Provenance
 
@@ -89,6 +99,18 @@ def _ladder(found: Diagnosis) -> dict[str, Any]:
         "laws": [{**look(one.name), "error": finely(one.error)} for one in compared],
         "regions": [_region(region) for region in found.regions],
         "no_region": stages.NO_REGION,
+    } | _search(found)
+
+
+def _search(found: Diagnosis) -> dict[str, Any]:
+    """The best model of each number of effects, and the models that the data cannot tell apart."""
+    notes = (search.equal_laws(found), "" if found.complete else search.STOPPED)
+    return {
+        "frontier": [{"name": search.model_name(m.law, m.effects), **bounded(m.error)} for m in found.frontier],
+        "plausible": [
+            {"name": search.model_name(m.law, m.effects), "share": search.share(m)} for m in search.listed_models(found)
+        ],
+        "search_notes": [note for note in notes if note],
     }
 
 

@@ -3,6 +3,7 @@
     numbers      errors, shares, comparisons, values with their standard errors
     names        laws, models, effects, rungs and components as a person writes them
     stages       the result of each stage of a diagnosis in a sentence
+    search       error against number of effects, and models that the data cannot tell apart
     verdict      the conclusion of a diagnosis in one line, and the numbers behind it
     evaluation   the model with the least error, and its distance to the others
 

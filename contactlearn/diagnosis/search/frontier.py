@@ -1,0 +1,202 @@
+"""The search over laws and sets of effects together, and its frontier: the best models of each number of effects.
+
+    grow       from the best models of a size, the most promising ones with one effect more
+    exchange   from the best of the new size, those with one of their effects exchanged
+    shrink     from the best of all, those with one effect less, so that no size keeps what only the way there needed
+    transfer   the effects of the best model of a size around every other law
+
+Promising is what the linearisation of a fitted model with all candidates around it predicts (`quadratic`), for
+thousands of sets at once; only these are fitted jointly with the law.  The search ends when two sizes in turn bring
+nothing, or when its time is up.
+Sources: Hofmann, Gatu & Kontoghiorghes 2007, for exchanges; Efroymson 1960, for deletions.
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec, identities
+from contactlearn.diagnosis.search.quadratic import Group, Quadratic
+
+Neighbours = Callable[[frozenset[Group], Sequence[Group]], Iterator[frozenset[Group]]]
+"""Sets that are near a set, given all groups of parameters."""
+
+_BEAM, _OF_A_LAW = 4, 2  # at most, models of a size from which the next is grown
+_HOPELESS = 0.3  # nats a trial behind the best at one size, beyond which a law is not tried at the next
+_SAME = 2.0  # nats between laws that agree on the data
+_FITTED = 4  # sets that are fitted of each expansion
+_DOUBT = 0.02  # nats a trial by which a prediction may be too pessimistic
+_PASSES = 4  # of exchanges within one linearisation
+_WORTH = 0.04  # nats a trial that one effect more must bring for the search to go on
+_FRUITLESS = 2  # sizes in turn without a better model after which the search ends
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A set of groups of parameters that may be worth a fit, with the score that is predicted about a model."""
+
+    about: ScoredFit
+    quadratic: Quadratic
+    groups: frozenset[Group]
+    score: float
+
+    @property
+    def spec(self) -> Spec:
+        """The model."""
+        return Spec(self.about.spec.law, identities(self.groups))
+
+    def start(self, pool: Pool) -> Float[Tensor, " k"]:
+        """Compute the parameters at the linear step."""
+        _, theta = self.quadratic.losses([self.groups])
+        return pool.start(self.spec, self.about, self.quadratic.values(self.groups, theta[0]))
+
+
+class Search:
+    """The search; see the module.
+
+    Args:
+        pool: receives the models.
+        most_effects: of a model.
+        seconds: after which nothing more is fitted.
+    """
+
+    def __init__(self, pool: Pool, most_effects: int, seconds: float) -> None:
+        self.pool, self.most_effects = pool, most_effects
+        self.end = time.monotonic() + seconds
+        self.quadratics: dict[Spec, Quadratic] = {}
+
+    @property
+    def late(self) -> bool:
+        """Whether the time is up."""
+        return time.monotonic() > self.end
+
+    def run(self, progress: Callable[[Iterable], Iterable] = iter) -> bool:
+        """Fit the models of the frontier into the pool; return whether the search came to its own end."""
+        for law in self.pool.laws:
+            self.pool.fitted(Spec(law))
+        fruitless, size = 0, 0
+        for size in progress(range(1, self.most_effects + 1)):
+            best = self.pool.best().score
+            self._grow(size)
+            self._exchange(size)
+            gain = best - self.pool.best().score
+            fruitless = 0 if gain > _WORTH * len(self.pool.impacts) else fruitless + 1
+            if fruitless == _FRUITLESS or self.late:
+                break
+        for smaller in range(size - 1, 0, -1):
+            self._shrink(smaller)
+        return not self.late
+
+    def improve(self) -> None:
+        """Follow the exchanges, additions and deletions that promise a better model than the best of the pool."""
+        tried: set[Spec] = set()
+        while not self.late and (best := self.pool.best()).spec not in tried:
+            tried.add(best.spec)
+            larger = _larger if len(best.spec.effects) < self.most_effects else _smaller
+            for neighbours in (larger, _exchanged, _smaller):
+                self._fit(self._predicted(best, neighbours), best.score)
+
+    def exchange_all(self, model: ScoredFit, worthwhile: float, most: int) -> None:
+        """Fit exchanges of one effect of a model that may be better than a score, and its effects around other laws."""
+        if model.spec.effects:
+            self._fit(self._predicted(model, _exchanged), worthwhile, most)
+        for law in self.pool.laws:
+            self.pool.fitted(model.spec.with_law(law), model.fit.values)
+
+    def models(self, size: int) -> list[ScoredFit]:
+        """Return the models with so many effects, the best first."""
+        return sorted((m for m in self.pool.models.values() if len(m.spec.effects) == size), key=lambda m: m.score)
+
+    def _grow(self, size: int) -> None:
+        """Fit models of a size from those with one effect less: of each law alone, later of the best."""
+        parents = self.models(size - 1) if size == 1 else self._beam(size - 1)
+        each = [self._predicted(parent, _larger) for parent in parents]
+        for proposals in each:
+            self._fit(proposals, most=1)
+        self._fit(sorted((one for some in each for one in some), key=lambda one: one.score))
+
+    def _beam(self, size: int) -> list[ScoredFit]:
+        """Models of a size to grow from, of several laws, and one alone of laws that agree about the same effects."""
+        models, taken = self.models(size), []
+        for model in models:
+            same = [one for one in taken if one.spec.law == model.spec.law]
+            twins = [one for one in taken if one.spec.effects == model.spec.effects and model.score < one.score + _SAME]
+            hopeless = model.score > models[0].score + _HOPELESS * len(self.pool.impacts)
+            if not twins and not hopeless and len(same) < _OF_A_LAW and len(taken) < _BEAM:
+                taken.append(model)
+        return taken
+
+    def _exchange(self, size: int) -> None:
+        """Fit neighbours of the best models of a size, and the same effects around other laws."""
+        tried: set[Spec] = set()
+        while not self.late and (found := self.models(size)) and (best := found[0]).spec not in tried:
+            tried.add(best.spec)
+            if size > 1:
+                self._fit(self._predicted(best, _exchanged, _PASSES), best.score)
+            if self.models(size)[0] is best:
+                for law in self._laws(size):
+                    self.pool.fitted(best.spec.with_law(law), best.fit.values)
+
+    def _laws(self, size: int) -> list[str]:
+        """Laws to which the best effects of a size are transferred: all at first, later those that came near."""
+        smaller = {model.spec.law: model.score for model in reversed(self.models(size - 1))}
+        near = min(smaller.values()) + _HOPELESS * len(self.pool.impacts)
+        return [law for law in self.pool.laws if size <= 2 or smaller.get(law, math.inf) < near]
+
+    def _shrink(self, size: int) -> None:
+        """Fit models of a size from the best with one effect more."""
+        for parent in self.models(size + 1)[:1]:
+            self._fit(self._predicted(parent, _smaller))
+            self._exchange(size)
+
+    def _predicted(self, model: ScoredFit, neighbours: Neighbours, passes: int = 1) -> list[Proposal]:
+        """Neighbours of a model that have not been fitted, and neighbours of the best of them, by predicted scores."""
+        if model.spec not in self.quadratics:
+            self.quadratics[model.spec] = self.pool.quadratic(model)
+        quadratic = self.quadratics[model.spec]
+        groups = [group for group in quadratic.groups if group.effect is not None]
+        own = model.score - quadratic.losses([quadratic.present])[0].item() - self.pool.penalty(model.spec.effects)
+        seen: dict[frozenset[Group], float] = {}
+        present = quadratic.present
+        for _ in range(passes):
+            sets = [one for one in neighbours(present, groups) if one not in seen]
+            losses = quadratic.losses(sets)[0].tolist() if sets else []
+            seen |= {
+                one: own + loss + self.pool.penalty(identities(one)) for one, loss in zip(sets, losses, strict=True)
+            }
+            best = min(seen, key=seen.__getitem__, default=present)
+            if best == present:
+                break
+            present = best
+        return [Proposal(model, quadratic, one, score) for one, score in sorted(seen.items(), key=lambda item: item[1])]
+
+    def _fit(self, proposals: Sequence[Proposal], worthwhile: float = math.inf, most: int = _FITTED) -> None:
+        """Fit the most promising proposals of those that may be better than a score."""
+        left = most
+        for one in proposals:
+            if left == 0 or self.late or one.score > worthwhile + _DOUBT * len(self.pool.impacts):
+                return
+            if one.spec not in self.pool.models:
+                self.pool.fitted(one.spec, one.start(self.pool))
+                left -= 1
+
+
+def _larger(present: frozenset[Group], groups: Sequence[Group]) -> Iterator[frozenset[Group]]:
+    """Sets with one effect more, of a family that is not there yet."""
+    families = {group.effect.name for group in present if group.effect is not None}
+    yield from (present | {one} for one in groups if one.effect is not None and one.effect.name not in families)
+
+
+def _smaller(present: frozenset[Group], _: Sequence[Group]) -> Iterator[frozenset[Group]]:
+    """Sets with one effect less."""
+    yield from (present - {one} for one in present)
+
+
+def _exchanged(present: frozenset[Group], groups: Sequence[Group]) -> Iterator[frozenset[Group]]:
+    """Sets with one effect exchanged, also for another form of its own family."""
+    for less in _smaller(present, groups):
+        yield from _larger(less, groups)

@@ -1,0 +1,152 @@
+"""Pool of models, laws with sets of effects, each fitted once and scored by the extended Bayesian criterion.
+
+    score = loss + ½ K log n + log C(F, s)        nats; the less the better
+
+with the minimised robust loss over n trials, K fitted parameters, and s effects out of F families: the last term is the
+prior that makes all sizes equally likely, so that a large catalogue raises no false alarms.
+Sources: Schwarz 1978; Chen & Chen 2008.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn.diagnosis.search.quadratic import Group, Quadratic
+from contactlearn.effects import Effect, EffectId, columns
+from contactlearn.identification.joint import FitOptions, JointFit, identify_jointly
+from contactlearn.impacts import Impacts
+from contactlearn.laws import Law
+
+_STARTS = 4
+_TOLERANCE = 3e-5  # nats a trial; scores differ by nats over all trials
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A model by the name of its law and the identities of its effects beside the given ones."""
+
+    law: str
+    effects: frozenset[EffectId] = frozenset()
+
+    @property
+    def families(self) -> frozenset[str]:
+        """Names of the effects without their forms."""
+        return frozenset(effect.name for effect in self.effects)
+
+    def with_law(self, law: str) -> "Spec":
+        """Return the same effects around another law."""
+        return replace(self, law=law)
+
+
+@dataclass(frozen=True)
+class ScoredFit:
+    """A model fitted to all trials, `effects` by name in the order of its parameters, and its score in nats."""
+
+    spec: Spec
+    effects: Mapping[str, Effect]
+    fit: JointFit
+    score: float
+
+    @cached_property
+    def values(self) -> dict[EffectId, Float[Tensor, " k"]]:
+        """Fitted values of each effect, given ones among them."""
+        counts = [len(effect.parameters) for effect in self.effects.values()]
+        parts = self.fit.values[2:].split(counts) if counts else ()
+        return {EffectId(name, e.form): x for (name, e), x in zip(self.effects.items(), parts, strict=True)}
+
+
+class Pool:
+    """Models of one question around several laws.
+
+    Args:
+        laws: by name.
+        impacts: measurements.
+        candidates: effects that may be missing, by identity; prepared for the impacts.
+        given: effects that are in every model, by name.
+        options: of all fits.
+
+    Attributes:
+        models: fitted so far.
+    """
+
+    def __init__(
+        self,
+        laws: Mapping[str, Law],
+        impacts: Impacts,
+        candidates: Mapping[EffectId, Effect],
+        given: Mapping[str, Effect],
+        options: FitOptions,
+    ) -> None:
+        self.laws, self.impacts, self.given, self.options = dict(laws), impacts, dict(given), options
+        self.candidates = {key: effect for key, effect in candidates.items() if key.name not in self.given}
+        self.families = len({key.name for key in self.candidates})
+        self.models: dict[Spec, ScoredFit] = {}
+
+    def effects(self, spec: Spec) -> dict[str, Effect]:
+        """Return the effects of a model by name, the given ones first and the others in the order of the candidates."""
+        return self.given | {key.name: effect for key, effect in self.candidates.items() if key in spec.effects}
+
+    def fitted(self, spec: Spec, start: Float[Tensor, " k"] | None = None) -> ScoredFit:
+        """Return a model, fitted from a start, or by a search if there is none, unless it was fitted before."""
+        if spec not in self.models:
+            effects = self.effects(spec)
+            options = replace(self.options, starts=_STARTS, tolerance=_TOLERANCE)
+            fit = identify_jointly(self.laws[spec.law], effects, self.impacts, options=options, start=start)
+            self.models[spec] = ScoredFit(spec, effects, fit, self.score(spec, effects, fit.loss.item()))
+        return self.models[spec]
+
+    def polished(self, spec: Spec) -> ScoredFit:
+        """Return a model of the pool after a fit to the full tolerance, from which standard errors are taken."""
+        model = self.models[spec]
+        fit = identify_jointly(
+            self.laws[spec.law], model.effects, self.impacts, options=self.options, start=model.fit.values
+        )
+        score = self.score(spec, model.effects, fit.loss.item())
+        self.models[spec] = ScoredFit(spec, model.effects, fit, score)
+        return self.models[spec]
+
+    def score(self, spec: Spec, effects: Mapping[str, Effect], loss: float) -> float:
+        """Compute the score from a loss in nats a trial."""
+        trials = len(self.impacts)
+        return trials * loss + self._penalty(2 + sum(len(e.parameters) for e in effects.values()), len(spec.effects))
+
+    def penalty(self, effects: frozenset[EffectId]) -> float:
+        """Compute the penalty of a set of effects, in nats."""
+        given = sum(len(effect.parameters) for effect in self.given.values())
+        own = sum(len(self.candidates[key].parameters) for key in effects)
+        return self._penalty(2 + given + own, len(effects))
+
+    def best(self, models: Iterable[ScoredFit] | None = None) -> ScoredFit:
+        """Return the model with the least score, of all or of some."""
+        return min(self.models.values() if models is None else models, key=lambda model: model.score)
+
+    def quadratic(self, model: ScoredFit) -> Quadratic:
+        """Approximate the loss about a model."""
+        return Quadratic.about(
+            self.laws[model.spec.law],
+            model.effects,
+            model.fit,
+            self.impacts,
+            given=tuple(self.given),
+            candidates=self.candidates,
+            options=self.options,
+        )
+
+    def start(self, spec: Spec, about: ScoredFit, values: Mapping[EffectId, Float[Tensor, " k"]]) -> Tensor:
+        """Return values to fit a model from: those given, else those of another model, else the effects' own."""
+        known = {**about.values, **values}
+        own = (known.get(EffectId(name, e.form), columns(*e.values)) for name, e in self.effects(spec).items())
+        return torch.cat((about.fit.values[:2], *own))
+
+    def _penalty(self, parameters: int, effects: int) -> float:
+        return parameters / 2 * math.log(len(self.impacts)) + math.log(math.comb(self.families, effects))
+
+
+def identities(groups: frozenset[Group]) -> frozenset[EffectId]:
+    """Return the effects of some groups of parameters."""
+    return frozenset(group.effect for group in groups if group.effect is not None)

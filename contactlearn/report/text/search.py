@@ -1,0 +1,50 @@
+"""The search in sentences: error against number of effects, and models that the data cannot tell apart."""
+
+from collections.abc import Sequence
+
+from contactlearn.diagnosis.result import Diagnosis, FrontierModel, PlausibleModel
+from contactlearn.effects import EffectId
+from contactlearn.report.text.names import effect_label, law_label, listed
+from contactlearn.report.text.numbers import error, percent
+
+_SHOWN = 5
+_LEAST = 0.01  # of all belief, below which a model is not listed
+
+STOPPED = "The search ran out of time: there may be better models than those that it compared."
+
+
+def model_name(law: str, effects: Sequence[EffectId]) -> str:
+    """Name a model by its law and effects."""
+    return " + ".join((law_label(law), *map(effect_label, effects)))
+
+
+def share(model: PlausibleModel) -> str:
+    """Write the share of a model in percent; a share that rounds to all of it is not all of it if others exist."""
+    return "over 99%" if 0.995 <= model.share < 1 else percent(model.share)
+
+
+def listed_models(found: Diagnosis) -> tuple[PlausibleModel, ...]:
+    """Return the models that are worth a line: the likeliest ones."""
+    return tuple(model for model in found.models[:_SHOWN] if model.share >= _LEAST)
+
+
+def equal_laws(found: Diagnosis) -> str:
+    """Say which other laws do as well with the same effects; empty where none does."""
+    belief: dict[str, float] = {}
+    for model in found.models:
+        belief[model.law] = belief.get(model.law, 0.0) + model.share
+    others = [name for name, x in belief.items() if name != found.law and x >= _LEAST]
+    if not others or found.law is None:
+        return ""
+    names = listed(f"{law_label(name)} ({percent(belief[name])})" for name in sorted(others, key=lambda x: -belief[x]))
+    return f"These data cannot distinguish {law_label(found.law)} ({percent(belief[found.law])}) from {names}."
+
+
+def frontier_line(model: FrontierModel) -> str:
+    """Write a model of the frontier with its error."""
+    return f"{error(model.error.mean)}  {interval_of(model)}  {model_name(model.law, model.effects)}"
+
+
+def interval_of(model: FrontierModel) -> str:
+    """Write the 95 % interval of the error of a model of the frontier."""
+    return f"{error(model.error.low)}–{error(model.error.high)}"
