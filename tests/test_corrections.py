@@ -6,7 +6,7 @@ from corruptions import CORRUPTIONS, corrupt
 from omegaconf import OmegaConf
 
 from contactlearn.app import load_data
-from contactlearn.audit.consistency import inertia_factor
+from contactlearn.audit.consistency import torque
 from contactlearn.audit.corrections import CORRECTIONS, correct
 from contactlearn.data import synthetic, table
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
@@ -61,7 +61,7 @@ def test_every_correction_is_tested_and_explained():
 def test_inertia_comes_from_the_moment_balance(drops, factor):
     corrected = correct(drops.replace(inertia=drops.inertia * factor), ["inertia_scaled"])
     assert (corrected.inertia / drops.inertia).tolist() == pytest.approx([1.0] * len(drops), rel=0.02)  # the noise
-    assert inertia_factor(corrected) == pytest.approx(1, rel=1e-12)
+    assert torque(corrected).inertia_factor.item() == pytest.approx(1, rel=1e-12)
 
 
 def test_a_negative_inertia_is_refused(drops):

@@ -282,6 +282,7 @@ def test_what_is_written_elsewhere(pattern):
 
 # A registry passes the arguments of a class on, a copy those of its fields, an override those of its base.
 KEYWORDS = {
+    "contactlearn.audit.columns.Columns.replace",
     "contactlearn.data.mystery.forms._register",
     "contactlearn.effects.base.Effect.__init_subclass__",
     "contactlearn.effects.state.State.replace",

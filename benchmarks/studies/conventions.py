@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import torch
 
-from contactlearn.audit.convention_findings import impossible_findings, inertia_findings
+from contactlearn.audit.convention_findings import consistent_note, impossible_findings, inertia_findings
 from contactlearn.audit.conventions import ConventionComparison, compare
 from contactlearn.audit.findings import audit
 from contactlearn.diagnosis.thresholds import Thresholds
@@ -226,11 +226,60 @@ IMPOSSIBLE = Study(
     planted=each(4, "shuffled", "random", "reversed"), prepare=_torn, alarm=_refused,
 )  # fmt: skip
 
+
+def _moments(kind: str, seed: int) -> Impacts:
+    """Drops whose spins answer fully to the moments, noise apart, drops with effects, or spins off by a factor."""
+    level = between(0.005, 0.05, seed)
+    match kind:
+        case "clean":
+            return nature(seed)[0]
+        case "rough":
+            return textbook(seed, 100, level, 20 * level, body(seed))
+        case "open":
+            impacts = textbook(seed, 100, 0.01, 0.2, body(seed))
+            factor = torch.tensor((1.0, 1.0, between(1.1, 1.39, seed) ** (1 - 2 * (seed % 2))), dtype=torch.float64)
+            return after(impacts, impacts.v_pre + factor * (impacts.v_post - impacts.v_pre))
+        case "uneven":  # one term answers by another factor than the other
+            impacts = textbook(seed, 100, 0.01, 0.2, body(seed, 3.0))
+            dv = impacts.v_post - impacts.v_pre
+            a, b = between(1.0, 1.3, seed), between(1.55, 2.0, seed + 1)
+            moment = a * impacts.r[:, 0] * dv[:, 1] - b * impacts.r[:, 1] * dv[:, 0]
+            spin = impacts.v_pre[:, 2] + moment * impacts.mass / impacts.inertia
+            return after(impacts, torch.cat((impacts.v_post[:, :2], spin[:, None]), -1))
+        case "smooth":  # hardly any friction, of a disc: no moment at all
+            return textbook(seed, 30, 0.02, 5.0, Disc(0.03))[torch.arange(20)]
+    return nature(seed, (kind,))[0]
+
+
+def _open(impacts: Impacts, thresholds: Thresholds) -> bool:
+    return any(finding.name == "moment_balance_open" for finding in audit(impacts, thresholds.audit))
+
+
+def _doubted(impacts: Impacts, thresholds: Thresholds) -> bool:
+    return any(finding.mistake for finding in audit(impacts, thresholds.audit))
+
+
+def _untested(impacts: Impacts, thresholds: Thresholds) -> bool:
+    return "hardly tested" in consistent_note(impacts, thresholds.audit).sentence
+
+
+OPEN = Study(
+    name="moment balance", null=each(8, "clean", "rough"), planted=each(16, "open"), prepare=_moments, alarm=_open
+)
+DOUBTED = Study(
+    name="doubted balance", null=each(5, "contact_patch", "rolling_resistance", "side_drag", "spin_damping"),
+    planted=each(16, "uneven"), prepare=_moments, alarm=_doubted,
+)  # fmt: skip
+TESTED = Study(
+    name="tested balance", null=each(8, "clean", "rough"), planted=each(12, "smooth"), prepare=_moments, alarm=_untested
+)
+
 _C = "audit.conventions."
 ROWS = (
     Row(field=_C + "gain", values=scaled(0.15, 1 / 5, 1 / 2, 1, 2, 4), study=CONVENTIONS),
     Row(field=_C + "sigmas", values=(0.0, 2.0, 5.0, 10.0, 20.0), study=CONVENTIONS),
     Row(field=_C + "consistent", values=(0.1, 0.25, 0.5, 1.0, 2.0), study=CONVENTIONS),
+    Row(field=_C + "closed", values=(0.2, 0.5, 1.0, 3.0, 1e9), study=CONVENTIONS),
     Row(field=_C + "indistinct", values=(0.001, 0.005, 0.02, 0.08, 0.3), study=INDISTINCT),
     Row(field=_C + "explained", values=(-1e9, 0.5, 0.9), study=SPIN),
     Row(field=_C + "inertia_factor", values=(1.05, 1.2, 1.4, 2.0, 4.0), study=INERTIA),
@@ -256,5 +305,8 @@ ROWS = (
     Row(field="audit.fewest_trials", values=(2, 5, 10, 20, 40), study=FEW),
     Row(field="audit.imbalance", values=(0.1, 0.2, 0.3, 0.45, 0.7), study=IMPOSSIBLE),
     Row(field="audit.unexplained", values=(0.0, 0.15, 0.3, 0.5, 0.8), study=IMPOSSIBLE),
+    Row(field="audit.open_balance", values=(0.0, 0.02, 0.05, 0.1, 0.3), study=OPEN),
+    Row(field="audit.doubted_balance", values=(0.1, 0.2, 0.4, 0.8, 2.0), study=DOUBTED),
+    Row(field="audit.tested_balance", values=(0.02, 0.05, 0.1, 0.2, 0.4), study=TESTED),
     Row(field="audit.reversed_trials", values=(0.1, 0.2, 0.4, 0.6, 0.8), study=IMPOSSIBLE),
 )

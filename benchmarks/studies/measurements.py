@@ -5,8 +5,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from contactlearn.audit import findings
-from contactlearn.audit.consistency import gross_outliers, outliers
+from contactlearn.audit.findings import energy_findings, order_findings, outlier_findings, shape_findings
+from contactlearn.audit.outliers import gross_outliers, outliers
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.impacts import Impacts
 from contactlearn.shapes import Ellipse
@@ -90,7 +90,7 @@ def _spiked(share: tuple[float, float], seed: int) -> Impacts:
 
 def _not_dropped(impacts: Impacts, thresholds: Thresholds) -> bool:
     """Whether outliers are reported as too many to be dropped."""
-    return any(finding.correction is None for finding in findings._outliers(impacts, thresholds.audit))
+    return any(finding.correction is None for finding in outlier_findings(impacts, thresholds.audit))
 
 
 DROPPED = Study(
@@ -101,7 +101,7 @@ DROPPED = Study(
 
 def _gains(impacts: Impacts, thresholds: Thresholds) -> bool:
     """Whether bodies are said to gain energy, outliers apart."""
-    return bool(findings._energy(impacts[~outliers(impacts, thresholds.audit.outliers)], thresholds.audit))
+    return bool(energy_findings(impacts[~outliers(impacts, thresholds.audit.outliers)], thresholds.audit))
 
 
 def _driven(kind: str, seed: int) -> Impacts:
@@ -142,7 +142,7 @@ SHAPE = Study(
     name="contact point of the shape",
     null=each(5, "surface_tilt", "com_offset", "shape_error", "orientation_offset"),
     planted=each(7, "axes", "scale", "turned"), prepare=_shaped,
-    alarm=lambda drops, thresholds: bool(findings._shape(drops, thresholds.audit)),
+    alarm=lambda drops, thresholds: bool(shape_findings(drops, thresholds.audit)),
 )  # fmt: skip
 
 
@@ -168,7 +168,7 @@ def _timed(kind: str, seed: int) -> Impacts:
 ORDER = Study(
     name="order", null=each(10, "recording", "clock"), planted=each(10, "names", "swapped"),
     prepare=_timed,
-    alarm=lambda drops, thresholds: bool(findings._order(drops, thresholds.audit)),
+    alarm=lambda drops, thresholds: bool(order_findings(drops, thresholds.audit)),
 )  # fmt: skip
 
 ROWS = (

@@ -1,9 +1,12 @@
-"""Findings about units and axes: a wrong convention, a wrong moment of inertia, or data of no rigid impact."""
+"""Findings about units and axes: a wrong convention, a wrong moment of inertia, or data of no rigid impact.
+
+The moment balance is stated with its two coefficients and their 95 % intervals, whether it closes or not.
+"""
 
 import math
 from collections.abc import Iterable
 
-from contactlearn.audit.consistency import Balance, balance, inertia_factor, spin_explained
+from contactlearn.audit.consistency import Balance, balance, contradictions, torque
 from contactlearn.audit.conventions import ConventionComparison, Hypothesis, hypothesis_text, wrong_inertia
 from contactlearn.audit.corrections import CORRECTIONS
 from contactlearn.audit.result import Evidence, Finding
@@ -12,6 +15,7 @@ from contactlearn.impacts import Impacts
 
 _INERTIA_UNITS = {1e-3: "g m²", 1e-6: "kg mm²", 1e-9: "g mm²", 1e-4: "kg cm²", 1e-7: "g cm²"}
 _SHOWN = 0.005  # change of a mean contradiction from which on it is part of the evidence
+_MUST = "I Δω = a r_x P_n − b r_y P_t, which must give +1 and +1,"
 
 
 def convention_findings(comparison: ConventionComparison) -> list[Finding]:
@@ -48,11 +52,12 @@ def convention_findings(comparison: ConventionComparison) -> list[Finding]:
 def _shared(comparison: ConventionComparison) -> tuple[tuple[Evidence, ...], str]:
     """Evidence for a hypothesis, and its numbers in words."""
     given, best = comparison.given, comparison.best
-    before, after = balance(given.impacts), balance(best.impacts)
+    before, after = given.balance, best.balance
     totals = given.total.mean().item(), best.total.mean().item()
     better = (best.total < given.total).double().mean().item()
+    turned = str(before) != str(after)
     evidence = (
-        *_balance("before", before),
+        *(_balance("before", before) if turned else ()),
         *_balance("after", after),
         *_answers(given, best),
         Evidence(quantity="contradictions_before", value=totals[0]),
@@ -61,10 +66,10 @@ def _shared(comparison: ConventionComparison) -> tuple[tuple[Evidence, ...], str
         Evidence(quantity="better_in", value=better),
         Evidence(quantity="hypotheses", value=float(comparison.tried)),
     )
-    numbers = (
-        f"the moment balance I Δω = a r_x P_n − b r_y P_t, which must give +1 and +1, gives {before} as read and "
-        f"{after} corrected; contradictions a trial fall from {totals[0]:.2f} to {totals[1]:.2f} "
-        f"({comparison.sigmas:.0f} standard errors, better in {better:.0%} of {len(given.total)} trials)"
+    numbers = f"the moment balance {_MUST} gives {before} as read and {after} corrected; " if turned else ""
+    numbers += (
+        f"contradictions a trial fall from {totals[0]:.2f} to {totals[1]:.2f} (mostly {_most(given, best)}; "
+        f"{comparison.sigmas:.0f} standard errors, better in {better:.0%} of {len(given.total)} trials)"
     )
     return evidence, numbers
 
@@ -90,12 +95,64 @@ def _answers(given: Hypothesis, best: Hypothesis) -> Iterable[Evidence]:
     ]
 
 
+def _most(given: Hypothesis, best: Hypothesis) -> str:
+    """The question whose contradictions fall most, with their means."""
+    before, after = given.means(), best.means()
+    question = max(before, key=lambda name: before[name] - after[name])
+    return f"{question} {before[question]:.2f} to {after[question]:.2f}"
+
+
+def balance_findings(
+    impacts: Impacts, comparison: ConventionComparison, thresholds: AuditThresholds, *, explained: bool = False
+) -> list[Finding]:
+    """The moment balance of the corrected impacts where it does not close, or contradictions that nothing mends.
+
+    A small imbalance is a note, since effects may explain it: another inertia, a moment at the contact.  With
+    `explained` other findings account for the contradictions, which are then not reported again.
+    """
+    fit, left = balance(impacts), contradictions(impacts, thresholds.conventions)
+    means = {question: answer.mean().item() for question, answer in left.items()}
+    total, worst = sum(means.values()), max(means, key=lambda question: means[question])
+    opened = fit.imbalance > thresholds.open_balance
+    contradictory = total > thresholds.conventions.consistent and not explained
+    if not opened and not contradictory:
+        return []
+    doubted = contradictory or fit.imbalance > thresholds.doubted_balance
+    none = f"none of the known mistakes explains it ({comparison.tried} hypotheses compared)"
+    if opened:
+        sentence = f"the moment balance does not close, and {none}: {_MUST} gives {fit}"
+        sentence += "" if doubted else "; a wrong inertia, or an effect with a moment at the contact, would do this"
+    else:
+        sentence = f"the trials contradict planar rigid impacts, and {none}: {_MUST} gives {fit}"
+    if contradictory:
+        sentence += f"; contradictions a trial sum to {total:.2f}, mostly {worst} {means[worst]:.2f}"
+    evidence = (
+        *_balance("measured", fit),
+        Evidence(quantity="imbalance", value=min(fit.imbalance, 1e3)),
+        Evidence(quantity="contradictions", value=total),
+        Evidence(quantity="hypotheses", value=float(comparison.tried)),
+    )
+    name = "moment_balance_open" if opened else "contradictions"
+    return [Finding(name=name, sentence=sentence, evidence=evidence, mistake=doubted)]
+
+
+def consistent_note(impacts: Impacts, thresholds: AuditThresholds) -> Finding:
+    """Say that nothing contradicts planar rigid impacts, with the moment balance that was measured."""
+    fit = balance(impacts)
+    closes = "closes" if fit.tested <= thresholds.tested_balance else "is hardly tested by these data"
+    sentence = (
+        "the measurements are consistent with planar rigid impacts: columns, units, axes, order, energy and contact "
+        f"points; the moment balance {closes}: I Δω = a r_x P_n − b r_y P_t gives {fit}"
+    )
+    return Finding(name="consistent", sentence=sentence, evidence=(*_balance("measured", fit),), mistake=False)
+
+
 def inertia_findings(impacts: Impacts, thresholds: ConventionThresholds) -> list[Finding]:
     """A wrong moment of inertia: both terms of the balance ask for the same factor, too large for physics.
 
     The contradictions fall too little with it for `compare`.
     """
-    factor, fit = inertia_factor(impacts), balance(impacts)
+    factor, fit = torque(impacts).inertia_factor.item(), balance(impacts)
     terms = ((fit.a, fit.a_error), (fit.b, fit.b_error))
     asked = [x for x, error in terms if error < thresholds.inertia_error * abs(x)]
     if not wrong_inertia(factor, thresholds) or not asked or fit.r_squared < thresholds.inertia_r_squared:
@@ -112,8 +169,8 @@ def inertia_findings(impacts: Impacts, thresholds: ConventionThresholds) -> list
 
 def impossible_findings(comparison: ConventionComparison, thresholds: AuditThresholds) -> list[Finding]:
     """Data that no planar impact of a rigid body can have produced under any hypothesis; fatal."""
-    best, share = comparison.best, max(0.0, spin_explained(comparison.best.impacts))
-    means, fit = best.means(), balance(best.impacts)
+    best = comparison.best
+    share, means, fit = max(0.0, torque(best.impacts).explained.item()), best.means(), best.balance
     moment = best.answers["moment"]
     surely = moment.mean().item() - 2 * moment.std().item() / math.sqrt(len(moment))
     unbalanced = surely > thresholds.imbalance and share < thresholds.unexplained

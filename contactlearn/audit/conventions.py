@@ -4,19 +4,24 @@ A hypothesis is a few named corrections; `consistency.contradictions` asks the s
 balance alone knows the signs of its two terms only: turning θ looks like turning r.  The other questions tell these
 apart, except for what is truly the same (a disc seen from behind).  Contradictions are bounded, so that no outlier
 decides; their mean over the trials is compared pairwise, with its standard error.
+
+All sensible combinations of up to five corrections are compared, shorter ones first: with one correction on all
+trials, with more of them on a sample, from which the best few go on to all trials.  Only a hypothesis under which the
+moments balance and hardly any contradiction is left is believed; else none is.
 """
 
-import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.audit.consistency import contradictions, inertia_factor, spin_explained
-from contactlearn.audit.corrections import CORRECTIONS
+from contactlearn.audit.columns import Columns
+from contactlearn.audit.consistency import Balance, balance, contradictions, torque
+from contactlearn.audit.corrections import CORRECTIONS, units_and_axes
 from contactlearn.audit.thresholds import ConventionThresholds, OutlierThresholds
 from contactlearn.impacts import Impacts
 
@@ -26,16 +31,22 @@ AXES = (
     "swapped_axes",
     "mirrored_x",
     "mirrored_theta",
+    "mirrored_omega",
     "contact_point_sign",
     "contact_point_mirrored",
 )
-TURN = {"mirrored_y", "swapped_axes"}
-"""Together a turn by 90°, to the one side or, the other way round, to the other."""
 DEGREES = ("degrees_omega", "degrees_theta", "degrees")
 UNITS = (*DEGREES, "millimetres", "millimetres_velocity", "grams", "inertia_scaled")
 BALANCED = set(UNITS) - {"degrees_theta"}
 """Units that the moment balance depends on."""
-_DEPTH = 3  # corrections at once
+_STEPS = (*AXES[:3], "mirrored_y", *AXES[3:], *UNITS)
+"""Corrections in the order in which they are applied.
+
+A swap and a mirror of y are a turn by 90°, to the one side or, the other way round, to the other.
+"""
+_TURN = 3  # step of the mirror of y that follows a swap
+_DEPTH = 5  # corrections at once
+_SAMPLE, _FOLLOWED = 64, 8  # trials on which combinations are compared, and combinations that go on to all trials
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +72,16 @@ class Hypothesis:
     def score(self) -> float:
         """Mean sum of the contradictions."""
         return self.total.mean().item()
+
+    @cached_property
+    def balance(self) -> Balance:
+        """The moment balance, fitted."""
+        return balance(self.impacts)
+
+    @property
+    def closed(self) -> bool:
+        """Whether the moments balance, apart from what effects may add, and hardly a contradiction is left."""
+        return self.score < self.thresholds.consistent and self.balance.imbalance < self.thresholds.closed
 
     def means(self) -> dict[str, float]:
         """Mean contradiction by question."""
@@ -101,54 +122,95 @@ def _sigmas(gain: Float[Tensor, " n"]) -> float:
 
 
 def compare(impacts: Impacts, thresholds: ConventionThresholds = ConventionThresholds()) -> ConventionComparison:
-    """Find the best of all hypotheses of up to three corrections; longer ones are tried where shorter ones fail."""
-    given = best = Hypothesis(names=(), impacts=impacts.replace(suspect=True), thresholds=thresholds)
-    tried, equals = 1, []
+    """Find the best of the smallest hypotheses that are believed, or the data as given where there is none."""
+    given = Hypothesis(names=(), impacts=impacts.replace(suspect=True), thresholds=thresholds)
+    tried = 1
     for depth in range(1, _DEPTH + 1):
-        if depth > 1 and best.score < thresholds.consistent:
+        if depth > 1 and given.closed:
             break
-        found = [_apply(given, names) for names in _combinations(depth)]
-        found = sorted((h for h in found if h is not None), key=lambda h: h.score)
-        tried += len(found)
-        new = next((h for h in found if _better(h, best, depth)), None)
+        screened = _screened(given.impacts, depth, thresholds)
+        tried += len(screened.names)
+        applied = (_applied(given, names) for names in screened.best())
+        found = sorted((h for h in applied if h is not None), key=lambda h: h.score)
+        new = next((h for h in found if _better(h, given)), None)
         if new is not None:
-            equal = [h for h in found if new.score <= h.score < new.score + thresholds.indistinct]
+            equal = [h for h in found if h is new or new.score <= h.score < new.score + thresholds.indistinct]
             best, *equals = sorted(equal, key=lambda h: [*map([*CORRECTIONS].index, h.names)])
-    return ConventionComparison(given=given, best=best, equals=tuple(equals), tried=tried)
+            return ConventionComparison(given=given, best=best, equals=tuple(equals), tried=tried)
+    return ConventionComparison(given=given, best=given, equals=(), tried=tried)
 
 
-def _better(new: Hypothesis, old: Hypothesis, depth: int) -> bool:
+def _better(new: Hypothesis, given: Hypothesis) -> bool:
     """Other units must also make the moments balance: else they only shrink a Δω that is all noise."""
-    gain, thresholds = old.total - new.total, new.thresholds
-    if gain.mean().item() < thresholds.gain * (depth - len(old.names)) or _sigmas(gain) < thresholds.sigmas:
+    gain, thresholds = given.total - new.total, new.thresholds
+    if gain.mean().item() < thresholds.gain * len(new.names) or _sigmas(gain) < thresholds.sigmas:
         return False
-    return not BALANCED.intersection(new.names) or spin_explained(new.impacts) > thresholds.explained
+    explained = torque(new.impacts).explained.item() > thresholds.explained
+    return (explained or not BALANCED.intersection(new.names)) and new.closed
 
 
-def _combinations(depth: int) -> list[tuple[str, ...]]:
-    """Corrections in the order in which they are applied; it matters for a swap and a mirror of y.
+class _Screened(NamedTuple):
+    """Hypotheses by name, and the mean sum of the contradictions under each; infinite for what cannot be meant."""
 
-    An angle is in degrees once.  Before and after are not swapped with two other changes at once: a mirrored
-    film run backwards explains any body that gains energy.
+    names: list[tuple[str, ...]]
+    scores: Float[Tensor, " hypotheses"]
+
+    def best(self) -> list[tuple[str, ...]]:
+        """The few with the fewest contradictions."""
+        ranked = self.scores.argsort(stable=True)[:_FOLLOWED].tolist()
+        return [self.names[k] for k in ranked if self.scores[k] < math.inf]
+
+
+def _screened(impacts: Impacts, depth: int, thresholds: ConventionThresholds) -> _Screened:
+    """Compare all hypotheses of so many corrections, more than one of them on a sample of the trials."""
+    if depth > 1 and len(impacts) > _SAMPLE:
+        impacts = impacts[torch.randperm(len(impacts), generator=torch.Generator().manual_seed(0))[:_SAMPLE]]
+    names: list[tuple[str, ...]] = [()]
+    columns = Columns.of(impacts)
+    for step, name in enumerate(_STEPS):
+        before = [k for k, have in enumerate(names) if len(have) < depth and _sensible(have, step)]
+        changed, meant = _changed(columns[torch.tensor(before, dtype=torch.long)], name, thresholds)
+        names += [(*names[k], name) for k, good in zip(before, meant.tolist(), strict=True) if good]
+        columns = columns.and_also(changed[meant])
+    long = torch.tensor([len(have) == depth for have in names])
+    names, columns = [have for have in names if len(have) == depth], columns[long]
+    first, *others = contradictions(columns, thresholds).values()
+    shrunk = torch.tensor([bool(BALANCED.intersection(have)) for have in names])
+    shrunk &= torque(columns).explained <= thresholds.explained
+    return _Screened(names, sum(others, first).mean(-1).masked_fill(shrunk, math.inf))
+
+
+def _sensible(have: tuple[str, ...], step: int) -> bool:
+    """Whether a step may follow others.
+
+    An angle is in degrees once, and a factor on I is asked for by one name.  Before and after are not swapped with two
+    other changes of the axes: a mirrored film run backwards explains any body that gains energy.
     """
-    sets = itertools.combinations((*AXES, *UNITS), depth)
-    sensible: list[tuple[str, ...]] = [
-        names
-        for names in sets
-        if len({*names}.intersection(DEGREES)) < 2 and not (depth > 2 and "swapped_pre_post" in names)
-    ]
-    turned = [names for names in sensible if {*names} >= TURN]
-    turns: list[tuple[str, ...]] = [
-        ("swapped_axes", "mirrored_y", *(x for x in names if x not in TURN)) for names in turned
-    ]
-    return sensible + turns
+    name, names = _STEPS[step], {*have, _STEPS[step]}
+    if name in have or (step == _TURN and "swapped_axes" not in have):
+        return False
+    if len(names.intersection(DEGREES)) > 1 or names >= {"grams", "inertia_scaled"}:
+        return False
+    return "swapped_pre_post" not in names or len(names.intersection(AXES)) < 3
 
 
-def _apply(given: Hypothesis, names: tuple[str, ...]) -> Hypothesis | None:
-    """None where the moment balance asks for a negative inertia, or one that is only a little different."""
+def _changed(columns: Columns, name: str, thresholds: ConventionThresholds) -> tuple[Columns, Tensor]:
+    """Columns [B] after a correction, and for which of them it can be meant.
+
+    It is not where the balance asks for a negative inertia, or for one that is only a little different.
+    """
+    if name != "inertia_scaled":
+        return units_and_axes(columns, name), torch.ones(len(columns.mass), dtype=torch.bool)
+    factor = torque(columns).inertia_factor
+    meant = (factor.log().abs() > math.log(thresholds.inertia_factor)) & factor.isfinite()
+    return columns.replace(inertia=columns.inertia * factor[:, None]), meant
+
+
+def _applied(given: Hypothesis, names: tuple[str, ...]) -> Hypothesis | None:
+    """None where all trials ask for no other inertia, though the sample did."""
     impacts, thresholds = given.impacts, given.thresholds
     for name in names:
-        if name == "inertia_scaled" and not wrong_inertia(inertia_factor(impacts), thresholds):
+        if name == "inertia_scaled" and not wrong_inertia(torque(impacts).inertia_factor.item(), thresholds):
             return None
         impacts = CORRECTIONS[name].function(impacts, OutlierThresholds())  # none of these drops a trial
     return Hypothesis(names=names, impacts=impacts, thresholds=thresholds)

@@ -15,12 +15,15 @@ A column swap of x and y leaves θ and ω as they are; axes that are turned by 9
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import torch
 from jaxtyping import Bool
 from torch import Tensor
 
-from contactlearn.audit.consistency import inertia_factor, outliers, repeated
+from contactlearn.audit.columns import Columns
+from contactlearn.audit.consistency import torque
+from contactlearn.audit.outliers import outliers, repeated
 from contactlearn.audit.thresholds import OutlierThresholds
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.impacts import Impacts
@@ -68,6 +71,13 @@ def correct(impacts: Impacts, names: Sequence[str], thresholds: OutlierThreshold
     return corrected.replace(suspect=impacts.suspect, source=f"{impacts.source} (corrected: {', '.join(names)})")
 
 
+def units_and_axes(columns: Columns, name: str) -> Columns:
+    """Apply a correction of units or axes to the columns of many hypotheses at once; the function is the same."""
+    return cast("Callable[[Columns, OutlierThresholds], Columns]", CORRECTIONS[name].function)(
+        columns, OutlierThresholds()
+    )
+
+
 def _multiplied(impacts: Impacts, factors: Sequence[float], *names: str) -> Impacts:
     """Fields of `impacts`, those that it has, multiplied component by component."""
     factor = torch.tensor(factors, dtype=torch.float64)
@@ -87,7 +97,7 @@ def _scaled(*fields: tuple[Sequence[float], Sequence[str]]) -> Callable[[Impacts
 
 def _swapped_axes(impacts: Impacts, _: OutlierThresholds) -> Impacts:
     fields = {name: x for name in (*_POSES, *_VELOCITIES) if (x := getattr(impacts, name)) is not None}
-    return impacts.replace(r=impacts.r.flip(-1), **{name: x[:, [1, 0, 2]] for name, x in fields.items()})
+    return impacts.replace(r=impacts.r.flip(-1), **{name: x[..., [1, 0, 2]] for name, x in fields.items()})
 
 
 def _swapped_pre_post(impacts: Impacts, _: OutlierThresholds) -> Impacts:
@@ -100,7 +110,7 @@ def _in_grams(impacts: Impacts, _: OutlierThresholds) -> Impacts:
 
 
 def _inertia_scaled(impacts: Impacts, _: OutlierThresholds) -> Impacts:
-    factor = inertia_factor(impacts)
+    factor = torque(impacts).inertia_factor.item()
     if not 0 < factor < math.inf:
         raise DataError(
             f"{impacts.source}: no positive moment of inertia balances the moments; correct the signs first"
@@ -153,6 +163,7 @@ CORRECTIONS = {
         _scaled(((-1, 1, 1), (*_POSES, *_VELOCITIES))),
     ),
     "mirrored_theta": Correction("θ and ω are positive clockwise", _scaled(((1, 1, -1), (*_POSES, *_VELOCITIES)))),
+    "mirrored_omega": Correction("ω is positive clockwise, θ is not", _scaled(((1, 1, -1), _VELOCITIES))),
     "contact_point_sign": Correction("r points from the contact to the centre of mass", _scaled(((-1, -1), ("r",)))),
     "contact_point_mirrored": Correction("x of the contact point points left", _scaled(((-1, 1), ("r",)))),
     "degrees_omega": Correction("ω is in °/s", _scaled(((1, 1, _DEGREE), _VELOCITIES))),

@@ -7,6 +7,10 @@
     gross_outliers            trials that cannot be what was measured
     energy_gained             more trials than noise explains leave with more energy than they came with
     contact_point_off_shape   r is not where the body's shape touches the floor at θ
+    impossible_speeds         faster than anything in a laboratory
+    moment_balance_open       the coefficients of the moment balance are not 1, and no hypothesis mends it
+    contradictions            the trials contradict themselves otherwise, and no hypothesis mends it
+    consistent                nothing of all this: a note with the coefficients of the moment balance
     impossible                no hypothesis balances the moments, pushes and approaches: fatal
 
 Findings are about mistakes that a correction, or a look at the set-up, mends.  Physical effects (a tilted
@@ -14,44 +18,64 @@ floor, a wrong centre of mass, a moment at the contact) leave them alone unless 
 findings are made on the data as the earlier ones would correct it; nothing is corrected here.
 """
 
+import math
+
 import torch
 
-from contactlearn.audit.consistency import gross_outliers, kinetic_energy, outliers, repeated
-from contactlearn.audit.convention_findings import convention_findings, impossible_findings, inertia_findings
+from contactlearn.audit.consistency import kinetic_energy
+from contactlearn.audit.convention_findings import (
+    balance_findings,
+    consistent_note,
+    convention_findings,
+    impossible_findings,
+    inertia_findings,
+)
 from contactlearn.audit.conventions import compare
 from contactlearn.audit.corrections import correct
+from contactlearn.audit.outliers import gross_outliers, outliers, repeated
 from contactlearn.audit.result import Evidence, Finding
 from contactlearn.audit.thresholds import AuditThresholds
 from contactlearn.impacts import Impacts
 from contactlearn.shapes import contact_point
 
+_LISTED = 5  # values that a sentence names
+
 
 def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> tuple[Finding, ...]:
-    """Find the mistakes in the measurements, most fundamental first; empty where there are none.
+    """Find the mistakes in the measurements, most fundamental first, or note that they are consistent.
 
     The impacts may be `suspect`.  The corrections of all findings, in their order, are what
     `data.correct=[…]` takes.
     """
-    findings = _duplicates(impacts)
+    findings = duplicate_findings(impacts)
     sound = impacts.replace(suspect=True)[~repeated(impacts)]
-    if len(sound) >= thresholds.fewest_trials:
-        comparison = compare(sound, thresholds.conventions)
-        fatal = impossible_findings(comparison, thresholds)
-        if fatal:
-            return (*fatal, *findings, *_order(sound, thresholds))
-        sound = comparison.best.impacts
-        scaled = inertia_findings(sound, thresholds.conventions)
-        findings = convention_findings(comparison) + scaled + findings
-        if scaled:
-            sound = correct(sound, ["inertia_scaled"])
-    findings += _outliers(sound, thresholds)
-    good = ~outliers(sound, thresholds.outliers)
+    if len(sound) < thresholds.fewest_trials:
+        return tuple(findings + _of_trials(sound, thresholds))
+    comparison = compare(sound, thresholds.conventions)
+    fatal = impossible_findings(comparison, thresholds)
+    if fatal:
+        return (*fatal, *findings, *order_findings(sound, thresholds))
+    sound = comparison.best.impacts
+    scaled = inertia_findings(sound, thresholds.conventions)
+    if scaled:
+        sound = correct(sound, ["inertia_scaled"])
+    of_trials = _of_trials(sound, thresholds)
+    unbalanced = balance_findings(sound, comparison, thresholds, explained=bool(of_trials))
+    findings = [*convention_findings(comparison), *scaled, *unbalanced, *findings, *of_trials]
+    return tuple(findings) or (consistent_note(sound, thresholds),)
+
+
+def _of_trials(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """Findings that need no comparison of hypotheses."""
+    findings = speed_findings(impacts, thresholds) + outlier_findings(impacts, thresholds)
+    good = ~outliers(impacts, thresholds.outliers)
     if good.any():
-        findings += _energy(sound[good], thresholds) + _shape(sound[good], thresholds)
-    return tuple(findings + _order(sound, thresholds))
+        findings += energy_findings(impacts[good], thresholds) + shape_findings(impacts[good], thresholds)
+    return findings + order_findings(impacts, thresholds)
 
 
-def _duplicates(impacts: Impacts) -> list[Finding]:
+def duplicate_findings(impacts: Impacts) -> list[Finding]:
+    """Rows that repeat an earlier one bit for bit."""
     twice = repeated(impacts)
     count = int(twice.sum())
     if not count:
@@ -66,7 +90,7 @@ def _duplicates(impacts: Impacts) -> list[Finding]:
     return [Finding(name="duplicated_trials", sentence=sentence, evidence=evidence, correction="drop_duplicates")]
 
 
-def _order(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+def order_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
     """Only a clock that all trials share can contradict their order, not a time within each recording."""
     if impacts.time is None or len(impacts) < 3:
         return []
@@ -85,7 +109,8 @@ def _order(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
     return [Finding(name="out_of_order", sentence=sentence, evidence=evidence, correction="ordered_by_time")]
 
 
-def _outliers(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+def outlier_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """Trials that cannot be what was measured, by reason."""
     by_reason = gross_outliers(impacts, thresholds.outliers)
     reasons = {name: count for name, bad in by_reason.items() if (count := float(bad.sum()))}
     bad = torch.stack([*by_reason.values()]).any(0)
@@ -110,7 +135,40 @@ def _outliers(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
     return [Finding(name="gross_outliers", sentence=sentence, evidence=evidence, correction=correction)]
 
 
-def _energy(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+def speed_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """Speeds of the body, or of its contact point about the centre of mass, that no laboratory makes."""
+    limit = thresholds.conventions.fastest
+    lengths = impacts.r.norm(dim=-1, keepdim=True)
+    speeds = {
+        name: torch.stack((v[:, :2].norm(dim=-1), (v[:, 2:] * lengths)[:, 0].abs()), -1)
+        for name, v in (("before", impacts.v_pre), ("after", impacts.v_post))
+    }
+    fast = torch.cat([*speeds.values()], -1) > limit
+    if not fast.any():
+        return []
+    rows, columns = fast.nonzero().T
+    velocities = torch.cat((impacts.v_pre, impacts.v_post), -1)
+    seen = []
+    for row, column in zip(rows[:_LISTED].tolist(), columns[:_LISTED].tolist(), strict=True):
+        when, (v_x, v_y, omega) = ("before", "after")[column // 2], velocities[row].view(2, 3)[column // 2].tolist()
+        value = f"ω = {omega:.3g} rad/s" if column % 2 else f"|v| = {math.hypot(v_x, v_y):.3g} m/s"
+        seen.append(f"row {row + 1} (trial {impacts.trial[row]!r}) {value} {when} impact")
+    more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
+    sentence = (
+        f"speeds above {limit:g} m/s, of the centre of mass or of the contact point about it, in "
+        f"{int(fast.any(-1).sum())} of {len(impacts)} trials: {'; '.join(seen)}{more}; are these the columns' units?"
+    )
+    fastest = torch.cat([*speeds.values()], -1).max().item()
+    evidence = (
+        Evidence(quantity="trials", value=float(fast.any(-1).sum()), unit="trials"),
+        Evidence(quantity="fastest", value=fastest, unit="m/s"),
+        Evidence(quantity="rows", value=", ".join(str(row + 1) for row in sorted({*rows.tolist()})[:_LISTED])),
+    )
+    return [Finding(name="impossible_speeds", sentence=sentence, evidence=evidence)]
+
+
+def energy_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """More trials than noise explains leave with more energy than they came with."""
     before, after = kinetic_energy(impacts)
     share = (after > thresholds.energy_gain * before).double().mean().item()
     if share <= thresholds.energy_share:
@@ -124,7 +182,8 @@ def _energy(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
     return [Finding(name="energy_gained", sentence=sentence, evidence=evidence)]
 
 
-def _shape(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+def shape_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """Contact points that are not where the body's shape touches the floor at θ."""
     if impacts.shape is None:
         return []
     expected = contact_point(impacts.shape, impacts.q[:, 2])

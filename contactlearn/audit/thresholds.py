@@ -37,11 +37,14 @@ class ConventionThresholds:
     """Fall of the mean sum of contradictions per correction; beyond chance only bodies that gain energy move it, as
     much as this in one of 3 sets (row conventions.gain)."""
     sigmas: float = 5.0
-    """Standard errors of the same fall, trial by trial; some three hundred hypotheses are compared
+    """Standard errors of the same fall, trial by trial; up to some thousand hypotheses are compared
     (row conventions.sigmas)."""
     consistent: float = 0.5
-    """Sum of contradictions below which no longer hypothesis is tried; correct data of every source are below 0.3
-    (row conventions.consistent)."""
+    """Sum of contradictions that a hypothesis must fall below, and below which no longer one is tried; correct data of
+    every source are below 0.3 (row conventions.consistent)."""
+    closed: float = 1.0
+    """Relative imbalance of the moments up to which a hypothesis is believed: a factor of 2 is beyond every effect, and
+    is another sign or unit (row conventions.closed)."""
     indistinct: float = 0.02
     """Difference of the sum of contradictions below which two hypotheses are reported as equivalent
     (row conventions.indistinct)."""
@@ -85,6 +88,15 @@ class AuditThresholds:
     impact made the data (row audit.imbalance)."""
     unexplained: float = 0.3
     """Share of Δω explained below which the same holds (row audit.unexplained)."""
+    open_balance: float = 0.05
+    """Relative imbalance of the moments, with 95 %, from which on the balance is said not to close; the measurement
+    noise of clean drops stays below it (row audit.open_balance)."""
+    doubted_balance: float = 0.4
+    """The same from which on the data are doubted, and not only effects of physics are to be expected: the range of
+    `inertia_error` ends there (row audit.doubted_balance)."""
+    tested_balance: float = 0.1
+    """Half-width of the 95 % interval of the better known coefficient above which the data hardly test the balance
+    (row audit.tested_balance)."""
     reversed_trials: float = 0.4
     """Share of trials with a pulling floor, or without approach, from which on the data are refused
     (row audit.reversed_trials)."""

@@ -44,9 +44,7 @@ from contactlearn.report.text.numbers import (
     times,
 )
 
-CONSISTENT = (
-    "The measurements are consistent with planar rigid impacts: columns, units, axes, order, energy and contact points."
-)
+CONSISTENT = "Nothing contradicts planar rigid impacts; the trials are too few to judge units and axes."
 NO_REGION = "No region has a clearly higher error than the rest."
 NOT_PREDICTABLE = "Gaussian processes predict no part of the residual on held-out trials."
 NO_EFFECT = "No effect of the catalogue reduces the held-out error enough to be named."

@@ -70,7 +70,7 @@ def _doubt(found: Diagnosis) -> str:
     """The audit's opinion of the data, behind a headline."""
     if found.corrections:
         return " The data were corrected first."
-    return " The audit questions the data." if found.findings else ""
+    return " The audit questions the data." if any(finding.mistake for finding in found.findings) else ""
 
 
 def summary(found: Diagnosis) -> list[str]:
