@@ -45,7 +45,7 @@ def test_scatter_is_no_effect(size):
 def test_what_varies_is_measured():
     """Five times the noise is variation, and mystery drops vary."""
     for drops in (alike(0, spread=5.0), mystery.draw(3, effects=[], size=120)[0]):
-        assert diagnose(drops, find("wang_mason")).findings == ()
+        assert diagnose(drops, find("wang_mason")).corrections == ()
 
 
 def test_the_mean_is_that_of_the_column():
