@@ -52,7 +52,8 @@ class Impacts:
             point does not approach the floor (v_n ≥ 0), or a trial name occurs twice.
 
     With `suspect` neither the approach nor unique names are asked for: measurements as read, for the audit and for
-    corrections, which need not be in the right frame or order yet.  No model should be given them.
+    corrections, which need not be in the right frame or order yet.  No model should be given them.  `incomplete` names
+    the trials of the source that were left out, since a number of theirs is missing.
     """
 
     mass: Float[Tensor, "n"]
@@ -69,6 +70,7 @@ class Impacts:
     shape: Shape | None = None
     source: str = field(default="unnamed", kw_only=True)
     suspect: bool = field(default=False, kw_only=True)
+    incomplete: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         n = len(self.mass)

@@ -8,6 +8,7 @@ from omegaconf import OmegaConf
 from contactlearn.app import load_data
 from contactlearn.audit.consistency import torque
 from contactlearn.audit.corrections import CORRECTIONS, correct
+from contactlearn.audit.findings import audit
 from contactlearn.data import synthetic, table
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import COMPONENTS, Impacts
@@ -51,7 +52,7 @@ def test_corrections_are_pure(drops):
 
 
 def test_every_correction_is_tested_and_explained():
-    others = {"inertia_scaled", "drop_duplicates", "drop_outliers", "ordered_by_time"}
+    others = {"inertia_scaled", "drop_incomplete", "drop_duplicates", "drop_outliers", "ordered_by_time"}
     others |= {"averaged_vx", "averaged_vy", "averaged_omega"}  # test_spread.py
     assert set(CORRECTIONS) == set(CORRUPTIONS) | others
     assert all(correction.description for correction in CORRECTIONS.values())
@@ -154,3 +155,40 @@ def test_configured_corrections_must_be_a_list_of_known_names():
     with pytest.raises(ContactLearnError, match=r"such as \[mirrored_x\]"):
         load_data(OmegaConf.merge(cfg, {"correct": "mirrored_x"}))
     assert load_data(OmegaConf.merge(cfg, {"correct": None})).source == "synthetic drops (wang_mason, seed 0)"
+
+
+@pytest.mark.parametrize("named", [True, False], ids=["names", "no names"])
+def test_rows_with_empty_cells_are_left_out_on_request(tmp_path, named):
+    """They are counted and named; the others keep their places in the sequence."""
+    drops = synthetic.load(size=40, shape={"kind": "disc", "radius": 0.03})
+    path = table.save(drops.replace(trial=tuple(f"drop {i}" for i in range(1, 41))), tmp_path / "drops.csv")
+    header, *lines = path.read_text().splitlines()
+    rows = [line.split(",") for line in lines]
+    rows[2][header.split(",").index("vx_post")] = ""
+    rows[7][header.split(",").index("mass")] = "NaN"
+    kept = [k for k, name in enumerate(header.split(",")) if named or name not in ("trial", "order")]
+    path.write_text("".join(",".join(row[k] for k in kept) + "\n" for row in (header.split(","), *rows)))
+    with pytest.raises(DataError, match=r"row 8 .line 9., column mass: .* data.correct=.drop_incomplete. does"):
+        load_data(config(path))
+    impacts = load_data(config(path, correct=["drop_incomplete"]))
+    left_out = ("drop 3", "drop 8") if named else ("3", "8")
+    assert impacts.incomplete == left_out
+    assert len(impacts) == 38
+    assert impacts.order.tolist() == [k for k in range(1, 41) if k not in (3, 8)]
+    assert impacts.trial[2] == ("drop 4" if named else "4")
+    note = next(finding for finding in audit(impacts) if finding.name == "incomplete_trials")
+    assert (note.value("trials"), note.value("names"), note.mistake) == (2, ", ".join(left_out), False)
+    assert "2 of 40 trials" in note.sentence
+
+
+def test_a_mistake_in_a_cell_is_no_missing_number(tmp_path):
+    path = table.save(synthetic.load(size=12), tmp_path / "drops.csv")
+    header, *lines = path.read_text().splitlines()
+    words = lines[0].split(",")
+    words[header.split(",").index("mass")] = "heavy"
+    path.write_text("\n".join([header, ",".join(words), *lines[1:]]))
+    with pytest.raises(DataError, match="column mass: must be a finite number in kg; got 'heavy'"):
+        load_data(config(path, correct=["drop_incomplete"]))
+    path.write_text("\n".join([header, "x" + "," * header.count(","), "y" + "," * header.count(",")]))
+    with pytest.raises(DataError, match="each of 2 rows has an empty cell"):
+        load_data(config(path, correct=["drop_incomplete"]))

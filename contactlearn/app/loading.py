@@ -36,18 +36,21 @@ def load_data(cfg: DictConfig, suspect: bool = False) -> Impacts:
         names = source.pop("correct", None) or []
     if isinstance(names, str):
         raise ContactLearnError(f"data.correct must be a list of names, such as [{names}], got {names!r}")
-    return correct(_read(source, suspect or bool(names)), list(names)).replace(suspect=suspect)
+    lenient = {"suspect": True} if suspect or names else {}
+    if "drop_incomplete" in names:
+        lenient["drop_incomplete"] = True
+    return correct(_read(source, lenient), list(names)).replace(suspect=suspect)
 
 
-def _read(cfg: DictConfig, suspect: bool) -> Impacts:
+def _read(cfg: DictConfig, lenient: dict[str, bool]) -> Impacts:
+    """The impacts of a source; a table is read with the lenient settings."""
     target = str(cfg.get("_target_", ""))
     if not target.startswith("contactlearn.data."):
         raise ContactLearnError(f"data._target_ must be a source under contactlearn.data, got {target!r}")
     for missing in sorted(OmegaConf.missing_keys(cfg)):
         raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data")
     try:
-        lenient = {"suspect": True} if suspect and target == "contactlearn.data.table.load" else {}
-        return instantiate(cfg, _convert_="all", **lenient)
+        return instantiate(cfg, _convert_="all", **(lenient if target == "contactlearn.data.table.load" else {}))
     except InstantiationException as error:
         if isinstance(error.__cause__, ContactLearnError):
             raise error.__cause__ from None

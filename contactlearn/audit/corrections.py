@@ -8,6 +8,7 @@ and the corrected impacts say so in their source.  Most corrections undo themsel
 units divide by what was multiplied.  Three are estimated from the data: the factor on the moment of
 inertia, and which trials are duplicates or gross outliers.
 
+Rows with an empty cell never become impacts: `drop_incomplete` leaves them out as a table is read.
 Trials that gain energy have no correction: to drop them is to choose by the outcome, which biases every ε.
 A column swap of x and y leaves θ and ω as they are; axes that are turned by 90° are a swap and a mirror.
 """
@@ -176,6 +177,9 @@ CORRECTIONS = {
     "grams": Correction("the mass is in g", _in_grams),
     "inertia_scaled": Correction(
         "the moment of inertia is off by the factor that the moment balance of the data asks for", _inertia_scaled
+    ),
+    "drop_incomplete": Correction(
+        "trials of a table in which a number is missing: they are left out as it is read", lambda impacts, _: impacts
     ),
     "drop_duplicates": Correction("trials occur more than once: the first is kept", _drop_duplicates),
     "drop_outliers": Correction("gross outliers, which cannot be what was measured", _drop_outliers),

@@ -2,6 +2,7 @@
 
     units, columns, axes      one finding for each correction of the best hypothesis of `conventions`
     inertia_scaled            the moments balance, but for one factor on I, by more than 40 %
+    incomplete_trials         rows that were left out as the table was read: a note
     duplicated_trials         rows that repeat an earlier one bit for bit
     out_of_order              times that contradict the order of the trials
     gross_outliers            trials that cannot be what was measured
@@ -47,7 +48,7 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     The impacts may be `suspect`.  The corrections of all findings, in their order, are what
     `data.correct=[…]` takes.
     """
-    findings = duplicate_findings(impacts)
+    findings = incomplete_findings(impacts) + duplicate_findings(impacts)
     sound = impacts.replace(suspect=True)[~repeated(impacts)]
     if len(sound) < thresholds.fewest_trials:
         return tuple(findings + _of_trials(sound, thresholds))
@@ -72,6 +73,23 @@ def _of_trials(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
     if good.any():
         findings += energy_findings(impacts[good], thresholds) + shape_findings(impacts[good], thresholds)
     return findings + order_findings(impacts, thresholds)
+
+
+def incomplete_findings(impacts: Impacts) -> list[Finding]:
+    """Trials that were left out as the table was read, since a number of theirs is missing; a note."""
+    left_out = impacts.incomplete
+    if not left_out:
+        return []
+    names = ", ".join(map(repr, left_out[:_LISTED])) + (", …" if len(left_out) > _LISTED else "")
+    sentence = (
+        f"{len(left_out)} of {len(impacts) + len(left_out)} trials of the table were left out, since a number of each "
+        f"is missing: {names}"
+    )
+    evidence = (
+        Evidence(quantity="trials", value=float(len(left_out)), unit="trials"),
+        Evidence(quantity="names", value=", ".join(left_out)),
+    )
+    return [Finding(name="incomplete_trials", sentence=sentence, evidence=evidence, mistake=False)]
 
 
 def duplicate_findings(impacts: Impacts) -> list[Finding]:

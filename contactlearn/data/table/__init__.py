@@ -47,7 +47,11 @@ _WRITERS = {".csv": sheet.write_csv, ".parquet": sheet.write_parquet}
 
 
 def load(
-    path: str | os.PathLike[str], shape: dict[str, Any] | Shape | None = None, *, suspect: bool = False
+    path: str | os.PathLike[str],
+    shape: dict[str, Any] | Shape | None = None,
+    *,
+    suspect: bool = False,
+    drop_incomplete: bool = False,
 ) -> Impacts:
     """Impacts from the table file `path`.
 
@@ -55,6 +59,8 @@ def load(
         path: a .csv or .parquet file with the columns of the module's table.
         shape: the body's shape for `shapes.make_shape`, or None where it is not known.
         suspect: read also what does not approach the floor, for the audit and for corrections.
+        drop_incomplete: leave out rows with an empty cell, or one that is not a finite number, and name them in
+            `Impacts.incomplete`; trials without names or order keep the number of their row.
 
     Raises:
         DataError: the file cannot be read, or breaks a rule; it names the row (counted from 1
@@ -74,7 +80,10 @@ def load(
     _check_header(path, cells.header)
     if not cells.columns[0]:
         raise DataError(f"{path}: has a header but no impacts; at least one row is needed")
-    values: dict[str, Any] = {name: cells.names(name) for name in NAMES if name in cells.header}
+    values: dict[str, Any] = {}
+    if drop_incomplete:
+        cells, values = _complete(path, cells)
+    values |= {name: cells.names(name) for name in NAMES if name in cells.header}
     for field, columns in COMPONENTS.items():
         if columns[0] in cells.header:
             numbers = [cells.numbers(column, _UNITS.get(column.removesuffix("_post"), "m")) for column in columns]
@@ -86,6 +95,18 @@ def load(
         if error.row is None or cells.lines is None:
             raise
         raise DataError(f"{error}; line {cells.lines[error.row - 1]} of the file", row=error.row) from None
+
+
+def _complete(path: Path, cells: sheet.Sheet) -> tuple[sheet.Sheet, dict[str, Any]]:
+    """The rows in which no number is missing, with their numbers for names and order, and the names of the others."""
+    rows = range(1, len(cells.columns[0]) + 1)
+    names = cells.names("trial") if "trial" in cells.header else tuple(map(str, rows))
+    bad = cells.missing([column for column in cells.header if column not in NAMES])
+    left = [row for row in rows if row not in {*bad}]
+    if not left:
+        raise DataError(f"{path}: each of {len(rows)} rows has an empty cell, or one that is not a number")
+    values = {"trial": tuple(names[row - 1] for row in left), "order": torch.tensor(left, dtype=torch.float64)}
+    return cells.without(bad), values | {"incomplete": tuple(names[row - 1] for row in bad)}
 
 
 def save(impacts: Impacts, path: str | os.PathLike[str]) -> Path:

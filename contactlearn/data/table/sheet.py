@@ -7,12 +7,15 @@ plain value (Parquet) until `numbers` or `names` asks for it, so that every erro
 
 import csv
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 from contactlearn.errors import DataError
+
+_LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does"
 
 
 @dataclass(frozen=True)
@@ -36,15 +39,38 @@ class Sheet:
                 raise DataError(f"{self.path}: {place}, column {column}: {rule}", row=row) from None
         return values
 
+    def missing(self, columns: Sequence[str]) -> list[int]:
+        """Rows, counted from 1, in which a number of these columns is missing: an empty cell, or no finite number."""
+        cells = [self.columns[self.header.index(column)] for column in columns]
+        return [row for row, values in enumerate(zip(*cells, strict=True), 1) if any(map(_is_missing, values))]
+
+    def without(self, rows: Sequence[int]) -> "Sheet":
+        """Return the sheet without some rows, counted from 1."""
+        left = [k for k in range(len(self.columns[0])) if k + 1 not in {*rows}]
+        lines = None if self.lines is None else [self.lines[k] for k in left]
+        return replace(self, columns=[[cells[k] for k in left] for cells in self.columns], lines=lines)
+
     def names(self, column: str) -> tuple[str, ...]:
         """The column as text, exactly as written."""
         return tuple("" if cell is None else str(cell) for cell in self.columns[self.header.index(column)])
 
 
+def _is_empty(cell: Any) -> bool:
+    return cell is None or (isinstance(cell, str) and not cell.strip())
+
+
+def _is_missing(cell: Any) -> bool:
+    """Whether a cell is empty or reads as not-a-number or infinity; other text is a mistake, and no missing number."""
+    try:
+        return _is_empty(cell) or (isinstance(cell, str | float) and not math.isfinite(float(cell)))
+    except ValueError:
+        return False
+
+
 def _number(cell: Any) -> float:
     """The number in a cell; the message of its ValueError ends a sentence."""
-    if cell is None or (isinstance(cell, str) and not cell.strip()):
-        raise ValueError("the cell is empty: fill it in or leave the trial out")
+    if _is_empty(cell):
+        raise ValueError(f"the cell is empty: fill it in or {_LEAVE_OUT}")
     try:
         # float() alone would also take True, "1_000" and other things that are not measurements.
         if isinstance(cell, bool) or not isinstance(cell, str | int | float | Decimal) or "_" in str(cell):
@@ -56,7 +82,7 @@ def _number(cell: Any) -> float:
             hint = f": a decimal comma? write {cell.strip().replace(',', '.')}"
         raise ValueError(f"got {cell!r}{hint}") from None
     if not math.isfinite(value):
-        raise ValueError(f"got {cell}: leave the trial out")
+        raise ValueError(f"got {cell}: {_LEAVE_OUT}")
     return value
 
 
