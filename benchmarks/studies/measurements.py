@@ -5,8 +5,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from contactlearn.audit.consistency import gross_outliers, outliers
 from contactlearn.audit.findings import energy_findings, order_findings, outlier_findings, shape_findings
-from contactlearn.audit.outliers import gross_outliers, outliers
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.impacts import Impacts
 from contactlearn.shapes import Ellipse

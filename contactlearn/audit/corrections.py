@@ -23,8 +23,7 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from contactlearn.audit.columns import Columns
-from contactlearn.audit.consistency import torque
-from contactlearn.audit.outliers import outliers, repeated
+from contactlearn.audit.consistency import outliers, repeated, torque
 from contactlearn.audit.thresholds import OutlierThresholds
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.impacts import Impacts

@@ -23,7 +23,7 @@ import math
 
 import torch
 
-from contactlearn.audit.consistency import kinetic_energy
+from contactlearn.audit.consistency import gross_outliers, kinetic_energy, outliers, repeated
 from contactlearn.audit.convention_findings import (
     balance_findings,
     consistent_note,
@@ -33,7 +33,6 @@ from contactlearn.audit.convention_findings import (
 )
 from contactlearn.audit.conventions import compare
 from contactlearn.audit.corrections import correct
-from contactlearn.audit.outliers import gross_outliers, outliers, repeated
 from contactlearn.audit.result import Evidence, Finding
 from contactlearn.audit.thresholds import AuditThresholds
 from contactlearn.impacts import Impacts
