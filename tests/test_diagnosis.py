@@ -174,7 +174,7 @@ def test_corrupted_data_are_mended_first_and_then_explained():
     found = diagnose(spoilt, find(truth["law"]), observer=told)
     assert next(iter(told)) == "audit"
     assert found.verdict == "bad_data"
-    assert [finding.correction for finding in found.findings] == ["mirrored_x"]
+    assert found.corrections == ("mirrored_x",)
     assert found.effects == ("side_drag",)
 
 
