@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -15,6 +16,7 @@ from contactlearn.evaluation.metrics import mass_error
 from contactlearn.evaluation.partial_residuals import partial_residuals
 from contactlearn.identification.joint import FitOptions, assemble, identify_jointly
 from contactlearn.identification.shared import Box
+from contactlearn.identification.thresholds import FitThresholds
 from contactlearn.laws import find
 from contactlearn.model import ContactModel
 
@@ -127,8 +129,22 @@ def test_what_does_the_same_is_said_to():
     """Two tilts: only their sum is determined."""
     drops, chosen, _ = planted(TRUE)
     twice = {"one": chosen["surface_tilt"], "other": chosen["surface_tilt"]}
-    found = identify_jointly(find("wang_mason"), twice, drops).undetermined()
-    assert {"one.phi", "other.phi"} <= found.keys()
+    fit = identify_jointly(find("wang_mason"), twice, drops)
+    assert {"one.phi", "other.phi"} <= fit.undetermined().keys()
+
+
+def test_a_correlation_is_no_undetermined_parameter():
+    """A late frame lowers v_y after impact as ε does, at nearly one speed, but both are known to a few percent."""
+    drops, _, _ = planted({})
+    even = 1 / drops.v_pre[:, :2].norm(dim=-1, keepdim=True)
+    drops = drops.replace(v_pre=even * drops.v_pre, v_post=even * drops.v_post)
+    late = find_effect("gravity_impulse")()
+    fit = identify_jointly(find("wang_mason"), {"late": late}, drops)
+    strong = replace(fit, thresholds=FitThresholds(correlation=fit.correlation[1, 2].abs().item() - 0.01))
+    assert not strong.undetermined().keys() & {"eps"}
+    (said,) = [pair for pair in strong.trade_offs() if pair.startswith("eps and late.")]
+    assert said.endswith(f"trade off: correlation {fit.correlation[1, 2]:+.2f}")
+    assert replace(fit, thresholds=FitThresholds(correlation=0.9999)).trade_offs() == ()
 
 
 def test_what_never_acts_is_said_to_be_open():

@@ -62,6 +62,12 @@ def _open(fit: JointFit, thresholds: Thresholds) -> bool:
     return fit.parameters[-1].name in replace(fit, thresholds=thresholds.fit).undetermined()
 
 
+def _traded(fit: JointFit, thresholds: Thresholds) -> bool:
+    """Whether the parameter of the effect is said to trade off with another."""
+    name = fit.parameters[-1].name
+    return any(name in pair for pair in replace(fit, thresholds=thresholds.fit).trade_offs())
+
+
 OUTLIERS = Study(
     name="outliers of a fit",
     null=each(12, "clean", "heavy"),
@@ -71,7 +77,9 @@ OUTLIERS = Study(
 )
 NOISE = Study(name="undetermined spin", null=each(12, "all"), planted=each(24, "noisy"), prepare=_noisy, alarm=_open)
 ORDER = Study(name="drift of few trials", null=each(12, "all"), planted=each(24, "few"), prepare=_late, alarm=_open)
-SPEEDS = Study(name="delay at one speed", null=each(12, "many"), planted=each(24, "one"), prepare=_speeds, alarm=_open)
+SPEEDS = Study(
+    name="delay at one speed", null=each(12, "many"), planted=each(24, "one"), prepare=_speeds, alarm=_traded
+)
 ROWS = (
     Row(field="fit.outlier_weight", values=(*scaled(0.07, 0.3, 0.6, 1, 1.5), 0.2, 0.4), study=OUTLIERS),
     Row(field="fit.open_share", values=scaled(0.125, 0.25, 0.5, 1, 2, 4), study=NOISE),

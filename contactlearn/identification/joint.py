@@ -109,21 +109,29 @@ class JointFit:
 
     def _open(self, k: int) -> list[str]:
         """Why the data do not determine parameter k."""
-        p, limits, correlation = self.parameters[k], self.thresholds, self.correlation[k]
-        others = correlation.abs().clone()
-        others[k] = 0
-        other, share = int(others.argmax()), self.standard_errors[k].item() / (p.high - p.low)
+        p, limits = self.parameters[k], self.thresholds
+        share = self.standard_errors[k].item() / (p.high - p.low)
         reasons = []
         if share >= 1:
             reasons.append("hardly anything depends on it")
         elif share > limits.open_share:
             reasons.append(f"its standard error is {share:.0%} of its plausible range")
-        if others.max() > limits.correlation:
-            reasons.append(f"its correlation with {self.parameters[other].name} is {correlation[other]:+.3f}")
         trials = self.effective_trials[k].item()
         if trials < limits.effective_trials and share <= 1:
             reasons.append(f"about {max(1, round(trials))} trials tell of it")
         return reasons
+
+    def trade_offs(self) -> tuple[str, ...]:
+        """Pairs of parameters of a single subset that trade off, each with its correlation.
+
+        Both may be determined well: the standard errors account for it.
+        """
+        pairs = (self.correlation.abs().triu(1) > self.thresholds.correlation).nonzero().tolist()
+        return tuple(
+            f"{self.parameters[k].name} and {self.parameters[other].name} trade off: correlation "
+            f"{self.correlation[k, other]:+.2f}"
+            for k, other in pairs
+        )
 
     def at_bounds(self) -> dict[str, str]:
         """Parameters of a single subset that end at a bound: parameter → what that means."""

@@ -17,6 +17,6 @@ class FitThresholds:
     """Standard error of a parameter, of its plausible range, above which it is not determined: its 95 % interval then
     covers half of the range (row fit.open_share)."""
     correlation: float = 0.95
-    """Correlation above which two parameters do the same on these data (row fit.correlation)."""
+    """Correlation above which two parameters are said to trade off on these data (row fit.correlation)."""
     effective_trials: float = 5.0
     """Trials in effect below which the information on a parameter comes from too few (row fit.effective_trials)."""
