@@ -32,7 +32,7 @@ from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
-from contactlearn.regression.gp.evidence import Evidence
+from contactlearn.regression.gp.evidence import LogEvidence
 
 SIZES = (50, 100, 200, 450, 1000)
 BATCH, INPUTS = 30, 5
@@ -90,7 +90,7 @@ def set_parameters(model: gpytorch.models.ExactGP, phi: Tensor) -> None:
 
 def ours(problem: Problem, rows: int = 1, curvature: bool = False) -> Evaluation:
     x, y, phi = problem
-    evidence, which, phi = Evidence(x, y), torch.arange(rows), phi.expand(rows, -1).contiguous()
+    evidence, which, phi = LogEvidence(x, y), torch.arange(rows), phi.expand(rows, -1).contiguous()
     return lambda: y.shape[1] * evidence(phi, which, curvature)[0][0].item()
 
 

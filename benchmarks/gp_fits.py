@@ -47,7 +47,7 @@ from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts
 from contactlearn.regression.features import Standardisation, features
 from contactlearn.regression.gp.bfgs import minimise
-from contactlearn.regression.gp.evidence import Evidence
+from contactlearn.regression.gp.evidence import LogEvidence
 from contactlearn.regression.gp.exact import LENGTH, NOISE, SCALE, STARTS, ExactGPs
 from gp_evidence import ZeroMeanGP, covariance, set_parameters
 
@@ -96,7 +96,7 @@ def ours(x: Tensor, y: Tensor) -> Tensor:
 
 
 def lbfgsb(x: Tensor, y: Tensor) -> Tensor:
-    evidence, which = Evidence(x[None], y[None]), torch.zeros(1, dtype=torch.long)
+    evidence, which = LogEvidence(x[None], y[None]), torch.zeros(1, dtype=torch.long)
 
     def objective(phi: np.ndarray) -> tuple[float, np.ndarray]:
         value, gradient, _ = evidence(torch.from_numpy(phi)[None], which)
@@ -204,7 +204,7 @@ class Judge:
     def __init__(self, x: Tensor, y: Tensor, x_new: Tensor, y_new: Tensor):
         self.y, self.x_new, self.y_new = y, x_new, y_new
         self.x = x[:, None].expand(-1, y.shape[1], -1, -1)
-        self.evidence = Evidence(self.x.flatten(0, 1), y.flatten(0, 1))
+        self.evidence = LogEvidence(self.x.flatten(0, 1), y.flatten(0, 1))
 
     def loss(self, phi: Tensor) -> Tensor:
         """−log p a point [S, O]."""

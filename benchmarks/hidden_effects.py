@@ -41,6 +41,7 @@ from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.evaluation.metrics import mass_error
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.learning.curves import run
+from contactlearn.numerics import Z_95
 
 COMPONENTS = {"magnetic_pull": "tau", "elastic_strap": "t", "spin_lift": "n"}
 MUJOCO = {
@@ -58,7 +59,6 @@ CORRUPTIONS = {
     "degrees": lambda d: d.replace(q=d.q * DEGREES, v_pre=d.v_pre * DEGREES, v_post=d.v_post * DEGREES),
     "millimetres": lambda d: d.replace(q=d.q * 1e3 / torch.tensor((1.0, 1.0, 1e3)), r=d.r * 1e3),
 }
-Z_95 = 1.959964
 
 
 def tasks(scale: float) -> list[tuple]:

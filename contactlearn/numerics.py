@@ -2,7 +2,7 @@
 
     Z_95, MAD_SCALE     quantile of a 95 % interval; standard deviations in a median absolute deviation
     wrapped             an angle in (−π, π]
-    number, whole       a setting as a finite float or as a whole number, or a DataError that names its rule
+    finite_number       a setting as a finite float, or a DataError that names its rule; `whole` likewise
     is_number, is_whole the same as a test
     random              float64 random numbers of a generator
     written_whole       a file that appears whole or not at all
@@ -54,7 +54,7 @@ def is_whole(value: Any, low: int = 0) -> TypeGuard[int]:
     return isinstance(value, int) and not isinstance(value, bool) and value >= low
 
 
-def number(name: str, value: Any, low: float, high: float = math.inf, *, above: bool = False) -> float:
+def finite_number(name: str, value: Any, low: float, high: float = math.inf, *, above: bool = False) -> float:
     """Return `value` as a finite float in [low, high], or greater than low if `above`.
 
     Args:

@@ -59,7 +59,7 @@ def shared(drops: Impacts, **options) -> fit.SharedFit:
 def surface(drops: Impacts):
     mu, eps = fit.Box(nodes=16).axes()
     law = laws.find("wang_mason")
-    return figures.cost_surface(mu, eps, fit.cost_surface(law, drops, mu, eps), (0.12, 0.55), law)
+    return figures.cost_map(mu, eps, fit.cost_surface(law, drops, mu, eps), (0.12, 0.55), law)
 
 
 def comparison(names=(*LAW_STYLE, "X1 → (P, τ), 450 trials")):
@@ -75,9 +75,11 @@ def patch(names=("anitescu_potra_newton", "best_post_hoc")):
 
 
 FIGURES = {
-    "ellipse inadmissible": lambda d: figures.energy_ellipse(inadmissible(d), 0, six("fazeli2017")),
-    "ellipse one": lambda d: figures.energy_ellipse(inadmissible(d), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)}),
-    "ellipse seven": lambda d: figures.energy_ellipse(d, 5, {n: laws.find(n).at(0.1, 0.5) for n in laws.names()}),
+    "ellipse inadmissible": lambda d: figures.reachable_impulses(inadmissible(d), 0, six("fazeli2017")),
+    "ellipse one": lambda d: figures.reachable_impulses(
+        inadmissible(d), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)}
+    ),
+    "ellipse seven": lambda d: figures.reachable_impulses(d, 5, {n: laws.find(n).at(0.1, 0.5) for n in laws.names()}),
     "cost surface": surface,
     "convergence": lambda d: figures.convergence(shared(d)),
     "convergence once": lambda d: figures.convergence(shared(d, sizes=(3,), repetitions=1)),
@@ -174,7 +176,7 @@ def test_save_leaves_the_old_files_when_writing_fails(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_names_are_shown_as_they_are(name, drops):
-    figure = figures.energy_ellipse(inadmissible(drops, name), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)})
+    figure = figures.reachable_impulses(inadmissible(drops, name), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)})
     assert_fits(figure)
     shown = " ".join(name.split())[:9]
     assert shown in figure.get_suptitle().replace(r"\$", "$")
@@ -254,13 +256,13 @@ def test_reach_holds_what_the_law_gives_and_nothing_else(name, variant, drops):
 
 def test_ellipse_shows_measurement_prediction_and_bound(drops):
     impacts, law = inadmissible(drops), laws.find("wang_mason").at(0.12, 0.55)
-    axes = figures.energy_ellipse(impacts, 0, {"wang_mason": law}).axes[0]
+    axes = figures.reachable_impulses(impacts, 0, {"wang_mason": law}).axes[0]
     points = [line.get_xydata()[0] for line in axes.lines if len(line.get_xydata()) == 1]
     expected = (law.impulse(impacts.W, impacts.v_c)[0], impacts.wrench[0, :2], bounds.irb(impacts).wrench[0, :2])
     np.testing.assert_allclose(np.sort(points, 0), np.sort(1e3 * torch.stack(expected).numpy(), 0), rtol=1e-12)
     shaded = torch.from_numpy(axes.patches[0].get_xy() / 1e3)
     assert mechanics.admissible(impacts.W[0], impacts.v_c[0], shaded, tolerance=1e-9).all()
-    inside = figures.energy_ellipse(drops, 3, {"wang_mason": law})
+    inside = figures.reachable_impulses(drops, 3, {"wang_mason": law})
     assert "IRB bound" not in [text.get_text() for text in inside.legends[0].get_texts()]
 
 
@@ -305,7 +307,7 @@ def test_comparison_keeps_the_order_and_sets_the_bounds_apart():
 
 
 BAD = {
-    "no laws": (lambda d: figures.energy_ellipse(d, 0, {}), "at least one law"),
+    "no laws": (lambda d: figures.reachable_impulses(d, 0, {}), "at least one law"),
     "other impacts": (lambda d: figures.trial_parameters(identify_trials(laws.find("mirtich"), d[:4]), d), "4 .* 80"),
     "no models": (lambda d: figures.error_comparison({}, {}, "e (–)"), "any model"),
     "no interval": (lambda d: figures.error_comparison({"mirtich": torch.ones(3)}, {}, "e (–)"), "none for mirtich"),

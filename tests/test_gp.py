@@ -22,7 +22,7 @@ from torch.distributions import MultivariateNormal
 
 from contactlearn.regression.gp import evidence as evidence_module
 from contactlearn.regression.gp.bfgs import minimise
-from contactlearn.regression.gp.evidence import Evidence
+from contactlearn.regression.gp.evidence import LogEvidence
 from contactlearn.regression.gp.exact import LENGTH, NOISE, SCALE, ExactGPs
 
 TOLERANCE = 1e-9
@@ -73,7 +73,7 @@ def reference(phi: Tensor, x: Tensor, y: Tensor, weight: Tensor | None) -> tuple
 
 
 def assert_matches_reference(phi: Tensor, which: Tensor, x: Tensor, y: Tensor, weight: Tensor | None):
-    found = Evidence(x, y, weight)(phi, which, curvature=True)
+    found = LogEvidence(x, y, weight)(phi, which, curvature=True)
     rows = [reference(p, x[i], y[i], None if weight is None else weight[i]) for p, i in zip(phi, which, strict=True)]
     for part, wanted in zip(found, zip(*rows, strict=True), strict=True):
         close(part, torch.stack(wanted), **CLOSE)
@@ -118,7 +118,7 @@ def test_evidence_of_several_chunks_and_of_repeated_processes(weighted):
 
 def test_evidence_does_not_depend_on_earlier_calls():
     x, y, _ = random_data(6, 20, 2)
-    phi, evidence, every = random_phi(6, 2), Evidence(x, y), torch.arange(6)
+    phi, evidence, every = random_phi(6, 2), LogEvidence(x, y), torch.arange(6)
     first = evidence(phi, every, True)
     evidence(phi[:2] + 1, every[:2])
     for one, two in zip(first, evidence(phi, every, True), strict=True):
@@ -147,7 +147,7 @@ def lapack(request, monkeypatch):
 @pytest.mark.parametrize("weighted", [False, True], ids=["plain", "weighted"])
 def test_torch_and_lapack_agree(weighted, monkeypatch):
     x, y, weight = random_data(30, 80, 3, weighted)
-    phi, evidence, every = random_phi(30, 3), Evidence(x, y, weight), torch.arange(30)
+    phi, evidence, every = random_phi(30, 3), LogEvidence(x, y, weight), torch.arange(30)
     lapack = evidence(phi, every, True)
     monkeypatch.setattr(evidence_module, "_on_lapack", lambda matrix: False)
     for one, two in zip(lapack, evidence(phi, every, True), strict=True):
@@ -157,8 +157,8 @@ def test_torch_and_lapack_agree(weighted, monkeypatch):
 def test_single_precision_does_not_go_through_double_precision_routines():
     x, y, weight = random_data(4, 20, 2, weighted=True)
     phi, every = random_phi(4, 2), torch.arange(4)
-    single = Evidence(x.float(), y.float(), weight.float())(phi.float(), every, True)
-    for one, two in zip(single, Evidence(x, y, weight)(phi, every, True), strict=True):
+    single = LogEvidence(x.float(), y.float(), weight.float())(phi.float(), every, True)
+    for one, two in zip(single, LogEvidence(x, y, weight)(phi, every, True), strict=True):
         assert one.dtype == torch.float32
         close(one, two.float(), rtol=1e-2, atol=1e-3)
 
@@ -170,11 +170,11 @@ def test_evidence_is_nan_where_the_matrix_is_not_positive_definite(lapack, n):
     x[1] = 1.0
     phi = random_phi(3, 2)
     phi[1] = torch.tensor([0.0, 0.0, 1.0, -60.0])
-    found = Evidence(x, y)(phi, torch.arange(3), True)
+    found = LogEvidence(x, y)(phi, torch.arange(3), True)
     for part in found:
         assert part[1].isnan().all()
     good = torch.tensor([0, 2])
-    for part, wanted in zip(found, Evidence(x, y)(phi[good], good, True), strict=True):
+    for part, wanted in zip(found, LogEvidence(x, y)(phi[good], good, True), strict=True):
         close(part[good], wanted, **CLOSE)
 
 
@@ -424,7 +424,7 @@ def test_a_batch_of_processes_is_a_loop(batch, weighted):
 
 def lbfgsb(x: Tensor, y: Tensor) -> list[float]:
     """−log p a point that SciPy's L-BFGS-B attains from each of eight starts, within the same bounds."""
-    evidence, which, D = Evidence(x[None], y[None]), torch.zeros(1, dtype=torch.long), x.shape[1]
+    evidence, which, D = LogEvidence(x[None], y[None]), torch.zeros(1, dtype=torch.long), x.shape[1]
     bounds = np.log([LENGTH] * D + [SCALE, NOISE])
 
     def objective(phi):

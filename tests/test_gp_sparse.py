@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from contactlearn.regression.gp import sparse
-from contactlearn.regression.gp.evidence import Evidence
+from contactlearn.regression.gp.evidence import LogEvidence
 from contactlearn.regression.gp.exact import ExactGPs
 from contactlearn.regression.gp.sparse import SparseGPs
 
@@ -48,7 +48,7 @@ def test_with_all_points_inducing_the_bound_is_the_evidence(weighted):
     x, y, w = problem(weighted=weighted)
     gps = SparseGPs(x, y, w)
     theta = set_hyperparameters(gps)
-    exact = Evidence(*gps.train_inputs, y, w)(theta.log(), torch.arange(2))[0]
+    exact = LogEvidence(*gps.train_inputs, y, w)(theta.log(), torch.arange(2))[0]
     torch.testing.assert_close(losses(gps, w), exact, **JITTER)
 
 

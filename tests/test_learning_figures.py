@@ -59,12 +59,12 @@ def velocities(size=300, std=True):
 
 def covered(names=MODELS):
     levels = torch.tensor([0.1, 0.5, 0.9, 0.95])
-    return quality.calibration({name: (levels, levels ** (0.8 + 0.1 * k)) for k, name in enumerate(names)})
+    return quality.calibration_curve({name: (levels, levels ** (0.8 + 0.1 * k)) for k, name in enumerate(names)})
 
 
 def transferred(bodies=("Square", "Triangle"), labels=("from scratch", "trained model as prior")):
     curves = {body: {label: decay(0.3 + 0.05 * k) for k, label in enumerate(labels)} for body in bodies}
-    return learning.transfer(SIZES, curves, dict.fromkeys(bodies, (0.5, 0.45, 0.54)), METRIC)
+    return learning.transfer_errors(SIZES, curves, dict.fromkeys(bodies, (0.5, 0.45, 0.54)), METRIC)
 
 
 def trained(processes=3, outputs=("P_t", "P_n", "τ"), features=("v_t", "v_n", "sin 2θ")):
@@ -297,12 +297,15 @@ BAD = {
     "no velocities": (lambda: quality.predicted_against_measured(PAIR[:0], PAIR[:0]), "N ≥ 1"),
     "other trials": (lambda: quality.predicted_against_measured(PAIR, PAIR[:1]), r"\(2, 3\), \(1, 3\)"),
     "no spin": (lambda: quality.predicted_against_measured(PAIR[:, :2], PAIR[:, :2]), r"\(2, 2\)"),
-    "no coverage": (lambda: quality.calibration({}), "at least one model"),
-    "no levels": (lambda: quality.calibration({"a": (PAIR[:0, 0], PAIR[:0, 0])}), "got 0 and 0"),
-    "other levels": (lambda: quality.calibration({"a": (PAIR[0], PAIR[0, :2])}), "'a' .* got 3 and 2"),
-    "no bodies": (lambda: learning.transfer(SIZES, {}, {}, METRIC), "at least one body"),
-    "no model of a body": (lambda: learning.transfer(SIZES, {"Square": {}}, {}, METRIC), "got 7 and 0"),
-    "transfer at other sizes": (lambda: learning.transfer(SIZES[1:], {"Square": ONE}, {}, METRIC), "must be .6, 3"),
+    "no coverage": (lambda: quality.calibration_curve({}), "at least one model"),
+    "no levels": (lambda: quality.calibration_curve({"a": (PAIR[:0, 0], PAIR[:0, 0])}), "got 0 and 0"),
+    "other levels": (lambda: quality.calibration_curve({"a": (PAIR[0], PAIR[0, :2])}), "'a' .* got 3 and 2"),
+    "no bodies": (lambda: learning.transfer_errors(SIZES, {}, {}, METRIC), "at least one body"),
+    "no model of a body": (lambda: learning.transfer_errors(SIZES, {"Square": {}}, {}, METRIC), "got 7 and 0"),
+    "transfer at other sizes": (
+        lambda: learning.transfer_errors(SIZES[1:], {"Square": ONE}, {}, METRIC),
+        "must be .6, 3",
+    ),
     "no iterations": (lambda: quality.training(torch.ones(0), {"P_t": {"v_t": 1.0}}), "one iteration"),
     "no features": (lambda: quality.training(torch.ones(3), {"P_t": {}}), "one relevance"),
 }

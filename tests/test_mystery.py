@@ -34,10 +34,10 @@ SPRINGS = 2e-3  # relative: springs in 400 steps a compression are first-order
 ALL = EFFECTS + UNKNOWN
 
 
-def random_contact(n: int, seed: int, energetic: bool) -> tuple[nature.Contact, torch.Tensor]:
+def random_contact(n: int, seed: int, energetic: bool) -> tuple[nature.ContactState, torch.Tensor]:
     """Contacts of random bodies, and the textbook law's velocity after them."""
     body, given = contacts.random_bodies(n, seed), contacts.random_contacts(n, seed)
-    contact = nature.Contact(*body, given.eps, energetic, lambda slip: given.mu, torch.zeros_like)
+    contact = nature.ContactState(*body, given.eps, energetic, lambda slip: given.mu, torch.zeros_like)
     P = impulse("mirtich" if energetic else "wang_mason", *given)
     wrench = torch.cat((P, torch.zeros_like(P[:, :1])), -1)
     return contact, apply_wrench(*body, wrench)
@@ -46,14 +46,14 @@ def random_contact(n: int, seed: int, energetic: bool) -> tuple[nature.Contact, 
 def one_contact(r=(0.0, -0.03), v=(1.0, -2.0, 0.0), eps=0.7, mu=0.2, energetic=True, mass=0.05, inertia=2e-5):
     m, i, e = (torch.full((1,), x, dtype=torch.float64) for x in (mass, inertia, eps))
     r, v = (torch.tensor([x], dtype=torch.float64) for x in (r, v))
-    return nature.Contact(m, i, r, v, e, energetic, lambda slip: torch.full_like(slip, mu), torch.zeros_like)
+    return nature.ContactState(m, i, r, v, e, energetic, lambda slip: torch.full_like(slip, mu), torch.zeros_like)
 
 
-def energy(contact: nature.Contact, v: torch.Tensor) -> torch.Tensor:
+def energy(contact: nature.ContactState, v: torch.Tensor) -> torch.Tensor:
     return 0.5 * (contact.mass * (v[:, :2] ** 2).sum(-1) + contact.inertia * v[:, 2] ** 2)
 
 
-def off(contact: nature.Contact, v: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
+def off(contact: nature.ContactState, v: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
     """Relative difference in the mass norm."""
     weight = torch.stack((contact.mass, contact.mass, contact.inertia), -1)
     return ((weight * (v - reference) ** 2).sum(-1) / (weight * reference**2).sum(-1)).sqrt()
@@ -85,7 +85,9 @@ def test_rigid_springs_tend_to_the_textbook_law():
     contact, _ = random_contact(200, 2, True)
     contact = contact._replace(eps=contact.eps.clamp_min(0.2))
     expected = nature.collide(contact)
-    coarse, fine = (off(contact, springs.collide(contact, 1.0, 0.0, steps), expected) for steps in (100, 400))
+    coarse, fine = (
+        off(contact, springs.collide_on_springs(contact, 1.0, 0.0, steps), expected) for steps in (100, 400)
+    )
     assert fine.max() < SPRINGS
     assert fine.mean() < 0.4 * coarse.mean()
 
@@ -107,7 +109,7 @@ def test_contacts_never_gain_energy(energetic):
     assert (energy(contact, nature.collide(contact, 20)) <= before * (1 + ROUNDING)).all()
     contact = contact._replace(eps=contact.eps.clamp_min(0.05))
     for resilience in (0.0, 0.5, 1.0):
-        after = energy(contact, springs.collide(contact, 1.2, resilience, 200))
+        after = energy(contact, springs.collide_on_springs(contact, 1.2, resilience, 200))
         assert (after <= before * (1 + SPRINGS)).all()  # the leapfrog keeps energy to its order only
 
 
@@ -116,7 +118,7 @@ def test_springs_transmit_a_contact_force(resilience):
     """Momentum balance is exact: no moment about the contact point, and a force within the cone."""
     contact, _ = random_contact(100, 4, True)
     contact = contact._replace(eps=contact.eps.clamp_min(0.05))
-    v = springs.collide(contact, 1.2, resilience, 100)
+    v = springs.collide_on_springs(contact, 1.2, resilience, 100)
     P_t, P_n, tau = measured_wrench(*contact[:3], contact.v, v).unbind(-1)
     assert (tau.abs() <= ROUNDING * contact.r.norm(dim=-1) * P_n).all()
     assert (P_n > 0).all()
@@ -126,7 +128,7 @@ def test_springs_transmit_a_contact_force(resilience):
 
 @pytest.mark.parametrize("eps", [0.2, 0.6, 1.0])
 def test_central_impact_rebounds_by_its_restitution(eps):
-    for v in (nature.collide(one_contact(eps=eps)), springs.collide(one_contact(eps=eps), 1.2, 1.0)):
+    for v in (nature.collide(one_contact(eps=eps)), springs.collide_on_springs(one_contact(eps=eps), 1.2, 1.0)):
         assert v[0, 1].item() == pytest.approx(2 * eps, rel=1e-4)
 
 
@@ -135,9 +137,9 @@ def test_superball(compliance):
     """A gripping disc: the slip swings as cos t √(W_tt/(c W_nn)) over the half period π of the normal spring."""
     R, mass = 0.03, 0.05
     contact = one_contact((0.0, -R), (1.0, -2.0, 0.0), 1.0, 1e4, mass=mass, inertia=mass * R**2 / 2)
-    slip = contact_velocity(contact.r, springs.collide(contact, compliance, 1.0))[0, 0].item()
+    slip = contact_velocity(contact.r, springs.collide_on_springs(contact, compliance, 1.0))[0, 0].item()
     assert slip == pytest.approx(math.cos(math.pi * math.sqrt(3 / compliance)), abs=0.02)
-    stuck = contact_velocity(contact.r, springs.collide(contact, compliance, 0.0))[0, 0].item()
+    stuck = contact_velocity(contact.r, springs.collide_on_springs(contact, compliance, 0.0))[0, 0].item()
     assert stuck == pytest.approx(0, abs=ROUNDING)
 
 
@@ -152,7 +154,7 @@ def test_parting_costs_its_work():
 
 def test_contacts_that_never_end_are_refused():
     bad = one_contact()._replace(eps=torch.full((1,), torch.nan, dtype=torch.float64))
-    for collide in (nature.collide, lambda contact, steps: springs.collide(contact, 1.0, 0.0, steps)):
+    for collide in (nature.collide, lambda contact, steps: springs.collide_on_springs(contact, 1.0, 0.0, steps)):
         with pytest.raises(DataError, match=r"1 simulated contacts do not come to an end"):
             collide(bad, 10)
 

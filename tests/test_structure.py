@@ -1,6 +1,6 @@
 """The house: one way for the data, short files and functions, everything documented, nothing written twice.
 
-The sets of exceptions only shrink.
+The sets of exceptions only shrink: one that no longer applies fails.
 """
 
 import ast
@@ -11,8 +11,10 @@ import sys
 import tokenize
 from collections import defaultdict
 from collections.abc import Iterator
+from dataclasses import is_dataclass
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
+from importlib import import_module
 from pathlib import Path
 from statistics import median, quantiles
 
@@ -102,6 +104,7 @@ def _lines(node: ast.AST) -> int:
 
 def _only(found: set[str], excepted: set[str], rule: str) -> None:
     assert not found - excepted, f"{rule}: {sorted(found - excepted)}"
+    assert not excepted - found, f"exceptions that are none any more ({rule}): {sorted(excepted - found)}"
 
 
 # One way
@@ -116,11 +119,6 @@ def test_imports_run_one_way(path):
     assert not late, f"{part} imports {late}, which come after it"
 
 
-CIRCLES = {  # imports that are not counted
-    ("contactlearn.report.figures", "contactlearn.report.text"),
-}
-
-
 @pytest.mark.parametrize("depth", [2, 3, 9], ids=["rooms", "rooms within rooms", "modules"])
 def test_no_circles(depth):
     """Neither among modules, nor among folders taken as one."""
@@ -129,8 +127,6 @@ def test_no_circles(depth):
         place = _place(_name(path), depth)
         if place != "contactlearn":
             graph[place] |= {_place(name, depth) for name in _imports(path)} - {place, "contactlearn"}
-    for place, other in CIRCLES:
-        graph[place].discard(other)
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
@@ -142,43 +138,47 @@ def _place(name: str, depth: int) -> str:
     return ".".join(name.split(".")[:depth])
 
 
-TYPES = {"Box", "SharedFit", "TrialFit", "measured_impulse"}  # of the fits that figures draw
-
-
 def test_the_report_fits_nothing():
+    """Of the rooms that fit it knows the types of their results and arguments alone."""
     found = set()
     for path in (PACKAGE / "report").rglob("*.py"):
         for node in ast.walk(_tree(path)):
             if isinstance(node, ast.ImportFrom):
-                rooms = re.fullmatch(r"contactlearn\.(identification|learning|regression)\b.*", node.module or "")
                 names = {alias.name for alias in node.names}
-                names = names - TYPES if rooms else names & FITS
+                if re.match(r"contactlearn\.(identification|learning|regression)\b", node.module or ""):
+                    names = {name for name in names if not is_dataclass(getattr(import_module(node.module), name))}
+                else:
+                    names &= FITS
                 found |= {f"{path.relative_to(PACKAGE)}: {name}" for name in names}
-    _only(found, set(), "the report is given complete results")
+    _only(found, MEASURES, "the report is given complete results")
+
+
+MEASURES = {"report/figures/impulse_space.py: measured_impulse"}  # of the impact that is drawn; nothing is fitted
 
 
 # Short
 
-LONG_FILES: set[str] = set()
-LONG_FUNCTIONS: set[str] = set()
-
 
 def test_files_are_short():
     lengths = {str(path.relative_to(PACKAGE)): len(path.read_text("utf-8").splitlines()) for path in PATHS}
-    _only({name for name, n in lengths.items() if n > LONGEST_FILE}, LONG_FILES, "files are too long")
+    _only({name for name, n in lengths.items() if n > LONGEST_FILE}, set(), "files are too long")
     assert median(lengths.values()) <= MEDIAN_FILE
 
 
 def test_functions_are_short():
     lengths = {f"{_name(p)}.{name}": _lines(node) for p in PATHS for name, node, _ in _functions(p)}
-    _only({name for name, n in lengths.items() if n > LONGEST_FUNCTION}, LONG_FUNCTIONS, "functions are too long")
+    _only({name for name, n in lengths.items() if n > LONGEST_FUNCTION}, set(), "functions are too long")
     assert quantiles(lengths.values(), n=10)[-1] <= P90_FUNCTION
 
 
-# Documented and annotated
+def test_the_pipeline_is_read_at_one_glance():
+    path = PACKAGE / "diagnosis" / "pipeline.py"
+    (node,) = (node for name, node, _ in _functions(path) if name == "diagnose")
+    body = {n for n, _ in _code(path)} & set(range(node.body[0].lineno, node.end_lineno + 1))
+    assert len(body) <= 40
 
-UNDOCUMENTED: set[str] = set()
-UNANNOTATED: set[str] = set()
+
+# Documented and annotated
 
 
 def test_public_functions_are_documented():
@@ -188,7 +188,7 @@ def test_public_functions_are_documented():
         for name, node, public in _functions(path):
             if public and ast.get_docstring(node) is None and not _inherits(node, path, name):
                 found.add(f"{_name(path)}.{name}")
-    _only(found, UNDOCUMENTED, "public functions need a docstring")
+    _only(found, set(), "public functions need a docstring")
 
 
 def _inherits(node: Function, path: Path, name: str) -> bool:
@@ -207,16 +207,12 @@ def test_functions_are_annotated():
             bare = [a for a in arguments if a.annotation is None and a.arg not in ("self", "cls")]
             if public and (bare or node.returns is None):
                 found.add(f"{_name(path)}.{name}")
-    _only(found, UNANNOTATED, "public functions need annotations")
+    _only(found, set(), "public functions need annotations")
 
 
 # Once
 
-REPEATED: set[frozenset[str]] = set()
-HOMONYMS = {"Contact", "Evidence", "formula", "formula_effect", "noise"}
-HOMONYMS |= {"calibration", "collide", "cost_surface", "diagnose", "effect_curve", "energy_ellipse", "evaluate"}
-HOMONYMS |= {"headline", "interval", "ladder", "look", "number", "train", "transfer"}
-ELSEWHERE: dict[str, set[str]] = {}
+HOMONYMS = {"diagnose", "formula_effect", "interval", "ladder", "look", "noise"}
 PATTERNS = {
     r"os\.replace": "files are written by numerics.written_whole",
     r"\b1\.4826\b": "numerics.MAD_SCALE",
@@ -259,16 +255,15 @@ def test_nothing_is_written_twice():
     for places in seen.values():
         if len(places) > 1:
             found[frozenset(name for name, _ in places)] |= places
-    new = {files: places for files, places in found.items() if files not in REPEATED}
-    assert not new, f"{TWICE} lines are written twice: {[sorted(places)[:4] for places in new.values()]}"
+    assert not found, f"{TWICE} lines are written twice: {[sorted(places)[:4] for places in found.values()]}"
 
 
 def test_a_public_name_means_one_thing():
     homes = defaultdict(set)
     for path in PATHS:
         for node in _tree(path).body:
-            if isinstance(node, ast.ClassDef | Function) and not node.name.startswith("_"):
-                homes[node.name].add(_name(path))
+            if isinstance(node, ast.ClassDef | Function) and not node.name.startswith("_") and path.name != "cli.py":
+                homes[node.name].add(_name(path))  # a door is called as the job behind it
     shared = {"load", "save", "catalogue", "find"}  # each file format has its pair, each registry too
     found = {name for name, modules in homes.items() if len(modules) > 1} - shared
     _only(found, HOMONYMS, "a name means one thing in the package")
@@ -277,7 +272,7 @@ def test_a_public_name_means_one_thing():
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_what_is_written_elsewhere(pattern):
     found = {str(p.relative_to(PACKAGE)) for p in PATHS if any(re.search(pattern, line) for _, line in _code(p))}
-    _only(found - {"numerics.py", "effects/identity.py"}, ELSEWHERE.get(pattern, set()), PATTERNS[pattern])
+    _only(found - {"numerics.py", "effects/identity.py"}, set(), PATTERNS[pattern])
 
 
 # A registry passes the arguments of a class on, a copy those of its fields, an override those of its base.
@@ -298,7 +293,7 @@ OPTIONS = {
 
 def test_options_are_types():
     found = {f"{_name(path)}.{name}" for path in PATHS for name, node, _ in _functions(path) if node.args.kwarg}
-    _only(found - KEYWORDS, OPTIONS, "keyword arguments are named, or the fields of a dataclass")
+    _only(found, KEYWORDS | OPTIONS, "keyword arguments are named, or the fields of a dataclass")
 
 
 # The front door

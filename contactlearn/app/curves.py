@@ -82,7 +82,7 @@ def _law_curves(
     shown = {name: curves[name] for name in laws}
     if effects:
         every = bar.track(sizes, description=f"{law.name} and its effects on every subset")
-        bases[law.name], curve = study.effect_curve(
+        bases[law.name], curve = study.joint_curve(
             law, effects, data.pool, data.test, orders, every, settings.fit_options(cfg)
         )
         shown[fitting.augmented_name(law.name, effects)] = curve
@@ -157,4 +157,4 @@ def draw_curves(
         drawn[f"error_densities{suffix}"] = learning.error_densities(densities, axis)
     sure = {name: curve for name, curve in curves.items() if curve.distance is not None}
     coverage = {name: metrics.calibration(curve.distance[-1].flatten()) for name, curve in sure.items()}
-    return drawn | {"calibration": quality.calibration(coverage)}
+    return drawn | {"calibration": quality.calibration_curve(coverage)}

@@ -24,7 +24,7 @@ from contactlearn.learning.curves import Curve
 from contactlearn.model import ContactModel
 from contactlearn.report import terminal
 from contactlearn.report.figures import laws as figures
-from contactlearn.report.figures.impulse_space import energy_ellipse
+from contactlearn.report.figures.impulse_space import reachable_impulses
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
 from contactlearn.report.tensorboard import Tracker
@@ -215,7 +215,7 @@ def _drawn(
     levels = {name: intervals[name][0] for name in (best, BEST_POST_HOC)}
     per_law = compared.trials[cfg.figures.parameters]
     return drawn | {
-        "energy_ellipse": energy_ellipse(test, row, laws, box, target=cfg.train.target),
+        "energy_ellipse": reachable_impulses(test, row, laws, box, target=cfg.train.target),
         "cost_surface": record.draw_cost_surface(extras.surface),
         "convergence": figures.convergence(extras.convergence),
         "error_comparison": figures.error_comparison(per_trial, intervals, axis),

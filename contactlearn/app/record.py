@@ -37,7 +37,7 @@ def headline_axis(cfg: DictConfig) -> str:
 
 def draw_cost_surface(surface: CostSurface) -> Figure:
     """Draw the surface of Eq. (3.1) over the whole pool, with its minimum."""
-    return figures.cost_surface(surface.mu, surface.eps, surface.cost, surface.minimum, surface.law)
+    return figures.cost_map(surface.mu, surface.eps, surface.cost, surface.minimum, surface.law)
 
 
 def save_figures(drawn: dict[str, Figure], folder: Path, tracker: Tracker) -> None:

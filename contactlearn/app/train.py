@@ -212,6 +212,6 @@ def _learned_figures(
     spread = prediction.covariance.diagonal(dim1=-2, dim2=-1).sqrt()
     return {
         "predicted_against_measured": quality.predicted_against_measured(test.v_post, prediction.v_post, spread),
-        "calibration": quality.calibration({name: metrics.calibration(distance)}),
+        "calibration": quality.calibration_curve({name: metrics.calibration(distance)}),
         "training": quality.training(regressor.status.history, relevance),
     }

@@ -111,7 +111,7 @@ def _record(cfg: DictConfig, folder: Path, result: Transfer) -> None:
 def _drawn(cfg: DictConfig, result: Transfer) -> dict[str, Figure]:
     """Draw the curves of every model on the other bodies, by file name."""
     return {
-        f"transfer_{name}": learning.transfer(
+        f"transfer_{name}": learning.transfer_errors(
             result.sizes,
             {
                 body: {label: _rows(getattr(found, way)) for way, label in WAYS.items()}

@@ -23,7 +23,7 @@ from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts
 from contactlearn.mechanics import contact_velocity
 from contactlearn.model import ContactModel
-from contactlearn.numerics import number, random, whole
+from contactlearn.numerics import finite_number, random, whole
 from contactlearn.shapes import Ellipse, Shape, contact_point, make_shape
 
 
@@ -59,9 +59,12 @@ def load(
         UnknownNameError: no such law, variant or kind of shape.
     """
     size, seed = whole("size", size, 1), whole("seed", seed, 0)
-    true = laws.find(law, variant).at(number("mu", mu, 0), number("eps", eps, 0, 1))
-    mass = number("mass", mass, 0, above=True)
-    sigma_v, sigma_omega = number("velocity_noise", velocity_noise, 0), number("spin_noise", spin_noise, 0)
+    true = laws.find(law, variant).at(finite_number("mu", mu, 0), finite_number("eps", eps, 0, 1))
+    mass = finite_number("mass", mass, 0, above=True)
+    sigma_v, sigma_omega = (
+        finite_number("velocity_noise", velocity_noise, 0),
+        finite_number("spin_noise", spin_noise, 0),
+    )
     sigma = torch.tensor((sigma_v, sigma_v, sigma_omega), dtype=torch.float64)
     body = make_shape(shape) or Ellipse((0.035, 0.025))
     r, q, v, noise = _draw(size, body, sigma, torch.Generator().manual_seed(seed))

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from contactlearn.laws.base import Law
 from contactlearn.laws.contact import Contact, Values, stick
-from contactlearn.numerics import number
+from contactlearn.numerics import finite_number
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class ChatterjeeRuina(Law):
 
     def __post_init__(self):
         if not isinstance(self.e_t, Tensor):
-            number("e_t", self.e_t, -1, 1)
+            finite_number("e_t", self.e_t, -1, 1)
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""

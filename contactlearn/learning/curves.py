@@ -98,7 +98,7 @@ def law_curves(
     return fits, curves
 
 
-def effect_curve(
+def joint_curve(
     law: Law,
     effects: Mapping[str, Effect],
     pool: Impacts,

@@ -29,7 +29,7 @@ from torch import Tensor
 from contactlearn.data.mujoco.bench import GRAVITY, KINDS, Bench, Hidden
 from contactlearn.data.mujoco.simulation import collect
 from contactlearn.impacts import Impacts
-from contactlearn.numerics import number, whole
+from contactlearn.numerics import finite_number, whole
 from contactlearn.shapes import contact_point
 
 __all__ = ["GRAVITY", "KINDS", "load"]
@@ -81,7 +81,10 @@ def load(
     size, seed = whole("size", size, 1), whole("seed", seed, 0)
     hidden = Hidden(tilt=tilt, com_offset=com_offset, inertia_error=inertia_error, damping=damping, delay=delay)
     bench = Bench(kind=kind, semi_axes=semi_axes, mass=mass, mu=mu, eps=eps, contact_time=contact_time, hidden=hidden)
-    sigma_v, sigma_omega = number("velocity_noise", velocity_noise, 0), number("spin_noise", spin_noise, 0)
+    sigma_v, sigma_omega = (
+        finite_number("velocity_noise", velocity_noise, 0),
+        finite_number("spin_noise", spin_noise, 0),
+    )
     sigma = torch.tensor((sigma_v, sigma_v, sigma_omega), dtype=torch.float64)
     return _reported(bench, *collect(size, bench, sigma, torch.Generator().manual_seed(seed)), seed=seed)
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.mechanics import contact_velocity, rotate
-from contactlearn.numerics import number
+from contactlearn.numerics import finite_number
 from contactlearn.shapes import Ellipse, Polygon, Shape, contact_point
 
 KINDS = ("ellipse", "box")
@@ -79,18 +79,18 @@ class Bench:
             raise UnknownNameError("kind of body", self.kind, KINDS)
         a, b = _pair("semi_axes", self.semi_axes, (1e-3, 1e-3), (10, 10))
         hidden = Hidden(
-            tilt=number("tilt", self.hidden.tilt, -0.5, 0.5),
+            tilt=finite_number("tilt", self.hidden.tilt, -0.5, 0.5),
             com_offset=_pair("com_offset", self.hidden.com_offset, (-a, -b), (a, b)),
-            inertia_error=number("inertia_error", self.hidden.inertia_error, -1, 1),
-            damping=number("damping", self.hidden.damping, 0, 1e6),
-            delay=number("delay", self.hidden.delay, 0, 0.1),
+            inertia_error=finite_number("inertia_error", self.hidden.inertia_error, -1, 1),
+            damping=finite_number("damping", self.hidden.damping, 0, 1e6),
+            delay=finite_number("delay", self.hidden.delay, 0, 0.1),
         )
         checked = {
             "semi_axes": (a, b),
-            "mass": number("mass", self.mass, 1e-6, 1e3),
-            "mu": number("mu", self.mu, 0, 100),
-            "eps": number("eps", self.eps, 0.2, 1),
-            "contact_time": number("contact_time", self.contact_time, 1e-5, 1e-3),
+            "mass": finite_number("mass", self.mass, 1e-6, 1e3),
+            "mu": finite_number("mu", self.mu, 0, 100),
+            "eps": finite_number("eps", self.eps, 0.2, 1),
+            "contact_time": finite_number("contact_time", self.contact_time, 1e-5, 1e-3),
             "hidden": hidden,
         }
         for name, value in checked.items():
@@ -164,4 +164,4 @@ def _pair(
         first, second = values
     except (TypeError, ValueError):
         raise DataError(f"{name} must be two numbers in m, got {values!r}") from None
-    return number(name, first, low[0], high[0]), number(name, second, low[1], high[1])
+    return finite_number(name, first, low[0], high[0]), finite_number(name, second, low[1], high[1])

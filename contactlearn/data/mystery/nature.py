@@ -31,7 +31,7 @@ STEPS = 200  # of compression, and of restitution
 _TENDENCY = 1e-12  # m/s: the slip of a contact that is about to slip, for its sign alone
 
 
-class Contact(NamedTuple):
+class ContactState(NamedTuple):
     """N contacts in the floor's axes: tangent x, normal y."""
 
     mass: Tensor  # [N] kg
@@ -56,7 +56,7 @@ class _Instant(NamedTuple):
     work: Tensor  # J, of the normal impulse on the body in this phase
 
 
-def collide(contact: Contact, steps: int = STEPS) -> Tensor:
+def collide(contact: ContactState, steps: int = STEPS) -> Tensor:
     """Velocity of the centre of mass [N, 3] after contact.
 
     Args:
@@ -90,7 +90,7 @@ def collide(contact: Contact, steps: int = STEPS) -> Tensor:
     return apply_wrench(contact.mass, contact.inertia, contact.r, contact.v, wrench)
 
 
-def part(contact: Contact, v: Tensor, work: float) -> Tensor:
+def part(contact: ContactState, v: Tensor, work: float) -> Tensor:
     """Velocity [N, 3] after surfaces that stick together are torn apart, at a cost of `work` in J.
 
     The normal impulse −d < 0 that does it takes the energy v_n d − W_nn d²/2; where there is not
@@ -109,7 +109,7 @@ def _until_stopped(now: _Instant, rise: Tensor) -> Tensor:
 
 
 def _follow(
-    contact: Contact, now: _Instant, step: Tensor, steps: int, until_end: Callable[[_Instant, Tensor], Tensor]
+    contact: ContactState, now: _Instant, step: Tensor, steps: int, until_end: Callable[[_Instant, Tensor], Tensor]
 ) -> _Instant:
     """One phase, in steps of about `step` (N s, per trial), to the end that `until_end` gives."""
     W = inverse_inertia(contact.mass, contact.inertia, contact.r)

@@ -19,7 +19,7 @@ import math
 import torch
 from torch import Tensor
 
-from contactlearn.data.mystery.nature import Contact
+from contactlearn.data.mystery.nature import ContactState
 from contactlearn.errors import DataError
 from contactlearn.mechanics import apply_wrench, contact_velocity, inverse_inertia
 
@@ -27,7 +27,7 @@ STEPS = 400  # of a free compression
 _TENDENCY = 1e-12  # m/s: the slip of a contact that is about to slip, for its sign alone
 
 
-def collide(contact: Contact, compliance: float, resilience: float, steps: int = STEPS) -> Tensor:
+def collide_on_springs(contact: ContactState, compliance: float, resilience: float, steps: int = STEPS) -> Tensor:
     """Velocity of the centre of mass [N, 3] after contact.
 
     Args:

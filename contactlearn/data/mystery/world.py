@@ -104,11 +104,11 @@ class World:
         def lever(spin: Tensor) -> Tensor:
             return sum((lever(here, spin) for lever in self.levers), torch.zeros_like(spin))
 
-        contact = nature.Contact(
+        contact = nature.ContactState(
             here.mass, here.inertia, here.r, here.v, eps.clamp(*_EPS), self.energetic, friction, lever
         )
         if self.compliant:
-            v = springs.collide(contact, self.compliance, self.resilience, steps or springs.STEPS)
+            v = springs.collide_on_springs(contact, self.compliance, self.resilience, steps or springs.STEPS)
         else:
             v = nature.collide(contact, steps or nature.STEPS)
         if self.adhesion:

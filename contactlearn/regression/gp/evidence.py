@@ -20,7 +20,7 @@ from torch import Tensor
 _CHUNK = 1 << 17  # matrix elements worked on at once, 1 MB: more falls out of the cache
 
 
-class Evidence:
+class LogEvidence:
     """−log p(y | x) per point of B Gaussian processes, each with its own data.
 
     Two matrices are kept from call to call, since fresh memory costs as much as the arithmetic.

@@ -21,7 +21,7 @@ from threadpoolctl import ThreadpoolController
 from torch import Tensor
 
 from contactlearn.regression.gp.bfgs import minimise
-from contactlearn.regression.gp.evidence import Evidence
+from contactlearn.regression.gp.evidence import LogEvidence
 
 Inputs = Float[Tensor, "*batch n d"]
 Outputs = Float[Tensor, "*batch o n"]
@@ -85,7 +85,7 @@ class ExactGPs(gpytorch.models.ExactGP):
         """
         (x,), y, weight = self.train_inputs, self.train_targets, self.likelihood.weight
         flat_x, flat_y = (part.reshape(-1, *part.shape[y.ndim - 1 :]) for part in (x, y))
-        evidence = Evidence(flat_x, flat_y, None if weight is None else weight.reshape(flat_y.shape))
+        evidence = LogEvidence(flat_x, flat_y, None if weight is None else weight.reshape(flat_y.shape))
         B, D = y.shape[:-1].numel(), x.shape[-1]
         bounds = torch.tensor([LENGTH] * D + [SCALE, NOISE], dtype=y.dtype, device=y.device).log()
         if like is None:

@@ -27,7 +27,7 @@ from torch.func import grad_and_value
 from torch.linalg import cholesky_ex, solve_triangular
 
 from contactlearn.regression.gp.bfgs import Minimum, minimise
-from contactlearn.regression.gp.evidence import Evidence
+from contactlearn.regression.gp.evidence import LogEvidence
 from contactlearn.regression.gp.exact import LENGTH, NOISE, SCALE, ExactGPs, Fit, Inputs, Outputs, WeightedNoise
 
 INDUCING = 200
@@ -166,7 +166,7 @@ def _maximise(start: Tensor, few: Tensor, *data: Tensor) -> Minimum:
 
     The evidence of the points `few` gives the first curvature.
     """
-    evidence = Evidence(*(part[:, few] for part in data[1:]))
+    evidence = LogEvidence(*(part[:, few] for part in data[1:]))
     curvature = [evidence(start, torch.arange(len(start), device=start.device), True)[2]]
 
     def objective(phi: Tensor, which: Tensor, _: bool) -> tuple[Tensor, Tensor, Tensor | None]:

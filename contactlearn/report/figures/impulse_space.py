@@ -1,6 +1,6 @@
 """Impulse space of one impact (Fig. 2.3): admissible impulses, the reach of each law, prediction and measurement.
 
-    energy_ellipse   one panel a law
+    reachable_impulses   one panel a law
 
 Impulses are computed in N s and shown in mN s.  The figure number is that of Fazeli et al. (2017).
 """
@@ -62,7 +62,7 @@ class _Space:
 
 
 @st.look()
-def energy_ellipse(
+def reachable_impulses(
     impacts: Impacts, row: int, laws: Mapping[str, Law], box: Box | None = None, *, target: str = "momentum"
 ) -> Figure:
     """Draw the impulses that each law can give one impact with any (μ, ε) in the box (Fig. 2.3).
@@ -81,7 +81,7 @@ def energy_ellipse(
         ContactLearnError: no laws.
     """
     if not laws:
-        raise ContactLearnError("energy_ellipse needs at least one law, got none")
+        raise ContactLearnError("reachable_impulses needs at least one law, got none")
     space = _space(impacts[[row]], list(laws.values()), box or Box(), target)
     low, high = _limits(space)
     columns = len(laws) if len(laws) <= 3 else {4: 2, 5: 3, 6: 3}.get(len(laws), 4)
@@ -171,7 +171,7 @@ def _draw_reach(axes: Axes, cells: Cells, color: str) -> None:
         codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(corners))
         path = Path(closed.reshape(-1, 2), codes)
         look = {"facecolor": fill, "edgecolor": fill, "linewidth": linewidth, "joinstyle": "round"}
-        axes.add_patch(PathPatch(path, **look, zorder=3))
+        axes.add_artist(PathPatch(path, **look, zorder=3))  # add_patch would fit the axes to every corner, slowly
 
 
 def _draw_space(axes: Axes, space: _Space) -> None:

@@ -1,6 +1,6 @@
 """Identified parameters of the laws; each figure takes what a fit returned.
 
-    cost_surface       Fig. 3.3  error of a law over (μ, ε)
+    cost_map           Fig. 3.3  error of a law over (μ, ε)
     convergence        Fig. 3.4  identified (μ, ε) against the number of trials
     trial_parameters   Fig. 3.6  (μ_k, ε_k) trial by trial
 
@@ -28,15 +28,15 @@ from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.comparison import error_comparison, patch_curve
-from contactlearn.report.figures.impulse_space import energy_ellipse
+from contactlearn.report.figures.impulse_space import reachable_impulses
 from contactlearn.report.figures.style import save
 
 __all__ = [
     "convergence",
-    "cost_surface",
-    "energy_ellipse",
+    "cost_map",
     "error_comparison",
     "patch_curve",
+    "reachable_impulses",
     "save",
     "trial_parameters",
 ]
@@ -52,7 +52,7 @@ def _title(law: Law) -> str:
 
 
 @st.look()
-def cost_surface(
+def cost_map(
     mu: Float[Tensor, " a"],
     eps: Float[Tensor, " b"],
     cost: Float[Tensor, "a b"],

@@ -2,7 +2,7 @@
 
     error_densities  Fig. 4.1  distributions of the error by model
     learning_curve   Fig. 4.2  error against the number of training impacts
-    transfer                   error on a new body against the number of its trials
+    transfer_errors            error on a new body against the number of its trials
 
 A curve is an array [S, 3] of the mean and the ends of its 95 % interval at S sizes.  Class I are
 the models learned from data alone, Class II those that correct a law.  The figure numbers are those
@@ -24,7 +24,7 @@ from torch import Tensor
 from contactlearn.errors import ContactLearnError
 from contactlearn.report.figures import style as st
 
-__all__ = ["error_densities", "learning_curve", "transfer"]
+__all__ = ["error_densities", "learning_curve", "transfer_errors"]
 
 _Level = Iterable[float]
 """A mean and the ends of its 95 % interval."""
@@ -108,7 +108,7 @@ def error_densities(errors: Mapping[str, Float[Tensor, " trials"]], metric: str)
 
 
 @st.look()
-def transfer(
+def transfer_errors(
     sizes: Sequence[int],
     curves: Mapping[str, Mapping[str, Float[Tensor, "sizes 3"]]],
     zero_shot: Mapping[str, _Level],
@@ -126,7 +126,7 @@ def transfer(
         ContactLearnError: no sizes, bodies or curves, sizes that do not increase, or curves of another length.
     """
     if not curves:
-        raise ContactLearnError("transfer needs the curves of at least one body, got none")
+        raise ContactLearnError("transfer_errors needs the curves of at least one body, got none")
     values = {body: _checked(sizes, by_label) for body, by_label in curves.items()}
     styles = st.law_styles(dict.fromkeys(label for by_label in values.values() for label in by_label), st.CONTRAST)
     columns = 2 if len(values) == 4 else min(3, len(values))

@@ -1,7 +1,7 @@
 """Predictions, calibration and training of one learned model; each figure takes plain values.
 
 predicted_against_measured  post-contact velocity, component by component
-calibration                 share of the measurements inside the predicted regions
+calibration_curve           share of the measurements inside the predicted regions
 training                    loss of a fit, and how relevant it found each feature
 """
 
@@ -16,7 +16,7 @@ from torch import Tensor
 from contactlearn.errors import ContactLearnError
 from contactlearn.report.figures import style as st
 
-__all__ = ["calibration", "predicted_against_measured", "training"]
+__all__ = ["calibration_curve", "predicted_against_measured", "training"]
 
 
 @st.look()
@@ -58,7 +58,7 @@ def _draw_component(axes: Axes, x: np.ndarray, y: np.ndarray, std: np.ndarray | 
 
 
 @st.look()
-def calibration(coverage: Mapping[str, tuple[Float[Tensor, " levels"], Float[Tensor, " levels"]]]) -> Figure:
+def calibration_curve(coverage: Mapping[str, tuple[Float[Tensor, " levels"], Float[Tensor, " levels"]]]) -> Figure:
     """Draw the share of the measurements inside the predicted intervals against the intervals' level.
 
     A curve below the diagonal belongs to an overconfident model.
@@ -70,7 +70,7 @@ def calibration(coverage: Mapping[str, tuple[Float[Tensor, " levels"], Float[Ten
         ContactLearnError: no models, or levels and shares that differ in number.
     """
     if not coverage:
-        raise ContactLearnError("calibration needs the coverage of at least one model, got none")
+        raise ContactLearnError("calibration_curve needs the coverage of at least one model, got none")
     figure = st.new_figure(st.COLUMN, 3.3 + st.ROW * (2 + len(coverage)))
     axes = st.name_axes(figure.subplots(), "Nominal level (–)", "Share of measurements inside (–)")
     axes.axline((0, 0), slope=1, color=st.DARK, linewidth=0.8, label="Calibrated")
