@@ -15,11 +15,15 @@ from contactlearn.effects import Effect, EffectId, catalogue, find_effect, forms
 from contactlearn.effects.spin_damping import SpinDamping
 from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.laws import find
+from contactlearn.shapes import Polygon
 from contactlearn.testing import EffectContract
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 KINDS = [kind for forms in catalogue().values() for kind in forms]
+HEXAGON = Polygon(((0.04, 0.0), (0.02, 0.025), (-0.02, 0.025), (-0.04, 0.0), (-0.02, -0.025), (0.02, -0.025)))
+SHAPES = {"corner_radius": HEXAGON}
+"""Of the effects that an ellipse does not show."""
 
 
 @pytest.mark.parametrize("law", ["wang_mason", "mirtich"])
@@ -27,7 +31,7 @@ KINDS = [kind for forms in catalogue().values() for kind in forms]
 class TestCatalogue(EffectContract):
     @pytest.fixture(autouse=True)
     def _chosen(self, kind, law):
-        self.effect, self.law = kind(), find(law)
+        self.effect, self.law, self.shape = kind(), find(law), SHAPES.get(kind.name)
 
 
 def test_the_example_can_inherit_the_contract(tmp_path):
@@ -155,7 +159,7 @@ def test_what_is_neither_effect_nor_form_is_refused(forgotten, bases, body, mess
 def test_what_breaks_the_symmetry_does(kind):
     """No effect says so without need."""
     contract = EffectContract()
-    contract.effect = kind()
+    contract.effect, contract.shape = kind(), SHAPES.get(kind.name)
     claim, kind.mirror_symmetric = kind.mirror_symmetric, True
     try:
         if claim:

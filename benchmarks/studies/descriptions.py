@@ -86,7 +86,7 @@ def _stated(kind: str, seed: int) -> Diagnosis:
     off = {"right": between(0.8, 1.25, seed), "degrees": 57.3, "millimetres": 1000.0, "factor": between(1.5, 5, seed)}
     factor = off[kind] ** (1 - 2 * (seed % 2))
     noise = (0.01, 0.01, 0.5 * factor) if kind == "degrees" else (0.01 * factor, 0.01 * factor, 0.5 * factor)
-    law, tilt = laws.find("wang_mason"), EffectId("surface_tilt")
+    law, tilt = laws.find("wang_mason"), EffectId("surface_tilt", "computed")
     return diagnose(textbook(seed, 100), law, laws=[law], candidates={tilt: all_candidates()[tilt]}, noise=noise)
 
 

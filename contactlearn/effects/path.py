@@ -30,8 +30,7 @@ def retraced(
         friction: μ against slip in the direction of the initial slip, and against slip in the other direction.
     """
     P_t, P_n, tau = wrench.unbind(-1)
-    W, v = state.W, state.approach
-    contact = Contact(W[..., 0, 0], W[..., 0, 1], W[..., 1, 1], v[..., 0], v[..., 1])
+    contact = contact_of(state)
     mu, w_nt, moved = (state.mu, state.mu), contact.w_tn, contact
     if arm is not None:
         turn_t, turn_n = -state.r[..., 1] * arm / state.inertia, state.r[..., 0] * arm / state.inertia
@@ -41,3 +40,9 @@ def retraced(
     before, after = was.impulse(was.until(rise)), now.impulse(now.until(rise))
     P_t, P_n = P_t + (after[0] - before[0]), P_n + (after[1] - before[1])
     return columns(P_t, P_n, tau if arm is None else tau + arm * P_n)
+
+
+def contact_of(state: State) -> Contact:
+    """Return the contact of a state by component."""
+    W, v = state.W, state.approach
+    return Contact(W[..., 0, 0], W[..., 0, 1], W[..., 1, 1], v[..., 0], v[..., 1])

@@ -6,14 +6,16 @@ the place `state` change it, and it keeps the changes of frame, so that a veloci
     tilt      angle in rad from the world's axes to those of the contact; r, q and v_pre are in the latter
     offset    centre of mass minus the tracked point, m; v_pre is the centre of mass's
 
-`stretch` is the factor on the body's nominal shape along its own axes.
+`stretch` is the factor on the body's nominal shape along its own axes, `corner` the radius of a polygon's corners in m.
+`body` is a number for the name of each trial's object, `body_code(name)`.
 
 Once the law's coefficients are known they are in `mu` and `eps`.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
+from zlib import crc32
 
 import torch
 from jaxtyping import Float, Int
@@ -21,12 +23,13 @@ from torch import Tensor
 
 from contactlearn import mechanics
 from contactlearn.impacts import Impacts
-from contactlearn.shapes import Shape, contact_point
+from contactlearn.shapes import Polygon, Shape, contact_point
 
 Coefficients = tuple[Float[Tensor, "..."], Float[Tensor, "..."]]
 """(μ, ε), each of a shape that broadcasts against the impacts [..., N]."""
 
 _BARELY = 1e-9  # m/s
+_MEASURED = ("mass", "inertia", "r", "q", "v_pre", "order")
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +48,18 @@ class State:
     offset: Float[Tensor, "... 2"] | None = None
     mu: Float[Tensor, "..."] | None = None
     eps: Float[Tensor, "..."] | None = None
+    corner: Tensor | float = 0.0
+    body: Int[Tensor, "*#batch n"] | None = None
 
     @classmethod
     def of(cls, impacts: Impacts, rows: Int[Tensor, "... n"] | slice = slice(None)) -> "State":
         """Return the measured state of all impacts, or of those at `rows` [..., n]."""
-        fields = (getattr(impacts, name)[rows] for name in ("mass", "inertia", "r", "q", "v_pre", "order"))
-        return cls(*fields, impacts.shape)
+        mass, inertia, r, q, v_pre, order = (getattr(impacts, name)[rows] for name in _MEASURED)
+        return cls(mass, inertia, r, q, v_pre, order, impacts.shape, body=_body_codes(impacts.object)[rows])
+
+    def __getitem__(self, which: Tensor | slice | tuple[slice, slice]) -> "State":
+        """Return the measured state of some of the trials, or of some of the leading axes."""
+        return self.replace(**{name: getattr(self, name)[which] for name in (*_MEASURED, "body")})
 
     def replace(self, **changes: Any) -> "State":
         """Return a copy with some fields changed."""
@@ -123,7 +132,8 @@ class State:
 
     def lowest(self, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n 2"]:
         """Contact point [..., N, 2] of the stretched body at orientation θ [..., N], m; the shape must be known."""
-        return contact_point(self.shape, theta, self.stretch)
+        sharp = contact_point(self.shape, theta, self.stretch)
+        return sharp + _rounding(self.shape, theta, self.corner) if isinstance(self.shape, Polygon) else sharp
 
     def as_measured(self, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         """Return the velocity of the tracked point in world axes, from that of the centre of mass in contact axes."""
@@ -136,10 +146,38 @@ class State:
 
 
 def columns(*parts: Float[Tensor, "..."]) -> Float[Tensor, "... k"]:
-    """Stack K parts [..., N], broadcast against each other, side by side along a new last axis."""
-    return torch.stack(torch.broadcast_tensors(*parts), -1)
+    """Stack K parts [..., N], broadcast against each other, side by side along a new last axis; [0] of no part."""
+    return torch.stack(torch.broadcast_tensors(*parts), -1) if parts else torch.zeros(0, dtype=torch.float64)
 
 
 def perpendicular(vector: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
     """Return ẑ × the vector [..., 2], which is the vector turned counter-clockwise by a right angle."""
     return torch.stack((-vector[..., 1], vector[..., 0]), -1)
+
+
+def body_code(name: str) -> int:
+    """Return the number that stands for the name of an object in `State.body`, the same in every table."""
+    return crc32(name.encode())
+
+
+@lru_cache(maxsize=16)
+def _body_codes(names: tuple[str, ...]) -> Int[Tensor, "n"]:
+    return torch.tensor([body_code(name) for name in names])
+
+
+def _rounding(shape: Polygon, theta: Float[Tensor, "... n"], radius: Tensor | float) -> Float[Tensor, "... n 2"]:
+    """From the lowest sharp vertex to the lowest point [..., N, 2] of a corner that is rounded within its two sides.
+
+    The corner's centre lies at −ρ (a + b)/(1 + a·b) from the vertex, a and b the outward normals of its sides.
+    """
+    corners = torch.tensor(shape.vertices, dtype=theta.dtype)
+    x, y = (corners.roll(-1, 0) - corners).unbind(-1)
+    around = (corners[:, 0] * y - corners[:, 1] * x).sum().sign()  # 1 if counter-clockwise
+    after = (
+        around * torch.stack((y, -x), -1) / torch.hypot(x, y)[:, None]
+    )  # normals of the sides that begin at a vertex
+    before = after.roll(1, 0)
+    centres = -(before + after) / (1 + (before * after).sum(-1, keepdim=True))
+    lowest = (torch.stack((-theta.sin(), -theta.cos()), -1) @ corners.T).argmax(-1)
+    centre = mechanics.rotate(centres[lowest], theta)
+    return columns(radius * centre[..., 0], radius * (centre[..., 1] - 1))

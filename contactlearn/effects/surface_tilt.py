@@ -1,5 +1,6 @@
 """The floor is not where it was thought to be: its normal leans."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 from torch import Tensor
@@ -13,27 +14,57 @@ from contactlearn.mechanics import rotate
 class SurfaceTilt(Effect):
     """The contact frame is turned by φ against the world's axes.
 
-        r, v, θ → R(−φ) r, R(−φ) v, θ − φ;      where the shape is known, r also moves to the body's lowest
-        point above the tilted floor
+        computed    r, v, θ → R(−φ) r, R(−φ) v, θ − φ; where the shape is known, r also moves to the body's lowest
+                    point above the tilted floor, for it was computed above a level one
+        seen        r, v, θ → R(−φ) r, R(−φ) v, θ − φ: the contact point is where it was measured
 
-    It is not an error of the body's orientation, which leaves the velocities alone (`orientation_offset`).
+    Both are the same without a shape, and on a polygon that touches with the same vertex.  A measurement frame that is
+    turned by −φ against a level floor is the same as a floor that leans by φ: positions, velocities and orientation
+    are taken to the floor's axes, and the outcome back.  It is not an error of the body's orientation, which leaves
+    the velocities alone (`orientation_offset`).
     """
 
-    formula = "(r, v, θ) ← (R(−φ) r, R(−φ) v, θ − φ), r at the lowest point"
     source = "calibration"
     mirror_symmetric = False
     phi: Tensor | float = parameter("φ", "rad", -0.2, 0.2)
 
+    @abstractmethod
     def state(self, state: State) -> State:
+        """Return the state in the axes of the tilted floor."""
+
+    def turned(self, state: State) -> State:
+        """Return the state in axes that are turned by φ, with the contact point as it was."""
         phi = self.phi
-        r = rotate(state.r, -phi)
-        theta = state.theta - phi
-        if state.shape is not None:
-            r = r + (state.lowest(theta) - rotate(state.lowest(state.theta), -phi))
         return state.replace(
-            r=r,
-            q=columns(*rotate(state.q[..., :2], -phi).unbind(-1), theta),
+            r=rotate(state.r, -phi),
+            q=columns(*rotate(state.q[..., :2], -phi).unbind(-1), state.theta - phi),
             v_pre=columns(*rotate(state.v_pre[..., :2], -phi).unbind(-1), state.omega),
             tilt=phi if state.tilt is None else state.tilt + phi,
             offset=None if state.offset is None else rotate(state.offset, -phi),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceTiltComputed(SurfaceTilt):
+    """The contact point was computed above a level floor.  It was not seen (`SurfaceTiltSeen`)."""
+
+    form = "computed"
+    formula = "(r, v, θ) ← (R(−φ) r, R(−φ) v, θ − φ), r at the lowest point"
+
+    def state(self, state: State) -> State:
+        tilted = self.turned(state)
+        if state.shape is None:
+            return tilted
+        moved = state.lowest(tilted.theta) - rotate(state.lowest(state.theta), -self.phi)
+        return tilted.replace(r=tilted.r + moved)
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceTiltSeen(SurfaceTilt):
+    """The contact point was seen, so it stays.  It was not computed from the shape (`SurfaceTiltComputed`)."""
+
+    form = "seen"
+    formula = "(r, v, θ) ← (R(−φ) r, R(−φ) v, θ − φ), r as it was seen"
+
+    def state(self, state: State) -> State:
+        return self.turned(state)

@@ -1,5 +1,6 @@
 """What sticks springs back sideways."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import torch
@@ -7,7 +8,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
+from contactlearn.effects.path import contact_of
 from contactlearn.effects.state import State, columns
+from contactlearn.laws.wang_mason import routh_path
 from contactlearn.mechanics import effective_inertia
 
 _ROUNDING = 1e-9  # relative: nearer to its edge a contact counts as on the cone
@@ -17,35 +20,89 @@ _ROUNDING = 1e-9  # relative: nearer to its edge a contact counts as on the cone
 class TangentialRestitution(Effect):
     """Where the slip has come to an end it rebounds, as far as the friction cone allows; v_n⁺ stays.
 
-        v_t⁺ → v_t⁺ − s β (|v_t| + ½ ⟨−s W_tn P_n⟩),      s = sign v_t, ⟨x⟩ = x where x > 0 and 0 elsewhere
+        slip       v_t⁺ → v_t⁺ − s β (|v_t| + ½ ⟨−s W_tn P_n⟩), s = sign v_t, ⟨x⟩ = x where x > 0 and 0 elsewhere
+        impulse    P_t → P_t + e_t P_t^s, P_t^s the impulse that stopped the slip, if that happened in compression
 
-    A tangent that yields gives back a share β of the slip that it stopped.  And it answers late: where the
-    normal impulse drives the contact back, at W_tn P_n, a part of that goes unresisted.  Where it drives on,
-    the tangent is stretched against it already, and nothing is added.  One that slides throughout is on the cone's
-    edge and does not change.  The impulse is M_c times the change.  It is not friction against the slip.
+    For a ball (r_x = 0) that grips, both turn the slip into v_t⁺ = −β v_t.  They differ where friction just suffices.
+    With `slip` the whole impulse must be in the cone, |v_t| (1 + β)/W_tt ≤ μ P_n, and v_t⁺ changes gradually into
+    sliding.  With `impulse` the ball must grip in compression, |v_t|/W_tt ≤ μ P_n/(1 + ε), and what rebounds must be in
+    the cone of restitution, e_t |v_t|/W_tt ≤ μ ε P_n/(1 + ε); the ball that grips later does not spring back.  A linear
+    law P_t = −k_p v_t and a spring that slips at the cone (Garwin's and Walton's balls) are `slip` with
+    β = k_p W_tt − 1.  It is not friction against the slip.
     """
 
-    formula = "v_t⁺ ← v_t⁺ − s β (|v_t| + ½⟨−s W_tn P_n⟩) within the cone, s = sign v_t"
     source = "Maw, Barber & Fawcett 1976; Walton 1993"
     citations = (
         "maw1976",
         "walton1993",
     )
     adds_energy = True
+
+    @abstractmethod
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        """Return the wrench with the rebound."""
+
+
+@dataclass(frozen=True, eq=False)
+class SlipRebound(TangentialRestitution):
+    """v_t⁺ → v_t⁺ − s β (|v_t| + ½ ⟨−s W_tn P_n⟩), by M_c times that, within the cone.
+
+    A tangent that yields gives back a share β of the slip that it stopped.  And it answers late: where the
+    normal impulse drives the contact back, at W_tn P_n, a part of that goes unresisted.  Where it drives on,
+    the tangent is stretched against it already, and nothing is added.  One that slides throughout is on the cone's
+    edge and does not change.  It does not ask when the slip ended (`ImpulseRebound`).
+    """
+
+    form = "slip"
+    formula = "v_t⁺ ← v_t⁺ − s β (|v_t| + ½⟨−s W_tn P_n⟩) within the cone, s = sign v_t"
     beta: Tensor | float = parameter("β", "–", 0.0, 1.0)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         P_t, P_n, tau = wrench.unbind(-1)
         direction, M_c = -state.v_t.sign(), effective_inertia(state.W)
         t, n = M_c[..., 0, 0] * direction, M_c[..., 0, 1] * direction  # impulse per change of v_t, kg
-        limit = state.mu * P_n
-        room = torch.minimum(_room(limit - P_t, t - state.mu * n), _room(limit + P_t, -t - state.mu * n))
+        room = _within_cone(state.mu, (P_t, P_n), (t, n))
         back = (direction * state.W[..., 0, 1] * P_n).clamp_min(0)  # m/s that the coupling drives against the slip
         change = torch.minimum(self.beta * (state.v_t.abs() + back / 2), room)
         change = torch.where(room < _ROUNDING * state.v_c.norm(dim=-1), 0.0, change)
         return columns(P_t + change * t, P_n + change * n, tau)
 
 
+@dataclass(frozen=True, eq=False)
+class ImpulseRebound(TangentialRestitution):
+    """P_t → P_t + e_t P_t^s within the cone of restitution, if the contact sticks at the end of compression.
+
+    Slip and compression are those of Routh's path.  It is not a share of the slip that was stopped (`SlipRebound`).
+    """
+
+    form = "impulse"
+    formula = "P_t ← P_t + e_t P_t^s within the cone of restitution, P_t^s what stopped the slip in compression"
+    source = "Garwin 1969; Cross 2002"
+    citations = ("garwin1969", "cross2002")
+    e_t: Tensor | float = parameter("e_t", "–", 0.0, 1.0)
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        P_t, P_n, tau = wrench.unbind(-1)
+        path = routh_path(contact_of(state), state.mu)
+        p_c = path.p_c
+        sticks = (path.p_slip <= p_c) & (path.slope_after.abs() < state.mu)
+        stopped = path.slope * torch.where(sticks, path.p_slip, 0.0)
+        stored, _ = path.impulse(p_c)
+        t = stopped.sign()
+        n = -t * state.W[..., 0, 1] / state.W[..., 1, 1]  # with it v_n⁺ stays
+        room = _within_cone(state.mu, (P_t - stored, P_n - p_c), (t, n)).clamp_min(0)
+        change = torch.where(sticks, torch.minimum(self.e_t * stopped.abs(), room), 0.0)
+        return columns(P_t + change * t, P_n + change * n, tau)
+
+
+def _within_cone(
+    mu: Float[Tensor, "..."], impulse: tuple[Tensor, Tensor], direction: tuple[Tensor, Tensor]
+) -> Float[Tensor, "..."]:
+    """How far an impulse (P_t, P_n) can go in a direction (t, n) before |P_t| = μ P_n."""
+    (P_t, P_n), (t, n) = impulse, direction
+    return torch.minimum(_room(mu * P_n - P_t, t - mu * n), _room(mu * P_n + P_t, -t - mu * n))
+
+
 def _room(distance: Float[Tensor, "..."], rate: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
-    """Change of v_t, m/s, at which an impulse that approaches the edge of the cone at `rate` reaches it."""
+    """How far an impulse can go that approaches an edge of the cone, at a `distance`, at a rate."""
     return torch.where(rate > 0, distance / torch.where(rate > 0, rate, 1.0), torch.inf)

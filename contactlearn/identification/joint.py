@@ -281,11 +281,8 @@ class _Problem:
         return self.whitening is not None
 
     def __getitem__(self, which: Tensor | slice | tuple[slice, slice]) -> "_Problem":
-        state = self.state.replace(
-            **{name: getattr(self.state, name)[which] for name in ("mass", "inertia", "r", "q", "v_pre", "order")}
-        )
         whitening = None if self.whitening is None else self.whitening[which]
-        return replace(self, state=state, measured=self.measured[which], whitening=whitening)
+        return replace(self, state=self.state[which], measured=self.measured[which], whitening=whitening)
 
     def thinned(self, most: int) -> "_Problem":
         """Every k-th trial alone, at most `most` a problem."""

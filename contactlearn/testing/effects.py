@@ -24,6 +24,7 @@ from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
 from contactlearn.laws.wang_mason import WangMason
 from contactlearn.model import derivative, resolve
+from contactlearn.shapes import Shape
 
 N = 400
 COEFFICIENTS, ELASTIC = torch.tensor(((0.15, 0.6), (0.05, 1.0)), dtype=torch.float64)  # μ and ε
@@ -33,14 +34,19 @@ DIFFERENCES = 1e-3  # of a difference with a step of 1e-6 of the range
 
 
 class EffectContract:
-    """Inherit, and set `effect` to an instance; `law` is the law that it acts around."""
+    """Inherit, and set `effect` to an instance; `law` is the law that it acts around.
+
+    `shape` is that of the body, an ellipse if None; an effect that acts on polygons alone needs one of them.
+    """
 
     effect: Effect
     law: Law = WangMason()
+    shape: Shape | None = None
 
     def impacts(self) -> Impacts:
-        """Drops from both sides and from different heights, in a sequence."""
-        drops = synthetic.load(size=N, velocity_noise=0, spin_noise=0, seed=5)
+        """Drops of three objects alike from both sides and from different heights, in a sequence."""
+        drops = synthetic.load(size=N, shape=self.shape, velocity_noise=0, spin_noise=0, seed=5)
+        drops = drops.replace(object=tuple(("first", "second", "third")[k % 3] for k in range(N)))
         generator = torch.Generator().manual_seed(6)
         v = drops.v_pre * (0.5 + torch.rand(N, 1, generator=generator, dtype=torch.float64))
         v[::2, 0] *= -1
@@ -65,14 +71,15 @@ class EffectContract:
     def samples(self, count: int = 16) -> Float[Tensor, "count k"]:
         """Draw values [count, K] spread over a third of the plausible ranges about the vanishing ones."""
         generator = torch.Generator().manual_seed(7)
-        low, high = torch.tensor([(p.low, p.high) for p in self.effect.parameters], dtype=torch.float64).T
-        at_rest = columns(*self.effect.vanished().values)
+        effect = self.prepared
+        low, high = torch.tensor([(p.low, p.high) for p in effect.parameters], dtype=torch.float64).T
+        at_rest = columns(*effect.vanished().values)
         spread = torch.rand(count, len(low), generator=generator, dtype=torch.float64)
         return at_rest + (low + spread * (high - low) - at_rest) / 3
 
     def test_it_declares_itself(self) -> None:
         """It has a docstring, an equation and parameters with units and ordered ranges; its options make it again."""
-        effect = self.effect
+        effect = self.prepared
         assert effect.equation
         assert effect.__doc__, "say in the docstring what it does, and what it is not"
         assert effect.parameters, "an effect has at least one parameter"
@@ -89,7 +96,7 @@ class EffectContract:
     def test_it_vanishes_to_the_last_bit(self) -> None:
         """At its vanishing values every bit of the prediction is that of the law alone."""
         impacts = self.impacts()
-        found = self.predict(impacts, columns(*self.effect.vanished().values))
+        found = self.predict(impacts, columns(*self.prepared.vanished().values))
         expected = assemble(self.law, {}, COEFFICIENTS).predict(impacts)
         assert torch.equal(found.v_post, expected.v_post)
         assert torch.equal(found.wrench, expected.wrench)
@@ -97,7 +104,7 @@ class EffectContract:
     def test_it_acts(self) -> None:
         """Away from its vanishing values it changes some trial."""
         impacts = self.impacts()
-        at_rest = self.predict(impacts, columns(*self.effect.vanished().values)).v_post
+        at_rest = self.predict(impacts, columns(*self.prepared.vanished().values)).v_post
         assert ((self.predict(impacts, self.samples(2)).v_post - at_rest).abs().amax((-2, -1)) > 0).all()
 
     def test_a_batch_is_a_loop(self) -> None:
@@ -117,8 +124,8 @@ class EffectContract:
         """Where it vanishes too; against differences on the nineteen in twenty trials that keep their contact mode."""
         impacts = self.impacts()
         state, law = State.of(impacts), self.law.at(*COEFFICIENTS)
-        width = torch.tensor([p.high - p.low for p in self.effect.parameters], dtype=torch.float64)
-        for values in (columns(*self.effect.vanished().values), *self.samples(2)):
+        width = torch.tensor([p.high - p.low for p in self.prepared.parameters], dtype=torch.float64)
+        for values in (columns(*self.prepared.vanished().values), *self.samples(2)):
             own = [value.expand(len(impacts)).clone().requires_grad_() for value in values]
             outcome = resolve(law, {"it": self.prepared.at(own)}, state, law.mu, law.eps).v_post
             slopes = derivative(outcome, own) * width

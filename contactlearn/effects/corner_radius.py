@@ -1,0 +1,27 @@
+"""The corners of the body are round."""
+
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from contactlearn.effects.base import Effect, parameter
+from contactlearn.effects.state import State
+
+
+@dataclass(frozen=True, eq=False)
+class CornerRadius(Effect):
+    """The corners of a polygon are arcs of radius ρ_c within its two sides.
+
+    The contact point lies ρ_c below the centre of the arc, so r is shorter than to the sharp vertex and moves along the
+    corner with θ.  A body of another shape has no corners, and nothing depends on ρ_c.  It is not a polygon of other
+    sides (`shape_error`).
+    """
+
+    formula = "r ← r(θ) of the body with corners of radius ρ_c"
+    source = "calibration"
+    needs_shape = True
+    rho_c: Tensor | float = parameter("ρ_c", "m", 0.0, 0.01)
+
+    def state(self, state: State) -> State:
+        rounder = state.replace(corner=state.corner + self.rho_c)
+        return rounder.replace(r=state.r + (rounder.lowest(state.theta) - state.lowest(state.theta)))

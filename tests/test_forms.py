@@ -1,0 +1,216 @@
+"""Forms of effects in limits that are known, and found where a nature of their own has planted them."""
+
+import pytest
+import torch
+from scipy.optimize import linprog
+
+from contactlearn import checkpoint
+from contactlearn.data import synthetic
+from contactlearn.diagnosis.search.candidates import all_candidates, usable
+from contactlearn.effects import State, find_effect
+from contactlearn.identification.joint import assemble, identify_jointly
+from contactlearn.laws import find
+from contactlearn.mechanics import rotate
+from contactlearn.model import ContactModel
+from contactlearn.shapes import Polygon
+
+ROUNDING = 1e-10  # m/s and rad/s
+NOISE = torch.tensor((0.005, 0.005, 0.2), dtype=torch.float64)  # m/s and rad/s
+SIGMAS = 4.0
+
+LAW = find("wang_mason").at(0.2, 0.6)
+HEXAGON = Polygon(((0.04, 0.0), (0.02, 0.025), (-0.02, 0.025), (-0.04, 0.0), (-0.02, -0.025), (0.02, -0.025)))
+
+
+def seeded(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def drops(shape=None, size=400, seed=0):
+    return synthetic.load(size=size, shape=shape, velocity_noise=0, spin_noise=0, seed=seed)
+
+
+def noisy(impacts, v_post):
+    noise = NOISE * torch.randn(len(impacts), 3, generator=seeded(1), dtype=torch.float64)
+    return impacts.replace(v_post=v_post + noise)
+
+
+def predicted(effect, impacts, law=LAW):
+    return ContactModel(law, effects={"it": effect}).predict(impacts).v_post
+
+
+def assert_found(fit, expected):
+    assert ((fit.values - expected).abs() <= SIGMAS * fit.standard_errors).all(), (fit.values, fit.standard_errors)
+
+
+# --- A floor that leans, with a contact point that was seen ------------------------------------------
+
+
+def turned(impacts, phi):
+    """The same impacts in a frame that is turned clockwise, so that the floor leans by φ."""
+    angle = torch.full((len(impacts),), phi, dtype=torch.float64)
+
+    def world(v):
+        return torch.cat((rotate(v[:, :2], angle), v[:, 2:]), -1)
+
+    q = world(impacts.q)
+    q[:, 2] += phi
+    body = {"r": rotate(impacts.r, angle), "v_pre": world(impacts.v_pre), "v_post": world(impacts.v_post)}
+    return impacts.replace(q=q, suspect=True, **body)
+
+
+def test_a_turned_frame_is_a_tilt_with_a_contact_that_was_seen():
+    exact = drops()
+    exact = turned(exact.replace(v_post=ContactModel(LAW).predict(exact).v_post), 0.04)
+    seen, computed = (find_effect("surface_tilt", form)(0.04) for form in ("seen", "computed"))
+    torch.testing.assert_close(predicted(seen, exact), exact.v_post, rtol=0, atol=ROUNDING)
+    assert (predicted(computed, exact) - exact.v_post).abs().max() > 0.01
+    fit = identify_jointly(find("wang_mason"), {"tilt": seen}, noisy(exact, exact.v_post))
+    assert_found(fit, torch.tensor((0.2, 0.6, 0.04), dtype=torch.float64))
+
+
+def test_without_a_shape_and_on_a_vertex_both_tilts_are_one():
+    seen, computed = (find_effect("surface_tilt", form)(0.01) for form in ("seen", "computed"))
+    exact = drops().replace(shape=None)
+    assert torch.equal(predicted(seen, exact), predicted(computed, exact))
+    exact = drops(HEXAGON)
+    apart = (predicted(seen, exact) - predicted(computed, exact)).abs().amax(-1)
+    assert 0.95 < (apart < ROUNDING).double().mean() < 1  # the others touch with another vertex
+
+
+# --- Tangential rebound of a ball --------------------------------------------------------------------
+
+
+def ball(slips):
+    """A ball that falls at 2 m/s with slips [N] in m/s."""
+    impacts = drops({"kind": "disc", "radius": 0.03}, size=len(slips))
+    v = torch.stack((torch.as_tensor(slips), torch.full((len(slips),), -2.0), torch.zeros(len(slips))), -1)
+    return impacts.replace(v_pre=v.double())
+
+
+def test_the_impulse_that_stopped_a_ball_rebounds_within_the_cone():
+    """W_tt = 3/m of a disc, and P_n^c = 2 m/s m: it grips in compression up to a slip of 3 · 2 μ = 1.2 m/s."""
+    slips = torch.tensor((0.2, 0.6, 1.1, 1.3, 1.9, 2.5), dtype=torch.float64)
+    impacts = ball(slips)
+    e_t, mu, eps = 0.5, 0.2, 0.6
+    after = State.of(impacts).contact_after(
+        ContactModel(LAW, effects={"it": find_effect("tangential_restitution", "impulse")(e_t)}).predict(impacts).wrench
+    )
+    limit = 3 * mu * 2.0
+    rebound = torch.minimum(e_t * slips, torch.full_like(slips, eps * limit))
+    slides = (slips - (1 + eps) * limit).clamp_min(0)
+    torch.testing.assert_close(after[:, 0], torch.where(slips < limit, -rebound, slides), rtol=0, atol=ROUNDING)
+    torch.testing.assert_close(after[:, 1], torch.full_like(slips, 0.6 * 2), rtol=0, atol=ROUNDING)
+
+
+def test_both_rebounds_of_a_ball_that_grips_are_one():
+    impacts = ball(torch.linspace(-0.7, 0.7, 15))
+    one, other = (find_effect("tangential_restitution", form)(0.4) for form in ("slip", "impulse"))
+    torch.testing.assert_close(predicted(one, impacts), predicted(other, impacts), rtol=0, atol=ROUNDING)
+    late = ball([1.3])  # grips in restitution
+    apart = predicted(one, late) - predicted(other, late)
+    assert apart.abs().max() > 0.1
+
+
+def test_a_planted_rebound_of_the_impulse_is_found():
+    exact, effect = drops(), find_effect("tangential_restitution", "impulse")
+    fit = identify_jointly(find("wang_mason"), {"it": effect()}, noisy(exact, predicted(effect(0.4), exact)))
+    assert_found(fit, torch.tensor((0.2, 0.6, 0.4), dtype=torch.float64))
+
+
+# --- Round corners -----------------------------------------------------------------------------------
+
+
+def lowest_of_rounded(theta, radius):
+    """r [N, 2]: of the discs of that radius inside the polygon, the lowest point of the lowest (a linear programme)."""
+    corners = torch.tensor(HEXAGON.vertices, dtype=torch.float64)
+    side = corners.roll(-1, 0) - corners
+    normal = torch.stack((side[:, 1], -side[:, 0]), -1) / side.norm(dim=-1, keepdim=True)
+    room = (normal * corners).sum(-1) - radius
+    r = []
+    for angle in theta.tolist():
+        up = rotate(torch.tensor((0.0, 1.0), dtype=torch.float64), torch.tensor(-angle, dtype=torch.float64))
+        centre = linprog(up.numpy(), normal.numpy(), room.numpy(), bounds=(None, None)).x
+        r.append(rotate(torch.from_numpy(centre), torch.tensor(angle, dtype=torch.float64)))
+    return torch.stack(r) - torch.tensor((0.0, radius))
+
+
+def test_round_corners_are_those_of_discs_inside_the_body():
+    state = State.of(drops(HEXAGON, 60))
+    rounder = find_effect("corner_radius")(0.004).state(state)
+    torch.testing.assert_close(rounder.r, lowest_of_rounded(state.theta, 0.004), rtol=0, atol=1e-9)
+    assert ((rounder.r - state.r).norm(dim=-1) > 1e-5).all()
+    backwards = drops(Polygon(HEXAGON.vertices[::-1]), 60)
+    torch.testing.assert_close(find_effect("corner_radius")(0.004).state(State.of(backwards)).r, rounder.r)
+
+
+def test_planted_round_corners_are_found():
+    sharp = drops(HEXAGON, 300)
+    true = sharp.replace(r=lowest_of_rounded(sharp.q[:, 2], 0.003), suspect=True)
+    v_post = ContactModel(LAW).predict(true).v_post
+    fit = identify_jointly(find("wang_mason"), {"it": find_effect("corner_radius")()}, noisy(sharp, v_post))
+    assert_found(fit, torch.tensor((0.2, 0.6, 0.003), dtype=torch.float64))
+    assert fit.standard_errors[2] < 5e-4
+
+
+def test_a_body_without_corners_keeps_its_contact():
+    state = State.of(drops(None, 20))
+    assert torch.equal(find_effect("corner_radius")(0.004).state(state).r, state.r)
+
+
+# --- Objects of one table ----------------------------------------------------------------------------
+
+NAMES = ("steel", "brass", "oak")
+
+
+def three(size=300):
+    return drops(size=size).replace(object=tuple(NAMES[k % 3] for k in range(size)))
+
+
+@pytest.mark.parametrize(("name", "index"), [("restitution", 1), ("friction", 0)])
+def test_each_object_has_its_own_coefficient(name, index):
+    impacts, effect = three(), find_effect(f"body_dependent_{name}")()
+    own = torch.tensor((0.0, 0.1, -0.05), dtype=torch.float64)
+    coefficients = torch.tensor((0.12, 0.55), dtype=torch.float64).repeat(len(impacts), 1)
+    coefficients[:, index] += own[torch.arange(len(impacts)) % 3]
+    v_post = ContactModel(find("wang_mason").at(*coefficients.T)).predict(impacts).v_post
+    fit = identify_jointly(find("wang_mason"), {"it": effect}, noisy(impacts, v_post))
+    assert [p.symbol for p in fit.parameters[2:]] == ["Δ(brass)", "Δ(oak)"]
+    assert_found(fit, torch.tensor((0.12, 0.55, 0.1, -0.05), dtype=torch.float64))
+    assert "0 for the first object, steel" in str(fit.model)
+
+
+def test_objects_are_known_by_name(tmp_path):
+    """In any order and subset, and in a file; one that was not there is as the first."""
+    impacts = three(30)
+    model = assemble(
+        find("mirtich"),
+        {"it": find_effect("body_dependent_restitution")().prepare(impacts)},
+        torch.tensor((0.12, 0.55, 0.1, -0.05), dtype=torch.float64),
+    )
+    whole = model.predict(impacts).v_post
+    some = [8, 1, 5]
+    torch.testing.assert_close(model.predict(impacts[some]).v_post, whole[some])
+    steel, glass = (model.predict(impacts.replace(object=(name,) * 30)).v_post for name in ("steel", "glass"))
+    assert torch.equal(steel, glass)
+    assert not torch.equal(steel[1], whole[1])
+    checkpoint.save(model, tmp_path / "model.pt", provenance={})
+    assert torch.equal(checkpoint.load(tmp_path / "model.pt")[0].predict(impacts).v_post, whole)
+
+
+@pytest.mark.parametrize("count", [1, 7])
+def test_one_object_or_many_tell_nothing(count):
+    impacts = drops(size=60)
+    impacts = impacts.replace(object=tuple(f"body {k % count}" for k in range(60)))
+    effect = find_effect("body_dependent_friction")().prepare(impacts)
+    assert effect.parameters == ()
+    assert f"{count} of them tell nothing" in effect.equation
+    fit = identify_jointly(find("wang_mason"), {"it": effect}, impacts)
+    alone = identify_jointly(find("wang_mason"), {}, impacts)
+    torch.testing.assert_close(fit.values, alone.values)
+
+
+def test_candidates_that_cannot_act_are_no_error():
+    """Corners of an ellipse, and a table of one object."""
+    impacts = drops(size=60)
+    assert usable(all_candidates(), impacts).keys() == all_candidates().keys()
