@@ -189,8 +189,8 @@ def test_an_effect_has_its_parameters_inadmissible_impulses_and_regions():
     )
     effect = replace(missing(SIX[2]), parameters=(parameter,), inadmissible_after=0.021, improvements=(helped,))
     assert plain(stages.missing_effect(effect)) == (
-        "contact patch (linear): held-out error 0.1000 → 0.1000; c = 0.1051 ± 0.0041 m; with it 2.1 % of the impulses gain "
-        "energy, pull or penetrate, without it 0.0 %"
+        "contact patch (linear): held-out error 0.1000 → 0.1000; c = 0.1051 ± 0.0041 m; with it 2.1 % of the impulses "
+        "gain energy, pull or penetrate, without it 0.0 %"
     )
     said = "-3 ≤ ω < 2.5 rad/s: error 0.25 → 0.15 (rest 0.1 → 0.08)"
     assert stages.improvements(effect, [REGION]) == [said]
