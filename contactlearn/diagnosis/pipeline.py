@@ -109,7 +109,7 @@ def diagnose(
     fits = study.law_fits(impacts, folds)
     chosen = law or study.laws[min(fits, key=lambda fit: fit.error).name]
     observer.laws(chosen.name, fits)
-    searched = search_effects(study, chosen, law is None, impacts, folds)
+    searched = search_effects(study, chosen, fits, law is None, impacts, folds)
     explained = compare_effects(study, searched)
     rest = divide_error(study, searched, explained.ladder)
     return _assembled(study, searched, explained, rest, fits, (*findings, *searched.notes))

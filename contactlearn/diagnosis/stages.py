@@ -8,7 +8,7 @@
 Each stage is a function of the study and of the results before it.  The generator is drawn from in this order.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -138,7 +138,9 @@ class Searched:
     regions: tuple[Region, ...]
 
 
-def search_effects(study: Study, law: Law, chosen: bool, impacts: Impacts, folds: Folds) -> Searched:
+def search_effects(
+    study: Study, law: Law, fits: Sequence[LawFit], chosen: bool, impacts: Impacts, folds: Folds
+) -> Searched:
     """Select a law and effects; the law is the given one, or any where it was only `chosen` as the best alone."""
     among = study.usable(impacts)
     ceiling = study.remainder(study.base(law, impacts, folds), impacts, folds)
@@ -152,6 +154,7 @@ def search_effects(study: Study, law: Law, chosen: bool, impacts: Impacts, folds
         among,
         folds,
         given=study.given,
+        starts={} if study.given else {one.name: torch.tensor((one.mu, one.eps), dtype=torch.float64) for one in fits},
         options=study.options,
         thresholds=study.thresholds.selection,
         seconds=study.seconds,

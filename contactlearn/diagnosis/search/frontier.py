@@ -26,7 +26,7 @@ Neighbours = Callable[[frozenset[Group], Sequence[Group]], Iterator[frozenset[Gr
 """Sets that are near a set, given all groups of parameters."""
 
 _BEAM, _OF_A_LAW = 4, 2  # at most, models of a size from which the next is grown
-_HOPELESS = 0.3  # nats a trial behind the best at one size, beyond which a law is not tried at the next
+_HOPELESS = 0.5  # nats a trial behind the best, beyond which a law is not followed
 _SAME = 2.0  # nats between laws that agree on the data
 _FITTED = 4  # sets that are fitted of each expansion
 _DOUBT = 0.02  # nats a trial by which a prediction may be too pessimistic
@@ -75,9 +75,11 @@ class Search:
         return time.monotonic() > self.end
 
     def run(self, progress: Callable[[Iterable], Iterable] = iter) -> bool:
-        """Fit the models of the frontier into the pool; return whether the search came to its own end."""
-        for law in self.pool.laws:
-            self.pool.fitted(Spec(law))
+        """Fit the models of the frontier into the pool, which has the laws alone already.
+
+        Returns:
+            Whether the search came to its own end.
+        """
         fruitless, size = 0, 0
         for size in progress(range(1, self.most_effects + 1)):
             best = self.pool.best().score
@@ -104,8 +106,7 @@ class Search:
         """Fit exchanges of one effect of a model that may be better than a score, and its effects around other laws."""
         if model.spec.effects:
             self._fit(self._predicted(model, _exchanged), worthwhile, most)
-        for law in self.pool.laws:
-            self.pool.fitted(model.spec.with_law(law), model.fit.values)
+        self._transfer(model)
 
     def models(self, size: int) -> list[ScoredFit]:
         """Return the models with so many effects, the best first."""
@@ -115,8 +116,9 @@ class Search:
         """Fit models of a size from those with one effect less: of each law alone, later of the best."""
         parents = self.models(size - 1) if size == 1 else self._beam(size - 1)
         each = [self._predicted(parent, _larger) for parent in parents]
+        near = min(one.score for one in parents) + _HOPELESS * len(self.pool.impacts)
         for proposals in each:
-            self._fit(proposals, most=1)
+            self._fit(proposals, near, most=1)
         self._fit(sorted((one for some in each for one in some), key=lambda one: one.score))
 
     def _beam(self, size: int) -> list[ScoredFit]:
@@ -138,14 +140,15 @@ class Search:
             if size > 1:
                 self._fit(self._predicted(best, _exchanged, _PASSES), best.score)
             if self.models(size)[0] is best:
-                for law in self._laws(size):
-                    self.pool.fitted(best.spec.with_law(law), best.fit.values)
+                self._transfer(best)
 
-    def _laws(self, size: int) -> list[str]:
-        """Laws to which the best effects of a size are transferred: all at first, later those that came near."""
-        smaller = {model.spec.law: model.score for model in reversed(self.models(size - 1))}
-        near = min(smaller.values()) + _HOPELESS * len(self.pool.impacts)
-        return [law for law in self.pool.laws if size <= 2 or smaller.get(law, math.inf) < near]
+    def _transfer(self, model: ScoredFit) -> None:
+        """Fit the effects of a model around the other laws that are not hopeless at its own parameters."""
+        near = model.score + _HOPELESS * len(self.pool.impacts)
+        for law in self.pool.laws:
+            spec = model.spec.with_law(law)
+            if spec not in self.pool.models and self.pool.score_at(spec, model.fit.values) < near:
+                self.pool.fitted(spec, model.fit.values)
 
     def _shrink(self, size: int) -> None:
         """Fit models of a size from the best with one effect more."""

@@ -17,8 +17,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.diagnosis.search.quadratic import Group, Quadratic
+from contactlearn.diagnosis.validation import robust_covariance
 from contactlearn.effects import Effect, EffectId, columns
-from contactlearn.identification.joint import FitOptions, JointFit, identify_jointly
+from contactlearn.identification.joint import FitOptions, JointFit, assemble, identify_jointly
+from contactlearn.identification.robust import robust_distance
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
 
@@ -114,6 +116,15 @@ class Pool:
         """Compute the score from a loss in nats a trial."""
         trials = len(self.impacts)
         return trials * loss + self._penalty(2 + sum(len(e.parameters) for e in effects.values()), len(spec.effects))
+
+    def score_at(self, spec: Spec, values: Float[Tensor, " k"]) -> float:
+        """Compute the score that a model has at some values, without a fit."""
+        effects = self.effects(spec)
+        prediction = assemble(self.laws[spec.law], effects, values).predict(self.impacts)
+        residual = self.impacts.v_post - prediction.v_post
+        scatter = robust_covariance(residual)
+        loss = robust_distance(residual, scatter).mean() + 0.5 * scatter.logdet()
+        return self.score(spec, effects, loss.item())
 
     def penalty(self, effects: frozenset[EffectId]) -> float:
         """Compute the penalty of a set of effects, in nats."""

@@ -9,6 +9,7 @@ compare    the models that the data cannot tell from the chosen one (`plausible`
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import torch
 from jaxtyping import Float
@@ -92,6 +93,7 @@ def select(
     folds: Folds,
     *,
     given: Mapping[str, Effect],
+    starts: Mapping[str, Float[Tensor, " k"]] = MappingProxyType({}),
     options: FitOptions = FitOptions(),
     thresholds: SelectionThresholds = SelectionThresholds(),
     seconds: float = math.inf,
@@ -106,6 +108,7 @@ def select(
         candidates: by identity; `usable` ones.
         folds: of the cross-validation.
         given: effects that are always in the model, by name.
+        starts: values to fit the laws with the given effects from, by name; others are searched for.
         options: of all fits.
         thresholds: limits of what is named.
         seconds: after which the search goes on with the models that it has.
@@ -114,9 +117,10 @@ def select(
     """
     prepared = {key: effect.prepare(impacts) for key, effect in candidates.items()}
     pool = Pool(laws, impacts, prepared, given, options)
+    for law in pool.laws:
+        pool.fitted(Spec(law), starts.get(law))
     complete = _searched(pool, thresholds.most_effects, seconds, generator, progress)
     spec = _pruned(pool, folds, pool.best(), thresholds).spec
-    pool.fitted(Spec(spec.law))
     _fit_neighbours(pool, pool.models[spec], thresholds.window)
     return Selection(
         pool=pool,
@@ -154,15 +158,14 @@ def _searched(
         return Search(pool, most, seconds).run(progress)
     rows = torch.randperm(trials, generator=generator)[:_SEARCHED].sort().values
     part = Pool(pool.laws, pool.impacts[rows], pool.candidates, pool.given, pool.options)
+    for law in pool.laws:
+        part.fitted(Spec(law), pool.models[Spec(law)].fit.values)
     search = Search(part, most, seconds)
     complete = search.run(progress)
     best = part.best()
     for size in range(len(best.spec.effects) + 2):
         for model in search.models(size)[:_CARRIED]:
             pool.fitted(model.spec, model.fit.values)
-    for law in pool.laws:
-        pool.fitted(Spec(law), part.models[Spec(law)].fit.values)
-        pool.fitted(best.spec.with_law(law), best.fit.values)
     Search(pool, most, seconds).improve()
     return complete
 
