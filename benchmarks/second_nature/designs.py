@@ -72,7 +72,7 @@ TWINS = (
     (one_pose, "ellipse", "com_offset", 0, ("orientation_offset", "shape_error")),
     (one_spin, "ellipse", "sampling_delay", 0, ("orientation_offset",)),
     (one_incidence, "disc", "velocity_dependent_restitution", 1, ("slip_dependent_restitution",)),
-    (plumb, "disc", "gravity_impulse", 0, ("adhesion",)),
+    (plumb, "disc", "gravity_impulse", 0, ("adhesion", "velocity_dependent_restitution")),
     (turning, "ellipse", "orientation_dependent_restitution", 0, ("parameter_drift",)),
     (one_incidence, "disc", "load_dependent_friction", 0, ("velocity_dependent_friction",)),
 )

@@ -170,6 +170,57 @@ def _(rng):
     return {"mu": lambda k: 1 + 0.7 * way * np.tanh(k.x / 0.1)}
 
 
+# --- Over incidence and orientation -----------------------------------------------------------------
+
+
+@form("incidence_dependent_restitution", "steep impacts lose more, with a limit: c tanh²(|v_t|/|v_n|)")
+def _(rng):
+    c = rng.uniform(0.25, 0.35)
+    return {"eps": lambda k: c * (np.tanh(k.slip / k.speed) ** 2 - 0.4)}
+
+
+@form("incidence_dependent_restitution", "a rise about one angle of incidence, as of a plate that ploughs")
+def _(rng):
+    c, at = rng.uniform(0.25, 0.35), rng.uniform(0.7, 0.9)
+    return {"eps": lambda k: c * np.exp(-(((np.arctan2(np.abs(k.slip), k.speed) - at) / 0.25) ** 2)) - 0.1}
+
+
+@form("incidence_dependent_friction", "ploughing: more friction in steep impacts")
+def _(rng):
+    c = rng.uniform(1.5, 2.5)
+    return {"mu": lambda k: 0.5 + c / (1 + (k.slip / k.speed) ** 2)}
+
+
+@form("incidence_dependent_friction", "grazing impacts slide on an air film")
+def _(rng):
+    at = rng.uniform(0.6, 0.8)
+    return {"mu": lambda k: 0.85 - 0.55 * np.tanh((np.abs(k.slip) / k.speed - at) / 0.2)}
+
+
+@form("orientation_dependent_friction", "sandpaper on a third of the body", bodies=("disc", "ellipse"))
+def _(rng):
+    at = rng.uniform(-np.pi, np.pi)
+    return {"mu": lambda k: 1.25 + 0.75 * np.tanh((np.cos(k.theta - at) - 0.5) / 0.15)}
+
+
+@form("orientation_dependent_friction", "one greasy corner", bodies=("rectangle", "square"))
+def _(rng):
+    at = rng.choice([-0.75, -0.25, 0.25, 0.75]) * np.pi
+    return {"mu": lambda k: 1.3 - 1.1 * np.exp((np.cos(k.theta - at) - 1) / 0.4)}
+
+
+@form("orientation_dependent_moment", "a bump that takes the contact aside", bodies=("disc", "ellipse"))
+def _(rng):
+    arm, at = either(rng) * rng.uniform(0.25, 0.35), rng.uniform(-np.pi, np.pi)
+    return {"moment": lambda k, v: arm * k.rho * np.exp((np.cos(k.theta - at) - 1) / 0.15)}
+
+
+@form("orientation_dependent_moment", "three feet", bodies=("disc", "ellipse"))
+def _(rng):
+    arm, at = rng.uniform(0.12, 0.18), rng.uniform(-np.pi, np.pi)
+    return {"moment": lambda k, v: arm * k.rho * np.sin(3 * (k.theta - at))}
+
+
 # --- Wrench --------------------------------------------------------------------------------------
 
 
@@ -183,7 +234,7 @@ def _(rng):
     return {"compliance": Compliance(tangential=rng.uniform(0.9, 1.3))}
 
 
-@form("adhesion", "a constant work of separation")
+@form("adhesion", "a constant work of separation", bodies=("ellipse", "rectangle", "square"))  # of a disc: ε by speed
 def _(rng):
     w = rng.uniform(0.12, 0.25)  # (m/s)²: work per effective mass of a central impact
 

@@ -21,7 +21,7 @@ from second_nature.planted import (
     scene_drops,
     scene_for,
 )
-from second_nature.setup import NAMES, UNKNOWN
+from second_nature.setup import NAMES, RECENT, UNKNOWN
 from second_nature.truth import Asked, Planted, PlantedSet, Truth
 
 Make = Callable[[np.random.Generator, int], Planted]
@@ -160,6 +160,7 @@ def _singles() -> list[tuple[int, Make]]:
     forms = [(name, k) for name in NAMES for k in (0, 1)]
     forms += [(name, k) for name in NAMES for k in range(2, len(FORMS[name]))]
     forms += [(name, 0) for name in NAMES[1::5]]
+    forms += [(name, k) for name in RECENT for k in (0, 1)]
     cells = [CELLS[i % len(CELLS)] for i in range(len(forms))]
     return [(n, single(name, k, share)) for (name, k), (n, share) in zip(forms, cells, strict=True)]
 

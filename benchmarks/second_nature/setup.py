@@ -142,8 +142,14 @@ def _slower(v, factor):
     return np.stack((v[:, 0] * factor, v[:, 1] * factor, v[:, 2]), -1)
 
 
-NAMES = tuple(FORMS)
-"""The names of the catalogue that are planted."""
+RECENT = (
+    "incidence_dependent_restitution",
+    "incidence_dependent_friction",
+    "orientation_dependent_friction",
+    "orientation_dependent_moment",
+)
+NAMES = tuple(name for name in FORMS if name not in RECENT)
+"""The names of the catalogue that are planted, those of its curves apart."""
 
 
 # --- In no catalogue -----------------------------------------------------------------------------
@@ -172,7 +178,12 @@ def _kick(k, v, P_t=0.0, P_n=0.0, tau=0.0):
     return v + np.stack((P_t + 0 * spin, P_n + 0 * spin, spin), -1)
 
 
-@unknown("a magnet in the body turns it: τ ∝ sin(θ − θ₀)", ("theta",), bodies=("disc", "ellipse"))
+@unknown(
+    "a magnet in the body turns it: τ ∝ sin(θ − θ₀)",
+    ("theta",),
+    ("orientation_dependent_moment",),
+    bodies=("disc", "ellipse"),
+)
 def _(rng):
     a, at = rng.uniform(0.15, 0.3), rng.uniform(-np.pi, np.pi)
     return lambda k, v: _kick(k, v, tau=a * np.sin(k.theta - at))
