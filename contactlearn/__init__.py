@@ -6,8 +6,8 @@ physical effect is missing.  The public names below are loaded when they are fir
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # a type checker takes it for true; typing takes longer to load than the rest
 if TYPE_CHECKING:
     from contactlearn import (
         audit,
@@ -99,7 +99,7 @@ _HOME = {
 
 if not TYPE_CHECKING:  # with it a type checker would take any name for one of this package
 
-    def __getattr__(name: str) -> Any:
+    def __getattr__(name: str) -> object:
         if name in _HOME:
             return getattr(import_module(f"contactlearn.{_HOME[name]}"), name)
         if name in __all__:

@@ -7,9 +7,7 @@ report DIR…          redraw the page of one run, or make one page over several
 
 import argparse
 import sys
-import textwrap
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable
 
 from contactlearn.errors import ContactLearnError
 
@@ -36,15 +34,15 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="contactlearn", description="Tools beside contactlearn's train and evaluate.")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    _add_export(commands)
-    _add_reveal(commands)
-    _add_report(commands)
+    add = parser.add_subparsers(required=True, metavar="COMMAND").add_parser
+    _add_export(add)
+    _add_reveal(add)
+    _add_report(add)
     return parser
 
 
-def _add_export(commands: Any) -> None:
-    export = commands.add_parser(
+def _add_export(add: Callable[..., argparse.ArgumentParser]) -> None:
+    export = add(
         "export",
         help="write any data source to a CSV or Parquet table",
         description="Write any data source to a table that data=table reads back exactly.",
@@ -57,8 +55,8 @@ def _add_export(commands: Any) -> None:
     export.set_defaults(run=_export)
 
 
-def _add_reveal(commands: Any) -> None:
-    reveal = commands.add_parser(
+def _add_reveal(add: Callable[..., argparse.ArgumentParser]) -> None:
+    reveal = add(
         "reveal",
         help="print the sealed account of the drops of data=mystery",
         description="Open the sealed account beside mystery drops: law, parameters, noise and hidden effects.",
@@ -68,8 +66,8 @@ def _add_reveal(commands: Any) -> None:
     reveal.set_defaults(run=_reveal)
 
 
-def _add_report(commands: Any) -> None:
-    report = commands.add_parser(
+def _add_report(add: Callable[..., argparse.ArgumentParser]) -> None:
+    report = add(
         "report",
         help="redraw the page of one run, or make one page over several runs or a whole sweep",
         description=_REPORT,
@@ -103,6 +101,8 @@ def _export(options: argparse.Namespace) -> str:
 
 
 def _reveal(options: argparse.Namespace) -> str:
+    import textwrap
+
     from contactlearn.data.mystery import reveal
 
     truth = reveal(options.folder)
@@ -127,6 +127,8 @@ def _reveal(options: argparse.Namespace) -> str:
 
 
 def _report(options: argparse.Namespace) -> str:
+    from pathlib import Path
+
     from contactlearn.report import terminal
     from contactlearn.report.page.redraw import has_page, redraw
     from contactlearn.report.page.runs.page import write_runs

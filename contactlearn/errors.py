@@ -5,7 +5,6 @@ known names when a name is not one of them.
 """
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 
 
 class ContactLearnError(ValueError):
@@ -34,5 +33,7 @@ class UnknownNameError(ContactLearnError):
 
 def suggest(name: str, known: Iterable[str]) -> str:
     """Return ", did you mean 'x'?" for the nearest known name, or an empty string."""
+    from difflib import get_close_matches
+
     near = get_close_matches(str(name), list(known), n=1, cutoff=0.5)
     return f", did you mean {near[0]!r}?" if near else ""

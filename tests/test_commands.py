@@ -210,8 +210,17 @@ def test_help(script):
     assert "threads: 1" in printed
 
 
+@pytest.mark.parametrize("name", ["train", "evaluate", "diagnose"])
+def test_help_is_that_of_hydra(name):
+    """Which takes twice as long; any other flag leaves it to Hydra."""
+    words = (f"{name}.py", "--help", "law=mirtich")
+    assert run(*words) == run(*words, f"--config-name={name}")
+
+
 ERRORS = {
     "law": (["evaluate.py", "laws=[witaker]"], "unknown law 'witaker', did you mean 'whittaker'?"),
+    "law of the model": (["train.py", "law=mirtisch"], "unknown law 'mirtisch', did you mean 'mirtich'?"),
+    "group": (["evaluate.py", "-m", "effect=[],[spin_dampin]"], "unknown effect 'spin_dampin', did you mean"),
     "variant": (["train.py", "variant=fazeli"], "did you mean 'fazeli2017'?"),
     "too few": (["train.py", "train.size=1000"], "train.size=1000, but 600 of 800 trials"),
     "test share": (["train.py", "test=1.5"], "share in (0, 1)"),
