@@ -135,9 +135,11 @@ def _assembled(
     """The complete diagnosis: what was found, and what is drawn of it."""
     selection, model = searched.selection, searched.selection.present.fit.model
     chosen, missing = _choices(study, selection, explained)
-    physics = _physics(missing, rest, laws, study.thresholds)
     if searched.notes:  # the impacts have changed since
         laws = [LawFit.of(study.alone(study.laws[fit.name], selection.impacts), fit.error) for fit in laws]
+    if missing:
+        laws = [replace(fit, error_with_effects=selection.error_around(study.laws[fit.name])) for fit in laws]
+    physics = _physics(missing, rest, laws, study.thresholds)
     return Diagnosis(
         verdict=Verdict.BAD_DATA if any(finding.mistake for finding in findings) else physics,
         physics=physics,
@@ -222,7 +224,7 @@ def _physics(
     missing: Sequence[MissingEffect], rest: Unexplained, laws: Sequence[LawFit], thresholds: Thresholds
 ) -> Verdict:
     """The verdict about the corrected data: unknown where much is predictable, or a better law is known."""
-    better = min(fit.error for fit in laws) < (1 - thresholds.remainder.share) * rest.budget.named.mean
+    better = min(fit.least_error for fit in laws) < (1 - thresholds.remainder.share) * rest.budget.named.mean
     if rest.learned.remainder.large or better:
         return Verdict.UNKNOWN
     return Verdict.EFFECTS if missing else Verdict.NONE

@@ -61,6 +61,7 @@ class Verdict(StrEnum):
 class LawFit:
     """A law by name and variant, with the held-out error of it and the given effects.
 
+    `error_with_effects` is that with the missing effects as well; None for a law that these effects do not suit at all.
     `mu` and `eps` are those of the law without any effect, fitted to all trials; `options` its other fields.
     """
 
@@ -69,6 +70,7 @@ class LawFit:
     error: float
     mu: float
     eps: float
+    error_with_effects: float | None = None
     options: dict[str, float | str | bool] = field(default_factory=dict)
 
     @classmethod
@@ -78,6 +80,11 @@ class LawFit:
         return cls(
             name=law.name, variant=law.variant, error=error, mu=float(law.mu), eps=float(law.eps), options=options
         )
+
+    @property
+    def least_error(self) -> float:
+        """The error alone or with the missing effects, whichever is less."""
+        return self.error if self.error_with_effects is None else min(self.error, self.error_with_effects)
 
     def law(self) -> Law:
         """Make the law again.
@@ -191,6 +198,15 @@ class Diagnosis:
     def corrections(self) -> tuple[str, ...]:
         """Names of the corrections of all findings, in the order in which they were applied."""
         return tuple(finding.correction for finding in self.findings if finding.correction is not None)
+
+    @property
+    def better_law(self) -> LawFit | None:
+        """The law that does clearly better than the full model, alone or with its effects; None where none does."""
+        if self.budget is None:
+            return None
+        limit = (1 - self.thresholds.remainder.share) * self.budget.named.mean
+        better = [one for one in self.laws if one.name != self.law and one.least_error < limit]
+        return min(better, key=lambda one: one.least_error, default=None)
 
     @property
     def best_law(self) -> LawFit | None:

@@ -26,7 +26,8 @@ Neighbours = Callable[[frozenset[Group], Sequence[Group]], Iterator[frozenset[Gr
 """Sets that are near a set, given all groups of parameters."""
 
 _BEAM, _OF_A_LAW = 4, 2  # at most, models of a size from which the next is grown
-_HOPELESS = 0.5  # nats a trial behind the best, beyond which a law is not followed
+HOPELESS = 0.5
+"""Nats a trial behind the best beyond which a law is not followed."""
 _SAME = 2.0  # nats between laws that agree on the data
 _FITTED = 4  # sets that are fitted of each expansion
 _DOUBT = 0.02  # nats a trial by which a prediction may be too pessimistic
@@ -116,7 +117,7 @@ class Search:
         """Fit models of a size from those with one effect less: of each law alone, later of the best."""
         parents = self.models(size - 1) if size == 1 else self._beam(size - 1)
         each = [self._predicted(parent, _larger) for parent in parents]
-        near = min(one.score for one in parents) + _HOPELESS * len(self.pool.impacts)
+        near = min(one.score for one in parents) + HOPELESS * len(self.pool.impacts)
         for proposals in each:
             self._fit(proposals, near, most=1)
         self._fit(sorted((one for some in each for one in some), key=lambda one: one.score))
@@ -127,7 +128,7 @@ class Search:
         for model in models:
             same = [one for one in taken if one.spec.law == model.spec.law]
             twins = [one for one in taken if one.spec.effects == model.spec.effects and model.score < one.score + _SAME]
-            hopeless = model.score > models[0].score + _HOPELESS * len(self.pool.impacts)
+            hopeless = model.score > models[0].score + HOPELESS * len(self.pool.impacts)
             if not twins and not hopeless and len(same) < _OF_A_LAW and len(taken) < _BEAM:
                 taken.append(model)
         return taken
@@ -144,7 +145,7 @@ class Search:
 
     def _transfer(self, model: ScoredFit) -> None:
         """Fit the effects of a model around the other laws that are not hopeless at its own parameters."""
-        near = model.score + _HOPELESS * len(self.pool.impacts)
+        near = model.score + HOPELESS * len(self.pool.impacts)
         for law in self.pool.laws:
             spec = model.spec.with_law(law)
             if spec not in self.pool.models and self.pool.score_at(spec, model.fit.values) < near:

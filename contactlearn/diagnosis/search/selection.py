@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.diagnosis.search.frontier import Search
+from contactlearn.diagnosis.search.frontier import HOPELESS, Search
 from contactlearn.diagnosis.search.plausible import Plausible, plausible_models
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec
 from contactlearn.diagnosis.thresholds import SelectionThresholds
@@ -84,6 +84,14 @@ class Selection:
     def without(self, effect: EffectId) -> ValidatedFit:
         """Fit and validate the chosen model without one of its effects."""
         return self.validated(smaller(self.pool, self.chosen, effect).spec)
+
+    def error_around(self, law: Law) -> float | None:
+        """Compute the mean held-out error of the chosen effects around a law; None if they do not suit it at all."""
+        pool = Pool({law.name: law}, self.impacts, self.pool.candidates, self.given, self.pool.options)
+        spec, values = self.spec.with_law(law.name), self.present.fit.values
+        if pool.score_at(spec, values) > self.chosen.score + HOPELESS * len(self.impacts):
+            return None
+        return validated(pool, self.folds, pool.fitted(spec, values)).mean_error
 
 
 def select(

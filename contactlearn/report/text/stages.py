@@ -250,13 +250,14 @@ def misfit(found: Diagnosis, thresholds: NoiseThresholds = NoiseThresholds()) ->
 
 
 def better_law(found: Diagnosis) -> str:
-    """Name a law that does better alone than the chosen one with its effects; empty where there is none."""
-    best, budget = found.best_law, found.budget
-    if found.physics != "unknown" or best is None or budget is None or best.error >= budget.named.mean:
+    """Name a law that does clearly better than the chosen one; empty where there is none."""
+    better = found.better_law
+    if better is None or found.budget is None:
         return ""
+    how = "alone" if better.error <= better.least_error else "with the same effects"
     return (
-        f"{law_label(best.name)} alone has an error of {error(best.error)}, less than {base_label(found)} with the "
-        f"missing effects: try law={best.name}."
+        f"{law_label(better.name)} {how} has an error of {error(better.least_error)}, {base_label(found)} with the "
+        f"missing effects {error(found.budget.named.mean)}: try law={better.name}."
     )
 
 

@@ -47,6 +47,8 @@ def _finding(found: Diagnosis, law: str, effects: str) -> str:
     verb = "is" if len(found.missing) == 1 else "are"
     if found.physics == Verdict.UNKNOWN:
         known = f" {opened(effects)} {verb} missing as well{_rivals(found.missing)}." if effects else ""
+        if found.better_law is not None:
+            return f"{law} is not the law of these data: {stages.better_law(found)}{known}"
         return f"An unknown effect is missing from {law}: no effect of the catalogue explains its error.{known}"
     if effects:
         rest = "; no known effect explains the predictable part of the residual" if predictable else ""
