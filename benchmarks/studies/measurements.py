@@ -7,8 +7,12 @@ from torch import Tensor
 
 from contactlearn.audit.consistency import gross_outliers, outliers
 from contactlearn.audit.findings import energy_findings, order_findings, outlier_findings, shape_findings
+from contactlearn.audit.model_outliers import outliers_of
 from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.identification.joint import identify_jointly
 from contactlearn.impacts import Impacts
+from contactlearn.laws import find
+from contactlearn.model import ContactModel
 from contactlearn.shapes import Ellipse
 from studies.cases import after, between, heavy, nature, random, some, spiked, textbook
 from studies.study import Row, Study, each, scaled
@@ -19,6 +23,13 @@ class Marked(NamedTuple):
 
     impacts: Impacts
     rows: Tensor
+
+
+class Modelled(NamedTuple):
+    """Measurements, and a law that was fitted to them."""
+
+    impacts: Impacts
+    model: ContactModel
 
 
 def _marked(kind: str, seed: int) -> Marked:
@@ -171,7 +182,31 @@ ORDER = Study(
     alarm=lambda drops, thresholds: bool(order_findings(drops, thresholds.audit)),
 )  # fmt: skip
 
+
+def _modelled(kind: str, seed: int) -> Modelled:
+    """Clean drops, heavy-tailed ones, or drops of which a few spins have the wrong sign, with a law fitted to them."""
+    impacts = textbook(seed, 150, law="wang_mason")
+    if kind == "heavy":
+        impacts = heavy(impacts, seed)
+    if kind == "turned":
+        rows = some(impacts, 0.01, seed)
+        mirror = torch.where(rows[:, None], torch.tensor((1.0, 1.0, -1.0), dtype=torch.float64), 1.0)
+        impacts = after(impacts, impacts.v_post * mirror)
+    return Modelled(impacts, identify_jointly(find("wang_mason"), {}, impacts).model)
+
+
+def _called(modelled: Modelled, thresholds: Thresholds) -> bool:
+    limits = thresholds.audit.outliers
+    return outliers_of(modelled.impacts, lambda drops: modelled.model.predict(drops).v_post, limits) is not None
+
+
+MODELLED = Study(
+    name="outliers of a model", null=each(16, "clean", "heavy"), planted=each(16, "turned"), prepare=_modelled,
+    alarm=_called,
+)  # fmt: skip
+
 ROWS = (
+    Row(field="audit.outliers.false_outliers", values=(1e-6, 1e-3, 0.05, 1.0, 10.0), study=MODELLED),
     Row(field="audit.outliers.moment_sigmas", values=(3.0, 6.0, 12.0, 24.0, 48.0), study=MOMENT),
     Row(field="audit.outliers.imbalance", values=(0.0, 1 / 6, 1 / 3, 2 / 3, 0.9), study=MOMENT),
     Row(field="audit.outliers.energy_ratio", values=(1.25, 1.5, 2.0, 3.0, 5.0), study=GAIN),

@@ -7,5 +7,6 @@ corrections           named corrections of measurements
 conventions           hypotheses about units and axes, compared
 convention_findings   findings about units, axes and inertia
 findings              the audit: every finding, in order
+model_outliers        trials that a fitted model makes all but impossible
 averaging             velocities before impact that vary by noise alone
 """

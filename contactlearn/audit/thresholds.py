@@ -18,6 +18,9 @@ class OutlierThresholds:
     imbalance: float = 1 / 3
     """Share of the terms of the balance that the same residual must exceed, since the spread of exact data is tiny
     (row outliers.imbalance)."""
+    false_outliers: float = 0.05
+    """Trials that are expected to be called outliers of a fitted model by chance, in a whole table
+    (row outliers.false_outliers)."""
     energy_ratio: float = 2.0
     """Kinetic energy after impact over that before; noise of 3 to 15 % of the speed passes 2 in one of 12 sets
     of 100 drops, and never 3 (row outliers.energy_ratio)."""

@@ -109,9 +109,8 @@ class JointFit:
 
     def _open(self, k: int) -> list[str]:
         """Why the data do not determine parameter k."""
-        p, limits = self.parameters[k], self.thresholds
-        share = self.standard_errors[k].item() / (p.high - p.low)
-        reasons = []
+        limits, reasons = self.thresholds, []
+        share = self.standard_errors[k].item() / (self.parameters[k].high - self.parameters[k].low)
         if share >= 1:
             reasons.append("hardly anything depends on it")
         elif share > limits.open_share:
@@ -122,16 +121,10 @@ class JointFit:
         return reasons
 
     def trade_offs(self) -> tuple[str, ...]:
-        """Pairs of parameters of a single subset that trade off, each with its correlation.
-
-        Both may be determined well: the standard errors account for it.
-        """
+        """Name the pairs of a single subset's parameters that trade off; both may be determined well all the same."""
         pairs = (self.correlation.abs().triu(1) > self.thresholds.correlation).nonzero().tolist()
-        return tuple(
-            f"{self.parameters[k].name} and {self.parameters[other].name} trade off: correlation "
-            f"{self.correlation[k, other]:+.2f}"
-            for k, other in pairs
-        )
+        names, of = [p.name for p in self.parameters], self.correlation
+        return tuple(f"{names[k]} and {names[j]} trade off: correlation {of[k, j]:+.2f}" for k, j in pairs)
 
     def at_bounds(self) -> dict[str, str]:
         """Parameters of a single subset that end at a bound: parameter → what that means."""
