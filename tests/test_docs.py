@@ -7,12 +7,14 @@ import shlex
 from pathlib import Path
 
 import pytest
+from evaluations import training
 from omegaconf import OmegaConf
 
 from contactlearn import laws
 from contactlearn.cli import compose
 from contactlearn.effects import catalogue
 from contactlearn.effects.formula.symbols import SYMBOLS
+from contactlearn.results import folder
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("benchmarks/*.md")])
@@ -34,7 +36,10 @@ def _commands():
 
 
 @pytest.mark.parametrize("code", list(_blocks("python")))
-def test_python_blocks_run(code):
+def test_python_blocks_run(code, tmp_path, monkeypatch):
+    """In a folder that holds one run and nothing else."""
+    folder.write_result(tmp_path / "outputs" / "train", training())
+    monkeypatch.chdir(tmp_path)
     exec(compile(code, "document", "exec"), {})
     gc.collect()  # classes that a block defines are laws and effects until they are gone
 
