@@ -25,7 +25,7 @@ CURVES = [kind for forms in catalogue().values() for kind in forms if issubclass
 FAMILIES = {  # what has a curve, by the variable
     *("velocity_dependent_restitution", "slip_dependent_restitution", "configuration_dependent_restitution"),
     *("incidence_dependent_restitution", "incidence_dependent_friction", "parameter_drift"),
-    *("velocity_dependent_friction", "load_dependent_friction", "contact_patch", "spin_damping"),
+    *("velocity_dependent_friction", "load_dependent_friction", "contact_patch", "rolling_resistance"),
 }
 KNOTS = (0.5, 1.2, 1.9, 3.4)
 
@@ -79,9 +79,9 @@ def test_equal_slopes_are_a_straight_line():
 
 
 def test_a_curve_over_spin_starts_at_rest():
-    knots = find_effect("spin_damping", "curve")().prepare(_wide(200, 1)).knots
+    knots = find_effect("rolling_resistance", "curve")().prepare(_wide(200, 1)).knots
     assert knots[0] == 0.0
-    spin = find_effect("spin_damping", "curve")(0.001, 0.001, 0.0, knots)
+    spin = find_effect("rolling_resistance", "curve")(0.001, 0.001, 0.0, knots)
     zero = torch.zeros(1, dtype=torch.float64)
     assert spin.change(zero).item() == 0.0
     assert spin.change(torch.tensor(knots, dtype=torch.float64)).tolist() == pytest.approx([0, 0.001, 0.002, 0.002])

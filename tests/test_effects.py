@@ -98,7 +98,7 @@ def test_families_are_abstract_and_forms_final():
             assert not inspect.isabstract(kind)
     with pytest.raises(TypeError, match="abstract"):
         SpinDamping()
-    assert [kind.form for kind in catalogue()["spin_damping"]] == ["after", "during", "curve"]
+    assert [kind.form for kind in catalogue()["spin_damping"]] == ["after", "during"]
 
 
 def test_a_family_of_ones_own_is_known_by_its_forms(forgotten):

@@ -1,5 +1,6 @@
 """The contact resists the spin with a moment that follows the load."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import torch
@@ -7,24 +8,43 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, known, parameter
+from contactlearn.effects.curve import ArmCurve
 from contactlearn.effects.path import retraced
 from contactlearn.effects.state import State
 
 
 @dataclass(frozen=True, eq=False)
 class RollingResistance(Effect):
+    """A moment per normal impulse opposes the spin on its way from ω to ω⁺: τ → τ − arm P_n.
+
+        smoothed    c s̄, with the mean sign of the spin
+        curve       s(|ω̄|) sign(ω̄), ω̄ the mean of ω and ω⁺, see `contactlearn.effects.curve`
+
+    The contact responds while it lasts (`path.retraced`).  It is not damping in proportion to the spin and the moment
+    of inertia (`spin_damping`).
+    """
+
+    source = "Johnson 1985, §8.3"
+    citations = ("johnson1985",)
+    adds_energy = True
+
+    @abstractmethod
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        """Return the wrench with the resisting moment."""
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedRollingResistance(RollingResistance):
     """τ → τ − c P_n s̄, where s̄ is the mean sign of the spin on its way from ω to ω⁺; c is half a width.
 
         s̄ = (ω⁺ + ω) / (√(ω⁺² + ω_s²) + √(ω² + ω_s²)),      the mean of ω/√(ω² + ω_s²)
 
-    It takes at most the spin ω⁺ that there would be without it, and the contact responds while it lasts
-    (`path.retraced`).  It is not damping, which grows with the spin (`spin_damping`).
+    It takes at most the spin ω⁺ that there would be without it.  It does not grow with the spin
+    (`RollingResistanceCurve`).
     """
 
+    form = "smoothed"
     formula = "τ ← τ − c P_n s̄ while the contact lasts, s̄ the mean sign of the spin"
-    source = "Johnson 1985, §8.3"
-    citations = ("johnson1985",)
-    adds_energy = True
     c: Tensor | float = parameter("c", "m", 0.0, 0.005)
     omega_s: float = 1.0  # rad/s below which the moment fades
 
@@ -38,3 +58,23 @@ class RollingResistance(Effect):
         arm = self.c * (before + after) / size
         most = state.inertia * after.abs() / wrench[..., 1].clamp_min(1e-300)
         return retraced(state, wrench, arm=-torch.maximum(torch.minimum(arm, most), -most))
+
+
+@dataclass(frozen=True, eq=False)
+class RollingResistanceCurve(ArmCurve, RollingResistance):
+    """τ → τ − s(|ω̄|) sign(ω̄) P_n while the contact lasts.  It need not level off (`SmoothedRollingResistance`)."""
+
+    form = "curve"
+    formula = (
+        "τ ← τ − s(|ω̄|) sign(ω̄) P_n while the contact lasts, a smooth s that rises by c₁, c₂, c₃ from knot to knot"
+    )
+    variable, unit = "|ω̄|", "rad/s"
+    at_rest = True
+
+    def along(self, state: State) -> Float[Tensor, "... n"]:
+        P_n = -1.5 * state.v_n / state.W[..., 1, 1]  # without friction, at a restitution of 1/2
+        return (state.omega + state.r[..., 0] * P_n / state.inertia / 2).abs()
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        mean = (state.omega + state.v_after(wrench)[..., 2]) / 2
+        return retraced(state, wrench, arm=-mean.sign() * self.change(mean.abs()))

@@ -7,7 +7,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
-from contactlearn.effects.curve import ArmCurve
 from contactlearn.effects.path import retraced
 from contactlearn.effects.state import State, columns
 
@@ -18,7 +17,6 @@ class SpinDamping(Effect):
 
         after     τ → τ − c I ω⁺, with the spin ω⁺ that the body has without it
         during    τ → τ − b (I/m) ω̄ P_n, ω̄ the mean of ω and that ω⁺; the contact responds (`path.retraced`)
-        curve     τ → τ − s(|ω̄|) sign(ω̄) P_n likewise, see `contactlearn.effects.curve`
 
     It is not rolling resistance, which does not grow with the spin (`rolling_resistance`).
     """
@@ -58,23 +56,3 @@ class SpinDampingDuring(SpinDamping):
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         after = state.v_after(wrench)[..., 2]
         return retraced(state, wrench, arm=-self.b * state.inertia / state.mass * (state.omega + after) / 2)
-
-
-@dataclass(frozen=True, eq=False)
-class SpinDampingCurve(ArmCurve, SpinDamping):
-    """τ → τ − s(|ω̄|) sign(ω̄) P_n while the contact lasts.  It need not grow with the spin (`SpinDampingDuring`)."""
-
-    form = "curve"
-    formula = (
-        "τ ← τ − s(|ω̄|) sign(ω̄) P_n while the contact lasts, a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    )
-    variable, unit = "|ω̄|", "rad/s"
-    at_rest = True
-
-    def along(self, state: State) -> Float[Tensor, "... n"]:
-        P_n = -1.5 * state.v_n / state.W[..., 1, 1]  # without friction, at a restitution of 1/2
-        return (state.omega + state.r[..., 0] * P_n / state.inertia / 2).abs()
-
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        mean = (state.omega + state.v_after(wrench)[..., 2]) / 2
-        return retraced(state, wrench, arm=-mean.sign() * self.change(mean.abs()))
