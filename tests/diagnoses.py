@@ -32,7 +32,7 @@ from contactlearn.results.provenance import DataSource, Provenance
 
 ERROR = Interval(0.1, 0.09, 0.11)
 SIX = (
-    EffectId("surface_tilt"),
+    EffectId("surface_tilt", "computed"),
     EffectId("spin_damping", "after"),
     EffectId("contact_patch", "linear"),
     EffectId("inertia_error"),

@@ -474,8 +474,9 @@ def test_a_diagnosis_is_drawn_by_name(found):
     figures = drawn(with_regions(found, ("spin", -3, 2)), found.record.impacts)
     effects = [f"effect_{str(missing.effect).replace(':', '_')}" for missing in found.missing]
     assert found.effects == ("spin_damping",)
-    assert list(figures) == ["regions", "residual", *effects, "ladder", "frontier"]
-    for name in ("regions", "residual", "ladder"):
+    audit = [f"audit_{finding.name}" for finding in found.findings]
+    assert list(figures) == [*audit, "regions", "residual", *effects, "ladder", "frontier"]
+    for name in ("regions", "residual", "ladder", "frontier"):
         assert_sound(figures[name])
     assert "regions" not in drawn(replace(found, regions=()), found.record.impacts)
 

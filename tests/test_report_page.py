@@ -149,7 +149,7 @@ def test_effects_beyond_those_that_can_be_ticked_are_named():
     content = of_diagnosis(whole, about(whole.record.impacts))
     names = [one["name"] for one in content["models"]]
     assert names[0] == "Wang–Mason + adhesion (work) (always on)"
-    assert names[1] == f"{names[0]} + surface tilt"
+    assert names[1] == f"{names[0]} + surface tilt (computed)"
     assert (content["base"], content["always"]) == ("Wang–Mason", ["adhesion (work)"])
     text = render(content)
     assert text.count('<th scope="row">Wang–Mason</th>') >= 2  # ladder and budget, where it is the law alone

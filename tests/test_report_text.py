@@ -230,7 +230,8 @@ def test_a_law_that_does_better_alone_is_named(found):
     better = LawFit(name="mirtich", variant="textbook", error=0.05, mu=0.1, eps=0.5)
     unknown = replace(found, physics=Verdict.UNKNOWN, laws=(better,))
     assert stages.better_law(unknown).endswith("try law=mirtich.")
-    assert stages.better_law(replace(unknown, physics=Verdict.EFFECTS)) == ""
+    assert "Mirtich alone has an error of 0.0500" in headline(unknown)
+    assert stages.better_law(replace(unknown, laws=(replace(better, error=0.095),))) == ""
 
 
 def test_the_terminal_prints_the_sentences_of_the_page(found, capsys):

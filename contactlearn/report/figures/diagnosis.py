@@ -84,7 +84,7 @@ def ladder(found: Diagnosis) -> Figure:
 def frontier(found: Diagnosis) -> Figure:
     """Draw the held-out error of the best model of each number of effects; the chosen number is marked."""
     figure = st.new_figure(st.PAGE, 2.6)
-    axes = st.name_axes(figure.subplots(), "number of effects", ERROR)
+    axes = st.name_axes(figure.subplots(), "number of effects (–)", ERROR)
     sizes = [len(model.effects) for model in found.frontier]
     means = [model.error.mean for model in found.frontier]
     lows, highs = ([getattr(model.error, end) for model in found.frontier] for end in ("low", "high"))
