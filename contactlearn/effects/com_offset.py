@@ -1,5 +1,6 @@
-"""The centre of mass is not the point that was tracked."""
+"""The centre of mass is not where it was thought to be."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 from torch import Tensor
@@ -11,27 +12,53 @@ from contactlearn.mechanics import rotate
 
 @dataclass(frozen=True, eq=False)
 class ComOffset(Effect):
-    """The centre of mass lies (δ_a, δ_b) from the tracked point, along the body's axes.
+    """The centre of mass lies (δ_a, δ_b) from the assumed one, along the body's axes: d = R(θ) (δ_a, δ_b).
 
-        d = R(θ) (δ_a, δ_b):      r → r − d,  v → v + ω ẑ × d, and back after contact
+        tracked    r → r − d,  v → v + ω ẑ × d, and back after contact: the tracked point was taken for the centre
+        contact    r → r − d: velocities are those of the centre, and the contact point was computed from another
 
-    The moment of inertia is taken to be about the centre of mass already.  It is not a shift of the
-    contact point alone, for the tracked velocity is then another one too.
+    The moment of inertia is taken to be about the centre of mass already.
     """
 
-    formula = "d = R(θ) (δ_a, δ_b); (r, v) ← (r − d, v + ω ẑ × d)"
     source = "calibration"
     mirror_symmetric = False
-    adds_energy = True
     last = True
     delta_a: Tensor | float = parameter("δ_a", "m", -0.02, 0.02)
     delta_b: Tensor | float = parameter("δ_b", "m", -0.02, 0.02)
 
+    @abstractmethod
     def state(self, state: State) -> State:
-        d = rotate(columns(self.delta_a, self.delta_b), state.theta)
+        """Return the state about the centre of mass."""
+
+    def shift(self, state: State) -> Tensor:
+        """Return d [..., N, 2] in m, in world axes."""
+        return rotate(columns(self.delta_a, self.delta_b), state.theta)
+
+
+@dataclass(frozen=True, eq=False)
+class ComOffsetTracked(ComOffset):
+    """The tracked velocity is that of another point, too.  It is no shift of the contact alone (`ComOffsetContact`)."""
+
+    form = "tracked"
+    formula = "d = R(θ) (δ_a, δ_b); (r, v) ← (r − d, v + ω ẑ × d)"
+    adds_energy = True
+
+    def state(self, state: State) -> State:
+        d = self.shift(state)
         velocity = state.v_pre[..., :2] + state.omega[..., None] * perpendicular(d)
         return state.replace(
             r=state.r - d,
             v_pre=columns(*velocity.unbind(-1), state.omega),
             offset=d if state.offset is None else state.offset + d,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class ComOffsetContact(ComOffset):
+    """Only the lever arm is another one.  The velocities are those of the centre of mass (`ComOffsetTracked`)."""
+
+    form = "contact"
+    formula = "d = R(θ) (δ_a, δ_b); r ← r − d"
+
+    def state(self, state: State) -> State:
+        return state.replace(r=state.r - self.shift(state))
