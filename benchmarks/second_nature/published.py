@@ -85,9 +85,9 @@ def _effect(name, text, **hooks):
 
 ON_DROPS = (
     _effect("side_drag", "a share that levels off with speed",
-            after=lambda rng, c=0.12: lambda k, v: v * (1 - c * np.tanh(_speed(v) / 0.5) * [1, 1, 0])),
+            after=lambda rng, c=0.25: lambda k, v: v * (1 - c * np.tanh(_speed(v) / 0.5) * [1, 1, 0])),
     _effect("side_drag", "quadratic in the speed",
-            after=lambda rng, c=0.1: lambda k, v: v / (1 + c * _speed(v) * [1, 1, 0])),
+            after=lambda rng, c=0.25: lambda k, v: v / (1 + c * _speed(v) * [1, 1, 0])),
     _effect("spin_damping", "quadratic in the spin",
             after=lambda rng, c=0.012: lambda k, v: v / (1 + c * np.abs(v[:, 2:]) * [0, 0, 1])),
     _effect("spin_damping", "a moment during contact, proportional to the present spin",
