@@ -228,7 +228,7 @@ def test_an_effect_on_measured_drops_changes_their_outcome_alone(ellipse_drops, 
     published.mirrored.cache_clear()
     assert torch.equal(plain.v_pre, dragged.v_pre)
     speeds = [one.v_post[:, :2].norm(dim=1).mean() for one in (plain, dragged)]
-    assert 0.8 < speeds[1] / speeds[0] < 0.99
+    assert 0.7 < speeds[1] / speeds[0] < 0.85  # a quarter at speed
     assert plain.wrench[:, 2].abs().mean() < 0.5 * ellipse_drops.wrench[:, 2].abs().mean()  # mirrored: momentum closes
 
 
@@ -250,7 +250,7 @@ def test_scores_of_known_effects():
     assert (points.first, points.exact, points.inside) == (True, True, None)
     assert not judge.score(said(["c", "b"], truth=truth)).exact
     assert not judge.score(said(["d", "a"], truth=truth)).first
-    assert judge.score(said(["d"], truth=truth, models=[("law", ["a", "b"])])).inside
+    assert judge.score(said(["d"], truth=truth, models=[("law", ["a", "b"], 0.3)])).inside
     assert judge.score(said(["a", "d"], truth=truth)).named == ((0.9, True), (0.9, False))
 
 

@@ -33,8 +33,10 @@ class Said:
     remainder: list[str]
     """Variables of the predictable residual by their share, the largest first; empty where nothing was found."""
     formulas: list[str]
-    models: list[tuple[str, list[str]]] | None
+    models: list[tuple[str, list[str], float]] | None
+    """Law, names and share of belief of each model that is reported; None where the result has none."""
     seconds: float
+    complete: bool = True
     error: str = ""
 
 
@@ -71,7 +73,7 @@ _NOTHING = {k: v for k, v in _NOTHING.items() if k not in ("name", "group", "hal
 
 
 def _written(found) -> dict[str, Any]:
-    models = getattr(found, "models", None)
+    models = found.models
     remainder = found.remainder if found.remainder is not None and found.remainder.found else None
     variables = sorted(remainder.variables, key=lambda one: -one.share) if remainder else []
     return {
@@ -86,7 +88,8 @@ def _written(found) -> dict[str, Any]:
         "findings": [str(getattr(finding, "name", finding)) for finding in found.findings],
         "remainder": [one.symbol for one in variables],
         "formulas": [one.text for one in found.formulas],
-        "models": None if models is None else [(str(one.law), [e.name for e in one.effects]) for one in models],
+        "models": [(str(one.law), [e.name for e in one.effects], one.share) for one in models] if models else None,
+        "complete": found.complete,
     }
 
 
@@ -120,13 +123,13 @@ def score(said: Said) -> Score:
         known = tuple((c, False) for c, name in zip(said.confidence, names, strict=True) if name not in truth.tolerated)
         return Score(unknown=said_so, variable=said_so and right, named=known)
     shown = {*names, *(rival for rivals in said.rivals for rival in rivals)}
-    shown |= {name for _, model in said.models or () for name in model}
+    shown |= {name for _, model, _ in said.models or () for name in model}
     if truth.asked == Asked.TWIN:
         either = hidden[0] | set(truth.rivals)
         seen = bool(shown & hidden[0]) and bool(shown & set(truth.rivals))
         return Score(first=bool(names) and names[0] in either, exact=len(names) == 1 and names[0] in either, twins=seen)
     names = [name for name in names if "object" not in name and "body" not in name]  # parameters by body
-    inside = None if said.models is None else any(matches(model, hidden) for _, model in said.models)
+    inside = None if said.models is None else any(matches(model, hidden) for _, model, _ in said.models)
     right = tuple(
         (c, any(name in accepted for accepted in hidden)) for c, name in zip(said.confidence, said.effects, strict=True)
     )

@@ -60,7 +60,10 @@ def report(said: Iterable[Said]) -> str:
         tables.wrong(said, scores),
     ]
     failed = [f"{one.name}: {one.error}" for one in said if one.error]
-    return "\n\n".join([*parts, *failed])
+    hurried = [one.name for one in said if not one.complete]
+    return "\n\n".join(
+        [*parts, *failed, f"The search ran out of time on {len(hurried)} sets: {', '.join(hurried) or '–'}"]
+    )
 
 
 def main() -> None:
