@@ -42,7 +42,7 @@ from contactlearn.report.text import (
     summary,
 )
 
-TILT, DRAG = EffectId("surface_tilt"), EffectId("side_drag")
+TILT, DRAG = EffectId("surface_tilt", "computed"), EffectId("side_drag")
 REGION = Region(
     variable="spin", where="-3 ≤ ω < 2.5 rad/s", low=-3.0, high=2.5, ratio=Interval(2.3, 1.5, 3.0), p_value=3e-8,
     rows=(0, 1, 2),
@@ -122,9 +122,11 @@ def test_the_headline_names_rivals_and_doubts(found):
     def confused(count):
         return headline(replace(found, missing=(replace(first, rivals=rivals[:count]), *others)))
 
-    assert confused(0) == "Surface tilt and spin damping (after) are missing from Wang–Mason."
-    assert confused(1).endswith("missing from Wang–Mason; these data cannot distinguish surface tilt from com offset.")
-    assert confused(3).endswith("surface tilt from com offset, shape error or one other effect.")
+    assert confused(0) == "Surface tilt (computed) and spin damping (after) are missing from Wang–Mason."
+    assert confused(1).endswith(
+        "missing from Wang–Mason; these data cannot distinguish surface tilt (computed) from com offset."
+    )
+    assert confused(3).endswith("surface tilt (computed) from com offset, shape error or one other effect.")
     more = remainder(Interval(0.05, 0.02, 0.08))
     assert headline(replace(found, remainder=more)).endswith(
         "; no known effect explains the predictable part of the residual."
@@ -208,11 +210,12 @@ def test_the_next_experiment_says_where_and_how_many():
     experiment = Experiment(separations=separations, drops=(drop,))
     assert stages.drop(drop, experiment) == (
         "A drop at θ = 28.6°, v = (−1, −2) m/s, ω = 3 rad/s: the model differs by 3.2 from side drag in place of "
-        "surface tilt and 0.4 from sampling delay in place of surface tilt, in standard deviations."
+        "surface tilt (computed) and 0.4 from sampling delay in place of surface tilt (computed), in standard "
+        "deviations."
     )
     assert [stages.needed_drops(one) for one in separations] == [
-        "About 4 drops like these distinguish surface tilt from side drag.",
-        "No drops within reach distinguish surface tilt from sampling delay.",
+        "About 4 drops like these distinguish surface tilt (computed) from side drag.",
+        "No drops within reach distinguish surface tilt (computed) from sampling delay.",
     ]
 
 
@@ -248,7 +251,7 @@ def test_the_terminal_prints_the_sentences_of_the_page(found, capsys):
         f"region: {stages.NO_REGION}",
         f"missing: {stages.missing_effect(found.missing[0])}",
         "residual: Gaussian processes on the residual reduce the held-out error by 40 % (30 % to 50 %), in τ.",
-        "  0.1000  0.0900–0.1100  + surface tilt\n",
+        "  0.1000  0.0900–0.1100  + surface tilt (computed)\n",
         f"verdict: {headline(replace(found, remainder=remainder(Interval(0.4, 0.3, 0.5))))}",
         "to use it: python evaluate.py",
     ):

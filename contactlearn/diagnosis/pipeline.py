@@ -1,6 +1,7 @@
 """The diagnosis: from measurements and a law to the effects that are missing, or to the honest alternative.
 
     audit        mistakes in the measurements; those that can be corrected are, and are reported first
+    drift        errors that wander with the sequence; then effects over the order are left out, and folds are blocks
     laws         held-out error of each law alone
     selection    a law, the given one or any, with effects of the catalogue: searched together, fitted jointly
     limits       error of the law, of processes that learn all they can, of the best rigid contact
@@ -19,6 +20,8 @@ from dataclasses import replace
 import torch
 
 from contactlearn.audit.findings import audit
+from contactlearn.audit.model_outliers import outliers_of
+from contactlearn.diagnosis.drift import blocked_folds, drift_finding, measurement_drift
 from contactlearn.diagnosis.observer import Observer, Task
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result import (
@@ -107,18 +110,32 @@ def diagnose(
     impacts = corrected(impacts, findings, thresholds)
     folds = Folds.draw(len(impacts), study.generator, repeats=2 if len(impacts) <= _FEW else 1)
     fits = study.law_fits(impacts, folds)
-    chosen = law or study.laws[min(fits, key=lambda fit: fit.error).name]
-    observer.laws(chosen.name, fits)
-    searched = search_effects(study, chosen, fits, law is None, impacts, folds)
+    study, searched, drift = _searched(study, law, fits, impacts, folds)
     explained = compare_effects(study, searched)
     rest = divide_error(study, searched, explained.ladder)
-    return _assembled(study, searched, explained, rest, fits, (*findings, *searched.notes))
+    return _assembled(study, searched, explained, rest, fits, (*findings, *drift, *searched.notes))
 
 
 def _refused(law: Law | None, findings: tuple[Finding, ...], thresholds: Thresholds) -> Diagnosis:
     """The diagnosis of data that no correction mends."""
     name, variant = (law.name, law.variant) if law else (None, None)
     return Diagnosis(verdict=Verdict.BAD_DATA, law=name, variant=variant, findings=findings, thresholds=thresholds)
+
+
+def _searched(
+    study: Study, law: Law | None, fits: Sequence[LawFit], impacts: Impacts, folds: Folds
+) -> tuple[Study, Searched, tuple[Finding, ...]]:
+    """The search, repeated without what follows the order of the trials where the measurement drifts."""
+    chosen = law or study.laws[min(fits, key=lambda fit: fit.error).name]
+    study.observer.laws(chosen.name, fits)
+    searched = search_effects(study, chosen, fits, law is None, impacts, folds)
+    drift = measurement_drift(searched.selection)
+    if drift is None:
+        return study, searched, ()
+    findings = (drift_finding(drift),)
+    study.observer.audit(findings)
+    study, folds = study.without_order(), blocked_folds(drift, searched.selection, study.generator)
+    return study, search_effects(study, chosen, fits, law is None, impacts, folds), findings
 
 
 # --- The result --------------------------------------------------------------------------------
@@ -135,6 +152,10 @@ def _assembled(
     """The complete diagnosis: what was found, and what is drawn of it."""
     selection, model = searched.selection, searched.selection.present.fit.model
     chosen, missing = _choices(study, selection, explained)
+    outliers = outliers_of(
+        selection.impacts, lambda impacts: model.predict(impacts).v_post, study.thresholds.audit.outliers
+    )
+    findings = (*findings, *([outliers] if outliers is not None else []))
     if searched.notes:  # the impacts have changed since
         laws = [LawFit.of(study.alone(study.laws[fit.name], selection.impacts), fit.error) for fit in laws]
     if missing:

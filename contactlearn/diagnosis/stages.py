@@ -18,6 +18,7 @@ from contactlearn.audit.corrections import correct
 from contactlearn.diagnosis.budget import error_budget, error_limits
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment, reachable
 from contactlearn.diagnosis.discrimination.rivals import FittedRival, find_rivals
+from contactlearn.diagnosis.drift import follows_order
 from contactlearn.diagnosis.failure.regions import find_regions
 from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.diagnosis.observer import Observer, Task
@@ -57,6 +58,7 @@ class Study:
     seconds: float
     observer: Observer
     generator: torch.Generator
+    ordered: bool = True
 
     def check(self, impacts: Impacts) -> None:
         """Refuse too few trials, and limits of the set-up that make no sense, before any work is done."""
@@ -64,6 +66,11 @@ class Study:
         if len(impacts) < fewest:
             raise DataError(f"{impacts.source}: a diagnosis needs at least {fewest} trials, got {len(impacts)}")
         reachable(impacts, self.limits)
+
+    def without_order(self) -> "Study":
+        """Return the question without what follows the order of the trials, candidates and flexible models."""
+        kept = {key: effect for key, effect in self.candidates.items() if not follows_order(key)}
+        return replace(self, candidates=kept, ordered=False)
 
     def progress(self, task: Task) -> Callable[[Iterable], Iterable]:
         """Wrap the items of a long task."""
@@ -103,6 +110,7 @@ class Study:
     def remainder(self, model: ValidatedFit, impacts: Impacts, folds: Folds) -> LearnedRemainder:
         """The predictable part of the residual of a model."""
         fit, limits = model.fit, self.thresholds.remainder
+        impacts = impacts if self.ordered else impacts.replace(order=torch.zeros_like(impacts.order))
         return learn_remainder(
             impacts, fit.model, folds, generator=self.generator, inliers=fit.inliers, thresholds=limits
         )

@@ -56,6 +56,12 @@ class Folds:
                 fitted.append(order[~part])
         return cls(torch.stack(fitted), torch.stack(held_out))
 
+    @classmethod
+    def of(cls, held_out: Int[Tensor, "b m"], trials: int) -> "Folds":
+        """Make folds from the rows that they hold out; every other row of the N trials is fitted to."""
+        out = torch.zeros(len(held_out), trials, dtype=torch.bool).scatter(1, held_out, True)
+        return cls((~out).nonzero()[:, 1].reshape(len(held_out), -1), held_out)
+
     def scores(self, score: Float[Tensor, "b N"]) -> Float[Tensor, " N"]:
         """Average the scores of each trial over the folds that hold it out; nan where none does."""
         picked = score.gather(1, self.held_out)

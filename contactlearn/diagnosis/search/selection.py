@@ -124,6 +124,7 @@ def select(
         progress: wraps the sizes of the search.
     """
     prepared = {key: effect.prepare(impacts) for key, effect in candidates.items()}
+    prepared = {key: effect for key, effect in prepared.items() if effect.parameters}
     pool = Pool(laws, impacts, prepared, given, options)
     for law in pool.laws:
         pool.fitted(Spec(law), starts.get(law))

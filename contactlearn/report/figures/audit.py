@@ -41,6 +41,14 @@ _QUESTIONS = {
 _VECTOR = 5000  # dots that a PDF draws one by one
 
 
+_OF_MODELS = ("measurement_drift", "model_outliers")  # findings about residuals, which the impacts alone do not show
+
+
+def drawable(finding: Finding) -> bool:
+    """Tell whether the impacts show the evidence for a finding."""
+    return finding.name not in _OF_MODELS
+
+
 @st.look()
 def audit_figure(
     finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds = AuditThresholds()

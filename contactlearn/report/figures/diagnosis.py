@@ -12,7 +12,7 @@ from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.effects import EffectId
 from contactlearn.impacts import Impacts
 from contactlearn.report.figures import style as st
-from contactlearn.report.figures.audit import audit_figure
+from contactlearn.report.figures.audit import audit_figure, drawable
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.regions import ERROR, regions_figure
 from contactlearn.report.figures.residual import residual_figure
@@ -46,7 +46,7 @@ def drawn(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
 def _audit_figures(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
     """A figure for each finding; the corrections of the findings before it are made in both of its sides."""
     figures, impacts = {}, raw.replace(suspect=True)
-    for finding in found.findings:
+    for finding in filter(drawable, found.findings):
         names = [finding.correction] if finding.correction else finding.hypothesis
         after = correct(impacts, names)
         figures[f"audit_{finding.name}"] = audit_figure(finding, impacts, after)
