@@ -93,6 +93,10 @@ def _written(found) -> dict[str, Any]:
     }
 
 
+SAME = {"corner_radius": "shape_error"}
+"""Names that the catalogue has for a part of what another name means in the truth."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Score:
     """Answers to the questions of a set; None where a question is not asked of it."""
@@ -111,7 +115,7 @@ class Score:
 def score(said: Said) -> Score:
     """Compare what was said with the truth."""
     truth = Truth(**said.truth)
-    hidden, names = [set(accepted) for accepted in truth.effects], said.effects
+    hidden, names = [set(accepted) for accepted in truth.effects], [SAME.get(name, name) for name in said.effects]
     if truth.asked == Asked.INCLUDES:
         return Score(first=bool(hidden[0] & set(names))) if hidden else Score()
     if truth.asked == Asked.ORDERED:
@@ -131,7 +135,9 @@ def score(said: Said) -> Score:
     names = [name for name in names if "object" not in name and "body" not in name]  # parameters by body
     inside = None if said.models is None else any(matches(model, hidden) for _, model, _ in said.models)
     right = tuple(
-        (c, any(name in accepted for accepted in hidden)) for c, name in zip(said.confidence, said.effects, strict=True)
+        (c, any(SAME.get(name, name) in accepted for accepted in hidden))
+        for c, name in zip(said.confidence, said.effects, strict=True)
+        if "body" not in name
     )
     if not hidden:
         return Score(exact=not names, false_name=bool(names), inside=inside, named=right)
