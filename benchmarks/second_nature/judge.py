@@ -36,6 +36,10 @@ class Said:
     models: list[tuple[str, list[str], float]] | None
     """Law, names and share of belief of each model that is reported; None where the result has none."""
     seconds: float
+    gains: list[float]
+    """Share of the error that each named effect takes away, the others in the model."""
+    left: float
+    """Share of the error that flexible models take away beyond the named effects."""
     complete: bool = True
     error: str = ""
 
@@ -66,10 +70,15 @@ def ask(planted_set: PlantedSet) -> dict[str, Any]:
 _NOTHING = asdict(
     Said(
         name="", group="", half="", n=0, truth={}, effects=[], forms=[], confidence=[], parameters=[], rivals=[],
-        law=None, verdict="failed", physics="failed", findings=[], remainder=[], formulas=[], models=None, seconds=0,
+        law=None, verdict="failed", physics="failed", findings=[], remainder=[], formulas=[], models=None, seconds=0, gains=[], left=0.0,
     )
 )  # fmt: skip
 _NOTHING = {k: v for k, v in _NOTHING.items() if k not in ("name", "group", "half", "n", "truth", "seconds", "error")}
+
+
+def _gain(reduction: float, found) -> float:
+    """The reduction of the error by an effect, as a share of the error without it."""
+    return reduction / max(found.budget.named.mean + reduction, 1e-300)
 
 
 def _written(found) -> dict[str, Any]:
@@ -89,6 +98,8 @@ def _written(found) -> dict[str, Any]:
         "remainder": [one.symbol for one in variables],
         "formulas": [one.text for one in found.formulas],
         "models": [(str(one.law), [e.name for e in one.effects], one.share) for one in models] if models else None,
+        "gains": [_gain(one.error_reduction, found) for one in found.missing],
+        "left": 0.0 if found.remainder is None else found.remainder.share.mean,
         "complete": found.complete,
     }
 

@@ -18,9 +18,9 @@ class SelectionThresholds:
     trials_per_parameter: int = 10
     """Trials that each parameter of a candidate must have to itself; richer candidates explain noise
     (row selection.trials_per_parameter)."""
-    least_gain: float = 0.03
+    least_gain: float = 0.02
     """Share of the held-out error that an effect must take away to be worth a name (row selection.least_gain)."""
-    gain_sigmas: float = 2.0
+    gain_sigmas: float = 2.5
     """Standard errors by which the held-out gain of an effect must exceed 0 (row selection.gain_sigmas)."""
     window: float = 7.0
     """Nats above the chosen model's score within which another model is plausible: odds of 1000
