@@ -70,7 +70,8 @@ def ask(planted_set: PlantedSet) -> dict[str, Any]:
 _NOTHING = asdict(
     Said(
         name="", group="", half="", n=0, truth={}, effects=[], forms=[], confidence=[], parameters=[], rivals=[],
-        law=None, verdict="failed", physics="failed", findings=[], remainder=[], formulas=[], models=None, seconds=0, gains=[], left=0.0,
+        law=None, verdict="failed", physics="failed", findings=[], remainder=[], formulas=[], models=None, seconds=0,
+        gains=[], left=0.0,
     )
 )  # fmt: skip
 _NOTHING = {k: v for k, v in _NOTHING.items() if k not in ("name", "group", "half", "n", "truth", "seconds", "error")}

@@ -117,7 +117,7 @@ class Search:
         """Fit models of a size from those with one effect less: of each law alone, later of the best."""
         parents = self.models(size - 1) if size == 1 else self._beam(size - 1)
         each = [self._predicted(parent, _larger) for parent in parents]
-        near = min(one.score for one in parents) + HOPELESS * len(self.pool.impacts)
+        near = min((one.score for one in parents), default=0.0) + HOPELESS * len(self.pool.impacts)
         for proposals in each:
             self._fit(proposals, near, most=1)
         self._fit(sorted((one for some in each for one in some), key=lambda one: one.score))

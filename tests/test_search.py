@@ -1,0 +1,167 @@
+"""The search over laws and effects: its linearisation, its exchanges, its set of models, and its clock."""
+
+import pytest
+import torch
+
+from contactlearn.data import mystery, synthetic
+from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.search.candidates import all_candidates
+from contactlearn.diagnosis.search.frontier import Search
+from contactlearn.diagnosis.search.plausible import inclusion, plausible_models
+from contactlearn.diagnosis.search.pool import Pool, Spec, identities
+from contactlearn.diagnosis.search.quadratic import Group
+from contactlearn.effects import EffectId, find_effect
+from contactlearn.identification.joint import FitOptions
+from contactlearn.laws import find
+from contactlearn.model import ContactModel
+from contactlearn.report.text import headline
+
+PATCH, INERTIA = EffectId("contact_patch", "linear"), EffectId("inertia_error")
+SPIN, DRAG = EffectId("spin_damping", "after"), EffectId("side_drag")
+
+
+def few(*ids):
+    return {key: effect for key, effect in all_candidates().items() if key in ids}
+
+
+def pooled(impacts, *ids, laws=("wang_mason",)):
+    """A pool with the laws alone."""
+    prepared = {key: effect.prepare(impacts) for key, effect in few(*ids).items()}
+    pool = Pool({law: find(law) for law in laws}, impacts, prepared, {}, FitOptions())
+    for law in laws:
+        pool.fitted(Spec(law))
+    return pool
+
+
+def planted(size, seed=0, **effects):
+    """Synthetic drops with effects of these values."""
+    states = synthetic.load(size=size, seed=seed)
+    inside = {name: find_effect(name)(**values) for name, values in effects.items()}
+    outcome = ContactModel(find("wang_mason").at(0.12, 0.55), effects=inside).predict(states).v_post
+    generator, unit = torch.Generator().manual_seed(seed), torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
+    return states.replace(v_post=outcome + unit * torch.randn(size, 3, generator=generator, dtype=torch.float64))
+
+
+def spec(*effects, law="wang_mason"):
+    return Spec(law, frozenset(effects))
+
+
+def test_a_small_effect_gains_what_its_linearisation_predicts():
+    impacts = planted(300, inertia_error={"kappa": 0.012}, contact_patch={"c": 0.00006})
+    pool = pooled(impacts, SPIN, INERTIA, PATCH)
+    base = pool.models[Spec("wang_mason")]
+    quadratic = pool.quadratic(base)
+    sets = [frozenset(), *(frozenset({Group(effect)}) for effect in (INERTIA, PATCH))]
+    losses, theta = quadratic.losses(sets)
+    for one, loss, values in zip(sets[1:], losses[1:], theta[1:], strict=True):
+        (effect,) = identities(one)
+        fitted = pool.fitted(spec(effect))
+        predicted = (losses[0] - loss).item()
+        assert predicted == pytest.approx((base.fit.loss - fitted.fit.loss).item() * len(impacts), rel=0.3, abs=2.0)
+        step = quadratic.values(one, values)[effect]
+        assert step == pytest.approx(fitted.values[effect], rel=0.3, abs=3 * fitted.fit.standard_errors[-1].item())
+
+
+def test_a_deletion_is_predicted_too():
+    impacts = planted(300, inertia_error={"kappa": 0.015}, spin_damping={"c": 0.1})
+    pool = pooled(impacts, SPIN, INERTIA)
+    both = pool.fitted(spec(SPIN, INERTIA))
+    quadratic = pool.quadratic(both)
+    present = frozenset({Group(SPIN), Group(INERTIA)})
+    assert quadratic.present == present
+    losses, _ = quadratic.losses([present, present - {Group(INERTIA)}])
+    without = pool.fitted(spec(SPIN))
+    assert (losses[1] - losses[0]).item() == pytest.approx(
+        (without.fit.loss - both.fit.loss).item() * len(impacts), rel=0.3, abs=2.0
+    )
+
+
+def test_a_parameter_stays_within_its_range():
+    """A loss of spin cannot be negative, so a spin that grows is no reason for it."""
+    drops = synthetic.load(size=200, seed=2)
+    faster = drops.replace(v_post=drops.v_post * torch.tensor((1.0, 1.0, 1.1)), suspect=True)
+    pool = pooled(faster, SPIN)
+    quadratic = pool.quadratic(pool.models[Spec("wang_mason")])
+    _, theta = quadratic.losses([frozenset({Group(SPIN)})])
+    assert theta[0, -1] == 0
+
+
+def test_the_score_charges_for_parameters_and_for_choosing_among_many():
+    impacts = synthetic.load(size=100)
+    one, many = pooled(impacts, SPIN), pooled(impacts, SPIN, INERTIA, PATCH, DRAG)
+    log_n = torch.tensor(100.0).log().item()
+    assert one.penalty(frozenset({SPIN})) - one.penalty(frozenset()) == pytest.approx(log_n / 2)
+    extra = many.penalty(frozenset({SPIN})) - many.penalty(frozenset())
+    assert extra == pytest.approx(log_n / 2 + torch.tensor(4.0).log().item())
+
+
+def test_law_and_effects_are_found_together():
+    impacts, truth = mystery.draw(31, size=300)
+    hidden = {effect["name"] for effect in truth["effects"]}
+    ids = [key for key in all_candidates() if key.name in hidden | {"adhesion", "gravity_impulse", "surface_tilt"}]
+    pool = pooled(impacts, *ids, laws=("whittaker", "anitescu_potra_poisson", "wang_mason", "mirtich"))
+    assert Search(pool, 4, 100.0).run()
+    best = pool.best()
+    assert best.spec.families == hidden
+    assert pool.models[best.spec.with_law(truth["law"])].score < best.score + 2
+
+
+def test_laws_that_agree_share_the_belief():
+    """Where W_tn = 0 a ball follows Routh's path under every restitution."""
+    drops = synthetic.load(size=120, seed=5)
+    central = drops.replace(r=drops.r * torch.tensor((0.0, 1.0)), suspect=True)
+    noise = 0.01 * torch.randn(120, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    outcome = ContactModel(find("wang_mason").at(0.2, 0.6)).predict(central).v_post
+    measured = central.replace(v_post=outcome + noise)
+    pool = pooled(measured, SPIN, laws=("wang_mason", "mirtich", "drumwright_shell"))
+    chosen = pool.models[Spec("wang_mason")]
+    models = plausible_models(pool, chosen, 7.0, torch.Generator().manual_seed(0))
+    shares = {one.model.spec.law: one.share for one in models}
+    assert shares["wang_mason"] == pytest.approx(shares["mirtich"], abs=0.01)
+    assert sum(shares.values()) == pytest.approx(1)
+    assert inclusion(models, SPIN) == 0
+
+
+def test_a_larger_model_that_is_no_better_is_not_plausible():
+    pool = pooled(planted(200, spin_damping={"c": 0.2}), SPIN, INERTIA, DRAG)
+    alone, larger = (pool.fitted(spec(*some)) for some in ((SPIN,), (SPIN, DRAG)))
+    assert alone.score < larger.score < alone.score + 7
+    models = plausible_models(pool, larger, 7.0, torch.Generator().manual_seed(0))
+    assert alone in [one.model for one in models]
+    assert all(one.model.spec.effects != {SPIN, DRAG} or one.model is larger for one in models)
+    found = plausible_models(pool, alone, 7.0, torch.Generator().manual_seed(0))
+    assert [one.model for one in found] == [alone]
+    assert inclusion(found, SPIN) == pytest.approx(1)
+
+
+def test_a_search_without_time_says_so():
+    impacts, _ = mystery.draw(12, effects=["spin_damping"], size=80)
+    found = diagnose(impacts, find("wang_mason"), candidates=few(SPIN, DRAG), seconds=1e-6)
+    assert not found.complete
+    assert found.models
+    assert found.frontier[0].effects == ()
+
+
+def test_a_wrong_law_that_was_given_is_called_wrong():
+    impacts, truth = mystery.draw(5, size=150)
+    assert truth["law"] == "mirtich"
+    hidden = {effect["name"] for effect in truth["effects"]}
+    ids = [key for key in all_candidates() if key.name in hidden]
+    found = diagnose(impacts, find("whittaker"), candidates=few(*ids))
+    assert found.better_law.name == "mirtich"
+    assert found.physics == "unknown"
+    assert "Whittaker is not the law of these data" in headline(found)
+
+
+def test_a_measurement_that_drifts_is_called_that():
+    """Errors with a memory of ten trials, alike for all impacts: no physics."""
+    impacts = synthetic.load(size=200, seed=3)
+    generator, wander = torch.Generator().manual_seed(1), torch.zeros(200, 3, dtype=torch.float64)
+    for k in range(1, 200):
+        wander[k] = 0.9 * wander[k - 1] + 0.4 * torch.randn(3, generator=generator, dtype=torch.float64)
+    drifting = impacts.replace(v_post=impacts.v_post + wander * torch.tensor((0.03, 0.03, 1.0)), suspect=True)
+    drift = [key for key in all_candidates() if key.name == "parameter_drift"]
+    found = diagnose(drifting, find("wang_mason"), candidates=few(SPIN, *drift))
+    assert "measurement_drift" in [finding.name for finding in found.findings]
+    assert found.physics == "none"
+    assert found.verdict == "bad_data"
