@@ -76,6 +76,7 @@ def missing(effect: EffectId, reduction: Interval | None = None) -> MissingEffec
         error_before=ERROR,
         error_after=ERROR,
         error_reduction=0.01,
+        share=1.0,
         confidence=1.0,
         inadmissible_before=0.0,
         inadmissible_after=0.0,

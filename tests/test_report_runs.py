@@ -67,7 +67,7 @@ def diagnosed(names=("spin_damping:after",), first=0.3, law="wang_mason", **data
     missing = tuple(
         MissingEffect(
             effect=effect, equation="", parameters=(), error_before=of(0.2), error_after=of(0.1), error_reduction=0.1,
-            confidence=1.0, inadmissible_before=0.0, inadmissible_after=0.0,
+            share=1.0, confidence=1.0, inadmissible_before=0.0, inadmissible_after=0.0,
         )
         for effect in effects
     )  # fmt: skip

@@ -100,7 +100,7 @@ def test_law_and_effects_are_found_together():
     hidden = {effect["name"] for effect in truth["effects"]}
     ids = [key for key in all_candidates() if key.name in hidden | {"adhesion", "gravity_impulse", "surface_tilt"}]
     pool = pooled(impacts, *ids, laws=("whittaker", "anitescu_potra_poisson", "wang_mason", "mirtich"))
-    assert Search(pool, 4, 100.0).run()
+    assert Search(pool, 4).run()
     best = pool.best()
     assert best.spec.families == hidden
     assert pool.models[best.spec.with_law(truth["law"])].score < best.score + 2

@@ -251,7 +251,7 @@ def test_scores_of_known_effects():
     assert not judge.score(said(["c", "b"], truth=truth)).exact
     assert not judge.score(said(["d", "a"], truth=truth)).first
     assert judge.score(said(["d"], truth=truth, models=[("law", ["a", "b"], 0.3)])).inside
-    assert judge.score(said(["a", "d"], truth=truth)).named == ((0.9, True), (0.9, False))
+    assert judge.score(said(["a", "d"], truth=truth)).named == ((0, True), (1, False))
 
 
 def test_scores_of_nothing_unknown_and_twins():

@@ -38,6 +38,8 @@ class Said:
     seconds: float
     gains: list[float]
     """Share of the error that each named effect takes away, the others in the model."""
+    shares: list[float]
+    """Share of the plausible models that has each named effect."""
     left: float
     """Share of the error that flexible models take away beyond the named effects."""
     complete: bool = True
@@ -71,7 +73,7 @@ _NOTHING = asdict(
     Said(
         name="", group="", half="", n=0, truth={}, effects=[], forms=[], confidence=[], parameters=[], rivals=[],
         law=None, verdict="failed", physics="failed", findings=[], remainder=[], formulas=[], models=None, seconds=0,
-        gains=[], left=0.0,
+        gains=[], shares=[], left=0.0,
     )
 )  # fmt: skip
 _NOTHING = {k: v for k, v in _NOTHING.items() if k not in ("name", "group", "half", "n", "truth", "seconds", "error")}
@@ -100,6 +102,7 @@ def _written(found) -> dict[str, Any]:
         "formulas": [one.text for one in found.formulas],
         "models": [(str(one.law), [e.name for e in one.effects], one.share) for one in models] if models else None,
         "gains": [_gain(one.error_reduction, found) for one in found.missing],
+        "shares": [one.share for one in found.missing],
         "left": 0.0 if found.remainder is None else found.remainder.share.mean,
         "complete": found.complete,
     }
@@ -120,8 +123,8 @@ class Score:
     unknown: bool | None = None
     variable: bool | None = None
     twins: bool | None = None
-    named: tuple[tuple[float, bool], ...] = ()
-    """Confidence of each named effect, and whether it is in the set; of sets of which all effects are known."""
+    named: tuple[tuple[int, bool], ...] = ()
+    """Place of each named effect among the names, and whether it is in the set, where all effects of that are known."""
 
 
 def score(said: Said) -> Score:
@@ -136,7 +139,7 @@ def score(said: Said) -> Score:
     if truth.asked == Asked.UNKNOWN:
         said_so = said.physics == "unknown"
         right = bool(set(said.remainder[:2]) & set(truth.variables))
-        known = tuple((c, False) for c, name in zip(said.confidence, names, strict=True) if name not in truth.tolerated)
+        known = tuple((k, False) for k, name in enumerate(names) if name not in truth.tolerated)
         return Score(unknown=said_so, variable=said_so and right, named=known)
     shown = {*names, *(rival for rivals in said.rivals for rival in rivals)}
     shown |= {name for _, model, _ in said.models or () for name in model}
@@ -144,12 +147,10 @@ def score(said: Said) -> Score:
         either = hidden[0] | set(truth.rivals)
         seen = bool(shown & hidden[0]) and bool(shown & set(truth.rivals))
         return Score(first=bool(names) and names[0] in either, exact=len(names) == 1 and names[0] in either, twins=seen)
-    names = [name for name in names if "object" not in name and "body" not in name]  # parameters by body
+    all_names, names = names, [name for name in names if "body" not in name]  # parameters by body
     inside = None if said.models is None else any(matches(model, hidden) for _, model, _ in said.models)
     right = tuple(
-        (c, any(SAME.get(name, name) in accepted for accepted in hidden))
-        for c, name in zip(said.confidence, said.effects, strict=True)
-        if "body" not in name
+        (k, any(name in accepted for accepted in hidden)) for k, name in enumerate(all_names) if "body" not in name
     )
     if not hidden:
         return Score(exact=not names, false_name=bool(names), inside=inside, named=right)

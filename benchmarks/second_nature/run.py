@@ -56,7 +56,7 @@ def report(said: Iterable[Said]) -> str:
     parts = [
         tables.by_group(said, scores),
         tables.criteria(said, scores),
-        tables.reliability(scores),
+        tables.reliability(said, scores),
         tables.wrong(said, scores),
     ]
     failed = [f"{one.name}: {one.error}" for one in said if one.error]

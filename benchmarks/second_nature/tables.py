@@ -84,12 +84,17 @@ def criteria(said: Sequence[Said], scores: Sequence[Score]) -> str:
     return _table(["first name right", "asked for", "measured", "met"], rows)
 
 
-def reliability(scores: Iterable[Score]) -> str:
+def reliability(said: Iterable[Said], scores: Iterable[Score]) -> str:
     """Named effects by tenths of their confidence: how many of them are in the set."""
+    pairs = zip(said, scores, strict=True)
+    return reliability_of((one.confidence[k], right) for one, points in pairs for k, right in points.named)
+
+
+def reliability_of(names: Iterable[tuple[float, bool]]) -> str:
+    """The same of confidences and of whether the names are right."""
     bins = defaultdict(list)
-    for points in scores:
-        for confidence, right in points.named:
-            bins[min(int(10 * confidence), 9)].append((confidence, right))
+    for confidence, right in names:
+        bins[min(int(10 * confidence), 9)].append((confidence, right))
     rows = [
         [f"{k / 10:.1f}–{(k + 1) / 10:.1f}", f"{sum(c for c, _ in b) / len(b):.3f}", share([r for _, r in b])]
         for k, b in sorted(bins.items())

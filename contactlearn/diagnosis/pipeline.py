@@ -35,6 +35,7 @@ from contactlearn.diagnosis.result import (
     RungKind,
     Verdict,
 )
+from contactlearn.diagnosis.search.calibration import calibrated
 from contactlearn.diagnosis.search.candidates import all_candidates, all_laws
 from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
 from contactlearn.diagnosis.search.selection import Selection, validated
@@ -152,6 +153,7 @@ def _assembled(
     """The complete diagnosis: what was found, and what is drawn of it."""
     selection, model = searched.selection, searched.selection.present.fit.model
     chosen, missing = _choices(study, selection, explained)
+    missing = tuple(replace(one, confidence=_confidence(one, rest, len(selection.impacts))) for one in missing)
     outliers = outliers_of(
         selection.impacts, lambda impacts: model.predict(impacts).v_post, study.thresholds.audit.outliers
     )
@@ -219,6 +221,12 @@ def _choices(
         for one in missing
     )
     return chosen, complete
+
+
+def _confidence(one: MissingEffect, rest: Unexplained, trials: int) -> float:
+    """The probability that a name is right."""
+    gain = one.error_reduction / (rest.budget.named.mean + max(one.error_reduction, 0.0) or 1.0)
+    return calibrated(one.share, gain, rest.learned.remainder.share.mean, trials)
 
 
 def _plausible(selection: Selection) -> tuple[PlausibleModel, ...]:

@@ -104,9 +104,8 @@ def _show_search(found: Diagnosis) -> None:
         say(f"frontier: {search.frontier_line(model)}")
     for model in search.listed_models(found):
         say(f"model: {search.share(model)}  {search.model_name(model.law, model.effects)}")
-    for note in (search.equal_laws(found), "" if found.complete else search.STOPPED):
-        if note:
-            say(f"note: {note}")
+    for note in search.notes(found):
+        say(f"note: {note}")
 
 
 def _show_rivals(found: Diagnosis) -> None:

@@ -62,12 +62,11 @@ class Search:
     Args:
         pool: receives the models.
         most_effects: of a model.
-        seconds: after which nothing more is fitted.
+        end: of the time, by `time.monotonic()`, after which nothing more is fitted.
     """
 
-    def __init__(self, pool: Pool, most_effects: int, seconds: float) -> None:
-        self.pool, self.most_effects = pool, most_effects
-        self.end = time.monotonic() + seconds
+    def __init__(self, pool: Pool, most_effects: int, end: float = math.inf) -> None:
+        self.pool, self.most_effects, self.end = pool, most_effects, end
         self.quadratics: dict[Spec, Quadratic] = {}
 
     @property

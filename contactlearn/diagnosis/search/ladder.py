@@ -48,6 +48,7 @@ def ladder(selection: Selection, regions: Sequence[Region], generator: torch.Gen
             error_before=errors[k],
             error_after=errors[k + 1],
             error_reduction=reductions[effect],
+            share=inclusion(selection.plausible, effect),
             confidence=inclusion(selection.plausible, effect),
             inadmissible_before=outside[k],
             inadmissible_after=outside[k + 1],

@@ -7,6 +7,7 @@ compare    the models that the data cannot tell from the chosen one (`plausible`
 """
 
 import math
+import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -128,7 +129,7 @@ def select(
     pool = Pool(laws, impacts, prepared, given, options)
     for law in pool.laws:
         pool.fitted(Spec(law), starts.get(law))
-    complete = _searched(pool, thresholds.most_effects, seconds, generator, progress)
+    complete = _searched(pool, thresholds.most_effects, time.monotonic() + seconds, generator, progress)
     spec = _pruned(pool, folds, pool.best(), thresholds).spec
     _fit_neighbours(pool, pool.models[spec], thresholds.window)
     return Selection(
@@ -157,25 +158,25 @@ def smaller(pool: Pool, model: ScoredFit, effect: EffectId) -> ScoredFit:
 def _searched(
     pool: Pool,
     most: int,
-    seconds: float,
+    end: float,
     generator: torch.Generator,
     progress: Callable[[Iterable], Iterable],
 ) -> bool:
     """Fill a pool with the models that may be the best; return whether the search came to its own end."""
     trials = len(pool.impacts)
     if trials <= _SEARCHED:
-        return Search(pool, most, seconds).run(progress)
+        return Search(pool, most, end).run(progress)
     rows = torch.randperm(trials, generator=generator)[:_SEARCHED].sort().values
     part = Pool(pool.laws, pool.impacts[rows], pool.candidates, pool.given, pool.options)
     for law in pool.laws:
         part.fitted(Spec(law), pool.models[Spec(law)].fit.values)
-    search = Search(part, most, seconds)
+    search = Search(part, most, end)
     complete = search.run(progress)
     best = part.best()
     for size in range(len(best.spec.effects) + 2):
         for model in search.models(size)[:_CARRIED]:
             pool.fitted(model.spec, model.fit.values)
-    Search(pool, most, seconds).improve()
+    Search(pool, most, end).improve()
     return complete
 
 
@@ -200,4 +201,4 @@ def _worth_a_name(without: ValidatedFit, whole: ValidatedFit, thresholds: Select
 
 def _fit_neighbours(pool: Pool, model: ScoredFit, window: float) -> None:
     """Fit the exchanges of one effect that may be as good, and the same effects around other laws."""
-    Search(pool, len(model.spec.effects), math.inf).exchange_all(model, model.score + window, _RIVAL_FITS)
+    Search(pool, len(model.spec.effects)).exchange_all(model, model.score + window, _RIVAL_FITS)

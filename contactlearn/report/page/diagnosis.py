@@ -104,13 +104,12 @@ def _ladder(found: Diagnosis) -> dict[str, Any]:
 
 def _search(found: Diagnosis) -> dict[str, Any]:
     """The best model of each number of effects, and the models that the data cannot tell apart."""
-    notes = (search.equal_laws(found), "" if found.complete else search.STOPPED)
     return {
         "frontier": [{"name": search.model_name(m.law, m.effects), **bounded(m.error)} for m in found.frontier],
         "plausible": [
             {"name": search.model_name(m.law, m.effects), "share": search.share(m)} for m in search.listed_models(found)
         ],
-        "search_notes": [note for note in notes if note],
+        "search_notes": search.notes(found),
     }
 
 

@@ -10,7 +10,7 @@ from contactlearn.report.text.numbers import error, percent
 _SHOWN = 5
 _LEAST = 0.01  # of all belief, below which a model is not listed
 
-STOPPED = "The search ran out of time: there may be better models than those that it compared."
+_STOPPED = "The search ran out of time: there may be better models than those that it compared."
 
 
 def model_name(law: str, effects: Sequence[EffectId]) -> str:
@@ -38,6 +38,20 @@ def equal_laws(found: Diagnosis) -> str:
         return ""
     names = listed(f"{law_label(name)} ({percent(belief[name])})" for name in sorted(others, key=lambda x: -belief[x]))
     return f"These data cannot distinguish {law_label(found.law)} ({percent(belief[found.law])}) from {names}."
+
+
+def confidences(found: Diagnosis) -> str:
+    """Say how probable it is that each name is right; empty where nothing is named."""
+    if not found.missing:
+        return ""
+    names = listed(f"{effect_label(one.effect)} {percent(min(one.confidence, 0.99))}" for one in found.missing)
+    return f"The probability that a name is right, from planted data: {names}."
+
+
+def notes(found: Diagnosis) -> list[str]:
+    """List what else is to be said of the search."""
+    said = (confidences(found), equal_laws(found), "" if found.complete else _STOPPED)
+    return [note for note in said if note]
 
 
 def frontier_line(model: FrontierModel) -> str:
