@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 from scipy.optimize import minimize
 
-from contactlearn.diagnosis.search.calibration import COEFFICIENTS, features
+from contactlearn.diagnosis.search.calibration import COEFFICIENTS, regressors
 from second_nature import tables
 from second_nature.judge import Said, score
 from second_nature.run import read
@@ -28,7 +28,9 @@ MEAN = np.array([0.0, 0.5, 0.0, -4.0, 0.0])
 def names(said: list[Said]) -> tuple[np.ndarray, np.ndarray]:
     """Regressors of every named effect, and whether it is right."""
     rows = [
-        (features(one.shares[k], one.gains[k], one.left, one.n), right) for one in said for k, right in score(one).named
+        (regressors(one.shares[k], one.gains[k], one.left, one.n), right)
+        for one in said
+        for k, right in score(one).named
     ]
     return np.array([x for x, _ in rows]), np.array([y for _, y in rows], dtype=float)
 

@@ -10,7 +10,7 @@ Source: Platt 1999.
 import math
 
 COEFFICIENTS = (0.0, 0.0, 0.0, 0.0, 0.0)
-"""Of `features`, fitted by `benchmarks/second_nature/calibrate.py`."""
+"""Of `regressors`, fitted by `benchmarks/second_nature/calibrate.py`."""
 _FULL = 0.995  # a share beyond which no set of models is large enough to tell
 
 
@@ -24,11 +24,11 @@ def calibrated(share: float, gain: float, left: float, trials: int) -> float:
         trials: number of them.
     """
     return 1 / (
-        1 + math.exp(-sum(x * b for x, b in zip(features(share, gain, left, trials), COEFFICIENTS, strict=True)))
+        1 + math.exp(-sum(x * b for x, b in zip(regressors(share, gain, left, trials), COEFFICIENTS, strict=True)))
     )
 
 
-def features(share: float, gain: float, left: float, trials: int) -> tuple[float, ...]:
+def regressors(share: float, gain: float, left: float, trials: int) -> tuple[float, ...]:
     """Compute the regressors: 1, and each quantity on a scale on which it adds up."""
     odds = min(share, _FULL) / (1 - min(share, _FULL))
     return (

@@ -144,7 +144,7 @@ class Search:
 
     def _transfer(self, model: ScoredFit) -> None:
         """Fit the effects of a model around the other laws that are not hopeless at its own parameters."""
-        near = model.score + HOPELESS * len(self.pool.impacts)
+        near = self.pool.score_at(model.spec, model.fit.values) + HOPELESS * len(self.pool.impacts)
         for law in self.pool.laws:
             spec = model.spec.with_law(law)
             if spec not in self.pool.models and self.pool.score_at(spec, model.fit.values) < near:

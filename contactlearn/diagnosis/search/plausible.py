@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit
+from contactlearn.diagnosis.validation import robust_covariance
 from contactlearn.effects import EffectId
 from contactlearn.identification.robust import robust_distance
 
@@ -78,5 +79,5 @@ def _shares(
 def _losses(pool: Pool, model: ScoredFit) -> Float[Tensor, " n"]:
     """Robust loss of each trial in nats, up to a constant."""
     residual = pool.impacts.v_post - model.fit.model.predict(pool.impacts).v_post
-    scatter = model.fit.scatter
+    scatter = robust_covariance(residual)  # that of the fit is in units of the noise, where that is known
     return robust_distance(residual, scatter) + 0.5 * scatter.logdet()

@@ -118,7 +118,7 @@ class Pool:
         return trials * loss + self._penalty(2 + sum(len(e.parameters) for e in effects.values()), len(spec.effects))
 
     def score_at(self, spec: Spec, values: Float[Tensor, " k"]) -> float:
-        """Compute the score that a model has at some values, without a fit."""
+        """Compute the score of a model at some values without a fit; to be compared with others of these alone."""
         effects = self.effects(spec)
         prediction = assemble(self.laws[spec.law], effects, values).predict(self.impacts)
         residual = self.impacts.v_post - prediction.v_post

@@ -90,7 +90,8 @@ class Selection:
         """Compute the mean held-out error of the chosen effects around a law; None if they do not suit it at all."""
         pool = Pool({law.name: law}, self.impacts, self.pool.candidates, self.given, self.pool.options)
         spec, values = self.spec.with_law(law.name), self.present.fit.values
-        if pool.score_at(spec, values) > self.chosen.score + HOPELESS * len(self.impacts):
+        own = self.pool.score_at(self.spec, values)
+        if pool.score_at(spec, values) > own + HOPELESS * len(self.impacts):
             return None
         return validated(pool, self.folds, pool.fitted(spec, values)).mean_error
 
