@@ -1,8 +1,8 @@
 """Joint identification of a law's (μ, ε) and the parameters of the effects around it.
 
-The model leaves e_k of the post velocity (or the wrench) of trial k; `robust` finds the parameters under
-which these are most likely, robustly, many subsets and starts at once.  Derivatives are exact: each
-trial gets parameters of its own, so three backward passes give all of them.
+The model leaves e_k of the post velocity (or the wrench) of trial k (`problem`); `robust` finds the parameters under
+which these are most likely, robustly, many subsets and starts at once.  Where the noise of the velocities is known,
+before impact as after it, `errors_in_variables` finds the states before impact with them.
 """
 
 from collections.abc import Mapping
@@ -13,15 +13,15 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from contactlearn.effects import Effect, Parameter, State
+from contactlearn.effects import Effect, Parameter
 from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.identification import robust
+from contactlearn.identification import errors_in_variables, robust
+from contactlearn.identification.problem import JointProblem, effects_at
 from contactlearn.identification.shared import Box
 from contactlearn.identification.thresholds import FitThresholds
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
-from contactlearn.mechanics import velocity_per_wrench
-from contactlearn.model import ContactModel, derivative, resolve
+from contactlearn.model import ContactModel
 from contactlearn.numerics import is_number
 
 TARGETS = ("velocity", "wrench")
@@ -33,7 +33,7 @@ class FitOptions:
     """Options of a joint fit.
 
     Raises:
-        DataError: noise that is not three positive numbers.
+        DataError: noise that is not three positive numbers, or noise before impact alone.
         UnknownNameError: no such target.
     """
 
@@ -42,9 +42,14 @@ class FitOptions:
     target: str = "velocity"
     """The compared quantity: `velocity` for v_post, or `wrench`."""
     noise: tuple[float, float, float] | None = None
-    """Standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), known up to a common factor.
+    """Standard deviations of the measured v_x, v_y (m/s) and ω (rad/s) after impact, known up to a common factor.
 
-    If None the residual is weighed by its own scatter.
+    If None the residual is weighed by its own scatter, and v_pre counts as exact.
+    """
+    noise_before: tuple[float, float, float] | None = None
+    """Those before impact, in the unit of `noise` and up to the same factor; as `noise` if None, and 0 for exact ones.
+
+    A component of v_pre that is the same in all trials counts as exact.
     """
     starts: int = 8
     """Of the search, for each subset."""
@@ -54,10 +59,14 @@ class FitOptions:
     """Limits of what is said about the fit."""
 
     def __post_init__(self):
-        if self.noise is not None and (len(self.noise) != 3 or not all(is_number(x) and x > 0 for x in self.noise)):
-            raise DataError(
-                f"noise must be three positive standard deviations, of v_x, v_y in m/s and ω in rad/s; got {self.noise}"
-            )
+        for name, sign, least in (("noise", "positive", 5e-324), ("noise_before", "non-negative", 0.0)):
+            sigma = getattr(self, name)
+            if sigma is not None and (len(sigma) != 3 or not all(is_number(x) and x >= least for x in sigma)):
+                raise DataError(
+                    f"{name} must be three {sign} standard deviations, of v_x, v_y in m/s and ω in rad/s; got {sigma}"
+                )
+        if self.noise_before is not None and self.noise is None:
+            raise DataError(f"noise_before={self.noise_before} needs noise, that after impact, in the same units")
         if self.target not in TARGETS:
             raise UnknownNameError("target of a joint fit", self.target, TARGETS)
 
@@ -73,7 +82,7 @@ class JointFit:
     parameters: tuple[Parameter, ...]
     values: Tensor
     covariance: Tensor
-    scatter: Tensor  # robust covariance [..., 3, 3] of the residual, in squares of the target's units
+    scatter: Tensor  # robust covariance [..., 3, 3] of the residual, in squares of the target's units or of its noise
     weight: Tensor  # [..., n] of the trials, near 0 for gross outliers and 1 for ordinary ones
     effective_trials: Tensor  # [..., K] number of trials that the information on each parameter comes from
     loss: Tensor  # [...] what was minimised, nats a trial
@@ -167,8 +176,12 @@ def identify_jointly(
     if rows.shape[-1] < least:
         raise DataError(f"{len(parameters)} parameters need at least {least} trials, got {rows.shape[-1]}")
     flat = rows.reshape(-1, rows.shape[-1])
-    problem = _Problem.of(law, effects, impacts, flat, parameters, options)
-    theta, scatter, loss, agreement, converged = robust.search(problem, options.starts, start, options.tolerance)
+    problem, noise = _observed(law, effects, impacts, flat, parameters, options)
+    if noise is None:
+        found = robust.search(problem, options.starts, start, options.tolerance)
+    else:
+        problem, found = errors_in_variables.search(problem, noise, options.starts, start, options.tolerance)
+    theta, scatter, loss, agreement, converged = found
     covariance, weight, effective = robust.uncertainty(problem, theta, scatter)
     back = (
         x.reshape(rows.shape[:-1] + x.shape[1:])
@@ -199,7 +212,9 @@ def linearise(
     """What a law with effects leaves at parameters [K], and how that changes with them; options as of a fit."""
     rows = torch.arange(len(impacts))[None]
     parameters = named_parameters(effects, Box())
-    problem = _Problem.of(law, effects, impacts, rows, parameters, options)
+    problem, noise = _observed(law, effects, impacts, rows, parameters, options)
+    if noise is not None:
+        problem = errors_in_variables.about_latent_states(problem, noise, theta[None])
     residual, slope = problem.linearised(theta[None])
     return Linearisation(*(part[0] for part in robust.whitened(residual, slope, scatter[None])))
 
@@ -218,81 +233,23 @@ def assemble(law: Law, effects: Mapping[str, Effect], theta: Tensor, covariance:
     """The model at parameters [..., K]; with leading axes they broadcast against [..., N]."""
     shaped = theta[..., None, :] if theta.ndim > 1 else theta
     return ContactModel(
-        law.at(shaped[..., 0], shaped[..., 1]), effects=_at(effects, shaped), parameter_covariance=covariance
+        law.at(shaped[..., 0], shaped[..., 1]), effects=effects_at(effects, shaped), parameter_covariance=covariance
     )
 
 
-def _at(effects: Mapping[str, Effect], theta: Tensor) -> dict[str, Effect]:
-    counts = [len(effect.parameters) for effect in effects.values()]
-    parts = theta[..., 2:].split(counts, -1) if counts else ()
-    return {name: effect.at(part) for (name, effect), part in zip(effects.items(), parts, strict=True)}
-
-
-@dataclass(frozen=True)
-class _Problem:
-    """B problems of n trials: the measured target [B, n, 3] and what whitens it by its known noise."""
-
-    law: Law
-    effects: Mapping[str, Effect]
-    state: State
-    measured: Tensor
-    whitening: Tensor | None
-    target: str
-    low: Tensor
-    high: Tensor
-    start: Tensor
-    reach: Tensor
-
-    @classmethod
-    def of(
-        cls,
-        law: Law,
-        effects: Mapping[str, Effect],
-        impacts: Impacts,
-        rows: Tensor,
-        parameters: tuple[Parameter, ...],
-        options: FitOptions,
-    ) -> "_Problem":
-        target, noise = options.target, options.noise
-        measured = (impacts.v_post if target == "velocity" else impacts.wrench)[rows]
-        state, whitening = State.of(impacts, rows), None
-        if noise is not None:
-            whitening = torch.diag(1 / torch.tensor(noise, dtype=torch.float64)).expand(*rows.shape, 3, 3)
-            if target == "wrench":  # the velocity that goes with it
-                whitening = whitening @ velocity_per_wrench(state.mass, state.inertia, state.r)
-        limits = torch.tensor([(p.low, p.high, p.start) for p in parameters], dtype=torch.float64)
-        low, high, start = limits.T
-        nuisance = torch.tensor([p.vanishing is None for p in parameters])
-        reach = torch.where(nuisance, high - low, (high - low) / 3)
-        return cls(law, effects, state, measured, whitening, target, low, high, start, reach)
-
-    def __len__(self) -> int:
-        return len(self.measured)
-
-    @property
-    def scaled(self) -> bool:
-        return self.whitening is not None
-
-    def __getitem__(self, which: Tensor | slice | tuple[slice, slice]) -> "_Problem":
-        whitening = None if self.whitening is None else self.whitening[which]
-        return replace(self, state=self.state[which], measured=self.measured[which], whitening=whitening)
-
-    def thinned(self, most: int) -> "_Problem":
-        """Every k-th trial alone, at most `most` a problem."""
-        step = -(-self.measured.shape[1] // most)
-        return self[:, ::step]
-
-    def residual(self, theta: Tensor) -> Tensor:
-        """Residual, whitened by the known noise, [..., B, n, 3] at parameters [..., B, n or 1, K]."""
-        prediction = resolve(self.law, _at(self.effects, theta), self.state, theta[..., 0], theta[..., 1])
-        residual = self.measured - (prediction.v_post if self.target == "velocity" else prediction.wrench)
-        return residual if self.whitening is None else (self.whitening @ residual[..., None])[..., 0]
-
-    def linearised(self, theta: Tensor) -> tuple[Tensor, Tensor]:
-        """Residual [B, n, 3], and its derivative [B, n, 3, K], at parameters [B, K]."""
-        own = theta[:, None, :].expand(*self.measured.shape[:2], -1)
-        own = [part.clone().requires_grad_() for part in own.unbind(-1)]
-        with torch.enable_grad():
-            residual = self.residual(torch.stack(own, -1))
-            slope = derivative(residual, own)
-        return residual.detach(), slope
+def _observed(
+    law: Law,
+    effects: Mapping[str, Effect],
+    impacts: Impacts,
+    rows: Tensor,
+    parameters: tuple[Parameter, ...],
+    options: FitOptions,
+) -> tuple[JointProblem, Tensor | None]:
+    """The problem of rows [B, n] about the measured v_pre, and the noise [2, 3] before and after if v_pre has any."""
+    after = None if options.noise is None else torch.tensor(options.noise, dtype=torch.float64)
+    problem = JointProblem.of(law, effects, impacts, rows, parameters, options.target, after)
+    if after is None:
+        return problem, None
+    before = after if options.noise_before is None else torch.tensor(options.noise_before, dtype=torch.float64)
+    before = before * (impacts.v_pre != impacts.v_pre[0]).any(0)
+    return problem, torch.stack((before, after)) if before.any() else None

@@ -1,0 +1,96 @@
+"""Noise before impact in a joint fit: orthogonal-distance regression, or functional maximum likelihood.
+
+    v_pre = ξ + δ,  v_post = f(ξ, θ) + ε,      δ ~ N(0, s² Σ_b),  ε ~ N(0, s² Σ_a)
+
+A fit that takes v_pre for exact underestimates what the outcome owes to it.  Here each trial has a latent state ξ_k.
+About the last one, with J = ∂f/∂v_pre there,
+
+    e_k = v_post − f(ξ) − J (v_pre − ξ)        S_k = Σ_a + J Σ_b Jᵀ
+    ξ_k ← v_pre + Σ_b Jᵀ S_k⁻¹ e_k
+
+and the robust fit of v_post − J (v_pre − ξ) by f(ξ, θ), whitened by S_k, moves θ.  Where both settle, the gradient in θ is that
+of Σ_k min over ξ of the weighted squared distance to both measurements: e_kᵀ S_k⁻¹ e_k is that distance, and the
+robust weights are of it.
+
+Sources: Boggs, Byrd & Schnabel 1987; Fuller 1987; Carroll et al. 2006.
+"""
+
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn.identification import robust
+from contactlearn.identification.problem import JointProblem
+
+_ROUNDS = 4
+_SETTLED = 1e-3  # of a parameter's range
+_STEPS = (1.0, 0.5, 0.25, 0.0)  # shares of a step of a latent state, of which the best is taken
+
+
+def search(
+    observed: JointProblem,
+    noise: Float[Tensor, "2 3"],
+    starts: int,
+    start: Tensor | None = None,
+    tolerance: float = robust.TOLERANCE,
+) -> tuple[JointProblem, tuple[Tensor, ...]]:
+    """Return the problem about the latent states, and its solution as `robust.search` does.
+
+    Args:
+        observed: problem about the measured v_pre.
+        noise: standard deviations of v_pre and of v_post.
+        starts: of the search with exact v_pre, which comes first.
+        start: parameters [..., K] to begin at instead.
+        tolerance: of the search.
+    """
+    if start is None:
+        theta, _, _, agreement, _ = robust.search(observed, starts, None, tolerance)
+    else:
+        theta, agreement = start.expand(len(observed), -1).clamp(observed.low, observed.high), None
+    problem, width = observed, observed.high - observed.low
+    for _ in range(_ROUNDS):
+        problem = _corrected(observed, problem, noise, theta)
+        last = theta
+        theta, scatter, loss, alone, converged = robust.search(problem, 1, last, tolerance)
+        settled = ((theta - last).abs() <= _SETTLED * width).all(-1)
+        if settled.all():
+            break
+    return problem, (theta, scatter, loss, alone if agreement is None else agreement, converged & settled)
+
+
+def about_latent_states(observed: JointProblem, noise: Float[Tensor, "2 3"], theta: Tensor) -> JointProblem:
+    """Return the problem about the latent states at parameters [B, K]; arguments as of `search`."""
+    problem = observed
+    for _ in range(_ROUNDS):
+        problem = _corrected(observed, problem, noise, theta)
+    return problem
+
+
+def _corrected(observed: JointProblem, problem: JointProblem, noise: Tensor, theta: Tensor) -> JointProblem:
+    """The problem about new latent states, from the last one's at parameters [B, K]."""
+    before, after = (torch.diag(sigma.square()) for sigma in noise)
+    last, seen = problem.state.v_pre, observed.state.v_pre
+    outcome, J = observed.over_state(last, theta)
+    J = J.nan_to_num(0.0, 0.0, 0.0)
+    factor = torch.linalg.cholesky(after + J @ before @ J.mT)
+    residual = observed.measured - outcome - _times(J, seen - last)
+    pull = torch.cholesky_solve(residual[..., None], factor)
+    step = seen + _times(before @ J.mT, pull[..., 0]) - last
+    tried = last + torch.tensor(_STEPS, dtype=step.dtype)[:, None, None, None] * step
+    apart = ((tried - seen) / noise[0]).nan_to_num(0.0).square() + (
+        (observed.measured - observed.outcome(tried, theta[:, None])) / noise[1]
+    ).square()
+    latent = tried.gather(0, apart.sum(-1, keepdim=True).nan_to_num(torch.inf).argmin(0, keepdim=True).expand(1, *step.shape))[0]
+    eye = torch.eye(3, dtype=J.dtype).expand_as(J)
+    return replace(
+        observed,
+        state=observed.state.replace(v_pre=latent),
+        measured=observed.measured + _times(J, latent - seen),
+        whitening=torch.linalg.solve_triangular(factor, eye, upper=False),
+    )
+
+
+def _times(A: Tensor, x: Tensor) -> Tensor:
+    return (A @ x[..., None])[..., 0]

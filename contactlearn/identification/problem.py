@@ -1,0 +1,120 @@
+"""The residual of a law with effects over many subsets of trials, as a problem for `robust`.
+
+    e_k(θ) = v_post,k − f(v_pre,k, θ), whitened by the noise of trial k where that is known
+
+Derivatives are exact: each trial gets parameters and a state of its own, so three backward passes give all of them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from contactlearn.effects import Effect, Parameter, State
+from contactlearn.impacts import Impacts
+from contactlearn.laws import Law
+from contactlearn.model import derivative, resolve
+
+
+def effects_at(effects: Mapping[str, Effect], theta: Tensor) -> dict[str, Effect]:
+    """Return the effects at parameters [..., K] of a fit, of which μ and ε are the first."""
+    counts = [len(effect.parameters) for effect in effects.values()]
+    parts = theta[..., 2:].split(counts, -1) if counts else ()
+    return {name: effect.at(part) for (name, effect), part in zip(effects.items(), parts, strict=True)}
+
+
+@dataclass(frozen=True)
+class JointProblem:
+    """B problems of n trials: the measured target [B, n, 3] and, where its noise is known, what whitens it.
+
+    The model starts from the `state`.
+    """
+
+    law: Law
+    effects: Mapping[str, Effect]
+    state: State
+    measured: Tensor
+    whitening: Tensor | None
+    target: str
+    low: Tensor
+    high: Tensor
+    start: Tensor
+    reach: Tensor
+
+    @classmethod
+    def of(
+        cls,
+        law: Law,
+        effects: Mapping[str, Effect],
+        impacts: Impacts,
+        rows: Tensor,
+        parameters: Sequence[Parameter],
+        target: str,
+        noise: Tensor | None,
+    ) -> "JointProblem":
+        """Return the problem of rows [B, n] of the impacts.
+
+        Args:
+            law: analytical; its own μ and ε are ignored.
+            effects: by name, prepared.
+            impacts: measurements.
+            rows: of the impacts.
+            parameters: of the fit.
+            target: `velocity` or `wrench`; the same where the noise is known, since each wrench has its velocity.
+            noise: standard deviations [3] of the measured v_post.
+        """
+        whitening = None
+        if noise is not None:
+            target, whitening = "velocity", torch.diag(1 / noise).expand(*rows.shape, 3, 3)
+        measured = (impacts.v_post if target == "velocity" else impacts.wrench)[rows]
+        limits = torch.tensor([(p.low, p.high, p.start) for p in parameters], dtype=torch.float64)
+        low, high, start = limits.T
+        nuisance = torch.tensor([p.vanishing is None for p in parameters])
+        reach = torch.where(nuisance, high - low, (high - low) / 3)
+        return cls(law, effects, State.of(impacts, rows), measured, whitening, target, low, high, start, reach)
+
+    def __len__(self) -> int:
+        return len(self.measured)
+
+    @property
+    def scaled(self) -> bool:
+        """Whether the residual is whitened by its known noise."""
+        return self.whitening is not None
+
+    def __getitem__(self, which: Tensor | slice | tuple[slice, slice]) -> "JointProblem":
+        whitening = None if self.whitening is None else self.whitening[which]
+        return replace(self, state=self.state[which], measured=self.measured[which], whitening=whitening)
+
+    def thinned(self, most: int) -> "JointProblem":
+        """Return every k-th trial alone, at most `most` a problem."""
+        step = -(-self.measured.shape[1] // most)
+        return self[:, ::step]
+
+    def residual(self, theta: Tensor) -> Tensor:
+        """Residual, whitened by the known noise, [..., B, n, 3] at parameters [..., B, n or 1, K]."""
+        residual = self.measured - self.outcome(self.state.v_pre, theta)
+        return residual if self.whitening is None else (self.whitening @ residual[..., None])[..., 0]
+
+    def linearised(self, theta: Tensor) -> tuple[Tensor, Tensor]:
+        """Residual [B, n, 3], and its derivative [B, n, 3, K], at parameters [B, K]."""
+        own = theta[:, None, :].expand(*self.measured.shape[:2], -1)
+        own = [part.clone().requires_grad_() for part in own.unbind(-1)]
+        with torch.enable_grad():
+            residual = self.residual(torch.stack(own, -1))
+            slope = derivative(residual, own)
+        return residual.detach(), slope
+
+    def over_state(self, v_pre: Tensor, theta: Tensor) -> tuple[Tensor, Tensor]:
+        """Outcome [B, n, 3], and its derivative [B, n, 3, 3] in v_pre, at v_pre [B, n, 3] and parameters [B, K]."""
+        own = [part.clone().requires_grad_() for part in v_pre.unbind(-1)]
+        with torch.enable_grad():
+            outcome = self.outcome(torch.stack(own, -1), theta[:, None])
+            slope = derivative(outcome, own)
+        return outcome.detach(), slope
+
+    def outcome(self, v_pre: Tensor, theta: Tensor) -> Tensor:
+        """Outcome [..., B, n, 3] as the target, from v_pre [..., B, n, 3] at parameters [..., B, n or 1, K]."""
+        state, (mu, eps) = self.state.replace(v_pre=v_pre), (theta[..., 0], theta[..., 1])
+        prediction = resolve(self.law, effects_at(self.effects, theta), state, mu, eps)
+        return prediction.v_post if self.target == "velocity" else prediction.wrench
