@@ -14,7 +14,7 @@ from contactlearn.model import ContactModel
 from contactlearn.regression.gp.sparse import SparseGPs
 
 _PAPER = ("fazeli2017",)
-_JOINT_FIT = ("lange1989", "mackinnon1985")
+_JOINT_FIT = ("lange1989", "mackinnon1985", "boggs1987", "fuller1987", "carroll2006")
 _PROCESSES = ("rasmussen2006", "gardner2018")
 _SPARSE = ("titsias2009", "burt2020")
 
@@ -22,8 +22,9 @@ _SPARSE = ("titsias2009", "burt2020")
 def cite(model: ContactModel | Law) -> str:
     """Return the BibTeX entries of everything that a model uses, each once.
 
-    The entries are those of the paper that the package starts from, the law, its effects, the joint fit where the
-    model states standard errors, and the Gaussian processes where it has any.  They are not those of the data.
+    The entries are those of the paper that the package starts from, the law, its effects, the joint fit (noise before
+    impact included) where the model states standard errors, and the Gaussian processes where it has any.  They are not
+    those of the data.
 
     Raises:
         UnknownNameError: a law or an effect names a key that references.bib lacks.

@@ -29,7 +29,8 @@ def test_a_fitted_model_cites_effects_and_method():
     drops = synthetic.load(size=60)
     effects = {"drag": find_effect("side_drag")(), "soft": find_effect("velocity_dependent_restitution")()}
     model = identify_jointly(laws.find("wang_mason"), effects, drops).model
-    assert _keys(cite(model)) == ["fazeli2017", "wang1992", "johnson1985", "kuwabara1987", "lange1989", "mackinnon1985"]
+    fit = ["lange1989", "mackinnon1985", "boggs1987", "fuller1987", "carroll2006"]
+    assert _keys(cite(model)) == ["fazeli2017", "wang1992", "johnson1985", "kuwabara1987", *fit]
 
 
 def test_a_learned_model_cites_processes():
@@ -59,4 +60,5 @@ def test_every_key_is_known_and_every_reference_is_used():
     shipped += [form for family in catalogue().values() for form in family]
     named = {key for kind in shipped if kind.__module__.startswith("contactlearn.") for key in kind.citations}
     methods = {"fazeli2017", "lange1989", "mackinnon1985", "rasmussen2006", "gardner2018", "titsias2009", "burt2020"}
+    methods |= {"boggs1987", "fuller1987", "carroll2006"}
     assert named | methods == set(_references())

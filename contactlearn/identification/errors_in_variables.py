@@ -8,9 +8,10 @@ About the last one, with J = ∂f/∂v_pre there,
     e_k = v_post − f(ξ) − J (v_pre − ξ)        S_k = Σ_a + J Σ_b Jᵀ
     ξ_k ← v_pre + Σ_b Jᵀ S_k⁻¹ e_k
 
-and the robust fit of v_post − J (v_pre − ξ) by f(ξ, θ), whitened by S_k, moves θ.  Where both settle, the gradient in θ is that
-of Σ_k min over ξ of the weighted squared distance to both measurements: e_kᵀ S_k⁻¹ e_k is that distance, and the
-robust weights are of it.
+and the robust fit of v_post − J (v_pre − ξ) by f(ξ, θ), whitened by S_k, moves θ.  Where both settle, the gradient in θ
+is that of Σ_k min over ξ of the weighted squared distance to both measurements: e_kᵀ S_k⁻¹ e_k is that distance, and
+the robust weights are of it.  A step of ξ_k is shortened, or left out, where it would lead away from the measurements:
+J jumps where a contact changes its mode, and full steps then go to and fro.
 
 Sources: Boggs, Byrd & Schnabel 1987; Fuller 1987; Carroll et al. 2006.
 """
@@ -25,7 +26,7 @@ from contactlearn.identification import robust
 from contactlearn.identification.problem import JointProblem
 
 _ROUNDS = 4
-_SETTLED = 1e-3  # of a parameter's range
+_SETTLED = 1e-3  # of a parameter's range; the next step is a thirtieth of it, or less
 _STEPS = (1.0, 0.5, 0.25, 0.0)  # shares of a step of a latent state, of which the best is taken
 
 
@@ -79,10 +80,10 @@ def _corrected(observed: JointProblem, problem: JointProblem, noise: Tensor, the
     pull = torch.cholesky_solve(residual[..., None], factor)
     step = seen + _times(before @ J.mT, pull[..., 0]) - last
     tried = last + torch.tensor(_STEPS, dtype=step.dtype)[:, None, None, None] * step
-    apart = ((tried - seen) / noise[0]).nan_to_num(0.0).square() + (
-        (observed.measured - observed.outcome(tried, theta[:, None])) / noise[1]
-    ).square()
-    latent = tried.gather(0, apart.sum(-1, keepdim=True).nan_to_num(torch.inf).argmin(0, keepdim=True).expand(1, *step.shape))[0]
+    missed = observed.measured - observed.outcome(tried, theta[:, None])
+    moved = ((tried - seen) / noise[0]).nan_to_num(0.0)  # 0/0 where v_pre is exact
+    apart = (moved.square() + (missed / noise[1]).square()).sum(-1, keepdim=True).nan_to_num(torch.inf)
+    latent = tried.gather(0, apart.argmin(0, keepdim=True).expand(1, *step.shape))[0]
     eye = torch.eye(3, dtype=J.dtype).expand_as(J)
     return replace(
         observed,
