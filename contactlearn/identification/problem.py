@@ -93,7 +93,7 @@ class JointProblem:
 
     def residual(self, theta: Tensor) -> Tensor:
         """Residual, whitened by the known noise, [..., B, n, 3] at parameters [..., B, n or 1, K]."""
-        residual = self.measured - self.outcome(self.state.v_pre, theta)
+        residual = self.measured - self._outcome(self.state, theta)
         return residual if self.whitening is None else (self.whitening @ residual[..., None])[..., 0]
 
     def linearised(self, theta: Tensor) -> tuple[Tensor, Tensor]:
@@ -115,6 +115,9 @@ class JointProblem:
 
     def outcome(self, v_pre: Tensor, theta: Tensor) -> Tensor:
         """Outcome [..., B, n, 3] as the target, from v_pre [..., B, n, 3] at parameters [..., B, n or 1, K]."""
-        state, (mu, eps) = self.state.replace(v_pre=v_pre), (theta[..., 0], theta[..., 1])
-        prediction = resolve(self.law, effects_at(self.effects, theta), state, mu, eps)
+        return self._outcome(self.state.replace(v_pre=v_pre), theta)
+
+    def _outcome(self, state: State, theta: Tensor) -> Tensor:
+        """That of a state, which keeps its inertia from call to call."""
+        prediction = resolve(self.law, effects_at(self.effects, theta), state, theta[..., 0], theta[..., 1])
         return prediction.v_post if self.target == "velocity" else prediction.wrench
