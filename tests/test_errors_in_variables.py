@@ -46,7 +46,7 @@ EXACT = (0.0, 0.0, 0.0)
 @pytest.mark.parametrize("times", [1, 4])
 @pytest.mark.parametrize("case", CASES)
 def test_the_mean_is_the_truth(case, times):
-    """Twenty tables; at four times the noise, a fit that takes v_pre for exact is wrong about each effect."""
+    """Twenty tables; at four times the noise, a fit that takes v_pre for exact is wrong about a slope over the speed."""
     law, names = CASES[case]
     noise = times * NOISE
     drops, chosen, theta = planted(law, names, noise, SEEDS * TRIALS)
@@ -57,7 +57,7 @@ def test_the_mean_is_the_truth(case, times):
     assert (error.abs() < 3).all(), error
     covered = ((fit.values - theta).abs() <= 1.96 * fit.standard_errors).sum(0)
     assert (covered >= 16).all(), covered  # of 20; at 95 % fewer happen once in 400
-    if names and times == 4:
+    if "velocity_dependent_restitution" in names and times == 4:
         old = identify_jointly(find(law), chosen, drops, rows, options=options(noise, EXACT), start=theta).values
         bias = (old.mean(0) - theta) / (old.std(0) / math.sqrt(SEEDS))
         assert bias[2] > 3, bias
@@ -82,7 +82,8 @@ def test_it_is_deming_regression_where_the_outcome_is_linear():
     deming = (yy - xx + ((yy - xx).square() + 4 * xy.square()).sqrt()) / (2 * xy)
     assert fit.values[1].item() == pytest.approx(deming.item(), rel=1e-5)
     least_squares = identify_jointly(find("wang_mason"), {}, drops, options=options(noise, EXACT, box=box)).values[1]
-    assert least_squares < deming - 0.5 * (fit.standard_errors[1])
+    dilution = (noise[1] ** 2 / x.square().mean()).item()
+    assert (1 - least_squares / deming).item() == pytest.approx(dilution, rel=0.4)
 
 
 def test_gross_outliers_hardly_matter():

@@ -30,7 +30,7 @@ _SETTLED = 1e-3  # of a parameter's range; the next step is a thirtieth of it, o
 _STEPS = (1.0, 0.5, 0.25, 0.0)  # shares of a step of a latent state, of which the best is taken
 
 
-def search(
+def solve(
     observed: JointProblem,
     noise: Float[Tensor, "2 3"],
     starts: int,
@@ -62,7 +62,7 @@ def search(
 
 
 def about_latent_states(observed: JointProblem, noise: Float[Tensor, "2 3"], theta: Tensor) -> JointProblem:
-    """Return the problem about the latent states at parameters [B, K]; arguments as of `search`."""
+    """Return the problem about the latent states at parameters [B, K]; arguments as of `solve`."""
     problem = observed
     for _ in range(_ROUNDS):
         problem = _corrected(observed, problem, noise, theta)

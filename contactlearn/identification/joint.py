@@ -180,7 +180,7 @@ def identify_jointly(
     if noise is None:
         found = robust.search(problem, options.starts, start, options.tolerance)
     else:
-        problem, found = errors_in_variables.search(problem, noise, options.starts, start, options.tolerance)
+        problem, found = errors_in_variables.solve(problem, noise, options.starts, start, options.tolerance)
     theta, scatter, loss, agreement, converged = found
     covariance, weight, effective = robust.uncertainty(problem, theta, scatter)
     back = (
