@@ -46,7 +46,7 @@ EXACT = (0.0, 0.0, 0.0)
 @pytest.mark.parametrize("times", [1, 4])
 @pytest.mark.parametrize("case", CASES)
 def test_the_mean_is_the_truth(case, times):
-    """Twenty tables; at four times the noise, a fit that takes v_pre for exact is wrong about a slope over the speed."""
+    """Twenty tables; at four times the noise, a fit that takes v_pre for exact is wrong about a slope."""
     law, names = CASES[case]
     noise = times * NOISE
     drops, chosen, theta = planted(law, names, noise, SEEDS * TRIALS)
