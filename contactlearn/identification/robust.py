@@ -226,6 +226,7 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
     residual, slope = problem.linearised(theta)
     width = problem.high - problem.low
     slope = slope * width  # parameters in units of their ranges from here on
+    residual, slope = (x.nan_to_num(0.0, 0.0, 0.0) for x in (residual, slope))  # the loss of such a fit is infinite
     distance, n, K = _distance(residual, scatter), residual.shape[1], theta.shape[-1]
     _, curvature, slope, each = _normal(residual, slope, scatter)
     weight = _weight(distance)
