@@ -51,14 +51,14 @@ def solve(
     else:
         theta, agreement = start.expand(len(observed), -1).clamp(observed.low, observed.high), None
     problem, width = observed, observed.high - observed.low
-    for _ in range(_ROUNDS):
+    for left in reversed(range(_ROUNDS)):
         problem = _corrected(observed, problem, noise, theta)
         last = theta
         theta, scatter, loss, alone, converged = robust.search(problem, 1, last, tolerance)
         settled = ((theta - last).abs() <= _SETTLED * width).all(-1)
-        if settled.all():
-            break
-    return problem, (theta, scatter, loss, alone if agreement is None else agreement, converged & settled)
+        if settled.all() or left == 0:
+            return problem, (theta, scatter, loss, alone if agreement is None else agreement, converged & settled)
+    raise AssertionError("unreachable: the last round returns")
 
 
 def about_latent_states(observed: JointProblem, noise: Float[Tensor, "2 3"], theta: Tensor) -> JointProblem:
