@@ -49,6 +49,9 @@ def _finding(found: Diagnosis, law: str, effects: str) -> str:
         known = f" {opened(effects)} {verb} missing as well{_rivals(found.missing)}." if effects else ""
         if found.better_law is not None:
             return f"{law} is not the law of these data: {stages.better_law(found)}{known}"
+        if effects and found.budget is not None and found.budget.shares.explained > found.budget.shares.unexplained:
+            rest = "and something unknown besides: no effect of the catalogue explains the rest"
+            return f"{opened(effects)} {verb} missing from {law}{_rivals(found.missing)}, {rest}."
         return f"An unknown effect is missing from {law}: no effect of the catalogue explains its error.{known}"
     if effects:
         rest = "; no known effect explains the predictable part of the residual" if predictable else ""
