@@ -5,12 +5,13 @@ import torch
 
 from contactlearn.data import mystery, synthetic
 from contactlearn.diagnosis.pipeline import diagnose
-from contactlearn.diagnosis.search.candidates import all_candidates
+from contactlearn.diagnosis.search.candidates import all_candidates, follows_order
 from contactlearn.diagnosis.search.frontier import Search
 from contactlearn.diagnosis.search.plausible import inclusion, plausible_models
 from contactlearn.diagnosis.search.pool import Pool, Spec, identities
 from contactlearn.diagnosis.search.quadratic import Group
 from contactlearn.effects import EffectId, find_effect
+from contactlearn.effects.formula.effect import formula
 from contactlearn.identification.joint import FitOptions
 from contactlearn.laws import find
 from contactlearn.model import ContactModel
@@ -151,6 +152,15 @@ def test_a_wrong_law_that_was_given_is_called_wrong():
     assert found.better_law.name == "mirtich"
     assert found.physics == "unknown"
     assert "Whittaker is not the law of these data" in headline(found)
+
+
+def test_what_follows_the_order_is_known_by_its_predictions():
+    """Also where it is one's own, so that no name is needed."""
+    drops, candidates = synthetic.load(size=30), all_candidates()
+    following = {key.name for key, effect in candidates.items() if follows_order(effect, drops)}
+    assert following == {"parameter_drift"}
+    assert follows_order(formula(eps="c*order", parameters={"c": [-1, 1]}), drops)
+    assert not follows_order(formula(eps="c*vn", parameters={"c": [-1, 1]}), drops)
 
 
 def test_a_measurement_that_drifts_is_called_that():

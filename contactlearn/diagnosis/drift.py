@@ -8,6 +8,7 @@ order would take its wandering for physics, and folds drawn at random would let 
 import torch
 
 from contactlearn.audit.result import Evidence, Finding
+from contactlearn.diagnosis.search.candidates import follows_order
 from contactlearn.diagnosis.search.pool import ScoredFit, Spec
 from contactlearn.diagnosis.search.selection import Selection
 from contactlearn.diagnosis.sequence import Dependence, blocks, dependence, drift_kind
@@ -15,13 +16,13 @@ from contactlearn.diagnosis.validation import Folds
 from contactlearn.effects import EffectId
 from contactlearn.identification.joint import linearise
 
-_ORDERED = ("parameter_drift",)  # families that follow the order of the trials
 _FOLDS = 5
 
 
-def follows_order(effect: EffectId) -> bool:
-    """Tell whether an effect depends on the order of the trials."""
-    return effect.name in _ORDERED
+def ordered_candidates(selection: Selection) -> set[EffectId]:
+    """Return the candidates that follow the order of the trials."""
+    candidates, impacts = selection.pool.candidates, selection.impacts
+    return {key for key, effect in candidates.items() if follows_order(effect, impacts)}
 
 
 def measurement_drift(selection: Selection) -> Dependence | None:
@@ -68,6 +69,6 @@ def drift_finding(found: Dependence) -> Finding:
 def _without_order(selection: Selection) -> ScoredFit:
     """The chosen model without effects that follow the order."""
     pool, effects = selection.pool, selection.spec.effects
-    kept = frozenset(effect for effect in effects if not follows_order(effect))
+    kept = frozenset(key for key in effects if not follows_order(pool.candidates[key], selection.impacts))
     spec = Spec(selection.spec.law, kept)
     return pool.fitted(spec, pool.start(spec, selection.chosen, {}))

@@ -21,7 +21,7 @@ import torch
 
 from contactlearn.audit.findings import audit
 from contactlearn.audit.model_outliers import outliers_of
-from contactlearn.diagnosis.drift import blocked_folds, drift_finding, measurement_drift
+from contactlearn.diagnosis.drift import blocked_folds, drift_finding, measurement_drift, ordered_candidates
 from contactlearn.diagnosis.observer import Observer, Task
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result import (
@@ -34,6 +34,7 @@ from contactlearn.diagnosis.result import (
     Rung,
     RungKind,
     Verdict,
+    clearly_better,
 )
 from contactlearn.diagnosis.search.calibration import calibrated
 from contactlearn.diagnosis.search.candidates import all_candidates, all_laws
@@ -131,12 +132,13 @@ def _searched(
     study.observer.laws(chosen.name, fits)
     searched = search_effects(study, chosen, fits, law is None, impacts, folds)
     drift = measurement_drift(searched.selection)
-    if drift is None:
+    rest = study if drift is None else study.without_order(ordered_candidates(searched.selection))
+    if drift is None or not rest.candidates:
         return study, searched, ()
     findings = (drift_finding(drift),)
     study.observer.audit(findings)
-    study, folds = study.without_order(), blocked_folds(drift, searched.selection, study.generator)
-    return study, search_effects(study, chosen, fits, law is None, impacts, folds), findings
+    folds = blocked_folds(drift, searched.selection, study.generator)
+    return rest, search_effects(rest, chosen, fits, law is None, impacts, folds), findings
 
 
 # --- The result --------------------------------------------------------------------------------
@@ -253,7 +255,7 @@ def _physics(
     missing: Sequence[MissingEffect], rest: Unexplained, laws: Sequence[LawFit], thresholds: Thresholds
 ) -> Verdict:
     """The verdict about the corrected data: unknown where much is predictable, or a better law is known."""
-    better = min(fit.least_error for fit in laws) < (1 - thresholds.remainder.share) * rest.budget.named.mean
-    if rest.learned.remainder.large or better:
+    better = clearly_better(laws, rest.budget.named.mean, thresholds)
+    if rest.learned.remainder.large or better is not None:
         return Verdict.UNKNOWN
     return Verdict.EFFECTS if missing else Verdict.NONE

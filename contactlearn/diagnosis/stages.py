@@ -8,7 +8,7 @@
 Each stage is a function of the study and of the results before it.  The generator is drawn from in this order.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -18,7 +18,6 @@ from contactlearn.audit.corrections import correct
 from contactlearn.diagnosis.budget import error_budget, error_limits
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment, reachable
 from contactlearn.diagnosis.discrimination.rivals import FittedRival, find_rivals
-from contactlearn.diagnosis.drift import follows_order
 from contactlearn.diagnosis.failure.regions import find_regions
 from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.diagnosis.observer import Observer, Task
@@ -67,9 +66,9 @@ class Study:
             raise DataError(f"{impacts.source}: a diagnosis needs at least {fewest} trials, got {len(impacts)}")
         reachable(impacts, self.limits)
 
-    def without_order(self) -> "Study":
-        """Return the question without what follows the order of the trials, candidates and flexible models."""
-        kept = {key: effect for key, effect in self.candidates.items() if not follows_order(key)}
+    def without_order(self, ordered: Container[EffectId]) -> "Study":
+        """Return the question without some candidates, and with flexible models that do not see the order either."""
+        kept = {key: effect for key, effect in self.candidates.items() if key not in ordered}
         return replace(self, candidates=kept, ordered=False)
 
     def progress(self, task: Task) -> Callable[[Iterable], Iterable]:
@@ -83,9 +82,9 @@ class Study:
 
     def _law_fit(self, law: Law, impacts: Impacts, folds: Folds) -> LawFit:
         """One law: its coefficients alone, and its held-out error with the given effects."""
-        alone = identify_jointly(law, {}, impacts, options=replace(self.options, starts=2))
-        start = None if self.given else alone.values
-        return LawFit.of(alone.model.base, held_out_error(law, self.given, impacts, folds, self.options, start))
+        alone = self.alone(law, impacts)
+        start = None if self.given else torch.stack((alone.mu, alone.eps))
+        return LawFit.of(alone, held_out_error(law, self.given, impacts, folds, self.options, start))
 
     def alone(self, law: Law, impacts: Impacts) -> Law:
         """A law without any effect, fitted to all trials."""

@@ -10,6 +10,7 @@ All errors are mass errors (dimensionless), on held-out trials where nothing els
 models are no part of the file: they are the `Record` beside it.  No stage of the diagnosis is imported here.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -93,6 +94,13 @@ class LawFit:
             UnknownNameError: the law of another package, which has not been imported.
         """
         return find(self.name, self.variant, **self.options).at(self.mu, self.eps)
+
+
+def clearly_better(laws: Iterable[LawFit], named: float, thresholds: Thresholds) -> LawFit | None:
+    """Find the law that does clearly better than the full model with its error `named`; None where none does."""
+    limit = (1 - thresholds.remainder.share) * named
+    better = [one for one in laws if one.least_error < limit]
+    return min(better, key=lambda one: one.least_error, default=None)
 
 
 class NoiseSource(StrEnum):
@@ -204,9 +212,7 @@ class Diagnosis:
         """The law that does clearly better than the full model, alone or with its effects; None where none does."""
         if self.budget is None:
             return None
-        limit = (1 - self.thresholds.remainder.share) * self.budget.named.mean
-        better = [one for one in self.laws if one.name != self.law and one.least_error < limit]
-        return min(better, key=lambda one: one.least_error, default=None)
+        return clearly_better(self.laws, self.budget.named.mean, self.thresholds)
 
     @property
     def best_law(self) -> LawFit | None:

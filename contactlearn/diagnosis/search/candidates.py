@@ -7,6 +7,8 @@ takes from the outcomes it is to predict.  Effects that need a body's shape are 
 from collections.abc import Mapping
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from contactlearn.diagnosis.thresholds import SelectionThresholds
 from contactlearn.effects import Effect, EffectId, State, catalogue, columns
@@ -59,13 +61,20 @@ def usable(
     return able
 
 
+def follows_order(effect: Effect, impacts: Impacts) -> bool:
+    """Tell whether the prediction of an effect changes once the order of the trials is reversed."""
+    prepared, reversed_ = effect.prepare(impacts), impacts.replace(order=impacts.order.flip(0))
+    return not torch.equal(_nudged(prepared, impacts), _nudged(prepared, reversed_))
+
+
 def _sees_outcomes(effect: Effect, impacts: Impacts) -> bool:
     """Whether its prediction changes once the outcomes of the trials are exchanged."""
     other = impacts.replace(v_post=1.1 * impacts.v_post.flip(0), suspect=True)
+    return not torch.equal(_nudged(effect.prepare(impacts), impacts), _nudged(effect.prepare(other), impacts))
+
+
+def _nudged(effect: Effect, impacts: Impacts) -> Float[Tensor, "n 3"]:
+    """Prediction of v_post around some law by a prepared effect whose parameters are away from vanishing."""
     moved = columns(*effect.vanished().values) + _NUDGE * torch.tensor([p.high - p.low for p in effect.parameters])
     law = WangMason(0.2, 0.5)
-    first, second = (
-        resolve(law, {"": effect.prepare(known).at(moved)}, State.of(impacts), law.mu, law.eps)
-        for known in (impacts, other)
-    )
-    return not torch.equal(first.v_post.nan_to_num(), second.v_post.nan_to_num())
+    return resolve(law, {"": effect.at(moved)}, State.of(impacts), law.mu, law.eps).v_post.nan_to_num()

@@ -98,8 +98,8 @@ class Search:
         tried: set[Spec] = set()
         while not self.late and (best := self.pool.best()).spec not in tried:
             tried.add(best.spec)
-            larger = _larger if len(best.spec.effects) < self.most_effects else _smaller
-            for neighbours in (larger, _exchanged, _smaller):
+            room = len(best.spec.effects) < self.most_effects
+            for neighbours in (*((_larger,) if room else ()), _exchanged, _smaller):
                 self._fit(self._predicted(best, neighbours), best.score)
 
     def exchange_all(self, model: ScoredFit, worthwhile: float, most: int) -> None:

@@ -2,8 +2,7 @@
 
 A model of the pool is plausible if its score is within a few nats of the chosen one's and no part of it, the same law
 with fewer of its effects, scores better (Occam's window).  The shares are those of the models' pseudo-posteriors,
-averaged over Bayesian bootstraps of the trials, so that a lead that rests on a few trials counts for little; blocks of
-trials are drawn together where trials depend on each other.
+averaged over Bayesian bootstraps of the trials, so that a lead that rests on a few trials counts for little.
 Sources: Madigan & Raftery 1994; Yao, Vehtari, Simpson & Gelman 2018.
 """
 
@@ -11,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit
@@ -30,9 +29,7 @@ class Plausible:
     share: float
 
 
-def plausible_models(
-    pool: Pool, chosen: ScoredFit, window: float, generator: torch.Generator, blocks: Int[Tensor, " n"] | None = None
-) -> tuple[Plausible, ...]:
+def plausible_models(pool: Pool, chosen: ScoredFit, window: float, generator: torch.Generator) -> tuple[Plausible, ...]:
     """Find the models that the data cannot tell from a chosen one, that one among them, by their shares.
 
     Args:
@@ -40,12 +37,11 @@ def plausible_models(
         chosen: one of them.
         window: nats above the chosen model's score within which others are plausible.
         generator: of the bootstrap.
-        blocks: number of the block of each trial; every trial is one by itself if None.
     """
     near = [model for model in pool.models.values() if model.score < chosen.score + window]
     near = [model for model in near if len(model.spec.effects) <= len(chosen.spec.effects)]
     models = [model for model in near if model is chosen or not any(_part(other, model) for other in near)]
-    shares = _shares(pool, models, generator, blocks)
+    shares = _shares(pool, models, generator)
     found = [Plausible(model, share) for model, share in zip(models, shares.tolist(), strict=True)]
     return tuple(sorted(found, key=lambda one: -one.share))
 
@@ -61,18 +57,13 @@ def _part(other: ScoredFit, model: ScoredFit) -> bool:
     return smaller and other.score <= model.score
 
 
-def _shares(
-    pool: Pool, models: Sequence[ScoredFit], generator: torch.Generator, blocks: Int[Tensor, " n"] | None
-) -> Float[Tensor, " m"]:
+def _shares(pool: Pool, models: Sequence[ScoredFit], generator: torch.Generator) -> Float[Tensor, " m"]:
     """Pseudo-posterior shares of models, averaged over bootstraps."""
     trials = len(pool.impacts)
     loss = torch.stack([_losses(pool, model) for model in models])
     penalty = torch.tensor([model.score for model in models], dtype=torch.float64) - loss.sum(1)
-    groups = torch.arange(trials) if blocks is None else blocks
-    count = int(groups.max()) + 1
-    weights = torch.empty(_RESAMPLES, count, dtype=torch.float64).exponential_(generator=generator)
-    weights = count * weights / weights.sum(1, keepdim=True)
-    total = weights[:, groups] @ loss.T + penalty
+    weights = torch.empty(_RESAMPLES, trials, dtype=torch.float64).exponential_(generator=generator)
+    total = trials * weights / weights.sum(1, keepdim=True) @ loss.T + penalty
     return torch.softmax(-total, 1).mean(0)
 
 

@@ -88,6 +88,8 @@ class Selection:
 
     def error_around(self, law: Law) -> float | None:
         """Compute the mean held-out error of the chosen effects around a law; None if they do not suit it at all."""
+        if law.name == self.spec.law:
+            return self.present.mean_error
         pool = Pool({law.name: law}, self.impacts, self.pool.candidates, self.given, self.pool.options)
         spec, values = self.spec.with_law(law.name), self.present.fit.values
         own = self.pool.score_at(self.spec, values)
@@ -171,14 +173,14 @@ def _searched(
     part = Pool(pool.laws, pool.impacts[rows], pool.candidates, pool.given, pool.options)
     for law in pool.laws:
         part.fitted(Spec(law), pool.models[Spec(law)].fit.values)
-    search = Search(part, most, end)
+    search, whole = Search(part, most, end), Search(pool, most, end)
     complete = search.run(progress)
     best = part.best()
     for size in range(len(best.spec.effects) + 2):
         for model in search.models(size)[:_CARRIED]:
             pool.fitted(model.spec, model.fit.values)
-    Search(pool, most, end).improve()
-    return complete
+    whole.improve()
+    return complete and not whole.late
 
 
 def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: SelectionThresholds) -> ScoredFit:
