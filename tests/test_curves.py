@@ -153,7 +153,7 @@ def test_a_curve_follows_restitution_that_saturates():
 
 def test_settling_is_a_share_of_all_trials():
     """Half of the change is over after N log 2/λ trials."""
-    effect = find_effect("parameter_drift", "settling_restitution")(0.2, 4.0, 1000.0)
+    effect = find_effect("parameter_drift", "settling_restitution")(0.2, 4.0, trials=1000.0)
     state = State.of(_wide(4, 1)).replace(order=torch.tensor((1.0, 1 + 250 * math.log(2), 1e9), dtype=torch.float64))
     mu, eps = torch.tensor(0.1), torch.tensor(0.5)
     assert effect.law(state, mu, eps)[1].tolist() == pytest.approx([0.5, 0.6, 0.7])

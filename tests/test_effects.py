@@ -98,7 +98,7 @@ def test_families_are_abstract_and_forms_final():
             assert not inspect.isabstract(kind)
     with pytest.raises(TypeError, match="abstract"):
         SpinDamping()
-    assert [kind.form for kind in catalogue()["spin_damping"]] == ["after", "during"]
+    assert [kind.form for kind in catalogue()["spin_damping"]] == ["after", "quadratic", "during", "lasting"]
 
 
 def test_a_family_of_ones_own_is_known_by_its_forms(forgotten):
@@ -128,9 +128,9 @@ def test_a_form_may_join_a_family_of_another_package(forgotten):
 
 
 def test_an_effect_without_forms_has_none_to_choose_from():
-    assert find_effect("side_drag").form is None
-    with pytest.raises(ContactLearnError, match="effect side_drag has no forms to choose from, got 'late'"):
-        find_effect("side_drag", "late")
+    assert find_effect("gravity_impulse").form is None
+    with pytest.raises(ContactLearnError, match="effect gravity_impulse has no forms to choose from, got 'late'"):
+        find_effect("gravity_impulse", "late")
 
 
 def test_two_effects_of_one_name_are_refused(forgotten):
@@ -141,7 +141,7 @@ def test_two_effects_of_one_name_are_refused(forgotten):
 
 BROKEN = {
     "no family": ((Effect,), {"form": "late"}, "has a form and no family"),
-    "of a final class": ((find_effect("side_drag"),), {}, "must not subclass SideDrag, which is final"),
+    "of a final class": ((find_effect("gravity_impulse"),), {}, "must not subclass GravityImpulse, which is final"),
     "of a form": ((find_effect("spin_damping"),), {"form": "late"}, "SpinDampingAfter, which is final"),
     "no form": ((SpinDamping,), {}, "must name its form of spin_damping"),
     "another place": ((SpinDamping,), {"form": "late", "law": Effect.law}, "must override wrench, as its family"),

@@ -212,5 +212,5 @@ def test_one_object_or_many_tell_nothing(count):
 
 def test_candidates_that_cannot_act_are_no_error():
     """Corners of an ellipse, and a table of one object."""
-    impacts = drops(size=60)
+    impacts = drops(size=100)
     assert usable(all_candidates(), impacts).keys() == all_candidates().keys()

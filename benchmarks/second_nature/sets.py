@@ -77,6 +77,24 @@ def several(names: Sequence[str], share: float) -> Make:
     return make
 
 
+def any_of(names: Sequence[str], count: int) -> Make:
+    """So many effects of those names, whichever the seed draws, none of which makes less than 5 % of the error."""
+
+    def make(rng, n):
+        for _ in range(50):
+            drawn = [str(name) for name in rng.choice(names, count, replace=False)]
+            try:
+                scene = balanced(drawn, rng)
+            except ValueError:  # no body suits them all, or one is always much smaller than the others
+                continue
+            planted = plant(scene, n, rng.uniform(0.2, 0.7), rng, exact(scene.effects))
+            if min(planted.truth.shares) > 0.05:
+                return planted
+        raise ValueError(f"no {count} of {', '.join(names)} suit each other")
+
+    return make
+
+
 def nothing(kind: str, noise: str, level: float) -> Make:
     """Only the law, on a body of a kind, with an instrument's errors."""
 
@@ -171,10 +189,15 @@ def _nothing() -> list[tuple[int, Make]]:
     return [*cases, (300, memory), (300, memory)]
 
 
+_ANY = (*NAMES, *RECENT)
+
 SETS: tuple[PlantedSet, ...] = (
     *_group("single", 1000, _singles()),
     *_group("pair", 2000, [((300, 500, 150)[i % 3], several(names, 0.55)) for i, names in enumerate(PAIRS)]),
     *_group("triple", 3000, [((500, 300, 1000)[i % 3], several(names, 0.6)) for i, names in enumerate(TRIPLES)]),
+    *_group("any_one", 13000, [((60, 300, 150, 500)[i // 2 % 4], any_of(_ANY, 1)) for i in range(48)]),
+    *_group("any_two", 14000, [((300, 500, 150)[i // 2 % 3], any_of(_ANY, 2)) for i in range(48)]),
+    *_group("any_three", 15000, [((500, 300, 1000)[i // 2 % 3], any_of(_ANY, 3)) for i in range(24)]),
     *_group("none", 4000, _nothing()),
     *_group(
         "tracker",

@@ -138,7 +138,8 @@ def held_out_error(
     start: Float[Tensor, " k"] | None = None,
 ) -> float:
     """Compute the mean held-out mass error of a law with effects, fitted from a start if one is given."""
-    model = identify_jointly(law, effects, impacts, folds.fitted, options=replace(options, starts=2), start=start).model
+    options = replace(options, starts=2, tolerance=_TOLERANCE)
+    model = identify_jointly(law, effects, impacts, folds.fitted, options=options, start=start).model
     return folds.scores(mass_error(impacts, model.predict(impacts))).nanmean().item()
 
 

@@ -1,25 +1,63 @@
 """Some sides of the body are rougher than others."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect
-from contactlearn.effects.harmonics import AroundBody
+from contactlearn.effects.harmonics import AroundBody, CurveAroundBody, SpotOnBody
 from contactlearn.effects.state import Coefficients, State
 
 
 @dataclass(frozen=True, eq=False)
-class OrientationDependentFriction(AroundBody, Effect):
+class OrientationDependentFriction(Effect):
     """μ is a function of the side on which the body lands.
+
+        harmonics   μ + a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ, a body that is not uniform
+        spot        μ + a/(1 + (2 sin((θ − θ_0)/2)/w)⁴), a rough spot of half-width w about θ_0
+        curve       harmonics up to the fourth
 
     It is not a floor that is rougher one way than the other (`directional_friction`).
     """
 
-    formula = "μ ← μ + a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ"
     source = "non-uniform body"
     mirror_symmetric = False
+
+    @abstractmethod
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        """Return μ(θ) and ε."""
+
+
+@dataclass(frozen=True, eq=False)
+class HarmonicFriction(AroundBody, OrientationDependentFriction):
+    """μ → μ + a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ.  It is not one rough spot (`RoughSpot`)."""
+
+    form = "harmonics"
+    formula = "μ ← μ + a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ"
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        return mu + self.change(state.theta), eps
+
+
+@dataclass(frozen=True, eq=False)
+class RoughSpot(SpotOnBody, OrientationDependentFriction):
+    """μ → μ + a/(1 + (2 sin((θ − θ_0)/2)/w)⁴).  It is not a smooth change all around (`HarmonicFriction`)."""
+
+    form = "spot"
+    formula = "μ ← μ + a/(1 + (2 sin((θ − θ₀)/2)/w)⁴)"
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        return mu + self.change(state.theta), eps
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionAroundBody(CurveAroundBody, OrientationDependentFriction):
+    """μ → μ + Σ a_k cos kθ + b_k sin kθ, k = 1 … 4.  It has no edge (`RoughSpot`)."""
+
+    form = "curve"
+    formula = "μ ← μ + Σ a_k cos kθ + b_k sin kθ, k = 1 … 4"
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
         return mu + self.change(state.theta), eps

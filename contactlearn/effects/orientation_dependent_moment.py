@@ -1,30 +1,68 @@
 """The normal impulse acts beside the contact point, on some sides of the body more than on others."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect
-from contactlearn.effects.harmonics import ArmAroundBody
+from contactlearn.effects.harmonics import ArmAroundBody, ArmCurveAroundBody, ArmSpotOnBody
 from contactlearn.effects.path import retraced
 from contactlearn.effects.state import State
 
 
 @dataclass(frozen=True, eq=False)
-class OrientationDependentMoment(ArmAroundBody, Effect):
-    """The normal impulse acts a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ to the right of the contact point.
+class OrientationDependentMoment(Effect):
+    """The normal impulse acts at an arm to the right of the contact point that depends on the side that lands.
+
+        harmonics   a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ
+        spot        a/(1 + (2 sin((θ − θ_0)/2)/w)⁴), a bump of half-width w about θ_0
+        curve       harmonics up to the fourth, such as three feet
 
     The contact responds while it lasts, so that v_n⁺ stays (`path.retraced`): the true contour of the body differs from
     the nominal one.  It is not an arm that follows the lever r_x (`contact_patch`).
     """
 
-    formula = (
-        "τ ← τ + (a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ) P_n while the contact lasts, P_t and P_n responding"
-    )
     source = "contour of the body"
     mirror_symmetric = False
     adds_energy = True
+
+    @abstractmethod
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        """Return the wrench with the moment of the arm."""
+
+
+@dataclass(frozen=True, eq=False)
+class HarmonicMoment(ArmAroundBody, OrientationDependentMoment):
+    """The arm is a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ.  It is not one bump (`MomentOfBump`)."""
+
+    form = "harmonics"
+    formula = (
+        "τ ← τ + (a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ) P_n while the contact lasts, P_t and P_n responding"
+    )
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        return retraced(state, wrench, arm=self.change(state.theta))
+
+
+@dataclass(frozen=True, eq=False)
+class MomentOfBump(ArmSpotOnBody, OrientationDependentMoment):
+    """The arm is a/(1 + (2 sin((θ − θ_0)/2)/w)⁴).  It is not a smooth change all around (`HarmonicMoment`)."""
+
+    form = "spot"
+    formula = "τ ← τ + a/(1 + (2 sin((θ − θ₀)/2)/w)⁴) P_n while the contact lasts, P_t and P_n responding"
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        return retraced(state, wrench, arm=self.change(state.theta))
+
+
+@dataclass(frozen=True, eq=False)
+class MomentAroundBody(ArmCurveAroundBody, OrientationDependentMoment):
+    """The arm is Σ a_k cos kθ + b_k sin kθ, k = 1 … 4.  It has no edge (`MomentOfBump`)."""
+
+    form = "curve"
+    formula = "τ ← τ + (Σ a_k cos kθ + b_k sin kθ) P_n while the contact lasts, k = 1 … 4, P_t and P_n responding"
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         return retraced(state, wrench, arm=self.change(state.theta))

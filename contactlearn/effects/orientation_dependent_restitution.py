@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.base import Effect, parameter
-from contactlearn.effects.harmonics import AroundBody
+from contactlearn.effects.base import Effect
+from contactlearn.effects.harmonics import AroundBody, CurveAroundBody, SpotOnBody
 from contactlearn.effects.state import Coefficients, State
 
 
@@ -17,6 +17,7 @@ class OrientationDependentRestitution(Effect):
 
         harmonics   ε + a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ, a body that is not uniform
         spot        ε − a/(1 + (2 sin((θ − θ_0)/2)/w)⁴), a soft spot of half-width w about θ_0
+        curve       harmonics up to the fourth
 
     It is not a loss that comes with the lever arm r_x (`configuration_dependent_restitution`).
     """
@@ -41,15 +42,22 @@ class HarmonicRestitution(AroundBody, OrientationDependentRestitution):
 
 
 @dataclass(frozen=True, eq=False)
-class SoftSpot(OrientationDependentRestitution):
+class SoftSpot(SpotOnBody, OrientationDependentRestitution):
     """ε → ε − a/(1 + (2 sin((θ − θ_0)/2)/w)⁴).  It is not a smooth change all around (`HarmonicRestitution`)."""
 
     form = "spot"
     formula = "ε ← ε − a/(1 + (2 sin((θ − θ₀)/2)/w)⁴)"
-    a: Tensor | float = parameter("a", "–", -0.5, 0.5)
-    theta_0: Tensor | float = parameter("θ₀", "rad", -4.0, 4.0, vanishing=None, start=0.0)
-    w: Tensor | float = parameter("w", "rad", 0.1, 1.5, vanishing=None, start=0.5)
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        away = 2 * (1 - (state.theta - self.theta_0).cos()) / self.w**2  # squared
-        return mu, eps - self.a / (1 + away**2)
+        return mu, eps - self.change(state.theta)
+
+
+@dataclass(frozen=True, eq=False)
+class RestitutionAroundBody(CurveAroundBody, OrientationDependentRestitution):
+    """ε → ε + Σ a_k cos kθ + b_k sin kθ, k = 1 … 4.  It has no edge (`SoftSpot`)."""
+
+    form = "curve"
+    formula = "ε ← ε + Σ a_k cos kθ + b_k sin kθ, k = 1 … 4"
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        return mu, eps + self.change(state.theta)

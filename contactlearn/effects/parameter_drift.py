@@ -1,7 +1,7 @@
 """The surfaces change while they are being measured."""
 
 from abc import abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import torch
@@ -13,6 +13,8 @@ from contactlearn.effects.curve import CoefficientCurve
 from contactlearn.effects.state import Coefficients, State
 from contactlearn.impacts import Impacts
 
+_STEP = 0.03  # width of a step as a share of all trials
+
 
 @dataclass(frozen=True, eq=False)
 class ParameterDrift(Effect):
@@ -20,6 +22,7 @@ class ParameterDrift(Effect):
 
         restitution, friction                      in proportion: ε + c k/1000
         settling_restitution, settling_friction    towards a value: ε + a (1 − exp(−λ k/N)), N trials in all
+        restitution_step, friction_step            at once: ε + a/(1 + exp(−(k/N − t)/0.03)), as where a surface is changed
         restitution_curve, friction_curve          ε + s(k), see `contactlearn.effects.curve`
 
     It is not a dependence on the place on the floor (`location_dependent_restitution`).
@@ -57,20 +60,42 @@ class FrictionDrift(ParameterDrift):
 
 
 @dataclass(frozen=True, eq=False)
-class _Settling:
-    """a (1 − exp(−λ k/N)): a change that comes to an end."""
+class _OfAll:
+    """A change over the share k/N of all trials."""
 
-    a: Tensor | float = parameter("a", "–", -0.5, 0.5)
-    rate: Tensor | float = parameter("λ", "–", 0.5, 20.0, vanishing=None, start=3.0)
-    trials: float | None = None  # N; None: the number of the last one
+    trials: float | None = field(default=None, kw_only=True)  # N; None: the number of the last one
 
     def prepare(self, impacts: Impacts) -> Self:
         """Return the effect with N taken from the impacts where it is open."""
         return self if self.trials is not None else replace(self, trials=impacts.order.max().item())
 
+    def _share(self, state: State) -> Float[Tensor, "... n"]:
+        """k/N of each trial."""
+        return (state.order - 1) / known(self.trials)
+
+
+@dataclass(frozen=True, eq=False)
+class _Settling(_OfAll):
+    """a (1 − exp(−λ k/N)): a change that comes to an end."""
+
+    a: Tensor | float = parameter("a", "–", -0.5, 0.5)
+    rate: Tensor | float = parameter("λ", "–", 0.5, 20.0, vanishing=None, start=3.0)
+
     def change(self, state: State) -> Float[Tensor, "... n"]:
         """Evaluate the change [..., N]."""
-        return self.a * -torch.expm1(-self.rate * (state.order - 1) / known(self.trials))
+        return self.a * -torch.expm1(-self.rate * self._share(state))
+
+
+@dataclass(frozen=True, eq=False)
+class _Step(_OfAll):
+    """a/(1 + exp(−(k/N − t)/0.03)): a change within a few per cent of the trials about one."""
+
+    a: Tensor | float = parameter("a", "–", -0.5, 0.5)
+    t: Tensor | float = parameter("t", "–", 0.0, 1.0, vanishing=None, start=0.5)
+
+    def change(self, state: State) -> Float[Tensor, "... n"]:
+        """Evaluate the change [..., N]."""
+        return self.a * torch.sigmoid((self._share(state) - self.t) / _STEP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +115,28 @@ class SettlingFriction(_Settling, ParameterDrift):
 
     form = "settling_friction"
     formula = "μ ← μ + a (1 − exp(−λ k/N)), N trials in all"
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        return mu + self.change(state), eps
+
+
+@dataclass(frozen=True, eq=False)
+class RestitutionStep(_Step, ParameterDrift):
+    """ε → ε + a/(1 + exp(−(k/N − t)/0.03)), as where a surface is changed.  It is not wear (`SettlingRestitution`)."""
+
+    form = "restitution_step"
+    formula = "ε ← ε + a/(1 + exp(−(k/N − t)/0.03)), N trials in all"
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        return mu, eps + self.change(state)
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionStep(_Step, ParameterDrift):
+    """μ → μ + a/(1 + exp(−(k/N − t)/0.03)), as where a surface is changed.  It is not wear (`SettlingFriction`)."""
+
+    form = "friction_step"
+    formula = "μ ← μ + a/(1 + exp(−(k/N − t)/0.03)), N trials in all"
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
         return mu + self.change(state), eps

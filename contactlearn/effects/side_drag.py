@@ -1,5 +1,6 @@
 """Guide walls or air slow the body before it is measured again."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 from jaxtyping import Float
@@ -11,15 +12,52 @@ from contactlearn.effects.state import State, columns
 
 @dataclass(frozen=True, eq=False)
 class SideDrag(Effect):
-    """(v_x, v_y) → (1 − c) (v_x, v_y) after contact.
+    """(v_x, v_y) keeps its direction after contact and falls by a share.
+
+        linear       c, whatever the speed
+        quadratic    k v/(1 + k v), which grows with the speed v, as in air
 
     It is not a lower restitution: v_x shrinks as well, however the contact ends.
     """
 
-    formula = "(v_x⁺, v_y⁺) ← (1 − c) (v_x⁺, v_y⁺)"
     source = "guide walls, air"
+
+    @abstractmethod
+    def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        """Return the slower velocity."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSideDrag(SideDrag):
+    """(v_x, v_y) → (1 − c) (v_x, v_y).  The share does not grow with the speed (`QuadraticSideDrag`)."""
+
+    form = "linear"
+    formula = "(v_x⁺, v_y⁺) ← (1 − c) (v_x⁺, v_y⁺)"
     c: Tensor | float = parameter("c", "–", 0.0, 0.5)
 
     def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        kept = 1 - self.c
-        return columns(kept * v_post[..., 0], kept * v_post[..., 1], v_post[..., 2])
+        return _slowed(v_post, 1 - self.c)
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticSideDrag(SideDrag):
+    """(v_x, v_y) → (v_x, v_y)/(1 + k v): a drag that is quadratic in the speed v, for a while.
+
+    It is not a share that is the same for slow and fast bodies (`LinearSideDrag`).
+    """
+
+    form = "quadratic"
+    formula = "(v_x⁺, v_y⁺) ← (v_x⁺, v_y⁺)/(1 + k v⁺), v⁺ the speed"
+    k: Tensor | float = parameter("k", "s/m", 0.0, 0.5)
+
+    def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        speed = (v_post[..., :2].square().sum(-1) + _LEAST**2).sqrt()
+        return _slowed(v_post, 1 / (1 + self.k * speed))
+
+
+_LEAST = 1e-9  # m/s, for the derivative of a body at rest
+
+
+def _slowed(v_post: Float[Tensor, "... n 3"], kept: Float[Tensor, "..."]) -> Float[Tensor, "... n 3"]:
+    """The velocity with a share of (v_x, v_y) kept."""
+    return columns(kept * v_post[..., 0], kept * v_post[..., 1], v_post[..., 2])

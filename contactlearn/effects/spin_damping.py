@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from dataclasses import dataclass
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -15,8 +16,10 @@ from contactlearn.effects.state import State, columns
 class SpinDamping(Effect):
     """A moment opposes the spin and grows with it.
 
-        after     τ → τ − c I ω⁺, with the spin ω⁺ that the body has without it
-        during    τ → τ − b (I/m) ω̄ P_n, ω̄ the mean of ω and that ω⁺; the contact responds (`path.retraced`)
+        after        τ → τ − c I ω⁺, with the spin ω⁺ that the body has without it
+        quadratic    τ → τ − I ω⁺ k |ω⁺|/(1 + k |ω⁺|), as in air
+        during       τ → τ − b (I/m) ω̄ P_n, ω̄ the mean of ω and that ω⁺; the contact responds (`path.retraced`)
+        lasting      τ → τ − d I ω̄, spread over P_n: a contact that lasts equally long at every speed; likewise
 
     It is not rolling resistance, which does not grow with the spin (`rolling_resistance`).
     """
@@ -43,6 +46,24 @@ class SpinDampingAfter(SpinDamping):
 
 
 @dataclass(frozen=True, eq=False)
+class QuadraticSpinDamping(SpinDamping):
+    """ω⁺ → ω⁺/(1 + k |ω⁺|): a moment that is quadratic in the spin, for a while.
+
+    It is not a share that is the same for slow and fast spin (`SpinDampingAfter`).
+    """
+
+    form = "quadratic"
+    formula = "τ ← τ − I ω⁺ k |ω⁺|/(1 + k |ω⁺|)"
+    k: Tensor | float = parameter("k", "s/rad", 0.0, 0.2)
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        P_t, P_n, tau = wrench.unbind(-1)
+        after = state.v_after(wrench)[..., 2]
+        lost = self.k * after.abs() / (1 + self.k * after.abs())
+        return columns(P_t, P_n, tau - lost * state.inertia * after)
+
+
+@dataclass(frozen=True, eq=False)
 class SpinDampingDuring(SpinDamping):
     """τ → τ − b (I/m) ω̄ P_n while the contact lasts, which responds.
 
@@ -56,3 +77,20 @@ class SpinDampingDuring(SpinDamping):
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         after = state.v_after(wrench)[..., 2]
         return retraced(state, wrench, arm=-self.b * state.inertia / state.mass * (state.omega + after) / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class SpinDampingLasting(SpinDamping):
+    """τ → τ − d I ω̄ while the contact lasts, which responds: the spin falls by the share d at every speed of impact.
+
+    It does not grow with the normal impulse (`SpinDampingDuring`).
+    """
+
+    form = "lasting"
+    formula = "τ ← τ − d I ω̄ while the contact lasts, ω̄ the mean of ω and ω⁺"
+    d: Tensor | float = parameter("d", "–", 0.0, 1.0)
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        after, P_n = state.v_after(wrench)[..., 2], wrench[..., 1]
+        arm = torch.where(P_n > 0, state.inertia / torch.where(P_n > 0, P_n, 1.0), 0.0)
+        return retraced(state, wrench, arm=-self.d * arm * (state.omega + after) / 2)

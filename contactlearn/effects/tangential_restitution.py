@@ -21,7 +21,7 @@ class TangentialRestitution(Effect):
     """Where the slip has come to an end it rebounds, as far as the friction cone allows; v_n⁺ stays.
 
         slip       v_t⁺ → v_t⁺ − s β (|v_t| + ½ ⟨−s W_tn P_n⟩), s = sign v_t, ⟨x⟩ = x where x > 0 and 0 elsewhere
-        impulse    P_t → P_t + e_t P_t^s, P_t^s the impulse that stopped the slip, if that happened in compression
+        impulse    P_t → P_t + e_t P_t^c, P_t^c the impulse of compression, if the contact has come to stick in it
 
     For a ball (r_x = 0) that grips, both turn the slip into v_t⁺ = −β v_t.  They differ where friction just suffices.
     With `slip` the whole impulse must be in the cone, |v_t| (1 + β)/W_tt ≤ μ P_n, and v_t⁺ changes gradually into
@@ -70,13 +70,13 @@ class SlipRebound(TangentialRestitution):
 
 @dataclass(frozen=True, eq=False)
 class ImpulseRebound(TangentialRestitution):
-    """P_t → P_t + e_t P_t^s within the cone of restitution, if the contact sticks at the end of compression.
+    """P_t → P_t + e_t P_t^c within the cone of restitution, if the contact sticks at the end of compression.
 
-    Slip and compression are those of Routh's path.  It is not a share of the slip that was stopped (`SlipRebound`).
+    P_t^c stopped the slip and held the contact since; slip and compression are those of Routh's path.  It is not a share of the slip that was stopped (`SlipRebound`).
     """
 
     form = "impulse"
-    formula = "P_t ← P_t + e_t P_t^s within the cone of restitution, P_t^s what stopped the slip in compression"
+    formula = "P_t ← P_t + e_t P_t^c within the cone of restitution, P_t^c the impulse of compression where it sticks"
     source = "Garwin 1969; Cross 2002"
     citations = ("garwin1969", "cross2002")
     e_t: Tensor | float = parameter("e_t", "–", 0.0, 1.0)
@@ -86,12 +86,11 @@ class ImpulseRebound(TangentialRestitution):
         path = routh_path(contact_of(state), state.mu)
         p_c = path.p_c
         sticks = (path.p_slip <= p_c) & (path.slope_after.abs() < state.mu)
-        stopped = path.slope * torch.where(sticks, path.p_slip, 0.0)
         stored, _ = path.impulse(p_c)
-        t = stopped.sign()
+        t = stored.sign()
         n = -t * state.W[..., 0, 1] / state.W[..., 1, 1]  # with it v_n⁺ stays
         room = _within_cone(state.mu, (P_t - stored, P_n - p_c), (t, n)).clamp_min(0)
-        change = torch.where(sticks, torch.minimum(self.e_t * stopped.abs(), room), 0.0)
+        change = torch.where(sticks, torch.minimum(self.e_t * stored.abs(), room), 0.0)
         return columns(P_t + change * t, P_n + change * n, tau)
 
 

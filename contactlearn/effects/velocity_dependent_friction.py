@@ -12,16 +12,20 @@ from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.curve import CoefficientCurve
 from contactlearn.effects.state import Coefficients, State
 
+_ROUNDS = 3  # of the end of the slip and the mean friction up to it
+_LEAST_BRAKING = 0.05  # as by this μ on a level path
+
 
 @dataclass(frozen=True, eq=False)
 class VelocityDependentFriction(Effect):
-    """μ is a function of the slip v, averaged over the slip of the impact.
+    """μ is a function of the slip v, averaged over the normal impulse that the contact takes while it slips.
 
         viscous    μ + c v
         stribeck   μ (1 + d exp(−v/v_s))      more friction at little slip
         curve      μ + s(v), see `contactlearn.effects.curve`
 
-    The slip goes from |v_t| to the `final_slip` of the law's own μ and ε; the average is Simpson's.
+    The slip goes from |v_t| to its `final_slip` and stays longest where it is braked least, dP_n = dv/b(v) with the
+    braking b of Routh's path; the average is Simpson's.
     It is not friction that changes with the load (`load_dependent_friction`).
     """
 
@@ -42,8 +46,7 @@ class ViscousFriction(VelocityDependentFriction):
     c: Tensor | float = parameter("c", "s/m", -0.3, 0.3)
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        first, last = state.v_t.abs(), final_slip(state, mu, eps)
-        return mu + self.c * (first + last) / 2, eps
+        return mu + _mean(lambda slip: self.c * slip, state, mu, eps), eps
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +59,7 @@ class StribeckFriction(VelocityDependentFriction):
     v_s: Tensor | float = parameter("v_s", "m/s", 0.05, 5.0, vanishing=None, start=0.5)
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu * (1 + self.d * _mean(lambda slip: (-slip / self.v_s).exp(), state, mu, eps)), eps
+        return mu + _mean(lambda slip: mu * self.d * (-slip / self.v_s).exp(), state, mu, eps), eps
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,18 +78,34 @@ class FrictionOverSlip(CoefficientCurve, VelocityDependentFriction):
 
 
 def _mean(
-    function: Callable[[Tensor], Tensor], state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]
+    change: Callable[[Tensor], Tensor], state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]
 ) -> Float[Tensor, "... n"]:
-    """Mean of a function over the slip, after Simpson."""
-    first, last = state.v_t.abs(), final_slip(state, mu, eps)
-    return (function(first) + 4 * function((first + last) / 2) + function(last)) / 6
+    """Mean of a change of μ over the normal impulse of the slip, after Simpson; the end of the slip depends on it."""
+    first, mean = state.v_t.abs(), 0.0
+    for _ in range(_ROUNDS):
+        last = final_slip(state, mu + mean, eps)
+        slips = [last + (first - last) * k / 4 for k in range(5)]
+        changes = [change(slip) for slip in slips]
+        weights = [simpson / _held(state, mu + one) for simpson, one in zip((1, 4, 2, 4, 1), changes, strict=True)]
+        mean = sum(w * one for w, one in zip(weights, changes, strict=True)) / sum(weights)
+    return mean
+
+
+def _held(state: State, mu: Float[Tensor, "..."]) -> Float[Tensor, "... n"]:
+    """Braking of the slip by friction μ, and a little where there is next to none."""
+    return braking(state, mu).clamp_min(_LEAST_BRAKING * state.W[..., 0, 0])
+
+
+def braking(state: State, mu: Float[Tensor, "..."]) -> Float[Tensor, "... n"]:
+    """Fall of |v_t| per normal impulse, in 1/kg."""
+    direction = state.v_t.sign()
+    return direction * (direction * mu * state.W[..., 0, 0] - state.W[..., 0, 1])
 
 
 def final_slip(state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Float[Tensor, "... n"]:
     """|v_t| in m/s after an impact that slides throughout, or 0 where the slip would have ended."""
-    direction = state.v_t.sign()
-    w_tt, w_tn, w_nn = state.W[..., 0, 0], state.W[..., 0, 1], state.W[..., 1, 1]
-    stiffness = w_nn - direction * mu * w_tn
+    w_tn, w_nn = state.W[..., 0, 1], state.W[..., 1, 1]
+    stiffness = w_nn - state.v_t.sign() * mu * w_tn
     P_n = torch.where(stiffness > 0, (1 + eps) * state.approach[..., 1].abs() / stiffness.clamp_min(1e-300), torch.inf)
-    braking = direction * (direction * mu * w_tt - w_tn)  # of |v_t|, per normal impulse
-    return torch.where(braking > 0, (state.v_t.abs() - braking.clamp_min(0) * P_n).clamp_min(0), state.v_t.abs())
+    slows = braking(state, mu)
+    return torch.where(slows > 0, (state.v_t.abs() - slows.clamp_min(0) * P_n).clamp_min(0), state.v_t.abs())

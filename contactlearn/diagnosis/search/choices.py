@@ -5,7 +5,7 @@ start at the values of the choice with one more.  The errors are a little below 
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -21,6 +21,7 @@ from contactlearn.model import ContactModel
 MOST = 6
 """Effects in play, at most: 64 models."""
 _RESAMPLES = 1000
+_TOLERANCE = 3e-5  # nats a trial
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +62,7 @@ def fit_choices(
     """
     effects = tuple(effects)[:MOST]
     law, full = model.base, 2 ** len(effects) - 1
+    options = replace(options, tolerance=_TOLERANCE)
     start = {full: torch.cat((columns(law.mu, law.eps), *(columns(*e.values) for e in model.effects.values())))}
     outcomes, errors = {}, {}
     for choice in progress(range(full, -1, -1)):

@@ -12,7 +12,7 @@ well, and those that do are reported beside the best.
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -33,6 +33,7 @@ from contactlearn.model import ContactModel
 
 _RANGE = 4.0  # of a parameter on either side of 0, in units of its value in the regression
 _STARTS = 3  # single terms that are fitted
+_TOLERANCE = 1e-5  # nats a trial, of fits that begin next to their ends
 
 
 def formula_effect(component: WrenchComponent, terms: Sequence[str], ranges: Sequence[tuple[float, float]]) -> Effect:
@@ -78,7 +79,7 @@ def formulas(
         raise ContactLearnError(f"the model has an effect {name} already; give the formula another name")
     component = WrenchComponent(component)
     library, y = Library.of(impacts, model, component, thresholds)
-    trials = _Trials(impacts, model, component, folds, name, options)
+    trials = _Trials(impacts, model, component, folds, name, replace(options, tolerance=_TOLERANCE))
     starts = library.resembling(y, _STARTS)
     pairs = [pair for term in starts if (pair := library.pursued(y, term, starts))]
     before = trials.held_out(model.effects, trials.start)
