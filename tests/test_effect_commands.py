@@ -167,7 +167,8 @@ REFUSED = {
     "a fitted parameter": (["effect=[side_drag]", "+effect.side_drag.c=0.1"], "has no setting 'c' (it is fitted)"),
     "a form": (
         ["effect=[spin_damping]", "effect.spin_damping.form=durring"],
-        "effect.spin_damping: unknown form of spin_damping 'durring', did you mean 'during'?; known: after, quadratic, during, lasting",
+        "effect.spin_damping: unknown form of spin_damping 'durring', did you mean 'during'?; "
+        "known: after, quadratic, during, lasting",
     ),
     "a form of a form": ([f"+effect.mine._target_={FAMILY}After", "+effect.mine.form=during"], "unknown form"),
     "a form of none": (

@@ -32,7 +32,7 @@ class _Harmonics:
         return total
 
     def _pairs(self) -> Iterator[tuple[Tensor, Tensor]]:
-        """a_k and b_k, k = 1, 2, …"""
+        """The coefficients a_k and b_k of each harmonic in turn."""
         coefficients = [getattr(self, f.name) for f in fields(self) if "parameter" in f.metadata]
         yield from zip(coefficients[::2], coefficients[1::2], strict=True)
 

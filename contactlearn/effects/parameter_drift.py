@@ -22,7 +22,7 @@ class ParameterDrift(Effect):
 
         restitution, friction                      in proportion: ε + c k/1000
         settling_restitution, settling_friction    towards a value: ε + a (1 − exp(−λ k/N)), N trials in all
-        restitution_step, friction_step            at once: ε + a/(1 + exp(−(k/N − t)/0.03)), as where a surface is changed
+        restitution_step, friction_step            at once: ε + a/(1 + exp(−(k/N − t)/0.03)), a surface that is changed
         restitution_curve, friction_curve          ε + s(k), see `contactlearn.effects.curve`
 
     It is not a dependence on the place on the floor (`location_dependent_restitution`).

@@ -72,7 +72,8 @@ class SlipRebound(TangentialRestitution):
 class ImpulseRebound(TangentialRestitution):
     """P_t → P_t + e_t P_t^c within the cone of restitution, if the contact sticks at the end of compression.
 
-    P_t^c stopped the slip and held the contact since; slip and compression are those of Routh's path.  It is not a share of the slip that was stopped (`SlipRebound`).
+    P_t^c stopped the slip and held the contact since; slip and compression are those of Routh's path.  It is not a
+    share of the slip that was stopped (`SlipRebound`).
     """
 
     form = "impulse"
