@@ -36,7 +36,7 @@ SIX = (
     EffectId("spin_damping", "after"),
     EffectId("contact_patch", "linear"),
     EffectId("inertia_error"),
-    EffectId("side_drag"),
+    EffectId("side_drag", "linear"),
     EffectId("sampling_delay"),
 )
 MOST = 6  # effects in play

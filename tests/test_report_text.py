@@ -42,7 +42,7 @@ from contactlearn.report.text import (
     summary,
 )
 
-TILT, DRAG = EffectId("surface_tilt", "computed"), EffectId("side_drag")
+TILT, DRAG = EffectId("surface_tilt", "computed"), EffectId("side_drag", "linear")
 REGION = Region(
     variable="spin", where="-3 ≤ ω < 2.5 rad/s", low=-3.0, high=2.5, ratio=Interval(2.3, 1.5, 3.0), p_value=3e-8,
     rows=(0, 1, 2),

@@ -18,7 +18,7 @@ from contactlearn.model import ContactModel
 from contactlearn.report.text import headline
 
 PATCH, INERTIA = EffectId("contact_patch", "linear"), EffectId("inertia_error")
-SPIN, DRAG = EffectId("spin_damping", "after"), EffectId("side_drag")
+SPIN, DRAG = EffectId("spin_damping", "after"), EffectId("side_drag", "linear")
 
 
 def few(*ids):

@@ -112,6 +112,10 @@ SAME = {"corner_radius": "shape_error"}
 """Names that the catalogue has for a part of what another name means in the truth."""
 
 
+AUDITED = {"inertia_scaled": "inertia_error"}
+"""What the audit finds and corrects before an effect could be named for it."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Score:
     """Answers to the questions of a set; None where a question is not asked of it."""
@@ -147,8 +151,9 @@ def score(said: Said) -> Score:
         either = hidden[0] | set(truth.rivals)
         seen = bool(shown & hidden[0]) and bool(shown & set(truth.rivals))
         return Score(first=bool(names) and names[0] in either, exact=len(names) == 1 and names[0] in either, twins=seen)
-    all_names, names = names, [name for name in names if "body" not in name]  # parameters by body
-    inside = None if said.models is None else any(matches(model, hidden) for _, model, _ in said.models)
+    audited = [AUDITED[finding] for finding in said.findings if finding in AUDITED]
+    all_names, names = names, [*audited, *(name for name in names if "body" not in name)]  # parameters by body
+    inside = None if said.models is None else any(matches([*audited, *model], hidden) for _, model, _ in said.models)
     right = tuple(
         (k, any(name in accepted for accepted in hidden)) for k, name in enumerate(all_names) if "body" not in name
     )

@@ -20,6 +20,9 @@ class SelectionThresholds:
     (row selection.trials_per_parameter)."""
     least_gain: float = 0.02
     """Share of the held-out error that an effect must take away to be worth a name (row selection.least_gain)."""
+    least_part: float = 0.05
+    """Part that an effect must have in what all effects together take away of the law's error; what is less may be the
+    difference of another effect's form from nature's (row selection.least_part)."""
     gain_sigmas: float = 2.5
     """Standard errors by which the held-out gain of an effect must exceed 0 (row selection.gain_sigmas)."""
     window: float = 7.0

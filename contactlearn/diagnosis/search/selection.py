@@ -133,13 +133,15 @@ def select(
     for law in pool.laws:
         pool.fitted(Spec(law), starts.get(law))
     complete = _searched(pool, thresholds.most_effects, time.monotonic() + seconds, generator, progress)
-    spec = _pruned(pool, folds, pool.best(), thresholds).spec
+    best = pool.best()
+    base = validated(pool, folds, pool.polished(Spec(best.spec.law)))
+    spec = _pruned(pool, folds, best, base.mean_error, thresholds).spec
     _fit_neighbours(pool, pool.models[spec], thresholds.window)
     return Selection(
         pool=pool,
         folds=folds,
         spec=spec,
-        base=validated(pool, folds, pool.polished(Spec(spec.law))),
+        base=base,
         present=validated(pool, folds, pool.polished(spec)),
         plausible=plausible_models(pool, pool.models[spec], thresholds.window, generator),
         complete=complete,
@@ -183,22 +185,23 @@ def _searched(
     return complete and not whole.late
 
 
-def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: SelectionThresholds) -> ScoredFit:
-    """The model without the effects that are not worth a name; the least one is judged first."""
+def _pruned(pool: Pool, folds: Folds, model: ScoredFit, base: float, thresholds: SelectionThresholds) -> ScoredFit:
+    """The model without the effects that are not worth a name, the least one judged first; `base` is the law's error."""
     whole = validated(pool, folds, model)
     while model.spec.effects:
         less = pool.best(smaller(pool, model, effect) for effect in model.spec.effects)
         without = validated(pool, folds, less)
-        if _worth_a_name(without, whole, thresholds):
+        if _worth_a_name(without, whole, base, thresholds):
             break
         model, whole = less, without
     return model
 
 
-def _worth_a_name(without: ValidatedFit, whole: ValidatedFit, thresholds: SelectionThresholds) -> bool:
-    """Whether an effect brings more than chance, and enough."""
+def _worth_a_name(without: ValidatedFit, whole: ValidatedFit, base: float, thresholds: SelectionThresholds) -> bool:
+    """Whether an effect brings more than chance, enough, and enough beside the others."""
     gain, error = paired_gain(without, whole)
-    large = whole.mean_error < (1 - thresholds.least_gain) * without.mean_error
+    fall, together = without.mean_error - whole.mean_error, base - whole.mean_error
+    large = fall > thresholds.least_gain * without.mean_error and fall > thresholds.least_part * together
     return large and gain > thresholds.gain_sigmas * error
 
 
