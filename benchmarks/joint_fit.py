@@ -47,7 +47,7 @@ def measured():
 
 def rival(drops, effects, exact: bool):
     """Values from the best of four starts."""
-    parameters = named_parameters(effects, Box())
+    parameters = named_parameters(effects, Box(), drops)
     low, high, start = np.array([(p.low, p.high, p.start) for p in parameters]).T
     start[:2] = 0.2, 0.5
     state = State.of(drops)

@@ -214,3 +214,46 @@ def test_candidates_that_cannot_act_are_no_error():
     """Corners of an ellipse, and a table of one object."""
     impacts = drops(size=100)
     assert usable(all_candidates(), impacts).keys() == all_candidates().keys()
+
+
+# --- Friction over slip, and what happens once -------------------------------------------------------
+
+
+def test_friction_over_slip_is_that_of_a_ball_whose_slip_is_followed():
+    """Of a ball in many steps of its normal impulse, whether it slides to the end or comes to roll."""
+    ball = drops(size=60)
+    ball = ball.replace(r=torch.tensor((0.0, -0.03)).expand(60, 2), suspect=True)
+    effect = find_effect("velocity_dependent_friction", "stribeck")(2.0, 0.5)
+    steps, w_tt = 4000, (1 / ball.mass + 0.03**2 / ball.inertia)
+    first, taken = ball.v_c[:, 0].abs(), torch.zeros(60, dtype=torch.float64)
+    h, slip = 1.6 * ball.mass * ball.v_c[:, 1].abs() / steps, first
+    for _ in range(steps):
+        taken = taken + torch.minimum(0.03 * (1 + 2.0 * (-slip / 0.5).exp()) * h, slip / w_tt)
+        slip = (first - w_tt * taken).clamp_min(0)
+    slippery = ContactModel(find("wang_mason").at(0.03, 0.6), effects={"it": effect})
+    impulse = slippery.predict(ball).wrench[:, 0]
+    change = taken - torch.minimum(0.03 * h * steps, first / w_tt)
+    assert change.max() > 0.2 * taken.max()
+    torch.testing.assert_close(impulse.abs(), taken, atol=0.01 * taken.max().item(), rtol=0.01)
+
+
+def test_a_step_is_found_where_it_is():
+    impacts = drops(size=300)
+    step = find_effect("parameter_drift", "restitution_step")
+    made = noisy(impacts, predicted(step(0.15, 0.4, trials=300.0), impacts))
+    fit = identify_jointly(LAW, {"it": step()}, made)
+    assert_found(fit, torch.tensor((0.2, 0.6, 0.15, 0.4)))
+
+
+def test_large_bodies_have_large_lengths():
+    """The range of an arm is in proportion to a body ten times as large, and as declared for a small one."""
+    patch = find_effect("contact_patch", "linear")
+    small = drops(size=100)
+    turn = torch.tensor((1.0, 1.0, 0.1), dtype=torch.float64)
+    large = small.replace(
+        r=10 * small.r, inertia=100 * small.inertia, v_pre=turn * small.v_pre, v_post=turn * small.v_post
+    )
+    made = large.replace(v_post=predicted(patch(0.1, 0.03), large))
+    fit = identify_jointly(LAW, {"it": patch()}, made)
+    torch.testing.assert_close(fit.values, torch.tensor((0.2, 0.6, 0.1, 0.03), dtype=torch.float64), atol=1e-4, rtol=0)
+    assert identify_jointly(LAW, {"it": patch()}, small).parameters[-1].high == 0.01

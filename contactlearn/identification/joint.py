@@ -171,7 +171,7 @@ def identify_jointly(
     """
     effects = {name: effect.prepare(impacts) for name, effect in effects.items()}
     rows = torch.arange(len(impacts)) if rows is None else rows
-    parameters = named_parameters(effects, options.box)
+    parameters = named_parameters(effects, options.box, impacts)
     least = (len(parameters) + 2 * _SCATTER) // 3 + 1
     if rows.shape[-1] < least:
         raise DataError(f"{len(parameters)} parameters need at least {least} trials, got {rows.shape[-1]}")
@@ -211,7 +211,7 @@ def linearise(
 ) -> Linearisation:
     """What a law with effects leaves at parameters [K], and how that changes with them; options as of a fit."""
     rows = torch.arange(len(impacts))[None]
-    parameters = named_parameters(effects, Box())
+    parameters = named_parameters(effects, Box(), impacts)
     problem, noise = _observed(law, effects, impacts, rows, parameters, options)
     if noise is not None:
         problem = errors_in_variables.about_latent_states(problem, noise, theta[None])
@@ -219,13 +219,28 @@ def linearise(
     return Linearisation(*(part[0] for part in robust.whitened(residual, slope, scatter[None])))
 
 
-def named_parameters(effects: Mapping[str, Effect], box: Box) -> tuple[Parameter, ...]:
-    """μ, ε and the parameters of the effects, `effect.parameter` each."""
+_USUAL_SIZE = 0.03  # m, radius of gyration up to which the declared ranges of lengths hold
+_USUAL_MASS = 0.1  # kg, likewise of impulses and energies
+
+
+def named_parameters(effects: Mapping[str, Effect], box: Box, impacts: Impacts) -> tuple[Parameter, ...]:
+    """μ, ε and the parameters of the effects, `effect.parameter` each.
+
+    Ranges of lengths, impulses and energies are in proportion to the size or mass of large bodies.
+    """
     shared = (
         Parameter("mu", "μ", "–", *box.mu, vanishing=None),
         Parameter("eps", "ε", "–", *box.eps, vanishing=None),
     )
-    own = (replace(p, name=f"{name}.{p.name}") for name, effect in effects.items() for p in effect.parameters)
+    size = max(1.0, (impacts.inertia / impacts.mass).sqrt().median().item() / _USUAL_SIZE)
+    mass = max(1.0, impacts.mass.median().item() / _USUAL_MASS)
+    factors = {"m": size, "N s": mass, "J": mass}
+    own = (
+        replace(p, name=f"{name}.{p.name}", low=p.low * factor, high=p.high * factor)
+        for name, effect in effects.items()
+        for p in effect.parameters
+        for factor in (factors.get(p.unit, 1.0),)
+    )
     return (*shared, *own)
 
 

@@ -98,7 +98,7 @@ class Quadratic:
         slope = about.slope.nan_to_num(0.0, 0.0, 0.0)
         whole = torch.cat((slope, about.residual[..., None]), -1)
         products = torch.einsum("n,nip,njq->ijpq", about.weight, whole, whole)
-        parameters = named_parameters(everything, options.box)
+        parameters = named_parameters(everything, options.box, impacts)
         groups: dict[Group, list[int]] = {Group(None): [0, 1]}
         at = 2
         for name, effect in effects.items():
