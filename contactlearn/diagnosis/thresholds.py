@@ -67,6 +67,11 @@ class RivalThresholds:
     """Relative rise of the held-out mass error that is too small to decide (row rivals.error)."""
     odds: float = 20.0
     """Odds at which evidence decides between two models: log 20 = 3.0 nats over all trials (row rivals.odds)."""
+    same_trace: float = 0.95
+    """Share R² from which on what tells two effects apart may be the form of either (row rivals.same_trace)."""
+    form_error: float = 0.1
+    """Relative rise of the held-out mass error that a form may make, of an effect with the same trace
+    (row rivals.form_error)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,9 +10,10 @@
 The effects that a plausible model of the selection has in the place of the chosen one are refitted as well.
 A candidate is a rival if its held-out loss is no higher by more than chance (two standard errors of the paired
 difference) and by too little to decide: a little loss a trial or a little mass error, or, where trials are few, less
-than the logarithm of the odds over all of them.  So a rival is about these trials and not about physics: where drops
-come from one height, most effects of the speed are rivals; `next_experiment` says which drops would separate them.
-Forms of one effect are not reported as rivals of each other.
+than the logarithm of the odds over all of them.  One that mimics nearly all of the change may be somewhat worse, since
+another form of it, which the catalogue has not, might not be.  So a rival is about these trials and not about physics:
+where drops come from one height, most effects of the speed are rivals; `next_experiment` says which drops would
+separate them.  Forms of one effect are not reported as rivals of each other.
 """
 
 import math
@@ -71,8 +72,8 @@ def find_rivals(
     for effect, candidate, mimicry in progress(tasks) if tasks else ():
         fitted = _replaced(selection, effect, candidate, mimicry.start, scatter)
         gain, error = paired_gain(chosen, fitted)
-        if _as_good(chosen, fitted, -gain, error, thresholds):
-            rival = Rival(effect=candidate, similarity=mimicry.similarity, loss_difference=-gain, standard_error=error)
+        rival = Rival(effect=candidate, similarity=mimicry.similarity, loss_difference=-gain, standard_error=error)
+        if _as_good(chosen, fitted, rival, thresholds):
             found[effect].append(FittedRival(rival=rival, fitted=fitted))
     return {effect: tuple(sorted(some, key=lambda one: one.rival.loss_difference)) for effect, some in found.items()}
 
@@ -126,14 +127,15 @@ def _yardstick(selection: Selection) -> tuple[Float[Tensor, "3 3"], ValidatedFit
     return scatter, validated(selection.pool, selection.folds, selection.chosen, scatter)
 
 
-def _as_good(
-    chosen: ValidatedFit, other: ValidatedFit, loss_difference: float, error: float, thresholds: RivalThresholds
-) -> bool:
-    """Whether another model is no worse by more than chance, and by too little to decide."""
+def _as_good(chosen: ValidatedFit, other: ValidatedFit, rival: Rival, thresholds: RivalThresholds) -> bool:
+    """Whether another model is no worse by more than chance and by too little to decide, or by what a form may make."""
     trials = int(chosen.loss.isfinite().sum())
     harm = other.mean_error / chosen.mean_error - 1
+    if rival.similarity >= thresholds.same_trace and harm < thresholds.form_error:
+        return True
     little = max(thresholds.loss, math.log(thresholds.odds) / trials)
-    return loss_difference <= thresholds.sigmas * error and (loss_difference < little or harm < thresholds.error)
+    chance = rival.loss_difference <= thresholds.sigmas * rival.standard_error
+    return chance and (rival.loss_difference < little or harm < thresholds.error)
 
 
 def _replaced(

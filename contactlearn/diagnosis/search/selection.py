@@ -186,7 +186,7 @@ def _searched(
 
 
 def _pruned(pool: Pool, folds: Folds, model: ScoredFit, base: float, thresholds: SelectionThresholds) -> ScoredFit:
-    """The model without the effects that are not worth a name, the least one judged first; `base` is the law's error."""
+    """The model without the effects that are not worth a name, the least judged first; `base` is the law's error."""
     whole = validated(pool, folds, model)
     while model.spec.effects:
         less = pool.best(smaller(pool, model, effect) for effect in model.spec.effects)
