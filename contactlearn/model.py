@@ -179,7 +179,7 @@ def resolve(
     for effect in at["wrench"]:
         wrench = effect.wrench(state, wrench)
     if not at["state"] and not at["velocity"]:
-        return Prediction.from_wrench(measured, wrench)
+        return Prediction(measured.v_after(wrench), wrench)
     v_post = state.as_measured(state.v_after(wrench))
     for effect in at["velocity"]:
         v_post = effect.velocity(state, v_post)

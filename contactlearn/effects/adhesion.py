@@ -41,7 +41,7 @@ class AdhesionImpulse(Adhesion):
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         P_t, P_n, tau = wrench.unbind(-1)
         rebound, w_nn = state.contact_after(wrench)[..., 1].clamp_min(0), state.W[..., 1, 1]
-        return columns(P_t, P_n - torch.minimum(self.c, rebound / w_nn), tau)
+        return columns(P_t, P_n - torch.minimum(torch.as_tensor(self.c), rebound / w_nn), tau)
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ import math
 import re
 from abc import ABC
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any, ClassVar, Self
 
 import torch
@@ -114,6 +114,7 @@ class Effect(ABC):
     """Name of the family: its class's name in small letters."""
     id: ClassVar[EffectId]
     """Name and form."""
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]  # every effect is a dataclass
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -182,12 +183,22 @@ class Effect(ABC):
         Raises:
             DataError: the effect needs the body's shape, and the impacts have none.
         """
-        if self.needs_shape and impacts.shape is None:
-            raise DataError(
-                f"effect {self.name} moves the contact point, so it needs the body's shape, and {impacts.source} has "
-                "none; say it with data.shape={kind: ellipse, semi_axes: [a, b]}"
-            )
+        if self.needs_shape:
+            require_shape(self.name, impacts)
         return self
+
+
+def require_shape(effect: str, impacts: Impacts) -> None:
+    """Refuse impacts of a body without a shape, for an effect by name that moves the contact point.
+
+    Raises:
+        DataError: the impacts have no shape.
+    """
+    if impacts.shape is None:
+        raise DataError(
+            f"effect {effect} moves the contact point, so it needs the body's shape, and {impacts.source} has "
+            "none; say it with data.shape={kind: ellipse, semi_axes: [a, b]}"
+        )
 
 
 def _overridden(kind: type[Effect]) -> str:

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -32,7 +33,7 @@ class ComOffset(Effect):
 
     def shift(self, state: State) -> Tensor:
         """Return d [..., N, 2] in m, in world axes."""
-        return rotate(columns(self.delta_a, self.delta_b), state.theta)
+        return rotate(columns(torch.as_tensor(self.delta_a), torch.as_tensor(self.delta_b)), state.theta)
 
 
 @dataclass(frozen=True, eq=False)

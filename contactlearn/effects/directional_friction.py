@@ -25,5 +25,5 @@ class DirectionalFriction(Effect):
     a: Tensor | float = parameter("a", "–", -0.9, 0.9)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        grain = self.a * state.v_t.sign()
-        return retraced(state, wrench, friction=(state.mu * (1 + grain), state.mu * (1 - grain)))
+        (mu, _), grain = state.coefficients, self.a * state.v_t.sign()
+        return retraced(state, wrench, friction=(mu * (1 + grain), mu * (1 - grain)))

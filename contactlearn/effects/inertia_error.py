@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -21,4 +22,4 @@ class InertiaError(Effect):
     kappa: Tensor | float = parameter("κ", "–", -1.0, 1.0)
 
     def state(self, state: State) -> State:
-        return state.replace(inertia=state.inertia * self.kappa.exp())
+        return state.replace(inertia=state.inertia * torch.as_tensor(self.kappa).exp())

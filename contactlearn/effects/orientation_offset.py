@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -22,4 +23,4 @@ class OrientationOffset(Effect):
     delta: Tensor | float = parameter("δ", "rad", -0.3, 0.3)
 
     def state(self, state: State) -> State:
-        return state.turned(self.delta)
+        return state.turned(torch.as_tensor(self.delta))

@@ -30,13 +30,13 @@ def retraced(
         friction: μ against slip in the direction of the initial slip, and against slip in the other direction.
     """
     P_t, P_n, tau = wrench.unbind(-1)
-    contact = contact_of(state)
-    mu, w_nt, moved = (state.mu, state.mu), contact.w_tn, contact
+    (mu, _), contact = state.coefficients, contact_of(state)
+    w_nt, moved = contact.w_tn, contact
     if arm is not None:
         turn_t, turn_n = -state.r[..., 1] * arm / state.inertia, state.r[..., 0] * arm / state.inertia
         moved = contact._replace(w_tn=contact.w_tn + turn_t, w_nn=contact.w_nn + turn_n)
     rise = (state.contact_after(wrench)[..., 1] - state.v_n).clamp_min(0)
-    was, now = routh_path(contact, *mu, w_nt), routh_path(moved, *(friction or mu), w_nt)
+    was, now = routh_path(contact, mu, mu, w_nt), routh_path(moved, *(friction or (mu, mu)), w_nt)
     before, after = was.impulse(was.until(rise)), now.impulse(now.until(rise))
     P_t, P_n = P_t + (after[0] - before[0]), P_n + (after[1] - before[1])
     return columns(P_t, P_n, tau if arm is None else tau + arm * P_n)

@@ -45,9 +45,10 @@ def find_effect(name: str, form: str | None = None) -> type[Effect]:
     Raises:
         UnknownNameError: no such effect or form; an effect of another package is known once that has been imported.
     """
-    known = dict.fromkeys(catalogue()) | {kind.name: kind for kind in _defined(Effect)}
+    listed = catalogue()  # by now all of them are loaded
+    known = {kind.name: kind for kind in _defined(Effect)}
     if name not in known:
-        raise UnknownNameError("effect", name, known)
+        raise UnknownNameError("effect", name, dict.fromkeys((*listed, *known)))
     return choose_form(known[name], form)
 
 
@@ -99,7 +100,7 @@ def from_settings(kind: type[Effect], settings: Mapping[str, Any]) -> Effect:
         UnknownNameError: the family has no such form.
         ContactLearnError: an option that the class does not have, or lacks.
     """
-    options = {key: tuple(value) if isinstance(value, list) else value for key, value in settings.items()}
+    options: dict[str, Any] = {k: tuple(value) if isinstance(value, list) else value for k, value in settings.items()}
     defaults = [(name, f.default) for form in forms_of(kind) for name, f in _options(form).items()]
     kind = choose_form(kind, options.pop("form", None) if kind.form or inspect.isabstract(kind) else None)
     known = _options(kind)

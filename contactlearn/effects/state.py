@@ -22,6 +22,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from contactlearn import mechanics
+from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts
 from contactlearn.shapes import Polygon, Shape, contact_point
 
@@ -64,6 +65,17 @@ class State:
     def replace(self, **changes: Any) -> "State":
         """Return a copy with some fields changed."""
         return replace(self, **changes)
+
+    @property
+    def coefficients(self) -> Coefficients:
+        """(μ, ε) of the law.
+
+        Raises:
+            ContactLearnError: the law has not given them yet.
+        """
+        if self.mu is None or self.eps is None:
+            raise ContactLearnError("μ and ε are known after the place `law` alone; give state.replace(mu=…, eps=…)")
+        return self.mu, self.eps
 
     @property
     def x(self) -> Float[Tensor, "... n"]:
@@ -131,7 +143,13 @@ class State:
         )
 
     def lowest(self, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n 2"]:
-        """Contact point [..., N, 2] of the stretched body at orientation θ [..., N], m; the shape must be known."""
+        """Contact point [..., N, 2] of the stretched body at orientation θ [..., N], m.
+
+        Raises:
+            ContactLearnError: the shape is not known.
+        """
+        if self.shape is None:
+            raise ContactLearnError("the contact point of an unknown shape cannot move; give state.replace(shape=…)")
         sharp = contact_point(self.shape, theta, self.stretch)
         return sharp + _rounding(self.shape, theta, self.corner) if isinstance(self.shape, Polygon) else sharp
 

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -34,7 +35,7 @@ class SurfaceTilt(Effect):
 
     def turned(self, state: State) -> State:
         """Return the state in axes that are turned by φ, with the contact point as it was."""
-        phi = self.phi
+        phi = torch.as_tensor(self.phi)
         return state.replace(
             r=rotate(state.r, -phi),
             q=columns(*rotate(state.q[..., :2], -phi).unbind(-1), state.theta - phi),
@@ -55,8 +56,8 @@ class SurfaceTiltComputed(SurfaceTilt):
         tilted = self.turned(state)
         if state.shape is None:
             return tilted
-        moved = state.lowest(tilted.theta) - rotate(state.lowest(state.theta), -self.phi)
-        return tilted.replace(r=tilted.r + moved)
+        level = rotate(state.lowest(state.theta), -torch.as_tensor(self.phi))
+        return tilted.replace(r=tilted.r + (state.lowest(tilted.theta) - level))
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,7 +61,7 @@ class SlipRebound(TangentialRestitution):
         P_t, P_n, tau = wrench.unbind(-1)
         direction, M_c = -state.v_t.sign(), effective_inertia(state.W)
         t, n = M_c[..., 0, 0] * direction, M_c[..., 0, 1] * direction  # impulse per change of v_t, kg
-        room = _within_cone(state.mu, (P_t, P_n), (t, n))
+        room = _within_cone(state.coefficients[0], (P_t, P_n), (t, n))
         back = (direction * state.W[..., 0, 1] * P_n).clamp_min(0)  # m/s that the coupling drives against the slip
         change = torch.minimum(self.beta * (state.v_t.abs() + back / 2), room)
         change = torch.where(room < _ROUNDING * state.v_c.norm(dim=-1), 0.0, change)
@@ -84,13 +84,14 @@ class ImpulseRebound(TangentialRestitution):
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         P_t, P_n, tau = wrench.unbind(-1)
-        path = routh_path(contact_of(state), state.mu)
+        mu, _ = state.coefficients
+        path = routh_path(contact_of(state), mu)
         p_c = path.p_c
-        sticks = (path.p_slip <= p_c) & (path.slope_after.abs() < state.mu)
+        sticks = (path.p_slip <= p_c) & (path.slope_after.abs() < mu)
         stored, _ = path.impulse(p_c)
         t = stored.sign()
         n = -t * state.W[..., 0, 1] / state.W[..., 1, 1]  # with it v_n⁺ stays
-        room = _within_cone(state.mu, (P_t - stored, P_n - p_c), (t, n)).clamp_min(0)
+        room = _within_cone(mu, (P_t - stored, P_n - p_c), (t, n)).clamp_min(0)
         change = torch.where(sticks, torch.minimum(self.e_t * stored.abs(), room), 0.0)
         return columns(P_t + change * t, P_n + change * n, tau)
 

@@ -18,14 +18,15 @@ are computed from the same state and added at once.
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.base import Effect, Parameter
+from contactlearn.effects.base import Effect, Parameter, require_shape
 from contactlearn.effects.formula.declaration import Declaration, place_of_outputs
 from contactlearn.effects.formula.symbols import SYMBOLS, symbols
 from contactlearn.effects.formula.trial import check_on, named_outputs
@@ -42,12 +43,12 @@ class _Formula:
         expressions: text by output, all of one place.
         declared: parameters by name, see `declaration`.
         current: their values; their starts if left out.
-        read: both of them once they have been read, so that `at` reads nothing again.
 
     Raises:
         ContactLearnError: see `Declaration.read`.
     """
 
+    name: ClassVar[str]
     place: ClassVar[str]
     formula: ClassVar[str] = "output ← output + (expression), for each output"
     source: ClassVar[str] = "yours"
@@ -57,12 +58,10 @@ class _Formula:
     expressions: Mapping[str, str]
     declared: Mapping[str, Any]
     current: tuple[Tensor | float, ...] = field(default=(), repr=False)
-    read: Declaration | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        read = self.read or Declaration.read(self.place, self.expressions, self.declared)
+        read = self.read
         own = {
-            "read": read,
             "expressions": dict(self.expressions),
             "declared": read.declared,
             "current": self.current or tuple(p.start for p in read.parameters),
@@ -70,6 +69,11 @@ class _Formula:
         }
         for name, value in own.items():
             object.__setattr__(self, name, value)
+
+    @cached_property
+    def read(self) -> Declaration:
+        """The expressions and the parameters once they have been read; `at` reads nothing again."""
+        return Declaration.read(self.place, self.expressions, self.declared)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -100,7 +104,9 @@ class _Formula:
         parts = tuple(values.unbind(-1) if isinstance(values, Tensor) else values)
         if len(parts) != len(self.declared):
             raise ContactLearnError(f"{self.equation} has {len(self.declared)} parameters, got {len(parts)} values")
-        return replace(self, current=parts)
+        moved = copy.copy(self)  # with all that has been read
+        object.__setattr__(moved, "current", parts)
+        return moved
 
     def prepare(self, impacts: Impacts) -> Self:
         """Return the effect itself, once it has been tried on the measurements.
@@ -110,7 +116,8 @@ class _Formula:
                 is not finite at the start.
             DataError: it needs the body's shape, and that is not known.
         """
-        Effect.prepare(self, impacts)
+        if "theta" in self.expressions:
+            require_shape(self.name, impacts)
         check_on(self, impacts)
         return self
 

@@ -15,7 +15,7 @@ import ast
 import keyword
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import torch
@@ -42,7 +42,7 @@ FUNCTIONS = {
 }
 """Function and number of arguments by name."""
 
-_OPERATORS = {
+_OPERATORS: dict[type[ast.operator] | type[ast.unaryop], Callable[..., Tensor]] = {
     ast.Add: torch.add,
     ast.Sub: torch.sub,
     ast.Mult: torch.mul,
@@ -139,7 +139,7 @@ class Expression:
                 raise self.error(at, f"an expression is at most {MAX_DEPTH} parentheses deep; name a part or simplify")
             at, previous = token.end(), kind
 
-    def _check_name(self, name: str, column: int, previous: str) -> None:
+    def _check_name(self, name: str, column: int, previous: str | None) -> None:
         if previous == "number":
             raise self.error(column, f"a number and {name!r} without an operator between; write * for a product")
         if keyword.iskeyword(name) or name.startswith("_"):
@@ -187,7 +187,7 @@ class Expression:
     def _call(self, node: ast.Call, depth: int) -> None:
         name = getattr(node.func, "id", None)
         if name not in FUNCTIONS:
-            known, seen = ", ".join(FUNCTIONS), ast.get_source_segment(self.text, node.func)
+            known, seen = ", ".join(FUNCTIONS), self.text[node.func.col_offset : node.func.end_col_offset]
             hint = f"{suggest(seen, FUNCTIONS)}; known: {known}; a product needs a *"
             raise self.error(node.func.col_offset, f"{seen!r} is not a function{hint}")
         function, count = FUNCTIONS[name]

@@ -1,7 +1,7 @@
 """Trial of a formula effect on measurements: finite values and derivatives, and no change where it vanishes."""
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol, Self
+from typing import ClassVar, Protocol, Self
 
 import torch
 from jaxtyping import Float
@@ -17,9 +17,13 @@ from contactlearn.impacts import Impacts
 class Tried(Protocol):
     """Parts of a formula effect that a trial uses."""
 
-    place: str
-    expressions: Mapping[str, str]
-    current: tuple[Tensor | float, ...]
+    place: ClassVar[str]
+
+    @property
+    def expressions(self) -> Mapping[str, str]: ...
+
+    @property
+    def current(self) -> tuple[Tensor | float, ...]: ...
 
     @property
     def parameters(self) -> tuple[Parameter, ...]: ...
