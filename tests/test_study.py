@@ -61,7 +61,7 @@ def test_more_processes_change_nothing(drops, curves):
     pair = study.learning_curves(RECIPES, pool, test, orders, (10, 30), bases(fits), workers=2)
     for name, curve in alone.items():
         assert pair[name].sizes == curve.sizes
-        torch.testing.assert_close(pair[name].distance, curve.distance, rtol=1e-6, atol=1e-9)
+        torch.testing.assert_close(pair[name].density.distance, curve.density.distance, rtol=1e-6, atol=1e-9)
 
 
 def test_transfer_learns_the_correction(drops):

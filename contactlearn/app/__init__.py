@@ -1,5 +1,6 @@
 """Commands, from a composed configuration to a run folder: compute, write the typed result, then show it.
 
+    plain      a configuration's parts as plain values
     settings   checks of a configuration, and the laws, effects and models that it names
     loading    data and their split
     fitting    fits that several commands ask for

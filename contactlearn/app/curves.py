@@ -9,7 +9,7 @@ from rich.progress import Progress
 from torch import Tensor
 
 from contactlearn.app import fitting, settings
-from contactlearn.app.laws import chosen_law, compared_laws
+from contactlearn.app.laws import compared_laws, given_law
 from contactlearn.app.loading import Split
 from contactlearn.errors import DataError
 from contactlearn.evaluation import metrics
@@ -26,7 +26,7 @@ from contactlearn.report.tensorboard import Tracker
 from contactlearn.results.estimates import ModelErrors
 from contactlearn.results.evaluation import CurveCalibration, Evaluation, LearningCurve
 
-Bases = dict[str, dict[int, Law | ContactModel]]
+Bases = Mapping[str, Mapping[int, Law | ContactModel]]
 
 
 def learning_study(cfg: DictConfig, data: Split) -> tuple[dict[str, Curve], list[str]]:
@@ -72,13 +72,15 @@ def _law_curves(
     cfg: DictConfig, recipes: Mapping[str, Recipe], data: Split, orders: Tensor, sizes: list[int], bar: Progress
 ) -> tuple[Bases, dict[str, Curve]]:
     """Laws on every subset, by name and size, and the curves of those that are shown; effects are around `law`."""
-    law, laws, effects = chosen_law(cfg), compared_laws(cfg), settings.effects(cfg)
+    law, laws, effects = given_law(cfg), compared_laws(cfg), settings.effects(cfg)
     needed = laws | {r.law.name: r.law for r in recipes.values() if r.law}
     every = bar.track(needed.values(), description="laws on every subset")
     fits, curves = study.law_curves(
         every, data.pool, data.test, orders, sizes, target=cfg.train.target, box=settings.box(cfg)
     )
-    bases = {name: {size: study.law_at(fit, size) for size in sizes} for name, fit in fits.items()}
+    bases: dict[str, Mapping[int, Law | ContactModel]] = {
+        name: {size: study.law_at(fit, size) for size in sizes} for name, fit in fits.items()
+    }
     shown = {name: curves[name] for name in laws}
     if effects:
         every = bar.track(sizes, description=f"{law.name} and its effects on every subset")
@@ -112,14 +114,15 @@ def mean_errors(test: Impacts, predictions: Mapping[str, Prediction]) -> dict[st
 
 
 def _calibration(curve: Curve) -> CurveCalibration | None:
-    if curve.density is None:
+    density = curve.density
+    if density is None:
         return None
     return CurveCalibration(
         processes=curve.kinds,
         converged=curve.converged,
-        negative_log_density=tuple(curve.density.mean((1, 2)).tolist()),
-        coverage=tuple((curve.distance <= metrics.CHI_SQUARED_95).double().mean((1, 2)).tolist()),
-        component_coverage=tuple(map(tuple, curve.covered.double().mean((1, 2)).tolist())),
+        negative_log_density=tuple(density.negative_log.mean((1, 2)).tolist()),
+        coverage=tuple((density.distance <= metrics.CHI_SQUARED_95).double().mean((1, 2)).tolist()),
+        component_coverage=tuple(map(tuple, density.covered.double().mean((1, 2)).tolist())),
     )
 
 
@@ -155,6 +158,6 @@ def draw_curves(
         densities = {name: curve.errors[metric][-1].flatten() for name, curve in curves.items()}
         densities |= {name: metrics.METRICS[metric].error(test, bound) for name, bound in bounds.items()}
         drawn[f"error_densities{suffix}"] = learning.error_densities(densities, axis)
-    sure = {name: curve for name, curve in curves.items() if curve.distance is not None}
-    coverage = {name: metrics.calibration(curve.distance[-1].flatten()) for name, curve in sure.items()}
+    sure = {name: curve.density for name, curve in curves.items() if curve.density is not None}
+    coverage = {name: metrics.calibration(density.distance[-1].flatten()) for name, density in sure.items()}
     return drawn | {"calibration": quality.calibration_curve(coverage)}

@@ -67,7 +67,7 @@ def _record(cfg: DictConfig, folder: Path, result: DiagnosisRun, figures: Mappin
     """Log the ladder as a chart, its law and its model as runs of the other commands log theirs, and the figures."""
     found, data, tag = result.diagnosis, result.provenance.data, f"ladder/{HEADLINE}"
     with Tracker(folder, data.trials) as tracker:
-        if found.budget is not None:
+        if found.budget is not None and found.law is not None:
             tracker.series(tag, [rung.error for rung in found.ladder])
             base = f"{HEADLINE}/{fitting.augmented_name(found.law, cfg.effect)}"
             model = {base: found.budget.base, record.MODEL: found.budget.named}
@@ -105,13 +105,14 @@ def _command(cfg: DictConfig, found: Diagnosis) -> str:
     names = [name for name in dict.fromkeys((*cfg.effect, *found.effects)) if _named(name)]
     words.append(f"effect=[{','.join(names)}]")
     words += [word for word in task if word.lstrip("+").startswith(("effect.", "variant=", "fit."))]
+    fitted = {} if found.record is None else found.record.model.effects
     for missing in found.missing:
         name, form = missing.effect.name, missing.effect.form
         if name in cfg.candidate:
             own = [word.lstrip("+") for word in task if word.lstrip("+").startswith(f"candidate.{name}.")]
             words += [f"+effect.{word.removeprefix('candidate.')}" for word in own]
         elif not _named(name):
-            kind = type(found.record.model.effects[name])
+            kind = type(fitted[name])
             words.append(f"+effect.{name}._target_={kind.__module__}.{kind.__name__}")
         elif form:
             words.append(f"effect.{name}.form={form}")

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import torch
 from matplotlib.figure import Figure
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from rich.progress import Progress
 
 from contactlearn.app import curves, fitting, loading, record, results, settings
 from contactlearn.app.fitting import CostSurface
-from contactlearn.app.laws import chosen_law, compared_laws, named_laws
+from contactlearn.app.laws import compared_laws, given_law, named_laws
 from contactlearn.app.loading import Split
 from contactlearn.app.transfer import transfer
 from contactlearn.errors import DataError
@@ -97,7 +97,7 @@ def _compared(cfg: DictConfig, data: Split, bar: Progress) -> _Compared:
     predictions, joint = {fit.law.name: ContactModel(fit.to_law()).predict(test) for fit in fits}, {}
     if effects:
         rows = torch.arange(len(pool))
-        found = fitting.fit_with_effects(cfg, chosen_law(cfg), effects, pool, rows, bar)
+        found = fitting.fit_with_effects(cfg, given_law(cfg), effects, pool, rows, bar)
         joint = {f"{name} (joint)" if name in predictions else name: fit for name, fit in found.items()}
     best, _ = bounds.best_post_hoc(test, predictions, cfg.bounds.norm)
     predictions |= {BEST_POST_HOC: best, IRB: bounds.irb(test, cfg.bounds.norm)}
@@ -118,7 +118,7 @@ def _result(cfg: DictConfig, data: Split, compared: _Compared) -> Evaluation:
     errors = results.error_table(data.test, compared.predictions, cfg.bootstrap, data.generator)
     joint = {name: results.joint_estimate(fit) for name, fit in compared.joint.items()}
     best, differences = results.ranked(data.test, compared.predictions)
-    law, laws = chosen_law(cfg).name, [fit.law.name for fit in compared.fits]
+    law, laws = given_law(cfg).name, [fit.law.name for fit in compared.fits]
     law = law if joint or law in laws else min(laws, key=lambda name: errors[name].headline)
     return Evaluation(
         provenance=results.provenance(data.impacts, cfg),
@@ -142,7 +142,7 @@ def _show(cfg: DictConfig, result: Evaluation) -> None:
     if result.joint:
         terminal.show_joint(*list(result.joint.items())[-1])
     if cfg.reference is not None:
-        terminal.show_reference(result.fits, OmegaConf.to_container(cfg.reference))
+        terminal.show_reference(result.fits, settings.reference(cfg))
 
 
 def _with_curves(
@@ -209,7 +209,8 @@ def _drawn(
     laws = {fit.law.name: fit.to_law() for fit in compared.fits}
     headline = metrics.METRICS[metrics.HEADLINE]
     per_trial = {name: headline.error(test, prediction) for name, prediction in compared.predictions.items()}
-    intervals = {name: tuple(errors.headline) for name, errors in result.errors.items()}
+    headlines = record.headline_errors(result.errors)
+    intervals = {name: (one.mean, one.low, one.high) for name, one in headlines.items()}
     best = min(laws, key=lambda name: intervals[name])
     row = int(per_trial[best].argsort()[len(test) // 2]) if row is None else row
     levels = {name: intervals[name][0] for name in (best, BEST_POST_HOC)}
@@ -219,7 +220,7 @@ def _drawn(
         "cost_surface": record.draw_cost_surface(extras.surface),
         "convergence": figures.convergence(extras.convergence),
         "error_comparison": figures.error_comparison(per_trial, intervals, axis),
-        "patch_curve": figures.patch_curve(1e3 * extras.widths, extras.patched, levels, axis),
+        "patch_curve": figures.patch_curve((1e3 * extras.widths).tolist(), extras.patched, levels, axis),
         "trial_parameters": figures.trial_parameters(per_law, data.impacts, box=box),
     }
 

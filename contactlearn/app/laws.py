@@ -4,9 +4,10 @@ import inspect
 from collections.abc import Iterable
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from contactlearn import laws
+from contactlearn.app.plain import plain_values
 from contactlearn.app.targets import subclass
 from contactlearn.errors import ContactLearnError
 from contactlearn.laws import PAPER_LAWS, Law
@@ -15,17 +16,22 @@ BEST = "best"
 """As the law of a diagnosis: the one with the least held-out error."""
 
 
-def chosen_law(cfg: DictConfig) -> Law | None:
-    """Return the law `law` of the configuration; None where a diagnosis is to choose it.
+def given_law(cfg: DictConfig) -> Law:
+    """Return the law `law` of the configuration.
 
     Raises:
-        ContactLearnError: a `_target_` that is no law, or no law where one is needed.
+        ContactLearnError: a `_target_` that is no law, or no law.
         UnknownNameError: no such law, variant or option.
     """
     law = law_of(cfg.law, str(cfg.variant))
-    if law is None and "test" in cfg:
+    if law is None:
         raise ContactLearnError("law=best is a choice of diagnose.py alone; name a law, such as law=wang_mason")
     return law
+
+
+def chosen_law(cfg: DictConfig) -> Law | None:
+    """Return the law `law` of the configuration, see `given_law`; None where a diagnosis is to choose it."""
+    return given_law(cfg) if "test" in cfg else law_of(cfg.law, str(cfg.variant))
 
 
 def named_laws(cfg: DictConfig, names: Iterable[str]) -> dict[str, Law]:
@@ -56,7 +62,7 @@ def law_of(entry: Any, variant: str) -> Law | None:
         UnknownNameError: no such law, variant or option.
     """
     if isinstance(entry, DictConfig):
-        entry = OmegaConf.to_container(entry, resolve=True)
+        entry = plain_values(entry)
     if not isinstance(entry, dict):
         return None if entry == BEST else laws.find(str(entry), variant)
     target = entry.get("_target_")

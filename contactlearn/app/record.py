@@ -40,7 +40,7 @@ def draw_cost_surface(surface: CostSurface) -> Figure:
     return figures.cost_map(surface.mu, surface.eps, surface.cost, surface.minimum, surface.law)
 
 
-def save_figures(drawn: dict[str, Figure], folder: Path, tracker: Tracker) -> None:
+def save_figures(drawn: Mapping[str, Figure], folder: Path, tracker: Tracker) -> None:
     """Save as PNG and PDF into the run folder, and log to TensorBoard."""
     for name, figure in drawn.items():
         png, _ = figures.save(figure, folder / "figures", name)
@@ -130,7 +130,7 @@ def log_card(
 
 def charts(curves: Iterable[str] = ()) -> dict[str, dict[str, str | list[str]]]:
     """Return the charts of every run, and those of an evaluation with learning curves."""
-    chosen = {"Each run's model, and the IRB bound": [f"{MODEL}$", f"{BOUND}$"]}
+    chosen: dict[str, str | list[str]] = {"Each run's model, and the IRB bound": [f"{MODEL}$", f"{BOUND}$"]}
     if curves := list(curves):
         tag, named = f"curve_{metrics.HEADLINE}/", "|".join(laws.names())
         chosen["Learned models, Best Post Hoc and IRB bound"] = [f"{tag}(?!({named})$)"]

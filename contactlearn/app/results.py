@@ -8,9 +8,10 @@ from pathlib import Path
 
 import torch
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 import contactlearn
+from contactlearn.app.plain import plain_values
 from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import Effect, EffectId
 from contactlearn.evaluation import metrics
@@ -43,7 +44,7 @@ def provenance(impacts: Impacts, cfg: DictConfig) -> Provenance:
     return Provenance(
         data=DataSource(source=impacts.source, trials=len(impacts), sha256=impacts.fingerprint()),
         versions={"contactlearn": contactlearn.__version__, "python": platform.python_version(), **packages},
-        config=OmegaConf.to_container(cfg, resolve=True),
+        config=plain_values(cfg),
         command=command_line(),
     )
 
@@ -78,7 +79,7 @@ def joint_estimate(fit: JointFit) -> JointEstimate:
     """Return a law with effects, fitted to one subset, as numbers."""
     numbers = zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True)
     return JointEstimate(
-        law=fit.model.base.name,
+        law=fit.model.law.name,
         effects=effect_ids(fit.model.effects),
         equation=str(fit.model),
         parameters=tuple(
@@ -98,7 +99,7 @@ def joint_estimate(fit: JointFit) -> JointEstimate:
 
 def process_estimates(recipe: Recipe, regressor: Regressor) -> tuple[ProcessEstimate, ...]:
     """Return the hyperparameters of each output's process, spread and noise in the output's unit."""
-    status, spread = regressor.status, regressor.outputs.spread[0]
+    training, spread = regressor.training, regressor.outputs.spread[0]
     entries = []
     for o, (output, unit) in enumerate(OUTPUTS[recipe.target].items()):
         *lengths, scale, noise = regressor.gps.hyperparameters()[o].tolist()
@@ -108,9 +109,9 @@ def process_estimates(recipe: Recipe, regressor: Regressor) -> tuple[ProcessEsti
             length_scales=dict(zip(SPACES[recipe.features].columns, lengths, strict=True)),
             spread=scale**0.5 * spread[o].item(),
             noise=noise**0.5 * spread[o].item(),
-            loss=status.loss[o].item(),
-            converged=bool(status.converged[o]),
-            evaluations=int(status.evaluations[o]),
+            loss=training.loss[o].item(),
+            converged=bool(training.converged[o]),
+            evaluations=int(training.evaluations[o]),
         )
         entries.append(entry)
     return tuple(entries)

@@ -6,6 +6,7 @@ from typing import Any
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from contactlearn.app.laws import law_of, named_laws
+from contactlearn.app.plain import plain_values
 from contactlearn.app.targets import subclass
 from contactlearn.effects import Effect, from_settings
 from contactlearn.effects.formula.effect import formula
@@ -116,7 +117,15 @@ def box(cfg: DictConfig) -> Box:
 def noise(cfg: DictConfig) -> tuple[float, float, float] | None:
     """Return the standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), where they are known."""
     sigma = cfg.fit.noise
-    return None if sigma is None else tuple(sigma) if isinstance(sigma, ListConfig) else (sigma,)
+    if sigma is None:
+        return None
+    return tuple(sigma if isinstance(sigma, ListConfig) else [sigma])  # `FitOptions` checks that they are three
+
+
+def reference(cfg: DictConfig) -> dict[str, dict[str, tuple[float, ...]]]:
+    """Return published parameters by law, (mean, standard deviation) each; none where the configuration has none."""
+    given = cfg.get("reference") or {}
+    return {str(law): {name: tuple(entry[name]) for name in ("mu", "eps")} for law, entry in given.items()}
 
 
 def fit_options(cfg: DictConfig) -> FitOptions:
@@ -139,7 +148,7 @@ def recipes(cfg: DictConfig) -> dict[str, Recipe]:
     """
     found = {}
     for name, entry in (cfg.get("model") or {}).items():
-        settings = {} if not isinstance(entry, DictConfig) else OmegaConf.to_container(entry, resolve=True)
+        settings = plain_values(entry) if isinstance(entry, DictConfig) else {}
         unknown = settings.keys() - {"features", "target", "law"}
         if not settings or unknown:
             wrong = f"unknown {', '.join(sorted(unknown))}" if unknown else repr(entry)
@@ -149,8 +158,9 @@ def recipes(cfg: DictConfig) -> dict[str, Recipe]:
         missing = {"features", "target"} - settings.keys()
         if missing:
             raise ContactLearnError(f"model.{name} lacks {', '.join(sorted(missing))}; see configs/model")
-        base = settings.pop("law", None)
-        found[name] = Recipe(**settings, law=None if base is None else law_of(base, str(cfg.variant)))
+        base = settings.get("law")
+        law = None if base is None else law_of(base, str(cfg.variant))
+        found[name] = Recipe(settings["features"], settings["target"], law)
     return found
 
 
@@ -182,7 +192,7 @@ def effects(cfg: DictConfig, part: str = "effect") -> dict[str, Effect]:
     """
     found = {}
     for name, entry in (cfg.get(part) or {}).items():
-        settings = OmegaConf.to_container(entry, resolve=True) if isinstance(entry, DictConfig) else None
+        settings = plain_values(entry) if isinstance(entry, DictConfig) else None
         if not settings:
             raise ContactLearnError(
                 f"{part}.{name} must hold _target_, a class, or a line of mathematics such as tau: '-c*rx*Pn'; "

@@ -6,10 +6,10 @@ from hydra.utils import get_class
 
 from contactlearn.errors import ContactLearnError
 
-Kind = TypeVar("Kind", bound=type)
+Base = TypeVar("Base")
 
 
-def subclass(target: object, base: Kind) -> Kind:
+def subclass(target: object, base: type[Base]) -> type[Base]:
     """Return the class that a dotted path names; nothing but a subclass of `base`.
 
     Raises:

@@ -12,7 +12,7 @@ from rich.progress import Progress
 from contactlearn import checkpoint
 from contactlearn.app import fitting, loading, record, results, settings
 from contactlearn.app.fitting import CostSurface
-from contactlearn.app.laws import chosen_law
+from contactlearn.app.laws import given_law
 from contactlearn.app.loading import Split
 from contactlearn.effects import Effect
 from contactlearn.errors import ContactLearnError
@@ -60,7 +60,7 @@ class _Task:
                 f"model {name} takes each trial's (μ, ε) from the law alone, but there are effects "
                 f"({', '.join(effects)}); use model=parameters_likelihood"
             )
-        law = chosen_law(cfg) if recipe is None or effects else recipe.law
+        law = given_law(cfg) if recipe is None or effects else recipe.law
         return cls(name=name, recipe=recipe, law=law, effects=effects)
 
 
@@ -104,27 +104,32 @@ def train(cfg: DictConfig) -> None:
 
 def _trained(cfg: DictConfig, task: _Task, data: Split, bar: Progress) -> _Trained:
     """Fit the law, with its effects if there are any, and train the learned model on top."""
-    pool, recipe, fits, joint = data.pool, task.recipe, (), {}
-    if recipe is not None or task.effects:
-        rows = torch.randperm(len(pool), generator=data.generator)[: cfg.train.size]
-    if task.effects:
-        joint = fitting.fit_with_effects(cfg, task.law, task.effects, pool, rows, bar)
-    elif recipe is None:
-        fits = (fitting.identify_law(cfg, task.law, pool, data.generator, bar),)
-    elif task.law:
-        fits = (fitting.identify_law(cfg, task.law, pool, data.generator, bar, orders=rows[None]),)
-    models = {fit.law.name: ContactModel(fit.to_law()) for fit in fits} | {key: fit.model for key, fit in joint.items()}
-    surface = None
+    pool, law, recipe = data.pool, task.law, task.recipe
+    if law is not None and recipe is None and not task.effects:
+        return _identified(cfg, law, data, bar)
+    rows = torch.randperm(len(pool), generator=data.generator)[: cfg.train.size]
+    fits: tuple[SharedFit, ...] = ()
+    joint: dict[str, JointFit] = {}
+    base: Law | ContactModel | None = None
+    if law is not None and task.effects:
+        joint = fitting.fit_with_effects(cfg, law, task.effects, pool, rows, bar)
+        base = list(joint.values())[-1].model
+    elif law is not None:
+        fits = (fitting.identify_law(cfg, law, pool, data.generator, bar, orders=rows[None]),)
+        base = fits[0].to_law()
+    models = {name: fit.model for name, fit in joint.items()}  # a law alone is not shown beside the model on it
     if recipe is not None:
         bar.add_task(f"training {task.name} on {len(rows)} trials", total=None)
-        base = list(models.values())[-1] if models else None
-        base = base if task.effects or base is None else base.base
         model = learn(recipe, pool, rows, base, impulse=cfg.train.target, box=settings.box(cfg))
-        # A law is shown beside the model that it is the base of only if it has effects.
-        models = (models if task.effects else {}) | {fitting.augmented_name(task.name, task.effects): model}
-    elif not task.effects:
-        surface = fitting.law_surface(cfg, task.law, pool)
-    return _Trained(fits=fits, joint=joint, models=models, surface=surface)
+        models |= {fitting.augmented_name(task.name, task.effects): model}
+    return _Trained(fits=fits, joint=joint, models=models, surface=None)
+
+
+def _identified(cfg: DictConfig, law: Law, data: Split, bar: Progress) -> _Trained:
+    """Identify a law alone, and evaluate its cost surface."""
+    fit = fitting.identify_law(cfg, law, data.pool, data.generator, bar)
+    surface = fitting.law_surface(cfg, law, data.pool)
+    return _Trained(fits=(fit,), joint={}, models={law.name: ContactModel(fit.to_law())}, surface=surface)
 
 
 def _result(
@@ -132,11 +137,11 @@ def _result(
 ) -> Training:
     errors = results.error_table(data.test, predictions, cfg.bootstrap, data.generator)
     irb = metrics.mass_error(data.test, bounds.irb(data.test))
-    regressor = trained.regressor
+    recipe, regressor = task.recipe, trained.regressor
     return Training(
         provenance=results.provenance(data.impacts, cfg),
         model=trained.name,
-        learned=None if task.recipe is None else task.name,
+        learned=None if recipe is None else task.name,
         law=None if task.law is None else task.law.name,
         effects=results.effect_ids(task.effects),
         trained_on=cfg.train.size,
@@ -145,7 +150,7 @@ def _result(
         joint={name: results.joint_estimate(fit) for name, fit in trained.joint.items()},
         errors=errors,
         irb=metrics.bootstrap(irb, data.generator, cfg.bootstrap),
-        processes=() if regressor is None else results.process_estimates(task.recipe, regressor),
+        processes=() if recipe is None or regressor is None else results.process_estimates(recipe, regressor),
         processes_kind=None if regressor is None else regressor.kind,
     )
 
@@ -170,7 +175,7 @@ def _record(cfg: DictConfig, folder: Path, result: Training, trained: _Trained, 
         tracker.scalars(values | {record.MODEL: shown[result.model], record.BOUND: result.irb})
         tracker.charts(record.charts())
         if trained.regressor is not None:
-            tracker.series("fit/loss", trained.regressor.status.history.mean(-1).tolist())
+            tracker.series("fit/loss", trained.regressor.training.history.mean(-1).tolist())
         record.save_figures(drawn, folder, tracker)
         effects = [effect.name for effect in result.effects]
         source, model = result.provenance.data.source, next(iter(cfg.model))
@@ -194,7 +199,7 @@ def _drawn(task: _Task, trained: _Trained, test: Impacts, prediction: Prediction
         drawn = record.draw_effects(list(trained.joint.values())[-1].model, test)
     if trained.surface is not None:
         drawn["cost_surface"] = record.draw_cost_surface(trained.surface)
-    if task.recipe is not None:
+    if task.recipe is not None and trained.regressor is not None:
         drawn |= _learned_figures(trained.name, task.recipe, trained.regressor, test, prediction)
     return drawn
 
@@ -208,10 +213,9 @@ def _learned_figures(
         output: dict(zip(columns, (1 / lengths[: len(columns)]).tolist(), strict=True))
         for output, lengths in zip(OUTPUTS[recipe.target], regressor.gps.hyperparameters(), strict=True)
     }
-    distance = metrics.squared_distance(test, prediction)
-    spread = prediction.covariance.diagonal(dim1=-2, dim2=-1).sqrt()
+    distance, spread = metrics.squared_distance(test, prediction), metrics.predicted_spread(prediction)
     return {
         "predicted_against_measured": quality.predicted_against_measured(test.v_post, prediction.v_post, spread),
         "calibration": quality.calibration_curve({name: metrics.calibration(distance)}),
-        "training": quality.training(regressor.status.history, relevance),
+        "training": quality.training(regressor.training.history, relevance),
     }

@@ -9,8 +9,9 @@ from omegaconf import DictConfig, OmegaConf
 
 from contactlearn import checkpoint
 from contactlearn.app import fitting, loading, record, results, settings
-from contactlearn.app.laws import chosen_law
+from contactlearn.app.laws import given_law
 from contactlearn.app.loading import Split
+from contactlearn.app.plain import plain_values
 from contactlearn.evaluation import metrics
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.impacts import Impacts
@@ -61,9 +62,9 @@ def transfer(cfg: DictConfig) -> None:
 def _bodies(cfg: DictConfig, data: Split) -> Bodies:
     """Load and split the other bodies; those without a source of their own are the data with some changes."""
     bodies = {}
-    for name, changes in OmegaConf.to_container(cfg.transfer.bodies, resolve=True).items():
-        same = {} if "_target_" in changes else OmegaConf.to_container(cfg.data, resolve=True)
-        bodies[name] = loading.load_data(OmegaConf.create(same | changes)).split(cfg.test, data.generator)
+    for name, changes in plain_values(cfg.transfer.bodies).items():
+        same = {} if "_target_" in changes else plain_values(cfg.data)
+        bodies[name] = loading.load_data(OmegaConf.create({**same, **changes})).split(cfg.test, data.generator)
     return bodies
 
 
@@ -104,7 +105,7 @@ def _record(cfg: DictConfig, folder: Path, result: Transfer) -> None:
         chart = {"Each model from scratch, and with the trained one as prior": [f"{headline}/"]}
         tracker.charts(record.charts() | {"Transfer to other bodies, against their training impacts": chart})
         source, models = result.provenance.data.source, ", ".join(result.transfer)
-        record.log_hyperparameters(tracker, cfg, source, cfg.train.size, chosen_law(cfg).name, (), models)
+        record.log_hyperparameters(tracker, cfg, source, cfg.train.size, given_law(cfg).name, (), models)
         record.log_card(tracker, result.provenance, (), {})
 
 

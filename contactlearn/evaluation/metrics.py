@@ -106,8 +106,12 @@ def calibration(distance: Float[Tensor, "k"]) -> tuple[Float[Tensor, "levels"], 
 
 def covered(impacts: Impacts, prediction: Prediction) -> Bool[Tensor, "*batch n 3"]:
     """Whether each of (v_x, v_y, ω) after contact lies in its 95 % interval: bool [..., N, 3]."""
-    spread = _covariance(prediction).diagonal(dim1=-2, dim2=-1).sqrt()
-    return (impacts.v_post - prediction.v_post).abs() <= Z_95 * spread
+    return (impacts.v_post - prediction.v_post).abs() <= Z_95 * predicted_spread(prediction)
+
+
+def predicted_spread(prediction: Prediction) -> Float[Tensor, "*batch n 3"]:
+    """Standard deviations [..., N, 3] of the measured v_post about the prediction, (m/s, m/s, rad/s)."""
+    return _covariance(prediction).diagonal(dim1=-2, dim2=-1).sqrt()
 
 
 @dataclass(frozen=True, order=True)

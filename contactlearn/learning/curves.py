@@ -40,15 +40,22 @@ class Trained:
     converged: float  # share of them
 
 
+@dataclass(frozen=True, kw_only=True)
+class CurveDensity:
+    """Predicted densities of the measured v_post of N held-out trials, as `Curve.errors`."""
+
+    negative_log: Tensor  # −log density, [S, R, N] in nats
+    distance: Tensor  # squared Mahalanobis distance, [S, R, N]
+    covered: Tensor  # whether each component is in its 95 % interval, [S, R, N, 3] bool
+
+
 @dataclass(frozen=True)
 class Curve:
     """Scores of one model on N held-out trials at S sizes, trained on R random subsets each."""
 
     sizes: tuple[int, ...]
     errors: dict[str, Tensor]  # by name of `metrics.METRICS`, [S, R, N]
-    density: Tensor | None = None  # −log density of the measured v_post, [S, R, N] in nats
-    distance: Tensor | None = None  # squared Mahalanobis distance of it, [S, R, N]
-    covered: Tensor | None = None  # whether each component is in its 95 % interval, [S, R, N, 3] bool
+    density: CurveDensity | None = None  # of a model that predicts covariances
     kinds: tuple[str, ...] = ()  # of the processes at each size
     converged: tuple[float, ...] = ()  # share of the processes whose training did, at each size
 
@@ -65,8 +72,12 @@ class Curve:
         sizes = tuple(sorted(predictions))
         if ordered[0].covariance is None:
             return cls(sizes, errors)
-        density, distance = scores(metrics.negative_log_density), scores(metrics.squared_distance)
-        return cls(sizes, errors, density, distance, scores(metrics.covered, 1))
+        density = CurveDensity(
+            negative_log=scores(metrics.negative_log_density),
+            distance=scores(metrics.squared_distance),
+            covered=scores(metrics.covered, 1),
+        )
+        return cls(sizes, errors, density)
 
     def intervals(self, metric: str, generator: torch.Generator, resamples: int = 2000) -> Tensor:
         """Mean and its 95 % interval over trials and subsets at each size, [S, 3]."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from contactlearn.errors import DataError
+from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.impacts import Impacts
 from contactlearn.regression.features import Standardisation, features
 from contactlearn.regression.gp.exact import ExactGPs, Fit
@@ -58,6 +58,17 @@ class Regressor:
         family = ExactGPs if rows.shape[-1] <= EXACT_LIMIT else SparseGPs
         gps = family(inputs.apply(x), outputs.apply(values).mT, None if weight is None else weight.mT)
         return cls(space, inputs, outputs, gps, gps.fit(like and like.gps))
+
+    @property
+    def training(self) -> Fit:
+        """How the hyperparameters were found.
+
+        Raises:
+            ContactLearnError: the processes come from a checkpoint, which does not keep it.
+        """
+        if self.status is None:
+            raise ContactLearnError("how the processes were trained is known only where they were; learn them again")
+        return self.status
 
     @property
     def kind(self) -> str:

@@ -51,8 +51,8 @@ def save_curves(curves: Mapping[str, Curve], path: Path) -> None:
         columns["subset"] = [*range(subsets)] * len(curve.sizes)
         columns |= {name: errors.mean(-1).flatten().tolist() for name, errors in curve.errors.items()}
         if curve.density is not None:
-            columns["negative_log_density"] = curve.density.mean(-1).flatten().tolist()
-            columns["coverage"] = (curve.distance <= CHI_SQUARED_95).double().mean(-1).flatten().tolist()
+            columns["negative_log_density"] = curve.density.negative_log.mean(-1).flatten().tolist()
+            columns["coverage"] = (curve.density.distance <= CHI_SQUARED_95).double().mean(-1).flatten().tolist()
         frames.append(pd.DataFrame(columns))
     _write(frames, path)
 
