@@ -65,7 +65,7 @@ class TerminalObserver(Observer):
     def progress(self, task: Task, items: Iterable[Item]) -> Iterable[Item]:
         if self._display is None:
             return items
-        return self._display.track(items, description=_TASKS[task])  # type: ignore[arg-type]  # items of known length
+        return self._display.track(items, description=_TASKS[task])
 
 
 def show_start(impacts: Impacts) -> None:

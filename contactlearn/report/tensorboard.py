@@ -22,7 +22,10 @@ from torch.utils.tensorboard import SummaryWriter
 from contactlearn.evaluation.metrics import Interval
 
 _SHOWN = ("command", "effects", "law", "model", "train_size")
-_KINDS = {bool: ("bool_value", api_pb2.DATA_TYPE_BOOL), str: ("string_value", api_pb2.DATA_TYPE_STRING)}
+_KINDS: Mapping[type, tuple[str, int]] = {
+    bool: ("bool_value", api_pb2.DATA_TYPE_BOOL),
+    str: ("string_value", api_pb2.DATA_TYPE_STRING),
+}
 _NUMBER = ("number_value", api_pb2.DATA_TYPE_FLOAT64)
 
 
@@ -113,6 +116,8 @@ class Tracker:
         named = [
             api_pb2.MetricInfo(name=api_pb2.MetricName(tag=tag), display_name=name) for tag, name in metrics.items()
         ]
+        writer = self._writer.file_writer
+        assert writer is not None  # as long as the tracker is open
         end = SessionEndInfo(status=api_pb2.STATUS_SUCCESS)
         for tag, content in (
             (metadata.EXPERIMENT_TAG, {"experiment": api_pb2.Experiment(hparam_infos=infos, metric_infos=named)}),
@@ -121,7 +126,7 @@ class Tracker:
         ):
             about = metadata.create_summary_metadata(HParamsPluginData(**content))
             value = Summary.Value(tag=tag, metadata=about, tensor=metadata.NULL_TENSOR)
-            self._writer.file_writer.add_summary(Summary(value=[value]))
+            writer.add_summary(Summary(value=[value]))
 
     def _add(self, values: Mapping[str, float | Interval], step: int) -> dict[str, float]:
         """Log at a step; the numbers by tag."""

@@ -186,8 +186,9 @@ def _name_trials(axes: Axes, impacts: Impacts, bad: Bool[Tensor, " n"], values: 
         name, turned = st.plain(impacts.trial[row - 1], 14), row > 0.8 * trials
         length = (0.03 + 0.012 * len(name)) * trials
         if row - turned * length >= free:
-            place = {"xytext": (-3 if turned else 3, 3), "textcoords": "offset points", "va": "bottom"}
-            axes.annotate(name, (row, values[row - 1].item()), ha="right" if turned else "left", **place)
+            side, ha = (-3, "right") if turned else (3, "left")
+            place = row, values[row - 1].item()
+            axes.annotate(name, place, (side, 3), textcoords="offset points", va="bottom", ha=ha)
             free = row + (0.02 * trials if turned else length)
 
 
@@ -213,6 +214,7 @@ def _energy(figure: Figure, finding: Finding, before: Impacts, after: Impacts, t
 
 def _shape(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
     sound = before[~outliers(before, thresholds.outliers)]
+    assert sound.shape is not None  # the finding is about it
     expected = contact_point(sound.shape, sound.q[:, 2])
     panels = figure.subplots(1, 2)
     for axes, letter, given, own in zip(panels, "xy", sound.r.mT * st.MILLI, expected.mT * st.MILLI, strict=True):
@@ -235,6 +237,7 @@ def _duplicates(figure: Figure, finding: Finding, before: Impacts, after: Impact
 
 
 def _order(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
+    assert before.time is not None  # the finding is about it
     by_order = before.order.argsort(stable=True)
     order, time = before.order[by_order], before.time[by_order]
     back = torch.cat((torch.zeros(1, dtype=torch.bool), time.diff() < 0))
@@ -257,8 +260,10 @@ _EVIDENCE = {
 
 def dots(axes: Axes, x: Real[Tensor, " n"], y: Real[Tensor, " n"], label: str = "Trial") -> None:
     """Draw a dot for each trial, x and y in the units of the axes."""
-    look = {"color": st.tint(st.DARK, 0.35), "markersize": 2.5, "label": label, "zorder": 1}
-    axes.plot(st.array(x), st.array(y), ".", **look, rasterized=len(x) > _VECTOR)
+    axes.plot(
+        st.array(x), st.array(y), ".", color=st.tint(st.DARK, 0.35), markersize=2.5, label=label, zorder=1,
+        rasterized=len(x) > _VECTOR,
+    )  # fmt: skip
 
 
 def legend_below(figure: Figure, *panels: Axes) -> None:

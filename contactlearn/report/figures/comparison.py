@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from torch import Tensor
@@ -45,14 +44,15 @@ def error_comparison(
     axes = st.name_axes(figure.subplots(), metric)
     labels = []
     for place, (name, values) in enumerate(errors.items()):
-        dot = _draw_model(axes, place, name, _finite(name, st.array(values)), intervals[name])
+        _draw_model(axes, place, name, _finite(name, st.array(values)), intervals[name])
         lines = wrap(st.law_style(name).label, 16, max_lines=2, placeholder="…")
         labels.append("\n".join(st.plain(line) for line in lines))
     axes.set_yticks(range(len(labels)), labels)
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(len(labels) - 0.45, -0.55)
     axes.set_xlim(left=0)
-    figure.legend([dot], ["Mean, 95 % interval"], loc="outside upper right")
+    means, names = axes.get_legend_handles_labels()
+    figure.legend(means[-1:], names[-1:], loc="outside upper right")
     return figure
 
 
@@ -63,8 +63,8 @@ def _finite(name: str, values: np.ndarray) -> np.ndarray:
     return values
 
 
-def _draw_model(axes: Axes, place: int, name: str, values: np.ndarray, interval: tuple[float, float, float]) -> Artist:
-    """A box of the errors, and below it their mean with its interval, which is returned for the legend."""
+def _draw_model(axes: Axes, place: int, name: str, values: np.ndarray, interval: tuple[float, float, float]) -> None:
+    """A box of the errors, and below it their mean with its interval."""
     style = st.law_style(name)
     bound = style.label in (st.LAW_STYLE[key].label for key in st.BOUNDS)
     face = "white" if bound else st.tint(style.color, 0.45)
@@ -77,9 +77,10 @@ def _draw_model(axes: Axes, place: int, name: str, values: np.ndarray, interval:
     if bound:
         box["boxes"][0].set(hatch="/////", linestyle="-")
     mean, low, high = interval
-    bar = {"elinewidth": 0.8, "capsize": 2.5, "capthick": 0.8}
-    ends = ((mean - low,), (high - mean,))
-    return axes.errorbar(mean, place + 0.28, xerr=ends, fmt="o", color=st.DARK, markersize=2.5, **bar)
+    axes.errorbar(
+        mean, place + 0.28, xerr=((mean - low,), (high - mean,)), fmt="o", color=st.DARK, markersize=2.5,
+        elinewidth=0.8, capsize=2.5, capthick=0.8, label="Mean, 95 % interval",
+    )  # fmt: skip
 
 
 @st.look()

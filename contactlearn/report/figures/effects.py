@@ -66,12 +66,14 @@ class _Shown:
 def _draw(axes: Axes, shown: _Shown) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.axhline(0, color=st.DARK, linewidth=0.6)
-    trials = {"color": st.tint(st.DARK, 0.35), "markersize": 2.5, "rasterized": True}
-    axes.plot(shown.x, shown.measured, ".", **trials, label="Trials", zorder=1)
+    axes.plot(
+        shown.x, shown.measured, ".", color=st.tint(st.DARK, 0.35), markersize=2.5, rasterized=True, label="Trials",
+        zorder=1,
+    )  # fmt: skip
     axes.plot(
         shown.x, shown.explained, ".", color=st.tint(_COLOR, 0.7), markersize=2, label="Effect, by trial", zorder=2
     )
-    means = {"color": st.DARK, "markersize": 3.5}
-    axes.plot(shown.middle, shown.mean, "o", **means, label="Trials, mean of a twentieth", zorder=4)
+    label = "Trials, mean of a twentieth"
+    axes.plot(shown.middle, shown.mean, "o", color=st.DARK, markersize=3.5, label=label, zorder=4)
     axes.plot(shown.middle, shown.curve, color=_COLOR, linewidth=1.6, label="Effect, mean", zorder=3)
     axes.set_ylim(*shown.limits())

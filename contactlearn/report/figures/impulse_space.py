@@ -200,9 +200,8 @@ def _title(figure: Figure, trial: Impacts, columns: int) -> None:
 def _legend(figure: Figure, space: _Space, columns: int) -> None:
     styles = [st.law_style(law.name) for law in space.laws]
     first = styles[0].color if len(styles) == 1 else "#AAAAAA"
-    guesses = tuple(
-        Line2D([], [], marker=style.marker, color=style.color, **(_GUESS | {"markersize": 6.0})) for style in styles[:3]
-    )
+    guess: dict[str, Any] = _GUESS | {"markersize": 6.0}
+    guesses = tuple(Line2D([], [], marker=style.marker, color=style.color, **guess) for style in styles[:3])
     handles: dict[str, Any] = {label: Line2D([], [], **line) for label, line in _LINES.items()}
     handles |= {
         "Energy ellipse": Line2D([], [], **_ELLIPSE),
@@ -211,7 +210,7 @@ def _legend(figure: Figure, space: _Space, columns: int) -> None:
         "Identified (μ, ε)": guesses,
     }
     handles |= {m["label"]: Line2D([], [], **m, linestyle="none") for m in _MEASURED[: 1 + space.outside]}
-    spacing = {"columnspacing": 1.0, "handlelength": 2.0, "handletextpad": 0.6}
-    together = {tuple: HandlerTuple(ndivide=None, pad=0.6)}
-    place = {"loc": "outside lower center", "ncols": columns}
-    figure.legend(list(handles.values()), list(handles), **place, **spacing, handler_map=together)
+    figure.legend(
+        list(handles.values()), list(handles), loc="outside lower center", ncols=columns, columnspacing=1.0,
+        handlelength=2.0, handletextpad=0.6, handler_map={tuple: HandlerTuple(ndivide=None, pad=0.6)},
+    )  # fmt: skip

@@ -130,7 +130,7 @@ def trial_parameters(fit: TrialFit, impacts: Impacts, *, box: Box | None = None)
         raise ContactLearnError(f"the fit must be of these impacts: {len(fit.mu)} trials, got {len(impacts)} impacts")
     shown = _Scatter.of(fit, box or Box())
     figure = st.new_figure(st.PAGE, 3.2)
-    left, right = figure.subfigures(1, 2, width_ratios=(1.4, 1))
+    left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1.4, 1))[0]
     axes = st.name_axes(left.subplots(), fit.law.mu_axis, _EPS)
     _draw_trials(left, axes, shown)
     axes.set_title(f"{_title(fit.law)}, {len(impacts)} trials")
@@ -166,12 +166,16 @@ def _draw_trials(figure: SubFigure, axes: Axes, shown: _Scatter) -> None:
     """A dot for each trial that determines μ, a line for each that does not, coloured by the error."""
     norm, open_ = Normalize(0, max(np.percentile(shown.error, 95), 1e-6)), shown.undetermined
     ends = np.stack((shown.low, shown.high), -1), np.stack((shown.eps, shown.eps), -1)
-    look = {"cmap": st.MAP, "norm": norm}
-    lines = LineCollection(np.stack(ends, -1)[open_], array=shown.error[open_], **look, linewidths=0.3, zorder=1)
-    axes.add_collection(lines, autolim=False)
-    axes.scatter(shown.mu[~open_], shown.eps[~open_], 7, shown.error[~open_], **look, linewidths=0, zorder=2)
+    lines = [*np.stack(ends, -1)[open_]]
+    axes.add_collection(
+        LineCollection(lines, array=shown.error[open_], cmap=st.MAP, norm=norm, linewidths=0.3, zorder=1),
+        autolim=False,
+    )
+    dots = shown.mu[~open_], shown.eps[~open_], 7, shown.error[~open_]
+    axes.scatter(*dots, cmap=st.MAP, norm=norm, linewidths=0, zorder=2)
     _limit_axes(axes, shown)
     bar = figure.colorbar(ScalarMappable(norm, st.MAP), ax=axes, extend="max", pad=0.02)
+    assert bar.solids is not None  # as on every bar that is not of contours
     bar.solids.set(rasterized=False, edgecolor="face")
     st.name_axes(bar.ax, y="Impulse error left (mN s);\ncolours end at the 95th percentile")
     handles = {"Trial": Line2D([], [], marker="o", markersize=3, linestyle="none", color=st.DARK)}

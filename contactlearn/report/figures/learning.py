@@ -56,7 +56,7 @@ def learning_curve(
     Raises:
         ContactLearnError: no sizes or models, sizes that do not increase, or curves of another length.
     """
-    values = _checked(sizes, curves)
+    values, lines = _checked(sizes, curves), []
     figure, panels = _class_panels(values, 2.75)
     styles, levels = st.law_styles(values), st.law_styles(references)
     for axes, title, names in panels:
@@ -64,7 +64,7 @@ def learning_curve(
         _draw_curves(axes, sizes, {name: values[name] for name in names}, styles)
         st.legend_above(axes, title)
         lines = [_draw_level(axes, levels[name], interval) for name, interval in references.items()]
-    axes.set_ylim(0, _top(values.values(), references.values()))
+    figure.axes[-1].set_ylim(0, _top(values.values(), references.values()))
     if references:
         figure.legend(handles=lines, loc="outside lower center", ncols=len(panels))
     return figure
@@ -103,7 +103,7 @@ def error_densities(errors: Mapping[str, Float[Tensor, " trials"]], metric: str)
         st.legend_above(axes, title)
     highest = max(density.max() for density in densities.values())
     top = min(highest, 1.5 * max((densities[name].max() for name in models), default=np.inf))
-    axes.set(xlim=(0, x[-1]), ylim=(0, 1.05 * top or 1))
+    figure.axes[-1].set(xlim=(0, x[-1]), ylim=(0, 1.05 * top or 1))
     return figure
 
 
@@ -142,7 +142,7 @@ def transfer_errors(
             _draw_level(axes, _ZERO_SHOT, zero_shot[body])
         axes.set_title(st.plain(body, 24))
         handles |= {line.get_label(): line for line in axes.get_legend_handles_labels()[0]}
-    _scale_logarithmically(axes)
+    _scale_logarithmically(figure.axes[-1])
     figure.legend(handles=list(handles.values()), loc="outside lower center", ncols=1 if columns == 1 else 2)
     return figure
 
@@ -191,22 +191,22 @@ def _draw_curves(
     axes: Axes, sizes: Sequence[int], curves: Mapping[str, _Curve], styles: Mapping[str, st.LawStyle]
 ) -> None:
     """Curves by name over a logarithmic axis, slightly side by side."""
-    sizes = np.asarray(sizes)
-    decades = np.log10(sizes[-1] / sizes[0]) or 1
-    gap = np.log10(sizes[1:] / sizes[:-1]).min(initial=decades)
+    numbers = np.asarray(sizes)
+    decades = np.log10(numbers[-1] / numbers[0]) or 1
+    gap = np.log10(numbers[1:] / numbers[:-1]).min(initial=decades)
     step = min(0.012 * decades, 0.3 * gap / len(curves))
     for place, (name, curve) in enumerate(curves.items()):
         run = np.isfinite(curve[:, 0])
-        x = sizes[run] * 10 ** (step * (place - (len(curves) - 1) / 2))
+        x = numbers[run] * 10 ** (step * (place - (len(curves) - 1) / 2))
         mean, low, high = curve[run].T
         axes.vlines(x, low, high, color=styles[name].color, linewidth=0.8)
         st.draw_line(axes, x, mean, styles[name])
-    _label_sizes(axes, sizes, decades)
+    _label_sizes(axes, numbers, decades)
 
 
 def _label_sizes(axes: Axes, sizes: np.ndarray, decades: float) -> None:
     """Scale the axis of sizes logarithmically, and label them as far as there is room."""
-    inches = axes.get_position().width * axes.figure.get_figwidth() / decades
+    inches = axes.get_position().width * axes.figure.get_figure(root=True).get_figwidth() / decades
     ticks = [sizes[-1]]
     for size in sizes[-2::-1]:
         if np.log10(ticks[-1] / size) * inches > 0.05 + 0.06 * len(str(ticks[-1])):

@@ -41,7 +41,7 @@ def predicted_against_measured(
         st.name_axes(axes, f"Measured {name} ({unit})", f"Predicted {name} ({unit})").set_box_aspect(1)
         spread = None if std is None else st.array(std)[:, column]
         _draw_component(axes, st.array(measured)[:, column], st.array(predicted)[:, column], spread, unit)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    figure.legend(*figure.axes[-1].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 

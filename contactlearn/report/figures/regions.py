@@ -84,7 +84,8 @@ def _along(region: Region, variable: Variable) -> tuple[Float[Tensor, " n"], tup
 
     A periodic variable has the region in the middle; trials of a variable with labels stand beside each other.
     """
-    x, low, high = (variable.scale * value for value in (variable.values, *region.limits))
+    x = variable.scale * variable.values
+    low, high = (variable.scale * end for end in region.limits)
     if variable.period:
         period = variable.scale * variable.period
         centre = (low + high) / 2

@@ -92,6 +92,8 @@ def _draw_means(axes: Axes, x: Float[Tensor, " n"], values: Float[Tensor, " n"])
     axes.axhline(0, color=st.DARK, linewidth=0.6)
     dots(axes, x, values)
     label = f"Mean of {len(x) // bins} trials ± standard error"
-    look = {"color": _RED, "markersize": 3.5, "elinewidth": 0.9, "capsize": 2}
-    axes.errorbar(st.array(middle), st.array(mean), st.array(error), fmt="o", **look, label=label, zorder=3)
+    axes.errorbar(
+        st.array(middle), st.array(mean), st.array(error), fmt="o", color=_RED, markersize=3.5, elinewidth=0.9,
+        capsize=2, label=label, zorder=3,
+    )  # fmt: skip
     axes.xaxis.set_major_locator(MaxNLocator(6))

@@ -7,7 +7,7 @@ colours are told apart with any colour vision, markers and lines without colour.
 
 import itertools
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -62,17 +62,21 @@ _RC = {
 }
 
 
+LineStyle = str | tuple[int, tuple[int, ...]]
+"""A name of matplotlib's, or (offset, lengths of dashes and gaps) in widths of the line."""
+
+
 class LawStyle(NamedTuple):
     """How a law, a bound or a learned model is written and drawn."""
 
     label: str
     color: str
     marker: str
-    linestyle: str | tuple
+    linestyle: LineStyle
 
 
 # Okabe & Ito's (2008) colours without yellow, which white paper swallows; wine is Tol's (2021).
-_LAW_LOOKS: tuple[tuple[str, str, str | tuple], ...] = (
+_LAW_LOOKS: tuple[tuple[str, str, LineStyle], ...] = (
     ("#0072B2", "o", "-"),
     ("#D55E00", "s", "--"),
     ("#E69F00", "D", "-."),
@@ -82,7 +86,7 @@ _LAW_LOOKS: tuple[tuple[str, str, str | tuple], ...] = (
     ("#882255", "X", (0, (8, 2, 2, 2))),
 )
 # For further laws, in turn: markers and lines of their own, and greens and browns of Tol's.
-_MORE_LOOKS: tuple[tuple[str, str, str | tuple], ...] = (
+_MORE_LOOKS: tuple[tuple[str, str, LineStyle], ...] = (
     ("#999933", "<", (0, (12, 2, 2, 2, 2, 2))),
     ("#661100", "D", (0, (8, 2, 1, 2))),
     ("#44AA99", "s", (0, (3, 1))),
@@ -162,7 +166,7 @@ def plain(text: str, length: int = 40) -> str:
 
 
 @contextmanager
-def look() -> Iterator[None]:
+def look() -> Generator[None]:
     """The package's look, whatever the user's matplotlibrc says; usable as a decorator."""
     with matplotlib.style.context(_RC, after_reset=True):
         yield
@@ -180,15 +184,16 @@ def name_axes(axes: Axes, x: str = "", y: str = "") -> Axes:
     return axes
 
 
-def tint(color: str, strength: float) -> tuple[float, ...]:
+def tint(color: str, strength: float) -> tuple[float, float, float]:
     """An opaque mix of `color` with white, `strength` in [0, 1]; unlike a transparent one it shows no overlaps."""
-    return tuple(1 - strength * (1 - part) for part in to_rgb(color))
+    red, green, blue = (1 - strength * (1 - part) for part in to_rgb(color))
+    return red, green, blue
 
 
 def legend_above(axes: Axes, title: str | None = None) -> None:
     """A legend above the left end of a panel."""
-    place = {"loc": "lower left", "bbox_to_anchor": (0, 1), "alignment": "left", "borderpad": 0}
-    axes.legend(title=title, labelspacing=0.25, **place)
+    place = (0, 1)
+    axes.legend(title=title, labelspacing=0.25, loc="lower left", bbox_to_anchor=place, alignment="left", borderpad=0)
 
 
 def draw_line(
@@ -199,9 +204,10 @@ def draw_line(
     markevery: int | Sequence[int] | None = None,
 ) -> None:
     """Draw a line in the style of a law or model, with markers at some of its points or, by default, at all."""
-    look = {"color": style.color, "linestyle": style.linestyle, "marker": style.marker}
-    edge = {"markersize": 6, "markeredgecolor": "white", "markeredgewidth": 0.4}
-    axes.plot(x, y, **look, **edge, label=plain(style.label, 30), markevery=markevery)
+    axes.plot(
+        x, y, color=style.color, linestyle=style.linestyle, marker=style.marker, markersize=6,
+        markeredgecolor="white", markeredgewidth=0.4, label=plain(style.label, 30), markevery=markevery,
+    )  # fmt: skip
 
 
 def array(x: Shaped[Tensor, "*shape"] | Sequence[float]) -> Float[np.ndarray, "*shape"]:
@@ -209,7 +215,7 @@ def array(x: Shaped[Tensor, "*shape"] | Sequence[float]) -> Float[np.ndarray, "*
     return torch.as_tensor(x, dtype=torch.float64).detach().cpu().numpy()
 
 
-def save(figure: Figure, folder: str | os.PathLike, name: str) -> tuple[Path, Path]:
+def save(figure: Figure, folder: str | os.PathLike[str], name: str) -> tuple[Path, Path]:
     """Write `name`.png (200 dpi) and `name`.pdf (vector) into `folder`, whole or not at all.
 
     A figure that is built and saved in the same way gives the same bytes: no date is written.  It is arranged once,

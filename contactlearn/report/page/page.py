@@ -3,11 +3,11 @@
 import base64
 import hashlib
 import json
+from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import plotly
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
@@ -40,12 +40,13 @@ def render(content: dict[str, Any], template: str = "report.html.j2", *, scripts
         template: the page's.
         scripts: that come after those of every page.
     """
-    templates = _templates()
+    loader = PackageLoader("contactlearn.report.page")
+    templates = _templates(loader)
 
     def source(name: str) -> str:
-        return templates.loader.get_source(templates, name)[0]
+        return loader.get_source(templates, name)[0]
 
-    library = (Path(plotly.__file__).parent / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
+    library = (resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
     script = "".join(source(name) for name in (*_SCRIPTS, *scripts))
     return templates.get_template(template).render(
         content,
@@ -58,10 +59,10 @@ def render(content: dict[str, Any], template: str = "report.html.j2", *, scripts
     )
 
 
-def _templates() -> Environment:
+def _templates(loader: PackageLoader) -> Environment:
     """The templates, with the number formats of `report.text` as filters."""
     templates = Environment(
-        loader=PackageLoader("contactlearn.report.page"),
+        loader=loader,
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

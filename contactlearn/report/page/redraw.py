@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from contactlearn.diagnosis.record import Record
 from contactlearn.errors import ContactLearnError
@@ -37,7 +38,7 @@ def redraw(folder: Path) -> Path:
         raise ContactLearnError(f"{folder}: cannot be written: {error.strerror}") from None
 
 
-def _content(folder: Path, result: Result) -> dict:
+def _content(folder: Path, result: Result) -> dict[str, Any]:
     if isinstance(result, Evaluation):
         return of_evaluation(result, HeldOut.load(folder, result))
     if isinstance(result, DiagnosisRun):

@@ -61,7 +61,7 @@ def learning_lines(runs: Sequence[Row], settings: Settings) -> list[dict[str, An
 
 def _across(runs: Sequence[Row], settings: Settings) -> list[Line]:
     """Lines of runs that differ in nothing but their size."""
-    found: dict[tuple, Line] = {}
+    found: dict[tuple[tuple[str, str], ...], Line] = {}
     for k, size, traits in _sized(runs, settings):
         run = runs[k]
         if run.error is not None:
@@ -91,7 +91,7 @@ def _within(runs: Sequence[Row]) -> list[Line]:
 
 def _yardsticks(runs: Sequence[Row], settings: Settings, data: Container[str]) -> list[Line]:
     """The bounds of evaluations on these data, those once that are the same in several."""
-    found: dict[tuple, Line] = {}
+    found: dict[tuple[str | tuple[str, str], ...], Line] = {}
     for k, size, traits in _sized(runs, settings):
         run = runs[k]
         if run.data.sha256 in data and run.command == "evaluate":
@@ -108,7 +108,7 @@ def _sized(runs: Sequence[Row], settings: Settings) -> Iterator[tuple[int, float
         train = run.config.get("train")
         size = train.get("size") if isinstance(train, Mapping) else None
         if is_number(size) and 0 < size < 1e12:
-            others = {key: values[k] for key, values in settings if key != SIZE and values[k] is not None}
+            others = {key: x for key, values in settings if key != SIZE and (x := values[k]) is not None}
             yield k, size, _parts(run) | others
 
 

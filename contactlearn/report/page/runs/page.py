@@ -14,7 +14,7 @@ from contactlearn.evaluation.metrics import Interval
 from contactlearn.report.page.page import FILE, render, save
 from contactlearn.report.page.runs.lines import learning_lines
 from contactlearn.report.page.runs.rows import HASH, LAW, Row, printable, read_row
-from contactlearn.report.page.runs.settings import shared, varying
+from contactlearn.report.page.runs.settings import Settings, shared, varying
 from contactlearn.report.page.trials import digits, look
 from contactlearn.report.text import effect_label, interval, label, listed
 from contactlearn.results.folder import FILES, find_results, is_run
@@ -25,9 +25,9 @@ _FEW = 5  # settings that come before what was found, not after it
 
 
 def write_runs(
-    folders: Sequence[str | os.PathLike],
-    out: str | os.PathLike | None = None,
-    progress: Callable[[Iterable, str], Iterable] = lambda items, what: items,
+    folders: Sequence[str | os.PathLike[str]],
+    out: str | os.PathLike[str] | None = None,
+    progress: Callable[[Iterable[Path], str], Iterable[Path]] = lambda items, what: items,
 ) -> tuple[Path, list[Row], list[tuple[str, str]]]:
     """One page over all runs in `folders` and in what is below them.
 
@@ -75,7 +75,7 @@ def write_runs(
         raise ContactLearnError(f"{target}: cannot be written: {error.strerror}") from None
 
 
-def _target(roots: Sequence[Path], out: str | os.PathLike | None) -> Path:
+def _target(roots: Sequence[Path], out: str | os.PathLike[str] | None) -> Path:
     """Where the page goes: never in place of a run's own, nor of anything but such a page."""
     single = roots[0] if len(roots) == 1 and not is_run(roots[0]) else Path.cwd()
     path = Path(os.path.abspath(single / FILE if out is None else out))
@@ -133,7 +133,7 @@ def of_runs(runs: Sequence[Row], skipped: Sequence[tuple[str, str]], folder: Pat
     }
 
 
-def _columns(runs: Sequence[Row], settings: list, families: Sequence[str], several: bool) -> list[dict[str, Any]]:
+def _columns(runs: Sequence[Row], settings: Settings, families: Sequence[str], several: bool) -> list[dict[str, Any]]:
     """Name, kind (text, number, tick or error) and cells (what is shown, what is sorted by) of each column."""
 
     def column(
@@ -227,21 +227,21 @@ def _sentences(runs: Sequence[Row]) -> list[str]:
     commands = {run.command: sum(other.command == run.command for other in runs) for run in runs}
     said = [f"Runs of {listed(f'{command}.py ({count})' for command, count in commands.items())}."]
     for data in {run.data.sha256: run.data for run in runs}.values():
-        there = [run for run in runs if run.data.sha256 == data.sha256 and run.error]
+        there = [(run, run.error) for run in runs if run.data.sha256 == data.sha256 and run.error]
         if len(there) < 2:
             continue
-        best = min(there, key=lambda run: run.error.mean)
-        near = sum(run is not best and run.error.low <= best.error.high for run in there)
+        best, least = min(there, key=lambda one: one[1].mean)
+        near = sum(run is not best and error.low <= least.high for run, error in there)
         overlap = {0: "no other interval overlaps with its", 1: "one other interval overlaps with its"}
         said.append(
             f"Of {len(there)} runs on {data.source} ({data.trials} trials, {data.sha256[:HASH]}) the least "
-            f"error is that of run {best.name}, {interval(asdict(best.error))}; "
+            f"error is that of run {best.name}, {interval(asdict(least))}; "
             f"{overlap.get(near, f'{near} other intervals overlap with its')}."
         )
     return said
 
 
-def _warnings(runs: Sequence[Row], settings: list) -> list[str]:
+def _warnings(runs: Sequence[Row], settings: Settings) -> list[str]:
     """Why errors may not be compared, in words."""
     said, count = [], len({run.data.sha256 for run in runs})
     if count > 1:

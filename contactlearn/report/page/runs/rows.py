@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -126,12 +126,7 @@ def _diagnosis(path: Path, result: DiagnosisRun) -> Row:
     ladder = tuple(
         LadderRung(name=printable(rung_label(one, base)), error=_drawable(one.error)) for one in found.ladder
     )
-    errors = {}
-    if found.budget is not None:
-        known = {"error": found.budget.named, "base": found.budget.base, "noise": found.budget.noise}
-        errors = {name: _drawable(one) for name, one in known.items()}
-        errors["bounds"] = {"irb": _drawable(found.budget.bound)}
-    return Row(
+    row = Row(
         **_common(path, result.provenance),
         command="diagnose",
         law=printable(found.law) if found.law is not None and ladder else None,
@@ -139,8 +134,11 @@ def _diagnosis(path: Path, result: DiagnosisRun) -> Row:
         found=tuple(one.effect for one in found.missing),
         verdict=printable(conclusion(found.verdict, found.physics, found.corrections)),
         ladder=ladder,
-        **errors,
     )
+    if (budget := found.budget) is None:
+        return row
+    error, base, noise, bound = map(_drawable, (budget.named, budget.base, budget.noise, budget.bound))
+    return replace(row, error=error, base=base, noise=noise, bounds={"irb": bound})
 
 
 def _drawable(error: Interval) -> Interval:

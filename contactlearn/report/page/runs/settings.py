@@ -39,7 +39,7 @@ def _differ(values: Sequence[str | None]) -> bool:
     return len({value for value in values if value is not None}) > 1
 
 
-def _under(path: str, values: Sequence[Any], kinds: Sequence[tuple]) -> Settings:
+def _under(path: str, values: Sequence[Any], kinds: Sequence[tuple[str, ...]]) -> Settings:
     """Settings below a path.
 
     Where only some runs of one kind (command, source of data …) have a setting, having it is a difference.
