@@ -83,7 +83,7 @@ class Record:
         }
         try:
             with written_whole(folder / _ARRAYS) as part:
-                np.savez_compressed(part, **arrays)
+                np.savez_compressed(part, allow_pickle=False, **arrays)
         except OSError as error:
             raise DataError(f"{folder / _ARRAYS}: cannot be written: {error}") from error
 
@@ -123,7 +123,6 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _partial(arrays: Mapping[str, np.ndarray], k: int) -> Partial:
-    values = {name: arrays[f"{name}_{k}"] for name in _PARTIAL}
-    return Partial(
-        **{name: str(value) if value.dtype.kind == "U" else torch.from_numpy(value) for name, value in values.items()}
-    )
+    read = {name: arrays[f"{name}_{k}"] for name in _PARTIAL}
+    values: dict[str, Any] = {n: str(x) if x.dtype.kind == "U" else torch.from_numpy(x) for n, x in read.items()}
+    return Partial(**values)

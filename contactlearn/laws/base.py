@@ -72,7 +72,7 @@ class Law(ABC):
             cls.label = cls.name.replace("_", " ").capitalize()
 
     def __str__(self) -> str:
-        mu, eps = (torch.as_tensor(x, dtype=torch.float64).mean().item() for x in (self.mu, self.eps))
+        mu, eps = (x.mean().item() for x in self.coefficients)
         return f"{self.name} ({self.variant}): μ = {mu:.3f}, ε = {eps:.3f}"
 
     @abstractmethod
@@ -86,6 +86,11 @@ class Law(ABC):
             contact: W and v_c by component; v_n < 0, W positive definite.
             mu, eps: to be used instead of the law's own.
         """
+
+    @property
+    def coefficients(self) -> tuple[Values, Values]:
+        """μ and ε as float64 tensors."""
+        return torch.as_tensor(self.mu, dtype=torch.float64), torch.as_tensor(self.eps, dtype=torch.float64)
 
     @property
     def options(self) -> dict[str, Any]:

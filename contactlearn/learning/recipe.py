@@ -133,8 +133,7 @@ def _learn_parameters(
     are taken as independent.
     """
     law, effects = base.law, base.effects
-    mu, eps = (torch.as_tensor(x, dtype=torch.float64) for x in (law.mu, law.eps))
-    shared = torch.atleast_2d(torch.stack(torch.broadcast_tensors(mu, eps), -1))  # [..., 1, 2]
+    shared = torch.atleast_2d(torch.stack(torch.broadcast_tensors(*law.coefficients), -1))  # [..., 1, 2]
     outputs = Standardisation(shared, torch.full_like(shared, _PRIOR_SPREAD))
     theta = observed = shared.expand(*rows.shape, 2)
     regressor = None

@@ -48,10 +48,14 @@ class Mimicry:
     start: Float[Tensor, " k"]
 
 
+_Task = tuple[EffectId, EffectId, Mimicry]
+"""A chosen effect, and a candidate to be fitted in its place."""
+
+
 def find_rivals(
     selection: Selection,
     thresholds: RivalThresholds = RivalThresholds(),
-    progress: Callable[[Iterable], Iterable] = iter,
+    progress: Callable[[Iterable[_Task]], Iterable[_Task]] = iter,
 ) -> dict[EffectId, tuple[FittedRival, ...]]:
     """Find the rivals of each effect of the chosen model that was not given, the best first.
 
@@ -68,8 +72,10 @@ def find_rivals(
         if mimicry.similarity >= thresholds.similarity or candidate in exchanged[effect]
     ]
     found: dict[EffectId, list[FittedRival]] = {effect: [] for effect in selection.missing}
-    scatter, chosen = _yardstick(selection) if tasks else (None, None)
-    for effect, candidate, mimicry in progress(tasks) if tasks else ():
+    if not tasks:
+        return dict.fromkeys(found, ())
+    scatter, chosen = _yardstick(selection)
+    for effect, candidate, mimicry in progress(tasks):
         fitted = _replaced(selection, effect, candidate, mimicry.start, scatter)
         gain, error = paired_gain(chosen, fitted)
         rival = Rival(effect=candidate, similarity=mimicry.similarity, loss_difference=-gain, standard_error=error)

@@ -132,13 +132,13 @@ class _Trials:
     @property
     def start(self) -> Float[Tensor, " k"]:
         """Values of the model's parameters."""
-        law = self.model.base
+        law = self.model.law
         values = [law.mu, law.eps, *(v for effect in self.model.effects.values() for v in effect.values)]
         return torch.stack([torch.as_tensor(value, dtype=torch.float64).reshape(()) for value in values])
 
     def held_out(self, effects: Mapping[str, Effect], start: Float[Tensor, " k"]) -> Float[Tensor, " n"]:
         """Held-out mass error of the law with effects."""
-        law, rows = self.model.base, self.folds.fitted
+        law, rows = self.model.law, self.folds.fitted
         fit = identify_jointly(law, effects, self.impacts, rows, options=self.options, start=start)
         return self.folds.scores(mass_error(self.impacts, fit.model.predict(self.impacts)))
 
@@ -147,7 +147,7 @@ class _Trials:
         ranges = tuple(_limits(c) for c in coefficients.tolist())
         effects = {**self.model.effects, self.name: formula_effect(self.component, terms, ranges)}
         start = torch.cat((self.start, coefficients))
-        fit = identify_jointly(self.model.base, effects, self.impacts, options=self.options, start=start)
+        fit = identify_jointly(self.model.law, effects, self.impacts, options=self.options, start=start)
         own = tuple(fit.values[len(self.start) :].tolist())
         return _Trial(self.component, tuple(terms), ranges, own, self.held_out(effects, fit.values))
 

@@ -134,12 +134,12 @@ def _values(
 
 def _reach_of_law(impacts: Impacts, model: ContactModel) -> Float[Tensor, "n 3 2"]:
     """Derivative of the wrench in μ and ε."""
-    return wrench_per_parameter(model.base, impacts, torch.stack(_coefficients(impacts, model), -1), model.effects)
+    return wrench_per_parameter(model.law, impacts, torch.stack(_coefficients(impacts, model), -1), model.effects)
 
 
 def _coefficients(impacts: Impacts, model: ContactModel) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
     """μ and ε of each trial."""
-    mu, eps = (torch.as_tensor(p, dtype=torch.float64).expand(len(impacts)) for p in (model.base.mu, model.base.eps))
+    mu, eps = (p.expand(len(impacts)) for p in model.law.coefficients)
     return mu, eps
 
 
