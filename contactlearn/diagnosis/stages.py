@@ -20,7 +20,7 @@ from contactlearn.diagnosis.discrimination.experiment import Substitution, next_
 from contactlearn.diagnosis.discrimination.rivals import FittedRival, find_rivals
 from contactlearn.diagnosis.failure.regions import find_regions
 from contactlearn.diagnosis.noise import noise_floor
-from contactlearn.diagnosis.observer import Observer, Task
+from contactlearn.diagnosis.observer import Item, Observer, Task
 from contactlearn.diagnosis.result import (
     ErrorBudget,
     ErrorLimits,
@@ -71,7 +71,7 @@ class Study:
         kept = {key: effect for key, effect in self.candidates.items() if key not in ordered}
         return replace(self, candidates=kept, ordered=False)
 
-    def progress(self, task: Task) -> Callable[[Iterable], Iterable]:
+    def progress(self, task: Task) -> Callable[[Iterable[Item]], Iterable[Item]]:
         """Wrap the items of a long task."""
         return lambda items: self.observer.progress(task, items)
 
@@ -83,12 +83,12 @@ class Study:
     def _law_fit(self, law: Law, impacts: Impacts, folds: Folds) -> LawFit:
         """One law: its coefficients alone, and its held-out error with the given effects."""
         alone = self.alone(law, impacts)
-        start = None if self.given else torch.stack((alone.mu, alone.eps))
+        start = None if self.given else torch.stack(alone.coefficients)
         return LawFit.of(alone, held_out_error(law, self.given, impacts, folds, self.options, start))
 
     def alone(self, law: Law, impacts: Impacts) -> Law:
         """A law without any effect, fitted to all trials."""
-        return identify_jointly(law, {}, impacts, options=replace(self.options, starts=2)).model.base
+        return identify_jointly(law, {}, impacts, options=replace(self.options, starts=2)).model.law
 
     def base(self, law: Law, impacts: Impacts, folds: Folds) -> ValidatedFit:
         """Fit a law with the given effects and validate it."""

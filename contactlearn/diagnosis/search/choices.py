@@ -48,7 +48,7 @@ def fit_choices(
     *,
     generator: torch.Generator,
     options: FitOptions = FitOptions(),
-    progress: Callable[[Iterable], Iterable] = iter,
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> FittedChoices:
     """Fit every choice of some effects of a fitted model, its other effects always on.
 
@@ -61,9 +61,9 @@ def fit_choices(
         progress: wraps the choices.
     """
     effects = tuple(effects)[:MOST]
-    law, full = model.base, 2 ** len(effects) - 1
+    law, full = model.law, 2 ** len(effects) - 1
     options = replace(options, tolerance=_TOLERANCE)
-    start = {full: torch.cat((columns(law.mu, law.eps), *(columns(*e.values) for e in model.effects.values())))}
+    start = {full: torch.cat((columns(*law.coefficients), *(columns(*e.values) for e in model.effects.values())))}
     outcomes, errors = {}, {}
     for choice in progress(range(full, -1, -1)):
         left_out = {effect.name for j, effect in enumerate(effects) if not choice >> j & 1}

@@ -74,7 +74,7 @@ class Search:
         """Whether the time is up."""
         return time.monotonic() > self.end
 
-    def run(self, progress: Callable[[Iterable], Iterable] = iter) -> bool:
+    def run(self, progress: Callable[[Iterable[int]], Iterable[int]] = iter) -> bool:
         """Fit the models of the frontier into the pool, which has the laws alone already.
 
         Returns:

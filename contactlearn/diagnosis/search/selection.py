@@ -110,7 +110,7 @@ def select(
     thresholds: SelectionThresholds = SelectionThresholds(),
     seconds: float = math.inf,
     generator: torch.Generator,
-    progress: Callable[[Iterable], Iterable] = iter,
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> Selection:
     """Choose a law and effects around it.
 
@@ -165,7 +165,7 @@ def _searched(
     most: int,
     end: float,
     generator: torch.Generator,
-    progress: Callable[[Iterable], Iterable],
+    progress: Callable[[Iterable[int]], Iterable[int]],
 ) -> bool:
     """Fill a pool with the models that may be the best; return whether the search came to its own end."""
     trials = len(pool.impacts)
