@@ -58,6 +58,6 @@ class QuadraticSideDrag(SideDrag):
 _LEAST = 1e-9  # m/s, for the derivative of a body at rest
 
 
-def _slowed(v_post: Float[Tensor, "... n 3"], kept: Float[Tensor, "..."]) -> Float[Tensor, "... n 3"]:
+def _slowed(v_post: Float[Tensor, "... n 3"], kept: Float[Tensor, "..."] | float) -> Float[Tensor, "... n 3"]:
     """The velocity with a share of (v_x, v_y) kept."""
     return columns(kept * v_post[..., 0], kept * v_post[..., 1], v_post[..., 2])

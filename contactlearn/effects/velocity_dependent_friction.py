@@ -81,7 +81,7 @@ def _mean(
     change: Callable[[Tensor], Tensor], state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]
 ) -> Float[Tensor, "... n"]:
     """Mean of a change of μ over the normal impulse of the slip, after Simpson; the end of the slip depends on it."""
-    first, mean = state.v_t.abs(), 0.0
+    first, mean = state.v_t.abs(), torch.zeros_like(state.v_t)
     for _ in range(_ROUNDS):
         last = final_slip(state, mu + mean, eps)
         slips = [last + (first - last) * k / 4 for k in range(5)]
