@@ -12,6 +12,7 @@ from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.curve import CoefficientCurve
 from contactlearn.effects.state import Coefficients, State
 
+_SIMPSON = (1, 4, 2, 4, 1)
 _ROUNDS = 3  # of the end of the slip and the mean friction up to it
 _LEAST_BRAKING = 0.05  # as by this μ on a level path
 
@@ -84,10 +85,9 @@ def _mean(
     first, mean = state.v_t.abs(), torch.zeros_like(state.v_t)
     for _ in range(_ROUNDS):
         last = final_slip(state, mu + mean, eps)
-        slips = [last + (first - last) * k / 4 for k in range(5)]
-        changes = [change(slip) for slip in slips]
-        weights = [simpson / _held(state, mu + one) for simpson, one in zip((1, 4, 2, 4, 1), changes, strict=True)]
-        mean = sum(w * one for w, one in zip(weights, changes, strict=True)) / sum(weights)
+        changes = torch.stack([change(last + (first - last) * k / 4) for k in range(5)])
+        weights = torch.stack([part / _held(state, mu + one) for part, one in zip(_SIMPSON, changes, strict=True)])
+        mean = (weights * changes).sum(0) / weights.sum(0)
     return mean
 
 
