@@ -148,7 +148,7 @@ def test_the_headline_without_effects(found):
     unknown = headline(replace(bare, physics=Verdict.UNKNOWN))
     assert unknown.startswith("An unknown effect is missing from Wang–Mason: no effect of the catalogue explains")
     given = replace(bare, given=(DRAG,))
-    assert headline(given).endswith("from Wang–Mason with side drag.")
+    assert headline(given).endswith("from Wang–Mason with side drag (linear).")
 
 
 def test_the_verdict_says_what_remains(found):
@@ -209,12 +209,12 @@ def test_the_next_experiment_says_where_and_how_many():
     drop = Drop(theta=0.5, v_x=-1.0, v_y=-2.0, omega=3.0, differences=(3.2, 0.4))
     experiment = Experiment(separations=separations, drops=(drop,))
     assert stages.drop(drop, experiment) == (
-        "A drop at θ = 28.6°, v = (−1, −2) m/s, ω = 3 rad/s: the model differs by 3.2 from side drag in place of "
-        "surface tilt (computed) and 0.4 from sampling delay in place of surface tilt (computed), in standard "
+        "A drop at θ = 28.6°, v = (−1, −2) m/s, ω = 3 rad/s: the model differs by 3.2 from side drag "
+        "(linear) in place of surface tilt (computed) and 0.4 from sampling delay in place of surface tilt (computed), in standard "
         "deviations."
     )
     assert [stages.needed_drops(one) for one in separations] == [
-        "About 4 drops like these distinguish surface tilt (computed) from side drag.",
+        "About 4 drops like these distinguish surface tilt (computed) from side drag (linear).",
         "No drops within reach distinguish surface tilt (computed) from sampling delay.",
     ]
 
