@@ -210,8 +210,8 @@ def test_the_next_experiment_says_where_and_how_many():
     experiment = Experiment(separations=separations, drops=(drop,))
     assert stages.drop(drop, experiment) == (
         "A drop at θ = 28.6°, v = (−1, −2) m/s, ω = 3 rad/s: the model differs by 3.2 from side drag "
-        "(linear) in place of surface tilt (computed) and 0.4 from sampling delay in place of surface tilt (computed), in standard "
-        "deviations."
+        "(linear) in place of surface tilt (computed) and 0.4 from sampling delay in place of surface tilt (computed), "
+        "in standard deviations."
     )
     assert [stages.needed_drops(one) for one in separations] == [
         "About 4 drops like these distinguish surface tilt (computed) from side drag (linear).",
