@@ -1,7 +1,8 @@
-"""Every choice of the effects in play, each fitted jointly with the law to all trials, so not held out.
+"""Every choice of the effects in play, each fitted jointly with the law, its errors over all trials and not held out.
 
 With E effects these are 2^E models; choice k has effect j if bit j of k is set.  Those of two and more effects
-start at the values of the choice with one more.  The errors are a little below the ladder's.
+start at the values of the choice with one more.  Each is fitted to 600 trials at most, in even steps through the
+sequence: these errors compare the choices with each other, and are a little below the ladder's.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -20,6 +21,7 @@ from contactlearn.model import ContactModel
 
 MOST = 6
 """Effects in play, at most: 64 models."""
+_FITTED = 600  # trials, at most
 _RESAMPLES = 1000
 _TOLERANCE = 3e-5  # nats a trial
 
@@ -62,13 +64,13 @@ def fit_choices(
     """
     effects = tuple(effects)[:MOST]
     law, full = model.law, 2 ** len(effects) - 1
-    options = replace(options, tolerance=_TOLERANCE)
+    options, sample = replace(options, tolerance=_TOLERANCE), impacts[:: -(-len(impacts) // _FITTED)]
     start = {full: torch.cat((columns(*law.coefficients), *(columns(*e.values) for e in model.effects.values())))}
     outcomes, errors = {}, {}
     for choice in progress(range(full, -1, -1)):
         left_out = {effect.name for j, effect in enumerate(effects) if not choice >> j & 1}
         kept = {name: effect for name, effect in model.effects.items() if name not in left_out}
-        fit = identify_jointly(law, kept, impacts, options=options, start=start[choice])
+        fit = identify_jointly(law, kept, sample, options=options, start=start[choice])
         owner = [p.name.rpartition(".")[0] for p in fit.parameters]
         for j, effect in enumerate(effects):
             if effect.name in kept:
