@@ -13,7 +13,8 @@ from hydra import compose, initialize_config_dir
 
 from contactlearn.cli import CONFIGS
 from contactlearn.data import ellipse_drops
-from contactlearn.identification.shared import TARGETS, Box, identify
+from contactlearn.identification.shared import Box, identify
+from contactlearn.impacts import IMPULSE_TARGETS
 from contactlearn.laws import find
 
 GRAVITY = 9.81  # m/s²
@@ -26,7 +27,7 @@ def main() -> None:
     drops = ellipse_drops.load(inertia=cfg.data.inertia)
     for fall in (0.0, 0.008):
         fallen = drops.replace(v_post=drops.v_post + torch.tensor((0.0, GRAVITY * fall, 0.0)))
-        for target in TARGETS:
+        for target in IMPULSE_TARGETS:
             print(f"target {target}, free fall {1e3 * fall:.0f} ms", flush=True)
             worst = 0.0
             for law in cfg.laws:

@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from contactlearn import mechanics
-from contactlearn.errors import DataError
+from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.shapes import Shape
 
 COMPONENTS = {
@@ -40,6 +40,9 @@ COMPONENTS = {
 """The columns of a table file by the field of `Impacts` that they fill."""
 
 OPTIONAL = ("q_post", "time", "order")
+
+IMPULSE_TARGETS = ("momentum", "least_squares", "contact")
+"""Definitions of the measured impulse, see `measured_impulse`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,6 +199,30 @@ class Impacts:
             )
         order = torch.randperm(len(self), generator=generator)
         return self[order[held_out:].sort().values], self[order[:held_out].sort().values]
+
+
+def measured_impulse(impacts: Impacts, target: str = "momentum") -> Float[Tensor, "n 2"]:
+    """Return the measured impulse (P_t, P_n) [N, 2] in N s, to which a law is fitted.
+
+    The targets differ where the moment τ is not 0.
+
+    Args:
+        impacts: measurements.
+        target: `momentum` is m Δ(v_x, v_y), exact.  `least_squares` and `contact` solve Δv = M⁻¹JᵀP over (v_x, v_y, ω),
+            without weights (the paper's text), and weighted by M (P = M_c J Δv, the authors' published script).
+
+    Raises:
+        UnknownNameError: no such target.
+    """
+    if target == "momentum":
+        return impacts.wrench[:, :2]
+    dv = impacts.v_post - impacts.v_pre
+    if target == "least_squares":
+        return mechanics.least_squares_impulse(impacts.mass, impacts.inertia, impacts.r, dv)
+    if target == "contact":
+        dv_c = mechanics.contact_velocity(impacts.r, dv)
+        return (mechanics.effective_inertia(impacts.W) @ dv_c[..., None])[..., 0]
+    raise UnknownNameError("impulse target", target, IMPULSE_TARGETS)
 
 
 @dataclass(frozen=True, eq=False)

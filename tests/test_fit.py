@@ -9,7 +9,8 @@ from contacts import impulse
 
 from contactlearn.data import synthetic
 from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.identification.shared import TARGETS, Box, cost_surface, identify, measured_impulse
+from contactlearn.identification.shared import Box, cost_surface, identify
+from contactlearn.impacts import IMPULSE_TARGETS, measured_impulse
 from contactlearn.laws import find, names
 from contactlearn.model import ContactModel
 
@@ -305,7 +306,7 @@ def test_progress_wraps_every_block():
 def test_targets_agree_where_the_moment_is_zero():
     drops = synthetic.load(50, velocity_noise=0, spin_noise=0)
     assert drops.wrench[:, 2].abs().max() < 1e-15
-    for target in TARGETS:
+    for target in IMPULSE_TARGETS:
         torch.testing.assert_close(measured_impulse(drops, target), drops.wrench[:, :2], rtol=1e-10, atol=1e-14)
 
 
@@ -329,7 +330,7 @@ def test_momentum_is_the_first_two_of_the_wrench():
     torch.testing.assert_close(measured_impulse(drops), drops.mass[:, None] * dv[:, :2], rtol=ROUNDING, atol=0)
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", IMPULSE_TARGETS)
 @pytest.mark.parametrize(("law", "variant"), DISTINCT)
 def test_cost_surface_is_the_mean_distance(law, variant, target):
     drops = synthetic.load(7, velocity_noise=0.1, spin_noise=3.0)
@@ -346,7 +347,7 @@ def test_cost_surface_is_the_mean_distance(law, variant, target):
             assert surface[i, j].item() == pytest.approx(sum(distances) / 7, rel=1e-9)
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", IMPULSE_TARGETS)
 def test_identify_fits_the_target(target):
     drops = synthetic.load(40, velocity_noise=0.05, spin_noise=5.0)
     fit = identify(find("wang_mason"), drops, sizes=(40,), repetitions=1, target=target)

@@ -16,8 +16,8 @@ from contactlearn.data import synthetic
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.evaluation import metrics
 from contactlearn.identification.per_trial import identify_trials
-from contactlearn.identification.shared import Box, measured_impulse
-from contactlearn.impacts import Impacts, Prediction
+from contactlearn.identification.shared import Box
+from contactlearn.impacts import Impacts, Prediction, measured_impulse
 from contactlearn.laws import Law, find
 from contactlearn.learning.recipe import TARGETS, Recipe, learn
 from contactlearn.model import ContactModel, predict_with

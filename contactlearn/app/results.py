@@ -19,7 +19,7 @@ from contactlearn.evaluation.metrics import Interval
 from contactlearn.identification.joint import JointFit
 from contactlearn.identification.shared import SharedFit
 from contactlearn.impacts import Impacts, Prediction
-from contactlearn.learning.recipe import OUTPUTS, Recipe
+from contactlearn.learning.recipe import TARGETS, Recipe
 from contactlearn.regression.features import SPACES
 from contactlearn.regression.regressor import Regressor
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate
@@ -101,7 +101,7 @@ def process_estimates(recipe: Recipe, regressor: Regressor) -> tuple[ProcessEsti
     """Return the hyperparameters of each output's process, spread and noise in the output's unit."""
     training, spread = regressor.training, regressor.outputs.spread[0]
     entries = []
-    for o, (output, unit) in enumerate(OUTPUTS[recipe.target].items()):
+    for o, (output, unit) in enumerate(TARGETS[recipe.target].items()):
         *lengths, scale, noise = regressor.gps.hyperparameters()[o].tolist()
         entry = ProcessEstimate(
             output=output,

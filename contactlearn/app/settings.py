@@ -13,7 +13,8 @@ from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.evaluation import bounds
 from contactlearn.identification.joint import FitOptions
-from contactlearn.identification.shared import TARGETS, Box
+from contactlearn.identification.shared import Box
+from contactlearn.impacts import IMPULSE_TARGETS
 from contactlearn.laws import PAPER_LAWS
 from contactlearn.learning.recipe import Recipe
 from contactlearn.numerics import is_number, is_whole
@@ -63,7 +64,7 @@ _RULES = {
     "laws": (lambda x: isinstance(x, ListConfig) and len(x) > 0, "a list of at least one law, such as [whittaker]"),
 }
 _NAMES = {
-    "train.target": ("impulse target", TARGETS),
+    "train.target": ("impulse target", IMPULSE_TARGETS),
     "bounds.norm": ("norm", bounds.NORMS),
     "tables": ("table format", FORMATS),
 }

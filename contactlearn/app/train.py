@@ -21,7 +21,7 @@ from contactlearn.identification.joint import JointFit
 from contactlearn.identification.shared import SharedFit
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
-from contactlearn.learning.recipe import OUTPUTS, Recipe, learn
+from contactlearn.learning.recipe import TARGETS, Recipe, learn
 from contactlearn.model import ContactModel
 from contactlearn.regression.features import SPACES
 from contactlearn.regression.regressor import Regressor
@@ -211,7 +211,7 @@ def _learned_figures(
     columns = list(SPACES[recipe.features].columns)
     relevance = {
         output: dict(zip(columns, (1 / lengths[: len(columns)]).tolist(), strict=True))
-        for output, lengths in zip(OUTPUTS[recipe.target], regressor.gps.hyperparameters(), strict=True)
+        for output, lengths in zip(TARGETS[recipe.target], regressor.gps.hyperparameters(), strict=True)
     }
     distance, spread = metrics.squared_distance(test, prediction), metrics.predicted_spread(prediction)
     return {

@@ -24,7 +24,7 @@ from contactlearn.laws import Law
 from contactlearn.model import ContactModel
 from contactlearn.numerics import is_number
 
-TARGETS = ("velocity", "wrench")
+FIT_TARGETS = ("velocity", "wrench")
 _SCATTER = 6  # numbers of a scatter matrix; as many again keep it from being singular
 
 
@@ -67,8 +67,8 @@ class FitOptions:
                 )
         if self.noise_before is not None and self.noise is None:
             raise DataError(f"noise_before={self.noise_before} needs noise, that after impact, in the same units")
-        if self.target not in TARGETS:
-            raise UnknownNameError("target of a joint fit", self.target, TARGETS)
+        if self.target not in FIT_TARGETS:
+            raise UnknownNameError("target of a joint fit", self.target, FIT_TARGETS)
 
 
 @dataclass(frozen=True)

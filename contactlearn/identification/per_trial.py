@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from contactlearn.identification.shared import Box, measured_impulse
-from contactlearn.impacts import Impacts
+from contactlearn.identification.shared import Box
+from contactlearn.impacts import Impacts, measured_impulse
 from contactlearn.laws import Law
 
 _STEP = 1e-7  # finite difference of P̂ in μ and ε

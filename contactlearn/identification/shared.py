@@ -21,8 +21,7 @@ import torch
 from jaxtyping import Int
 from torch import Tensor
 
-from contactlearn import mechanics
-from contactlearn.errors import DataError, UnknownNameError
+from contactlearn.errors import DataError
 from contactlearn.identification.grid_search import (
     Box,
     Cost,
@@ -32,12 +31,10 @@ from contactlearn.identification.grid_search import (
     pattern_search,
     ranges_within,
 )
-from contactlearn.impacts import Impacts
+from contactlearn.impacts import Impacts, measured_impulse
 from contactlearn.laws import Law
 
-__all__ = ["TARGETS", "Box", "SharedFit", "cost_surface", "distances", "identify", "measured_impulse"]
-
-TARGETS = ("momentum", "least_squares", "contact")
+__all__ = ["Box", "SharedFit", "cost_surface", "distances", "identify"]
 
 
 @dataclass(frozen=True)
@@ -66,24 +63,6 @@ class SharedFit:
     def to_law(self) -> Law:
         """The law at the mean parameters, as the paper uses it."""
         return self.law.at(*self.mean())
-
-
-def measured_impulse(impacts: Impacts, target: str = "momentum") -> Tensor:
-    """The impulse [N, 2] in N s that a law is fitted to.
-
-    `momentum` is m Δ(v_x, v_y), exact; `least_squares` and `contact` solve Δv = M⁻¹JᵀP over
-    (v_x, v_y, ω) without weights (the paper's text) and weighted by M (P = M_c J Δv, the authors'
-    published script).  All three agree where the moment τ is 0.
-    """
-    if target == "momentum":
-        return impacts.wrench[:, :2]
-    dv = impacts.v_post - impacts.v_pre
-    if target == "least_squares":
-        return mechanics.least_squares_impulse(impacts.mass, impacts.inertia, impacts.r, dv)
-    if target == "contact":
-        dv_c = mechanics.contact_velocity(impacts.r, dv)
-        return (mechanics.effective_inertia(impacts.W) @ dv_c[..., None])[..., 0]
-    raise UnknownNameError("impulse target", target, TARGETS)
 
 
 def distances(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, *, target: str) -> Tensor:
@@ -123,7 +102,7 @@ def identify(
         repetitions: m.
         orders: m orders of the trials [m, k] as rows, at least as many as the largest size; random if left out.
         generator: source of the random orders; seed 0 if left out.
-        target: the measured impulse, see `measured_impulse`.
+        target: the measured impulse, see `impacts.measured_impulse`.
         box: bounds and grid.
         progress: wraps the iteration over blocks of repetitions, for a progress bar.
 

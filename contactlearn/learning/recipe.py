@@ -20,14 +20,14 @@ from torch import Tensor
 from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.evaluation.metrics import CHI_SQUARED_95
 from contactlearn.identification.per_trial import identify_trials
-from contactlearn.identification.shared import Box, measured_impulse
-from contactlearn.impacts import Impacts
+from contactlearn.identification.shared import Box
+from contactlearn.impacts import Impacts, measured_impulse
 from contactlearn.laws import Law
 from contactlearn.model import ContactModel, predict_with, wrench_per_parameter
 from contactlearn.regression.features import SPACES, Standardisation
 from contactlearn.regression.regressor import Regressor
 
-OUTPUTS = {
+TARGETS = {
     "velocity": {"v_x": "m/s", "v_y": "m/s", "ω": "rad/s"},
     "impulse": {"P_t": "N s", "P_n": "N s"},
     "wrench": {"P_t": "N s", "P_n": "N s", "τ": "N m s"},
@@ -36,7 +36,6 @@ OUTPUTS = {
 }
 """What is learnt for each target, with units."""
 
-TARGETS = tuple(OUTPUTS)
 _ROUNDS = 4  # linearisations of the law; most parameters move little after the third
 _COVERAGE = 0.95
 _LOG_SIZE = math.log(0.05), math.log(100.0)
@@ -82,7 +81,7 @@ def learn(
         impacts, rows: subsets [..., n] as rows of the impacts.
         base: the recipe's law with its shared (μ, ε) [..., 1], or any model whose residual is learnt; likely
             parameters can also be learnt of a law with effects.
-        impulse: the measured impulse, see `measured_impulse`.
+        impulse: the measured impulse, see `impacts.measured_impulse`.
         box: limits of per-trial parameters.
 
     Raises:

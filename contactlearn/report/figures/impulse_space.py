@@ -22,8 +22,8 @@ from matplotlib.path import Path
 from contactlearn import mechanics
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.bounds import irb
-from contactlearn.identification.shared import Box, measured_impulse
-from contactlearn.impacts import Impacts
+from contactlearn.identification.shared import Box
+from contactlearn.impacts import Impacts, measured_impulse
 from contactlearn.laws import Law
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.reach import Cells, areas, clipped, reach
@@ -75,7 +75,7 @@ def reachable_impulses(
         impacts, row: the impact, counted from 0.
         laws: at their identified parameters, by name; each panel is titled by its law.
         box: the parameters that a law may take; μ and ε in [0, 1] if left out.
-        target: the measured impulse that is drawn, see `identification.shared.measured_impulse`.
+        target: the measured impulse that is drawn, see `impacts.measured_impulse`.
 
     Raises:
         ContactLearnError: no laws.
