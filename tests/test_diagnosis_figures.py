@@ -37,7 +37,7 @@ from contactlearn.impacts import Impacts
 from contactlearn.laws import find
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import audit_figure
-from contactlearn.report.figures.diagnosis import drawn, ladder
+from contactlearn.report.figures.diagnosis import drawn, ladder_figure
 from contactlearn.report.figures.regions import regions_figure
 from contactlearn.report.figures.residual import residual_figure
 from contactlearn.shapes import contact_point
@@ -482,7 +482,7 @@ def test_a_diagnosis_is_drawn_by_name(found):
 
 
 def test_the_ladder_shows_errors_intervals_and_the_bound(found):
-    (axes,) = ladder(found).axes
+    (axes,) = ladder_figure(found).axes
     errors = [rung.error for rung in found.ladder]
     assert [bar.get_width() for bar in axes.patches] == [error.mean for error in errors]
     *intervals, bound = axes.lines
@@ -490,4 +490,4 @@ def test_the_ladder_shows_errors_intervals_and_the_bound(found):
     assert bound.get_xdata()[0] == found.budget.bound.mean
     assert axes.get_xlim()[0] == 0
     rungs = (Rung(kind=RungKind.EFFECT, error=errors[0], effect=EffectId(name)) for name in HOSTILE)
-    assert_sound(ladder(replace(found, ladder=tuple(rungs))))
+    assert_sound(ladder_figure(replace(found, ladder=tuple(rungs))))

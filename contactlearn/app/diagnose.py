@@ -55,7 +55,7 @@ def _found(cfg: DictConfig, impacts: Impacts, bar: Progress) -> Diagnosis:
         effects,
         candidates=_candidates(cfg, effects),
         laws=list(named_laws(cfg, SEARCHED_LAWS).values()),
-        noise=settings.noise(cfg),
+        noise=settings.stated_noise(cfg),
         limits={name: tuple(ends) for name, ends in cfg.limits.items()},
         seed=cfg.seed,
         seconds=cfg.seconds,

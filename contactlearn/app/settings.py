@@ -115,7 +115,7 @@ def box(cfg: DictConfig) -> Box:
     return Box(tuple(cfg.train.mu), tuple(cfg.train.eps)) if "train" in cfg else Box()
 
 
-def noise(cfg: DictConfig) -> tuple[float, float, float] | None:
+def stated_noise(cfg: DictConfig) -> tuple[float, float, float] | None:
     """Return the standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), where they are known."""
     sigma = cfg.fit.noise
     if sigma is None:
@@ -137,7 +137,7 @@ def fit_options(cfg: DictConfig) -> FitOptions:
         UnknownNameError: no such target.
     """
     given = {name: cfg.fit[name] for name in ("target", "starts") if name in cfg.fit}
-    return FitOptions(box=box(cfg), noise=noise(cfg), **given)
+    return FitOptions(box=box(cfg), noise=stated_noise(cfg), **given)
 
 
 def recipes(cfg: DictConfig) -> dict[str, Recipe]:

@@ -6,7 +6,7 @@ from contactlearn.diagnosis.noise import NoiseFloor
 from contactlearn.diagnosis.result import ErrorBudget, ErrorLimits, ErrorShares
 from contactlearn.diagnosis.search.selection import Selection
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder
-from contactlearn.diagnosis.validation import RESAMPLES, interval
+from contactlearn.diagnosis.validation import RESAMPLES, held_out_interval
 from contactlearn.evaluation import bounds
 from contactlearn.evaluation.metrics import Interval, bootstrap, mass_error
 
@@ -21,8 +21,8 @@ def error_limits(selection: Selection, ceiling: LearnedRemainder, generator: tor
     """
     impacts = selection.impacts
     return ErrorLimits(
-        base=interval(selection.base.error, generator),
-        ceiling=interval(ceiling.error, generator),
+        base=held_out_interval(selection.base.error, generator),
+        ceiling=held_out_interval(ceiling.error, generator),
         bound=bootstrap(mass_error(impacts, bounds.irb(impacts, "mass")), generator, RESAMPLES),
     )
 

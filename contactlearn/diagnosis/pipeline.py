@@ -51,7 +51,7 @@ from contactlearn.diagnosis.stages import (
     search_effects,
 )
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.validation import Folds, interval
+from contactlearn.diagnosis.validation import Folds, held_out_interval
 from contactlearn.effects import Effect, EffectId
 from contactlearn.evaluation.partial_residuals import partial_residuals
 from contactlearn.identification.joint import FitOptions
@@ -246,7 +246,7 @@ def _frontier(study: Study, selection: Selection) -> tuple[FrontierModel, ...]:
         models = [model for model in pool.models.values() if len(model.spec.effects) == size]
         if models:
             best = pool.best(models)
-            error = interval(validated(pool, selection.folds, best).error, study.generator)
+            error = held_out_interval(validated(pool, selection.folds, best).error, study.generator)
             found.append(FrontierModel(law=best.spec.law, effects=tuple(sorted(best.spec.effects)), error=error))
     return tuple(found)
 

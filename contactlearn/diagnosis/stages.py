@@ -36,7 +36,7 @@ from contactlearn.diagnosis.search.selection import Selection, select
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.formulas import formulas
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder, learn_remainder
-from contactlearn.diagnosis.validation import CrossValidation, Folds, ValidatedFit, held_out_error, interval
+from contactlearn.diagnosis.validation import CrossValidation, Folds, ValidatedFit, held_out_error, held_out_interval
 from contactlearn.effects import Effect, EffectId
 from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.identification.joint import FitOptions, identify_jointly
@@ -234,7 +234,7 @@ def divide_error(study: Study, searched: Searched, rungs: Ladder) -> Unexplained
         searched.limits,
         base=rungs.rungs[0].error,
         named=rungs.rungs[-1].error,
-        flexible=interval(learned.error, study.generator),
+        flexible=held_out_interval(learned.error, study.generator),
         floor=floor,
     )
     return Unexplained(learned=learned, formulas=written, budget=budget)

@@ -150,7 +150,7 @@ def paired_gain(before: ValidatedFit, after: ValidatedFit) -> tuple[float, float
     return gain.mean().item(), (gain.std() / math.sqrt(len(gain))).item()
 
 
-def interval(error: Float[Tensor, " n"], generator: torch.Generator) -> Interval:
+def held_out_interval(error: Float[Tensor, " n"], generator: torch.Generator) -> Interval:
     """Compute the mean and 95 % interval of the errors of those trials that were held out; the others are nan."""
     return bootstrap(error[error.isfinite()], generator, RESAMPLES)
 

@@ -1,7 +1,7 @@
 """A coefficient of each object of a table: the first has the law's own, the others a difference from it.
 
 The objects are known once the effect is prepared, so the parameters are too: K − 1 for K objects.  Where there is one
-object, or more than `MOST`, there is no parameter and the effect changes nothing.
+object, or more than `MOST_OBJECTS`, there is no parameter and the effect changes nothing.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from contactlearn.effects.state import State, body_code, columns
 from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts
 
-MOST = 6
+MOST_OBJECTS = 6
 """Objects, at most, that are told apart."""
 
 
@@ -36,7 +36,7 @@ class ByBody:
     @property
     def _others(self) -> tuple[str, ...]:
         """Names of the objects with a difference."""
-        return self.objects[1:] if self.objects and len(self.objects) <= MOST else ()
+        return self.objects[1:] if self.objects and len(self.objects) <= MOST_OBJECTS else ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

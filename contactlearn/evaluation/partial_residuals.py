@@ -20,7 +20,7 @@ from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel
 from contactlearn.numerics import wrapped
 
-COMPONENTS = {
+QUANTITIES = {
     "wrench": (("P_t", "N s"), ("P_n", "N s"), ("τ", "N m s")),
     "velocity": (("v_x⁺", "m/s"), ("v_y⁺", "m/s"), ("ω⁺", "rad/s")),
 }
@@ -65,7 +65,7 @@ def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Parti
     known["theta"] = wrapped(known["theta"])
     shares = {symbol: share_explained(x, shape[:, best]) for symbol, x in known.items()}
     variable = max(shares, key=shares.__getitem__)
-    component, unit = COMPONENTS[quantity][best]
+    component, unit = QUANTITIES[quantity][best]
     against = SYMBOLS[variable].letter, SYMBOLS[variable].unit, known[variable]
     if shares[variable] < _TOLD and (explained != 0).any():
         against = f"{component} of the effect", unit, explained[:, best]

@@ -125,7 +125,7 @@ def _show_residual(found: Diagnosis) -> None:
     if found.remainder is not None:
         say(f"residual: {' '.join(stages.residual(found.remainder))}")
     for formula in found.formulas:
-        say(f"formula: {stages.formula_effect(formula)}: {stages.formula_overrides(formula)}")
+        say(f"formula: {stages.formula_change(formula)}: {stages.formula_overrides(formula)}")
 
 
 def _say_finding(kind: str, finding: Finding) -> None:

@@ -12,7 +12,7 @@ from contactlearn.diagnosis.result.effects import FittedParameter, MissingEffect
 from contactlearn.diagnosis.result.regions import Region
 from contactlearn.diagnosis.search.plausible import inclusion
 from contactlearn.diagnosis.search.selection import Selection, smaller
-from contactlearn.diagnosis.validation import ValidatedFit, interval
+from contactlearn.diagnosis.validation import ValidatedFit, held_out_interval
 from contactlearn.effects import EffectId
 from contactlearn.evaluation.metrics import outside_admissible
 
@@ -38,7 +38,7 @@ def ladder(selection: Selection, regions: Sequence[Region], generator: torch.Gen
     reductions = {effect: (less[effect].error - final.error).nanmean().item() for effect in effects}
     effects.sort(key=reductions.__getitem__, reverse=True)
     models = _models(selection, effects)
-    errors = [interval(model.error, generator) for model in models]
+    errors = [held_out_interval(model.error, generator) for model in models]
     outside = [_inadmissible(selection, model) for model in models]
     missing = tuple(
         MissingEffect(

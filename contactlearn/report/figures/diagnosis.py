@@ -37,9 +37,9 @@ def drawn(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
         for missing, partial in zip(found.missing, record.residuals, strict=True):
             figures[_file(missing.effect)] = effect_curve(partial, effect_label(missing.effect))
     if found.ladder:
-        figures["ladder"] = ladder(found)
+        figures["ladder"] = ladder_figure(found)
     if found.frontier:
-        figures["frontier"] = frontier(found)
+        figures["frontier"] = frontier_figure(found)
     return figures
 
 
@@ -60,7 +60,7 @@ def _file(effect: EffectId) -> str:
 
 
 @st.look()
-def ladder(found: Diagnosis) -> Figure:
+def ladder_figure(found: Diagnosis) -> Figure:
     """Draw the held-out error of each rung with its 95 % interval; the IRB bound is a line."""
     figure = st.new_figure(st.PAGE, 0.9 + 0.25 * len(found.ladder))
     axes = st.name_axes(figure.subplots(), ERROR)
@@ -81,7 +81,7 @@ def ladder(found: Diagnosis) -> Figure:
 
 
 @st.look()
-def frontier(found: Diagnosis) -> Figure:
+def frontier_figure(found: Diagnosis) -> Figure:
     """Draw the held-out error of the best model of each number of effects; the chosen number is marked."""
     figure = st.new_figure(st.PAGE, 2.6)
     axes = st.name_axes(figure.subplots(), "number of effects (–)", ERROR)

@@ -18,7 +18,7 @@ from torch import Tensor
 from contactlearn.diagnosis.result import ComponentTest, Record, Remainder, WrenchComponent
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import SYMBOLS, of_state
-from contactlearn.evaluation.partial_residuals import COMPONENTS, binned, share_explained
+from contactlearn.evaluation.partial_residuals import QUANTITIES, binned, share_explained
 from contactlearn.numerics import wrapped
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import dots, legend_below
@@ -75,7 +75,7 @@ def _draw_row(
     """One component against each symbol."""
     ends = residual.quantile(torch.tensor((0.01, 0.99), dtype=residual.dtype))
     shown = (residual >= ends[0]) & (residual <= ends[1])
-    letter, unit = COMPONENTS["wrench"][_ROWS.index(test.component)]
+    letter, unit = QUANTITIES["wrench"][_ROWS.index(test.component)]
     for axes, x in zip(panels, along, strict=True):
         _draw_means(axes, x[shown], residual[shown])
     panels[0].set_ylabel(f"Residual of {letter} (m{unit})")

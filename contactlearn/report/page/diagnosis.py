@@ -16,7 +16,7 @@ from contactlearn.laws import Law
 from contactlearn.report.page.arrays import packed
 from contactlearn.report.page.effects import effect_content, experiment_content, residual_content
 from contactlearn.report.page.page import write
-from contactlearn.report.page.trials import REACH, bounded, digits, finely, look, of_laws, of_trials
+from contactlearn.report.page.trials import REACH, bounded, digits, finely, of_laws, of_trials, plotly_style
 from contactlearn.report.text import (
     base_label,
     effect_label,
@@ -54,7 +54,7 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
         "verdict": {"key": str(found.verdict), "headline": headline(found), "sentences": summary(found)},
         "findings": [_finding(finding) for finding in found.findings],
         "consistent": stages.CONSISTENT,
-        "law": (look(found.law) if found.law else {}) | {"name": found.law},
+        "law": (plotly_style(found.law) if found.law else {}) | {"name": found.law},
         "reproduce": _reproduced(provenance, use),
         "trials": None,
     }
@@ -96,7 +96,7 @@ def _ladder(found: Diagnosis) -> dict[str, Any]:
     return {
         "base": base,
         "ladder": [{"name": rung_label(rung, base), **bounded(rung.error)} for rung in found.ladder],
-        "laws": [{**look(one.name), "error": finely(one.error)} for one in compared],
+        "laws": [{**plotly_style(one.name), "error": finely(one.error)} for one in compared],
         "regions": [_region(region) for region in found.regions],
         "no_region": stages.NO_REGION,
     } | _search(found)

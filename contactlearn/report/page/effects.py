@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from contactlearn.diagnosis.result import Experiment, FittedParameter, Formula, MissingEffect, Region, Remainder, Rival
 from contactlearn.effects.formula.symbols import SYMBOLS
-from contactlearn.evaluation.partial_residuals import COMPONENTS, Partial
+from contactlearn.evaluation.partial_residuals import QUANTITIES, Partial
 from contactlearn.report.page.trials import bounded, digits, finely
 from contactlearn.report.text import WRENCH, effect_label, measured, sentence, stages
 from contactlearn.report.text.stages import separation_label
@@ -63,10 +63,10 @@ def _rival(rival: Rival) -> dict[str, Any]:
 
 def _curve(partial: Partial) -> dict[str, Any]:
     """The axes of partial residuals: the component of the wrench or velocity, and the variable by trial."""
-    quantity = next(name for name, parts in COMPONENTS.items() if partial.component in dict(parts))
+    quantity = next(name for name, parts in QUANTITIES.items() if partial.component in dict(parts))
     return {
         "quantity": quantity,
-        "component": [letter for letter, _ in COMPONENTS[quantity]].index(partial.component),
+        "component": [letter for letter, _ in QUANTITIES[quantity]].index(partial.component),
         "letter": partial.component,
         "unit": partial.component_unit,
         "variable": partial.variable,

@@ -10,7 +10,7 @@ from contactlearn.evaluation.metrics import METRICS
 from contactlearn.laws import find
 from contactlearn.report.figures.style import BOUNDS
 from contactlearn.report.page.arrays import packed
-from contactlearn.report.page.trials import REACH, finely, look, of_laws, of_trials
+from contactlearn.report.page.trials import REACH, finely, of_laws, of_trials, plotly_style
 from contactlearn.report.text import model_labels
 from contactlearn.report.text.evaluation import evaluation_headline, evaluation_summary
 from contactlearn.results.estimates import ModelErrors
@@ -42,7 +42,7 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
             "headline": evaluation_headline(labels, result.best, result.differences),
             "sentences": _sentences(result, labels, closest, len(test)),
         },
-        "law": look(closest) | {"name": closest},
+        "law": plotly_style(closest) | {"name": closest},
         "comparison": [{"key": key, "label": metric.label, "unit": metric.unit} for key, metric in METRICS.items()],
         "models": [_model(name, labels[name], result.errors[name]) for name in names],
         "chosen": 0,
@@ -58,7 +58,7 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
 def _model(name: str, label: str, errors: ModelErrors) -> dict[str, Any]:
     """A row of the table of models."""
     return {
-        **look(name),
+        **plotly_style(name),
         "label": label,
         **finely(asdict(errors.headline)),
         "errors": finely(asdict(errors)),
@@ -81,7 +81,7 @@ def _curves(result: Evaluation) -> list[dict[str, Any]]:
     lines |= {name: [result.errors[name].headline] * len(sizes) for name in BOUNDS if name in result.errors}
     return [
         {
-            **look(name),
+            **plotly_style(name),
             "sizes": list(sizes),
             "intervals": finely([asdict(one) for one in line]),
             "level": name in BOUNDS,

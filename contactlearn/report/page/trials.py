@@ -57,7 +57,7 @@ def of_laws(impacts: Impacts, fitted: Mapping[str, Law]) -> tuple[list[dict[str,
     `torn` [L, N, A − 1, B − 1] is 1 it jumps.
     """
     entries = [
-        {"name": name, "mu": digits(float(law.mu), 4), "eps": digits(float(law.eps), 4), **look(name)}
+        {"name": name, "mu": digits(float(law.mu), 4), "eps": digits(float(law.eps), 4), **plotly_style(name)}
         for name, law in fitted.items()
     ]
     W, v_c = impacts.W, impacts.v_c
@@ -80,7 +80,7 @@ def _reach(
     return P[:, ::_FINER, ::_FINER], cells.any(4).any(2)
 
 
-def look(name: str) -> dict[str, str]:
+def plotly_style(name: str) -> dict[str, str]:
     """Return how plotly draws a law, bound or learned model."""
     style = law_style(name)
     line = style.linestyle

@@ -205,7 +205,7 @@ def residual_share(found: Remainder) -> str:
     return f"Gaussian processes on the residual reduce the held-out error by {share_interval(found.share)}"
 
 
-def formula_effect(found: Formula) -> str:
+def formula_change(found: Formula) -> str:
     """Write a formula as a change of its component, and the error reduction that it brings."""
     letter = WRENCH[found.component]
     return f"{letter} ← {letter} + {found.text} reduces the held-out error by {formula_gain(found)}"

@@ -86,7 +86,7 @@ def summary(found: Diagnosis) -> list[str]:
     said += [_size(missing) for missing in found.missing if missing.parameters]
     if found.remainder is not None:
         said += stages.residual(found.remainder)
-        said += [f"The best formula for it: {stages.formula_effect(one)}." for one in found.formulas[:1]]
+        said += [f"The best formula for it: {stages.formula_change(one)}." for one in found.formulas[:1]]
     if found.budget is not None:
         said.append(stages.noise(found.budget))
     said += [one for one in (stages.better_law(found), stages.worst_region(found)) if one]

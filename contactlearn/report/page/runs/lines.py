@@ -9,7 +9,7 @@ from contactlearn.numerics import is_number
 from contactlearn.report.figures.style import BOUNDS, MODEL_STYLE, STYLES
 from contactlearn.report.page.runs.rows import HASH, LAW, Row
 from contactlearn.report.page.runs.settings import Settings
-from contactlearn.report.page.trials import digits, look
+from contactlearn.report.page.trials import digits, plotly_style
 from contactlearn.report.text import effect_label
 
 SIZE = "train.size"
@@ -66,8 +66,8 @@ def _across(runs: Sequence[Row], settings: Settings) -> list[Line]:
         run = runs[k]
         if run.error is not None:
             name = run.law or "no law" if run.model == LAW else run.model
-            law = {"law": look(run.law)["label"]} if run.law and name != run.law else {}
-            traits = {"": look(name)["label"], **law, **traits, "command": f"{run.command}.py"}
+            law = {"law": plotly_style(run.law)["label"]} if run.law and name != run.law else {}
+            traits = {"": plotly_style(name)["label"], **law, **traits, "command": f"{run.command}.py"}
             line = found.setdefault(tuple(traits.items()), Line(model=name, traits=traits, sha256=run.data.sha256))
             line.points.setdefault(size, run.error)
             line.rows.append(k)
@@ -79,7 +79,7 @@ def _within(runs: Sequence[Row]) -> list[Line]:
     return [
         Line(
             model=name,
-            traits={"": look(name)["label"], **_parts(run), "run": run.name},
+            traits={"": plotly_style(name)["label"], **_parts(run), "run": run.name},
             sha256=run.data.sha256,
             points=dict(zip(sizes, values, strict=True)),
             rows=[k],
@@ -96,7 +96,7 @@ def _yardsticks(runs: Sequence[Row], settings: Settings, data: Container[str]) -
         run = runs[k]
         if run.data.sha256 in data and run.command == "evaluate":
             for name, value in run.bounds.items():
-                line = Line(model=name, traits={"": look(name)["label"], **traits}, sha256=run.data.sha256)
+                line = Line(model=name, traits={"": plotly_style(name)["label"], **traits}, sha256=run.data.sha256)
                 found.setdefault((name, *traits.items()), line).points.setdefault(size, value)
     unique = {(line.model, line.sha256, *(x.mean for x in line.points.values())): line for line in found.values()}
     return list(unique.values())
@@ -133,15 +133,22 @@ def _entry(line: Line, words: str, points: Mapping[float, Interval] | None = Non
     points = line.points if points is None else points
     sizes = sorted(points)
     intervals = [digits(asdict(points[size]), 8) for size in sizes]
-    return {**look(line.model), "label": words, "sizes": sizes, "intervals": intervals, "level": False, "runs": []}
+    return {
+        **plotly_style(line.model),
+        "label": words,
+        "sizes": sizes,
+        "intervals": intervals,
+        "level": False,
+        "runs": [],
+    }
 
 
 def _told_apart(lines: Sequence[dict[str, Any]]) -> None:
     """Give a line a free colour if another has its own already; without a free one, colours come again."""
     taken = set()
-    free = [name for name in _LOOKS if look(name)["color"] not in {line["color"] for line in lines}]
+    free = [name for name in _LOOKS if plotly_style(name)["color"] not in {line["color"] for line in lines}]
     for place, line in enumerate(lines):
         if line["color"] in taken:
-            other = look(free.pop(0) if free else _LOOKS[place % len(_LOOKS)])
+            other = plotly_style(free.pop(0) if free else _LOOKS[place % len(_LOOKS)])
             line |= {key: other[key] for key in ("color", "symbol", "dash")}
         taken.add(line["color"])

@@ -15,7 +15,7 @@ from contactlearn.report.page.page import FILE, render, save
 from contactlearn.report.page.runs.lines import learning_lines
 from contactlearn.report.page.runs.rows import HASH, LAW, Row, printable, read_row
 from contactlearn.report.page.runs.settings import Settings, shared, varying
-from contactlearn.report.page.trials import digits, look
+from contactlearn.report.page.trials import digits, plotly_style
 from contactlearn.report.text import effect_label, interval, label, listed
 from contactlearn.results.folder import FILES, find_results, is_run
 
@@ -105,7 +105,7 @@ def of_runs(runs: Sequence[Row], skipped: Sequence[tuple[str, str]], folder: Pat
         "runs": [
             {
                 "name": run.name,
-                **look(run.law or "no law"),
+                **plotly_style(run.law or "no law"),
                 "effects": [effect.name for effect in (*run.given, *run.found)],
                 **_errors(run),
             }
@@ -158,9 +158,9 @@ def _columns(runs: Sequence[Row], settings: Settings, families: Sequence[str], s
         for name, values in settings
     ]
     found += own if len(own) <= _FEW else []
-    found.append(column("Law", [None if run.law is None else look(run.law)["label"] for run in runs]))
+    found.append(column("Law", [None if run.law is None else plotly_style(run.law)["label"] for run in runs]))
     if any(run.model != LAW for run in runs):
-        found.append(column("Model", [look(run.model)["label"] for run in runs]))
+        found.append(column("Model", [plotly_style(run.model)["label"] for run in runs]))
     found += [
         column("Verdict", [run.verdict for run in runs]),
         column(
@@ -218,7 +218,7 @@ def _numeric(values: Iterable[str | None]) -> bool:
 
 def _with(run: Row) -> str:
     """The law with the effects that were given to it."""
-    law, given = look(run.law or "no law")["label"], listed(map(_words, run.given)) if run.given else ""
+    law, given = plotly_style(run.law or "no law")["label"], listed(map(_words, run.given)) if run.given else ""
     return f"{law} with {given}" if given else law
 
 
