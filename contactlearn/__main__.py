@@ -1,8 +1,11 @@
-"""`python -m contactlearn COMMAND`: tools beside train, evaluate and diagnose.
+"""`python -m contactlearn COMMAND`: train, evaluate and diagnose as in a checkout, and the tools beside them.
 
-export FILE data=…   write any data source to a table file
-reveal DIR           print the sealed account of the drops of data=mystery
-report DIR…          redraw the page of one run, or make one page over several
+train key=value…      train one contact model
+evaluate key=value…   compare laws and learned models with the bounds
+diagnose key=value…   find out which physical effect is missing
+export FILE data=…    write any data source to a table file
+reveal DIR            print the sealed account of the drops of data=mystery
+report DIR…           redraw the page of one run, or make one page over several
 """
 
 import argparse
@@ -18,9 +21,20 @@ sort and filter, learning curves where train.size differs, and the ladders of di
 named on it, with the reason."""
 
 
+_CONFIGURED = {
+    "train": "train one contact model",
+    "evaluate": "compare laws and learned models with the bounds",
+    "diagnose": "find out which physical effect is missing",
+}
+"""Commands whose arguments Hydra parses."""
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the `contactlearn` command; return the exit status."""
-    options = _parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    if words and words[0] in _CONFIGURED:
+        return _configured(*words)
+    options = _parser().parse_args(words)
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
@@ -32,9 +46,20 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
+def _configured(command: str, *overrides: str) -> int:
+    """Run a command whose configuration Hydra composes; Hydra reads its overrides from `sys.argv`."""
+    from contactlearn import cli
+
+    sys.argv = [f"contactlearn {command}", *overrides]
+    getattr(cli, command)()
+    return 0
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="contactlearn", description="Tools beside contactlearn's train and evaluate.")
+    parser = argparse.ArgumentParser(prog="contactlearn", description="Learn rigid-body contact from measurements.")
     add = parser.add_subparsers(required=True, metavar="COMMAND").add_parser
+    for command, summary in _CONFIGURED.items():
+        add(command, help=f"{summary}; {command} --help lists its settings")
     _add_export(add)
     _add_reveal(add)
     _add_report(add)

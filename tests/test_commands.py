@@ -2,12 +2,14 @@
 
 import json
 import re
+import shutil
 import sys
+import tomllib
 
 import pandas as pd
 import pytest
 import torch
-from commands import ROOT, SMALL, TRAIN, run, run_alone  # noqa: F401 (test_diagnosis takes ROOT from here)
+from commands import ROOT, SMALL, TRAIN, run, run_alone
 
 from contactlearn import checkpoint, cli, laws
 from contactlearn.data import synthetic, table
@@ -215,6 +217,17 @@ def test_help_is_that_of_hydra(name):
     """Which takes twice as long; any other flag leaves it to Hydra."""
     words = (f"{name}.py", "--help", "law=mirtich")
     assert run(*words) == run(*words, f"--config-name={name}")
+
+
+def test_an_installed_package_needs_no_checkout(tmp_path):
+    """From the folders that the wheel takes, in a folder that holds nothing else."""
+    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["hatch"]["build"]["targets"]["wheel"]
+    for source, target in ({name: name for name in wheel["packages"]} | wheel["force-include"]).items():
+        shutil.copytree(ROOT / source, tmp_path / target)
+    printed = run_alone("-m", "contactlearn", "train", "--help", cwd=tmp_path)
+    assert "data=table data.path=drops.csv" in printed
+    where = run_alone("-c", "from contactlearn import cli; print(cli.CONFIGS)", cwd=tmp_path)
+    assert where.strip() == str(tmp_path / "contactlearn" / "configs")
 
 
 ERRORS = {
