@@ -10,7 +10,6 @@ A purely learned model has no base; a law alone has nothing else.  Leading axes,
 subsets, may come before the impacts in every part.
 """
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -24,6 +23,7 @@ from contactlearn.effects import PLACES, Effect, State
 from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
+from contactlearn.numerics import measured
 from contactlearn.regression.regressor import Regressor
 
 RESIDUALS = ("velocity", "impulse", "wrench")
@@ -220,14 +220,6 @@ def _clamped(mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _listed(values: Iterable[tuple[str, Tensor | float, str, float | None]]) -> str:
-    """Symbols, values, units and standard errors as `c = 0.105 ± 0.004 m, …`; values are means over leading axes."""
-    parts = []
-    for symbol, value, unit, error in values:
-        value = torch.as_tensor(value, dtype=torch.float64).mean().item()
-        if error is not None and error > 10 * abs(value) + 0.1:  # open, so no digit of the value is known
-            number = f"{value:.3g} ± {error:.2g}"
-        else:
-            digits = min(8, max(0, 1 - math.floor(math.log10(error)))) if error else 3
-            number = f"{value:.{digits}f}" + ("" if error is None else f" ± {error:.{digits}f}")
-        parts.append(f"{symbol} = {number}" + (f" {unit}" if unit not in ("", "–") else ""))
-    return ", ".join(parts)
+    """Write symbols, values, units and standard errors as `c = 0.1051 ± 0.0041 m, …`; values are means over batches."""
+    means = ((symbol, torch.as_tensor(x, dtype=torch.float64).mean().item(), *other) for symbol, x, *other in values)
+    return ", ".join(f"{symbol} = {measured(value, error, unit)}" for symbol, value, unit, error in means)

@@ -1,10 +1,11 @@
-"""Numbers and files as every room needs them: constants of the normal distribution, angles, checks, whole files.
+"""Numbers and files as every room needs them: constants of the normal distribution, angles, checks, texts, files.
 
     Z_95, MAD_SCALE     quantile of a 95 % interval; standard deviations in a median absolute deviation
     wrapped             an angle in (−π, π]
     finite_number       a setting as a finite float, or a DataError that names its rule; `whole` likewise
     is_number, is_whole the same as a test
     random              float64 random numbers of a generator
+    number, measured    a number as text; a value with its standard error and unit as text
     written_whole       a file that appears whole or not at all
 
 Nothing here knows of contact.
@@ -12,6 +13,7 @@ Nothing here knows of contact.
 
 import math
 import os
+import re
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -86,6 +88,23 @@ def whole(name: str, value: Any, low: int) -> int:
     if not is_whole(value, low) or not value < 2**63:
         raise DataError(f"{name} must be an integer, at least {low}, got {value!r}")
     return value
+
+
+def number(x: float, digits: int = 4) -> str:
+    """Write a number to significant digits; exponents are written as 3e−5."""
+    return re.sub(r"e([+−])0*", lambda e: "e" + e[1].strip("+"), f"{x:.{digits}g}".replace("-", "−"))
+
+
+def measured(value: float, standard_error: float | None, unit: str = "–") -> str:
+    """Write a value with the digits that its standard error leaves, the standard error, and the unit."""
+    if standard_error is None or not math.isfinite(standard_error) or standard_error == 0:
+        text = number(value) + (" ± 0" if standard_error == 0 else "")
+    elif standard_error > 10 * abs(value) + 0.1 or standard_error < 1e-6:  # no digit is known, or too many are
+        text = f"{number(value, 3)} ± {number(standard_error, 2)}"
+    else:
+        decimals = max(0, 1 - math.floor(math.log10(standard_error)))
+        text = f"{value:.{decimals}f} ± {standard_error:.{decimals}f}".replace("-", "−")
+    return text + (f" {unit}" if unit not in ("", "–") else "")
 
 
 @contextmanager

@@ -285,7 +285,7 @@ def test_cards_tell_what_was_run_and_found(runs):
     rows = dict(row[:2] for row in card(events["train"]))
     assert re.fullmatch(r"μ = 0\.\d+ ± 0\.\d+, ε = 0\.\d+ ± 0\.\d+", rows["wang_mason (textbook)"])
     assert rows["surface_tilt"].startswith(find_effect("surface_tilt").formula)
-    assert re.search(r"φ = -?0\.\d+ ± 0\.\d+ rad$", rows["surface_tilt"])
+    assert re.search(r"φ = −?0\.\d+ ± 0\.\d+ rad$", rows["surface_tilt"])
     errors = json.loads((folder / "train" / "results.json").read_text())["errors"]
     shown = {row[0]: row[1:] for row in card(events["train"]) if len(row) == 3}
     entry = errors["wang_mason + surface_tilt"]["mass_error"]

@@ -1,6 +1,6 @@
 """The words and number formats of terminal, page, figures and run cards, each in one place.
 
-    numbers      errors, shares, comparisons, values with their standard errors
+    numbers      errors, shares, comparisons
     names        laws, models, effects, rungs and components as a person writes them
     stages       the result of each stage of a diagnosis in a sentence
     search       error against number of effects, and models that the data cannot tell apart
@@ -10,6 +10,7 @@
 A no-break space stands between a number and its % sign; the terminal prints it as a space.
 """
 
+from contactlearn.numerics import measured, number
 from contactlearn.report.text.names import (
     WRENCH,
     base_label,
@@ -27,8 +28,6 @@ from contactlearn.report.text.numbers import (
     compared,
     error,
     interval,
-    measured,
-    number,
     percent,
     spaced,
 )

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 
 from contactlearn.evaluation.metrics import Interval
+from contactlearn.numerics import number
 from contactlearn.report.text.names import listed, shortened
-from contactlearn.report.text.numbers import interval, number
+from contactlearn.report.text.numbers import interval
 
 _FEW = 2  # models that a headline names beside the best
 _BOUNDS = {

@@ -1,19 +1,14 @@
-"""Number formats: errors, intervals, shares, comparisons, values with standard errors and units."""
+"""Number formats: errors, intervals, shares, comparisons; `numerics` has that of a value with its standard error."""
 
-import math
 import re
 from collections.abc import Mapping
 
 from contactlearn.evaluation.metrics import Interval
+from contactlearn.numerics import number
 
 _SMALL = 1e-3  # errors below it are written with two significant digits
 _PERCENT = 0.01  # difference below which a percentage has a decimal
 _TIMES = 2.0  # ratio from which on a comparison is a factor and no percentage
-
-
-def number(x: float, digits: int = 4) -> str:
-    """Write a number to significant digits; exponents are written as 3e−5."""
-    return re.sub(r"e([+−])0*", lambda e: "e" + e[1].strip("+"), f"{x:.{digits}g}".replace("-", "−"))
 
 
 def error(x: float) -> str:
@@ -62,18 +57,6 @@ def times(ratio: float) -> str:
 def p_value(p: float) -> str:
     """Write a probability with one significant digit: p = 3e−8, p = 0.02."""
     return f"p = {number(p, 1)}"
-
-
-def measured(value: float, standard_error: float | None, unit: str = "–") -> str:
-    """Write a value with the digits that its standard error leaves, the standard error, and the unit."""
-    if standard_error is None or not math.isfinite(standard_error) or standard_error == 0:
-        text = number(value) + (" ± 0" if standard_error == 0 else "")
-    elif standard_error > 10 * abs(value) + 0.1 or standard_error < 1e-6:  # no digit is known, or too many are
-        text = f"{number(value, 3)} ± {number(standard_error, 2)}"
-    else:
-        decimals = max(0, 1 - math.floor(math.log10(standard_error)))
-        text = f"{value:.{decimals}f} ± {standard_error:.{decimals}f}".replace("-", "−")
-    return text + (f" {unit}" if unit not in ("", "–") else "")
 
 
 def spaced(text: str) -> str:

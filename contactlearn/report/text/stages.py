@@ -22,6 +22,7 @@ from contactlearn.diagnosis.result import (
 from contactlearn.diagnosis.thresholds import NoiseThresholds
 from contactlearn.effects import EffectId
 from contactlearn.effects.formula.symbols import SYMBOLS
+from contactlearn.numerics import measured, number
 from contactlearn.report.text.names import (
     NOISE_SOURCES,
     WRENCH,
@@ -35,8 +36,6 @@ from contactlearn.report.text.numbers import (
     compared,
     error,
     interval,
-    measured,
-    number,
     p_value,
     percent,
     share_interval,

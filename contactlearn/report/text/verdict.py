@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 
 from contactlearn.diagnosis.result import Diagnosis, MissingEffect, RungKind, Verdict
+from contactlearn.numerics import measured
 from contactlearn.report.text import stages
 from contactlearn.report.text.names import base_label, effect_label, listed, opened, sentence, shortened
-from contactlearn.report.text.numbers import interval, measured, percent
+from contactlearn.report.text.numbers import interval, percent
 
 VERDICTS = {
     Verdict.EFFECTS: "effects are missing",
