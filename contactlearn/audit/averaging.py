@@ -1,10 +1,10 @@
 """Averaging of velocities before impact that vary by no more than their noise: a constant height of the drops, no spin.
 
-Their scatter is then mistaken for variation: a law that answers to it predicts worse than one that is told the mean,
-and an effect that damps that answer looks as if it were missing (regression dilution).  So where the spread of a column
-is hardly larger than the residual of flexible models in the outcome, its mean is used if the law then predicts held-out
+A law that is given such measurements predicts worse than one that is given their mean, and an effect that weakens the
+dependence on them looks as if it were missing (regression dilution).  Therefore, where the spread of a column is hardly
+larger than the residual of flexible models in the outcome, its mean replaces it if the law then predicts held-out
 trials at least as well.
-Source: Carroll, Ruppert, Stefanski & Crainiceanu 2006, Ch. 4, whose calibration has this as its limit.
+Source: Carroll, Ruppert, Stefanski & Crainiceanu 2006, Ch. 4: the limit of regression calibration.
 """
 
 from collections.abc import Callable

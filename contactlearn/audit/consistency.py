@@ -1,16 +1,16 @@
 """Consistency of the measurements with themselves: moment balance, energy, outliers, contradictions, without a model.
 
-Every trial is asked questions whose answer is a contradiction in [0, 1]; a rigid planar impact on a floor below
-gives 0:
+Each question about a trial has as its answer a contradiction in [0, 1], which is 0 for a rigid planar impact on a floor
+below the body:
 
     moment      I Δω = r_x P_n − r_y P_t with P = m Δv: the share of the terms that is left over
     approach    v_n < 0 before contact           leaves      v_n ≥ 0 after it, within a fifth of |v_n|
     push        P_n > 0: the floor does not pull
     below       r_y < 0: the floor is below the centre of mass
-    friction    P_t is not along the slip both before and after; next to no P_t or slip hardly counts
+    friction    P_t is not along the slip both before and after; negligible P_t or slip hardly counts
     energy      no more after than before, within a tenth
     shape       r is the contact point of the body's shape at θ, where the shape is known
-    units       I/m suits r, speeds and lengths are those of a laboratory, |θ| is no dozen turns
+    units       I/m agrees with r, speeds and lengths are those of a laboratory, |θ| is a few turns at most
 """
 
 import math
@@ -50,7 +50,7 @@ class Torque(NamedTuple):
 
     @property
     def imbalance(self) -> Float[Tensor, "*batch n"]:
-        """|residual| relative to the terms, in [0, 1]; a twentieth of `scale` keeps tiny terms out of it."""
+        """|residual| relative to the terms, in [0, 1]; a twentieth of `scale` is added to them, for tiny terms."""
         size = self.spin.abs() + self.normal.abs() + self.tangential.abs() + 0.05 * self.scale
         return (self.residual.abs() / size.clamp_min(torch.finfo(size.dtype).tiny)).clamp_max(1)
 
@@ -195,7 +195,7 @@ class Balance:
 
     @property
     def tested(self) -> float:
-        """Half-width of the narrower interval: what the data can say about the balance; infinite if nothing."""
+        """Half-width of the narrower interval, the precision to which the data test the balance; infinite if none."""
         return min((high - x for x, _, high in self.terms.values()), default=math.inf)
 
     def __str__(self) -> str:

@@ -5,9 +5,9 @@ balance alone knows the signs of its two terms only: turning θ looks like turni
 apart, except for what is truly the same (a disc seen from behind).  Contradictions are bounded, so that no outlier
 decides; their mean over the trials is compared pairwise, with its standard error.
 
-All sensible combinations of up to five corrections are compared, shorter ones first: with one correction on all
-trials, with more of them on a sample, from which the best few go on to all trials.  Only a hypothesis under which the
-moments balance and hardly any contradiction is left is believed; else none is.
+All sensible combinations of up to five corrections are compared, shorter ones first.  Those of one correction are
+compared on all trials, longer ones on a sample of them, from which the best few go on to all trials.  A hypothesis is
+accepted only if the moments balance under it and hardly any contradiction is left; otherwise the data stay as given.
 """
 
 import math
@@ -42,7 +42,7 @@ BALANCED = set(UNITS) - {"degrees_theta"}
 _STEPS = (*AXES[:3], "mirrored_y", *AXES[3:], *UNITS)
 """Corrections in the order in which they are applied.
 
-A swap and a mirror of y are a turn by 90°, to the one side or, the other way round, to the other.
+A swap of the axes and a mirror of y are a turn by 90°, whose sense depends on which of them comes first.
 """
 _TURN = 3  # step of the mirror of y that follows a swap
 _DEPTH = 5  # corrections at once
@@ -122,7 +122,7 @@ def _sigmas(gain: Float[Tensor, " n"]) -> float:
 
 
 def compare(impacts: Impacts, thresholds: ConventionThresholds = ConventionThresholds()) -> ConventionComparison:
-    """Find the best of the smallest hypotheses that are believed, or the data as given where there is none."""
+    """Find the best of the smallest hypotheses that are accepted, or the data as given where there is none."""
     given = Hypothesis(names=(), impacts=impacts.replace(suspect=True), thresholds=thresholds)
     tried = 1
     for depth in range(1, _DEPTH + 1):
@@ -141,7 +141,7 @@ def compare(impacts: Impacts, thresholds: ConventionThresholds = ConventionThres
 
 
 def _better(new: Hypothesis, given: Hypothesis) -> bool:
-    """Other units must also make the moments balance: else they only shrink a Δω that is all noise."""
+    """Whether a hypothesis is clearly better; other units must not merely shrink a Δω that is all noise."""
     gain, thresholds = given.total - new.total, new.thresholds
     if gain.mean().item() < thresholds.gain * len(new.names) or _sigmas(gain) < thresholds.sigmas:
         return False
@@ -150,7 +150,7 @@ def _better(new: Hypothesis, given: Hypothesis) -> bool:
 
 
 class _Screened(NamedTuple):
-    """Hypotheses by name, and the mean sum of the contradictions under each; infinite for what cannot be meant."""
+    """Hypotheses by name, and the mean sum of the contradictions under each; infinite for those that are excluded."""
 
     names: list[tuple[str, ...]]
     scores: Float[Tensor, " hypotheses"]
@@ -183,8 +183,9 @@ def _screened(impacts: Impacts, depth: int, thresholds: ConventionThresholds) ->
 def _sensible(have: tuple[str, ...], step: int) -> bool:
     """Whether a step may follow others.
 
-    An angle is in degrees once, and a factor on I is asked for by one name.  Before and after are not swapped with two
-    other changes of the axes: a mirrored film run backwards explains any body that gains energy.
+    An angle is converted from degrees once, and only one correction changes I relative to m.  Before and after are not
+    swapped together with two other changes of the axes: a mirrored film run backwards explains any body that gains
+    energy.
     """
     name, names = _STEPS[step], {*have, _STEPS[step]}
     if name in have or (step == _TURN and "swapped_axes" not in have):
@@ -195,9 +196,9 @@ def _sensible(have: tuple[str, ...], step: int) -> bool:
 
 
 def _changed(columns: Columns, name: str, thresholds: ConventionThresholds) -> tuple[Columns, Tensor]:
-    """Columns [B] after a correction, and for which of them it can be meant.
+    """Columns [B] after a correction, and the hypotheses [B] for which it is plausible.
 
-    It is not where the balance asks for a negative inertia, or for one that is only a little different.
+    Another inertia is not where the balance requires a negative one, or one that is only a little different.
     """
     if name != "inertia_scaled":
         return units_and_axes(columns, name), torch.ones(len(columns.mass), dtype=torch.bool)
@@ -207,7 +208,7 @@ def _changed(columns: Columns, name: str, thresholds: ConventionThresholds) -> t
 
 
 def _applied(given: Hypothesis, names: tuple[str, ...]) -> Hypothesis | None:
-    """None where all trials ask for no other inertia, though the sample did."""
+    """Apply corrections to all trials; None where these require no other inertia, though the sample did."""
     impacts, thresholds = given.impacts, given.thresholds
     for name in names:
         if name == "inertia_scaled" and not wrong_inertia(torque(impacts).inertia_factor.item(), thresholds):

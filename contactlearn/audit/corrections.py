@@ -3,10 +3,10 @@
     data.correct=[mirrored_x]              corrections in the order in which they are applied
     correct(impacts, ["mirrored_x"])       the same as a call
 
-What the audit finds names the correction that undoes it; nothing is corrected that was not asked for,
-and the corrected impacts say so in their source.  Most corrections undo themselves (a mirror, a swap);
-units divide by what was multiplied.  Three are estimated from the data: the factor on the moment of
-inertia, and which trials are duplicates or gross outliers.
+A finding of the audit names the correction that undoes the mistake.  A correction is made only where it is asked for,
+and the source of the corrected impacts names it.  Most corrections are their own inverse (a mirror, a swap); those of
+units are factors.  Three are estimated from the data: the factor on the moment of inertia, and which trials are
+duplicates or gross outliers.
 
 Rows with an empty cell never become impacts: `drop_incomplete` leaves them out as a table is read.
 Trials that gain energy have no correction: to drop them is to choose by the outcome, which biases every ε.

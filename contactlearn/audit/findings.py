@@ -108,7 +108,7 @@ def duplicate_findings(impacts: Impacts) -> list[Finding]:
 
 
 def order_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
-    """Only a clock that all trials share can contradict their order, not a time within each recording."""
+    """Times that contradict the order of the trials; a time within each recording cannot, only a common clock."""
     if impacts.time is None or len(impacts) < 3:
         return []
     time = impacts.time[impacts.order.argsort(stable=True)]

@@ -43,10 +43,10 @@ class ConventionThresholds:
     """Standard errors of the same fall, trial by trial; up to some thousand hypotheses are compared
     (row conventions.sigmas)."""
     consistent: float = 0.5
-    """Sum of contradictions that a hypothesis must fall below, and below which no longer one is tried; correct data of
-    every source are below 0.3 (row conventions.consistent)."""
+    """Sum of contradictions that an accepted hypothesis must be below; if the data as given are below it, corrections
+    are not combined.  Correct data of every source are below 0.3 (row conventions.consistent)."""
     closed: float = 1.0
-    """Relative imbalance of the moments up to which a hypothesis is believed: a factor of 2 is beyond every effect, and
+    """Relative imbalance of the moments up to which a hypothesis is accepted: a factor of 2 is beyond every effect, and
     is another sign or unit (row conventions.closed)."""
     indistinct: float = 0.02
     """Difference of the sum of contradictions below which two hypotheses are reported as equivalent
@@ -58,7 +58,7 @@ class ConventionThresholds:
     """Factor on the moment of inertia from which on it is a mistake and not the effect `inertia_error`, whose range
     ends there (row conventions.inertia_factor)."""
     inertia_error: float = 0.1
-    """Relative standard error of a term of the balance that may speak about the inertia
+    """Relative standard error of a term of the balance below which it is used to estimate the inertia
     (row conventions.inertia_error)."""
     inertia_agreement: float = 0.2
     """Relative difference up to which the terms ask for the same factor (row conventions.inertia_agreement)."""
@@ -121,5 +121,5 @@ class AuditThresholds:
     """Rank correlation of time and order from which on such times are a clock all the same
     (row audit.rank_correlation)."""
     noisy_spread: float = 1.5
-    """Standard deviation of a velocity before impact, of what flexible models leave of the same velocity after it,
-    below which its mean may replace it (row audit.noisy_spread)."""
+    """Standard deviation of a velocity before impact, relative to the residual of flexible models in the same velocity
+    after it, below which its mean may replace it (row audit.noisy_spread)."""

@@ -1,6 +1,6 @@
 """Bounds: how well could *any* model of a class explain the measured impacts?
 
-The ideal-rigid-body (IRB) bound gives every trial the wrench that suits it best,
+The ideal-rigid-body (IRB) bound gives every trial the wrench that fits it best,
 
     min over (P_t, P_n, τ) of ‖v_post − v⁺‖,   M (v⁺ − v_pre) = Jᵀ P + (0, 0, τ)ᵀ
     subject to   v⁺ᵀ M v⁺ ≤ v_preᵀ M v_pre   no energy is gained: the energy ellipse of Eq. (2.5)
@@ -17,7 +17,7 @@ edges of these.  A minimiser over a ball is (H + λ)⁻¹ g with the λ ≥ 0 th
 |x(λ)| = ρ (Conn, Gould & Toint, *Trust-Region Methods*, 2000, Section 7.3), by Newton's method on
 1/|x(λ)|; over an edge it is a clamped parabola.  All trials and all widths are solved at once.
 
-`best_post_hoc` is the other yardstick: of some models, the one that came closest, trial by trial.
+`best_post_hoc` is the other bound: trial by trial, the prediction of whichever model comes closest.
 Source: Fazeli et al. (2017), Section 3.2; the curve over w is this package's.
 """
 
@@ -40,7 +40,7 @@ _NEWTON_STEPS = 50  # from a bound below λ it converges monotonically; 10 were 
 
 
 def distance(impacts: Impacts, v_post: Float[Tensor, "*batch n 3"], norm: str = "mass") -> Float[Tensor, "*batch n"]:
-    """Distance [..., N] of v_post [..., N, 3] from the measured post velocity.
+    """Compute the distance [..., N] of v_post [..., N, 3] from the measured post velocity.
 
     √(eᵀ M e) in √J for `mass`, √(eᵀ e) over (v_x, v_y, ω) in m/s and rad/s for `euclidean`.  It is
     not an error metric of `contactlearn.evaluation.metrics`: nothing is normalised.
@@ -54,10 +54,10 @@ def distance(impacts: Impacts, v_post: Float[Tensor, "*batch n 3"], norm: str = 
 def best_post_hoc(
     impacts: Impacts, predictions: Mapping[str, Prediction], norm: str = "mass"
 ) -> tuple[Prediction, Int[Tensor, "*batch n"]]:
-    """Per trial, the prediction closest to the measured v_post, and the index [..., N] of its model.
+    """Choose, for each trial, the prediction closest to the measured v_post; return it and its model's index [..., N].
 
-    The index counts the models in the order of `predictions`; the first of equals is chosen.  It
-    looks at the answer: a yardstick, not a model.
+    The index counts the models in the order of `predictions`; the first of equals is chosen.  The choice uses the
+    measured outcome, so the result is a bound and no model.
 
     Args:
         impacts: N measured impacts.
@@ -77,7 +77,7 @@ def best_post_hoc(
 
 
 def irb(impacts: Impacts, norm: str = "mass", patch: Float[Tensor, "*batch"] | float = 0.0) -> Prediction:
-    """The admissible wrench (P_t, P_n, τ) whose v_post is nearest to the measured one; see the module.
+    """Find the admissible wrench (P_t, P_n, τ) whose v_post is nearest to the measured one; see the module.
 
     Args:
         impacts: N measured impacts.

@@ -1,4 +1,4 @@
-"""How far a prediction is from the measured outcome, per trial, and how sure a mean over trials is.
+"""Errors of predictions by trial, and 95 % intervals of their means over trials.
 
     velocity_error              ‖v̂ − v‖₂ over (v_x, v_y) after contact              m/s
     normalised_velocity_error   the same divided by ‖v‖₂, the paper's axis           1
@@ -24,24 +24,24 @@ from contactlearn.numerics import Z_95
 
 
 def velocity_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
-    """‖v̂_post − v_post‖₂ of the centre of mass [..., N] in m/s."""
+    """Compute ‖v̂_post − v_post‖₂ of the centre of mass [..., N] in m/s."""
     return (prediction.v_post - impacts.v_post)[..., :2].norm(dim=-1)
 
 
 def normalised_velocity_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
-    """`velocity_error` divided by ‖v_post‖₂ [..., N]; the paper's Fig. 3.5."""
+    """Divide `velocity_error` by ‖v_post‖₂ [..., N]; the paper's Fig. 3.5."""
     return velocity_error(impacts, prediction) / impacts.v_post[:, :2].norm(dim=-1)
 
 
 def mass_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
-    """√(eᵀ M e) / √(v_postᵀ M v_post) over (v_x, v_y, ω) [..., N]."""
+    """Compute √(eᵀ M e) / √(v_postᵀ M v_post) over (v_x, v_y, ω) [..., N]."""
     M = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1)
     error = (M * (prediction.v_post - impacts.v_post) ** 2).sum(-1)
     return (error / (M * impacts.v_post**2).sum(-1)).sqrt()
 
 
 class Metric(NamedTuple):
-    """A per-trial error, what it is called on an axis, and its unit."""
+    """An error of each trial, its label on an axis, and its unit."""
 
     error: Callable[[Impacts, Prediction], Tensor]
     label: str
@@ -59,7 +59,7 @@ HEADLINE = "mass_error"
 
 
 def outside_admissible(impacts: Impacts, impulse: Float[Tensor, "*batch n 2"]) -> Bool[Tensor, "*batch n"]:
-    """Whether the impulse [..., N, 2] gains energy, pulls or leaves penetration: bool [..., N].
+    """Find the impulses [..., N, 2] that gain energy, pull or leave penetration: bool [..., N].
 
     For a point contact (τ = 0): see `mechanics.admissible`.
     """
@@ -67,12 +67,12 @@ def outside_admissible(impacts: Impacts, impulse: Float[Tensor, "*batch n 2"]) -
 
 
 def squared_distance(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
-    """Squared Mahalanobis distance [..., N] of the measured v_post: χ² with 3 degrees of freedom if all is Gaussian."""
+    """Compute the squared Mahalanobis distance [..., N] of the measured v_post: χ² of 3 degrees if all is Gaussian."""
     return _whitened(impacts, prediction)[0].square().sum(-1)
 
 
 def negative_log_density(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
-    """−log of the predicted density of the measured v_post [..., N], in nats; v_post in (m/s, m/s, rad/s)."""
+    """Compute −log of the predicted density of the measured v_post [..., N], in nats; v_post in (m/s, m/s, rad/s)."""
     white, root = _whitened(impacts, prediction)
     return 0.5 * white.square().sum(-1) + root.log().sum(-1) + 1.5 * math.log(2 * math.pi)
 
@@ -94,23 +94,23 @@ def _covariance(prediction: Prediction) -> Tensor:
 
 
 CHI_SQUARED_95 = 7.8147279
-"""95 % of squared distances are below, if the predictions are right."""
+"""95 % quantile of χ² with 3 degrees of freedom: that of squared distances, if the predictions are right."""
 
 
 def calibration(distance: Float[Tensor, "k"]) -> tuple[Float[Tensor, "levels"], Float[Tensor, "levels"]]:
-    """Nominal levels [L] and the shares [L] of squared distances [K] inside the ellipsoids of those levels."""
+    """Return nominal levels [L], and the shares [L] of squared distances [K] inside the ellipsoids of those levels."""
     levels = torch.linspace(0.02, 0.98, 49, dtype=distance.dtype)
     radii = torch.from_numpy(chi2.ppf(levels.numpy(), 3))
     return levels, torch.searchsorted(distance.sort().values, radii, right=True) / len(distance)
 
 
 def covered(impacts: Impacts, prediction: Prediction) -> Bool[Tensor, "*batch n 3"]:
-    """Whether each of (v_x, v_y, ω) after contact lies in its 95 % interval: bool [..., N, 3]."""
+    """Find which of (v_x, v_y, ω) after contact lie in their 95 % intervals: bool [..., N, 3]."""
     return (impacts.v_post - prediction.v_post).abs() <= Z_95 * predicted_spread(prediction)
 
 
 def predicted_spread(prediction: Prediction) -> Float[Tensor, "*batch n 3"]:
-    """Standard deviations [..., N, 3] of the measured v_post about the prediction, (m/s, m/s, rad/s)."""
+    """Compute the standard deviations [..., N, 3] of the measured v_post about the prediction, (m/s, m/s, rad/s)."""
     return _covariance(prediction).diagonal(dim1=-2, dim2=-1).sqrt()
 
 
@@ -132,7 +132,7 @@ def bootstrap(
     resamples: int = 2000,
     level: float = 0.95,
 ) -> Interval:
-    """Mean of per-trial errors [N], or [R, N] of R training subsets, with its percentile bootstrap interval.
+    """Average the errors of trials [N], or [R, N] of R training subsets, with a percentile bootstrap interval.
 
     Trials are resampled, and so are subsets, independently of them.
     """

@@ -1,10 +1,10 @@
-"""Partial residuals: what one effect of a model explains, beside what is measured without it.
+"""Partial residuals: the change that one effect of a model makes, beside the residual of the model without it.
 
-The model is evaluated with and without the effect, the others as they are.  `measured` is what the
-measurement has beyond the model without it, `explained` what the effect adds; if the effect is all
-that was missing, they differ by noise alone.  Both are of one component, the one that the effect
-explains most of, against the one symbol of the state by which the effect is known best; where no symbol tells
-a third of it, against the effect itself, so that what is measured should follow the diagonal.
+The model is evaluated with and without the effect, its other effects unchanged.  `measured` is the measurement less
+the prediction without the effect, `explained` the change that the effect makes; if nothing else is missing, they
+differ by noise alone.  Both are of the component in which the effect is largest relative to the remaining residual,
+against the symbol of the state that predicts the effect best.  Where no symbol predicts a third of its variance, they
+are against the effect itself, so that the measured values should follow the diagonal.
 Source: Larsen & McCleary 1972, for linear models.
 """
 
@@ -25,8 +25,8 @@ QUANTITIES = {
     "velocity": (("v_x⁺", "m/s"), ("v_y⁺", "m/s"), ("ω⁺", "rad/s")),
 }
 _BINS = 20
-_NUDGE = 0.02
-_TOLD = 1 / 3  # share of the effect that a symbol must tell to be drawn along
+_NUDGE = 0.02  # of each parameter's range
+_PREDICTED = 1 / 3  # share of the effect's variance that a symbol must predict to be the variable
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,14 @@ class Partial:
 
 
 def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Partial:
-    """What the effect `name` of a model explains of the impacts."""
+    """Compute the partial residuals of the effect `name` of a model on impacts."""
     effect = model.effects[name]
     others = {key: other for key, other in model.effects.items() if key != name}
     with_, without = (one.base_prediction(impacts) for one in (model, replace(model, effects=others)))
     quantity = "velocity" if effect.place == "velocity" else "wrench"
     explained = with_.wrench - without.wrench if quantity == "wrench" else with_.v_post - without.v_post
     measured = impacts.wrench - without.wrench if quantity == "wrench" else impacts.v_post - without.v_post
-    # What it would do, were it larger: an effect that is not there is drawn as well, as a line at 0.
+    # A larger effect chooses component and variable where the effect is 0: it is drawn as well, as a line at 0.
     values = columns(*effect.values)
     range_ = torch.tensor([p.high - p.low for p in effect.parameters], dtype=values.dtype)
     larger = replace(model, effects={**model.effects, name: effect.at(values + _NUDGE * range_)})
@@ -67,13 +67,13 @@ def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Parti
     variable = max(shares, key=shares.__getitem__)
     component, unit = QUANTITIES[quantity][best]
     against = SYMBOLS[variable].letter, SYMBOLS[variable].unit, known[variable]
-    if shares[variable] < _TOLD and (explained != 0).any():
+    if shares[variable] < _PREDICTED and (explained != 0).any():
         against = f"{component} of the effect", unit, explained[:, best]
     return Partial(name, component, unit, *against, measured[:, best], explained[:, best])
 
 
 def share_explained(x: Float[Tensor, "n"], y: Float[Tensor, "n"]) -> float:
-    """Share of the variance of y [N] that lies between groups of equal number along x [N]."""
+    """Compute the share of the variance of y [N] between groups of equal number along x [N]."""
     if x.max() == x.min() or y.max() == y.min():
         return 0.0
     groups = y[x.argsort()].tensor_split(min(_BINS, len(x)))
@@ -82,7 +82,7 @@ def share_explained(x: Float[Tensor, "n"], y: Float[Tensor, "n"]) -> float:
 
 
 def binned(x: Float[Tensor, "n"], *values: Float[Tensor, "n"], bins: int = _BINS) -> tuple[Float[Tensor, "bins"], ...]:
-    """Means of x and of values over groups of equal number along x; [bins] each."""
+    """Average x and values over groups of equal number along x; [bins] each."""
     order = x.argsort()
     return tuple(
         torch.stack([group.mean() for group in part[order].tensor_split(min(bins, len(x)))]) for part in (x, *values)

@@ -2,16 +2,16 @@
 
     v_pre = ξ + δ,  v_post = f(ξ, θ) + ε,      δ ~ N(0, s² Σ_b),  ε ~ N(0, s² Σ_a)
 
-A fit that takes v_pre for exact underestimates what the outcome owes to it.  Here each trial has a latent state ξ_k.
-About the last one, with J = ∂f/∂v_pre there,
+A fit that treats v_pre as exact underestimates how the outcome depends on it (regression dilution).  Here each trial
+has a latent velocity ξ_k before impact, estimated in rounds.  With J = ∂f/∂v_pre at the ξ_k of the last round,
 
     e_k = v_post − f(ξ) − J (v_pre − ξ)        S_k = Σ_a + J Σ_b Jᵀ
     ξ_k ← v_pre + Σ_b Jᵀ S_k⁻¹ e_k
 
-and the robust fit of v_post − J (v_pre − ξ) by f(ξ, θ), whitened by S_k, moves θ.  Where both settle, the gradient in θ
-is that of Σ_k min over ξ of the weighted squared distance to both measurements: e_kᵀ S_k⁻¹ e_k is that distance, and
-the robust weights are of it.  A step of ξ_k is shortened, or left out, where it would lead away from the measurements:
-J jumps where a contact changes its mode, and full steps then go to and fro.
+and the robust fit of v_post − J (v_pre − ξ) by f(ξ, θ), whitened by S_k, updates θ.  At convergence the gradient in θ
+is that of Σ_k min over ξ of the weighted squared distance to both measurements.  That minimum is e_kᵀ S_k⁻¹ e_k, and
+the robust weights are functions of it.  A step of ξ_k is shortened, or left out, where the full step would increase
+this distance: J is discontinuous where a contact changes its mode, and full steps oscillate there.
 
 Sources: Boggs, Byrd & Schnabel 1987; Fuller 1987; Carroll et al. 2006.
 """
@@ -26,8 +26,8 @@ from contactlearn.identification import robust
 from contactlearn.identification.problem import JointProblem
 
 _ROUNDS = 4
-_SETTLED = 1e-3  # of a parameter's range; the next step is a thirtieth of it, or less
-_STEPS = (1.0, 0.5, 0.25, 0.0)  # shares of a step of a latent state, of which the best is taken
+_SETTLED = 1e-3  # change of a parameter, of its range, at which it has converged; the next is at most a thirtieth of it
+_STEPS = (1.0, 0.5, 0.25, 0.0)  # lengths of a latent state's step that are tried; the best is taken
 
 
 def solve(
@@ -42,8 +42,8 @@ def solve(
     Args:
         observed: problem about the measured v_pre.
         noise: standard deviations of v_pre and of v_post.
-        starts: of the search with exact v_pre, which comes first.
-        start: parameters [..., K] to begin at instead.
+        starts: number of starts of the first search, which treats v_pre as exact.
+        start: parameters [..., K] at which to begin in place of that search.
         tolerance: of the search.
     """
     if start is None:
@@ -70,7 +70,7 @@ def about_latent_states(observed: JointProblem, noise: Float[Tensor, "2 3"], the
 
 
 def _corrected(observed: JointProblem, problem: JointProblem, noise: Tensor, theta: Tensor) -> JointProblem:
-    """The problem about new latent states, from the last one's at parameters [B, K]."""
+    """Return the problem about updated latent states, from those of the last problem, at parameters [B, K]."""
     before, after = (torch.diag(sigma.square()) for sigma in noise)
     last, seen = problem.state.v_pre, observed.state.v_pre
     outcome, J = observed.over_state(last, theta)

@@ -1,6 +1,6 @@
-"""Search of a box for the least cost: a grid over all of it, finer grids, and a pattern search from the best points.
+"""Global search of a box for the least cost: a grid over the box, finer grids about its best nodes, a pattern search.
 
-The costs of B repetitions with S sizes each are searched at once; nothing is assumed of their smoothness.
+The costs of B repetitions with S subset sizes each are minimised at once; they need not be smooth.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ Cost = Callable[[Tensor], Tensor]
 
 @dataclass(frozen=True)
 class Box:
-    """Where μ and ε are sought, and the nodes of the grid along each."""
+    """Bounds of μ and ε, and the number of grid nodes along each."""
 
     mu: tuple[float, float] = (0.0, 1.0)
     eps: tuple[float, float] = (0.0, 1.0)
@@ -51,25 +51,25 @@ class Box:
 
 
 def nested_sums(grid: Tensor, order: Tensor, sizes: tuple[int, ...]) -> Tensor:
-    """Sums of `grid` rows over the first k of `order` for every k: [S, nodes²]."""
+    """Sum the rows of `grid` over the first k trials of `order`, for every size k: [S, nodes²]."""
     ends = torch.tensor((0, *sizes))
     pieces = torch.stack([grid[order[a:b]].sum(0) for a, b in pairwise(ends)])
     return pieces.cumsum(0)
 
 
 def lowest_nodes(surfaces: Tensor, minima: int, nodes: int) -> Tensor:
-    """Indices [minima + nodes, B, S, 2] of the lowest local minima and of the lowest nodes of surfaces [B, S, G, G]."""
+    """Find the lowest local minima and the lowest nodes of surfaces [B, S, G, G]: indices [minima + nodes, B, S, 2]."""
     width = surfaces.shape[-1]
     lowest = -torch.nn.functional.max_pool2d(-surfaces, 3, stride=1, padding=1)
     basins = torch.where(surfaces <= lowest, surfaces, torch.inf).flatten(-2)
     value, index = basins.topk(minima, dim=-1, largest=False)
-    index = torch.where(value.isfinite(), index, index[..., :1])  # the best again if there are fewer
+    index = torch.where(value.isfinite(), index, index[..., :1])  # the best is repeated where there are fewer minima
     index = torch.cat((index, surfaces.flatten(-2).topk(nodes, dim=-1, largest=False).indices), -1)
     return torch.stack((index // width, index % width), -1).movedim(-2, 0)
 
 
 def finer(cost: Cost, x: Tensor, box: Box, keep: int) -> Tensor:
-    """Best points [keep, B, S, 2] among 7 × 7 grids that reach from each x [K, B, S, 2] to its neighbours."""
+    """Find the best points [keep, B, S, 2] of 7 × 7 grids that reach from each x [K, B, S, 2] to its neighbours."""
     offsets = torch.linspace(-1, 1, 7, dtype=torch.float64) / (box.nodes - 1)
     offsets = torch.cartesian_prod(offsets, offsets)[:, None, None] * (box.high - box.low)
     found = []
@@ -83,10 +83,10 @@ def finer(cost: Cost, x: Tensor, box: Box, keep: int) -> Tensor:
 
 
 def pattern_search(cost: Cost, x: Tensor, box: Box, tolerance: float = 1e-6) -> tuple[Tensor, Tensor]:
-    """Best (x [B, S, 2], cost [B, S]) over the starts x [starts, B, S, 2].
+    """Minimise the cost from the starts x [starts, B, S, 2]: the best x [B, S, 2] and its cost [B, S].
 
-    Twelve points around, a grid's spacing away at first, nearer where none is better.  The pattern turns
-    from round to round, so that a valley or a jump at any angle is followed.
+    Each round tries twelve points around x, at first one grid spacing away, and nearer after a round without
+    improvement.  The pattern turns from round to round, so that it can follow a valley or a jump at any angle.
     """
     low, high = box.low, box.high
     clock = 2 * torch.pi / 12 * torch.arange(12, dtype=torch.float64).view(12, *(1,) * (x.ndim - 1))
@@ -101,7 +101,7 @@ def pattern_search(cost: Cost, x: Tensor, box: Box, tolerance: float = 1e-6) -> 
         better = value < best * (1 - 1e-9)
         x = torch.where(better[..., None], _pick(around, which), x)
         best = torch.where(better, value, best)
-        # A flat valley is long: the step grows again along it.
+        # A flat valley may be long, so the step grows again along it.
         step = torch.where(better, (2 * step).clamp_max(spacing), 0.7 * step)
         turn += 2.4  # the golden angle, rad
     best, which = best.min(0)
@@ -114,9 +114,9 @@ def _pick(x: Tensor, which: Tensor) -> Tensor:
 
 
 def ranges_within(cost: Cost, surfaces: Tensor, best: Tensor, x: Tensor, mu: Tensor, eps: Tensor) -> list[Tensor]:
-    """Ranges [B, S, 2] of μ and of ε over which the least cost stays within 0.1 % of its minimum.
+    """Find the ranges [B, S, 2] of μ and of ε over which the least cost stays within 0.1 % of its minimum.
 
-    The other parameter is at its best node, or where it is at the optimum, whichever is better.
+    The other parameter is at its best node or at its optimum, whichever gives the lower cost.
     """
     limit = 1.001 * best[..., None]
     ranges = []

@@ -1,8 +1,8 @@
 """Joint identification of a law's (μ, ε) and the parameters of the effects around it.
 
-The model leaves e_k of the post velocity (or the wrench) of trial k (`problem`); `robust` finds the parameters under
-which these are most likely, robustly, many subsets and starts at once.  Where the noise of the velocities is known,
-before impact as after it, `errors_in_variables` finds the states before impact with them.
+The residual e_k of trial k is its measured post velocity (or wrench) less the predicted one (`problem`).  `robust`
+maximises the likelihood of the residuals under Student's t distribution, for many subsets and starts at once.  Where
+the noise of the velocities is known, `errors_in_variables` estimates the states before impact with the parameters.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ from contactlearn.model import ContactModel
 from contactlearn.numerics import is_number
 
 FIT_TARGETS = ("velocity", "wrench")
-_SCATTER = 6  # numbers of a scatter matrix; as many again keep it from being singular
+_SCATTER = 6  # free numbers of a scatter matrix; twice as many residuals keep it from being singular
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,19 +44,19 @@ class FitOptions:
     noise: tuple[float, float, float] | None = None
     """Standard deviations of the measured v_x, v_y (m/s) and ω (rad/s) after impact, known up to a common factor.
 
-    If None the residual is weighed by its own scatter, and v_pre counts as exact.
+    If None, the residual is weighted by its own scatter, and v_pre is treated as exact.
     """
     noise_before: tuple[float, float, float] | None = None
-    """Those before impact, in the unit of `noise` and up to the same factor; as `noise` if None, and 0 for exact ones.
+    """Standard deviations before impact, in the units and up to the factor of `noise`; equal to `noise` if None.
 
-    A component of v_pre that is the same in all trials counts as exact.
+    0 is an exact component; one that is the same in all trials is treated as exact.
     """
     starts: int = 8
-    """Of the search, for each subset."""
+    """Number of starts of the search, for each subset."""
     tolerance: float = robust.TOLERANCE
-    """Fall of the loss in nats a trial below which a step brings nothing, and two such steps end the fit."""
+    """Decrease of the loss in nats a trial below which a step is no improvement; two in a row end the fit."""
     thresholds: FitThresholds = FitThresholds()
-    """Limits of what is said about the fit."""
+    """Limits of the statements about the fit."""
 
     def __post_init__(self):
         for name, sign, least in (("noise", "positive", 5e-324), ("noise_before", "non-negative", 0.0)):
@@ -73,7 +73,7 @@ class FitOptions:
 
 @dataclass(frozen=True)
 class JointFit:
-    """What was found, for each subset (leading axes).
+    """Result of a joint fit, for each subset (leading axes).
 
     `values` [..., K] and `covariance` [..., K, K] follow `parameters`, named `mu`, `eps` and `effect.parameter`.
     """
@@ -82,42 +82,42 @@ class JointFit:
     parameters: tuple[Parameter, ...]
     values: Tensor
     covariance: Tensor
-    scatter: Tensor  # robust covariance [..., 3, 3] of the residual, in squares of the target's units or of its noise
+    scatter: Tensor  # robust covariance [..., 3, 3] of the residual, in the target's units squared, or whitened
     weight: Tensor  # [..., n] of the trials, near 0 for gross outliers and 1 for ordinary ones
-    effective_trials: Tensor  # [..., K] number of trials that the information on each parameter comes from
-    loss: Tensor  # [...] what was minimised, nats a trial
-    agreement: Tensor  # [...] share of the starts followed to the end that came to the best one
-    converged: Tensor  # [...]
+    effective_trials: Tensor  # [..., K] effective number of trials that inform each parameter
+    loss: Tensor  # [...] the minimum of the loss, nats a trial
+    agreement: Tensor  # [...] share of the starts followed to the end that reached this minimum
+    converged: Tensor  # [...] whether the best start converged
     thresholds: FitThresholds = FitThresholds()
 
     @property
     def standard_errors(self) -> Tensor:
-        """[..., K]."""
+        """Standard errors [..., K] of the parameters."""
         return self.covariance.diagonal(dim1=-2, dim2=-1).sqrt()
 
     @cached_property
     def correlation(self) -> Tensor:
-        """[..., K, K]."""
+        """Correlation matrix [..., K, K] of the parameters."""
         error = self.standard_errors
         return self.covariance / (error[..., :, None] * error[..., None, :])
 
     @property
     def inliers(self) -> Tensor:
-        """Trials [..., n] whose weight is not negligible; the residual of the others is over five times the typical."""
+        """Whether the weight of a trial [..., n] is not negligible; other residuals are over five times the typical."""
         return self.weight >= self.thresholds.outlier_weight
 
     @property
     def outliers(self) -> int:
-        """Trials of all subsets that hardly count."""
+        """Number of trials of negligible weight, over all subsets."""
         return int((~self.inliers).sum())
 
     def undetermined(self) -> dict[str, str]:
-        """What a single subset's data leave open: parameter → reasons with the numbers that show them."""
+        """Explain which parameters a single subset does not determine: parameter → reasons with their numbers."""
         reasons = {p.name: " and ".join(self._open(k)) for k, p in enumerate(self.parameters)}
         return {name: said for name, said in reasons.items() if said}
 
     def _open(self, k: int) -> list[str]:
-        """Why the data do not determine parameter k."""
+        """List the reasons why the data do not determine parameter k."""
         limits, reasons = self.thresholds, []
         share = self.standard_errors[k].item() / (self.parameters[k].high - self.parameters[k].low)
         if share >= 1:
@@ -130,13 +130,13 @@ class JointFit:
         return reasons
 
     def trade_offs(self) -> tuple[str, ...]:
-        """Name the pairs of a single subset's parameters that trade off; both may be determined well all the same."""
+        """Name the strongly correlated pairs of a single subset's parameters; each may still be determined well."""
         pairs = (self.correlation.abs().triu(1) > self.thresholds.correlation).nonzero().tolist()
         names, of = [p.name for p in self.parameters], self.correlation
         return tuple(f"{names[k]} and {names[j]} trade off: correlation {of[k, j]:+.2f}" for k, j in pairs)
 
     def at_bounds(self) -> dict[str, str]:
-        """Parameters of a single subset that end at a bound: parameter → what that means."""
+        """Explain which parameters of a single subset end at a bound: parameter → the meaning."""
         found = {}
         for p, value, error in zip(self.parameters, self.values.tolist(), self.standard_errors.tolist(), strict=True):
             if p.low < value < p.high:
@@ -193,7 +193,7 @@ def identify_jointly(
 
 
 class Linearisation(NamedTuple):
-    """A fit about given parameters: residual [n, 3], its derivative [n, 3, K], both whitened, and weights [n]."""
+    """A residual [n, 3] and its derivative [n, 3, K] about given parameters, both whitened, and weights [n]."""
 
     residual: Tensor
     slope: Tensor
@@ -209,7 +209,7 @@ def linearise(
     *,
     options: FitOptions = FitOptions(),
 ) -> Linearisation:
-    """What a law with effects leaves at parameters [K], and how that changes with them; options as of a fit."""
+    """Linearise the residual of a law with effects about parameters [K]; the options are those of a fit."""
     rows = torch.arange(len(impacts))[None]
     parameters = named_parameters(effects, Box(), impacts)
     problem, noise = _observed(law, effects, impacts, rows, parameters, options)
@@ -224,7 +224,7 @@ _USUAL_MASS = 0.1  # kg, likewise of impulses and energies
 
 
 def named_parameters(effects: Mapping[str, Effect], box: Box, impacts: Impacts) -> tuple[Parameter, ...]:
-    """μ, ε and the parameters of the effects, `effect.parameter` each.
+    """Return μ, ε and the parameters of the effects, the latter named `effect.parameter`.
 
     Ranges of lengths, impulses and energies are in proportion to the size or mass of large bodies.
     """
@@ -245,7 +245,7 @@ def named_parameters(effects: Mapping[str, Effect], box: Box, impacts: Impacts) 
 
 
 def assemble(law: Law, effects: Mapping[str, Effect], theta: Tensor, covariance: Tensor | None = None) -> ContactModel:
-    """The model at parameters [..., K]; with leading axes they broadcast against [..., N]."""
+    """Return the model at parameters [..., K], whose leading axes broadcast against the trials [..., N]."""
     shaped = theta[..., None, :] if theta.ndim > 1 else theta
     return ContactModel(
         law.at(shaped[..., 0], shaped[..., 1]), effects=effects_at(effects, shaped), parameter_covariance=covariance
@@ -260,7 +260,7 @@ def _observed(
     parameters: tuple[Parameter, ...],
     options: FitOptions,
 ) -> tuple[JointProblem, Tensor | None]:
-    """The problem of rows [B, n] about the measured v_pre, and the noise [2, 3] before and after if v_pre has any."""
+    """Return the problem of rows [B, n] at measured v_pre, and the noise [2, 3] before and after if v_pre has one."""
     after = None if options.noise is None else torch.tensor(options.noise, dtype=torch.float64)
     problem = JointProblem.of(law, effects, impacts, rows, parameters, options.target, after)
     if after is None:

@@ -2,14 +2,13 @@
 
     minimise over (μ, ε) in the box:  ‖P_k − P̂_k(μ, ε)‖₂      for every trial k at once
 
-For one trial P̂ is smooth within a contact mode and kinked between modes, and where the trial
-sticks it does not depend on μ at all.  So the search is global first and exact afterwards: a grid
-over the box, then Levenberg–Marquardt from eight starts a trial (the best node, the node below it in
-μ, the best local minimum elsewhere in μ, no friction, sliding at the measured slope |P_t|/P_n, the μ at
-which sticking gives way to reversed sliding, twice, and the μ below which it slides), with bounds held by
-solving for the free parameter on the edge.  After three rounds the starts that are settled drop out, and
-so do the trials that are met exactly.  Where the best end is no stationary point, the optimum is at a
-jump of P̂, found along that edge, or at a fold, found by a grid that moves and shrinks.
+For one trial P̂ is smooth within a contact mode and has kinks between modes, and where the trial sticks it does not
+depend on μ at all.  A grid over the box therefore comes first, then Levenberg–Marquardt from eight starts a trial: the
+best node, the node below it in μ, the best local minimum elsewhere in μ, no friction, sliding at the measured slope
+|P_t|/P_n, two just below the μ at which reversed sliding turns into sticking, and one just below the μ above which the
+trial sticks.  At a bound of one parameter the other is solved for.  After three rounds the starts that have converged
+drop out, and so do the trials that are fitted exactly.  Where the best result is no stationary point, the optimum is
+at a jump of P̂, found along the edge of sticking, or at a kink, found by a grid that moves and shrinks.
 """
 
 from collections.abc import Sequence
@@ -27,9 +26,9 @@ _STEP = 1e-7  # finite difference of P̂ in μ and ε
 
 @dataclass(frozen=True)
 class TrialFit:
-    """Per-trial optimum: μ, ε, error ‖P − P̂‖ (N s), and the range of μ that fits as well, each [N].
+    """Optimum of every trial: μ, ε, error ‖P − P̂‖ (N s), and the range of μ that fits equally well, each [N].
 
-    Where `mu_high` exceeds `mu_low` the trial does not determine μ: it sticks from mu_low on.
+    Where `mu_high` exceeds `mu_low` the trial does not determine μ: it sticks at every μ above `mu_low`.
     """
 
     law: Law
@@ -52,9 +51,9 @@ def identify_trials(
     target: str = "momentum",
     box: Box | None = None,
 ) -> TrialFit:
-    """(μ_k, ε_k) of every trial, its error, and the interval of μ where the trial leaves it open.
+    """Identify (μ_k, ε_k) of every single trial, with its error and the interval of μ that fits equally well.
 
-    Arguments as of `identify`; `box.nodes` is not used.
+    The arguments are those of `identify`; `box.nodes` is not used.
     """
     P = measured_impulse(impacts, target)
     # Component by component in memory: the laws then read them a quarter faster.
@@ -108,7 +107,7 @@ class _Problem:
         # the coarser grid of ε.
         blocks = [self.cost(block, eps[::3]).min(1).indices for block in mu[:, None, None].split(4)]
         profile, eps_best = _best_in_eps(self, mu[:, None], eps[3 * torch.cat(blocks), 0], steps=1)
-        # A plateau in μ (sticking) is entered from its far end, where ε alone moves along it.
+        # On a plateau in μ (sticking) the start is its far end, where the cost depends on ε alone.
         plateau = profile <= profile.amin(0) * (1 + 1e-9) + 1e-12 * _dot(self.P.T, self.P.T)
         best = nodes - 1 - plateau.flip(0).int().argmax(0)
         below = (plateau.int().argmax(0) - 1).clamp_min(0)
@@ -131,10 +130,10 @@ class _Problem:
 
 
 def _levenberg_marquardt(problem: _Problem, mu: Tensor, eps: Tensor, rounds: int) -> tuple[Tensor, ...]:
-    """(cost, μ, ε, promised decrease) from starts [..., N], within the box; the damping is Marquardt's.
+    """Return (cost, μ, ε, predicted decrease) from starts [..., N] within the box, with Marquardt's damping.
 
-    Each round tries the full step, a shorter one, and the step in either parameter alone, all with the
-    free parameter solved again where the other meets its bound, and keeps the best.
+    Each round tries the full step, a shorter one, and the step in either parameter alone, solves for the other
+    parameter where one meets its bound, and keeps the best.
     """
     box = problem.box
     damping = torch.full_like(mu, 1e-3)
@@ -157,7 +156,7 @@ def _levenberg_marquardt(problem: _Problem, mu: Tensor, eps: Tensor, rounds: int
         tried_mu = torch.cat((mu + steps, torch.stack((mu - g_mu / a_mu, mu)))).clamp(*box.mu)
         tried_eps = torch.cat((eps - (g_eps + cross * steps) / a_eps, torch.stack((eps, eps - g_eps / a_eps))))
         tried_eps = tried_eps.clamp(*box.eps)
-        # What each parameter alone promises within its bounds: nothing at a stationary point.
+        # The decrease predicted for each parameter alone within its bounds is 0 at a stationary point.
         promised = g_mu * (mu - tried_mu[2]) + g_eps * (eps - tried_eps[3])
         new = _lowest(problem.cost(tried_mu, tried_eps), tried_mu, tried_eps)
         better = new[0] < cost * (1 - 1e-9)
@@ -193,8 +192,8 @@ def _shrinking_grid(
 ) -> tuple[Tensor, ...]:
     """Best (cost, μ, ε) [N] of 9 × 9 grids about the best so far.
 
-    Each is a quarter as wide as the last, but thrice as wide where the border is best, since folds are narrow and
-    oblique valleys.
+    Each is a quarter as wide as the last, but three times as wide where its best point is on the border, since a kink
+    is a narrow, oblique valley.
     """
     offsets = torch.linspace(-1, 1, 9, dtype=torch.float64)
     offset_mu, offset_eps = torch.cartesian_prod(offsets, offsets)[:, :, None].unbind(1)
@@ -216,9 +215,9 @@ def _mu_interval(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, nodes
     """Ends [N] of the interval of μ about the optimum on which ε alone keeps the error as small."""
     # An allowance on the square of the error, so that a smooth minimum above zero has no width either.
     limit = cost + 1e-14 * _dot(problem.P.T, problem.P.T)
-    ends = mu.expand(2, -1).clone()  # still as good: towards the lower and the upper bound
+    ends = mu.expand(2, -1).clone()  # as good as the optimum, towards the lower and the upper bound
     bounds = torch.tensor(problem.box.mu, dtype=torch.float64)[:, None]
-    # Most trials determine μ: one probe on each side tells.
+    # Most trials determine μ, which one probe on each side shows.
     probe = ends + (bounds - ends).clamp(-1e-5, 1e-5)
     open_ = (_best_in_eps(problem, probe, eps, steps=3)[0] <= limit) & (ends != bounds)
     side, rows = open_.nonzero(as_tuple=True)

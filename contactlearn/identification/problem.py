@@ -2,7 +2,8 @@
 
     e_k(θ) = v_post,k − f(v_pre,k, θ), whitened by the noise of trial k where that is known
 
-Derivatives are exact: each trial gets parameters and a state of its own, so three backward passes give all of them.
+Derivatives are exact: each trial has its own copy of the parameters and of the state, so that three backward passes,
+one a component, give the derivatives of all trials.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,9 +27,9 @@ def effects_at(effects: Mapping[str, Effect], theta: Tensor) -> dict[str, Effect
 
 @dataclass(frozen=True)
 class JointProblem:
-    """B problems of n trials: the measured target [B, n, 3] and, where its noise is known, what whitens it.
+    """B problems of n trials: the measured target [B, n, 3], and the inverse square root of its covariance where known.
 
-    The model starts from the `state`.
+    The model predicts the target from the `state` before impact.
     """
 
     law: Law
@@ -61,7 +62,7 @@ class JointProblem:
             impacts: measurements.
             rows: of the impacts.
             parameters: of the fit.
-            target: `velocity` or `wrench`; the same where the noise is known, since each wrench has its velocity.
+            target: `velocity` or `wrench`; where the noise is known the velocity is compared in either case.
             noise: standard deviations [3] of the measured v_post.
         """
         whitening = None
@@ -87,7 +88,7 @@ class JointProblem:
         return replace(self, state=self.state[which], measured=self.measured[which], whitening=whitening)
 
     def thinned(self, most: int) -> "JointProblem":
-        """Return every k-th trial alone, at most `most` a problem."""
+        """Return the problems with every k-th trial alone, at most `most` each."""
         step = -(-self.measured.shape[1] // most)
         return self[:, ::step]
 
@@ -118,6 +119,6 @@ class JointProblem:
         return self._outcome(self.state.replace(v_pre=v_pre), theta)
 
     def _outcome(self, state: State, theta: Tensor) -> Tensor:
-        """That of a state, which keeps its inertia from call to call."""
+        """Outcome from a state, whose inertia is computed once for all calls."""
         prediction = resolve(self.law, effects_at(self.effects, theta), state, theta[..., 0], theta[..., 1])
         return prediction.v_post if self.target == "velocity" else prediction.wrench

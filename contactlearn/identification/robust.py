@@ -1,17 +1,17 @@
-"""Robust regression of three numbers a trial by Student's t, for many problems in lock step.
+"""Robust regression of three components a trial with Student's t distribution, many problems at once.
 
     minimise over θ, Σ:   Σ_k ½ (ν + 3) log(1 + d_k²/ν) + N/2 log |Σ|,      d_k² = e_k(θ)ᵀ Σ⁻¹ e_k(θ)
 
-With ν = 5 gross outliers hardly count, and the scatter Σ weighs the three components by what they cannot be
-predicted to; where the noise is known, e_k is whitened by it and Σ is a factor s² of the identity.
+With ν = 5 gross outliers have little weight.  The scatter Σ weights the three components by the covariance of their
+residuals; where the noise is known, e_k is whitened by it and Σ is s² times the identity.
 
-Levenberg–Marquardt steps in θ within the bounds alternate with expectation–maximisation steps in Σ.
-Starts are the best two nodes of a grid over (μ, ε) with everything else at its start, and points of a
-Sobol sequence over a part of the other parameters' ranges, or all of those whose parameter means nothing where its
-effect vanishes; the worse half is dropped on the way.
+Levenberg–Marquardt steps in θ within the bounds alternate with expectation–maximisation steps in Σ.  Two starts are
+the best nodes of a grid over (μ, ε), with the other parameters at their initial values.  The further starts draw the
+other parameters from a Sobol sequence over a third of each range, or over the whole range of a parameter of which no
+value makes its effect vanish.  The worse half of the starts is dropped on the way.
 
-Standard errors are those of an M-estimator, A⁻¹ B A⁻¹ from the curvature A and the spread B of the
-trials' gradients, with the HC3 correction for leverage, or those of the curvature alone where these are larger.
+Standard errors are those of an M-estimator, A⁻¹ B A⁻¹ from the curvature A and the covariance B of the trials'
+gradients, with the HC3 correction for leverage, or those of the curvature alone where these are larger.
 Source: Lange, Little & Taylor 1989; MacKinnon & White 1985.
 """
 
@@ -23,11 +23,11 @@ from torch import Tensor
 _NU = 5.0  # degrees of freedom: 95 % as efficient as least squares on Gaussian noise
 _ROUNDS, _HALVING = 60, 6
 TOLERANCE = 1e-7
-"""Fall of the loss in nats a trial below which a step brings nothing."""
+"""Decrease of the loss in nats a trial below which a step is no improvement."""
 
 
 class Problem(Protocol):
-    """B problems in K parameters, μ and ε first."""
+    """B problems in K parameters, of which μ and ε are the first."""
 
     @property
     def low(self) -> Tensor:
@@ -41,12 +41,12 @@ class Problem(Protocol):
 
     @property
     def start(self) -> Tensor:
-        """First parameters [K]."""
+        """Initial parameters [K]."""
         ...
 
     @property
     def reach(self) -> Tensor:
-        """Half-widths [K] about the start in which other starts lie."""
+        """Widths [K] of the intervals about the initial parameters in which other starts lie."""
         ...
 
     @property
@@ -59,7 +59,7 @@ class Problem(Protocol):
     def __getitem__(self, which: Tensor) -> "Problem": ...
 
     def thinned(self, most: int) -> "Problem":
-        """With at most so many trials a problem."""
+        """Return the problems with at most so many trials each."""
         ...
 
     def residual(self, theta: Tensor) -> Tensor:
@@ -72,7 +72,7 @@ class Problem(Protocol):
 
 
 def _distance(residual: Tensor, scatter: Tensor) -> Tensor:
-    """d² [..., n]."""
+    """d² [..., n] of the module's formula."""
     white = torch.linalg.solve_triangular(torch.linalg.cholesky(scatter), residual.mT, upper=False)
     return white.square().sum(-2)
 
@@ -82,7 +82,7 @@ def _weight(distance: Tensor) -> Tensor:
 
 
 def _loss(residual: Tensor, scatter: Tensor) -> Tensor:
-    """Nats a trial [...]; infinite where something is not a number."""
+    """Loss [...] in nats a trial; infinite where it is not a number."""
     spread = torch.linalg.cholesky(scatter).diagonal(dim1=-2, dim2=-1).log().sum(-1)
     loss = robust_distance(residual, scatter).mean(-1) + spread
     return torch.where(loss.isnan(), torch.inf, loss)
@@ -91,7 +91,12 @@ def _loss(residual: Tensor, scatter: Tensor) -> Tensor:
 def search(
     problem: Problem, starts: int, start: Tensor | None = None, tolerance: float = TOLERANCE
 ) -> tuple[Tensor, ...]:
-    """Best (θ [B, K], Σ [B, 3, 3], loss, agreement, converged [B]) over the starts, or from the one that is given."""
+    """Minimise the loss from several starts, or from the one that is given.
+
+    Returns:
+        θ [B, K], Σ [B, 3, 3] and loss [B] of the best start, the share [B] of the starts followed to the end that
+        reached this loss, and whether the best one converged [B].
+    """
     B = len(problem)
     if start is None:
         theta = _starts(problem, starts).reshape(-1, problem.low.shape[0])  # [S B, K]
@@ -114,9 +119,9 @@ def search(
 
 
 def _starts(problem: Problem, starts: int) -> Tensor:
-    """[S, B, K]: two nodes of (μ, ε), with the effects vanished, then with them anywhere within their reach."""
+    """Starts [S, B, K]: two nodes of (μ, ε) with the initial parameters of the effects, then with others in reach."""
     few, low, high, start = problem.thinned(300), problem.low, problem.high, problem.start
-    nodes = torch.linspace(0, 1, 15, dtype=torch.float64)[1:-1] ** torch.tensor([[2.0], [1.0]])  # μ is small more often
+    nodes = torch.linspace(0, 1, 15, dtype=torch.float64)[1:-1] ** torch.tensor([[2.0], [1.0]])  # denser at small μ
     grid = torch.cartesian_prod(*(low[:2, None] + nodes * (high - low)[:2, None]))
     theta = torch.cat((grid, start[2:].expand(len(grid), -1)), -1)
     residual = few.residual(theta[:, None, None, :])  # [G, B, n, 3]
@@ -138,7 +143,7 @@ def _starts(problem: Problem, starts: int) -> Tensor:
 
 
 def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int, tolerance: float) -> tuple[Tensor, ...]:
-    """(θ, Σ, loss, converged) after rounds of damped steps; problems that have settled drop out."""
+    """Take rounds of damped steps, and return (θ, Σ, loss, converged); problems that have converged drop out."""
     result = [
         theta.clone(),
         scatter.clone(),
@@ -177,7 +182,7 @@ def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int, tole
 def _steps(
     residual: Tensor, slope: Tensor, scatter: Tensor, theta: Tensor, problem: Problem, damping: Tensor
 ) -> Tensor:
-    """Steps [3, B, K] at a tenth of the damping, at it and at ten times it; who would leave its bound stays there."""
+    """Steps [3, B, K] with 0.1, 1 and 10 times the damping; a parameter that would cross its bound is held there."""
     gradient, curvature, _, _ = _normal(residual, slope, scatter)
     width = problem.high - problem.low
     held = ((theta <= problem.low) & (gradient > 0)) | ((theta >= problem.high) & (gradient < 0))
@@ -190,7 +195,7 @@ def _steps(
 
 
 def whitened(residual: Tensor, slope: Tensor, scatter: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Residual [B, n, 3] and slope [B, n, 3, K] in units of the scatter [B, 3, 3], and the trials' weights [B, n]."""
+    """Whiten residual [B, n, 3] and slope [B, n, 3, K] by the scatter [B, 3, 3]; return the weights [B, n] as well."""
     factor = torch.linalg.cholesky(scatter)[:, None]
     residual = torch.linalg.solve_triangular(factor, residual[..., None], upper=False)[..., 0]
     slope = torch.linalg.solve_triangular(factor, slope, upper=False)
@@ -198,7 +203,7 @@ def whitened(residual: Tensor, slope: Tensor, scatter: Tensor) -> tuple[Tensor, 
 
 
 def robust_distance(residual: Tensor, scatter: Tensor) -> Tensor:
-    """What a trial adds to the loss for a given scatter, ½ (ν + 3) log(1 + d²/ν) [..., n] in nats."""
+    """Compute a trial's term of the loss for a given scatter, ½ (ν + 3) log(1 + d²/ν) [..., n] in nats."""
     return (0.5 * (_NU + 3)) * torch.log1p(_distance(residual, scatter) / _NU)
 
 
@@ -217,16 +222,20 @@ def _picked(x: Tensor, which: Tensor) -> Tensor:
 
 
 def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Covariance [B, K, K] of the parameters, weights [B, n] of the trials, and how many trials tell of each [B, K].
+    """Estimate the covariance of the parameters.
 
-    The variances are the larger ones of the sandwich and of the curvature with the weights' own spread: the
-    first knows trials of unequal noise, the second is not deceived by a trial that a kink of the model happens to
+    The variance in each direction is the larger of two estimates.  The sandwich allows for trials of unequal noise; the
+    curvature, with the weighted variance of the residual, is not reduced by a trial that a kink of the model happens to
     fit exactly.
+
+    Returns:
+        Covariance [B, K, K], weights [B, n] of the trials, and the effective number of trials [B, K] that inform each
+        parameter.
     """
     residual, slope = problem.linearised(theta)
     width = problem.high - problem.low
     slope = slope * width  # parameters in units of their ranges from here on
-    residual, slope = (x.nan_to_num(0.0, 0.0, 0.0) for x in (residual, slope))  # the loss of such a fit is infinite
+    residual, slope = (x.nan_to_num(0.0, 0.0, 0.0) for x in (residual, slope))  # then the loss is infinite
     distance, n, K = _distance(residual, scatter), residual.shape[1], theta.shape[-1]
     _, curvature, slope, each = _normal(residual, slope, scatter)
     weight = _weight(distance)
@@ -242,11 +251,11 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
     leverage = torch.einsum("bnik,bkl,bnil->bn", slope, inverse, slope) * weight / 3
     scores = (weight / (1 - leverage.clamp(0, 0.9)))[..., None] * each
     sandwich = inverse @ (scores.mT @ scores) @ inverse
-    spread = (weight.square() * distance).sum(-1) / 3 / weight.sum(-1)  # of a whitened residual, as weighted
-    spread = spread.clamp_min(1e-30)  # of exact data
-    free = 3 * n - K - 6  # of 3 n numbers, less the parameters and the scatter
+    spread = (weight.square() * distance).sum(-1) / 3 / weight.sum(-1)  # weighted variance of the whitened residual
+    spread = spread.clamp_min(1e-30)  # exact data have none
+    free = 3 * n - K - 6  # degrees of freedom: residuals less the parameters and the scatter
     small = 3 * n / max(free, 1)
-    # The larger one in every direction.
+    # The larger variance in every direction.
     scale = (spread[:, None] / plain).sqrt()  # standard errors by the curvature, along its axes
     along = turn.mT @ sandwich @ turn / (scale[:, :, None] * scale[:, None, :])
     values, vectors = torch.linalg.eigh(along)
@@ -259,12 +268,12 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
 
 
 def _scattered(problem: Problem, residual: Tensor, scatter: Tensor, steps: int) -> Tensor:
-    """The scatter [..., B, 3, 3] after steps of expectation–maximisation from a first one."""
+    """Update the scatter [..., B, 3, 3] by steps of expectation–maximisation."""
     for _ in range(steps):
         weighted = _weight(_distance(residual, scatter))[..., None] * residual
         scatter = (residual.mT @ weighted) / residual.shape[-2]
         if problem.scaled:
             scatter = scatter.diagonal(dim1=-2, dim2=-1).mean(-1)[..., None, None] * torch.eye(3, dtype=residual.dtype)
-        # A component that is met exactly keeps a trace of scatter, so that nothing is divided by 0.
+        # A component that is fitted exactly keeps a little scatter, so that nothing is divided by 0.
         scatter = scatter + 1e-12 * torch.diag_embed(residual.square().mean(-2) + 1e-12)
     return scatter

@@ -2,14 +2,14 @@
 
     minimise over (μ, ε):  C(μ, ε) = 1/k Σ_n ‖P_n − P̂_n(μ, ε)‖₂      over k random trials, m times
 
-C is not smooth (trials change their contact mode) and can have several minima, so it is never
-handed to one local optimiser.  It is evaluated on a grid over the whole box, once for all trials,
-and every subset's surface is a mean of the same values.  Around the lowest local minima and the lowest nodes
-of each surface a finer grid is laid, and its best points start a pattern search; the best end wins.
-What could be missed is a basin narrower than a sixth of the spacing, or one that no low node borders.
+C is not smooth (trials change their contact mode) and can have several minima, so no single local optimiser finds the
+least.  It is evaluated on a grid over the whole box, once for all trials, and the surface of every subset is a mean of
+these values.  Finer grids surround the lowest local minima and the lowest nodes of each surface, and their best points
+start a pattern search, whose best result is kept.  The search can miss a basin narrower than a sixth of the grid's
+spacing, or one without a low node beside it.
 
-Where all trials stick, μ is only bounded below: `mu_range` and `eps_range` say how far each
-parameter can go before the cost, minimised over the other, rises by 0.1 %.
+Where all trials stick, μ is only bounded below: `mu_range` and `eps_range` are the ranges of each parameter within
+which the cost, minimised over the other, rises by no more than 0.1 %.
 """
 
 import math
@@ -66,7 +66,7 @@ class SharedFit:
 
 
 def distances(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, *, target: str) -> Tensor:
-    """‖P_n − P̂_n‖₂ [..., N] in N s, broadcast over μ and ε [..., N]."""
+    """Compute ‖P_n − P̂_n‖₂ [..., N] in N s, broadcast over μ and ε [..., N]."""
     P = law.at(mu, eps).impulse(impacts.W, impacts.v_c)
     return _length(P - measured_impulse(impacts, target))
 
@@ -77,7 +77,7 @@ def _length(x: Tensor) -> Tensor:
 
 
 def cost_surface(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, *, target: str = "momentum") -> Tensor:
-    """C(μ, ε) [len(mu), len(eps)] in N s over all given trials (Fig. 3.3)."""
+    """Compute C(μ, ε) [len(mu), len(eps)] in N s over all given trials (Fig. 3.3)."""
     return distances(law, impacts, mu[:, None, None], eps[:, None], target=target).mean(-1)
 
 
@@ -93,7 +93,7 @@ def identify(
     box: Box | None = None,
     progress: Callable[[Iterable[Tensor]], Iterable[Tensor]] = iter,
 ) -> SharedFit:
-    """Shared (μ, ε) from the first k trials of m random orders, for every k of `sizes`.
+    """Identify one (μ, ε) from the first k trials of m random orders, for every k of `sizes`.
 
     Args:
         law: an analytical law; its own μ and ε are ignored.
@@ -104,7 +104,7 @@ def identify(
         generator: source of the random orders; seed 0 if left out.
         target: the measured impulse, see `impacts.measured_impulse`.
         box: bounds and grid.
-        progress: wraps the iteration over blocks of repetitions, for a progress bar.
+        progress: wraps the iteration over blocks of repetitions, so that a bar can show it.
 
     Raises:
         DataError: fewer trials than the largest size, or sizes that do not increase.
@@ -131,7 +131,7 @@ def identify(
 def _orders(
     impacts: Impacts, sizes: tuple[int, ...], repetitions: int, orders: Tensor | None, generator: torch.Generator
 ) -> Tensor:
-    """Rows [m, largest size] of the subsets, the given ones or random ones; see `identify` for what is refused."""
+    """Rows [m, largest size] of the subsets, given or random; `identify` lists the errors."""
     if not sizes or sizes[0] < 1 or any(b <= a for a, b in pairwise(sizes)):
         raise DataError(f"sizes must be positive and increasing, got {list(sizes)}")
     if sizes[-1] > len(impacts):

@@ -14,9 +14,9 @@ class FitThresholds:
     """Weight of a trial, 1 for an ordinary one, below which it is a gross outlier: that of five standard deviations in
     each of three components (row fit.outlier_weight)."""
     open_share: float = 0.125
-    """Standard error of a parameter, of its plausible range, above which it is not determined: its 95 % interval then
-    covers half of the range (row fit.open_share)."""
+    """Standard error of a parameter, relative to its plausible range, above which it is not determined: its 95 %
+    interval then covers half of the range (row fit.open_share)."""
     correlation: float = 0.95
     """Correlation above which two parameters are said to trade off on these data (row fit.correlation)."""
     effective_trials: float = 5.0
-    """Trials in effect below which the information on a parameter comes from too few (row fit.effective_trials)."""
+    """Effective number of trials below which too few inform a parameter (row fit.effective_trials)."""

@@ -52,7 +52,7 @@ class Law(ABC):
     mu_axis: ClassVar[str] = "Friction μ (–)"
     """Axis label of μ with its unit."""
     adds_energy: ClassVar[bool] = False
-    """Whether the contact may leave with more energy than it brought."""
+    """Whether the kinetic energy may increase."""
     leaves_cone: ClassVar[bool] = False
     """Whether |P_t| may exceed μ P_n."""
     pulls: ClassVar[bool] = False

@@ -25,27 +25,27 @@ class Contact(NamedTuple):
 
 
 def slip_direction(contact: Contact) -> Values:
-    """s = ±1: sign of v_t, or where v_t = 0 of the slip that a normal impulse would start."""
+    """Return s = ±1, the sign of v_t, or where v_t = 0 that of the slip that a normal impulse would start."""
     s = torch.where(contact.v_t == 0, contact.w_tn, contact.v_t).sign()
     return torch.where(s == 0, torch.ones_like(s), s)
 
 
 def stick(contact: Contact, target: Values) -> tuple[Values, Values]:
-    """(P_t, P_n) with v_t⁺ = 0 and v_n⁺ − v_n = `target` (m/s)."""
+    """Return (P_t, P_n) with v_t⁺ = 0 and v_n⁺ − v_n = `target` (m/s)."""
     w_tt, w_tn, w_nn, v_t, _ = contact
     det = w_tt * w_nn - w_tn**2
     return -(w_nn * v_t + w_tn * target) / det, (w_tt * target + w_tn * v_t) / det
 
 
 def within(x: Values, bound: Values) -> Values:
-    """x clamped to ± bound, with a gradient to the bound that also holds where it is 0 (torch.clamp's does not)."""
+    """Clamp x to ± bound; unlike torch.clamp's, the gradient to the bound is right where the bound is 0."""
     return torch.where(x.abs() < bound, x, x.sign() * bound)
 
 
 def complementary(contact: Contact, mu: Values, target: Values) -> tuple[Values, Values]:
-    """Contact with v_n⁺ − v_n = `target` > 0 and Coulomb friction against the *final* slip.
+    """Solve the contact with v_n⁺ − v_n = `target` > 0 and Coulomb friction against the *final* slip.
 
-    The one solution of the complementarity problem 0 ≤ P_n ⊥ v_n⁺ − v_n − target ≥ 0 with
+    It is the unique solution of the complementarity problem 0 ≤ P_n ⊥ v_n⁺ − v_n − target ≥ 0 with
     P_t = −σ μ P_n, σ v_t⁺ ≥ 0.  Along the line v_n⁺ − v_n = target, v_t⁺ grows with P_t, so the
     final slip has the sign of the frictionless one, and sliding in that direction has
     W_nn − σ μ W_tn > 0 whenever sticking is not in the cone.

@@ -1,10 +1,10 @@
 """Wang & Mason (1992): Routh's path in impulse space with Poisson restitution.
 
-With p = P_n as the clock, dP_t/dp = −s μ while sliding; once v_t = 0 the contact sticks
-(dP_t/dp = −W_tn/W_tt) if the cone allows, otherwise it slides back: both are the sticking slope
-clamped to ±μ.  Compression ends where v_n = 0, at p = p_c; restitution ends at (1 + ε) p_c.
-The five modes (sliding, C-sticking, R-sticking, C-reversed, R-reversed) are the places where the
-slip ends: never, or before or after p_c, in stick or in reversed sliding.
+With p = P_n as the independent variable ("clock"), dP_t/dp = −s μ while the contact slides.  Once v_t = 0 it sticks,
+dP_t/dp = −W_tn/W_tt, if the friction cone allows, and otherwise slides in the other direction; in both cases dP_t/dp is
+the sticking slope clamped to ±μ.  Compression ends where v_n = 0, at p = p_c; restitution ends at (1 + ε) p_c.
+Five modes differ in where the initial slip ends and in what follows it: sliding (it never ends), sticking or reversed
+sliding from compression on (C), or from restitution on (R).
 """
 
 from dataclasses import dataclass
@@ -34,29 +34,32 @@ class Path(NamedTuple):
         return self.until(-self.v_n)
 
     def until(self, rise: Tensor) -> Tensor:
-        """Clock p at which v_n has risen by `rise` (m/s)."""
+        """Return the clock p (N s) at which v_n has risen by `rise` (m/s)."""
         first = self.v_slip >= rise
         p_first = rise / torch.where(first, self.stiffness, 1.0)
         p_slip, v_slip = (torch.where(first, 0.0, x) for x in (self.p_slip, self.v_slip))
         return torch.where(first, p_first, p_slip + (rise - v_slip) / self.stiffness_after)
 
     def impulse(self, p: Tensor) -> tuple[Tensor, Tensor]:
-        """(P_t, P_n) at clock p."""
+        """Return (P_t, P_n) in N s at clock p."""
         before = torch.minimum(p, self.p_slip)
         return self.slope * before + self.slope_after * (p - before), p
 
 
 def routh_path(contact: Contact, mu: Tensor, mu_back: Tensor | None = None, w_nt: Tensor | None = None) -> Path:
-    """The path of a contact; it does not depend on ε.
+    """Return the path of a contact; it does not depend on ε.
 
-    Two things are as usual if left out: `mu_back`, the friction against slip in the other direction than the
-    initial one, and `w_nt`, the rise of v_n per tangential impulse, which is W_tn without a moment.
+    Args:
+        contact: W and v_c by component.
+        mu: coefficient of friction against the initial slip.
+        mu_back: coefficient of friction against slip in the other direction; `mu` if None.
+        w_nt: rise of v_n per tangential impulse in 1/kg, which a moment at the contact changes; W_tn if None.
     """
     w_tt, w_tn, w_nn, v_t, v_n = contact
     w_nt = w_tn if w_nt is None else w_nt
     direction = slip_direction(contact)
     slope = -direction * mu
-    # Once it has stopped, the contact slips on or back as W_tn drives it.
+    # Once the slip has ended, W_tn decides in which direction the contact slips on, if it does.
     limit = mu if mu_back is None else torch.where(w_tn * direction > 0, mu, mu_back)
     slope_after = within(-w_tn / w_tt, limit)
     stiffness, stiffness_after = w_nn + slope * w_nt, w_nn + slope_after * w_nt

@@ -1,5 +1,5 @@
 """Learned models of the paper.
 
 recipe   one model from one set of training trials
-curves   every model over numbers of training trials, and on other bodies
+curves   learning curves of every model, and its transfer to other bodies
 """

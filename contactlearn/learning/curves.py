@@ -1,8 +1,8 @@
-"""Learning curves: what models make of more and more training trials.
+"""Learning curves: the held-out errors of models against their number of training trials.
 
 Each seed draws one random order of the pool; the subset of size n is its first n trials, so subsets
 are nested along a curve and the same for every model.  Laws are identified and processes trained on
-nothing but the subset; all seeds of a model at one size are one batch.
+the subset alone; all seeds of a model at one size are one batch.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
@@ -37,7 +37,7 @@ class Trained:
     size: int
     prediction: Prediction
     kind: str  # of the processes
-    converged: float  # share of them
+    converged: float  # share of the processes whose training converged
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,12 +56,12 @@ class Curve:
     sizes: tuple[int, ...]
     errors: dict[str, Tensor]  # by name of `metrics.METRICS`, [S, R, N]
     density: CurveDensity | None = None  # of a model that predicts covariances
-    kinds: tuple[str, ...] = ()  # of the processes at each size
-    converged: tuple[float, ...] = ()  # share of the processes whose training did, at each size
+    kinds: tuple[str, ...] = ()  # of the processes, at each size
+    converged: tuple[float, ...] = ()  # share of the processes whose training converged, at each size
 
     @classmethod
     def of(cls, impacts: Impacts, predictions: Mapping[int, Prediction]) -> "Curve":
-        """From predictions [R, N], or [N] of a single subset, by size."""
+        """Score predictions [R, N], or [N] of a single subset, by size."""
         ordered = [predictions[size] for size in sorted(predictions)]
 
         def scores(score: Callable[[Impacts, Prediction], Tensor], tail: int = 0) -> Tensor:
@@ -80,13 +80,13 @@ class Curve:
         return cls(sizes, errors, density)
 
     def intervals(self, metric: str, generator: torch.Generator, resamples: int = 2000) -> Tensor:
-        """Mean and its 95 % interval over trials and subsets at each size, [S, 3]."""
+        """Compute the mean and its 95 % interval over trials and subsets at each size, [S, 3]."""
         rows = [list(metrics.bootstrap(error, generator, resamples)) for error in self.errors[metric]]
         return torch.tensor(rows, dtype=torch.float64)
 
 
 def nested_orders(trials: int, seeds: int, generator: torch.Generator) -> Tensor:
-    """One random order of the trials for each seed, [seeds, trials]."""
+    """Draw a random order of the trials for each seed, [seeds, trials]."""
     return torch.stack([torch.randperm(trials, generator=generator) for _ in range(seeds)])
 
 
@@ -100,7 +100,7 @@ def law_curves(
     target: str = "momentum",
     box: Box | None = None,
 ) -> tuple[dict[str, SharedFit], dict[str, Curve]]:
-    """Laws identified on every subset, and their curves; `target` and `box` are those of `identify`."""
+    """Identify laws on every subset, and compute their curves; `target` and `box` are those of `identify`."""
     fits = {law.name: identify(law, pool, sizes=sizes, orders=orders, target=target, box=box) for law in laws}
     curves = {}
     for name, fit in fits.items():
@@ -118,13 +118,13 @@ def joint_curve(
     sizes: Iterable[int],
     options: FitOptions,
 ) -> tuple[dict[int, ContactModel], Curve]:
-    """A law with effects fitted to every subset, by size, and its curve."""
+    """Fit a law with effects to every subset; return the models by size, and their curve."""
     models = {size: identify_jointly(law, effects, pool, orders[:, :size], options=options).model for size in sizes}
     return models, Curve.of(test, {size: model.predict(test) for size, model in models.items()})
 
 
 def law_at(fit: SharedFit, size: int) -> Law:
-    """The law with the parameters [R, 1] of each subset of that size."""
+    """Return the law with the parameters [R, 1] of each subset of that size."""
     place = fit.sizes.index(size)
     return fit.law.at(fit.mu[:, place, None], fit.eps[:, place, None])
 
@@ -142,7 +142,7 @@ def learning_curves(
     workers: int = 1,
     progress: Callable[[Iterable[Trained], int], Iterable[Trained]] = lambda done, total: done,
 ) -> dict[str, Curve]:
-    """Curves of learned models.
+    """Train models on every subset, and compute their curves.
 
     Args:
         recipes: by name of the model.
@@ -153,7 +153,7 @@ def learning_curves(
             effects if it has any.
         impulse, box: see `learning.learn`.
         workers: processes side by side; 1 trains in this one.
-        progress: wraps the trained models as they come, and their number, for a progress bar.
+        progress: takes the trained models, one by one, and their number, so that a bar can show them.
     """
     tasks = []
     for size in sorted(sizes, reverse=True):  # the longest first
@@ -201,7 +201,7 @@ def transfer_curves(
     workers: int = 1,
     progress: Callable[[Iterable[Trained], int], Iterable[Trained]] = lambda done, total: done,
 ) -> tuple[ContactModel, dict[str, dict[str, Curve]]]:
-    """A model trained on one body, and what becomes of it on others.
+    """Train a model on one body, and compute its curves on others.
 
     Args:
         recipe: of the model; a learned one.
@@ -214,7 +214,7 @@ def transfer_curves(
 
     Returns:
         The model, and by body the curves `zero_shot` (the model as it is; one size, 0), `prior` (the
-        model with processes for what it leaves, trained on the body's trials) and `scratch` (the recipe
+        model with processes on its residual, trained on the body's trials) and `scratch` (the recipe
         trained on the body's trials alone).
     """
     rows = torch.arange(len(source))
@@ -244,7 +244,7 @@ def transfer_curves(
 
 
 def run(job: Callable[..., Result], tasks: Sequence[tuple[Any, ...]], workers: int) -> Iterable[Result]:
-    """Results of job(*task) as they come, from `workers` processes of one thread each."""
+    """Run job(*task) in `workers` processes of one thread each; yield the results in the order of their completion."""
     if min(workers, len(tasks)) <= 1:
         yield from (job(*task) for task in tasks)
         return
@@ -260,12 +260,12 @@ def _one_thread() -> None:
 
 
 def first_below(curve: Sequence[float], sizes: Sequence[int], reference: float) -> int | None:
-    """Smallest size at which the curve is below a reference; None if it never is."""
+    """Find the smallest size at which the curve is below a reference; None if it never is."""
     return next((size for size, value in zip(sizes, curve, strict=True) if value < reference), None)
 
 
 def settled(curve: Sequence[float], sizes: Sequence[int], share: float = 0.05) -> int | None:
-    """Smallest size from which on the curve stays within a share of its least value; None if it does not end there."""
+    """Find the size from which on the curve is within a share of its minimum; None if its last value is not."""
     least = min(curve)
     late = [value > (1 + share) * least for value in curve]
     if late[-1]:

@@ -4,11 +4,12 @@
     velocity                v_post − v_pre, or − that of the law                 Class I
     impulse                 (P_t, P_n), or what the law leaves of it             Class I, II; rigid
     wrench                  (P_t, P_n, τ), likewise                              Class I, II
-    parameters_identified   the (μ, ε) that suit each single trial best          Class II; rigid
+    parameters_identified   the (μ, ε) that fit each single trial best           Class II; rigid
     parameters_likelihood   (μ, ε) such that the law's impulse is likely         Class II; rigid
 
-The second way to learn parameters lets trials that stick, and so say nothing about μ, say nothing.
-Many subsets of equal size are learnt from at once.  Source: Fazeli et al. (2017), Section 4.
+A trial that sticks carries no information on μ.  `parameters_likelihood` gives it almost no weight in learning μ, while
+`parameters_identified` learns from it one of the many μ that fit.  Subsets of equal size are learnt from in one batch.
+Source: Fazeli et al. (2017), Section 4.
 """
 
 import math
@@ -39,13 +40,13 @@ TARGETS = {
 _ROUNDS = 4  # linearisations of the law; most parameters move little after the third
 _COVERAGE = 0.95
 _LOG_SIZE = math.log(0.05), math.log(100.0)
-_LEAST_WEIGHT = 0.01  # what holds a parameter that its trial says nothing about where it is
-_PRIOR_SPREAD = 0.1  # unit in which the processes see departures of μ and ε from the shared values
+_LEAST_WEIGHT = 0.01  # of a trial without information on a parameter, which it then keeps at its present value
+_PRIOR_SPREAD = 0.1  # standard deviation of μ and ε about the shared values, before learning
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """How a learned model is made: from `features` to `target`, on top of a `law` or of nothing.
+    """Definition of a learned model: `features`, `target`, and the `law` whose residual or parameters it learns.
 
     Raises:
         UnknownNameError: no such feature space or target.
@@ -74,13 +75,13 @@ def learn(
     impulse: str = "momentum",
     box: Box | None = None,
 ) -> ContactModel:
-    """A model for each training subset.
+    """Train one model on each training subset.
 
     Args:
-        recipe: what to learn from what.
+        recipe: features, target and law of the model.
         impacts, rows: subsets [..., n] as rows of the impacts.
-        base: the recipe's law with its shared (μ, ε) [..., 1], or any model whose residual is learnt; likely
-            parameters can also be learnt of a law with effects.
+        base: the recipe's law with its shared (μ, ε) [..., 1], or any model whose residual is learnt; for the target
+            `parameters_likelihood` also a law with effects.
         impulse: the measured impulse, see `impacts.measured_impulse`.
         box: limits of per-trial parameters.
 
@@ -123,13 +124,13 @@ def learn(
 def _learn_parameters(
     recipe: Recipe, impacts: Impacts, rows: Tensor, base: ContactModel, P: Tensor, box: Box
 ) -> tuple[Regressor, Tensor]:
-    """Processes for (μ, ε) that make the measured impulse P [N, 2] likely, and what they were fitted to [..., n, 2].
+    """Fit processes for (μ, ε) that make the measured impulse P [N, 2] likely; return them and their data [..., n, 2].
 
     Generalised Gauss–Newton: about the present parameters θ₀ of each trial the law is P ≈ P̂ + G (θ − θ₀).
     With isotropic noise that is an observation of each parameter, θ₀ + H_kᵀ (P − P̂) / (G_kᵀ H_k) with a noise
-    variance ∝ 1/(G_kᵀ H_k), where H_k is what of G_k the other parameter, free by its prior spread, could not
-    do as well.  So a trial that sticks says next to nothing about μ.  The posteriors of the two parameters
-    are taken as independent.
+    variance ∝ 1/(G_kᵀ H_k), where H_k is the part of G_k that the other parameter, free within its prior spread,
+    cannot reproduce.  So a trial that sticks carries almost no information on μ.  The posteriors of the two
+    parameters are taken as independent.
     """
     law, effects = base.law, base.effects
     shared = torch.atleast_2d(torch.stack(torch.broadcast_tensors(*law.coefficients), -1))  # [..., 1, 2]
@@ -155,12 +156,12 @@ def _learn_parameters(
 
 
 def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Tensor) -> ContactModel:
-    """The model with the covariance of what its processes cannot predict of v_post.
+    """Return the model with the noise covariance t E of v_post, calibrated on the training trials.
 
-    It has the form of E, the mean of e eᵀ over the errors e of each training trial as if it were left
-    out, and the size t at which the 95 % ellipsoid of V + t E, V being the processes' own uncertainty,
-    holds 95 % of these errors (the rank is that of conformal prediction, so that few trials make it
-    wide).  It is in post velocities because measurement noise is; what a rigid model cannot say, τ, is in it.
+    E is the mean of e eᵀ over the leave-one-out errors e of the training trials.  The factor t is such that the 95 %
+    ellipsoids of V + t E, with V the covariance of the processes, contain 95 % of these errors; the rank is that of
+    conformal prediction, so that few trials give a wide covariance.  It is one of post velocities, as measurement noise
+    is, and includes the moment τ that a rigid model cannot predict.
     """
     error, variance = model.processes.leave_one_out()
     learned = _everywhere(values - error, rows, len(impacts))
