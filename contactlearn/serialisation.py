@@ -1,6 +1,6 @@
 """Frozen dataclasses as JSON text and back, for the files that results are kept in.
 
-`to_json` writes a dataclass, `from_json` reads the same dataclass and believes nothing: every entry has the declared
+`to_json` writes a dataclass, `from_json` reads the same dataclass and checks everything: every entry has the declared
 type, every number is finite, and a file that is too large or nested too deeply is refused.  Where a float may be
 missing (`float | None`), a number that is not finite is written as null; elsewhere it is refused.  Fields that the
 type does not declare are ignored, so that a file of a newer version with more in it can be read.
@@ -49,7 +49,7 @@ def from_json(kind: type[Kind], text: str | bytes) -> Kind:
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
-        raise ContactLearnError(_said(error, content, kind)) from None
+        raise ContactLearnError(_explained(error, content, kind)) from None
 
 
 def parsed(text: str | bytes) -> Any:
@@ -71,8 +71,8 @@ def parsed(text: str | bytes) -> Any:
     return content
 
 
-def _said(error: msgspec.ValidationError, content: Any, kind: type) -> str:
-    """The path of the entry that breaks a rule and the rule, such as `errors.mirtich.low: expected float, got str`."""
+def _explained(error: msgspec.ValidationError, content: Any, kind: type) -> str:
+    """Write the path of the entry that breaks a rule, and the rule: `errors.mirtich.low: expected float, got str`."""
     rule, _, where = _line(error).partition(" - at `$")
     path, here = [], content
     for step in re.findall(r"\[[^]]*\]|[^.[]+", where.removesuffix("`")):
@@ -92,25 +92,31 @@ def _said(error: msgspec.ValidationError, content: Any, kind: type) -> str:
 
 
 def _first_wrong(content: Any, entries: dict[str, Any], kind: type, message: str) -> str:
-    """The first of the entries, an object somewhere in `content`, without which there is another message, or none.
+    """Name the first wrong one of the entries, an object within `content`, which then holds that entry alone.
 
-    The entries before it and after it are removed.
+    Halves of the entries are tried: a half with the wrong entry in it gives the same message again.
     """
     items = list(entries.items())
-    right, wrong = 0, len(items)  # the first so many entries are right; one among the first so many is wrong
-    while wrong - right > 1:
-        half = (right + wrong) // 2
-        entries.clear()
-        entries.update(items[:half])
-        try:
-            msgspec.convert(content, kind)
-            same = False
-        except msgspec.ValidationError as error:
-            same = str(error) == message
-        right, wrong = (right, half) if same else (half, wrong)
+    while len(items) > 1:
+        first, second = items[: len(items) // 2], items[len(items) // 2 :]
+        _replace(entries, first)
+        items = first if _message(content, kind) == message else second
+    _replace(entries, items)
+    return items[0][0]
+
+
+def _replace(entries: dict[str, Any], items: list[tuple[str, Any]]) -> None:
     entries.clear()
-    entries.update(items[right:wrong])
-    return items[right][0]
+    entries.update(items)
+
+
+def _message(content: Any, kind: type) -> str:
+    """The message of the rule that the content breaks; empty if none."""
+    try:
+        msgspec.convert(content, kind)
+    except msgspec.ValidationError as error:
+        return str(error)
+    return ""
 
 
 def _deep(content: Any, levels: int) -> bool:
