@@ -221,5 +221,8 @@ def _clamped(mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
 
 def _listed(values: Iterable[tuple[str, Tensor | float, str, float | None]]) -> str:
     """Write symbols, values, units and standard errors as `c = 0.1051 ± 0.0041 m, …`; values are means over batches."""
-    means = ((symbol, torch.as_tensor(x, dtype=torch.float64).mean().item(), *other) for symbol, x, *other in values)
-    return ", ".join(f"{symbol} = {measured(value, error, unit)}" for symbol, value, unit, error in means)
+    parts: list[str] = []
+    for symbol, value, unit, error in values:
+        mean = torch.as_tensor(value, dtype=torch.float64).mean().item()
+        parts.append(f"{symbol} = {measured(mean, error, unit)}")
+    return ", ".join(parts)
