@@ -121,6 +121,11 @@ def test_laws_that_agree_share_the_belief():
     assert shares["wang_mason"] == pytest.approx(shares["mirtich"], abs=0.01)
     assert sum(shares.values()) == pytest.approx(1)
     assert inclusion(models, SPIN) == 0
+    spun = pool.fitted(spec(SPIN))
+    Search(pool, 1).exchange_all(spun, spun.score, 0)
+    other = pool.models[spun.spec.with_law("mirtich")]
+    assert other.fit.model.law.name == "mirtich"
+    assert torch.equal(other.fit.values, spun.fit.values)
 
 
 def test_a_larger_model_that_is_no_better_is_not_plausible():

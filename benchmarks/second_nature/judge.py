@@ -152,8 +152,9 @@ def score(said: Said) -> Score:
         seen = bool(shown & hidden[0]) and bool(shown & set(truth.rivals))
         return Score(first=bool(names) and names[0] in either, exact=len(names) == 1 and names[0] in either, twins=seen)
     audited = [AUDITED[finding] for finding in said.findings if finding in AUDITED]
-    all_names, names = names, [*audited, *(name for name in names if "body" not in name)]  # parameters by body
-    inside = None if said.models is None else any(matches([*audited, *model], hidden) for _, model, _ in said.models)
+    all_names, names = names, [*audited, *_without_bodies(names)]
+    models = [[*audited, *_without_bodies(model)] for _, model, _ in said.models or ()]
+    inside = None if said.models is None else any(matches(model, hidden) for model in models)
     right = tuple(
         (k, any(name in accepted for accepted in hidden)) for k, name in enumerate(all_names) if "body" not in name
     )
@@ -161,6 +162,11 @@ def score(said: Said) -> Score:
         return Score(exact=not names, false_name=bool(names), inside=inside, named=right)
     first = bool(names) and any(names[0] in accepted for accepted in hidden)
     return Score(first=first, exact=matches(names, hidden), inside=inside, named=right)
+
+
+def _without_bodies(names: Sequence[str]) -> list[str]:
+    """Names but for parameters by body."""
+    return [name for name in names if "body" not in name]
 
 
 def matches(names: Sequence[str], hidden: Sequence[set[str]]) -> bool:

@@ -29,6 +29,7 @@ _BEAM, _OF_A_LAW = 4, 2  # at most, models of a size from which the next is grow
 HOPELESS = 0.5
 """Nats a trial behind the best beyond which a law is not followed."""
 _SAME = 2.0  # nats between laws that agree on the data
+_IDENTICAL = 1e-6  # nats between laws that predict the same
 _FITTED = 4  # sets that are fitted of each expansion
 _DOUBT = 0.02  # nats a trial by which a prediction may be too pessimistic
 _PASSES = 4  # of exchanges within one linearisation
@@ -144,10 +145,15 @@ class Search:
 
     def _transfer(self, model: ScoredFit) -> None:
         """Fit the effects of a model around the other laws that are not hopeless at its own parameters."""
-        near = self.pool.score_at(model.spec, model.fit.values) + HOPELESS * len(self.pool.impacts)
+        own = self.pool.score_at(model.spec, model.fit.values)
         for law in self.pool.laws:
             spec = model.spec.with_law(law)
-            if spec not in self.pool.models and self.pool.score_at(spec, model.fit.values) < near:
+            if spec in self.pool.models:
+                continue
+            score = self.pool.score_at(spec, model.fit.values)
+            if abs(score - own) < _IDENTICAL:
+                self.pool.adopt(law, model)
+            elif score < own + HOPELESS * len(self.pool.impacts):
                 self.pool.fitted(spec, model.fit.values)
 
     def _shrink(self, size: int) -> None:

@@ -102,6 +102,12 @@ class Pool:
             self.models[spec] = ScoredFit(spec, effects, fit, self.score(spec, effects, fit.loss.item()))
         return self.models[spec]
 
+    def adopt(self, law: str, model: ScoredFit) -> None:
+        """Take the fit of a model for that of its effects around another law, which predicts the same at its values."""
+        fit, spec = model.fit, model.spec.with_law(law)
+        same = assemble(self.laws[law], model.effects, fit.values, fit.covariance)
+        self.models[spec] = replace(model, spec=spec, fit=replace(fit, model=same))
+
     def polished(self, spec: Spec) -> ScoredFit:
         """Return a model of the pool after a fit to the full tolerance, from which standard errors are taken."""
         model = self.models[spec]
