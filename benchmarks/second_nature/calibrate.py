@@ -1,8 +1,8 @@
 """Fit the confidence in a named effect to the half "learn", and show how often it is right on the half "report".
 
-    python benchmarks/second_nature/calibrate.py learn.jsonl [report.jsonl]
+    python benchmarks/second_nature/calibrate.py learn.jsonl [poorer.jsonl …] [--report report.jsonl]
 
-The files are those that `run.py --keep` made.  Printed are the coefficients for
+The files are those that `run.py --keep` made, also with a poorer catalogue.  Printed are the coefficients for
 `contactlearn.diagnosis.search.calibration` and a table of stated against observed.
 """
 
@@ -20,18 +20,14 @@ from second_nature import tables
 from second_nature.judge import Said, score
 from second_nature.run import read
 
-PRIOR = np.array([1.0, 1.0, 1.0, 4.0, 1.0])
+PRIOR = np.array([1.0, 1.0, 1.0, 4.0])
 """Standard deviations of the coefficients, about the share itself: odds of the share and nothing else."""
-MEAN = np.array([0.0, 0.5, 0.0, -4.0, 0.0])
+MEAN = np.array([0.0, 0.5, 0.0, -4.0])
 
 
 def names(said: list[Said]) -> tuple[np.ndarray, np.ndarray]:
     """Regressors of every named effect, and whether it is right."""
-    rows = [
-        (regressors(one.shares[k], one.gains[k], one.left, one.n), right)
-        for one in said
-        for k, right in score(one).named
-    ]
+    rows = [(regressors(one.shares[k], one.gains[k], one.left), right) for one in said for k, right in score(one).named]
     return np.array([x for x, _ in rows]), np.array([y for _, y in rows], dtype=float)
 
 
@@ -48,14 +44,14 @@ def fitted(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def main() -> None:
     """Fit and show."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("learn", type=Path)
-    parser.add_argument("report", type=Path, nargs="?")
+    parser.add_argument("learn", type=Path, nargs="+")
+    parser.add_argument("--report", type=Path)
     arguments = parser.parse_args()
-    x, y = names(list(read(arguments.learn).values()))
+    x, y = names([one for path in arguments.learn for one in read(path).values()])
     b = fitted(x, y)
     found = tuple(round(float(one), 2) for one in b)
     print(f"{len(y)} names, {int(y.sum())} right; coefficients {found}, in use {COEFFICIENTS}")
-    for path in filter(None, (arguments.learn, arguments.report)):
+    for path in filter(None, (*arguments.learn, arguments.report)):
         x, y = names(list(read(path).values()))
         stated = 1 / (1 + np.exp(-x @ np.array(COEFFICIENTS)))
         print(

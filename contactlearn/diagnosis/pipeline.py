@@ -155,7 +155,7 @@ def _assembled(
     """The complete diagnosis: what was found, and what is drawn of it."""
     selection, model = searched.selection, searched.selection.present.fit.model
     chosen, missing = _choices(study, selection, explained)
-    missing = tuple(replace(one, confidence=_confidence(one, rest, len(selection.impacts))) for one in missing)
+    missing = tuple(replace(one, confidence=_confidence(one, rest)) for one in missing)
     outliers = outliers_of(
         selection.impacts, lambda impacts: model.predict(impacts).v_post, study.thresholds.audit.outliers
     )
@@ -225,10 +225,10 @@ def _choices(
     return chosen, complete
 
 
-def _confidence(one: MissingEffect, rest: Unexplained, trials: int) -> float:
+def _confidence(one: MissingEffect, rest: Unexplained) -> float:
     """The probability that a name is right."""
     gain = one.error_reduction / (rest.budget.named.mean + max(one.error_reduction, 0.0) or 1.0)
-    return calibrated(one.share, gain, rest.learned.remainder.share.mean, trials)
+    return calibrated(one.share, gain, rest.learned.remainder.share.mean)
 
 
 def _plausible(selection: Selection) -> tuple[PlausibleModel, ...]:
