@@ -167,7 +167,7 @@ def test_speeds_of_no_laboratory():
     assert found["gross_outliers"].value("trials") == 2
 
 
-@pytest.mark.parametrize("factor", [1e-6, 0.1, 0.6, 1.6, 3.0, 1e3, 1e6, 1e9])
+@pytest.mark.parametrize("factor", [1e-6, 0.1, 0.3, 3.0, 1e3, 1e6, 1e9])
 def test_wrong_inertia(factor):
     clean = drops(seed=3)
     wrong = clean.replace(inertia=clean.inertia * factor)
@@ -178,7 +178,7 @@ def test_wrong_inertia(factor):
     assert mistakes(audit(correct(wrong, ["inertia_scaled"]))) == []
 
 
-@pytest.mark.parametrize("factor", [0.8, 1.25])
+@pytest.mark.parametrize("factor", [0.5, 0.8, 1.25, 2.0])
 def test_a_slightly_wrong_inertia_is_an_effect(factor):
     clean = drops(seed=3)
     assert mistakes(audit(clean.replace(inertia=clean.inertia * factor))) == []

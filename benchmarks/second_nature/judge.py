@@ -112,10 +112,6 @@ SAME = {"corner_radius": "shape_error"}
 """Names that the catalogue has for a part of what another name means in the truth."""
 
 
-AUDITED = {"inertia_scaled": "inertia_error"}
-"""What the audit finds and corrects before an effect could be named for it."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Score:
     """Answers to the questions of a set; None where a question is not asked of it."""
@@ -151,9 +147,8 @@ def score(said: Said) -> Score:
         either = hidden[0] | set(truth.rivals)
         seen = bool(shown & hidden[0]) and bool(shown & set(truth.rivals))
         return Score(first=bool(names) and names[0] in either, exact=len(names) == 1 and names[0] in either, twins=seen)
-    audited = [AUDITED[finding] for finding in said.findings if finding in AUDITED]
-    all_names, names = names, [*audited, *_without_bodies(names)]
-    models = [[*audited, *_without_bodies(model)] for _, model, _ in said.models or ()]
+    all_names, names = names, _without_bodies(names)
+    models = [_without_bodies(model) for _, model, _ in said.models or ()]
     inside = None if said.models is None else any(matches(model, hidden) for model in models)
     right = tuple(
         (k, any(name in accepted for accepted in hidden)) for k, name in enumerate(all_names) if "body" not in name

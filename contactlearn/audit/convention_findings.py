@@ -102,22 +102,32 @@ def _most(given: Hypothesis, best: Hypothesis) -> str:
     return f"{question} {before[question]:.2f} to {after[question]:.2f}"
 
 
+def _with_inertia(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
+    """The impacts with the inertia that balances their moments, where this is within the reach of an effect."""
+    factor = torque(impacts).inertia_factor.item()
+    if not 0 < factor < math.inf or wrong_inertia(factor, thresholds.conventions):
+        return impacts
+    return impacts.replace(inertia=factor * impacts.inertia)
+
+
 def balance_findings(
     impacts: Impacts, comparison: ConventionComparison, thresholds: AuditThresholds, *, explained: bool = False
 ) -> list[Finding]:
     """The moment balance of the corrected impacts where it does not close, or contradictions that nothing mends.
 
-    A small imbalance is a note, since effects may explain it: another inertia, a moment at the contact.  With
-    `explained` other findings account for the contradictions, which are then not reported again.
+    A small imbalance is a note, since effects may explain it: another inertia, a moment at the contact.  So is one that
+    another inertia within the reach of an effect would close.  With `explained` other findings account for the
+    contradictions, which are then not reported again.
     """
-    fit, left = balance(impacts), contradictions(impacts, thresholds.conventions)
+    fit, rotated = balance(impacts), _with_inertia(impacts, thresholds)
+    left = contradictions(rotated, thresholds.conventions)
     means = {question: answer.mean().item() for question, answer in left.items()}
     total, worst = sum(means.values()), max(means, key=lambda question: means[question])
     opened = fit.imbalance > thresholds.open_balance
     contradictory = total > thresholds.conventions.consistent and not explained
     if not opened and not contradictory:
         return []
-    doubted = contradictory or fit.imbalance > thresholds.doubted_balance
+    doubted = contradictory or balance(rotated).imbalance > thresholds.doubted_balance
     none = f"none of the known mistakes explains it ({comparison.tried} hypotheses compared)"
     if opened:
         sentence = f"the moment balance does not close, and {none}: {_MUST} gives {fit}"

@@ -1,7 +1,7 @@
 """The audit: mistakes in the measurements themselves, found before any physics is fitted to them.
 
     units, columns, axes      one finding for each correction of the best hypothesis of `conventions`
-    inertia_scaled            the moments balance, but for one factor on I, by more than 40 %
+    inertia_scaled            the moments balance, but for one factor on I, of more than 2.5
     incomplete_trials         rows that were left out as the table was read: a note
     duplicated_trials         rows that repeat an earlier one bit for bit
     out_of_order              times that contradict the order of the trials

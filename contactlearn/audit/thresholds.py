@@ -54,9 +54,9 @@ class ConventionThresholds:
     explained: float = 0.5
     """Share of Δω that the moment balance must explain under other units, which else only shrink a Δω that is noise
     (row conventions.explained)."""
-    inertia_factor: float = 1.4
-    """Factor on the moment of inertia from which on it is a mistake and not the effect `inertia_error`, whose range
-    ends there (row conventions.inertia_factor)."""
+    inertia_factor: float = 2.5
+    """Factor on the moment of inertia from which on it is a mistake; a smaller one is left to the effects, since other
+    moments look alike, and `inertia_error` reaches as far (row conventions.inertia_factor)."""
     inertia_error: float = 0.1
     """Relative standard error of a term of the balance below which it is used to estimate the inertia
     (row conventions.inertia_error)."""
