@@ -4,6 +4,7 @@
     compliant  impact of a spring, a dashpot and a tangential spring, in time
     bodies     outlines and contact points
     forms      the planted effects, each in forms that the catalogue of the package need not have
+    other_*    forms by another hand, for the half that is only reported
     nature     what happens to a body, and what a laboratory records of it
     noise      errors of instruments
     engines    drops of MuJoCo and of pymunk

@@ -1,6 +1,6 @@
 """Drawing a set: a scene, drops, noise of a size that gives the effects the share that is wanted."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,9 @@ from second_nature.nature import Design, Drops, Record, Scene, free, happen, mea
 from second_nature.path import NEWTON, POISSON, STRONGE
 from second_nature.share import law_error
 from second_nature.truth import Asked, Planted, Truth
+
+Builders = Mapping[str, Sequence[Callable[[np.random.Generator], Effect]]]
+"""Forms by the name of their effect."""
 
 LEVELS = (0.004, 0.15)  # m/s: no instrument is better, and none worth using is worse
 SPARE = 1.4  # drops made for each that is kept: some do not approach, jam or touch with two corners
@@ -115,10 +118,10 @@ def said(laboratory: Laboratory, effects: Sequence[Effect] = ()) -> dict:
     return {"noise": kind, "level": laboratory.level, "forms": tuple(e.form for e in effects)}
 
 
-def balanced(names: Sequence[str], rng: np.random.Generator) -> Scene:
+def balanced(names: Sequence[str], rng: np.random.Generator, forms: Builders = FORMS) -> Scene:
     """A scene with a form for each name, none of which alone makes less than 0.6 of the error that another makes."""
     for _ in range(100):
-        scene = scene_for(_chosen(names, rng), rng)
+        scene = scene_for(_chosen(names, rng, forms), rng)
         drops = scene_drops(scene, rng, 120)
         alone = [draw(replace(scene, effects=(one,)), 120, PERFECT, drops, 0) for one in scene.effects]
         errors = [law_error(record, scene.restitution)[0] for record in alone]
@@ -127,10 +130,10 @@ def balanced(names: Sequence[str], rng: np.random.Generator) -> Scene:
     raise ValueError(f"no forms of {', '.join(names)} are of like size")
 
 
-def _chosen(names: Sequence[str], rng: np.random.Generator) -> tuple[Effect, ...]:
+def _chosen(names: Sequence[str], rng: np.random.Generator, forms: Builders) -> tuple[Effect, ...]:
     """One form for each name, such that one body and one kind of table suit all and none is integrated in time."""
     for _ in range(200):
-        effects = tuple(FORMS[name][rng.integers(len(FORMS[name]))](rng) for name in names)
+        effects = tuple(forms[name][rng.integers(len(forms[name]))](rng) for name in names)
         points = {e.point for e in effects} - {"either"}
         kinds = set.intersection(*(set(e.bodies) for e in effects))
         if len(points) <= 1 and kinds and not any(e.compliance for e in effects):
