@@ -114,12 +114,12 @@ def _weighed(kind: str, seed: int) -> Impacts:
     sign = 1 - 2 * (seed % 2)
     match kind:
         case "little":
-            return heavier(textbook(seed, 100), between(1.01, 1.39, seed) ** sign)
+            return heavier(textbook(seed, 100), between(1.01, 2.4, seed) ** sign)
         case "gross":
-            return heavier(textbook(seed, 100), between(1.45, 1000 if sign > 0 else 30, seed) ** sign)
+            return heavier(textbook(seed, 100), between(2.6, 1000 if sign > 0 else 30, seed) ** sign)
         case "moderate":
             noise = 0.01 * (1 + 3 * (seed % 4))
-            return heavier(textbook(seed, 100, noise, 50 * noise), between(1.45, 2.5, seed) ** sign)
+            return heavier(textbook(seed, 100, noise, 50 * noise), between(2.6, 8.0, seed) ** sign)
         case "noise":
             level = between(0.02, 0.2, seed)
             return textbook(seed, 100, level, 20 * level, body(seed))
@@ -282,7 +282,7 @@ ROWS = (
     Row(field=_C + "closed", values=(0.2, 0.5, 1.0, 3.0, 1e9), study=CONVENTIONS),
     Row(field=_C + "indistinct", values=(0.001, 0.005, 0.02, 0.08, 0.3), study=INDISTINCT),
     Row(field=_C + "explained", values=(-1e9, 0.5, 0.9), study=SPIN),
-    Row(field=_C + "inertia_factor", values=(1.05, 1.2, 1.4, 2.0, 4.0), study=INERTIA),
+    Row(field=_C + "inertia_factor", values=(1.05, 1.2, 1.4, 2.5, 4.0), study=INERTIA),
     Row(field=_C + "inertia_error", values=scaled(0.1, 0.1, 1 / 3, 1, 3, 10), study=BALANCE),
     Row(field=_C + "inertia_agreement", values=(0.05, 0.1, 0.2, 0.4, 10.0), study=BALANCE),
     Row(field=_C + "inertia_r_squared", values=(-1e9, 0.4, 0.8, 0.95, 0.99), study=BALANCE),

@@ -137,6 +137,7 @@ ROWS = (
     Row(field=_S + "trials_per_parameter", values=(1, 5, 10, 20, 40), study=SMALL),
     Row(field=_S + "least_gain", values=(0.0, 0.01, 0.02, 0.03, 0.06, 0.12), study=SELECTION),
     Row(field=_S + "least_part", values=(0.0, 0.02, 0.05, 0.1, 0.2), study=SELECTION),
+    Row(field=_S + "clear_gain", values=(0.02, 0.05, 0.1, 0.2, 1.0), study=SELECTION),
     Row(field=_S + "gain_sigmas", values=(-1e9, 1.0, 2.0, 2.5, 3.0, 5.0), study=SELECTION),
     Row(field=_S + "window", values=(0.0, 3.0, 7.0, 12.0), study=RIVALS),
     Row(field=_S + "most_effects", values=(1, 2, 8), study=SELECTION),

@@ -23,6 +23,9 @@ class SelectionThresholds:
     least_part: float = 0.05
     """Part that an effect must have in what all effects together take away of the law's error; what is less may be the
     difference of another effect's form from nature's (row selection.least_part)."""
+    clear_gain: float = 0.1
+    """Share of the held-out error beyond which an effect is worth a name whatever its part beside a strong one
+    (row selection.clear_gain)."""
     gain_sigmas: float = 2.5
     """Standard errors by which the held-out gain of an effect must exceed 0 (row selection.gain_sigmas)."""
     window: float = 7.0

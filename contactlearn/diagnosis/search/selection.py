@@ -201,8 +201,8 @@ def _worth_a_name(without: ValidatedFit, whole: ValidatedFit, base: float, thres
     """Whether an effect brings more than chance, enough, and enough beside the others."""
     gain, error = paired_gain(without, whole)
     fall, together = without.mean_error - whole.mean_error, base - whole.mean_error
-    large = fall > thresholds.least_gain * without.mean_error and fall > thresholds.least_part * together
-    return large and gain > thresholds.gain_sigmas * error
+    enough = min(thresholds.least_part * together, thresholds.clear_gain * without.mean_error)
+    return fall > max(enough, thresholds.least_gain * without.mean_error) and gain > thresholds.gain_sigmas * error
 
 
 def _fit_neighbours(pool: Pool, model: ScoredFit, window: float) -> None:
