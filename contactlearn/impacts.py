@@ -8,6 +8,7 @@ holds float64 tensors in SI units; validation happens once, when it is made.
     q                  [N, 3]  m, m, rad   pose (x, y, θ) before contact
     v_pre, v_post      [N, 3]  m/s, rad/s  (v_x, v_y, ω) before and after contact
     q_post, time       [N, 3], [N]         optional: pose after contact, time of contact in s
+    v_pre_cov, v_post_cov  [N, 3, 3]       optional: covariances of the errors of v_pre and v_post
     order              [N]                 place in the sequence of measurements; 1, 2, 3 … if left out
     trial, object      tuples of N names
 """
@@ -26,6 +27,9 @@ from contactlearn import mechanics
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.shapes import Shape
 
+_PAIRS = ("vx_vx", "vx_vy", "vx_omega", "vy_vy", "vy_omega", "omega_omega")
+_ROUNDING = 1e-9  # of a correlation
+
 COMPONENTS = {
     "mass": ("mass",),
     "inertia": ("inertia",),
@@ -41,6 +45,14 @@ COMPONENTS = {
 
 OPTIONAL = ("q_post", "time", "order")
 
+COVARIANCES = {
+    f"v_{when}_cov": tuple(f"cov_{pair}{end}" for pair in _PAIRS) for when, end in (("pre", ""), ("post", "_post"))
+}
+"""The columns of a table file by the covariance of `Impacts` that they fill: those of `UPPER`, row by row."""
+
+UPPER = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
+"""Rows and columns of the upper half of a covariance of (v_x, v_y, ω)."""
+
 IMPULSE_TARGETS = ("momentum", "least_squares", "contact")
 """Definitions of the measured impulse, see `measured_impulse`."""
 
@@ -51,8 +63,9 @@ class Impacts:
 
     Raises:
         DataError: naming the rule, the value, the row (counted from 1) and the column, where
-            a number is missing or not finite, a mass or inertia is not positive, a contact
-            point does not approach the floor (v_n ≥ 0), or a trial name occurs twice.
+            a number is missing or not finite, a mass or inertia is not positive, a covariance is
+            not symmetric and positive semi-definite, a contact point does not approach the floor (v_n ≥ 0), or a trial
+            name occurs twice.
 
     With `suspect` neither the approach nor unique names are asked for: measurements as read, for the audit and for
     corrections, which need not be in the right frame or order yet.  No model should be given them.  `incomplete` names
@@ -67,6 +80,8 @@ class Impacts:
     v_post: Float[Tensor, "n 3"]
     q_post: Float[Tensor, "n 3"] | None = None
     time: Float[Tensor, "n"] | None = None
+    v_pre_cov: Float[Tensor, "n 3 3"] | None = field(default=None, kw_only=True)
+    v_post_cov: Float[Tensor, "n 3 3"] | None = field(default=None, kw_only=True)
     order: Float[Tensor, "n"] = field(default=None)  # pyright: ignore[reportAssignmentType]  (filled in below)
     trial: tuple[str, ...] = ()
     object: tuple[str, ...] = ()
@@ -89,6 +104,12 @@ class Impacts:
             if value.shape != wanted:
                 raise DataError(f"{name} must have shape {wanted}, got {tuple(value.shape)}")
             object.__setattr__(self, name, value)
+        for name in COVARIANCES:
+            if getattr(self, name) is not None:
+                value = torch.as_tensor(getattr(self, name), dtype=torch.float64)
+                if value.shape != (n, 3, 3):
+                    raise DataError(f"{name} must have shape {(n, 3, 3)}, got {tuple(value.shape)}")
+                object.__setattr__(self, name, value.clone(memory_format=torch.contiguous_format))
         object.__setattr__(self, "trial", tuple(map(str, self.trial)) or tuple(str(i + 1) for i in range(n)))
         object.__setattr__(self, "object", tuple(map(str, self.object)) or ("body",) * n)
         self._validate()
@@ -112,6 +133,9 @@ class Impacts:
         for column in ("mass", "inertia"):
             values = getattr(self, column)
             self._refuse(values <= 0, column, values, "must be positive (kg, kg m²)")
+        for name, columns in COVARIANCES.items():
+            if getattr(self, name) is not None:
+                self._refuse_covariance(name, columns)
         if not self.suspect:
             self._refuse(
                 self.v_c[:, 1] >= 0,
@@ -121,6 +145,27 @@ class Impacts:
                 "(are pre- and post-contact columns swapped, or is y down?)",
             )
             self._refuse_homonyms()
+
+    def _refuse_covariance(self, name: str, columns: Sequence[str]) -> None:
+        """Refuse what is no covariance, and make it symmetric to the last bit."""
+        value: Tensor = getattr(self, name)
+        for k, column in enumerate(columns):
+            i, j = UPPER[0][k], UPPER[1][k]
+            both = torch.stack((value[:, i, j], value[:, j, i]), -1)
+            self._refuse(~torch.isfinite(both).all(-1), column, value[:, i, j], "must be a finite number")
+            size = (value[:, i, i].abs() * value[:, j, j].abs()).sqrt()
+            apart = (both[:, 0] - both[:, 1]).abs()
+            self._refuse(apart > _ROUNDING * size, column, apart, f"{name} must be symmetric; the halves differ by it")
+            if i == j:
+                self._refuse(value[:, i, i] < 0, column, value[:, i, i], "is a variance, and must not be negative")
+        deviation = value.diagonal(dim1=-2, dim2=-1).sqrt()
+        scale = torch.where(deviation > 0, 1 / deviation, 0.0)
+        correlation = scale[:, :, None] * value * scale[:, None, :]
+        lost = ((value != 0) & (correlation == 0)).any(-1).any(-1)  # a covariance with what has no variance
+        least = torch.where(lost, -1.0, torch.linalg.eigvalsh(correlation)[:, 0])
+        rule = f"{name} must be positive semi-definite; the least eigenvalue of its correlations is negative"
+        self._refuse(least < -_ROUNDING, columns[1], least, rule)
+        object.__setattr__(self, name, (value + value.mT) / 2)
 
     def _refuse_homonyms(self) -> None:
         seen: dict[str, int] = {}
@@ -156,7 +201,7 @@ class Impacts:
         index = torch.arange(len(self))[rows if isinstance(rows, slice) else torch.as_tensor(rows)]
         picked = index.tolist()
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        for name in COMPONENTS:
+        for name in (*COMPONENTS, *COVARIANCES):
             if values[name] is not None:
                 values[name] = values[name][index]
         for name in ("trial", "object"):
@@ -188,6 +233,9 @@ class Impacts:
         for name in COMPONENTS:
             value = getattr(self, name)
             digest.update(name.encode() + (b"" if value is None else value.contiguous().numpy().tobytes()))
+        for name in COVARIANCES:
+            if (value := getattr(self, name)) is not None:
+                digest.update(name.encode() + value.contiguous().numpy().tobytes())
         return digest.hexdigest()
 
     def split(self, test: float, generator: torch.Generator) -> tuple["Impacts", "Impacts"]:

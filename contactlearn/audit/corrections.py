@@ -79,9 +79,20 @@ def units_and_axes(columns: Columns, name: str) -> Columns:
 
 
 def _multiplied(impacts: Impacts, factors: Sequence[float], *names: str) -> Impacts:
-    """Fields of `impacts`, those that it has, multiplied component by component."""
+    """Fields of `impacts`, those that it has, multiplied component by component, and their covariances with them."""
     factor = torch.tensor(factors, dtype=torch.float64)
-    return impacts.replace(**{name: x * factor for name in names if (x := getattr(impacts, name)) is not None})
+    fields = {name: x * factor for name in names if (x := getattr(impacts, name)) is not None}
+    product = factor[:, None] * factor
+    return impacts.replace(
+        **fields, **{f"{name}_cov": x * product for name, x in _covariances(impacts) if name in names}
+    )
+
+
+def _covariances(impacts: Impacts | Columns) -> list[tuple[str, Tensor]]:
+    """The velocities whose errors are known, and their covariances; none of hypotheses."""
+    if isinstance(impacts, Columns):
+        return []
+    return [(name, x) for name in _VELOCITIES if (x := getattr(impacts, f"{name}_cov")) is not None]
 
 
 def _scaled(*fields: tuple[Sequence[float], Sequence[str]]) -> Callable[[Impacts, OutlierThresholds], Impacts]:
@@ -97,11 +108,15 @@ def _scaled(*fields: tuple[Sequence[float], Sequence[str]]) -> Callable[[Impacts
 
 def _swapped_axes(impacts: Impacts, _: OutlierThresholds) -> Impacts:
     fields = {name: x for name in (*_POSES, *_VELOCITIES) if (x := getattr(impacts, name)) is not None}
-    return impacts.replace(r=impacts.r.flip(-1), **{name: x[..., [1, 0, 2]] for name, x in fields.items()})
+    order = [1, 0, 2]
+    turned = {f"{name}_cov": x[:, order][:, :, order] for name, x in _covariances(impacts)}
+    return impacts.replace(r=impacts.r.flip(-1), **{name: x[..., order] for name, x in fields.items()}, **turned)
 
 
 def _swapped_pre_post(impacts: Impacts, _: OutlierThresholds) -> Impacts:
-    swapped = impacts.replace(v_pre=impacts.v_post, v_post=impacts.v_pre)
+    known = dict(_covariances(impacts))
+    errors = {"v_pre_cov": known.get("v_post"), "v_post_cov": known.get("v_pre")} if known else {}
+    swapped = impacts.replace(v_pre=impacts.v_post, v_post=impacts.v_pre, **errors)
     return swapped if impacts.q_post is None else swapped.replace(q=impacts.q_post, q_post=impacts.q)
 
 
@@ -138,7 +153,10 @@ def _averaged(column: int) -> Callable[[Impacts, OutlierThresholds], Impacts]:
     def average(impacts: Impacts, _: OutlierThresholds) -> Impacts:
         v_pre = impacts.v_pre.clone()
         v_pre[:, column] = v_pre[:, column].mean()
-        return impacts.replace(v_pre=v_pre)
+        covariance = None if impacts.v_pre_cov is None else impacts.v_pre_cov.clone()
+        if covariance is not None:  # the mean is as good as exact
+            covariance[:, column] = covariance[:, :, column] = 0
+        return impacts.replace(v_pre=v_pre, v_pre_cov=covariance)
 
     return average
 

@@ -1,6 +1,7 @@
 """The noise floor: the error of a model that misses nothing but the noise.
 
     stated      noise of the measured velocities is drawn anew before and after impact, and carried through the model
+    measured    the same, with the covariances of its own that each trial carries
     estimated   residuals of trials with similar states before impact differ by their noise alone: half the squared
                 difference of neighbours against their squared distance is a line, and its intercept is the noise
                 (the Gamma test).  Repeats of one drop are neighbours at distance 0.
@@ -54,14 +55,19 @@ def noise_floor(
         impacts: measurements.
         model: the best at hand, fitted to these impacts.
         generator: of the draws and resamples.
-        noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), before impact as after it; estimated if
-            None.
+        noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), before impact as after it; if
+            None, that of the covariances of the impacts, or estimated where there are none.
         inliers: trials that are no gross outliers; all of them if None.  The residual of an outlier is all noise.
         predicted: v_post in (m/s, m/s, rad/s) by something that knows more than the model, on held-out trials, nan
             where there is none.
     """
     if noise is not None:
-        return NoiseFloor(error=_stated(impacts, model, noise, generator), source=NoiseSource.STATED)
+        sigma = torch.diag(torch.tensor(noise, dtype=torch.float64)).expand(2, len(impacts), 3, 3)
+        return NoiseFloor(error=_drawn(impacts, model, sigma, generator), source=NoiseSource.STATED)
+    if impacts.v_pre_cov is not None and impacts.v_post_cov is not None:
+        values, vectors = torch.linalg.eigh(torch.stack((impacts.v_pre_cov, impacts.v_post_cov)))
+        roots = vectors * values.clamp_min(0).sqrt()[..., None, :]
+        return NoiseFloor(error=_drawn(impacts, model, roots, generator), source=NoiseSource.MEASURED)
     expected = model.predict(impacts).v_post
     predicted = expected if predicted is None else torch.where(predicted.isfinite(), predicted, expected)
     inliers = torch.ones(len(impacts), dtype=torch.bool) if inliers is None else inliers
@@ -74,11 +80,14 @@ def noise_floor(
     return NoiseFloor(error=whole, source=NoiseSource.ESTIMATED)
 
 
-def _stated(impacts: Impacts, model: ContactModel, noise: Sequence[float], generator: torch.Generator) -> Interval:
-    """Error of the model's own outcomes with noise drawn before and after impact."""
-    sigma, expected, errors = torch.tensor(noise, dtype=torch.float64), model.predict(impacts), []
+def _drawn(
+    impacts: Impacts, model: ContactModel, roots: Float[Tensor, "2 n 3 3"], generator: torch.Generator
+) -> Interval:
+    """Error of the model's own outcomes with noise drawn before and after impact, from roots of its covariances."""
+    expected, errors = model.predict(impacts), []
     for _ in range(_DRAWS):
-        before, after = sigma * torch.randn(2, len(impacts), 3, dtype=torch.float64, generator=generator)
+        unit = torch.randn(2, len(impacts), 3, dtype=torch.float64, generator=generator)
+        before, after = (roots @ unit[..., None])[..., 0]
         seen = model.predict(impacts.replace(v_pre=impacts.v_pre + before, suspect=True)).v_post
         moved = impacts.replace(v_post=expected.v_post + after, suspect=True)
         errors.append(mass_error(moved, replace(expected, v_post=seen)))

@@ -44,7 +44,8 @@ class FitOptions:
     noise: tuple[float, float, float] | None = None
     """Standard deviations of the measured v_x, v_y (m/s) and ω (rad/s) after impact, known up to a common factor.
 
-    If None, the residual is weighted by its own scatter, and v_pre is treated as exact.
+    If None, it is that of the covariances of the impacts, see `known`; where they have none, the residual is weighted by
+    its own scatter, and v_pre is treated as exact.
     """
     noise_before: tuple[float, float, float] | None = None
     """Standard deviations before impact, in the units and up to the factor of `noise`; equal to `noise` if None.
@@ -69,6 +70,18 @@ class FitOptions:
             raise DataError(f"noise_before={self.noise_before} needs noise, that after impact, in the same units")
         if self.target not in FIT_TARGETS:
             raise UnknownNameError("target of a joint fit", self.target, FIT_TARGETS)
+
+    def known(self, impacts: Impacts) -> "FitOptions":
+        """Return the options with the noise that the covariances of the impacts imply, where none is stated.
+
+        It is the root of their mean variances.  Covariances of one side serve for both; those that leave a component
+        without any noise after impact serve for nothing.
+        """
+        sides = [x for x in (impacts.v_pre_cov, impacts.v_post_cov) if x is not None]
+        if self.noise is not None or not sides:
+            return self
+        before, after = (_deviations(sides[k]) for k in (0, -1))
+        return replace(self, noise=after, noise_before=before) if min(after) > 0 else self
 
 
 @dataclass(frozen=True)
@@ -261,6 +274,7 @@ def _observed(
     options: FitOptions,
 ) -> tuple[JointProblem, Tensor | None]:
     """Return the problem of rows [B, n] at measured v_pre, and the noise [2, 3] before and after if v_pre has one."""
+    options = options.known(impacts)
     after = None if options.noise is None else torch.tensor(options.noise, dtype=torch.float64)
     problem = JointProblem.of(law, effects, impacts, rows, parameters, options.target, after)
     if after is None:
@@ -268,3 +282,9 @@ def _observed(
     before = after if options.noise_before is None else torch.tensor(options.noise_before, dtype=torch.float64)
     before = before * (impacts.v_pre != impacts.v_pre[0]).any(0)
     return problem, torch.stack((before, after)) if before.any() else None
+
+
+def _deviations(covariance: Tensor) -> tuple[float, float, float]:
+    """Root of the mean variances of covariances [N, 3, 3]."""
+    x, y, spin = covariance.diagonal(dim1=-2, dim2=-1).mean(0).sqrt().tolist()
+    return x, y, spin

@@ -8,6 +8,8 @@
     trial, object                    optional        names; by default 1, 2, 3 … and "body"
     x_post, y_post, theta_post       optional        pose after contact: all three or none
     time                             optional, s     time of contact
+    cov_vx_vx, cov_vx_vy …           optional        covariance of the errors of vx, vy, omega, its upper half: six or
+    cov_vx_vx_post …                                 none; and of vx_post, vy_post, omega_post
     order                            optional        place in the sequence of measurements; by default 1, 2, 3 …
 
 World axes: x right, y up (the floor's normal), theta counter-clockwise.  Columns come in any order.
@@ -17,19 +19,21 @@ the path.  What `save` writes, `load` gives back: every bit of every number, eve
 
 import os
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from contactlearn.data.table import sheet
 from contactlearn.errors import DataError, suggest
-from contactlearn.impacts import COMPONENTS, OPTIONAL, Impacts
+from contactlearn.impacts import COMPONENTS, COVARIANCES, OPTIONAL, UPPER, Impacts
 from contactlearn.numerics import written_whole
 from contactlearn.shapes import Shape, make_shape
 
 NAMES = ("trial", "object")
-COLUMNS = NAMES + tuple(column for columns in COMPONENTS.values() for column in columns)
+COLUMNS = NAMES + tuple(column for columns in (COMPONENTS | COVARIANCES).values() for column in columns)
 REQUIRED = tuple(column for field, columns in COMPONENTS.items() if field not in OPTIONAL for column in columns)
 
 _UNITS = {
@@ -89,12 +93,24 @@ def load(
             numbers = [cells.numbers(column, _UNITS.get(column.removesuffix("_post"), "m")) for column in columns]
             stacked = torch.tensor(numbers, dtype=torch.float64)
             values[field] = stacked[0] if len(columns) == 1 else stacked.T
+    values |= {
+        field: _covariance(cells, columns) for field, columns in COVARIANCES.items() if columns[0] in cells.header
+    }
     try:
         return Impacts(**values, shape=body, source=str(path), suspect=suspect)
     except DataError as error:
         if error.row is None or cells.lines is None:
             raise
         raise DataError(f"{error}; line {cells.lines[error.row - 1]} of the file", row=error.row) from None
+
+
+def _covariance(cells: sheet.Sheet, columns: Sequence[str]) -> Tensor:
+    """The covariances [N, 3, 3] of their upper halves."""
+    halves = [cells.numbers(column, "products of m/s and rad/s") for column in columns]
+    whole = torch.zeros(len(halves[0]), 3, 3, dtype=torch.float64)
+    for i, j, values in zip(*UPPER, halves, strict=True):
+        whole[:, i, j] = whole[:, j, i] = torch.tensor(values, dtype=torch.float64)
+    return whole
 
 
 def _complete(path: Path, cells: sheet.Sheet) -> tuple[sheet.Sheet, dict[str, Any]]:
@@ -124,6 +140,10 @@ def save(impacts: Impacts, path: str | os.PathLike[str]) -> Path:
         value = getattr(impacts, field)
         if value is not None:
             columns |= zip(names, value.reshape(len(impacts), -1).T.tolist(), strict=True)
+    for field, names in COVARIANCES.items():
+        value = getattr(impacts, field)
+        if value is not None:
+            columns |= zip(names, value[:, *UPPER].T.tolist(), strict=True)
     try:
         with written_whole(path) as part:
             write(columns, part)
@@ -152,7 +172,7 @@ def _check_header(path: Path, header: list[str]) -> None:
     missing = [column for column in REQUIRED if column not in header]
     if missing:
         raise DataError(f"{path}: missing column {', '.join(missing)}; needed: {', '.join(REQUIRED)}")
-    pose = COMPONENTS["q_post"]
-    lacking = [column for column in pose if column not in header]
-    if 0 < len(lacking) < len(pose):
-        raise DataError(f"{path}: {', '.join(pose)} come all three or none; missing: {', '.join(lacking)}")
+    for group, count in ((COMPONENTS["q_post"], "three"), *((columns, "six") for columns in COVARIANCES.values())):
+        lacking = [column for column in group if column not in header]
+        if 0 < len(lacking) < len(group):
+            raise DataError(f"{path}: {', '.join(group)} come all {count} or none; missing: {', '.join(lacking)}")

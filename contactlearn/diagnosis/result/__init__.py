@@ -104,9 +104,10 @@ def clearly_better(laws: Iterable[LawFit], named: float, thresholds: Thresholds)
 
 
 class NoiseSource(StrEnum):
-    """The origin of the noise floor: stated noise of the velocities, or differences between similar trials."""
+    """The origin of the noise floor: stated noise, covariances of the trials, or differences between similar ones."""
 
     STATED = "stated"
+    MEASURED = "measured"
     ESTIMATED = "estimated"
 
 

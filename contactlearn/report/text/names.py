@@ -13,6 +13,7 @@ WRENCH = {WrenchComponent.TANGENTIAL: "P_t", WrenchComponent.NORMAL: "P_n", Wren
 
 NOISE_SOURCES = {
     NoiseSource.STATED: "from the stated noise",
+    NoiseSource.MEASURED: "from the covariances of the measurements",
     NoiseSource.ESTIMATED: "from differences between similar trials",
 }
 """Origins of the noise floor."""

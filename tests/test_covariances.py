@@ -1,0 +1,141 @@
+"""Covariances of the velocities: what is one, through tables, corrections, fits and the noise floor."""
+
+import pytest
+import torch
+
+from contactlearn.audit.corrections import correct
+from contactlearn.data import synthetic, table
+from contactlearn.diagnosis.noise import noise_floor
+from contactlearn.diagnosis.result import NoiseSource
+from contactlearn.errors import DataError
+from contactlearn.identification.joint import FitOptions, identify_jointly
+from contactlearn.impacts import COVARIANCES, Impacts
+from contactlearn.laws import find
+from contactlearn.model import ContactModel
+
+V, OMEGA = 0.01, 0.5
+
+
+def covariances(n: int, seed: int = 0) -> torch.Tensor:
+    """Covariances [n, 3, 3] in units of laboratory noise, all of their entries filled."""
+    scale = torch.tensor((V, V, OMEGA), dtype=torch.float64)
+    root = torch.randn(n, 3, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
+    return scale[:, None] * (root @ root.mT / 3) * scale
+
+
+def drops(n: int = 30, **changes) -> Impacts:
+    fields = {"v_pre_cov": covariances(n), "v_post_cov": covariances(n, 1)} | changes
+    return synthetic.load(size=n).replace(**fields)
+
+
+def test_they_are_indexed_replaced_and_part_of_the_fingerprint():
+    impacts, rows = drops(), [3, 1]
+    for name in COVARIANCES:
+        assert torch.equal(getattr(impacts[rows], name), getattr(impacts, name)[rows])
+        without = impacts.replace(**{name: None})
+        assert getattr(without[rows], name) is None
+        assert without.fingerprint() != impacts.fingerprint()
+
+
+@pytest.mark.parametrize(
+    ("change", "fragments"),
+    [
+        (lambda c: c[:, :2], ["v_pre_cov must have shape (30, 3, 3), got (30, 2, 3)"]),
+        (lambda c: c[0], ["v_pre_cov must have shape"]),
+        (lambda c: c.index_put((torch.tensor(4), torch.tensor(0), torch.tensor(2)), torch.tensor(1.0).double()),
+         ["row 5", "column cov_vx_omega", "symmetric"]),
+        (lambda c: c.index_put((torch.tensor(2), torch.tensor(1), torch.tensor(1)), torch.tensor(torch.nan).double()),
+         ["row 3", "cov_", "finite", "nan"]),
+        (lambda c: -c, ["row 1", "column cov_vx_vx", "variance", "negative", "29 more"]),
+        (lambda c: c * torch.tensor([[1, 3.0, 1], [3, 1, 1], [1, 1, 1]]), ["positive semi-definite"]),
+        (lambda c: c * torch.tensor([[0, 1.0, 1], [1, 1, 1], [1, 1, 1]]), ["row 1"]),
+    ],
+    ids=["size", "one for all", "halves differ", "nan", "negative", "indefinite", "no variance"],
+)  # fmt: skip
+def test_what_is_no_covariance_is_refused(change, fragments):
+    with pytest.raises(DataError) as caught:
+        drops(v_pre_cov=change(covariances(30)))
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+
+
+def test_nothing_at_all_and_exact_components_are_covariances():
+    exact = torch.zeros(30, 3, 3)
+    exact[:, 2, 2] = 1e-300
+    assert torch.equal(drops(v_pre_cov=exact).v_pre_cov, exact.double())
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize("left_out", [(), ("v_pre_cov",), ("v_post_cov",)])
+def test_tables_keep_every_bit(tmp_path, suffix, left_out):
+    impacts = drops(**dict.fromkeys(left_out))
+    back = table.load(table.save(impacts, tmp_path / f"drops{suffix}"))
+    for name in COVARIANCES:
+        assert (getattr(back, name) is None) == (name in left_out)
+        assert name in left_out or torch.equal(getattr(back, name), getattr(impacts, name))
+
+
+def test_a_table_with_a_part_of_a_covariance_is_refused(tmp_path):
+    path = table.save(drops(), tmp_path / "drops.csv")
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    k = rows[0].index("cov_vx_omega_post")
+    path.write_text("".join(",".join(row[:k] + row[k + 1 :]) + "\n" for row in rows))
+    with pytest.raises(DataError, match="six or none; missing: cov_vx_omega_post"):
+        table.load(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("mirrored_x", torch.diag(torch.tensor((-1.0, 1, 1)))),
+        ("degrees", torch.diag(torch.tensor((1.0, 1, torch.pi / 180)))),
+        ("millimetres_velocity", torch.diag(torch.tensor((1e-3, 1e-3, 1)))),
+        ("swapped_axes", torch.tensor([[0, 1.0, 0], [1, 0, 0], [0, 0, 1]])),
+        ("averaged_vy", torch.diag(torch.tensor((1.0, 0, 1)))),
+        ("millimetres", torch.eye(3)),
+    ],
+)
+def test_corrections_carry_them_as_they_carry_velocities(name, change):
+    impacts, change = drops(suspect=True), change.double()
+    corrected = correct(impacts, [name])
+    torch.testing.assert_close(corrected.v_pre_cov, change @ impacts.v_pre_cov @ change.T)
+    if not name.startswith("averaged"):
+        torch.testing.assert_close(corrected.v_post_cov, change @ impacts.v_post_cov @ change.T)
+
+
+def test_what_is_swapped_is_swapped_with_its_errors():
+    impacts = drops(suspect=True, v_post_cov=None)
+    swapped = correct(impacts, ["swapped_pre_post"])
+    assert swapped.v_pre_cov is None
+    assert torch.equal(swapped.v_post_cov, impacts.v_pre_cov)
+
+
+def test_a_fit_takes_them_for_the_stated_noise():
+    """And one that states its noise does not."""
+    law, size = find("wang_mason"), 120
+    sigma = torch.tensor((V, V, OMEGA), dtype=torch.float64)
+    before, after = ((k * sigma).square().diag().expand(size, 3, 3) for k in (0.5, 1.0))
+    impacts = synthetic.load(size=size, seed=3).replace(v_pre_cov=before, v_post_cov=after)
+    stated = FitOptions(noise=(V, V, OMEGA), noise_before=(V / 2, V / 2, OMEGA / 2), starts=2)
+    found = identify_jointly(law, {}, impacts, options=FitOptions(starts=2))
+    bare = impacts.replace(v_pre_cov=None, v_post_cov=None)
+    torch.testing.assert_close(found.values, identify_jointly(law, {}, bare, options=stated).values)
+    assert stated.known(impacts) is stated
+    assert FitOptions().known(bare) == FitOptions()
+    one = FitOptions().known(impacts.replace(v_post_cov=None))
+    assert one.noise == one.noise_before
+    assert one.noise == pytest.approx((V / 2, V / 2, OMEGA / 2))
+    assert FitOptions().known(impacts.replace(v_post_cov=torch.zeros(size, 3, 3))).noise is None
+
+
+def test_the_noise_floor_is_that_of_the_covariances():
+    law, size = find("wang_mason").at(0.12, 0.55), 200
+    impacts = synthetic.load(size=size, seed=5)
+    sigma = torch.tensor((V, V, OMEGA), dtype=torch.float64).square().diag().expand(size, 3, 3)
+    known = impacts.replace(v_pre_cov=sigma, v_post_cov=sigma)
+    floors = [
+        noise_floor(data, ContactModel(law), generator=torch.Generator().manual_seed(0), noise=noise)
+        for data, noise in ((known, None), (impacts, (V, V, OMEGA)))
+    ]
+    assert [floor.source for floor in floors] == [NoiseSource.MEASURED, NoiseSource.STATED]
+    assert floors[0].error.mean == pytest.approx(floors[1].error.mean, rel=1e-6)
