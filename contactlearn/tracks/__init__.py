@@ -1,0 +1,11 @@
+"""From recordings of poses to contacts between free flights, with their errors.
+
+track       recordings as read, and tracks in the plane of motion
+readers     one small module a format
+conventions units, axes, quaternion order: found from free flight, or asked for
+flight      robust fits of free flights
+detection   free flights of a track
+contact     the instant at which two flights meet, and the state there
+events      contacts and refusals of a track
+result      what was found, as types
+"""

@@ -1,0 +1,280 @@
+"""Units, axes and the order of quaternions: stated or found from free flight, never guessed.
+
+    unit    of length: the size of gravity is 9.81 m/s² in one of them
+    up      gravity points the other way
+    plane   the horizontal direction in which bodies move, or across which they turn
+    order   of a quaternion: in the right one bodies turn about the normal of the plane
+    right   the file's horizontal axis, or the one of its two directions that is nearer to a positive axis
+
+A stated convention that contradicts the recordings is an error, and so is one that is neither stated nor found: the
+message asks for the setting.  Of the file's axes those within 2° of gravity are kept; others are turned upright.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from contactlearn.errors import DataError, UnknownNameError
+from contactlearn.tracks.flight import GRAVITY, Air
+from contactlearn.tracks.gravity import Gravity, find_gravity
+from contactlearn.tracks.rotations import body_axes, planar_angle, rotation_axis, tilt
+from contactlearn.tracks.track import Array, Recording, Track, continuous
+
+UNITS = {"m": 1.0, "dm": 10.0, "cm": 100.0, "mm": 1000.0, "in": 1 / 0.0254, "ft": 1 / 0.3048}
+"""Units of length in a metre."""
+ORDERS = ("wxyz", "xyzw")
+ANGLES = {"rad": 1.0, "deg": np.pi / 180}
+AXES = ("x", "y", "z", "-x", "-y", "-z")
+SENSES = {"as_read": 1, "mirrored": -1}
+_SCALE = 0.03  # relative distance of a measured gravity from 9.81 m/s²
+_UPRIGHT = np.radians(2)
+_LEANING = np.radians(10)  # of gravity from a stated axis
+_ALIGNED = np.radians(8)  # of the axis of rotation from the normal of the plane
+_FLAT = 0.2  # spread across the plane over that along it, up to which positions show the plane
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conventions:
+    """What is stated of the files; None is to be found.
+
+    Args:
+        unit: of length, one of `UNITS`.
+        up: the file's axis that points up, one of `AXES`.
+        order: of a quaternion's components, one of `ORDERS`.
+        angle: unit of an angle in the plane, one of `ANGLES`.
+        sense: `as_read` if rotations belong to the file's axes, `mirrored` if they turn the other way.
+    """
+
+    unit: str | None = None
+    up: str | None = None
+    order: str | None = None
+    angle: str | None = None
+    sense: str | None = None
+
+    def __post_init__(self) -> None:
+        known = {"unit": UNITS, "up": AXES, "order": ORDERS, "angle": ANGLES, "sense": SENSES}
+        for name, names in known.items():
+            value = getattr(self, name)
+            if value is not None and value not in names:
+                raise UnknownNameError(f"data.{name}", str(value), names)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clue:
+    """One convention: where it comes from, and the number that shows it."""
+
+    convention: str
+    value: str
+    stated: bool
+    quantity: str
+    number: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Frame:
+    """The way from a recording to a track.
+
+    Args:
+        scale: metres in the file's unit of length.
+        axes: rows are right, up and, in space, away, in the file's axes.
+        order: of a quaternion.
+        angle: radians in the file's unit of angle.
+        sense: 1, or −1 where rotations turn the other way than the axes say.
+        body: in space, the body's own axes: the one that gives θ, and the one that it turns about.
+        gravity: in the plane, (g_x, g_y) in m/s², and its error.
+        clues: of every convention.
+    """
+
+    scale: float
+    axes: Float[Array, "r d"]
+    order: str = "wxyz"
+    angle: float = 1.0
+    sense: int = 1
+    body: Float[Array, "2 3"] | None = None
+    gravity: tuple[float, float] = (0.0, -GRAVITY)
+    gravity_error: float = 0.0
+    clues: tuple[Clue, ...] = ()
+
+    @property
+    def air(self) -> Air:
+        """Free flight with 9.81 m/s² in the measured direction."""
+        size = np.hypot(*self.gravity)
+        return Air(gravity=(self.gravity[0] / size * GRAVITY, self.gravity[1] / size * GRAVITY))
+
+    def track(self, recording: Recording) -> Track:
+        """The recording in the plane of motion, in SI units and world axes."""
+        seen = recording.seen
+        position = np.where(seen[:, None], recording.position, np.nan) * self.scale
+        planar = position @ self.axes[:2].T
+        if recording.quaternion is not None and self.body is not None:
+            quaternion = np.where(seen[:, None], recording.quaternion, np.nan)
+            angle = planar_angle(quaternion, self.order, self.axes, self.body[0])
+            away = position @ self.axes[2]
+            apart = away - (np.nanmedian(away) if seen.any() else 0.0)
+            tilted = tilt(quaternion, self.order, self.axes, self.body[1])
+        else:
+            assert recording.angle is not None
+            right, up = self.axes[:, 0]
+            turned = 1 if self.axes[0, 0] * self.axes[1, 1] - self.axes[0, 1] * self.axes[1, 0] > 0 else -1
+            angle = np.arctan2(up, right) + turned * self.angle * np.where(seen, recording.angle, np.nan)
+            apart = tilted = np.zeros(len(recording))
+        pose = np.column_stack((planar, self.sense * continuous(angle, recording.time)))
+        return Track(name=recording.name, time=recording.time, pose=pose, apart=apart, tilted=tilted)
+
+
+def find_frame(recordings: Sequence[Recording], stated: Conventions = Conventions()) -> Frame:
+    """Find the conventions that are not stated, and check those that are.
+
+    Raises:
+        DataError: a convention contradicts the recordings, or is neither stated nor found.
+    """
+    gravity, first = find_gravity(recordings), recordings[0]
+    stated = replace(stated, unit=stated.unit or first.unit, order=stated.order or first.order)
+    scale, unit = _unit(gravity, stated.unit, recordings[0].source)
+    up, direction = _up(gravity, stated.up, recordings[0].source)
+    if recordings[0].quaternion is None:
+        axes = np.stack((_right(np.array((up[1], -up[0]))), up))
+        frame, clues = Frame(scale=scale, axes=axes), ()
+    else:
+        frame, clues = _spatial(recordings, up, scale, stated.order)
+    in_plane = frame.axes[:2] @ gravity.vector * scale
+    angle = ANGLES[stated.angle or "rad"]
+    return replace(
+        frame,
+        angle=angle,
+        sense=SENSES[stated.sense or "as_read"],
+        gravity=(float(in_plane[0]), float(in_plane[1])),
+        gravity_error=gravity.error * scale,
+        clues=(unit, direction, *clues),
+    )
+
+
+def _unit(gravity: Gravity, stated: str | None, source: str) -> tuple[float, Clue]:
+    """Metres in the unit of length."""
+    ratios = {name: gravity.size / (GRAVITY * factor) for name, factor in UNITS.items()}
+    fits = {name: ratio for name, ratio in ratios.items() if abs(ratio - 1) <= _SCALE}
+    allowed = 4 * gravity.error / gravity.size
+    if stated is not None and abs(ratios[stated] - 1) > max(_SCALE, allowed):
+        ratio = ratios[stated]
+        other = next(iter(fits), None)
+        hint = (
+            f"is the unit {other}?"
+            if other
+            else f"is the frame rate {ratio**-0.5:.4g} times as high, or the scale wrong?"
+        )
+        raise DataError(
+            f"{source}: gravity is {ratio * GRAVITY:.4g} m/s² with data.unit={stated} and these time stamps; {hint} "
+            "(data.unit, data.rate)"
+        )
+    if stated is None and len(fits) != 1:
+        raise DataError(
+            f"{source}: gravity is {gravity.size:.4g} ± {gravity.error:.2g} units of length per s², which is "
+            f"9.81 m/s² in none of {', '.join(UNITS)}; state data.unit, and check the frame rate (data.rate)"
+        )
+    name = stated or next(iter(fits))
+    number = ratios[name] * GRAVITY
+    clue = Clue(
+        convention="unit", value=name, stated=stated is not None, quantity="gravity", number=number, unit="m/s²"
+    )
+    return 1 / UNITS[name], clue
+
+
+def _axis(name: str, dimensions: int) -> Array:
+    k = "xyz".index(name[-1])
+    if k >= dimensions:
+        raise DataError(f"data.up={name}: the recordings have no such axis")
+    return np.eye(dimensions)[k] * (-1 if name.startswith("-") else 1)
+
+
+def _up(gravity: Gravity, stated: str | None, source: str) -> tuple[Array, Clue]:
+    """Unit vector up in the file's axes: an axis, or against gravity where no axis is."""
+    measured = -gravity.vector / gravity.size
+    near = AXES[int(np.abs(measured).argmax())]
+    near = near if measured.max() == np.abs(measured).max() else f"-{near}"
+    name = stated or near
+    axis = _axis(name, len(measured))
+    leaning = float(np.arccos(np.clip(axis @ measured, -1, 1)))
+    if stated is not None and leaning > _LEANING:
+        raise DataError(
+            f"{source}: bodies fall {np.degrees(np.pi - leaning):.3g}° off the axis {stated} that data.up calls up; "
+            f"is up {near}?"
+        )
+    upright = leaning <= _UPRIGHT or stated is not None
+    value = name if upright else f"{np.degrees(leaning):.1f}° off {name}"
+    clue = Clue(
+        convention="up",
+        value=value,
+        stated=stated is not None,
+        quantity="angle of gravity to the axis",
+        number=float(np.degrees(leaning)),
+        unit="°",
+    )
+    return (axis if upright else measured), clue
+
+
+def _right(direction: Array) -> Array:
+    """A direction or its opposite, whichever is nearer to a positive axis."""
+    return direction * np.sign(direction[int(np.abs(direction).argmax())])
+
+
+def _spatial(
+    recordings: Sequence[Recording], up: Array, scale: float, order: str | None
+) -> tuple[Frame, tuple[Clue, ...]]:
+    """Axes of the plane of motion and order of the quaternions, of recordings in space."""
+    source = recordings[0].source
+    across, flat = _across(recordings, up)
+    axes_of = {name: rotation_axis(recordings, name) for name in ORDERS}
+    off = {}
+    for name, (axis, _) in axes_of.items():
+        against = abs(axis @ across) if flat <= _FLAT else float(np.sqrt(max(1 - (axis @ up) ** 2, 0.0)))
+        off[name] = float(np.arccos(np.clip(against, 0, 1)))
+    turned = max(total for _, total in axes_of.values())
+    fits = [name for name in ORDERS if off[name] <= _ALIGNED]
+    if order is not None and order not in fits and fits and turned > _ALIGNED:
+        raise DataError(
+            f"{source}: bodies turn {np.degrees(off[order]):.3g}° off the normal of the plane that they move in with "
+            f"data.order={order}, and {np.degrees(off[fits[0]]):.2g}° with {fits[0]}"
+        )
+    if order is None and (len(fits) != 1 or turned <= _ALIGNED):
+        why = "bodies hardly turn in" if turned <= _ALIGNED else "both orders fit" if fits else "neither order fits"
+        raise DataError(
+            f"{source}: which component of the quaternions is w is not seen: {why} the plane of motion; "
+            "state data.order=wxyz or data.order=xyzw"
+        )
+    chosen = order or fits[0]
+    normal = across if flat <= _FLAT else axes_of[chosen][0]
+    normal = normal - (normal @ up) * up
+    normal /= np.linalg.norm(normal)
+    right = _right(np.cross(up, normal))
+    axes = np.stack((right, up, np.cross(right, up)))
+    body = body_axes(recordings, chosen, axes[2])
+    clues = (
+        Clue(convention="plane", value="found", stated=False, quantity="spread across it", number=flat, unit="–"),
+        Clue(
+            convention="order",
+            value=chosen,
+            stated=order is not None,
+            quantity="angle of rotation axis to normal",
+            number=float(np.degrees(off[chosen])),
+            unit="°",
+        ),
+    )
+    return Frame(scale=scale, axes=axes, order=chosen, body=body), clues
+
+
+def _across(recordings: Sequence[Recording], up: Array) -> tuple[Array, float]:
+    """Horizontal direction in which positions spread least, and its spread over that of the other."""
+    scatter = np.zeros((3, 3))
+    for recording in recordings:
+        position = recording.position[recording.seen]
+        if len(position) > 1:
+            away = position - position.mean(0)
+            away = away - np.outer(away @ up, up)
+            scatter += away.T @ away
+    values, vectors = np.linalg.eigh(scatter)  # the least is that of up itself
+    order = [k for k in np.argsort(values) if abs(vectors[:, k] @ up) < 0.7]
+    least, most = values[order[0]], values[order[-1]]
+    return vectors[:, order[0]], float(np.sqrt(max(least, 0.0) / max(most, 1e-300)))

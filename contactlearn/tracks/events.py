@@ -1,0 +1,113 @@
+"""What happens between the free flights of a track: contacts, and everything else with its reason and number.
+
+before the first flight, after the last   a hand, a body at rest, rolling or sliding, or frames that are too few
+between two flights                       one contact if both meet at an instant; otherwise
+    frames that are in neither flight       several hits, sliding, rest, a hand
+    flights that miss each other            several hits within a frame
+    no change of velocity                   frames that are missing in the middle of a flight
+    more frames lost than can be counted    whatever happened there
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from contactlearn.tracks.contact import close, contact_of, cut, meet
+from contactlearn.tracks.detection import FlightOptions, Flights, apart, find_flights
+from contactlearn.tracks.flight import Flight
+from contactlearn.tracks.result import Contact, Found, Reason, Refusal
+from contactlearn.tracks.track import Track
+
+_MEETS = 18.0  # squared distance with two degrees of freedom: one of 8000 by chance
+_SURE = 0.95  # probability of the number of missing frames
+_MOVED = 25.0  # squared change of velocity in standard deviations: less is no contact
+_STILL = 0.03  # m/s below which a body is at rest
+_HIGH = 0.3  # of the track's range of heights, above the lowest: there is no floor
+
+
+def find_contacts(track: Track, options: FlightOptions = FlightOptions()) -> Found:
+    """Find the contacts of a track between free flights, and refuse everything else."""
+    found = find_flights(track, options)
+    flights, contacts, refusals = list(found.flights), list[Contact](), list[Refusal]()
+    if not flights:
+        refusals = [_gap(track, 0, len(track) - 1, found)]
+        return Found(track=track, sigma=found.sigma, flights=(), contacts=(), refusals=tuple(refusals))
+    if flights[0].first > 0:
+        refusals.append(_gap(track, 0, flights[0].first - 1, found))
+    flights = cut(track, flights, found.sigma, options)
+    for before, after in pairwise(flights):
+        result = _between(track, before, after, found, options, len(contacts))
+        (contacts if isinstance(result, Contact) else refusals).append(result)
+    if flights[-1].last < len(track) - 1:
+        refusals.append(_gap(track, flights[-1].last + 1, len(track) - 1, found))
+    return Found(
+        track=track, sigma=found.sigma, flights=tuple(flights), contacts=tuple(contacts), refusals=tuple(refusals)
+    )
+
+
+def _between(
+    track: Track, before: Flight, after: Flight, found: Flights, options: FlightOptions, contacts: int
+) -> Contact | Refusal:
+    """The contact between two flights, or why it is none."""
+    first, last = before.last, after.first
+    if not close(before, after, options):
+        return _gap(track, first + 1, last - 1, found)
+    met = meet(track, before, after, options)
+    change, _ = apart(before, after, met.time)
+    errors = before.covariance[3:, 3:] + after.covariance[3:, 3:]
+    moved = float(change[3:] @ np.linalg.solve(errors, change[3:]))
+    inside = track.seen[first + 1 : last]
+    lost, neither = int((~inside).sum()), int(inside.sum())
+    few = min(len(before.frames), len(after.frames))
+    jump = 1e3 * float(np.hypot(*change[:2]))
+    reasons = (
+        (lost > options.most_missing, Reason.LOST_FRAMES, "frames lost at contact", lost, "frames"),
+        (moved < _MOVED, Reason.LOST_FRAMES, "jump without a change of velocity", jump, "mm"),
+        (neither > 1, Reason.DOUBLE_HIT, "frames in neither flight", neither, "frames"),
+        (met.apart > _MEETS, Reason.DOUBLE_HIT, "distance of the flights", 1e3 * met.distance, "mm"),
+        (met.certainty < _SURE, Reason.LOST_FRAMES, "certainty of the missing frames", met.certainty, "–"),
+        (few < options.fewest, Reason.TOO_FEW_FRAMES, "frames of a flight", few, "frames"),
+    )
+    for holds, reason, quantity, value, unit in reasons:
+        if holds:
+            return _refusal(track, first, last, reason, quantity, value, unit)
+    return contact_of(track, contacts + 1, met, before, after)
+
+
+def _gap(track: Track, first: int, last: int, found: Flights) -> Refusal:
+    """Why frames from the first to the last are in no flight."""
+    frames = np.arange(first, last + 1)
+    seen = frames[track.seen[frames]]
+    if len(seen) < max(2, len(frames) // 2):
+        lost = len(frames) - len(seen)
+        return _refusal(track, first, last, Reason.LOST_FRAMES, "frames lost", lost, "frames")
+    heights = track.pose[track.seen, 1]
+    above = float(track.pose[seen, 1].mean() - heights.min())
+    if above > _HIGH * float(np.ptp(heights)) and len(seen) >= found.width // 2:
+        return _refusal(track, first, last, Reason.HAND_OR_WALL, "height above the lowest frame", 1e3 * above, "mm")
+    if len(seen) < found.width:
+        ends = first == 0 or last == len(track) - 1
+        reason = Reason.TOO_FEW_FRAMES if ends else Reason.DOUBLE_HIT
+        return _refusal(track, first, last, reason, "frames in no flight", len(seen), "frames")
+    speed = _speed(track, seen)
+    reason = Reason.REST if speed < _STILL else Reason.SLIDING
+    return _refusal(track, first, last, reason, "median speed", speed, "m/s")
+
+
+def _speed(track: Track, frames: Sequence[int] | np.ndarray) -> float:
+    """Median speed in m/s over a tenth of the frames, which takes the noise away; a turn of θ counts as 10 mm/rad."""
+    stride = max(1, len(frames) // 10)
+    moved = np.diff(track.pose[frames][::stride], axis=0) * (1.0, 1.0, 0.01)
+    return float(np.median(np.linalg.norm(moved, axis=1) / np.diff(track.time[frames][::stride])))
+
+
+def _refusal(track: Track, first: int, last: int, reason: Reason, quantity: str, value: float, unit: str) -> Refusal:
+    return Refusal(
+        recording=track.name,
+        reason=reason,
+        quantity=quantity,
+        value=value,
+        unit=unit,
+        time=(float(track.time[first]), float(track.time[last])),
+    )

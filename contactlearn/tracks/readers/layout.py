@@ -1,0 +1,66 @@
+"""Layout: how columns of a file are named, and what else it does not say."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from contactlearn.errors import DataError
+from contactlearn.tracks.track import Array
+
+LARGEST = 2**30
+"""Bytes of a file that is read as one recording."""
+
+
+def _strings(names: Sequence[str]) -> tuple[str, ...]:
+    return tuple(map(str, names))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """Names of columns; of each the first that the file has is taken.
+
+    Args:
+        time: of the time in s.
+        rate: frames a second, for files without a column of times.
+        position: of x and y, or of x, y and z.
+        angle: of the angle in the plane.
+        quaternion: of its four components; the order is read off names that end in w, x, y and z.
+        recording: of the recording's name, in a file with several; None if there is one a file.
+        markers: of each marker's x and y, or x, y and z, from which the pose is found; none if the file has poses.
+        body: of the rigid body, topic or group, where a file has several.
+    """
+
+    time: str = "time"
+    rate: float | None = None
+    position: Sequence[str] = ("x", "y", "z")
+    angle: str = "theta"
+    quaternion: Sequence[str] = ("qw", "qx", "qy", "qz")
+    recording: str | None = "recording"
+    markers: Sequence[Sequence[str]] = field(default=())
+    body: str | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("position", "quaternion"):
+            object.__setattr__(self, name, _strings(getattr(self, name)))
+        object.__setattr__(self, "markers", tuple(_strings(names) for names in self.markers))
+        if self.rate is not None and not 0 < self.rate < np.inf:
+            raise DataError(f"data.rate must be a positive number of frames a second, got {self.rate}")
+        if len(self.quaternion) != 4:
+            raise DataError(f"data.columns.quaternion must name four columns, got {self.quaternion}")
+
+    def times(self, frames: int, source: str) -> Array:
+        """Times of frames by the frame rate.
+
+        Raises:
+            DataError: there is none.
+        """
+        if self.rate is None:
+            raise DataError(f"{source}: has no column {self.time!r}; name it (data.columns.time), or state data.rate")
+        return np.arange(frames) / self.rate
+
+    @property
+    def order(self) -> str | None:
+        """Order of the quaternion's components by the last letters of its names."""
+        letters = "".join(name[-1:].lower() for name in self.quaternion)
+        return letters if letters in ("wxyz", "xyzw") else None

@@ -1,0 +1,186 @@
+"""From files of recordings to contacts: conventions from a few of them, then one recording after the other.
+
+A file that cannot be read is refused with its message, and the others go on.  No more than a few recordings are in
+memory at a time; of each the contacts and refusals stay.
+"""
+
+import multiprocessing
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from contactlearn.errors import ContactLearnError, DataError
+from contactlearn.tracks.conventions import Conventions, Frame, find_frame
+from contactlearn.tracks.detection import FlightOptions
+from contactlearn.tracks.events import find_contacts
+from contactlearn.tracks.readers import read, recording_files
+from contactlearn.tracks.readers.layout import Layout
+from contactlearn.tracks.result import Contact, Found, Reason, Refusal
+from contactlearn.tracks.track import Recording, Track
+
+_SAMPLE = 24  # recordings from which conventions are found
+_MANY = 100  # files from which on they are shared among processes
+_CHUNK = 16  # files that a process gets at once
+
+Progress = Callable[[Iterable[Path]], Iterable[Path]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackOptions:
+    """Options of the step from files to contacts.
+
+    Args:
+        conventions: that are stated.
+        layout: of the files.
+        flight: of the search for flights and contacts.
+        apart: m that the tracked point may move out of the plane of motion.
+        tilted: rad that the body may tilt out of it.
+        workers: processes, for many files.
+    """
+
+    conventions: Conventions = Conventions()
+    layout: Layout = Layout()
+    flight: FlightOptions = FlightOptions()
+    apart: float = 0.005
+    tilted: float = float(np.radians(5))
+    workers: int = 1
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Survey:
+    """What files of recordings hold.
+
+    Args:
+        frame: conventions of all of them, with the evidence.
+        recordings: how many were read.
+        contacts: accepted ones, in the order of the files and of time.
+        refusals: of recordings and their parts.
+    """
+
+    frame: Frame
+    recordings: int
+    contacts: tuple[Contact, ...]
+    refusals: tuple[Refusal, ...]
+
+
+def survey(path: Path, options: TrackOptions = TrackOptions(), *, progress: Progress = iter) -> Survey:
+    """Find the contacts in a recording, or in all recordings of a folder and below it.
+
+    Args:
+        path: a file or a folder.
+        options: of the search.
+        progress: wraps the files as they are read.
+
+    Raises:
+        DataError: no recording can be read, or a convention is neither stated nor found.
+    """
+    files = recording_files(path)
+    frame = find_frame(sample(files, options.layout), options.conventions)
+    ready = replace(options, flight=replace(options.flight, air=replace(frame.air, drag=options.flight.air.drag)))
+    parts = [*_parts(files, frame, ready, progress)]
+    return Survey(
+        frame=frame,
+        recordings=sum(count for count, _, _ in parts),
+        contacts=tuple(contact for _, contacts, _ in parts for contact in contacts),
+        refusals=tuple(refusal for _, _, refusals in parts for refusal in refusals),
+    )
+
+
+def sample(files: Sequence[Path], layout: Layout) -> list[Recording]:
+    """Read a few recordings, evenly spread over the files.
+
+    Raises:
+        DataError: none can be read; the first error is the message.
+    """
+    chosen = [files[k] for k in np.unique(np.linspace(0, len(files) - 1, min(_SAMPLE, len(files))).astype(int))]
+    found: list[Recording] = []
+    first: ContactLearnError | None = None
+    for file in chosen:
+        try:
+            found += islice(read(file, layout), max(1, _SAMPLE // len(chosen)))
+        except ContactLearnError as error:
+            first = first or error
+    kinds = {recording.quaternion is None for recording in found}
+    if len(kinds) > 1:
+        raise DataError(
+            f"{files[0].parent}: some recordings are in a plane and some in space; keep them in two folders"
+        )
+    if not found and first is not None:
+        raise first
+    return found
+
+
+def tracked(recording: Recording, frame: Frame, options: TrackOptions) -> Found:
+    """Find the contacts of one recording; one that leaves the plane of motion is refused."""
+    if (recording.quaternion is None) != (frame.axes.shape[1] == 2):
+        raise DataError(f"{recording.source}: is in a plane where others are in space, or the other way round")
+    track = frame.track(recording)
+    leaves = _out_of_plane(track, options)
+    if leaves is not None:
+        return Found(track=track, sigma=np.zeros(3), flights=(), contacts=(), refusals=(leaves,))
+    return find_contacts(track, options.flight)
+
+
+def _out_of_plane(track: Track, options: TrackOptions) -> Refusal | None:
+    seen = track.seen
+    if not seen.any():
+        return None
+    apart = float(np.quantile(np.abs(track.apart[seen]), 0.95))
+    tilted = float(np.quantile(np.abs(track.tilted[seen]), 0.95))
+    whole = (float(track.time[0]), float(track.time[-1]))
+    for value, limit, quantity, unit, factor in (
+        (apart, options.apart, "distance from the plane of motion", "mm", 1e3),
+        (tilted, options.tilted, "tilt out of the plane of motion", "°", 180 / np.pi),
+    ):
+        if value > limit:
+            return Refusal(
+                recording=track.name,
+                reason=Reason.OUT_OF_PLANE,
+                quantity=quantity,
+                value=float(value * factor),
+                unit=unit,
+                time=whole,
+            )
+    return None
+
+
+_Part = tuple[int, list[Contact], list[Refusal]]
+
+
+def _parts(files: Sequence[Path], frame: Frame, options: TrackOptions, progress: Progress) -> Iterator[_Part]:
+    """Contacts and refusals of each file."""
+    work = partial(_surveyed, frame=frame, options=options)
+    if options.workers == 1 or len(files) < _MANY:
+        yield from map(work, progress(files))
+        return
+    with ProcessPoolExecutor(options.workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for _, part in zip(progress(files), pool.map(work, files, chunksize=_CHUNK), strict=True):
+            yield part
+
+
+def _surveyed(file: Path, frame: Frame, options: TrackOptions) -> _Part:
+    """Recordings, contacts and refusals of one file; an error is a refusal."""
+    count, contacts, refusals = 0, list[Contact](), list[Refusal]()
+    try:
+        for recording in read(file, options.layout):
+            found = tracked(recording, frame, options)
+            count += 1
+            contacts += found.contacts
+            refusals += found.refusals
+    except ContactLearnError as error:
+        refusals.append(
+            Refusal(
+                recording=file.name,
+                reason=Reason.NOT_READ,
+                quantity="recordings read before",
+                value=count,
+                unit="recordings",
+                message=str(error),
+            )
+        )
+    return count, contacts, refusals
