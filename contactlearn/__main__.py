@@ -4,6 +4,7 @@ train key=value…      train one contact model
 evaluate key=value…   compare laws and learned models with the bounds
 diagnose key=value…   find out which physical effect is missing
 export FILE data=…    write any data source to a table file
+impacts FOLDER -o F   find the impacts in recordings of tracked poses
 reveal DIR            print the sealed account of the drops of data=mystery
 report DIR…           redraw the page of one run, or make one page over several
 """
@@ -34,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     if words and words[0] in _CONFIGURED:
         return _configured(*words)
-    options = _parser().parse_args(words)
+    options = _parsed(words)
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
@@ -44,6 +45,17 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"error: {str(error).splitlines()[0]}", file=sys.stderr)
         return 2
     return 0
+
+
+def _parsed(words: list[str]) -> argparse.Namespace:
+    """Parse the command line; settings may also follow an option, for which argparse has no word."""
+    parser = _parser()
+    options, settings = parser.parse_known_args(words)
+    if settings and ("overrides" not in options or any(word.startswith("-") or "=" not in word for word in settings)):
+        parser.error(f"unrecognized arguments: {' '.join(settings)}")
+    if settings:
+        options.overrides = [*options.overrides, *settings]
+    return options
 
 
 def _configured(command: str, *overrides: str) -> int:
@@ -61,6 +73,7 @@ def _parser() -> argparse.ArgumentParser:
     for command, summary in _CONFIGURED.items():
         add(command, help=f"{summary}; {command} --help lists its settings")
     _add_export(add)
+    _add_impacts(add)
     _add_reveal(add)
     _add_report(add)
     return parser
@@ -78,6 +91,22 @@ def _add_export(add: Callable[..., argparse.ArgumentParser]) -> None:
         "overrides", nargs="*", metavar="key=value", help="data=synthetic|ellipse_drops|mystery|table, data.KEY=…"
     )
     export.set_defaults(run=_export)
+
+
+def _add_impacts(add: Callable[..., argparse.ArgumentParser]) -> None:
+    impacts = add(
+        "impacts",
+        help="find the impacts in recordings of tracked poses",
+        description="Find the impacts between free flights in recordings, with covariances, as a table for data=table; "
+        "everything that was refused goes, with reason and number, into a table beside it.",
+        epilog="example: contactlearn impacts drops/ -o impacts.parquet mass=0.05 'shape={kind: disc, radius: 0.02}'",
+    )
+    impacts.add_argument("path", metavar="FOLDER", help="a recording, or a folder with recordings")
+    impacts.add_argument("-o", "--out", metavar="FILE", required=True, help="a .csv or .parquet file for the impacts")
+    impacts.add_argument(
+        "overrides", nargs="*", metavar="key=value", help="settings of configs/data/tracks.yaml: mass=0.05, unit=mm, …"
+    )
+    impacts.set_defaults(run=_impacts)
 
 
 def _add_reveal(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -123,6 +152,17 @@ def _export(options: argparse.Namespace) -> str:
     impacts = load_data(compose("evaluate", options.overrides).data)
     path = table.save(impacts, options.file)
     return f"{len(impacts)} impacts from {impacts.source} written to {path}"
+
+
+def _impacts(options: argparse.Namespace) -> str:
+    from pathlib import Path
+
+    from contactlearn.app.impacts import write_impacts
+    from contactlearn.cli import compose
+
+    data = compose("evaluate", ["data=tracks", *(f"data.{word}" for word in options.overrides)]).data
+    data.path = options.path
+    return write_impacts(data, Path(options.out))
 
 
 def _reveal(options: argparse.Namespace) -> str:

@@ -29,6 +29,7 @@ ORDER = (
     ("numerics", "serialisation"),
     ("shapes", "mechanics"),
     ("impacts",),
+    ("tracks",),
     ("laws", "effects"),
     ("regression",),
     ("model",),
@@ -272,10 +273,12 @@ def test_what_is_written_elsewhere(pattern):
     _only(found - {"numerics.py", "effects/identity.py"}, set(), PATTERNS[pattern])
 
 
-# A registry passes the arguments of a class on, a copy those of its fields, an override those of its base.
+# A registry passes the arguments of a class on, a copy those of its fields, an override those of its base, a source of
+# impacts those of the function that also tells how they were found.
 KEYWORDS = {
     "contactlearn.audit.columns.Columns.replace",
     "contactlearn.data.mystery.forms._register",
+    "contactlearn.data.tracks.load",
     "contactlearn.effects.base.Effect.__init_subclass__",
     "contactlearn.effects.state.State.replace",
     "contactlearn.impacts.Impacts.replace",

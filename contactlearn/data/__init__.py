@@ -1,8 +1,10 @@
 """Where measurements come from: each module has one function `load(...) -> Impacts`.
 
     table          the user's own CSV or Parquet file (and `save`, the exporter)
+    tracks         recordings of tracked poses: impacts with covariances, and refusals with reasons
     ellipse_drops  the published drops of Fazeli et al. (2017)
     synthetic      simulated drops with a known law and known noise
+    tracks_synthetic  recordings of simulated bodies, with the faults of real trackers
     mystery        simulated drops with physics that is hidden from whoever analyses them
     mujoco         drops simulated by MuJoCo, an optional extra
 

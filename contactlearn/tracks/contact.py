@@ -60,9 +60,10 @@ def meeting(before: Flight, after: Flight, window: tuple[float, float], step: fl
         step: time between two frames in s.
         options: of the search.
     """
-    skipped = np.arange(options.most_missing + 1) * step
+    skipped: Array = np.arange(options.most_missing + 1.0) * step
     low, high = window[0], window[1] + skipped
     time = (low + high) / 2
+    told, gain = np.ones_like(time), np.zeros((len(time), 3))
     for _ in range(_ROUNDS):
         d, S, change = _apart(before, after, time, skipped)
         told = (change**2 / S).sum(1)
@@ -96,13 +97,22 @@ def _apart(before: Flight, after: Flight, time: Array, skipped: Array) -> tuple[
 
 
 def cut(track: Track, flights: Sequence[Flight], sigma: Float[Array, "3"], options: FlightOptions) -> list[Flight]:
-    """Fit flights again without frames that are nearer to a contact than its duration, or beyond it."""
+    """Fit flights again without frames that are nearer to a contact than its duration, or beyond it.
+
+    Where no one contact ends a flight its last frame there goes as well: it may be that of the next contact.
+    """
     begins, ends = [-np.inf] * len(flights), [np.inf] * len(flights)
     for k, (before, after) in enumerate(pairwise(flights)):
         if close(before, after, options):
             found = meet(track, before, after, options)
             ends[k] = found.time - options.contact_time
             begins[k + 1] = found.time - found.missing * track.step + options.contact_time
+        else:
+            ends[k], begins[k + 1] = (float(track.time[f]) for f in (before.last - 1, after.first + 1))
+    if flights and flights[-1].last < len(track) - 1:
+        ends[-1] = float(track.time[flights[-1].last - 1])
+    if flights and flights[0].first > 0:
+        begins[0] = float(track.time[flights[0].first + 1])
     fitted: list[Flight] = []
     for flight, begin, end in zip(flights, begins, ends, strict=True):
         when = track.time[flight.frames]

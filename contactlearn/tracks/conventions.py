@@ -32,6 +32,7 @@ _SCALE = 0.03  # relative distance of a measured gravity from 9.81 m/s²
 _UPRIGHT = np.radians(2)
 _LEANING = np.radians(10)  # of gravity from a stated axis
 _ALIGNED = np.radians(8)  # of the axis of rotation from the normal of the plane
+_HALF = 0.5  # of the horizontal spread, up to which an axis of rotation is across the motion all the same
 _FLAT = 0.2  # spread across the plane over that along it, up to which positions show the plane
 
 
@@ -225,11 +226,14 @@ def _spatial(
 ) -> tuple[Frame, tuple[Clue, ...]]:
     """Axes of the plane of motion and order of the quaternions, of recordings in space."""
     source = recordings[0].source
-    across, flat = _across(recordings, up)
+    scatter = _scatter(recordings, up)
+    across, flat = _across(scatter, up)
     axes_of = {name: rotation_axis(recordings, name) for name in ORDERS}
-    off = {}
+    off: dict[str, float] = {}
     for name, (axis, _) in axes_of.items():
-        against = abs(axis @ across) if flat <= _FLAT else float(np.sqrt(max(1 - (axis @ up) ** 2, 0.0)))
+        level = axis - (axis @ up) * up
+        crosses = flat > _FLAT and level @ scatter @ level > _HALF**2 * scatter.trace()
+        against = 0.0 if crosses else abs(axis @ across) if flat <= _FLAT else float(np.linalg.norm(level))
         off[name] = float(np.arccos(np.clip(against, 0, 1)))
     turned = max(total for _, total in axes_of.values())
     fits = [name for name in ORDERS if off[name] <= _ALIGNED]
@@ -265,8 +269,8 @@ def _spatial(
     return Frame(scale=scale, axes=axes, order=chosen, body=body), clues
 
 
-def _across(recordings: Sequence[Recording], up: Array) -> tuple[Array, float]:
-    """Horizontal direction in which positions spread least, and its spread over that of the other."""
+def _scatter(recordings: Sequence[Recording], up: Array) -> Float[Array, "3 3"]:
+    """Sum of squares and products of horizontal positions about the mean of each recording."""
     scatter = np.zeros((3, 3))
     for recording in recordings:
         position = recording.position[recording.seen]
@@ -274,6 +278,11 @@ def _across(recordings: Sequence[Recording], up: Array) -> tuple[Array, float]:
             away = position - position.mean(0)
             away = away - np.outer(away @ up, up)
             scatter += away.T @ away
+    return scatter
+
+
+def _across(scatter: Float[Array, "3 3"], up: Array) -> tuple[Array, float]:
+    """Horizontal direction in which positions spread least, and its spread over that of the other."""
     values, vectors = np.linalg.eigh(scatter)  # the least is that of up itself
     order = [k for k in np.argsort(values) if abs(vectors[:, k] @ up) < 0.7]
     least, most = values[order[0]], values[order[-1]]

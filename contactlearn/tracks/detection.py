@@ -15,16 +15,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from contactlearn.tracks.flight import Air, Flight, Windows, fit, windows
-from contactlearn.tracks.track import Array, Mask, Track, turn
+from contactlearn.tracks.flight import Air, Flight, Indices, Windows, fit, windows
+from contactlearn.tracks.track import Array, Mask, Track, finite, turn
 
+SAME = 60.0
+"""χ² with six degrees of freedom up to which two flights are one."""
 _LEAST_NOISE = np.array((1e-7, 1e-7, 1e-6))  # m, m, rad: rounding of exact tracks
 _POWER = 150.0  # χ² that rest must make in a window that is taken for a flight
 _WIDEST = 80  # frames
 _EXCESS = 6.0  # standard deviations of χ² above its mean up to which a window is a flight
-_SAME = 60.0  # χ² with 6 degrees of freedom up to which two flights are one
 _MARGIN = 3  # frames of a window on each side of a bad one
-_EXTENDED = 4.0  # standard deviations up to which a frame continues a flight
+_EXTENDED = 3.0  # standard deviations up to which a frame continues a flight
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +118,7 @@ def _judged(fits: Windows, sigma: Array, frames: int) -> tuple[Mask, Mask]:
     return good, votes >= 2
 
 
-def _limit(freedom: Array) -> Array:
+def _limit(freedom: Indices) -> Array:
     return freedom + _EXCESS * np.sqrt(2 * np.maximum(freedom, 1))
 
 
@@ -135,9 +136,9 @@ def _runs(good: Bool[Mask, " s"], width: int) -> list[tuple[int, int]]:
 def _first(time: Array, pose: Array, run: tuple[int, int], sigma: Array, air: Air, width: int) -> Flight | None:
     """The flight of a run without its outermost frames, where contacts begin."""
     a, b = run
-    trim = 1 if b - a >= width else 0
+    trim = min(2, max(0, b - a - width + 2))
     frames = np.arange(a + trim, b + 1 - trim)
-    frames = frames[np.isfinite(pose[frames]).all(1)]
+    frames = frames[finite(pose[frames])]
     return fit(time, pose, frames, sigma, air) if len(frames) >= 4 else None
 
 
@@ -156,9 +157,9 @@ def _joined(time: Array, pose: Array, found: Sequence[Flight], sigma: Array, wid
         if joined:
             last = joined[-1]
             middle = (time[last.last] + time[flight.first]) / 2
-            if flight.first - last.last <= 2 * width and apart(last, flight, middle)[1] <= _SAME:
+            if flight.first - last.last <= 2 * width and apart(last, flight, middle)[1] <= SAME:
                 between = np.arange(last.first, flight.last + 1)
-                between = between[np.isfinite(pose[between]).all(1)]
+                between = between[finite(pose[between])]
                 joined[-1] = fit(time, pose, between, sigma, flight.air)
                 continue
         joined.append(flight)
@@ -175,7 +176,8 @@ def _extended(track: Track, flight: Flight, sigma: Array, reach: int) -> Flight:
         near = near[track.seen[near]]
         away = track.pose[near] - flight.poses(track.time[near])
         away[:, 2] = turn(away[:, 2])
-        continues = (np.abs(away) <= _EXTENDED * np.hypot(sigma, flight.spread(track.time[near]))).all(1)
+        scaled = np.abs(away) / np.hypot(sigma, flight.spread(track.time[near]))
+        continues = scaled.max(1, initial=0.0) <= _EXTENDED
         ends = np.append(np.flatnonzero(~continues & ~np.append(continues[1:], False)), len(near))
         frames = np.concatenate((frames, near[: ends[0]][continues[: ends[0]]]))
     return replace(flight, frames=np.unique(frames))

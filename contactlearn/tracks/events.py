@@ -14,15 +14,16 @@ from itertools import pairwise
 import numpy as np
 
 from contactlearn.tracks.contact import close, contact_of, cut, meet
-from contactlearn.tracks.detection import FlightOptions, Flights, apart, find_flights
+from contactlearn.tracks.detection import SAME, FlightOptions, Flights, apart, find_flights
 from contactlearn.tracks.flight import Flight
 from contactlearn.tracks.result import Contact, Found, Reason, Refusal
-from contactlearn.tracks.track import Track
+from contactlearn.tracks.track import Track, turn
 
 _MEETS = 18.0  # squared distance with two degrees of freedom: one of 8000 by chance
 _SURE = 0.95  # probability of the number of missing frames
 _MOVED = 25.0  # squared change of velocity in standard deviations: less is no contact
 _STILL = 0.03  # m/s below which a body is at rest
+_NO_NOISE = 20.0  # standard deviations of a frame that heights differ by, if they differ
 _HIGH = 0.3  # of the track's range of heights, above the lowest: there is no floor
 
 
@@ -38,7 +39,10 @@ def find_contacts(track: Track, options: FlightOptions = FlightOptions()) -> Fou
     flights = cut(track, flights, found.sigma, options)
     for before, after in pairwise(flights):
         result = _between(track, before, after, found, options, len(contacts))
-        (contacts if isinstance(result, Contact) else refusals).append(result)
+        if isinstance(result, Contact):
+            contacts.append(result)
+        else:
+            refusals.append(result)
     if flights[-1].last < len(track) - 1:
         refusals.append(_gap(track, flights[-1].last + 1, len(track) - 1, found))
     return Found(
@@ -61,18 +65,31 @@ def _between(
     lost, neither = int((~inside).sum()), int(inside.sum())
     few = min(len(before.frames), len(after.frames))
     jump = 1e3 * float(np.hypot(*change[:2]))
+    skipped = _skipped(before, after, met.time, track.step, options.most_missing)
     reasons = (
+        (skipped > 0, Reason.LOST_FRAMES, "frames skipped in flight", skipped, "frames"),
         (lost > options.most_missing, Reason.LOST_FRAMES, "frames lost at contact", lost, "frames"),
         (moved < _MOVED, Reason.LOST_FRAMES, "jump without a change of velocity", jump, "mm"),
         (neither > 1, Reason.DOUBLE_HIT, "frames in neither flight", neither, "frames"),
         (met.apart > _MEETS, Reason.DOUBLE_HIT, "distance of the flights", 1e3 * met.distance, "mm"),
         (met.certainty < _SURE, Reason.LOST_FRAMES, "certainty of the missing frames", met.certainty, "–"),
-        (few < options.fewest, Reason.TOO_FEW_FRAMES, "frames of a flight", few, "frames"),
+        (few < max(options.fewest, found.width - 2), Reason.TOO_FEW_FRAMES, "frames of a flight", few, "frames"),
     )
     for holds, reason, quantity, value, unit in reasons:
         if holds:
             return _refusal(track, first, last, reason, quantity, value, unit)
     return contact_of(track, contacts + 1, met, before, after)
+
+
+def _skipped(before: Flight, after: Flight, time: float, step: float, most: int) -> int:
+    """Frames that a recording skips if two flights are one but for them, or 0."""
+    for count in range(1, most + 1):
+        (a, A), (b, B) = before.at(time), after.at(time - count * step)
+        difference = b - a
+        difference[2] = turn(difference[2])
+        if difference @ np.linalg.solve(A + B, difference) <= SAME:
+            return count
+    return 0
 
 
 def _gap(track: Track, first: int, last: int, found: Flights) -> Refusal:
@@ -83,8 +100,9 @@ def _gap(track: Track, first: int, last: int, found: Flights) -> Refusal:
         lost = len(frames) - len(seen)
         return _refusal(track, first, last, Reason.LOST_FRAMES, "frames lost", lost, "frames")
     heights = track.pose[track.seen, 1]
-    above = float(track.pose[seen, 1].mean() - heights.min())
-    if above > _HIGH * float(np.ptp(heights)) and len(seen) >= found.width // 2:
+    above, most = float(track.pose[seen, 1].mean() - heights.min()), float(np.ptp(heights))
+    few = found.width // 2 if found.flights else found.width
+    if above > _HIGH * most and most > _NO_NOISE * found.sigma[1] and len(seen) >= few:
         return _refusal(track, first, last, Reason.HAND_OR_WALL, "height above the lowest frame", 1e3 * above, "mm")
     if len(seen) < found.width:
         ends = first == 0 or last == len(track) - 1

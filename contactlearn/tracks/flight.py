@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from contactlearn.tracks.track import Array, turn
+from contactlearn.tracks.track import Array, finite, turn
 
 Indices = NDArray[np.intp]
 GRAVITY = 9.81
@@ -127,9 +127,8 @@ def fit(
     air: Air,
     *,
     reference: float | None = None,
-    robust: bool = True,
 ) -> Flight:
-    """Fit a flight to frames of a track.
+    """Fit a flight to frames of a track, without those whose residual is far beyond the noise.
 
     Args:
         time: of all frames in s.
@@ -138,26 +137,22 @@ def fit(
         sigma: standard deviations of a frame's (x, y, θ).
         air: gravity and drag.
         reference: instant in s; the middle frame's if None.
-        robust: leave out frames whose residual is far beyond the noise.
     """
     if reference is None:
         reference = float(time[frames[len(frames) // 2]])
-    kept = frames
-    for _ in range(_ROUNDS if robust else 1):
-        state, inverse, residual = _least_squares(time[kept] - reference, pose[kept], air)
-        flight = _flight(kept, reference, state, inverse, residual, sigma, air)
+    flight = _flight(time, pose, frames, sigma, air, reference)
+    for _ in range(_ROUNDS):
         apart = pose[frames] - flight.poses(time[frames])
         apart[:, 2] = turn(apart[:, 2])
-        good = (np.abs(apart) <= _REJECTED * np.maximum(sigma, 1e-12)).all(1)
-        if not robust or good.sum() < max(3, len(frames) // 2) or np.array_equal(frames[good], kept):
+        kept = frames[np.max(np.abs(apart) / sigma, 1) <= _REJECTED]
+        if len(kept) < max(3, len(frames) // 2) or np.array_equal(kept, flight.frames):
             break
-        kept = frames[good]
+        flight = _flight(time, pose, kept, sigma, air, reference)
     return flight
 
 
-def _flight(
-    frames: Indices, reference: float, state: Array, inverse: Array, residual: Array, sigma: Array, air: Air
-) -> Flight:
+def _flight(time: Array, pose: Array, frames: Indices, sigma: Array, air: Air, reference: float) -> Flight:
+    state, inverse, residual = _least_squares(time[frames] - reference, pose[frames], air)
     covariance = np.zeros((6, 6))
     for k in range(3):
         covariance[k::3, k::3] = sigma[k] ** 2 * inverse[k]
@@ -212,7 +207,7 @@ def windows(time: Float[Array, " t"], pose: Float[Array, "t 3"], width: int, deg
         air: gravity and drag of a free flight; None for nothing of the kind.
     """
     when = sliding_window_view(time, width)
-    seen = np.isfinite(sliding_window_view(pose, width, axis=0)).all(1)  # [S, w]
+    seen = sliding_window_view(finite(pose), width)
     tau = when - when[:, width // 2, None]
     y = np.moveaxis(sliding_window_view(pose, width, axis=0), 1, -1)
     y = np.where(seen[..., None], y, 0.0)

@@ -8,6 +8,7 @@ Here the moment balance I Δω = r_x P_n − r_y P_t also says in which sense an
 reading in which it holds is taken if all others leave at least twice as much of it.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -108,10 +109,11 @@ def off_the_floor(contacts: Sequence[Contact], shape: Shape, floor: Floor) -> tu
     return kept, refusals
 
 
-def moment_imbalance(contacts: Sequence[Contact], shape: Shape, gyration_squared: float) -> float:
-    """Median share of the moment balance that is left over, in [0, 1]."""
-    r = lowest_points(contacts, shape)
-    change = np.stack([contact.v_post - contact.v_pre for contact in contacts])
+def moment_imbalance(contacts: Sequence[Contact], shape: Shape, gyration_squared: float, sense: int = 1) -> float:
+    """Median share of the moment balance that is left over, in [0, 1], if angles grow in this sense."""
+    angles = torch.tensor([sense * float(contact.pose[2]) for contact in contacts], dtype=torch.float64)
+    r = contact_point(shape, angles).numpy()
+    change = np.stack([contact.v_post - contact.v_pre for contact in contacts]) * (1, 1, sense)
     terms = np.stack(
         (change[:, 2], -r[:, 0] * change[:, 1] / gyration_squared, r[:, 1] * change[:, 0] / gyration_squared)
     )
@@ -136,6 +138,10 @@ def impacts_of(
     """
     if not contacts:
         raise DataError(f"{source}: no contact between two free flights was found")
+    twice = [name for name, count in Counter(contact.name for contact in contacts).items() if count > 1]
+    if twice:
+        name = twice[0].rpartition("#")[0]
+        raise DataError(f"{source}: two recordings are called {name!r}; each needs a name of its own")
     n = len(contacts)
     covariance = torch.from_numpy(np.stack([contact.covariance for contact in contacts]))
     pose = torch.from_numpy(np.stack([contact.pose for contact in contacts]))

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from contactlearn.errors import DataError
-from contactlearn.tracks.track import Array, Recording
+from contactlearn.tracks.track import Array, Recording, finite
 
 
 def pose_of_markers(
@@ -24,7 +24,7 @@ def pose_of_markers(
     count, dimensions = markers.shape[1:]
     if count < dimensions:
         raise DataError(f"{source}: {name}: a pose needs {dimensions} markers, got {count}")
-    seen = np.isfinite(markers).all((1, 2))
+    seen = finite(markers.reshape(len(markers), -1))
     if not seen.any():
         raise DataError(f"{source}: {name}: no frame has all of the {count} markers")
     centre = markers.mean(1)

@@ -27,7 +27,7 @@ def matrices(quaternion: Float[Array, "t 4"], order: str) -> Float[Array, "t 3 3
 
 
 def rotation_axis(recordings: Sequence[Recording], order: str) -> tuple[Float[Array, "3"], float]:
-    """Axis, in the file's axes, about which bodies turn most, and the angle in rad of eight frames when they are fast."""
+    """Axis, in the file's axes, about which bodies turn, and by how many rad in eight frames when they are fast."""
     scatter, angles = np.zeros((3, 3)), []
     for recording in recordings:
         assert recording.quaternion is not None

@@ -50,6 +50,10 @@ class TrackOptions:
     tilted: float = float(np.radians(5))
     workers: int = 1
 
+    def in_air(self, frame: Frame) -> "TrackOptions":
+        """The options with gravity in the measured direction."""
+        return replace(self, flight=replace(self.flight, air=replace(frame.air, drag=self.flight.air.drag)))
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Survey:
@@ -81,8 +85,7 @@ def survey(path: Path, options: TrackOptions = TrackOptions(), *, progress: Prog
     """
     files = recording_files(path)
     frame = find_frame(sample(files, options.layout), options.conventions)
-    ready = replace(options, flight=replace(options.flight, air=replace(frame.air, drag=options.flight.air.drag)))
-    parts = [*_parts(files, frame, ready, progress)]
+    parts = [*_parts(files, frame, options.in_air(frame), progress)]
     return Survey(
         frame=frame,
         recordings=sum(count for count, _, _ in parts),

@@ -80,7 +80,7 @@ class Recording:
     @property
     def seen(self) -> Bool[Mask, " t"]:
         """Frames in which every coordinate is a number."""
-        return np.isfinite(self.position).all(1) & np.isfinite(self.rotation).all(1)
+        return finite(self.position) & finite(self.rotation)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -107,12 +107,17 @@ class Track:
     @property
     def seen(self) -> Bool[Mask, " t"]:
         """Frames that the tracker did not lose."""
-        return np.isfinite(self.pose).all(1)
+        return finite(self.pose)
 
     @property
     def step(self) -> float:
         """Median time between two frames in s."""
         return float(np.median(np.diff(self.time)))
+
+
+def finite(values: Float[Array, "*batch d"]) -> Bool[Mask, "*batch"]:
+    """Where every number along the last axis is finite."""
+    return np.logical_and.reduce(np.isfinite(values), axis=-1)
 
 
 def continuous(angle: Float[Array, " t"], time: Float[Array, " t"]) -> Float[Array, " t"]:

@@ -152,6 +152,15 @@ def save(impacts: Impacts, path: str | os.PathLike[str]) -> Path:
     return path
 
 
+def check_suffix(path: Path) -> None:
+    """Refuse a file that is no table, before any work is done for it.
+
+    Raises:
+        DataError: another suffix than .csv or .parquet.
+    """
+    _suffix(path)
+
+
 def _suffix(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix not in _READERS:

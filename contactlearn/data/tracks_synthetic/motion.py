@@ -20,7 +20,7 @@ from contactlearn.shapes import Shape, contact_point
 GRAVITY = 9.81  # m/s²
 ZENO = 2e-3  # s
 _MOST = 14  # contacts of a body
-_GRID, _LONGEST, _HALVINGS = 1200, 1.2, 40  # instants of a flight that are looked at, its length in s, then bisection
+_GRID, _LONGEST, _HALVINGS = 800, 0.6, 40  # instants of a flight that are looked at, its length in s, then bisection
 _ROCKING, _SETTLING, _SLOWING = 12.0, 0.15, 0.1  # rad/s, s, s
 
 

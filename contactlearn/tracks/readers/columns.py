@@ -7,7 +7,7 @@
 An empty cell is a coordinate that the tracker lost.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -87,7 +87,7 @@ def _whole(path: Path, pieces: list[pd.DataFrame], layout: Layout, seen: set[str
     )
 
 
-def _columns(path: Path, table: pd.DataFrame, names: tuple[str, ...] | list[str]) -> Array:
+def _columns(path: Path, table: pd.DataFrame, names: Sequence[str]) -> Array:
     return np.stack([_column(path, table, name) for name in names], 1)
 
 

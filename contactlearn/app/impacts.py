@@ -1,0 +1,87 @@
+"""The impacts command: recordings to a table of impacts, and beside it a table of what was refused, and figures."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from omegaconf import DictConfig, OmegaConf
+
+from contactlearn.data import table, tracks
+from contactlearn.errors import ContactLearnError, DataError
+from contactlearn.numerics import written_whole
+from contactlearn.report import terminal
+from contactlearn.report.figures import style
+from contactlearn.report.figures.tracks import contact_figure, refused_figure, residuals_figure
+from contactlearn.report.text.tracks import tracks_summary
+from contactlearn.tracks.readers import recording_files
+from contactlearn.tracks.result import Reason, Refusal
+
+_CONTACTS, _REFUSED = 3, 24  # recordings that are drawn
+
+
+def write_impacts(cfg: DictConfig, out: Path) -> str:
+    """Find the impacts of recordings and write them; return what was found, in words.
+
+    Args:
+        cfg: the `data` part of a configuration with data=tracks.
+        out: a .csv or .parquet file; NAME.refused.csv beside it holds the refusals.
+
+    Raises:
+        ContactLearnError: a setting is missing.
+        DataError: see `contactlearn.data.tracks.find_impacts`; or a file cannot be written.
+    """
+    for missing in sorted(OmegaConf.missing_keys(cfg)):
+        raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data/tracks.yaml")
+    table.check_suffix(out)
+    entries: dict[str, Any] = {str(key): value for key, value in OmegaConf.to_container(cfg, resolve=True).items()}
+    settings = {key: value for key, value in entries.items() if key not in ("_target_", "correct")}
+    try:
+        with terminal.progress() as bar:
+            found = tracks.find_impacts(
+                **settings, progress=lambda files: bar.track([*files], description="searching recordings")
+            )
+    except TypeError as error:  # a setting that the source does not have
+        raise ContactLearnError(f"impacts: {error}") from None
+    table.save(found.impacts, out)
+    refused = out.with_name(f"{out.stem}.refused.csv")
+    save_refusals(found.survey.refusals, refused)
+    figures = draw(found, Path(settings["path"]), out.with_name(f"{out.stem}_figures"))
+    return "\n".join([*tracks_summary(found, out, refused), f"figures  {figures}"])
+
+
+def draw(found: tracks.Tracked, path: Path, folder: Path) -> Path:
+    """Draw a few contacts, refused recordings and the residuals into a folder."""
+    contacts = {contact.recording: contact for contact in reversed(found.survey.contacts)}
+    accepted = list(contacts)[-_CONTACTS:]
+    refused = [r.recording for r in found.survey.refusals if r.reason not in (Reason.REST, Reason.NOT_READ)]
+    shown = {*accepted, *dict.fromkeys(refused[:_REFUSED])}
+    files = recording_files(path)
+    files = [file for file in files if file.stem in shown] or files
+    founds = {one.track.name: one for one in found.again(files, shown)}
+    for name in accepted:
+        style.save(
+            contact_figure(founds[name], contacts[name], found.shape),
+            folder,
+            "contact_" + re.sub(r"[^\w.-]", "_", name),
+        )
+    if refused:
+        style.save(refused_figure([founds[name] for name in dict.fromkeys(refused[:_REFUSED])]), folder, "refused")
+    style.save(residuals_figure([*founds.values()]), folder, "residuals")
+    return folder
+
+
+def save_refusals(refusals: Sequence[Refusal], path: Path) -> None:
+    """Write a row for each refusal.
+
+    Raises:
+        DataError: the file cannot be written.
+    """
+    columns = ("recording", "reason", "quantity", "value", "unit", "from", "to", "message")
+    rows = [(r.recording, r.reason.value, r.quantity, r.value, r.unit, *r.time, r.message) for r in refusals]
+    try:
+        with written_whole(path) as part:
+            pd.DataFrame(rows, columns=list(columns)).to_csv(part, index=False)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be written: {error}") from error

@@ -1,0 +1,181 @@
+"""Recordings of tracked poses as impacts: `data=tracks data.path=FOLDER`.
+
+Every recording of a file or folder is searched for contacts between two free flights (`contactlearn.tracks`).  Units,
+axes and orders that are not stated are found from the flights or asked for; each refusal has its reason and number.
+"""
+
+import math
+import os
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from contactlearn.errors import DataError, UnknownNameError
+from contactlearn.impacts import Impacts
+from contactlearn.numerics import finite_number, whole
+from contactlearn.shapes import Shape, make_shape
+from contactlearn.tracks.conventions import ANGLES, SENSES, Clue, Conventions, find_frame
+from contactlearn.tracks.detection import FlightOptions
+from contactlearn.tracks.flight import Air
+from contactlearn.tracks.impacts import Floor, find_floor, impacts_of, moment_imbalance, off_the_floor
+from contactlearn.tracks.readers import read, recording_files
+from contactlearn.tracks.readers.layout import Layout
+from contactlearn.tracks.result import Contact, Found, Refusal
+from contactlearn.tracks.survey import Progress, Survey, TrackOptions, sample, survey, tracked
+from contactlearn.tracks.track import Recording
+
+_COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
+_DECIDES = 0.5  # a reading of angles is found if it leaves so much less of the moment balance than any other
+_TELL = 3  # contacts that tell it, at least
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tracked:
+    """Impacts of recordings, and everything that was found on the way to them."""
+
+    impacts: Impacts
+    survey: Survey
+    floor: Floor
+    shape: Shape
+    options: TrackOptions
+
+    def again(self, files: Iterable[Path], names: Collection[str]) -> Iterator[Found]:
+        """Search some recordings once more, for what is not kept of all: tracks and flights."""
+        ready = self.options.in_air(self.survey.frame)
+        for file in files:
+            for recording in read(file, self.options.layout):
+                if recording.name in names:
+                    yield tracked(recording, self.survey.frame, ready)
+
+
+def load(path: str | os.PathLike[str], **settings: Any) -> Impacts:
+    """Impacts from a recording, or from all recordings of a folder; arguments as of `find_impacts`."""
+    return find_impacts(path, **settings).impacts
+
+
+def find_impacts(
+    path: str | os.PathLike[str],
+    *,
+    mass: float,
+    shape: Mapping[str, Any] | Shape,
+    inertia: float | None = None,
+    unit: str | None = None,
+    up: str | None = None,
+    order: str | None = None,
+    angle: str | None = None,
+    sense: str | None = None,
+    columns: Mapping[str, Any] | None = None,
+    rate: float | None = None,
+    body: str | None = None,
+    drag: float = 0.0,
+    fewest: int = 8,
+    contact_time: float = 5e-4,
+    workers: int = 1,
+    progress: Progress = iter,
+) -> Tracked:
+    """Find the impacts of recordings with the floor.
+
+    Args:
+        path: a file, or a folder with recordings in it and below it.
+        mass: of the body in kg.
+        shape: of the body, for `contactlearn.shapes.make_shape`.
+        inertia: in kg m² about the centre of mass; None is that of uniform density.
+        unit: of length, one of `conventions.UNITS`; None: found from gravity.
+        up: the file's axis that points up, such as z or -y; None: found from gravity.
+        order: of quaternions, wxyz or xyzw; None: by the format, or found from the plane of motion.
+        angle: unit of angles in a plane, rad or deg; None: found from the moment balance of the impacts.
+        sense: as_read, or mirrored if rotations turn against the file's axes; None: found from the moment balance.
+        columns: names of columns, see `Layout`.
+        rate: frames a second, for files without times.
+        body: name of the rigid body, topic or group, where a file holds several.
+        drag: of the air, 1/s.
+        fewest: frames of a flight, at least.
+        contact_time: duration of a contact in s.
+        workers: processes, for a hundred files and more.
+        progress: wraps the files as they are read.
+
+    Raises:
+        DataError: no contact is found, or a convention is neither stated nor found.
+        UnknownNameError: a column, unit or shape that does not exist.
+    """
+    known = make_shape(shape)
+    if known is None:
+        raise DataError("data.shape must be given: the contact point is the lowest point of the body's shape")
+    mass = finite_number("mass", mass, 0, above=True)
+    gyration = known.gyration_squared() if inertia is None else finite_number("inertia", inertia, 0, above=True) / mass
+    options = TrackOptions(
+        conventions=Conventions(unit=unit, up=up, order=order, angle=angle, sense=sense),
+        layout=_layout(columns or {}, rate, body),
+        flight=FlightOptions(
+            air=Air(drag=finite_number("drag", drag, 0)),
+            fewest=whole("fewest", fewest, 5),
+            contact_time=finite_number("contact_time", contact_time, 0, 0.1),
+        ),
+        workers=whole("workers", workers, 1),
+    )
+    path = Path(path)
+    conventions, clue = _angles(sample(recording_files(path), options.layout), options, known, gyration)
+    found = survey(path, replace(options, conventions=conventions), progress=progress)
+    found = replace(found, frame=replace(found.frame, clues=(*found.frame.clues, clue)))
+    if not found.contacts:
+        counts = _counts(found.refusals)
+        raise DataError(f"{path}: no contact between two free flights in {found.recordings} recordings; {counts}")
+    floor = find_floor(found.contacts, known)
+    contacts, refusals = off_the_floor(found.contacts, known, floor)
+    found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
+    name = type(known).__name__.lower() if body is None else body
+    impacts = impacts_of(contacts, known, mass, gyration * mass, name, f"tracks of {path}")
+    return Tracked(impacts=impacts, survey=found, floor=floor, shape=known, options=options)
+
+
+def _layout(columns: Mapping[str, Any], rate: float | None, body: str | None) -> Layout:
+    for name in columns:
+        if name not in _COLUMNS:
+            raise UnknownNameError("entry of data.columns", name, _COLUMNS)
+    return Layout(**columns, rate=rate, body=body)
+
+
+def _counts(refusals: Sequence[Refusal]) -> str:
+    reasons = [refusal.reason.value for refusal in refusals]
+    return ", ".join(f"{reason} {reasons.count(reason)}" for reason in dict.fromkeys(reasons)) or "nothing was refused"
+
+
+def _angles(
+    recordings: Sequence[Recording], options: TrackOptions, shape: Shape, gyration: float
+) -> tuple[Conventions, Clue]:
+    """Unit and sense of the angles, stated or found: the reading that closes the moment balance of a few recordings."""
+    stated = options.conventions
+    asked = ["sense"] * (stated.sense is None)
+    units = [stated.angle]
+    if stated.angle is None and recordings[0].quaternion is None:
+        units, asked = list(ANGLES), ["angle", *asked]
+    left: dict[tuple[str | None, str], float] = {}
+    for unit in units:
+        contacts = _contacts(recordings, replace(options, conventions=replace(stated, angle=unit, sense="as_read")))
+        for sense in [stated.sense] if stated.sense else SENSES:
+            enough = len(contacts) >= _TELL
+            left[unit, sense] = moment_imbalance(contacts, shape, gyration, SENSES[sense]) if enough else math.inf
+    best, *others = sorted(left, key=lambda reading: left[reading])
+    if others and not left[best] <= _DECIDES * left[others[0]]:
+        raise DataError(
+            f"{recordings[0].source}: in which unit and sense angles are measured is not seen: the moment balance of "
+            f"impacts leaves {left[best]:.2f} with one reading and {left[others[0]]:.2f} with another; state "
+            f"{' and '.join(f'data.{name}=…' for name in asked)}"
+        )
+    clue = Clue(
+        convention="angles",
+        value=", ".join(name for name in best if name),
+        stated=not others,
+        quantity="moment balance left over",
+        number=left[best],
+        unit="–",
+    )
+    return replace(stated, angle=best[0], sense=best[1]), clue
+
+
+def _contacts(recordings: Sequence[Recording], options: TrackOptions) -> list[Contact]:
+    """Contacts of a few recordings under some conventions."""
+    frame = find_frame(recordings, options.conventions)
+    ready = options.in_air(frame)
+    return [contact for recording in recordings for contact in tracked(recording, frame, ready).contacts]

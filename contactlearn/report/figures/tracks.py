@@ -1,0 +1,114 @@
+"""Recordings as they were searched for impacts.
+
+contact_figure     a recording about one contact: both flights, their residuals, the body at contact
+refused_figure     small multiples of refused recordings, the refused parts shaded
+residuals_figure   residuals of all flights in units of the stated noise: are the stated errors right?
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from contactlearn.mechanics import rotate
+from contactlearn.report.figures import style as st
+from contactlearn.report.text.tracks import REASONS
+from contactlearn.shapes import Shape
+from contactlearn.tracks.result import Contact, Found
+from contactlearn.tracks.track import Array, turn
+
+_BLUE, _RED, _YELLOW = st.CONTRAST
+_LABELS = ("x (m)", "y (m)", "θ (rad)")
+_UNITS = (1e3, 1e3, 180 / math.pi)  # mm, mm and degrees of residuals
+_COLUMNS = 4
+
+
+@st.look()
+def contact_figure(found: Found, contact: Contact, shape: Shape) -> Figure:
+    """Draw x, y and θ over time with both flights and the instant of contact, residuals below, and the body there."""
+    track, flights = found.track, (contact.before, contact.after)
+    figure = st.new_figure(st.PAGE, 4.2)
+    panels = figure.subplots(2, 4, height_ratios=(2, 1))
+    for k, label in enumerate(_LABELS):
+        upper, lower = panels[0, k], panels[1, k]
+        for flight, color, late in zip(flights, (_BLUE, _RED), (0, contact.missing), strict=True):
+            time = track.time[flight.frames]
+            line = flight.poses(time)[:, k]
+            seen = line + flight.residual[:, k]
+            upper.plot(time + late * track.step, seen, ".", color="0.5", markersize=2)
+            upper.plot(time + late * track.step, line, color=color)
+            lower.plot(time + late * track.step, _UNITS[k] * flight.residual[:, k], ".", color=color, markersize=2)
+        for axes in (upper, lower):
+            axes.axvline(contact.time, color="0.3", linewidth=0.6)
+        st.name_axes(upper, "", label)
+        st.name_axes(lower, "Time (s)", f"Residual ({('mm', 'mm', '°')[k]})")
+    body = panels[0, 3]
+    outline = rotate(shape.outline(), torch.tensor(float(contact.pose[2]), dtype=torch.float64)).numpy()
+    body.plot(outline[:, 0] + contact.pose[0], outline[:, 1] + contact.pose[1], color=_BLUE)
+    body.axhline(float(outline[:, 1].min() + contact.pose[1]), color="0.3", linewidth=0.8)
+    body.set_aspect("equal", adjustable="datalim")
+    st.name_axes(body, "x (m)", "y (m)")
+    panels[1, 3].axis("off")
+    errors = np.sqrt(contact.covariance.diagonal())
+    said = "\n".join(
+        f"{name} {value:.4g} ± {error:.1g}"
+        for name, value, error in zip(
+            ("v_x before", "v_y", "ω", "v_x after", "v_y", "ω"),
+            (*contact.v_pre, *contact.v_post),
+            errors[:6],
+            strict=True,
+        )
+    )
+    panels[1, 3].text(0, 1, said, va="top", fontsize="x-small")
+    figure.suptitle(f"{st.plain(contact.name)}: contact at {contact.time:.5f} s ± {1e6 * errors[9]:.2g} µs")
+    return figure
+
+
+@st.look()
+def refused_figure(founds: Sequence[Found]) -> Figure:
+    """Draw the height of each recording over time, its flights dark and the refused parts named."""
+    rows = max(1, math.ceil(len(founds) / _COLUMNS))
+    figure = st.new_figure(st.PAGE, 0.4 + 1.5 * rows)
+    panels = figure.subplots(rows, _COLUMNS, squeeze=False).flatten()
+    for axes in panels[len(founds) :]:
+        axes.set_visible(False)
+    for axes, found in zip(panels, founds, strict=False):
+        track = found.track
+        axes.plot(track.time, track.pose[:, 1], ".", color="0.7", markersize=1.5)
+        for flight in found.flights:
+            axes.plot(track.time[flight.frames], track.pose[flight.frames, 1], color=_BLUE, linewidth=1)
+        for refusal in found.refusals:
+            axes.axvspan(*refusal.time, color=st.tint(_RED, 0.3), linewidth=0.5)
+        reasons = dict.fromkeys(REASONS[refusal.reason] for refusal in found.refusals)
+        axes.set_title(
+            f"{st.plain(track.name)}: {', '.join(reasons) or 'nothing refused'}", fontsize="xx-small", wrap=True
+        )
+        axes.tick_params(labelsize="xx-small")
+    return figure
+
+
+@st.look()
+def residuals_figure(founds: Sequence[Found]) -> Figure:
+    """Draw the distribution of residuals in standard deviations beside the normal one, for x, y and θ."""
+    figure = st.new_figure(st.PAGE, 2.2)
+    grid = np.linspace(-5, 5, 201)
+    for k, axes in enumerate(figure.subplots(1, 3, sharey=True)):
+        scores = standardised(founds)[:, k]
+        axes.hist(scores.clip(-5, 5), bins=50, range=(-5, 5), density=True, color=st.tint(_BLUE, 0.5))
+        axes.plot(grid, np.exp(-(grid**2) / 2) / math.sqrt(2 * math.pi), color=_RED)
+        st.name_axes(axes, f"Residual of {_LABELS[k].split()[0]} in standard deviations", "Density" if k == 0 else "")
+    return figure
+
+
+def standardised(founds: Sequence[Found]) -> Float[Array, "n 3"]:
+    """Residuals of all flights in units of their standard deviation, the fit's own share allowed for."""
+    parts = [np.zeros((0, 3))]
+    for found in founds:
+        for flight in found.flights:
+            residual = flight.residual.copy()
+            residual[:, 2] = turn(residual[:, 2])
+            parts.append(residual / found.sigma / math.sqrt(1 - 2 / max(len(residual), 3)))
+    return np.concatenate(parts)

@@ -1,0 +1,186 @@
+"""From a folder of recordings to impacts: conventions found or asked for, refusals, the command and the sources."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from commands import run
+
+from contactlearn.app.loading import load_data
+from contactlearn.cli import compose
+from contactlearn.data import table, tracks, tracks_synthetic
+from contactlearn.data.tracks_synthetic import AXES, MASS, SEMI_AXES, simulate, write
+from contactlearn.data.tracks_synthetic.camera import Camera
+from contactlearn.errors import DataError, UnknownNameError
+from contactlearn.mechanics import contact_velocity
+from contactlearn.shapes import Ellipse
+from contactlearn.tracks.result import Reason
+
+SHAPE = Ellipse(SEMI_AXES)
+PLAIN = Camera(frames=220)
+GENERIC = {"columns": {"quaternion": ["q1", "q2", "q3", "q4"]}}
+TILTED = tuple(map(tuple, np.asarray(AXES["y_up"]) @ ((0.94, 0, 0.342), (0, 1, 0), (-0.342, 0, 0.94))))
+
+
+def folder(path, camera=PLAIN, size=6, seed=3):
+    recordings, truth = simulate(size, camera, seed=seed)
+    write(recordings, path)
+    return truth
+
+
+def found_in(path, **settings):
+    return tracks.find_impacts(path, mass=MASS, shape=SHAPE, **settings)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plain")
+    folder(path)
+    return path, found_in(path)
+
+
+def test_impacts_have_contact_points_covariances_and_names(plain):
+    _, found = plain
+    impacts = found.impacts
+    assert impacts.trial[0] == "0001#1"
+    assert (contact_velocity(impacts.r, impacts.v_pre)[:, 1] < 0).all()
+    assert torch.allclose(impacts.q[:, 1] + impacts.r[:, 1], torch.tensor(0.0).double(), atol=3e-4)  # on the floor
+    sigma = impacts.v_post_cov.diagonal(dim1=-2, dim2=-1).sqrt()
+    assert (sigma.median(0).values < torch.tensor((2e-3, 2e-3, 0.1))).all()
+    assert abs(found.floor.height) < 2e-4
+    assert abs(found.floor.slope) < 1e-3
+    assert np.hypot(*found.survey.frame.gravity) == pytest.approx(9.81, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("camera", "settings"),
+    [
+        (replace(PLAIN, axes=AXES["image"], length=1e3, degrees=True), {}),
+        (replace(PLAIN, axes=AXES["z_up"], order="xyzw", length=100.0), GENERIC),
+        (replace(PLAIN, axes=((0.94, 0.342, 0), (-0.342, 0.94, 0))), {"unit": "m", "angle": "rad"}),
+    ],
+    ids=["image in mm and degrees", "space in cm, scalar last", "turned by 20°"],
+)
+def test_conventions_are_found(tmp_path, plain, camera, settings):
+    """The velocities are those of the same motions with plain axes, but for the noise."""
+    folder(tmp_path, camera)
+    impacts, wanted = found_in(tmp_path, **settings).impacts, plain[1].impacts
+    rows = {name: k for k, name in enumerate(wanted.trial)}
+    both = [(k, rows[name]) for k, name in enumerate(impacts.trial) if name in rows]
+    assert len(both) >= 0.8 * len(wanted)
+    here, there = (torch.tensor(part) for part in zip(*both, strict=True))
+    apart = (impacts.v_pre[here] - wanted.v_pre[there]).abs().median(0).values
+    assert (apart < torch.tensor((2e-3, 2e-3, 0.05))).all()
+
+
+@pytest.mark.parametrize(
+    ("camera", "settings", "fragments"),
+    [
+        (replace(PLAIN, stated_rate=240.0), {}, ["gravity is 9.0", "none of m, dm", "data.rate"]),
+        (replace(PLAIN, stated_rate=240.0), {"unit": "m"}, ["frame rate 1.04", "data.unit=m"]),
+        (replace(PLAIN, length=1e3), {"unit": "m"}, ["is the unit mm?"]),
+        (replace(PLAIN, axes=AXES["image"]), {"up": "y"}, ["data.up", "is up -y?"]),
+        (PLAIN, {"up": "z"}, ["no such axis"]),
+        (replace(PLAIN, axes=TILTED, order="xyzw"), GENERIC | {"order": "wxyz"}, ["data.order=wxyz", "with xyzw"]),
+        (PLAIN, {"sense": "mirrored"}, ["in which unit", "data.angle"]),
+        (replace(PLAIN, frames=30), {}, ["data.unit|no contact|angles are measured"]),
+    ],
+    ids=["frame rate", "frame rate and unit", "unit", "up", "axis", "order", "sense", "no contacts"],
+)  # fmt: skip
+def test_wrong_conventions_are_caught(tmp_path, camera, settings, fragments):
+    folder(tmp_path, camera)
+    with pytest.raises(DataError) as caught:
+        found_in(tmp_path, **settings)
+    for fragment in fragments:
+        assert any(part in str(caught.value) for part in fragment.split("|"))
+
+
+def test_the_order_is_asked_for_where_both_fit(tmp_path):
+    """With z up and the motion along x, exchanged components turn about the same axis."""
+    folder(tmp_path, replace(PLAIN, axes=((1, 0, 0), (0, 0, -1), (0, 1, 0))))
+    with pytest.raises(DataError, match="both orders fit the plane of motion; state data"):
+        found_in(tmp_path, **GENERIC)
+    assert len(found_in(tmp_path, **GENERIC, order="wxyz").impacts) > 10
+
+
+def test_trials_out_of_the_plane_are_refused_with_their_number(tmp_path):
+    folder(tmp_path, replace(PLAIN, axes=AXES["y_up"]))
+    leaving = pd.read_csv(tmp_path / "0002.csv")
+    leaving["z"] += 0.3 * leaving["time"]
+    leaving.to_csv(tmp_path / "0002.csv", index=False)
+    (refusal,) = [r for r in found_in(tmp_path, **GENERIC).survey.refusals if r.reason is Reason.OUT_OF_PLANE]
+    assert (refusal.recording, refusal.unit) == ("0002", "mm")
+    assert refusal.value > 50
+
+
+def test_a_wall_is_refused(tmp_path):
+    """A recording whose floor is half a metre higher than that of the others."""
+    folder(tmp_path)
+    higher = pd.read_csv(tmp_path / "0001.csv")
+    higher["y"] += 0.5
+    higher.to_csv(tmp_path / "0001.csv", index=False)
+    found = found_in(tmp_path)
+    assert all(not name.startswith("0001") for name in found.impacts.trial)
+    assert {r.recording for r in found.survey.refusals if r.reason is Reason.HAND_OR_WALL} == {"0001"}
+
+
+def test_the_command_writes_impacts_and_refusals(tmp_path, plain):
+    path, found = plain
+    for file in path.iterdir():
+        (tmp_path / "in").mkdir(exist_ok=True)
+        (tmp_path / "in" / file.name).write_bytes(file.read_bytes())
+    (tmp_path / "in" / "9_broken.csv").write_text("time,x\n1,2\n")
+    shape = f"shape={{kind: ellipse, semi_axes: {list(SEMI_AXES)}}}"
+    out = tmp_path / "out.parquet"
+    told = run("contactlearn", "impacts", str(tmp_path / "in"), "-o", str(out), f"mass={MASS}", shape)
+    impacts = table.load(out, shape=SHAPE)
+    assert torch.equal(impacts.v_pre_cov, found.impacts.v_pre_cov)
+    assert impacts.trial == found.impacts.trial
+    for fragment in (
+        "impacts from 6 recordings",
+        "unit",
+        "gravity",
+        "at rest 6",
+        "left out",
+        "9_broken.csv: has no column",
+    ):
+        assert fragment in told
+    refused = pd.read_csv(tmp_path / "out.refused.csv")
+    assert len(refused) == len(found.survey.refusals) + 1
+    assert set(refused["reason"]) >= {"rest", "not_read"}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["-o", "a.csv"], "data.mass must be given"),
+        (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "colour=red"], "colour"),
+        (["-o", "a.txt", "mass=1", "shape={kind: disc, radius: 1}"], "a table is a .csv or .parquet file"),
+        (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "unit=inch"], "data.unit 'inch'"),
+        (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "columns={angel: a}"], "did you mean 'angle'"),
+    ],
+)
+def test_the_command_says_what_is_wrong(tmp_path, words, message):
+    (tmp_path / "a.csv").write_text("time,x,y,theta\n0,1,2,3\n1,1,2,3\n")
+    assert message in run("contactlearn", "impacts", str(tmp_path / "a.csv"), *words, status=2)
+
+
+def test_the_sources_compose(tmp_path, plain):
+    overrides = ["data=tracks_synthetic", "data.size=4", f"data.folder={tmp_path / 'drops'}", "data.lost=0.02"]
+    impacts = load_data(compose("evaluate", overrides).data)
+    assert impacts.v_post_cov is not None
+    path, found = plain
+    words = ["data=tracks", f"data.path={path}", f"data.mass={MASS}"]
+    words += [f"data.shape={{kind:ellipse,semi_axes:[{SEMI_AXES[0]},{SEMI_AXES[1]}]}}"]
+    assert load_data(compose("evaluate", words).data).fingerprint() == found.impacts.fingerprint()
+
+
+def test_settings_of_simulated_recordings_are_checked(tmp_path):
+    with pytest.raises(UnknownNameError, match="axes"):
+        tracks_synthetic.load(size=2, folder=str(tmp_path), axes="sideways")
+    with pytest.raises(DataError, match="exposure"):
+        tracks_synthetic.load(size=2, folder=str(tmp_path), exposure=1.0)
+    assert math.isclose(Camera().angle_noise, math.radians(0.1))

@@ -1,0 +1,256 @@
+"""Readers of recordings: what is written is read, and what cannot be read is one clear line."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from contactlearn.data.tracks_synthetic import AXES, simulate, write
+from contactlearn.data.tracks_synthetic.camera import Camera
+from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.tracks.markers import pose_of_markers
+from contactlearn.tracks.readers import read, recording_files
+from contactlearn.tracks.readers.layout import Layout
+from contactlearn.tracks.rotations import matrices
+from contactlearn.tracks.track import turn
+
+FLAT, _ = simulate(2, Camera(frames=40, lost=0.1), seed=1)
+SPACE, _ = simulate(2, Camera(frames=40, lost=0.1, axes=AXES["z_up"]), seed=1)
+
+
+def same(a, b, rounding=1e-8) -> None:
+    """Times, positions and rotations, lost frames among them."""
+    for x, y in ((a.time, b.time), (a.position, b.position), (a.rotation, b.rotation)):
+        np.testing.assert_allclose(x, y, rtol=rounding, atol=rounding)
+
+
+# Columns
+
+
+@pytest.mark.parametrize("recordings", [FLAT, SPACE], ids=["in a plane", "in space"])
+def test_csv(tmp_path, recordings):
+    write(recordings, tmp_path)
+    layout = Layout(quaternion=("q1", "q2", "q3", "q4"))
+    for file, wanted in zip(recording_files(tmp_path), recordings, strict=True):
+        (found,) = read(file, layout)
+        same(found, wanted)
+        assert (found.name, found.order, found.unit) == (wanted.name, None, None)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_long_file_names_its_recordings(tmp_path, suffix):
+    names = {"time": "t", "position": ("px", "py"), "angle": "phi", "recording": "drop"}
+    tables = [
+        pd.DataFrame({"drop": r.name, "t": r.time, "px": r.position[:, 0], "py": r.position[:, 1], "phi": r.angle})
+        for r in FLAT
+    ]
+    path = tmp_path / f"all{suffix}"
+    pd.concat(tables).to_csv(path, index=False) if suffix == ".csv" else pd.concat(tables).to_parquet(path)
+    for found, wanted in zip(read(path, Layout(**names)), FLAT, strict=True):
+        same(found, wanted)
+    pd.concat([*tables, tables[0]]).to_csv(tmp_path / "mixed.csv", index=False)
+    with pytest.raises(DataError, match="recording '1' are not in one piece"):
+        list(read(tmp_path / "mixed.csv", Layout(**names)))
+
+
+def test_named_components_say_their_order():
+    assert Layout().order == "wxyz"
+    assert Layout(quaternion=("rx", "ry", "rz", "rw")).order == "xyzw"
+    assert Layout(quaternion=("q0", "q1", "q2", "q3")).order is None
+
+
+BAD = {
+    "empty": ("", {}, ["the file is empty"]),
+    "header alone": ("time,x,y,theta\n", {}, ["holds no frames"]),
+    "one column too few": (
+        "time,x,y,thet\n0,1,2,3\n1,1,2,3\n",
+        {},
+        ["no column 'theta'", "did you mean 'thet'", "data.columns"],
+    ),
+    "text": ("time,x,y,theta\n0,1,2,3\n1,1,two,3\n", {}, ["row 2, column y", "must be a number", "'two'"]),
+    "time runs back": ("time,x,y,theta\n0,1,2,3\n2,1,2,3\n1,1,2,3\n", {}, ["time must grow", "frame 3"]),
+    "time repeats": ("time,x,y,theta\n0,1,2,3\n0,1,2,3\n", {}, ["time must grow; it repeats"]),
+    "no time": ("x,y,theta\n1,2,3\n1,2,3\n", {}, ["no column 'time'", "data.rate"]),
+    "one frame": ("time,x,y,theta\n0,1,2,3\n", {}, ["has 1 frames"]),
+    "more cells": ("time,x,y,theta\n0,1,2,3\n1,2,3,4,5,6\n", {}, ["cannot be read"]),
+    "binary": (bytes(range(256)), {}, ["cannot be read"]),
+    "markers of one": ("time,x,y,theta\n0,1,2,3\n1,1,2,3\n", {"markers": [["x", "y"]]}, ["needs 2 markers, got 1"]),
+}
+
+
+@pytest.mark.parametrize(("content", "layout", "fragments"), BAD.values(), ids=BAD)
+def test_what_cannot_be_read_is_one_clear_line(tmp_path, content, layout, fragments):
+    path = tmp_path / "drop.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(DataError) as caught:
+        list(read(path, Layout(**layout)))
+    for fragment in [str(path), *fragments]:
+        assert fragment in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_frame_rate_stands_for_times(tmp_path):
+    (tmp_path / "a.csv").write_text("x,y,theta\n1,2,3\n1,2,\n1,2,3\n")
+    (found,) = read(tmp_path / "a.csv", Layout(rate=100))
+    assert found.time.tolist() == [0, 0.01, 0.02]
+    assert found.seen.tolist() == [True, False, True]
+
+
+def test_folders(tmp_path):
+    (tmp_path / "inner").mkdir()
+    for name in ("b.csv", "inner/a.TUM", "notes.md", ".hidden.csv"):
+        (tmp_path / name).touch()
+    assert [file.name for file in recording_files(tmp_path)] == ["b.csv", "a.TUM"]
+    with pytest.raises(DataError, match="no such file or folder"):
+        recording_files(tmp_path / "none")
+    with pytest.raises(DataError, match="holds no recordings"):
+        recording_files(_empty(tmp_path))
+    with pytest.raises(DataError, match="is no recording"):
+        list(read(tmp_path / "notes.md"))
+
+
+def _empty(folder: Path) -> Path:
+    (folder / "empty").mkdir()
+    return folder / "empty"
+
+
+# Motive
+
+
+def motive(version: str, rows: np.ndarray, *, units="Millimeters") -> str:
+    """An export of one rigid body and a marker, in the header of a version."""
+    titled = version >= "1.24"
+    lead = ["", "Type"] if titled else ["", ""]
+    bodies, marker = ["Rigid Body"] * 7, ["Rigid Body Marker"] * 3
+    head = [
+        [f"Format Version,{version},Take Name,drop 1,Capture Frame Rate,240.000000,Export Frame Rate,240.000000,"
+         f"Rotation Type,Quaternion,Length Units,{units},Coordinate Space,Global"],
+        [""],
+        lead + bodies + marker,
+        (["", "Name"] if titled else ["", ""]) + ["rod"] * 7 + ["rod:Marker1"] * 3,
+        (["", "ID"] if titled else ["", ""]) + ['"A1"'] * 10,
+        *([["", "Parent"] + [""] * 10] if version >= "1.25" else []),
+        ["", ""] + ["Rotation"] * 4 + ["Position"] * 6,
+        ["Frame", "Time (Seconds)", "X", "Y", "Z", "W", "X", "Y", "Z", "X", "Y", "Z"],
+    ]  # fmt: skip
+    lines = [",".join(row) for row in head]
+    for k, row in enumerate(rows):
+        lines.append(
+            ",".join([str(k), f"{k / 240:.6f}", *("" if np.isnan(x) else f"{x:.7f}" for x in row), "0", "0", "0"])
+        )
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("version", ["1.21", "1.23", "1.24", "1.25"])
+def test_motive(tmp_path, version):
+    wanted = SPACE[0]
+    assert wanted.quaternion is not None
+    rows = np.column_stack((np.roll(wanted.quaternion, -1, axis=1), 1e3 * wanted.position))
+    path = tmp_path / "drop.csv"
+    path.write_text(motive(version, rows), encoding="utf-8-sig")
+    (found,) = read(path, Layout())
+    np.testing.assert_allclose(found.position, 1e3 * wanted.position, atol=1e-6)
+    np.testing.assert_allclose(found.quaternion, wanted.quaternion, atol=1e-6)
+    assert (found.unit, found.order, found.name) == ("mm", "wxyz", "drop")
+    assert found.time[1] == pytest.approx(1 / 240, abs=1e-6)
+    with pytest.raises(UnknownNameError, match="rigid body"):
+        list(read(path, Layout(body="plate")))
+
+
+def test_motive_exports_that_are_no_use(tmp_path):
+    path, good = tmp_path / "drop.csv", motive("1.23", np.zeros((3, 7)))
+    for change, message in (
+        (("Quaternion", "XYZ"), "export them as Quaternion"),
+        (("Rigid Body,", "Marker,"), "no rigid body"),
+        (("Frame,", "Number,"), "no line of columns begins with Frame"),
+        (("X,Y,Z,W", "X,Y,Z,Q"), "lacks Rotation W"),
+    ):
+        path.write_text(good.replace(*change))
+        with pytest.raises(DataError, match=message):
+            list(read(path, Layout()))
+
+
+# Others
+
+
+def test_tum(tmp_path):
+    path, wanted = tmp_path / "drop.txt", SPACE[1]
+    seen = wanted.seen
+    assert wanted.quaternion is not None
+    rows = np.column_stack((wanted.time, wanted.position, np.roll(wanted.quaternion, -1, axis=1)))[seen]
+    np.savetxt(path, rows, header="timestamp tx ty tz qx qy qz qw", fmt="%.9f")
+    (found,) = read(path, Layout())
+    np.testing.assert_allclose(found.rotation, rows[:, 4:], atol=1e-8)
+    assert found.order == "xyzw"
+    path.write_text("# nothing\n")
+    with pytest.raises(DataError, match="holds no frames"):
+        list(read(path, Layout()))
+    path.write_text("0 1 2 3\n")
+    with pytest.raises(DataError, match="frame 1 has 4 numbers"):
+        list(read(path, Layout()))
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_markers_give_the_pose(dimensions):
+    rng = np.random.default_rng(0)
+    arms = rng.normal(size=(5, dimensions))
+    arms -= arms.mean(0)
+    recording = FLAT[0] if dimensions == 2 else SPACE[0]
+    if recording.quaternion is None:
+        assert recording.angle is not None
+        c, s = np.cos(recording.angle), np.sin(recording.angle)
+        R = np.stack((np.stack((c, -s), -1), np.stack((s, c), -1)), -2)
+    else:
+        R = matrices(recording.quaternion, "wxyz")
+    markers = recording.position[:, None] + (R @ arms.T).transpose(0, 2, 1)
+    found = pose_of_markers(markers, recording.time, name="a", source="a")
+    seen = recording.seen
+    np.testing.assert_allclose(found.position, recording.position, atol=1e-12)
+    if recording.angle is not None:
+        assert found.angle is not None
+        turned = found.angle - recording.angle
+        np.testing.assert_allclose(turn(turned[seen] - turned[seen][0]), 0, atol=1e-9)
+    else:
+        assert found.quaternion is not None
+        np.testing.assert_allclose(matrices(found.quaternion, "wxyz")[seen] @ R[seen][0], R[seen], atol=1e-9)
+
+
+@pytest.mark.parametrize(("suffix", "library"), [(".h5", "h5py"), (".c3d", "ezc3d"), (".mcap", "rosbags")])
+def test_formats_of_the_extra_ask_for_it(tmp_path, monkeypatch, suffix, library):
+    for name in [library, *(name for name in sys.modules if name.startswith("contactlearn.tracks.readers."))]:
+        if name != "contactlearn.tracks.readers.layout":
+            monkeypatch.setitem(sys.modules, name, None) if name == library else monkeypatch.delitem(sys.modules, name)
+    path = tmp_path / f"drop{suffix}"
+    path.touch()
+    with pytest.raises(ContactLearnError, match=rf"need {library}.*contactlearn\[tracks\]"):
+        list(read(path))
+
+
+def test_hdf5(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "all.h5", "w") as file:
+        for r in SPACE:
+            group = file.create_group(r.name)
+            group["time"], group["position"], group["quaternion"] = r.time, r.position, r.quaternion
+    for found, wanted in zip(read(tmp_path / "all.h5"), SPACE, strict=True):
+        same(found, wanted)
+
+
+def test_c3d(tmp_path):
+    ezc3d = pytest.importorskip("ezc3d")
+    arms, wanted = np.array(((30.0, 0, 0), (-20, 10, 0), (0, -20, 10), (-10, 10, -10))), SPACE[0]
+    assert wanted.quaternion is not None
+    R, seen = matrices(wanted.quaternion, "wxyz"), wanted.seen
+    markers = 1e3 * wanted.position[:, None] + (R @ arms.T).transpose(0, 2, 1)
+    file = ezc3d.c3d()
+    about = file["parameters"]["POINT"]
+    about["RATE"]["value"], about["LABELS"]["value"], about["UNITS"]["value"] = [250.0], ("a", "b", "c", "d"), ["mm"]
+    points = np.ones((4, 4, len(markers)))
+    points[:3] = markers.transpose(2, 1, 0)
+    file["data"]["points"] = points
+    file.write(str(tmp_path / "a.c3d"))
+    (found,) = read(tmp_path / "a.c3d")
+    assert found.unit == "mm"
+    np.testing.assert_allclose(found.position[seen], 1e3 * wanted.position[seen], atol=1e-3)  # single precision

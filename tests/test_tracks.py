@@ -1,0 +1,260 @@
+"""Tracks: flights, contacts and their errors on simulated recordings with known truth, and what is refused."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from contactlearn.data.tracks_synthetic import simulate
+from contactlearn.data.tracks_synthetic.camera import Camera
+from contactlearn.errors import DataError
+from contactlearn.tracks.conventions import find_frame
+from contactlearn.tracks.detection import FlightOptions, find_flights
+from contactlearn.tracks.events import find_contacts
+from contactlearn.tracks.flight import Air, fit
+from contactlearn.tracks.result import Reason
+from contactlearn.tracks.track import Recording, Track, continuous, turn
+
+RATE, SIGMA = 250.0, np.array((5e-5, 5e-5, math.radians(0.1)))
+CHI_3 = 7.815  # 95 % quantile with three degrees of freedom
+
+
+def track_of(pose: np.ndarray, time: np.ndarray | None = None, name: str = "one") -> Track:
+    time = np.arange(len(pose)) / RATE if time is None else time
+    return Track(name=name, time=time, pose=pose, apart=np.zeros(len(pose)), tilted=np.zeros(len(pose)))
+
+
+def bounce(
+    *, before=(0.6, -2.0, 5.0), after=(0.3, 1.2, -8.0), at=0.1013, frames=60, noise=1.0, seed=0, theta=0.3, rate=RATE
+) -> np.ndarray:
+    """Poses of a body with one contact at (0, 0, θ), and its velocities there."""
+    tau = np.arange(frames) / rate - at
+    v = np.where(tau[:, None] < 0, before, after)
+    pose = v * tau[:, None] + np.stack((0 * tau, -9.81 / 2 * tau**2, theta + 0 * tau), 1)
+    return pose + noise * SIGMA * np.random.default_rng(seed).standard_normal(pose.shape)
+
+
+def one_contact(pose: np.ndarray, **options):
+    found = find_contacts(track_of(pose), FlightOptions(**options))
+    assert len(found.contacts) == 1, found.refusals
+    return found.contacts[0]
+
+
+def matched(size: int, camera: Camera, seed: int):
+    """Each accepted contact of simulated recordings with the index of the true one that is nearest in time."""
+    recordings, truth = simulate(size, camera, seed=seed)
+    founds, pairs = [], []
+    for k, recording in enumerate(recordings):
+        assert recording.angle is not None
+        pose = np.column_stack((recording.position, continuous(recording.angle, recording.time)))
+        founds.append(find_contacts(track_of(pose, recording.time, recording.name)))
+        mine = np.flatnonzero(truth.recording == k)
+        pairs += [(c, int(mine[np.abs(truth.time[mine] - c.time).argmin()])) for c in founds[-1].contacts]
+    return founds, pairs, truth
+
+
+# Flights
+
+
+@pytest.mark.parametrize("drag", [0.0, 0.8])
+def test_a_flight_is_fitted_with_its_covariance(drag):
+    """Standardised errors of the state are standard normal, at the reference and far from it."""
+    air, time = Air(drag=drag), np.arange(30) / RATE
+    state = np.array((0.1, 0.5, -3.0, 0.7, 1.5, 20.0))
+    v, tau = state[3:], time
+    s = -np.expm1(-drag * tau) / drag if drag else tau
+    b = (tau - s) / drag if drag else tau**2 / 2
+    exact = state[:3] + np.stack((v[0] * s, v[1] * s - 9.81 * b, v[2] * tau), 1)
+    rng, scores = np.random.default_rng(0), []
+    for _ in range(300):
+        flight = fit(time, exact + SIGMA * rng.standard_normal(exact.shape), np.arange(30), SIGMA, air)
+        found, covariance = flight.at(0.0)
+        difference = found - state
+        difference[2] = turn(difference[2])
+        scores.append(difference @ np.linalg.solve(covariance, difference))
+    assert np.mean(scores) == pytest.approx(6, abs=0.7)  # χ² with 6 degrees of freedom; 4 standard errors
+
+
+def test_a_flight_ignores_a_single_bad_frame():
+    pose = bounce(noise=1.0)[:25]
+    bad = pose.copy()
+    bad[12] += 50 * SIGMA
+    states = [fit(np.arange(25) / RATE, p, np.arange(25), SIGMA, Air()).state for p in (pose, bad)]
+    assert (np.abs(states[1] - states[0])[:3] < SIGMA).all()
+
+
+@pytest.mark.parametrize(("rate", "spin"), [(250.0, 700.0), (250.0, -700.0), (1000.0, 2000.0)])
+def test_angles_are_unwrapped_at_any_rate_below_half_a_turn_a_frame(rate, spin):
+    time = np.arange(200) / rate
+    angle = turn(spin * time + 1.0)
+    angle[[50, 51, 90]] = np.nan
+    out = continuous(angle, time)
+    seen = np.isfinite(out)
+    np.testing.assert_allclose(np.diff(out[seen]) / np.diff(time[seen]), spin, rtol=1e-9)
+
+
+# Contacts
+
+
+def test_the_state_at_contact_is_right_and_so_are_its_errors():
+    """Twenty-five recordings at 250 frames a second; the benchmark has more."""
+    founds, pairs, truth = matched(25, Camera(frames=250), seed=5)
+    clean = truth.frames.min(1) >= FlightOptions().fewest + 1
+    assert len({j for _, j in pairs if clean[j]}) >= 0.96 * clean.sum()
+    errors, inside = [], []
+    for c, j in pairs:
+        assert abs(c.time - truth.time[j]) < 0.1 / RATE
+        assert c.missing == 0
+        error = np.concatenate((c.v_pre - truth.v_pre[j], c.v_post - truth.v_post[j], c.pose - truth.q[j]))
+        error[8] = turn(error[8])
+        errors.append(error / np.sqrt(c.covariance.diagonal()[:9]))
+        inside += [
+            float(error[k] @ np.linalg.solve(c.covariance[k, k], error[k])) < CHI_3 for k in (slice(3), slice(3, 6))
+        ]
+    assert (np.abs(np.mean(errors, 0)) < 0.3).all()  # four standard errors of the mean
+    assert 0.88 < np.mean(inside) <= 0.99
+    assert all(np.allclose(found.sigma, SIGMA, rtol=0.2) for found in founds)
+
+
+@pytest.mark.parametrize("missing", [0, 1, 2, 3])
+@pytest.mark.parametrize("marked", [False, True])
+def test_missing_frames_are_counted(missing, marked):
+    """Whether the recording skips them or marks them as lost."""
+    pose = bounce(frames=70, seed=missing)
+    hidden = np.arange(26, 26 + missing)  # the contact is at frame 25.3
+    if marked:
+        pose[hidden] = np.nan
+    else:
+        pose = np.delete(pose, hidden, 0)
+    contact = one_contact(pose)
+    assert (contact.missing, contact.lost) == ((0, missing) if marked else (missing, 0))
+    assert contact.time == pytest.approx(0.1013, abs=2e-4)
+    np.testing.assert_allclose(contact.v_post, (0.3, 1.2, -8.0), atol=0.15)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda pose: np.column_stack((pose[:, :2], turn(pose[:, 2] + 3.0))),
+        lambda pose: np.where(np.arange(60)[:, None] % 7 == 3, np.nan, pose),
+        lambda pose: pose + 40 * SIGMA * np.isin(np.arange(60), (9, 10, 40))[:, None],
+        lambda pose: pose + 40 * SIGMA * (np.arange(60) == 23)[:, None],
+        lambda pose: pose + np.array((1e3, -20, 500)),
+    ],
+    ids=["wrapped", "every seventh lost", "bad frames", "bad beside contact", "far away"],
+)
+def test_ugly_tracks_give_the_same_contact(change):
+    plain, ugly = one_contact(bounce()), one_contact(change(bounce()))
+    assert ugly.time == pytest.approx(plain.time, abs=1e-4)
+    np.testing.assert_allclose(ugly.v_pre, plain.v_pre, atol=0.08)
+    np.testing.assert_allclose(ugly.v_post, plain.v_post, atol=0.08)
+
+
+def test_exact_tracks_give_exact_contacts():
+    contact = one_contact(bounce(noise=0.0))
+    assert contact.time == pytest.approx(0.1013, abs=1e-9)
+    np.testing.assert_allclose(contact.v_pre, (0.6, -2.0, 5.0), atol=1e-6)
+
+
+def test_blur_and_a_hand_do_no_harm():
+    founds, pairs, truth = matched(8, Camera(frames=300, exposure=0.003, held=0.1), seed=2)
+    scores = [
+        float((c.v_pre - truth.v_pre[j]) @ np.linalg.solve(c.covariance[:3, :3], c.v_pre - truth.v_pre[j]))
+        for c, j in pairs
+    ]
+    assert np.median(scores) < 5
+    assert {r.reason for found in founds for r in found.refusals} >= {Reason.HAND_OR_WALL, Reason.REST}
+
+
+# Refusals
+
+
+def refusals(pose: np.ndarray) -> set[Reason]:
+    found = find_contacts(track_of(pose))
+    assert not found.contacts
+    return {refusal.reason for refusal in found.refusals}
+
+
+def two_hits(apart: float, seed: int = 0) -> np.ndarray:
+    """A body that hits twice, `apart` seconds between."""
+    time, rng = np.arange(60) / RATE - 0.1013, np.random.default_rng(seed)
+    velocities = np.array(((0.6, -2.0, 5.0), (0.2, 0.1, 30.0), (0.3, 1.5, -8.0)))
+    spans = np.stack((np.minimum(time, 0), np.clip(time, 0, apart), np.maximum(time - apart, 0)), 1)
+    pose = spans @ velocities + np.stack((0 * time, -9.81 / 2 * time**2, 0 * time), 1)
+    return pose + SIGMA * rng.standard_normal(pose.shape)
+
+
+@pytest.mark.parametrize("apart", [0.002, 0.004, 0.007, 0.012, 0.02])
+def test_several_hits_are_refused(apart):
+    assert Reason.DOUBLE_HIT in refusals(two_hits(apart))
+
+
+def test_rest_sliding_and_hands_are_told_from_flights():
+    time = np.arange(200) / RATE
+    still = np.zeros((200, 3)) + SIGMA * np.random.default_rng(0).standard_normal((200, 3))
+    sliding = still + np.stack((0.5 * time - 0.3 * time**2, 0 * time, 0 * time), 1)
+    carried = still + np.stack((0.2 * np.sin(9 * time), 0.3 - 0.1 * np.cos(7 * time), 0 * time), 1)
+    assert refusals(still) == {Reason.REST}
+    assert refusals(sliding) == {Reason.SLIDING}
+    assert refusals(carried) <= {Reason.SLIDING, Reason.HAND_OR_WALL}
+
+
+def test_few_and_lost_frames_are_refused():
+    pose = bounce()
+    assert refusals(pose[22:]) == {Reason.TOO_FEW_FRAMES}
+    assert refusals(pose[:30]) == {Reason.TOO_FEW_FRAMES}
+    assert refusals(pose[:5]) == {Reason.TOO_FEW_FRAMES}
+    pose[23:29] = np.nan
+    assert refusals(pose) == {Reason.LOST_FRAMES}
+    assert refusals(np.full((40, 3), np.nan)) == {Reason.LOST_FRAMES}
+
+
+def test_frames_that_are_skipped_in_flight_are_no_contact():
+    assert refusals(np.delete(bounce(at=1.0), [20, 21], 0)) == {Reason.LOST_FRAMES}
+
+
+def test_windows_grow_with_the_frame_rate_and_the_noise():
+    """Until rest differs from flight."""
+    widths = [
+        find_flights(track_of(bounce(rate=rate, frames=200, at=0.05), np.arange(200) / rate)).width
+        for rate in (250, 1000)
+    ]
+    assert widths[0] == FlightOptions().fewest < widths[1]
+
+
+# Recordings
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"time": np.array((0.0, 0.2, 0.1))}, "time must grow; it runs back at frame 3"),
+        ({"time": np.array((0.0, 0.1, 0.1))}, "time must grow; it repeats at frame 3"),
+        ({"time": np.array((0.0, np.nan, 0.1))}, "is not a number at frame 2"),
+        ({"time": np.zeros(1), "position": np.zeros((1, 2)), "angle": np.zeros(1)}, "has 1 frames"),
+        ({"angle": None}, "needs x, y and an angle, or x, y, z and a quaternion"),
+        ({"position": np.zeros((3, 3))}, "needs x, y and an angle"),
+        ({"position": np.zeros((2, 2))}, "position must have shape"),
+    ],
+)
+def test_what_is_no_recording_is_refused(changes, message):
+    good = {"time": np.arange(3.0), "position": np.zeros((3, 2)), "angle": np.zeros(3)}
+    with pytest.raises(DataError, match=message):
+        Recording(name="a", source="a.csv", **(good | changes))
+
+
+def test_a_track_is_the_recording_upright():
+    """In space, with tilted axes, mm and the scalar last."""
+    c, s = math.cos(0.35), math.sin(0.35)
+    camera = Camera(frames=100, axes=((c, 0, s), (0, 1, 0), (-s, 0, c)), order="xyzw", length=1000)
+    recordings, _ = simulate(5, camera, seed=1)
+    plain, _ = simulate(5, replace(camera, axes=((1, 0, 0), (0, 1, 0)), length=1), seed=1)
+    frame = find_frame(recordings)
+    assert (frame.order, frame.scale) == ("xyzw", 1e-3)
+    track, flat = frame.track(recordings[0]), plain[0]
+    assert flat.angle is not None
+    assert np.abs(track.pose[:, :2] - flat.position).max() < 1e-3
+    assert np.abs(turn(track.pose[:, 2] - flat.angle)).max() < 0.02
+    assert np.abs(track.apart).max() < 1e-3
+    assert np.degrees(track.tilted).max() < 1
