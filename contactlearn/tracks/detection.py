@@ -58,12 +58,12 @@ class Flights:
 def find_flights(track: Track, options: FlightOptions = FlightOptions()) -> Flights:
     """Find the free flights of a track."""
     pose, time = track.pose.copy(), track.time
-    width = options.fewest
-    sigma = noise(time, pose, width)
+    sigma = noise(time, pose, options.fewest)
     width = min(_width(sigma, track.step, options), len(track))
     if width < options.fewest:
         return Flights(flights=(), sigma=sigma, width=options.fewest)
-    sigma = noise(time, pose, width)
+    if width > options.fewest:
+        sigma = noise(time, pose, width)
     good = np.zeros(0, dtype=np.bool_)
     for _ in range(3):
         fits = windows(time, pose, width, 1, options.air)

@@ -39,7 +39,7 @@ def contact_figure(found: Found, contact: Contact, shape: Shape) -> Figure:
             line = flight.poses(time)[:, k]
             seen = line + flight.residual[:, k]
             upper.plot(time + late * track.step, seen, ".", color="0.5", markersize=2)
-            upper.plot(time + late * track.step, line, color=color)
+            upper.plot(time + late * track.step, line, color=color, linewidth=0.7)
             lower.plot(time + late * track.step, _UNITS[k] * flight.residual[:, k], ".", color=color, markersize=2)
         for axes in (upper, lower):
             axes.axvline(contact.time, color="0.3", linewidth=0.6)
