@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from contactlearn.data.tracks import find_impacts
-from contactlearn.data.tracks_synthetic import AXES, MASS, SEMI_AXES, simulate, write
+from contactlearn.data.tracks import find_impacts, track_options
+from contactlearn.data.tracks_synthetic import AXES, MASS, SEMI_AXES, simulate, write_recordings
 from contactlearn.data.tracks_synthetic.camera import Camera
 from contactlearn.errors import ContactLearnError
 from contactlearn.numerics import Z_95
@@ -158,9 +158,9 @@ def outcome(size: int, camera: Camera, settings: dict, seed: int) -> str:
     """Whether velocities are right, or an error says what is the matter."""
     recordings, truth = simulate(size, camera, seed=seed)
     with tempfile.TemporaryDirectory() as folder:
-        write(recordings, Path(folder))
+        write_recordings(recordings, Path(folder))
         try:
-            found = find_impacts(folder, mass=MASS, shape=Ellipse(SEMI_AXES), **settings)
+            found = find_impacts(folder, mass=MASS, shape=Ellipse(SEMI_AXES), options=track_options(**settings))
         except ContactLearnError:
             return "caught"
     scores = []
@@ -178,7 +178,7 @@ def files(size: int, seed: int) -> None:
     """Time of the whole way from CSV files to impacts."""
     recordings, _ = simulate(size, PLAIN, seed=seed)
     with tempfile.TemporaryDirectory() as folder:
-        write(recordings, Path(folder))
+        write_recordings(recordings, Path(folder))
         start, cpu = time.perf_counter(), time.process_time()
         found = find_impacts(folder, mass=MASS, shape=Ellipse(SEMI_AXES))
         wall, cpu = time.perf_counter() - start, time.process_time() - cpu

@@ -262,7 +262,7 @@ def test_a_public_name_means_one_thing():
         for node in _tree(path).body:
             if isinstance(node, ast.ClassDef | Function) and not node.name.startswith("_") and path.name != "cli.py":
                 homes[node.name].add(_name(path))  # a door is called as the job behind it
-    shared = {"load", "save", "catalogue", "find"}  # each file format has its pair, each registry too
+    shared = {"load", "save", "read", "catalogue", "find"}  # each file format has its pair, each registry too
     found = {name for name, modules in homes.items() if len(modules) > 1} - shared
     _only(found, HOMONYMS, "a name means one thing in the package")
 

@@ -12,7 +12,7 @@ from commands import run
 from contactlearn.app.loading import load_data
 from contactlearn.cli import compose
 from contactlearn.data import table, tracks, tracks_synthetic
-from contactlearn.data.tracks_synthetic import AXES, MASS, SEMI_AXES, simulate, write
+from contactlearn.data.tracks_synthetic import AXES, MASS, SEMI_AXES, simulate, write_recordings
 from contactlearn.data.tracks_synthetic.camera import Camera
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.mechanics import contact_velocity
@@ -27,12 +27,12 @@ TILTED = tuple(map(tuple, np.asarray(AXES["y_up"]) @ ((0.94, 0, 0.342), (0, 1, 0
 
 def folder(path, camera=PLAIN, size=6, seed=3):
     recordings, truth = simulate(size, camera, seed=seed)
-    write(recordings, path)
+    write_recordings(recordings, path)
     return truth
 
 
 def found_in(path, **settings):
-    return tracks.find_impacts(path, mass=MASS, shape=SHAPE, **settings)
+    return tracks.find_impacts(path, mass=MASS, shape=SHAPE, options=tracks.track_options(**settings))
 
 
 @pytest.fixture(scope="module")

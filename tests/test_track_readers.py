@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from contactlearn.data.tracks_synthetic import AXES, simulate, write
+from contactlearn.data.tracks_synthetic import AXES, simulate, write_recordings
 from contactlearn.data.tracks_synthetic.camera import Camera
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.tracks.markers import pose_of_markers
@@ -31,7 +31,7 @@ def same(a, b, rounding=1e-8) -> None:
 
 @pytest.mark.parametrize("recordings", [FLAT, SPACE], ids=["in a plane", "in space"])
 def test_csv(tmp_path, recordings):
-    write(recordings, tmp_path)
+    write_recordings(recordings, tmp_path)
     layout = Layout(quaternion=("q1", "q2", "q3", "q4"))
     for file, wanted in zip(recording_files(tmp_path), recordings, strict=True):
         (found,) = read(file, layout)

@@ -36,22 +36,27 @@ def write_impacts(cfg: DictConfig, out: Path) -> str:
         raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data/tracks.yaml")
     table.check_suffix(out)
     entries: dict[str, Any] = {str(key): value for key, value in OmegaConf.to_container(cfg, resolve=True).items()}
-    settings = {key: value for key, value in entries.items() if key not in ("_target_", "correct")}
+    body = {name: entries.pop(name) for name in ("mass", "shape", "inertia")}
+    path = Path(entries.pop("path"))
     try:
-        with terminal.progress() as bar:
-            found = tracks.find_impacts(
-                **settings, progress=lambda files: bar.track([*files], description="searching recordings")
-            )
+        options = tracks.track_options(**{key: x for key, x in entries.items() if key not in ("_target_", "correct")})
     except TypeError as error:  # a setting that the source does not have
         raise ContactLearnError(f"impacts: {error}") from None
+    with terminal.progress() as bar:
+        found = tracks.find_impacts(
+            path,
+            **body,
+            options=options,
+            progress=lambda files: bar.track([*files], description="searching recordings"),
+        )
     table.save(found.impacts, out)
     refused = out.with_name(f"{out.stem}.refused.csv")
     save_refusals(found.survey.refusals, refused)
-    figures = draw(found, Path(settings["path"]), out.with_name(f"{out.stem}_figures"))
+    figures = draw_recordings(found, path, out.with_name(f"{out.stem}_figures"))
     return "\n".join([*tracks_summary(found, out, refused), f"figures  {figures}"])
 
 
-def draw(found: tracks.Tracked, path: Path, folder: Path) -> Path:
+def draw_recordings(found: tracks.Tracked, path: Path, folder: Path) -> Path:
     """Draw a few contacts, refused recordings and the residuals into a folder."""
     contacts = {contact.recording: contact for contact in reversed(found.survey.contacts)}
     accepted = list(contacts)[-_CONTACTS:]

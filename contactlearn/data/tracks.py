@@ -21,7 +21,7 @@ from contactlearn.tracks.flight import Air
 from contactlearn.tracks.impacts import Floor, find_floor, impacts_of, moment_imbalance, off_the_floor
 from contactlearn.tracks.readers import read, recording_files
 from contactlearn.tracks.readers.layout import Layout
-from contactlearn.tracks.result import Contact, Found, Refusal
+from contactlearn.tracks.result import Found, Hit, Refusal
 from contactlearn.tracks.survey import Progress, Survey, TrackOptions, sample, survey, tracked
 from contactlearn.tracks.track import Recording
 
@@ -49,17 +49,20 @@ class Tracked:
                     yield tracked(recording, self.survey.frame, ready)
 
 
-def load(path: str | os.PathLike[str], **settings: Any) -> Impacts:
-    """Impacts from a recording, or from all recordings of a folder; arguments as of `find_impacts`."""
-    return find_impacts(path, **settings).impacts
-
-
-def find_impacts(
+def load(
     path: str | os.PathLike[str],
-    *,
     mass: float,
     shape: Mapping[str, Any] | Shape,
     inertia: float | None = None,
+    **settings: Any,
+) -> Impacts:
+    """Impacts from a recording, or from all recordings of a folder; see `find_impacts` and `track_options`."""
+    options = track_options(**settings)
+    return find_impacts(path, mass=mass, shape=shape, inertia=inertia, options=options).impacts
+
+
+def track_options(
+    *,
     unit: str | None = None,
     up: str | None = None,
     order: str | None = None,
@@ -72,6 +75,49 @@ def find_impacts(
     fewest: int = 8,
     contact_time: float = 5e-4,
     workers: int = 1,
+) -> TrackOptions:
+    """Return the options of a search as a configuration states them; what is None is found, or asked for.
+
+    Args:
+        unit: of length, one of `conventions.UNITS`.
+        up: the file's axis that points up, such as z or -y.
+        order: of quaternions, wxyz or xyzw.
+        angle: unit of angles in a plane, rad or deg.
+        sense: as_read, or mirrored if rotations turn against the file's axes.
+        columns: names of columns, see `Layout`.
+        rate: frames a second, for files without times.
+        body: name of the rigid body, topic or group, where a file holds several.
+        drag: of the air, 1/s.
+        fewest: frames of a flight, at least.
+        contact_time: duration of a contact in s.
+        workers: processes, for a hundred files and more.
+
+    Raises:
+        DataError: a value out of its range.
+        UnknownNameError: a column or convention that does not exist.
+    """
+    for name in columns or {}:
+        if name not in _COLUMNS:
+            raise UnknownNameError("entry of data.columns", name, _COLUMNS)
+    return TrackOptions(
+        conventions=Conventions(unit=unit, up=up, order=order, angle=angle, sense=sense),
+        layout=Layout(**(columns or {}), rate=rate, body=body),
+        flight=FlightOptions(
+            air=Air(drag=finite_number("drag", drag, 0)),
+            fewest=whole("fewest", fewest, 5),
+            contact_time=finite_number("contact_time", contact_time, 0, 0.1),
+        ),
+        workers=whole("workers", workers, 1),
+    )
+
+
+def find_impacts(
+    path: str | os.PathLike[str],
+    *,
+    mass: float,
+    shape: Mapping[str, Any] | Shape,
+    inertia: float | None = None,
+    options: TrackOptions = TrackOptions(),
     progress: Progress = iter,
 ) -> Tracked:
     """Find the impacts of recordings with the floor.
@@ -81,39 +127,18 @@ def find_impacts(
         mass: of the body in kg.
         shape: of the body, for `contactlearn.shapes.make_shape`.
         inertia: in kg m² about the centre of mass; None is that of uniform density.
-        unit: of length, one of `conventions.UNITS`; None: found from gravity.
-        up: the file's axis that points up, such as z or -y; None: found from gravity.
-        order: of quaternions, wxyz or xyzw; None: by the format, or found from the plane of motion.
-        angle: unit of angles in a plane, rad or deg; None: found from the moment balance of the impacts.
-        sense: as_read, or mirrored if rotations turn against the file's axes; None: found from the moment balance.
-        columns: names of columns, see `Layout`.
-        rate: frames a second, for files without times.
-        body: name of the rigid body, topic or group, where a file holds several.
-        drag: of the air, 1/s.
-        fewest: frames of a flight, at least.
-        contact_time: duration of a contact in s.
-        workers: processes, for a hundred files and more.
+        options: of the search; conventions that they do not state are found.
         progress: wraps the files as they are read.
 
     Raises:
         DataError: no contact is found, or a convention is neither stated nor found.
-        UnknownNameError: a column, unit or shape that does not exist.
+        UnknownNameError: a shape that does not exist.
     """
     known = make_shape(shape)
     if known is None:
         raise DataError("data.shape must be given: the contact point is the lowest point of the body's shape")
     mass = finite_number("mass", mass, 0, above=True)
     gyration = known.gyration_squared() if inertia is None else finite_number("inertia", inertia, 0, above=True) / mass
-    options = TrackOptions(
-        conventions=Conventions(unit=unit, up=up, order=order, angle=angle, sense=sense),
-        layout=_layout(columns or {}, rate, body),
-        flight=FlightOptions(
-            air=Air(drag=finite_number("drag", drag, 0)),
-            fewest=whole("fewest", fewest, 5),
-            contact_time=finite_number("contact_time", contact_time, 0, 0.1),
-        ),
-        workers=whole("workers", workers, 1),
-    )
     path = Path(path)
     conventions, clue = _angles(sample(recording_files(path), options.layout), options, known, gyration)
     found = survey(path, replace(options, conventions=conventions), progress=progress)
@@ -124,16 +149,9 @@ def find_impacts(
     floor = find_floor(found.contacts, known)
     contacts, refusals = off_the_floor(found.contacts, known, floor)
     found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
-    name = type(known).__name__.lower() if body is None else body
+    name = options.layout.body or type(known).__name__.lower()
     impacts = impacts_of(contacts, known, mass, gyration * mass, name, f"tracks of {path}")
     return Tracked(impacts=impacts, survey=found, floor=floor, shape=known, options=options)
-
-
-def _layout(columns: Mapping[str, Any], rate: float | None, body: str | None) -> Layout:
-    for name in columns:
-        if name not in _COLUMNS:
-            raise UnknownNameError("entry of data.columns", name, _COLUMNS)
-    return Layout(**columns, rate=rate, body=body)
 
 
 def _counts(refusals: Sequence[Refusal]) -> str:
@@ -174,7 +192,7 @@ def _angles(
     return replace(stated, angle=best[0], sense=best[1]), clue
 
 
-def _contacts(recordings: Sequence[Recording], options: TrackOptions) -> list[Contact]:
+def _contacts(recordings: Sequence[Recording], options: TrackOptions) -> list[Hit]:
     """Contacts of a few recordings under some conventions."""
     frame = find_frame(recordings, options.conventions)
     ready = options.in_air(frame)

@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from contactlearn.tracks.detection import FlightOptions
 from contactlearn.tracks.flight import Flight, fit
-from contactlearn.tracks.result import Contact
+from contactlearn.tracks.result import Hit
 from contactlearn.tracks.track import Array, Track, turn
 
 _SKIPS = 0.02  # prior probability that one more frame is missing
@@ -133,7 +133,7 @@ def meet(track: Track, before: Flight, after: Flight, options: FlightOptions) ->
     return meeting(before, after, window, track.step, options)
 
 
-def contact_of(track: Track, number: int, found: Meeting, before: Flight, after: Flight) -> Contact:
+def hit_of(track: Track, number: int, found: Meeting, before: Flight, after: Flight) -> Hit:
     """State before and after contact at its instant, with the covariance of everything."""
     (a, A), (b, B) = before.at(found.time), after.at(found.time - found.missing * track.step)
     errors = np.zeros((12, 12))
@@ -153,7 +153,7 @@ def contact_of(track: Track, number: int, found: Meeting, before: Flight, after:
     jacobian[6:9] += np.outer(moving, instant)
     jacobian[9] = instant
     lost = int((~track.seen[before.last + 1 : after.first]).sum())
-    return Contact(
+    return Hit(
         recording=track.name,
         number=number,
         time=found.time,

@@ -58,12 +58,12 @@ class Flights:
 def find_flights(track: Track, options: FlightOptions = FlightOptions()) -> Flights:
     """Find the free flights of a track."""
     pose, time = track.pose.copy(), track.time
-    sigma = noise(time, pose, options.fewest)
+    sigma = frame_noise(time, pose, options.fewest)
     width = min(_width(sigma, track.step, options), len(track))
     if width < options.fewest:
         return Flights(flights=(), sigma=sigma, width=options.fewest)
     if width > options.fewest:
-        sigma = noise(time, pose, width)
+        sigma = frame_noise(time, pose, width)
     good = np.zeros(0, dtype=np.bool_)
     for _ in range(3):
         fits = windows(time, pose, width, 1, options.air)
@@ -80,7 +80,7 @@ def find_flights(track: Track, options: FlightOptions = FlightOptions()) -> Flig
     )
 
 
-def noise(time: Float[Array, " t"], pose: Float[Array, "t 3"], width: int) -> Float[Array, "3"]:
+def frame_noise(time: Float[Array, " t"], pose: Float[Array, "t 3"], width: int) -> Float[Array, "3"]:
     """Standard deviations of a frame about anything smooth: the median over windows of residuals of parabolas."""
     if len(time) < width:
         return _LEAST_NOISE

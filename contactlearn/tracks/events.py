@@ -13,10 +13,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from contactlearn.tracks.contact import close, contact_of, cut, meet
+from contactlearn.tracks.contact import close, cut, hit_of, meet
 from contactlearn.tracks.detection import SAME, FlightOptions, Flights, apart, find_flights
 from contactlearn.tracks.flight import Flight
-from contactlearn.tracks.result import Contact, Found, Reason, Refusal
+from contactlearn.tracks.result import Found, Hit, Reason, Refusal
 from contactlearn.tracks.track import Track, turn
 
 _MEETS = 18.0  # squared distance with two degrees of freedom: one of 8000 by chance
@@ -30,7 +30,7 @@ _HIGH = 0.3  # of the track's range of heights, above the lowest: there is no fl
 def find_contacts(track: Track, options: FlightOptions = FlightOptions()) -> Found:
     """Find the contacts of a track between free flights, and refuse everything else."""
     found = find_flights(track, options)
-    flights, contacts, refusals = list(found.flights), list[Contact](), list[Refusal]()
+    flights, contacts, refusals = list(found.flights), list[Hit](), list[Refusal]()
     if not flights:
         refusals = [_gap(track, 0, len(track) - 1, found)]
         return Found(track=track, sigma=found.sigma, flights=(), contacts=(), refusals=tuple(refusals))
@@ -39,7 +39,7 @@ def find_contacts(track: Track, options: FlightOptions = FlightOptions()) -> Fou
     flights = cut(track, flights, found.sigma, options)
     for before, after in pairwise(flights):
         result = _between(track, before, after, found, options, len(contacts))
-        if isinstance(result, Contact):
+        if isinstance(result, Hit):
             contacts.append(result)
         else:
             refusals.append(result)
@@ -52,7 +52,7 @@ def find_contacts(track: Track, options: FlightOptions = FlightOptions()) -> Fou
 
 def _between(
     track: Track, before: Flight, after: Flight, found: Flights, options: FlightOptions, contacts: int
-) -> Contact | Refusal:
+) -> Hit | Refusal:
     """The contact between two flights, or why it is none."""
     first, last = before.last, after.first
     if not close(before, after, options):
@@ -78,7 +78,7 @@ def _between(
     for holds, reason, quantity, value, unit in reasons:
         if holds:
             return _refusal(track, first, last, reason, quantity, value, unit)
-    return contact_of(track, contacts + 1, met, before, after)
+    return hit_of(track, contacts + 1, met, before, after)
 
 
 def _skipped(before: Flight, after: Flight, time: float, step: float, most: int) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from contactlearn.errors import DataError
-from contactlearn.tracks.detection import noise
+from contactlearn.tracks.detection import frame_noise
 from contactlearn.tracks.flight import windows
 from contactlearn.tracks.track import Array, Recording
 
@@ -83,7 +83,7 @@ def _accelerations(recording: Recording) -> tuple[Array, Array]:
     if len(time) < frames:
         return np.zeros((0, width)), np.zeros((0, width))
     pose = np.column_stack((recording.position, np.zeros((len(time), 3 - width))))
-    sigma = noise(time, pose, frames) if recording.seen.any() else np.ones(3)
+    sigma = frame_noise(time, pose, frames) if recording.seen.any() else np.ones(3)
     sigma = np.maximum(sigma, 1e-9 * np.nanmax(np.abs(pose), initial=1e-9))
     fits = windows(time, pose, frames, 2, None)
     share = ((fits.residual / sigma) ** 2).sum(1)[:, :width].sum(1) / (width * np.maximum(fits.count - 3, 1))

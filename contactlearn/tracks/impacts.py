@@ -20,7 +20,7 @@ from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts
 from contactlearn.mechanics import contact_velocity
 from contactlearn.shapes import Shape, contact_point
-from contactlearn.tracks.result import Contact, Reason, Refusal
+from contactlearn.tracks.result import Hit, Reason, Refusal
 from contactlearn.tracks.track import Array
 
 _OFF = 8.0  # robust standard deviations of a contact point's height from the floor
@@ -39,13 +39,13 @@ class Floor:
     scatter: float
 
 
-def lowest_points(contacts: Sequence[Contact], shape: Shape) -> Float[Array, "n 2"]:
+def lowest_points(contacts: Sequence[Hit], shape: Shape) -> Float[Array, "n 2"]:
     """Contact points minus tracked points in m."""
     angles = torch.tensor([float(contact.pose[2]) for contact in contacts], dtype=torch.float64)
     return contact_point(shape, angles).numpy()
 
 
-def find_floor(contacts: Sequence[Contact], shape: Shape) -> Floor:
+def find_floor(contacts: Sequence[Hit], shape: Shape) -> Floor:
     """Fit the floor to the contact points, by least absolute deviations."""
     r = lowest_points(contacts, shape)
     pose = np.stack([contact.pose for contact in contacts])
@@ -72,7 +72,7 @@ def find_floor(contacts: Sequence[Contact], shape: Shape) -> Floor:
     )
 
 
-def off_the_floor(contacts: Sequence[Contact], shape: Shape, floor: Floor) -> tuple[list[Contact], list[Refusal]]:
+def off_the_floor(contacts: Sequence[Hit], shape: Shape, floor: Floor) -> tuple[list[Hit], list[Refusal]]:
     """Contacts with the floor, and refusals of those with a hand or a wall."""
     kept, refusals = [], []
     r = lowest_points(contacts, shape)
@@ -109,7 +109,7 @@ def off_the_floor(contacts: Sequence[Contact], shape: Shape, floor: Floor) -> tu
     return kept, refusals
 
 
-def moment_imbalance(contacts: Sequence[Contact], shape: Shape, gyration_squared: float, sense: int = 1) -> float:
+def moment_imbalance(contacts: Sequence[Hit], shape: Shape, gyration_squared: float, sense: int = 1) -> float:
     """Median share of the moment balance that is left over, in [0, 1], if angles grow in this sense."""
     angles = torch.tensor([sense * float(contact.pose[2]) for contact in contacts], dtype=torch.float64)
     r = contact_point(shape, angles).numpy()
@@ -120,9 +120,7 @@ def moment_imbalance(contacts: Sequence[Contact], shape: Shape, gyration_squared
     return float(np.median(np.abs(terms.sum(0)) / np.maximum(np.abs(terms).sum(0), 1e-12)))
 
 
-def impacts_of(
-    contacts: Sequence[Contact], shape: Shape, mass: float, inertia: float, name: str, source: str
-) -> Impacts:
+def impacts_of(contacts: Sequence[Hit], shape: Shape, mass: float, inertia: float, name: str, source: str) -> Impacts:
     """Return the impacts of contacts with the floor.
 
     Args:

@@ -46,7 +46,7 @@ class Refusal:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Contact:
+class Hit:
     """One contact between two free flights, at the instant at which they meet.
 
     Args:
@@ -100,5 +100,5 @@ class Found:
     track: Track
     sigma: Float[Array, "3"]
     flights: tuple[Flight, ...]
-    contacts: tuple[Contact, ...]
+    contacts: tuple[Hit, ...]
     refusals: tuple[Refusal, ...]

@@ -20,7 +20,7 @@ from contactlearn.tracks.detection import FlightOptions
 from contactlearn.tracks.events import find_contacts
 from contactlearn.tracks.readers import read, recording_files
 from contactlearn.tracks.readers.layout import Layout
-from contactlearn.tracks.result import Contact, Found, Reason, Refusal
+from contactlearn.tracks.result import Found, Hit, Reason, Refusal
 from contactlearn.tracks.track import Recording, Track
 
 _SAMPLE = 24  # recordings from which conventions are found
@@ -68,7 +68,7 @@ class Survey:
 
     frame: Frame
     recordings: int
-    contacts: tuple[Contact, ...]
+    contacts: tuple[Hit, ...]
     refusals: tuple[Refusal, ...]
 
 
@@ -152,7 +152,7 @@ def _out_of_plane(track: Track, options: TrackOptions) -> Refusal | None:
     return None
 
 
-_Part = tuple[int, list[Contact], list[Refusal]]
+_Part = tuple[int, list[Hit], list[Refusal]]
 
 
 def _parts(files: Sequence[Path], frame: Frame, options: TrackOptions, progress: Progress) -> Iterator[_Part]:
@@ -168,7 +168,7 @@ def _parts(files: Sequence[Path], frame: Frame, options: TrackOptions, progress:
 
 def _surveyed(file: Path, frame: Frame, options: TrackOptions) -> _Part:
     """Recordings, contacts and refusals of one file; an error is a refusal."""
-    count, contacts, refusals = 0, list[Contact](), list[Refusal]()
+    count, contacts, refusals = 0, list[Hit](), list[Refusal]()
     try:
         for recording in read(file, options.layout):
             found = tracked(recording, frame, options)

@@ -53,17 +53,14 @@ def load(
     order: str = "wxyz",
     seed: int = 0,
 ) -> Impacts:
-    """Impacts from simulated recordings of an ellipse of 35 mm by 25 mm.
+    """Impacts from simulated recordings of an ellipse.
 
     Args:
         size: number of recordings, each of two seconds.
         folder: where they are written; None is outputs/tracks/seed_SEED.
-        law: that is true.
-        mu: its coefficient of friction.
-        eps: its coefficient of restitution.
+        law: that is true, with its coefficients of friction `mu` and restitution `eps`.
         rate: frames a second.
-        noise: standard deviation of x and y in m.
-        angle_noise: that of θ in rad.
+        noise: standard deviation of x and y in m, and `angle_noise` that of θ in rad.
         exposure: s over which a frame is the mean pose.
         lost: share of lost frames.
         bad: share of frames with a gross error.
@@ -94,7 +91,7 @@ def load(
     )
     recordings, _ = simulate(whole("size", size, 1), camera, law=law, mu=mu, eps=eps, seed=whole("seed", seed, 0))
     place = Path("outputs") / "tracks" / f"seed_{seed}" if folder is None else Path(folder)
-    write(recordings, place)
+    write_recordings(recordings, place)
     return find_impacts(place, mass=MASS, shape=Ellipse(SEMI_AXES)).impacts
 
 
@@ -116,7 +113,7 @@ def simulate(
     return record(motion, camera, seed)
 
 
-def write(recordings: Sequence[Recording], folder: Path) -> None:
+def write_recordings(recordings: Sequence[Recording], folder: Path) -> None:
     """Write recordings as CSV files of a folder, a file each."""
     folder.mkdir(parents=True, exist_ok=True)
     for recording in recordings:

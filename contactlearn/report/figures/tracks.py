@@ -17,7 +17,7 @@ from contactlearn.mechanics import rotate
 from contactlearn.report.figures import style as st
 from contactlearn.report.text.tracks import REASONS
 from contactlearn.shapes import Shape
-from contactlearn.tracks.result import Contact, Found
+from contactlearn.tracks.result import Found, Hit
 from contactlearn.tracks.track import Array, turn
 
 _BLUE, _RED, _YELLOW = st.CONTRAST
@@ -27,7 +27,7 @@ _COLUMNS = 4
 
 
 @st.look()
-def contact_figure(found: Found, contact: Contact, shape: Shape) -> Figure:
+def contact_figure(found: Found, contact: Hit, shape: Shape) -> Figure:
     """Draw x, y and θ over time with both flights and the instant of contact, residuals below, and the body there."""
     track, flights = found.track, (contact.before, contact.after)
     figure = st.new_figure(st.PAGE, 4.2)
