@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from contactlearn.errors import DataError
-from contactlearn.tracks.track import Array
+from contactlearn.tracks.track import Array, Recording
 
 LARGEST = 2**30
 """Bytes of a file that is read as one recording."""
@@ -58,6 +59,21 @@ class Layout:
         if self.rate is None:
             raise DataError(f"{source}: has no column {self.time!r}; name it (data.columns.time), or state data.rate")
         return np.arange(frames) / self.rate
+
+    def poses(self, path: Path, rows: Sequence[Sequence[float]], order: str) -> Recording:
+        """Return the recording of rows of time, position in m and quaternion.
+
+        Raises:
+            DataError: there are none.
+        """
+        if not rows:
+            raise DataError(f"{path}: holds no frames")
+        values = np.array(rows, dtype=np.float64)
+        time = values[:, 0] if self.rate is None else self.times(len(values), str(path))
+        position, quaternion = values[:, 1:4], values[:, 4:]
+        return Recording(
+            name=path.stem, source=str(path), time=time, position=position, quaternion=quaternion, unit="m", order=order
+        )
 
     @property
     def order(self) -> str | None:

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rosbags.highlevel import AnyReader  # pyright: ignore[reportMissingImports]  (an extra)
 from rosbags.typesys import Stores, get_typestore  # pyright: ignore[reportMissingImports]
 
@@ -30,18 +29,7 @@ def read(path: Path, layout: Layout) -> Iterator[Recording]:
         if not found or len({one.topic for one in found}) > 1:
             raise DataError(f"{path}: holds poses on the topics {', '.join(topics) or 'none'}; state one as data.body")
         rows = [_row(bag.deserialize(raw, one.msgtype)) for one, _, raw in bag.messages(found)]
-    if not rows:
-        raise DataError(f"{path}: holds no frames")
-    values = np.array(rows)
-    yield Recording(
-        name=path.stem,
-        source=str(path),
-        time=values[:, 0] if layout.rate is None else layout.times(len(values), str(path)),
-        position=values[:, 1:4],
-        quaternion=values[:, 4:],
-        unit="m",
-        order="wxyz",
-    )
+    yield layout.poses(path, rows, "wxyz")
 
 
 def _row(message: Any) -> tuple[float, ...]:

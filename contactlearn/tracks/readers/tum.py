@@ -6,8 +6,6 @@ Source: Sturm et al. 2012, "A benchmark for the evaluation of RGB-D SLAM systems
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
 from contactlearn.errors import DataError
 from contactlearn.tracks.readers.layout import LARGEST, Layout
 from contactlearn.tracks.track import Recording
@@ -26,14 +24,4 @@ def read(path: Path, layout: Layout) -> Iterator[Recording]:
             raise DataError(
                 f"{path}: frame {number} has {len(row)} numbers; a TUM line has {_COLUMNS}: t x y z qx qy qz qw"
             )
-    if not rows:
-        raise DataError(f"{path}: holds no frames")
-    values = np.array(rows, dtype=np.float64)
-    yield Recording(
-        name=path.stem,
-        source=str(path),
-        time=values[:, 0] if layout.rate is None else layout.times(len(values), str(path)),
-        position=values[:, 1:4],
-        quaternion=values[:, 4:],
-        order="xyzw",
-    )
+    yield layout.poses(path, [[*map(float, row)] for row in rows], "xyzw")
