@@ -143,14 +143,14 @@ def test_the_command_writes_impacts_and_refusals(tmp_path, plain):
         "impacts from 6 recordings",
         "unit",
         "gravity",
-        "at rest 6",
+        "were refused",
         "left out",
         "9_broken.csv: has no column",
     ):
         assert fragment in told
     refused = pd.read_csv(tmp_path / "out.refused.csv")
     assert len(refused) == len(found.survey.refusals) + 1
-    assert set(refused["reason"]) >= {"rest", "not_read"}
+    assert "not_read" in set(refused["reason"])
 
 
 @pytest.mark.parametrize(
