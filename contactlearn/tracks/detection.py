@@ -23,7 +23,7 @@ SAME = 60.0
 _LEAST_NOISE = np.array((1e-7, 1e-7, 1e-6))  # m, m, rad: rounding of exact tracks
 _POWER = 150.0  # χ² that rest must make in a window that is taken for a flight
 _WIDEST = 80  # frames
-_EXCESS = 4.5  # standard deviations of χ² above its mean up to which a window is a flight
+_EXCESS = 6.0  # standard deviations of χ² above its mean up to which a window is a flight
 _MARGIN = 3  # frames of a window on each side of a bad one
 _EXTENDED = 3.0  # standard deviations up to which a frame continues a flight
 

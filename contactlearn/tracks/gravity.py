@@ -80,11 +80,10 @@ def _accelerations(recording: Recording) -> tuple[Array, Array]:
     """Accelerations [S, d] of windows that hold one motion, and their standard errors."""
     time, width = recording.time, recording.position.shape[1]
     frames = int(np.clip(round(_DURATION / np.median(np.diff(time))), _NARROWEST, _WIDEST))
-    if len(time) < frames:
+    if len(time) < frames or not recording.seen.any():
         return np.zeros((0, width)), np.zeros((0, width))
     pose = np.column_stack((recording.position, np.zeros((len(time), 3 - width))))
-    sigma = frame_noise(time, pose, frames) if recording.seen.any() else np.ones(3)
-    sigma = np.maximum(sigma, 1e-9 * np.nanmax(np.abs(pose), initial=1e-9))
+    sigma = np.maximum(frame_noise(time, pose, frames), 1e-9 * np.nanmax(np.abs(pose), initial=1e-9))
     fits = windows(time, pose, frames, 2, None)
     share = ((fits.residual / sigma) ** 2).sum(1)[:, :width].sum(1) / (width * np.maximum(fits.count - 3, 1))
     good = (fits.count >= max(5, 0.7 * frames)) & (share <= _SMOOTH)
