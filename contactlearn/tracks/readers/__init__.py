@@ -50,6 +50,8 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording]:
             name = "motive"
         module = import_module(f"contactlearn.tracks.readers.{name}")
     except ModuleNotFoundError as error:
+        if (error.name or "").startswith("contactlearn"):
+            raise
         raise ContactLearnError(
             f"{path}: files with suffix {path.suffix} need {error.name}: pip install 'contactlearn[tracks]'"
         ) from None
