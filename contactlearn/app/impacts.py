@@ -3,11 +3,11 @@
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 from omegaconf import DictConfig, OmegaConf
 
+from contactlearn.app.plain import plain_values
 from contactlearn.data import table, tracks
 from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.numerics import written_whole
@@ -35,7 +35,7 @@ def write_impacts(cfg: DictConfig, out: Path) -> str:
     for missing in sorted(OmegaConf.missing_keys(cfg)):
         raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data/tracks.yaml")
     table.check_suffix(out)
-    entries: dict[str, Any] = {str(key): value for key, value in OmegaConf.to_container(cfg, resolve=True).items()}
+    entries = plain_values(cfg)
     body = {name: entries.pop(name) for name in ("mass", "shape", "inertia")}
     path = Path(entries.pop("path"))
     try:
