@@ -161,9 +161,11 @@ def hasty(monkeypatch):
     monkeypatch.setattr(engines, "law_error", lambda *_: (1.0, None))
     monkeypatch.setattr(planted, "level_for", lambda *_: 0.03)
     monkeypatch.setattr(planted, "shares", lambda scene, *_: (0.5, (0.5,) * len(scene.effects)))
-    monkeypatch.setattr(
-        sets, "balanced", lambda names, rng, *of: planted.scene_for(planted._chosen(names, rng, *of), rng)
-    )
+
+    def balanced(names, rng, forms=planted.FORMS):
+        return planted.scene_for(planted._chosen(names, rng, forms), rng)
+
+    monkeypatch.setattr(sets, "balanced", balanced)
 
 
 ENGINES = ("mujoco", "pymunk")
