@@ -17,7 +17,7 @@ from omegaconf import OmegaConf
 from pyarrow import parquet
 
 from contactlearn.data import ellipse_drops as published
-from contactlearn.data import mujoco, mystery, synthetic, table
+from contactlearn.data import mujoco, mystery, synthetic, table, tracks, tracks_synthetic
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import COMPONENTS, Impacts
 from contactlearn.laws import find, names
@@ -328,7 +328,7 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatc
 def test_saved_csv_is_plain_text_with_the_documented_columns(tmp_path):
     path = table.save(synthetic.load(size=2).replace(time=torch.ones(2)), tmp_path / "drops.csv")
     header, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
-    assert header == list(table.COLUMNS)
+    assert header == [column for column in table.COLUMNS if not column.startswith("cov_")]
     assert rows[0][:3] == ["1", "ellipse", "0.0364"]
 
 
@@ -688,6 +688,8 @@ SOURCES = {
     "mystery": mystery,
     "synthetic": synthetic,
     "table": table,
+    "tracks": tracks,
+    "tracks_synthetic": tracks_synthetic,
 }
 
 
@@ -697,9 +699,14 @@ def test_config_holds_every_argument_with_its_default_and_a_comment(name, monkey
     config = OmegaConf.load(CONFIGS / f"{name}.yaml")
     assert config.pop("_target_") == f"contactlearn.data.{name}.load"
     assert config.pop("correct") == []  # `app.load_data` takes it off
-    for key, parameter in inspect.signature(SOURCES[name].load).parameters.items():
-        if parameter.kind is parameter.KEYWORD_ONLY:  # for the library, such as table's `suspect`
-            continue
+    arguments = {
+        key: parameter
+        for key, parameter in inspect.signature(SOURCES[name].load).parameters.items()
+        if parameter.kind is not parameter.KEYWORD_ONLY  # for the library, such as table's `suspect`
+    }
+    if arguments.pop("settings", None):  # of the search for impacts in recordings
+        arguments |= inspect.signature(tracks.track_options).parameters
+    for key, parameter in arguments.items():
         if parameter.default is parameter.empty:
             assert OmegaConf.is_missing(config, key)
         else:

@@ -378,7 +378,7 @@ def test_formulas_survive_a_checkpoint(tmp_path, place):
 def test_formulas_print_themselves():
     effect = formula(tau="-c*rx*Pn ", Pn="d*Pn", parameters={"c": {"low": 0, "high": 1, "unit": "m"}, "d": [-1, 1]})
     assert effect.equation == "τ ← τ + (-c*rx*Pn), P_n ← P_n + (d*Pn)"
-    assert "mine: τ ← τ + (-c*rx*Pn), P_n ← P_n + (d*Pn), c = 0.000 m, d = 0.000" in str(
+    assert "mine: τ ← τ + (-c*rx*Pn), P_n ← P_n + (d*Pn), c = 0 m, d = 0" in str(
         ContactModel(LAW, effects={"mine": effect})
     )
     assert formula(vx_post="-c*vx_post", parameters=C).equation == "v_x⁺ ← v_x⁺ + (-c*vx_post)"
