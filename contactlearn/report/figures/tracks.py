@@ -7,6 +7,7 @@ residuals_figure   residuals of all flights in units of the stated noise: are th
 
 import math
 from collections.abc import Sequence
+from textwrap import fill
 
 import numpy as np
 import torch
@@ -14,6 +15,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from contactlearn.mechanics import rotate
+from contactlearn.numerics import measured
 from contactlearn.report.figures import style as st
 from contactlearn.report.text.tracks import REASONS
 from contactlearn.shapes import Shape
@@ -23,7 +25,11 @@ from contactlearn.tracks.track import Array, turn
 _BLUE, _RED, _YELLOW = st.CONTRAST
 _LABELS = ("x (m)", "y (m)", "θ (rad)")
 _UNITS = (1e3, 1e3, 180 / math.pi)  # mm, mm and degrees of residuals
+_VELOCITIES = [
+    (f"{name}{when}", unit) for when in ("", "⁺") for name, unit in (("v_x", "m/s"), ("v_y", "m/s"), ("ω", "rad/s"))
+]
 _COLUMNS = 4
+_WIDE = 38  # letters of a title
 
 
 @st.look()
@@ -53,15 +59,8 @@ def contact_figure(found: Found, contact: Hit, shape: Shape) -> Figure:
     st.name_axes(body, "x (m)", "y (m)")
     panels[1, 3].axis("off")
     errors = np.sqrt(contact.covariance.diagonal())
-    said = "\n".join(
-        f"{name} {value:.4g} ± {error:.1g}"
-        for name, value, error in zip(
-            ("v_x before", "v_y", "ω", "v_x after", "v_y", "ω"),
-            (*contact.v_pre, *contact.v_post),
-            errors[:6],
-            strict=True,
-        )
-    )
+    values = zip(_VELOCITIES, (*contact.v_pre, *contact.v_post), errors[:6].tolist(), strict=True)
+    said = "\n".join(f"{name} = {measured(float(value), error, unit)}" for (name, unit), value, error in values)
     panels[1, 3].text(0, 1, said, va="top", fontsize="x-small")
     figure.suptitle(f"{st.plain(contact.name)}: contact at {contact.time:.5f} s ± {1e6 * errors[9]:.2g} µs")
     return figure
@@ -83,10 +82,11 @@ def refused_figure(founds: Sequence[Found]) -> Figure:
         for refusal in found.refusals:
             axes.axvspan(*refusal.time, color=st.tint(_RED, 0.3), linewidth=0.5)
         reasons = dict.fromkeys(REASONS[refusal.reason] for refusal in found.refusals)
-        axes.set_title(
-            f"{st.plain(track.name)}: {', '.join(reasons) or 'nothing refused'}", fontsize="xx-small", wrap=True
-        )
+        title = f"{st.plain(track.name)}: {', '.join(reasons) or 'nothing refused'}"
+        axes.set_title(fill(title, _WIDE), fontsize="xx-small")
         axes.tick_params(labelsize="xx-small")
+    figure.supxlabel("Time (s)", fontsize="small")
+    figure.supylabel("Height y (m)", fontsize="small")
     return figure
 
 
