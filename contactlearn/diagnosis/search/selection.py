@@ -133,15 +133,13 @@ def select(
     for law in pool.laws:
         pool.fitted(Spec(law), starts.get(law))
     complete = _searched(pool, thresholds.most_effects, time.monotonic() + seconds, generator, progress)
-    best = pool.best()
-    base = validated(pool, folds, pool.polished(Spec(best.spec.law)))
-    spec = _pruned(pool, folds, best, base.mean_error, thresholds).spec
+    spec = _pruned(pool, folds, pool.best(), thresholds).spec
     _fit_neighbours(pool, pool.models[spec], thresholds.window)
     return Selection(
         pool=pool,
         folds=folds,
         spec=spec,
-        base=base,
+        base=validated(pool, folds, pool.polished(Spec(spec.law))),
         present=validated(pool, folds, pool.polished(spec)),
         plausible=plausible_models(pool, pool.models[spec], thresholds.window, generator),
         complete=complete,
@@ -185,15 +183,20 @@ def _searched(
     return complete and not whole.late
 
 
-def _pruned(pool: Pool, folds: Folds, model: ScoredFit, base: float, thresholds: SelectionThresholds) -> ScoredFit:
-    """The model without the effects that are not worth a name, the least judged first; `base` is the law's error."""
+def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: SelectionThresholds) -> ScoredFit:
+    """The model without the effects that are not worth a name, the least judged first.
+
+    What is left without one is exchanged for the best model of no more effects, so that the answer is on the frontier.
+    """
     whole = validated(pool, folds, model)
     while model.spec.effects:
         less = pool.best(smaller(pool, model, effect) for effect in model.spec.effects)
-        without = validated(pool, folds, less)
-        if _worth_a_name(without, whole, base, thresholds):
+        law, without = (validated(pool, folds, one) for one in (pool.models[Spec(model.spec.law)], less))
+        if _worth_a_name(without, whole, law.mean_error, thresholds):
             break
-        model, whole = less, without
+        most = len(less.spec.effects)
+        model = pool.best(other for other in pool.models.values() if len(other.spec.effects) <= most)
+        whole = validated(pool, folds, model)
     return model
 
 
