@@ -292,3 +292,19 @@ def test_impossible_limits_are_refused(rivals, limits, error, words):
         next_experiment(impacts, chosen, others, generator=seeded(0), limits=limits)
     with pytest.raises(DataError, match="at least one rival"):
         next_experiment(impacts, chosen, {}, generator=seeded(0))
+
+
+def test_the_same_trace_in_a_poorer_form_is_a_rival():
+    """A body that is turned a little further for every drop: no form of a drift is the harmonics of its orientation."""
+    states = synthetic.load(size=150, seed=4)
+    theta = torch.linspace(-math.pi, math.pi, 150, dtype=torch.float64)
+    q = torch.cat((states.q[:, :2], theta[:, None]), 1)
+    turned = states.replace(q=q, r=contact_point(states.shape, theta))
+    around = EffectId("orientation_dependent_restitution", "harmonics")
+    among = (around.name, "parameter_drift", "velocity_dependent_restitution")
+    softer = find_effect(around.name)(a1=0.0, b1=0.07)
+    found = find_rivals(having(measured(turned, softer, 4), around, among=among))[around]
+    (drift,) = [one.rival for one in found]
+    assert drift.effect == EffectId("parameter_drift", "restitution_curve")
+    assert drift.similarity > 0.95
+    assert drift.loss_difference > 2 * drift.standard_error

@@ -10,6 +10,9 @@ from contactlearn.diagnosis.search.frontier import Search
 from contactlearn.diagnosis.search.plausible import inclusion, plausible_models
 from contactlearn.diagnosis.search.pool import Pool, Spec, identities
 from contactlearn.diagnosis.search.quadratic import Group
+from contactlearn.diagnosis.search.selection import _pruned
+from contactlearn.diagnosis.thresholds import SelectionThresholds
+from contactlearn.diagnosis.validation import Folds
 from contactlearn.effects import EffectId, find_effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.identification.joint import FitOptions
@@ -94,6 +97,32 @@ def test_the_score_charges_for_parameters_and_for_choosing_among_many():
     assert one.penalty(frozenset({SPIN})) - one.penalty(frozenset()) == pytest.approx(log_n / 2)
     extra = many.penalty(frozenset({SPIN})) - many.penalty(frozenset())
     assert extra == pytest.approx(log_n / 2 + torch.tensor(4.0).log().item())
+
+
+def worth(impacts, strong, weak, **limits):
+    """What is named of a strong and a weak effect under other limits."""
+    pool = pooled(impacts, strong, weak)
+    both = pool.fitted(spec(strong, weak))
+    folds = Folds.draw(len(impacts), torch.Generator().manual_seed(0))
+    return _pruned(pool, folds, both, SelectionThresholds(**limits)).spec.effects
+
+
+def test_a_small_part_beside_a_strong_effect_is_not_worth_a_name():
+    """It may be what the form of the strong one leaves, unless it is much of what is left."""
+    impacts = planted(400, spin_damping={"c": 0.6}, inertia_error={"kappa": 0.03})
+    assert worth(impacts, SPIN, INERTIA) == {SPIN}
+    assert worth(impacts, SPIN, INERTIA, least_part=0.0) == {SPIN, INERTIA}
+    assert worth(impacts, SPIN, INERTIA, clear_gain=0.02) == {SPIN, INERTIA}
+
+
+def test_what_is_left_without_an_effect_is_the_best_of_its_size():
+    """The search ended with others than the hidden one, which alone is better than any two of them."""
+    impacts = planted(300, spin_damping={"c": 0.3})
+    pool = pooled(impacts, SPIN, INERTIA, PATCH, DRAG)
+    pool.fitted(spec(SPIN))
+    wrong = pool.fitted(spec(INERTIA, PATCH, DRAG))
+    folds = Folds.draw(300, torch.Generator().manual_seed(0))
+    assert _pruned(pool, folds, wrong, SelectionThresholds()).spec == spec(SPIN)
 
 
 def test_law_and_effects_are_found_together():

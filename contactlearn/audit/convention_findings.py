@@ -119,15 +119,15 @@ def balance_findings(
     another inertia within the reach of an effect would close.  With `explained` other findings account for the
     contradictions, which are then not reported again.
     """
-    fit, rotated = balance(impacts), _with_inertia(impacts, thresholds)
-    left = contradictions(rotated, thresholds.conventions)
+    fit, balanced = balance(impacts), _with_inertia(impacts, thresholds)
+    left = contradictions(balanced, thresholds.conventions)
     means = {question: answer.mean().item() for question, answer in left.items()}
     total, worst = sum(means.values()), max(means, key=lambda question: means[question])
     opened = fit.imbalance > thresholds.open_balance
     contradictory = total > thresholds.conventions.consistent and not explained
     if not opened and not contradictory:
         return []
-    doubted = contradictory or balance(rotated).imbalance > thresholds.doubted_balance
+    doubted = contradictory or balance(balanced).imbalance > thresholds.doubted_balance
     none = f"none of the known mistakes explains it ({comparison.tried} hypotheses compared)"
     if opened:
         sentence = f"the moment balance does not close, and {none}: {_MUST} gives {fit}"

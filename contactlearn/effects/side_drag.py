@@ -9,6 +9,8 @@ from torch import Tensor
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State, columns
 
+_LEAST = 1e-9  # m/s, for the derivative of a body at rest
+
 
 @dataclass(frozen=True, eq=False)
 class SideDrag(Effect):
@@ -53,9 +55,6 @@ class QuadraticSideDrag(SideDrag):
     def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         speed = (v_post[..., :2].square().sum(-1) + _LEAST**2).sqrt()
         return _slowed(v_post, 1 / (1 + self.k * speed))
-
-
-_LEAST = 1e-9  # m/s, for the derivative of a body at rest
 
 
 def _slowed(v_post: Float[Tensor, "... n 3"], kept: Float[Tensor, "..."] | float) -> Float[Tensor, "... n 3"]:

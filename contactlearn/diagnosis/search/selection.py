@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
 
 import torch
@@ -188,11 +189,15 @@ def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: SelectionThr
 
     What is left without one is exchanged for the best model of no more effects, so that the answer is on the frontier.
     """
+
+    @cache
+    def error_of(law: str) -> float:
+        return validated(pool, folds, pool.models[Spec(law)]).mean_error
+
     whole = validated(pool, folds, model)
     while model.spec.effects:
         less = pool.best(smaller(pool, model, effect) for effect in model.spec.effects)
-        law, without = (validated(pool, folds, one) for one in (pool.models[Spec(model.spec.law)], less))
-        if _worth_a_name(without, whole, law.mean_error, thresholds):
+        if _worth_a_name(validated(pool, folds, less), whole, error_of(model.spec.law), thresholds):
             break
         most = len(less.spec.effects)
         model = pool.best(other for other in pool.models.values() if len(other.spec.effects) <= most)
