@@ -5,10 +5,12 @@
 With ν = 5 gross outliers have little weight.  The scatter Σ weights the three components by the covariance of their
 residuals; where the noise is known, e_k is whitened by it and Σ is s² times the identity.
 
-Levenberg–Marquardt steps in θ within the bounds alternate with expectation–maximisation steps in Σ.  Two starts are
-the best nodes of a grid over (μ, ε), with the other parameters at their initial values.  The further starts draw the
-other parameters from a Sobol sequence over a third of each range, or over the whole range of a parameter of which no
-value makes its effect vanish.  The worse half of the starts is dropped on the way.
+Levenberg–Marquardt steps in θ within the bounds alternate with expectation–maximisation steps in Σ.  Near the minimum
+they are Newton's: Gauss–Newton steps leave out that the weights change, and only approach it by a constant factor each.
+
+Two starts are the best nodes of a grid over (μ, ε), with the other parameters at their initial values.  The further
+starts draw the other parameters from a Sobol sequence over a third of each range, or over the whole range of a
+parameter of which no value makes its effect vanish.  The worse half of the starts is dropped on the way.
 
 Standard errors are those of an M-estimator, A⁻¹ B A⁻¹ from the curvature A and the covariance B of the trials'
 gradients, with the HC3 correction for leverage, or those of the curvature alone where these are larger.
@@ -22,6 +24,7 @@ from torch import Tensor
 
 _NU = 5.0  # degrees of freedom: 95 % as efficient as least squares on Gaussian noise
 _ROUNDS, _HALVING = 60, 6
+_DAMPING = torch.tensor((0.1, 0.1, 10.0), dtype=torch.float64)  # of each step, by that of the last
 TOLERANCE = 1e-7
 """Decrease of the loss in nats a trial below which a step is no improvement."""
 
@@ -143,7 +146,10 @@ def _starts(problem: Problem, starts: int) -> Tensor:
 
 
 def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int, tolerance: float) -> tuple[Tensor, ...]:
-    """Take rounds of damped steps, and return (θ, Σ, loss, converged); problems that have converged drop out."""
+    """Take rounds of damped steps, and return (θ, Σ, loss, converged); problems that have converged drop out.
+
+    A step that brings less than the tolerance ends a problem if it promised no more; otherwise two such steps do.
+    """
     result = [
         theta.clone(),
         scatter.clone(),
@@ -156,14 +162,14 @@ def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int, tole
         residual, slope = problem.linearised(theta)
         scatter = _scattered(problem, residual, scatter, 3)
         loss = _loss(residual, scatter)
-        step = _steps(residual, slope, scatter, theta, problem, damping)  # [C, B, K]
+        step, promised = _steps(residual, slope, scatter, theta, problem, damping)  # [C, B, K], [B]
         tried = (theta + step).clamp(problem.low, problem.high)
         losses = _loss(problem.residual(tried[..., None, :]), scatter)
         new, pick = losses.min(0)
         better = new < loss
         theta = torch.where(better[:, None], _picked(tried, pick), theta)
-        damping = damping * torch.where(better, torch.tensor((0.1, 1.0, 10.0), dtype=theta.dtype)[pick], 100.0)
-        calm = torch.where(loss - new.minimum(loss) < tolerance, calm + 1, 0)
+        damping = damping * torch.where(better, _DAMPING[pick], 100.0)
+        calm = torch.where(loss - new.minimum(loss) < tolerance, calm + 1 + (promised < tolerance), 0)
         done = (calm >= 2) | (damping > 1e10)
         for whole, part in zip(result, (theta, scatter, new.minimum(loss), done), strict=True):
             whole[active] = part
@@ -181,17 +187,30 @@ def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int, tole
 
 def _steps(
     residual: Tensor, slope: Tensor, scatter: Tensor, theta: Tensor, problem: Problem, damping: Tensor
-) -> Tensor:
-    """Steps [3, B, K] with 0.1, 1 and 10 times the damping; a parameter that would cross its bound is held there."""
-    gradient, curvature, _, _ = _normal(residual, slope, scatter)
+) -> tuple[Tensor, Tensor]:
+    """Steps [3, B, K], and the decrease [B] of the loss that the first promises.
+
+    That is Newton's with a tenth of the damping; the others are Gauss–Newton steps, which are shorter, with a tenth and
+    ten times the damping.  A parameter that would cross its bound is held there.
+    """
     width = problem.high - problem.low
+    gradient, curvature, _, each = _normal(residual, slope * width, scatter)
+    newton = _observed(curvature, each, _weight(_distance(residual, scatter)))
     held = ((theta <= problem.low) & (gradient > 0)) | ((theta >= problem.high) & (gradient < 0))
-    curvature = curvature.masked_fill(held[:, :, None] | held[:, None, :], 0.0)
-    diagonal = curvature.diagonal(dim1=-2, dim2=-1)
-    least = torch.where(held, 1.0, 1e-8 / width**2)
-    dampings = damping * torch.tensor((0.1, 1.0, 10.0), dtype=theta.dtype)[:, None]
-    damped = curvature + torch.diag_embed(dampings[..., None] * diagonal + least)
-    return torch.linalg.solve(damped, -gradient.masked_fill(held, 0.0)[..., None])[..., 0]
+    curvature = torch.stack((newton, curvature, curvature)).masked_fill(held[:, :, None] | held[:, None, :], 0.0)
+    dampings = (_DAMPING[:, None] * damping)[..., None] * curvature.diagonal(dim1=-2, dim2=-1)
+    damped = curvature + torch.diag_embed(dampings + torch.where(held, 1.0, 1e-8))
+    gradient = gradient.masked_fill(held, 0.0)
+    step = -torch.linalg.solve(damped, gradient[..., None])[..., 0]
+    return width * step, -0.5 * (gradient * step[0]).sum(-1)
+
+
+def _observed(curvature: Tensor, each: Tensor, weight: Tensor) -> Tensor:
+    """Curvature [B, K, K] with what the weights change, or the Gauss–Newton one where that is not positive definite."""
+    flat = each * (2 * weight.square() / (_NU + 3))[..., None]
+    observed = (curvature - each.mT @ flat / each.shape[1]).nan_to_num(0.0, 0.0, 0.0)
+    definite = torch.linalg.eigvalsh(observed)[:, 0] > 1e-3 * torch.linalg.eigvalsh(curvature)[:, 0]
+    return torch.where(definite[:, None, None], observed, curvature)
 
 
 def whitened(residual: Tensor, slope: Tensor, scatter: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -239,11 +258,8 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
     distance, n, K = _distance(residual, scatter), residual.shape[1], theta.shape[-1]
     _, curvature, slope, each = _normal(residual, slope, scatter)
     weight = _weight(distance)
-    flat = each * (2 * weight.square() / (_NU + 3))[..., None]
-    observed = curvature - each.mT @ flat / n
-    definite = torch.linalg.eigvalsh(observed)[:, 0] > 1e-3 * torch.linalg.eigvalsh(curvature)[:, 0]
     (values, vectors), (stretch, turn) = (
-        torch.linalg.eigh(A) for A in (torch.where(definite[:, None, None], observed, curvature), curvature)
+        torch.linalg.eigh(A) for A in (_observed(curvature, each, weight), curvature)
     )
     # A parameter that nothing depends on gets a standard error of a hundred times its range.
     information, plain = (n * x.clamp_min(0) + 1e-4 for x in (values, stretch))

@@ -48,7 +48,7 @@ class Processes:
 
     def at(self, rows: Int[Tensor, "b m"], x: Float[Tensor, "b k d"] | None = None) -> Float[Tensor, "b k 3"]:
         """Predict the wrench of the rows, or of other inputs, several for each row, in their units."""
-        mean, _ = self.gps.predict(self.inputs.apply(self.x[rows] if x is None else x))
+        mean = self.gps.mean(self.inputs.apply(self.x[rows] if x is None else x))
         unit = self.unit[rows].repeat(1, mean.shape[-1] // rows.shape[1], 1)
         return self.outputs.undo(mean.mT) * unit
 

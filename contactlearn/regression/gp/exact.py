@@ -131,10 +131,16 @@ class ExactGPs(gpytorch.models.ExactGP):
 
         What GPyTorch's own posterior gives in exact arithmetic, in a tenth of the time.
         """
-        cross = self.covar_module(_for_each_output(x, self.train_targets.shape[:-1]), *self.train_inputs).to_dense()
+        cross = self._cross(x)
         half = torch.linalg.solve_triangular(self._cholesky(), cross.mT, upper=False)
         rest = torch.linalg.solve_triangular(self._cholesky(), self.train_targets[..., None], upper=False)
         return (half.mT @ rest)[..., 0], (self.covar_module.outputscale[..., None] - half.square().sum(-2)).clamp_min(0)
+
+    @torch.no_grad()
+    def mean(self, x: Float[Tensor, "*batch n d"]) -> Float[Tensor, "*more o n"]:
+        """Mean [..., O, N] alone, at standardised x [..., N, D], for a fraction of the time."""
+        weights = torch.cholesky_solve(self.train_targets[..., None], self._cholesky())
+        return (self._cross(x) @ weights)[..., 0]
 
     @torch.no_grad()
     def leave_one_out(self) -> tuple[Float[Tensor, "*batch o n"], Float[Tensor, "*batch o n"]]:
@@ -146,6 +152,10 @@ class ExactGPs(gpytorch.models.ExactGP):
         variance = 1 / inverse.diagonal(dim1=-2, dim2=-1)
         error = (inverse @ self.train_targets[..., None])[..., 0] * variance
         return error, (variance - self.likelihood.variance()).clamp_min(0)
+
+    def _cross(self, x: Tensor) -> Tensor:
+        """Covariance [..., O, N, n] between standardised x [..., N, D] and the training inputs."""
+        return self.covar_module(_for_each_output(x, self.train_targets.shape[:-1]), *self.train_inputs).to_dense()
 
     def _cholesky(self) -> Tensor:
         """Factor of the training covariance with noise, [..., O, n, n]."""
