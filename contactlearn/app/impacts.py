@@ -15,7 +15,6 @@ from contactlearn.report import terminal
 from contactlearn.report.figures import style
 from contactlearn.report.figures.tracks import contact_figure, refused_figure, residuals_figure
 from contactlearn.report.text.tracks import tracks_summary
-from contactlearn.tracks.readers import recording_files
 from contactlearn.tracks.result import Reason, Refusal
 
 _CONTACTS, _REFUSED = 3, 24  # recordings that are drawn
@@ -52,19 +51,17 @@ def write_impacts(cfg: DictConfig, out: Path) -> str:
     table.save(found.impacts, out)
     refused = out.with_name(f"{out.stem}.refused.csv")
     save_refusals(found.survey.refusals, refused)
-    figures = draw_recordings(found, path, out.with_name(f"{out.stem}_figures"))
+    figures = draw_recordings(found, out.with_name(f"{out.stem}_figures"))
     return "\n".join([*tracks_summary(found, out, refused), f"figures  {figures}"])
 
 
-def draw_recordings(found: tracks.Tracked, path: Path, folder: Path) -> Path:
+def draw_recordings(found: tracks.Tracked, folder: Path) -> Path:
     """Draw a few contacts, refused recordings and the residuals into a folder."""
     contacts = {contact.recording: contact for contact in reversed(found.survey.contacts)}
     accepted = list(contacts)[-_CONTACTS:]
     refused = [r.recording for r in found.survey.refusals if r.reason not in (Reason.REST, Reason.NOT_READ)]
     shown = {*accepted, *dict.fromkeys(refused[:_REFUSED])}
-    files = recording_files(path)
-    files = [file for file in files if file.stem in shown] or files
-    founds = {one.track.name: one for one in found.again(files, shown)}
+    founds = {one.track.name: one for one in found.again(shown)}
     for name in accepted:
         style.save(
             contact_figure(founds[name], contacts[name], found.shape),

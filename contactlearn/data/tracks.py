@@ -6,7 +6,7 @@ axes and orders that are not stated are found from the flights or asked for; eac
 
 import math
 import os
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -34,31 +34,36 @@ _TELL = 3  # contacts that tell it, at least
 class Tracked:
     """Impacts of recordings, and everything that was found on the way to them."""
 
+    path: Path
     impacts: Impacts
     survey: Survey
     floor: Floor
     shape: Shape
     options: TrackOptions
 
-    def again(self, files: Iterable[Path], names: Collection[str]) -> Iterator[Found]:
+    def again(self, names: Collection[str]) -> Iterator[Found]:
         """Search some recordings once more, for what is not kept of all: tracks and flights."""
-        ready = self.options.in_air(self.survey.frame)
-        for file in files:
+        ready, files = self.options.in_air(self.survey.frame), recording_files(self.path)
+        for file in [file for file in files if file.stem in names] or files:
             for recording in read(file, self.options.layout):
                 if recording.name in names:
                     yield tracked(recording, self.survey.frame, ready)
 
 
-def load(
+def load(**settings: Any) -> Impacts:
+    """Impacts from a recording, or from all recordings of a folder; the settings are those of `find`."""
+    return find(**settings).impacts
+
+
+def find(
     path: str | os.PathLike[str],
     mass: float,
     shape: Mapping[str, Any] | Shape,
     inertia: float | None = None,
     **settings: Any,
-) -> Impacts:
-    """Impacts from a recording, or from all recordings of a folder; see `find_impacts` and `track_options`."""
-    options = track_options(**settings)
-    return find_impacts(path, mass=mass, shape=shape, inertia=inertia, options=options).impacts
+) -> Tracked:
+    """Impacts, and what was found on the way to them; see `find_impacts` and `track_options`."""
+    return find_impacts(path, mass=mass, shape=shape, inertia=inertia, options=track_options(**settings))
 
 
 def track_options(
@@ -151,7 +156,7 @@ def find_impacts(
     found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
     name = options.layout.body or type(known).__name__.lower()
     impacts = impacts_of(contacts, known, mass, gyration * mass, name, f"tracks of {path}")
-    return Tracked(impacts=impacts, survey=found, floor=floor, shape=known, options=options)
+    return Tracked(path=path, impacts=impacts, survey=found, floor=floor, shape=known, options=options)
 
 
 def _counts(refusals: Sequence[Refusal]) -> str:

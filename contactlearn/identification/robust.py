@@ -258,9 +258,7 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
     distance, n, K = _distance(residual, scatter), residual.shape[1], theta.shape[-1]
     _, curvature, slope, each = _normal(residual, slope, scatter)
     weight = _weight(distance)
-    (values, vectors), (stretch, turn) = (
-        torch.linalg.eigh(A) for A in (_observed(curvature, each, weight), curvature)
-    )
+    (values, vectors), (stretch, turn) = (torch.linalg.eigh(A) for A in (_observed(curvature, each, weight), curvature))
     # A parameter that nothing depends on gets a standard error of a hundred times its range.
     information, plain = (n * x.clamp_min(0) + 1e-4 for x in (values, stretch))
     inverse = (vectors / information[:, None]) @ vectors.mT

@@ -9,12 +9,13 @@ write    the recordings as CSV files
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import torch
 
 from contactlearn import laws
-from contactlearn.data.tracks import find_impacts
+from contactlearn.data.tracks import Tracked, find_impacts
 from contactlearn.data.tracks_synthetic.camera import Camera, TrueContacts, record
 from contactlearn.data.tracks_synthetic.motion import Body, throw
 from contactlearn.errors import UnknownNameError
@@ -35,7 +36,12 @@ AXES = {
 """The tracker's axes in world axes: a plane with y up, an image with y down, a space with y or with z up."""
 
 
-def load(
+def load(**settings: Any) -> Impacts:
+    """Impacts from simulated recordings of an ellipse; the settings are those of `find`."""
+    return find(**settings).impacts
+
+
+def find(
     size: int = 200,
     folder: str | None = None,
     law: str = "wang_mason",
@@ -52,8 +58,8 @@ def load(
     axes: str = "plane",
     order: str = "wxyz",
     seed: int = 0,
-) -> Impacts:
-    """Impacts from simulated recordings of an ellipse.
+) -> Tracked:
+    """Impacts from simulated recordings of an ellipse, and what was found on the way to them.
 
     Args:
         size: number of recordings, each of two seconds.
@@ -92,7 +98,7 @@ def load(
     recordings, _ = simulate(whole("size", size, 1), camera, law=law, mu=mu, eps=eps, seed=whole("seed", seed, 0))
     place = Path("outputs") / "tracks" / f"seed_{seed}" if folder is None else Path(folder)
     write_recordings(recordings, place)
-    return find_impacts(place, mass=MASS, shape=Ellipse(SEMI_AXES)).impacts
+    return find_impacts(place, mass=MASS, shape=Ellipse(SEMI_AXES))
 
 
 def simulate(
