@@ -16,13 +16,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import torch
 
-from contactlearn.data.tracks import find_impacts, track_options
+from contactlearn.data.tracks import Tracked, find_impacts, track_options
 from contactlearn.data.tracks_synthetic import AXES, MASS, SEMI_AXES, simulate, write_recordings
-from contactlearn.data.tracks_synthetic.camera import Camera
+from contactlearn.data.tracks_synthetic.camera import Camera, TrueContacts
+from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.effects import find_effect
 from contactlearn.errors import ContactLearnError
+from contactlearn.impacts import Impacts
 from contactlearn.numerics import Z_95
-from contactlearn.shapes import Ellipse
+from contactlearn.shapes import Ellipse, contact_point
 from contactlearn.tracks.detection import find_flights
 from contactlearn.tracks.events import find_contacts
 from contactlearn.tracks.track import Track, continuous, turn
@@ -174,6 +178,53 @@ def outcome(size: int, camera: Camera, settings: dict, seed: int) -> str:
     return "right" if np.median(scores) < 2 else "wrong"
 
 
+PLANTED = {
+    "spin_damping": {"c": 0.2},
+    "tangential_restitution": {"beta": 0.2},
+    "velocity_dependent_restitution": {"v_ref": 1.5, "p": -0.15},
+    "directional_friction": {"a": 0.3},
+    "contact_patch": {"k": 0.05},
+    "inertia_error": {"kappa": 0.1},
+}
+
+
+def diagnosis(size: int, seed: int, sets: int = 2) -> None:
+    """Names found from recordings, and from true states of the same impacts with noise of the stated covariances."""
+    print("| planted | impacts | from recordings | from a table |\n| --- | --- | --- | --- |")
+    for number, (name, values) in enumerate([("nothing", {}), *PLANTED.items()]):
+        effects = {name: find_effect(name)(**values)} if values else {}
+        for k in range(sets):
+            recordings, truth = simulate(size, PLAIN, effects=effects, seed=seed + 100 * number + k)
+            with tempfile.TemporaryDirectory() as folder:
+                write_recordings(recordings, Path(folder))
+                found = find_impacts(folder, mass=MASS, shape=Ellipse(SEMI_AXES))
+            answers = [named(impacts) for impacts in (found.impacts, tabled(found, truth, seed + k))]
+            print(f"| {name} | {len(found.impacts)} | {answers[0]} | {answers[1]} |", flush=True)
+
+
+def tabled(found: Tracked, truth: TrueContacts, seed: int) -> Impacts:
+    """The true states of the impacts that were found, with noise of their covariances."""
+    impacts, rows = found.impacts, []
+    for contact in found.survey.contacts:
+        mine = np.flatnonzero(truth.recording == int(contact.recording) - 1)
+        rows.append(mine[np.abs(truth.time[mine] - contact.time).argmin()])
+    generator = torch.Generator().manual_seed(seed)
+    noisy = {}
+    for when in ("v_pre", "v_post"):
+        factor = torch.linalg.cholesky(getattr(impacts, f"{when}_cov"))
+        normal = torch.randn(len(impacts), 3, 1, generator=generator, dtype=torch.float64)
+        noisy[when] = torch.from_numpy(getattr(truth, when)[rows]) + (factor @ normal)[..., 0]
+    q = torch.from_numpy(truth.q[rows])
+    return impacts.replace(q=q, r=contact_point(found.shape, q[:, 2]), apparatus=None, **noisy)
+
+
+def named(impacts: Impacts) -> str:
+    """The names that a diagnosis gives, with their confidence, or its verdict."""
+    answer = diagnose(impacts)
+    said = ", ".join(f"{one.effect} {one.confidence:.2f}" for one in answer.missing) or "no name"
+    return f"{said}; {answer.verdict}"
+
+
 def files(size: int, seed: int) -> None:
     """Time of the whole way from CSV files to impacts."""
     recordings, _ = simulate(size, PLAIN, seed=seed)
@@ -189,7 +240,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--size", type=int, default=300, help="recordings of a row")
     parser.add_argument("--seed", type=int, default=1000)
-    parser.add_argument("--what", nargs="+", default=["contacts", "conventions", "files"])
+    parser.add_argument("--what", nargs="+", default=["contacts", "conventions", "files", "diagnosis"])
     options = parser.parse_args()
     if "contacts" in options.what:
         contacts(options.size, options.seed)
@@ -197,6 +248,8 @@ def main() -> None:
         conventions(max(8, options.size // 25), options.seed)
     if "files" in options.what:
         files(options.size, options.seed)
+    if "diagnosis" in options.what:
+        diagnosis(max(8, options.size // 5), options.seed)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ holds float64 tensors in SI units; validation happens once, when it is made.
     v_pre_cov, v_post_cov  [N, 3, 3]       optional: covariances of the errors of v_pre and v_post
     order              [N]                 place in the sequence of measurements; 1, 2, 3 … if left out
     trial, object      tuples of N names
+    apparatus                          optional: what is known of it without any impact
 """
 
 import hashlib
@@ -24,6 +25,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from contactlearn import mechanics
+from contactlearn.apparatus import Apparatus
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.shapes import Shape
 
@@ -86,6 +88,7 @@ class Impacts:
     trial: tuple[str, ...] = ()
     object: tuple[str, ...] = ()
     shape: Shape | None = None
+    apparatus: Apparatus | None = field(default=None, kw_only=True)
     source: str = field(default="unnamed", kw_only=True)
     suspect: bool = field(default=False, kw_only=True)
     incomplete: tuple[str, ...] = field(default=(), kw_only=True)
@@ -236,6 +239,8 @@ class Impacts:
         for name in COVARIANCES:
             if (value := getattr(self, name)) is not None:
                 digest.update(name.encode() + value.contiguous().numpy().tobytes())
+        if self.apparatus is not None:
+            digest.update(repr(self.apparatus).encode())
         return digest.hexdigest()
 
     def split(self, test: float, generator: torch.Generator) -> tuple["Impacts", "Impacts"]:

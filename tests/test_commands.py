@@ -12,6 +12,7 @@ import torch
 from commands import ROOT, SMALL, TRAIN, run, run_alone
 
 from contactlearn import checkpoint, cli, laws
+from contactlearn.app.results import called
 from contactlearn.data import synthetic, table
 from contactlearn.evaluation import metrics
 
@@ -310,3 +311,16 @@ def test_a_law_alone_has_no_learning_curve(tmp_path):
 
 def test_unknown_setting_is_refused(tmp_path):
     assert "data.sizes" in run("train.py", "data.sizes=3", f"hydra.run.dir={tmp_path}", status=1)
+
+
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [
+        ("train.py", ["python", "evaluate.py"]),
+        ("contactlearn train", ["python", "-m", "contactlearn", "evaluate"]),
+        ("bin/contactlearn-train", ["python", "-m", "contactlearn", "evaluate"]),
+    ],
+)
+def test_printed_commands_are_called_as_this_one_was(program, words, monkeypatch):
+    monkeypatch.setattr("sys.argv", [program])
+    assert called("evaluate") == words

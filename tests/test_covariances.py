@@ -8,10 +8,13 @@ from contactlearn.data import synthetic, table
 from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.diagnosis.result import NoiseSource
 from contactlearn.errors import DataError
+from contactlearn.evaluation.metrics import mass_error
 from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.impacts import COVARIANCES, Impacts
 from contactlearn.laws import find
+from contactlearn.learning.recipe import Recipe, learn
 from contactlearn.model import ContactModel
+from contactlearn.noise_weight import noise_weight
 
 V, OMEGA = 0.01, 0.5
 
@@ -139,3 +142,45 @@ def test_the_noise_floor_is_that_of_the_covariances():
     ]
     assert [floor.source for floor in floors] == [NoiseSource.MEASURED, NoiseSource.STATED]
     assert floors[0].error.mean == pytest.approx(floors[1].error.mean, rel=1e-6)
+
+
+@pytest.mark.parametrize(("target", "outputs"), [("velocity", 3), ("impulse", 2), ("wrench", 3)])
+def test_trials_weigh_less_the_larger_their_stated_noise(target, outputs):
+    impacts = drops()
+    weight = noise_weight(impacts, target)
+    assert weight.shape == (30, outputs)
+    louder = impacts.v_post_cov.clone()
+    louder[4] *= 100
+    other = noise_weight(impacts.replace(v_post_cov=louder), target)
+    assert (other[4] < weight[4]).all()
+    assert weight.square().max() < 2
+    assert noise_weight(impacts.replace(v_pre_cov=None, v_post_cov=None), target) is None
+
+
+def test_the_wrench_of_a_trial_has_the_noise_of_its_velocities():
+    """The weights follow from the scatter of wrenches over draws of the stated noise."""
+    impacts = drops()
+    noise = torch.linalg.cholesky(impacts.v_post_cov + impacts.v_pre_cov) @ torch.randn(
+        4000, 30, 3, 1, dtype=torch.float64, generator=torch.Generator().manual_seed(0)
+    )
+    drawn = [impacts.replace(v_post=impacts.v_post + one[..., 0], suspect=True).wrench for one in noise]
+    variance = torch.stack(drawn).var(0)
+    typical = variance.median(0).values
+    expected = (2 * typical / (typical + variance)).sqrt()
+    assert torch.allclose(noise_weight(impacts, "wrench"), expected, rtol=0.05)
+
+
+def test_processes_learn_less_from_noisy_trials():
+    """Half of the trials have twenty times the noise; a process that is told so predicts the others better."""
+    pool, test = synthetic.load(size=80, seed=1), synthetic.load(size=200, seed=2)
+    scale = torch.tensor((V, V, OMEGA), dtype=torch.float64)
+    sigma = scale * torch.where(torch.arange(80) % 2 == 0, 1.0, 20.0).double()[:, None]
+    noise = torch.randn(80, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    noisy = pool.replace(v_post=pool.v_post + sigma * noise)
+    stated = noisy.replace(v_post_cov=torch.diag_embed(sigma.square()))
+    recipe = Recipe(features="state", target="velocity")
+    error = {
+        name: mass_error(test, learn(recipe, impacts, torch.arange(80)).predict(test)).mean().item()
+        for name, impacts in (("plain", noisy), ("stated", stated))
+    }
+    assert error["stated"] < 0.95 * error["plain"]

@@ -55,6 +55,21 @@ def test_planted_outliers_are_named(freedom):
     assert "row 8 (trial '8') is off by (+2.9" in finding.sentence
 
 
+def test_stated_covariances_are_the_yardstick():
+    """What is an outlier of a precise trial is none of one whose noise is ten times as large, and stated."""
+    drops = synthetic.load(size=200, seed=3, velocity_noise=0, spin_noise=0)
+    sigma = SIZE * torch.where(torch.arange(200) % 2 == 0, 0.1, 1.0).double()[:, None]
+    noise = torch.randn(200, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    v_post = truth(drops) + sigma * noise
+    v_post[10, 0] += 10 * sigma[10, 0]
+    v_post[11, 0] += 10 * sigma[10, 0]
+    plain = drops.replace(v_post=v_post)
+    finding = outliers_of(plain.replace(v_post_cov=torch.diag_embed(sigma.square())), truth)
+    assert finding is not None
+    assert finding.value("rows") == "11"
+    assert outliers_of(plain, truth) is None
+
+
 def test_a_stricter_table_has_fewer():
     impacts = measured(200, 2)
     v_post = impacts.v_post.clone()

@@ -27,8 +27,9 @@ PACKAGE = ROOT / "contactlearn"
 ORDER = (
     ("errors",),
     ("numerics", "serialisation"),
-    ("shapes", "mechanics"),
+    ("shapes", "mechanics", "apparatus"),
     ("impacts",),
+    ("noise_weight",),
     ("tracks",),
     ("laws", "effects"),
     ("regression",),
@@ -278,7 +279,9 @@ def test_what_is_written_elsewhere(pattern):
 KEYWORDS = {
     "contactlearn.audit.columns.Columns.replace",
     "contactlearn.data.mystery.forms._register",
+    "contactlearn.data.tracks.find",
     "contactlearn.data.tracks.load",
+    "contactlearn.data.tracks_synthetic.load",
     "contactlearn.effects.base.Effect.__init_subclass__",
     "contactlearn.effects.state.State.replace",
     "contactlearn.impacts.Impacts.replace",

@@ -50,8 +50,8 @@ def test_impacts_have_contact_points_covariances_and_names(plain):
     assert torch.allclose(impacts.q[:, 1] + impacts.r[:, 1], torch.tensor(0.0).double(), atol=3e-4)  # on the floor
     sigma = impacts.v_post_cov.diagonal(dim1=-2, dim2=-1).sqrt()
     assert (sigma.median(0).values < torch.tensor((2e-3, 2e-3, 0.1))).all()
-    assert abs(found.floor.height) < 2e-4
-    assert abs(found.floor.slope) < 1e-3
+    assert abs(found.floor.height.value) < 2e-4
+    assert abs(found.floor.slope.value) < 1e-3
     assert np.hypot(*found.survey.frame.gravity) == pytest.approx(9.81, rel=0.01)
 
 

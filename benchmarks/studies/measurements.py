@@ -5,6 +5,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from contactlearn.apparatus import Apparatus, Measured
+from contactlearn.audit.apparatus_findings import STANDARD_GRAVITY, scale_findings
 from contactlearn.audit.consistency import gross_outliers, outliers
 from contactlearn.audit.findings import energy_findings, order_findings, outlier_findings, shape_findings
 from contactlearn.audit.model_outliers import outliers_of
@@ -157,6 +159,23 @@ SHAPE = Study(
 )  # fmt: skip
 
 
+def _weighted(kind: str, seed: int) -> Impacts:
+    """Gravity somewhere on earth, measured well or badly, or under a wrong scale."""
+    off = between(0.985, 0.97, seed) ** (-1) ** seed if kind == "scale" else between(0.997, 1.003, seed)
+    error = between(0.05, 0.2, seed) if kind == "badly" else between(0.002, 0.02, seed)
+    noise = error * torch.randn((), generator=random(seed), dtype=torch.float64).item()
+    gravity = Measured(value=STANDARD_GRAVITY * off + noise, error=error)
+    exact = Measured(value=0.0, error=1e-3)
+    known = Apparatus(gravity=gravity, drag=exact, slope=None, orientation=None, delay=exact)
+    return textbook(seed, 20).replace(apparatus=known)
+
+
+SCALE = Study(
+    name="scale", null=each(16, "well", "badly"), planted=each(16, "scale"), prepare=_weighted,
+    alarm=lambda drops, thresholds: bool(scale_findings(drops, thresholds.audit)),
+)  # fmt: skip
+
+
 def _timed(kind: str, seed: int) -> Impacts:
     """Times within each recording, or a clock of the session with the trials out of order."""
     n = 60
@@ -216,6 +235,8 @@ ROWS = (
     Row(field="audit.energy_gain", values=(1.0, 1.1, 1.25, 1.5, 2.0), study=DRIVEN),
     Row(field="audit.energy_share", values=(0.0, 0.02, 0.05, 0.1, 0.2), study=DRIVEN),
     Row(field="audit.contact_point_off", values=scaled(0.15, 1 / 4, 1 / 2, 1, 2, 4), study=SHAPE),
+    Row(field="audit.scale_off", values=(0.0, 0.005, 0.01, 0.02, 0.04), study=SCALE),
+    Row(field="audit.apparatus_sigmas", values=(0.0, 1.0, 3.0, 10.0, 30.0), study=SCALE),
     Row(field="audit.seconds_per_trial", values=scaled(0.5, 0.04, 1 / 5, 1, 5, 25), study=ORDER),
     Row(field="audit.rank_correlation", values=(0.2, 0.5, 0.8, 0.95, 1.0), study=ORDER),
 )

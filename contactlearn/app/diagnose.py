@@ -32,7 +32,8 @@ from contactlearn.results.folder import write_result
 def diagnose(cfg: DictConfig) -> None:
     """Find the missing effects; each stage is printed as soon as it is known, the conclusion once it is on disk."""
     settings.check(cfg)
-    folder, impacts = results.run_folder(), loading.load_data(cfg.data, suspect=True)
+    folder = results.run_folder()
+    impacts = loading.load_data(cfg.data, suspect=True, folder=folder)
     report.show_start(impacts)
     with terminal.progress() as bar:
         found = _found(cfg, impacts, bar)
@@ -95,7 +96,7 @@ def _candidates(cfg: DictConfig, effects: Mapping[str, Effect]) -> dict[EffectId
 def _command(cfg: DictConfig, found: Diagnosis) -> str:
     """The command that evaluates what was found on these data."""
     task = HydraConfig.get().overrides.task
-    words = ["python", "evaluate.py", *(word for word in task if word.startswith("data"))]
+    words = [*results.called("evaluate"), *(word for word in task if word.startswith("data"))]
     repairs = found.corrections
     if repairs:
         words = [word for word in words if not word.startswith("data.correct")]

@@ -65,7 +65,8 @@ def evaluate(cfg: DictConfig) -> None:
     if cfg.transfer is not None:
         transfer(cfg)
         return
-    folder, data = results.run_folder(), loading.split(cfg)
+    folder = results.run_folder()
+    data = loading.split(cfg, folder)
     terminal.show_data(data.impacts.source, len(data.pool), len(data.test))
     row = _row(cfg, data)
     with terminal.progress() as bar:

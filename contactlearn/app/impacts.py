@@ -1,4 +1,4 @@
-"""The impacts command: recordings to a table of impacts, and beside it a table of what was refused, and figures."""
+"""The impacts command: recordings to a table of impacts, and beside it a table of refusals, figures, and a page."""
 
 import re
 from collections.abc import Sequence
@@ -14,6 +14,7 @@ from contactlearn.numerics import written_whole
 from contactlearn.report import terminal
 from contactlearn.report.figures import style
 from contactlearn.report.figures.tracks import contact_figure, refused_figure, residuals_figure
+from contactlearn.report.page.recordings import write_recordings_page
 from contactlearn.report.text.tracks import tracks_summary
 from contactlearn.tracks.result import Reason, Refusal
 
@@ -25,7 +26,7 @@ def write_impacts(cfg: DictConfig, out: Path) -> str:
 
     Args:
         cfg: the `data` part of a configuration with data=tracks.
-        out: a .csv or .parquet file; NAME.refused.csv beside it holds the refusals.
+        out: a .csv or .parquet file; NAME.refused.csv beside it holds the refusals, NAME.recordings.html shows all.
 
     Raises:
         ContactLearnError: a setting is missing.
@@ -52,7 +53,12 @@ def write_impacts(cfg: DictConfig, out: Path) -> str:
     refused = out.with_name(f"{out.stem}.refused.csv")
     save_refusals(found.survey.refusals, refused)
     figures = draw_recordings(found, out.with_name(f"{out.stem}_figures"))
-    return "\n".join([*tracks_summary(found, out, refused), f"figures  {figures}"])
+    page = out.with_name(f"{out.stem}.recordings.html")
+    try:
+        write_recordings_page(page, found)
+    except OSError as error:
+        raise DataError(f"{page}: cannot be written: {error}") from error
+    return "\n".join([*tracks_summary(found, out, refused), f"figures  {figures}", f"page     {page}"])
 
 
 def draw_recordings(found: tracks.Tracked, folder: Path) -> Path:

@@ -1,6 +1,8 @@
 """Data of a run: the `data` part of a configuration as impacts, and their split."""
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import torch
 from hydra.errors import InstantiationException
@@ -8,8 +10,10 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf, flag_override
 
 from contactlearn.audit.corrections import correct
+from contactlearn.data.tracks import Tracked
 from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.impacts import Impacts
+from contactlearn.report.page.recordings import RECORDINGS, SOURCES, write_recordings_page
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,10 +26,11 @@ class Split:
     generator: torch.Generator
 
 
-def load_data(cfg: DictConfig, suspect: bool = False) -> Impacts:
+def load_data(cfg: DictConfig, suspect: bool = False, folder: Path | None = None) -> Impacts:
     """Load the `data` part of a configuration as impacts, corrected; only this package's own sources are run.
 
     With `suspect` a table is read, and stays, without the rule that contacts approach the floor: for the audit.
+    Recordings leave recordings.html in the folder, if one is given.
 
     Raises:
         ContactLearnError: a setting that the source does not have, or a correction that does not exist.
@@ -39,18 +44,28 @@ def load_data(cfg: DictConfig, suspect: bool = False) -> Impacts:
     lenient = {"suspect": True} if suspect or names else {}
     if "drop_incomplete" in names:
         lenient["drop_incomplete"] = True
-    return correct(_read(source, lenient), list(names)).replace(suspect=suspect)
+    return correct(_read(source, lenient, folder), list(names)).replace(suspect=suspect)
 
 
-def _read(cfg: DictConfig, lenient: dict[str, bool]) -> Impacts:
-    """The impacts of a source; a table is read with the lenient settings."""
+def _read(cfg: DictConfig, lenient: dict[str, bool], folder: Path | None) -> Impacts:
+    """The impacts of a source; a table is read with the lenient settings, and recordings leave a page in the folder."""
     target = str(cfg.get("_target_", ""))
     if not target.startswith("contactlearn.data."):
         raise ContactLearnError(f"data._target_ must be a source under contactlearn.data, got {target!r}")
     for missing in sorted(OmegaConf.missing_keys(cfg)):
         raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data")
+    if target not in SOURCES:
+        return _made(cfg, target, lenient if target == "contactlearn.data.table.load" else {})
+    found: Tracked = _made(cfg, target, {"_target_": target.removesuffix("load") + "find"})
+    if folder is not None:
+        write_recordings_page(folder / RECORDINGS, found)
+    return found.impacts
+
+
+def _made(cfg: DictConfig, target: str, changes: dict[str, Any]) -> Any:
+    """What a source returns."""
     try:
-        return instantiate(cfg, _convert_="all", **(lenient if target == "contactlearn.data.table.load" else {}))
+        return instantiate(cfg, _convert_="all", **changes)
     except InstantiationException as error:
         if isinstance(error.__cause__, ContactLearnError):
             raise error.__cause__ from None
@@ -59,13 +74,13 @@ def _read(cfg: DictConfig, lenient: dict[str, bool]) -> Impacts:
         raise
 
 
-def split(cfg: DictConfig) -> Split:
-    """Load the data and hold out a share `test` of them.
+def split(cfg: DictConfig, folder: Path | None = None) -> Split:
+    """Load the data and hold out a share `test` of them; recordings leave recordings.html in the folder.
 
     Raises:
         DataError: fewer trials than `train.size`, or an outcome at rest, to which no error is relative.
     """
-    impacts = load_data(cfg.data)
+    impacts = load_data(cfg.data, folder=folder)
     generator = torch.Generator().manual_seed(cfg.seed)
     pool, test = impacts.split(cfg.test, generator)
     if len(pool) < cfg.train.size:

@@ -2,6 +2,7 @@
 
 import platform
 import shlex
+import sys
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -30,7 +31,13 @@ from contactlearn.results.provenance import DataSource, Provenance
 def command_line() -> str:
     """Return the command of this run."""
     job = HydraConfig.get()
-    return shlex.join(["python", f"{job.job.name}.py", *job.overrides.task])
+    return shlex.join([*called(job.job.name), *job.overrides.task])
+
+
+def called(command: str) -> list[str]:
+    """Return the words that call a command in the way in which this run was called: as a script or by the package."""
+    by_package = Path(sys.argv[0]).name.startswith("contactlearn")
+    return ["python", "-m", "contactlearn", command] if by_package else ["python", f"{command}.py"]
 
 
 def run_folder() -> Path:

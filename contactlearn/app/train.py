@@ -89,7 +89,8 @@ class _Trained:
 def train(cfg: DictConfig) -> None:
     """Train the one model of the configuration, save it, and compare its predictions with the held-out trials."""
     settings.check(cfg)
-    task, folder, data = _Task.of(cfg), results.run_folder(), loading.split(cfg)
+    task, folder = _Task.of(cfg), results.run_folder()
+    data = loading.split(cfg, folder)
     terminal.show_data(data.impacts.source, len(data.pool), len(data.test))
     with terminal.progress() as bar:
         trained = _trained(cfg, task, data, bar)

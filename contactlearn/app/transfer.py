@@ -38,7 +38,8 @@ def transfer(cfg: DictConfig) -> None:
     The two questions that end the paper: how good is the model on another body, and does it make
     fewer trials of that body enough?
     """
-    folder, data = results.run_folder(), loading.split(cfg)
+    folder = results.run_folder()
+    data = loading.split(cfg, folder)
     terminal.show_data(data.impacts.source, len(data.pool), len(data.test))
     source = data.pool[torch.randperm(len(data.pool), generator=data.generator)[: cfg.train.size]]
     bodies = _bodies(cfg, data)

@@ -30,6 +30,7 @@ from contactlearn.impacts import Impacts
 
 _POSES, _VELOCITIES = ("q", "q_post"), ("v_pre", "v_post")
 _DEGREE = math.pi / 180
+_OF_TRIALS = ("drop_", "averaged_", "ordered_", "inertia_")  # corrections after which units and axes are as before
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,8 @@ class Correction:
 def correct(impacts: Impacts, names: Sequence[str], thresholds: OutlierThresholds = OutlierThresholds()) -> Impacts:
     """Apply the named corrections in this order; the source of the result names them.
 
-    Impacts that are `suspect` stay so; the others are validated in full after the last correction.
+    Impacts that are `suspect` stay so; the others are validated in full after the last correction.  What is known of
+    the apparatus in other units or axes is known no longer.
 
     Args:
         impacts: measurements.
@@ -65,7 +67,8 @@ def correct(impacts: Impacts, names: Sequence[str], thresholds: OutlierThreshold
             raise UnknownNameError("correction", str(name), CORRECTIONS)
     if not names:
         return impacts
-    corrected = impacts.replace(suspect=True)
+    kept = impacts.apparatus if all(name.startswith(_OF_TRIALS) for name in names) else None
+    corrected = impacts.replace(suspect=True, apparatus=kept)
     for name in names:
         corrected = CORRECTIONS[name].function(corrected, thresholds)
     return corrected.replace(suspect=impacts.suspect, source=f"{impacts.source} (corrected: {', '.join(names)})")

@@ -8,6 +8,8 @@
     gross_outliers            trials that cannot be what was measured
     energy_gained             more trials than noise explains leave with more energy than they came with
     contact_point_off_shape   r is not where the body's shape touches the floor at θ
+    scale_off                 gravity in free flight is not 9.81 m/s²
+    apparatus                 what recordings tell without any impact: a note
     impossible_speeds         faster than anything in a laboratory
     moment_balance_open       the coefficients of the moment balance are not 1, and no hypothesis mends it
     contradictions            the trials contradict themselves otherwise, and no hypothesis mends it
@@ -23,6 +25,7 @@ import math
 
 import torch
 
+from contactlearn.audit.apparatus_findings import apparatus_notes, scale_findings
 from contactlearn.audit.consistency import gross_outliers, kinetic_energy, outliers, repeated
 from contactlearn.audit.convention_findings import (
     balance_findings,
@@ -49,12 +52,13 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     """
     findings = incomplete_findings(impacts) + duplicate_findings(impacts)
     sound = impacts.replace(suspect=True)[~repeated(impacts)]
+    notes = apparatus_notes(impacts)
     if len(sound) < thresholds.fewest_trials:
-        return tuple(findings + _of_trials(sound, thresholds))
+        return (*findings, *_of_trials(sound, thresholds), *notes)
     comparison = compare(sound, thresholds.conventions)
     fatal = impossible_findings(comparison, thresholds)
     if fatal:
-        return (*fatal, *findings, *order_findings(sound, thresholds))
+        return (*fatal, *findings, *order_findings(sound, thresholds), *notes)
     sound = comparison.best.impacts
     scaled = inertia_findings(sound, thresholds.conventions)
     if scaled:
@@ -62,12 +66,13 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     of_trials = _of_trials(sound, thresholds)
     unbalanced = balance_findings(sound, comparison, thresholds, explained=bool(of_trials))
     findings = [*convention_findings(comparison), *scaled, *unbalanced, *findings, *of_trials]
-    return tuple(findings) or (consistent_note(sound, thresholds),)
+    return (*(findings or [consistent_note(sound, thresholds)]), *notes)
 
 
 def _of_trials(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
     """Findings that need no comparison of hypotheses."""
-    findings = speed_findings(impacts, thresholds) + outlier_findings(impacts, thresholds)
+    findings = scale_findings(impacts, thresholds) + speed_findings(impacts, thresholds)
+    findings += outlier_findings(impacts, thresholds)
     good = ~outliers(impacts, thresholds.outliers)
     if good.any():
         findings += energy_findings(impacts[good], thresholds) + shape_findings(impacts[good], thresholds)

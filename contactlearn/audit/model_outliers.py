@@ -1,7 +1,8 @@
 """Outliers of a fitted model: trials that it makes all but impossible, and spins of the wrong sign.
 
 The residual of v_post has a multivariate Student's t distribution, whose scatter and degrees of freedom are fitted to
-it, so that heavy tails are no outliers.  A trial is one
+it, so that heavy tails are no outliers.  Where covariances are stated, residuals are in units of them (`noise_weight`).
+A trial is one
 
     where fewer than `false_outliers` trials of the whole table would have so large a residual by chance, or
     where another sign of ω before or after impact makes it so much more likely that fewer would by chance: the ratio of
@@ -19,6 +20,7 @@ from torch import Tensor
 from contactlearn.audit.result import Evidence, Finding
 from contactlearn.audit.thresholds import OutlierThresholds
 from contactlearn.impacts import Impacts
+from contactlearn.noise_weight import noise_weight
 
 _FREEDOM = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 100.0)  # of the t distributions that are tried
 _ROUNDS = 30
@@ -38,13 +40,14 @@ def outliers_of(
         predict: v_post in (m/s, m/s, rad/s) by the model, of impacts.
         thresholds: with the number of false outliers that is expected in a table.
     """
-    residual = impacts.v_post - predict(impacts)
-    centre, scatter, freedom = _fitted(residual)
-    distance = _distance(residual - centre, scatter)
+    residual, weight = impacts.v_post - predict(impacts), noise_weight(impacts, "velocity")
+    weight = torch.ones_like(residual) if weight is None else weight
+    centre, scatter, freedom = _fitted(weight * residual)
+    distance = _distance(weight * residual - centre, scatter)
     chance = torch.from_numpy(fisher.sf((distance / 3).numpy(), 3, freedom))
     far = chance * len(impacts) < thresholds.false_outliers
     flips = _flipped(impacts, predict)
-    gains = torch.stack([_gain(distance, _distance(one - centre, scatter), freedom) for one in flips.values()])
+    gains = torch.stack([_gain(distance, _distance(weight * one - centre, scatter), freedom) for one in flips.values()])
     wrong = gains > math.log(len(flips) * len(impacts) / thresholds.false_outliers)
     bad = far | wrong.any(0)
     if not bad.any():

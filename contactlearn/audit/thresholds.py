@@ -114,6 +114,11 @@ class AuditThresholds:
     contact_point_off: float = 0.15
     """Distance of the contact point from the shape's, of |r|, in the median; physical effects stay below a quarter
     of this (row audit.contact_point_off)."""
+    scale_off: float = 0.01
+    """Relative distance of gravity in free flight from 9.81 m/s² above which scale or frame rate are doubted; it
+    differs by 0.3 % over the earth (row audit.scale_off)."""
+    apparatus_sigmas: float = 3.0
+    """Standard errors by which it must be off, too (row audit.apparatus_sigmas)."""
     seconds_per_trial: float = 0.5
     """Time in s that a trial takes at least: times that span less are no clock of the session
     (row audit.seconds_per_trial)."""

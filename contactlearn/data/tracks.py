@@ -7,17 +7,19 @@ axes and orders that are not stated are found from the flights or asked for; eac
 import math
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from contactlearn.errors import DataError, UnknownNameError
+from contactlearn.apparatus import Apparatus, Measured
+from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import Impacts
 from contactlearn.numerics import finite_number, whole
 from contactlearn.shapes import Shape, make_shape
-from contactlearn.tracks.conventions import ANGLES, SENSES, Clue, Conventions, find_frame
+from contactlearn.tracks.conventions import ANGLES, SENSES, Conventions, find_frame
 from contactlearn.tracks.detection import FlightOptions
-from contactlearn.tracks.flight import Air
+from contactlearn.tracks.frame import Clue
 from contactlearn.tracks.impacts import Floor, find_floor, impacts_of, moment_imbalance, off_the_floor
 from contactlearn.tracks.readers import read, recording_files
 from contactlearn.tracks.readers.layout import Layout
@@ -42,12 +44,17 @@ class Tracked:
     options: TrackOptions
 
     def again(self, names: Collection[str]) -> Iterator[Found]:
-        """Search some recordings once more, for what is not kept of all: tracks and flights."""
+        """Search some recordings once more, for what is not kept of all: tracks and flights.
+
+        Files that cannot be read are left out.
+        """
         ready, files = self.options.in_air(self.survey.frame), recording_files(self.path)
-        for file in [file for file in files if file.stem in names] or files:
-            for recording in read(file, self.options.layout):
-                if recording.name in names:
-                    yield tracked(recording, self.survey.frame, ready)
+        alone = [file for file in files if file.stem in names]
+        for file in alone if {file.stem for file in alone} == {*names} else files:
+            with suppress(ContactLearnError):
+                for recording in read(file, self.options.layout):
+                    if recording.name in names:
+                        yield tracked(recording, self.survey.frame, ready)
 
 
 def load(**settings: Any) -> Impacts:
@@ -76,7 +83,7 @@ def track_options(
     columns: Mapping[str, Any] | None = None,
     rate: float | None = None,
     body: str | None = None,
-    drag: float = 0.0,
+    drag: float | None = None,
     fewest: int = 8,
     contact_time: float = 5e-4,
     workers: int = 1,
@@ -92,7 +99,7 @@ def track_options(
         columns: names of columns, see `Layout`.
         rate: frames a second, for files without times.
         body: name of the rigid body, topic or group, where a file holds several.
-        drag: of the air, 1/s.
+        drag: of the air, 1/s; None: found from the flights.
         fewest: frames of a flight, at least.
         contact_time: duration of a contact in s.
         workers: processes, for a hundred files and more.
@@ -105,10 +112,16 @@ def track_options(
         if name not in _COLUMNS:
             raise UnknownNameError("entry of data.columns", name, _COLUMNS)
     return TrackOptions(
-        conventions=Conventions(unit=unit, up=up, order=order, angle=angle, sense=sense),
+        conventions=Conventions(
+            unit=unit,
+            up=up,
+            order=order,
+            angle=angle,
+            sense=sense,
+            drag=None if drag is None else finite_number("drag", drag, 0),
+        ),
         layout=Layout(**(columns or {}), rate=rate, body=body),
         flight=FlightOptions(
-            air=Air(drag=finite_number("drag", drag, 0)),
             fewest=whole("fewest", fewest, 5),
             contact_time=finite_number("contact_time", contact_time, 0, 0.1),
         ),
@@ -155,8 +168,21 @@ def find_impacts(
     contacts, refusals = off_the_floor(found.contacts, known, floor)
     found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
     name = options.layout.body or type(known).__name__.lower()
-    impacts = impacts_of(contacts, known, mass, gyration * mass, name, f"tracks of {path}")
+    apparatus = _apparatus(found, floor, options.flight.contact_time)
+    impacts = impacts_of(contacts, known, mass, gyration * mass, name, f"tracks of {path}", apparatus)
     return Tracked(path=path, impacts=impacts, survey=found, floor=floor, shape=known, options=options)
+
+
+def _apparatus(found: Survey, floor: Floor, contact_time: float) -> Apparatus:
+    """What the recordings tell without any impact; states at contact may be off by a part of its duration."""
+    frame = found.frame
+    return Apparatus(
+        gravity=Measured(value=math.hypot(*frame.gravity), error=frame.gravity_error),
+        drag=Measured(value=frame.drag, error=frame.drag_error),
+        slope=floor.slope,
+        orientation=floor.orientation,
+        delay=Measured(value=0.0, error=contact_time / math.sqrt(12)),
+    )
 
 
 def _counts(refusals: Sequence[Refusal]) -> str:

@@ -239,7 +239,8 @@ _USUAL_MASS = 0.1  # kg, likewise of impulses and energies
 def named_parameters(effects: Mapping[str, Effect], box: Box, impacts: Impacts) -> tuple[Parameter, ...]:
     """Return μ, ε and the parameters of the effects, the latter named `effect.parameter`.
 
-    Ranges of lengths, impulses and energies are in proportion to the size or mass of large bodies.
+    Ranges of lengths, impulses and energies are in proportion to the size or mass of large bodies.  A parameter that is
+    known of the apparatus stays within the range that is.
     """
     shared = (
         Parameter("mu", "μ", "–", *box.mu, vanishing=None),
@@ -248,12 +249,13 @@ def named_parameters(effects: Mapping[str, Effect], box: Box, impacts: Impacts) 
     size = max(1.0, (impacts.inertia / impacts.mass).sqrt().median().item() / _USUAL_SIZE)
     mass = max(1.0, impacts.mass.median().item() / _USUAL_MASS)
     factors = {"m": size, "N s": mass, "J": mass}
-    own = (
-        replace(p, name=f"{name}.{p.name}", low=p.low * factor, high=p.high * factor)
-        for name, effect in effects.items()
-        for p in effect.parameters
-        for factor in (factors.get(p.unit, 1.0),)
-    )
+    known = {} if impacts.apparatus is None else dict(impacts.apparatus.ranges())
+    own: list[Parameter] = []
+    for name, effect in effects.items():
+        for p in effect.parameters:
+            factor = factors.get(p.unit, 1.0)
+            low, high = known.get(f"{effect.name}.{p.name}", (p.low * factor, p.high * factor))
+            own.append(replace(p, name=f"{name}.{p.name}", low=low, high=high))
     return (*shared, *own)
 
 

@@ -25,6 +25,7 @@ from contactlearn.identification.shared import Box
 from contactlearn.impacts import Impacts, measured_impulse
 from contactlearn.laws import Law
 from contactlearn.model import ContactModel, predict_with, wrench_per_parameter
+from contactlearn.noise_weight import noise_weight
 from contactlearn.regression.features import SPACES, Standardisation
 from contactlearn.regression.regressor import Regressor
 
@@ -116,8 +117,9 @@ def learn(
         "impulse": measured_impulse(impacts, impulse) - left.wrench[..., :2],
         "wrench": impacts.wrench - left.wrench,
     }[recipe.target]
-    values = _at(values, rows)
-    model = replace(model, residual=Regressor.fit(recipe.features, impacts, rows, values))
+    values, weight = _at(values, rows), noise_weight(impacts, recipe.target)
+    weight = None if weight is None else weight[rows]
+    model = replace(model, residual=Regressor.fit(recipe.features, impacts, rows, values, weight=weight))
     return _with_noise(model, impacts, rows, values)
 
 

@@ -2,6 +2,7 @@
 
     unit    of length: the size of gravity is 9.81 m/s² in one of them
     up      gravity points the other way
+    drag    of the air: what of the acceleration of free flights is in proportion to their velocity
     plane   the horizontal direction in which bodies move, or across which they turn
     order   of a quaternion: in the right one bodies turn about the normal of the plane
     right   the file's horizontal axis, or the one of its two directions that is nearer to a positive axis
@@ -17,10 +18,11 @@ import numpy as np
 from jaxtyping import Float
 
 from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.tracks.flight import GRAVITY, Air
+from contactlearn.tracks.flight import GRAVITY
+from contactlearn.tracks.frame import Clue, Frame
 from contactlearn.tracks.gravity import Gravity, find_gravity
-from contactlearn.tracks.rotations import body_axes, planar_angle, rotation_axis, tilt
-from contactlearn.tracks.track import Array, Recording, Track, continuous
+from contactlearn.tracks.rotations import body_axes, rotation_axis
+from contactlearn.tracks.track import Array, Recording
 
 UNITS = {"m": 1.0, "dm": 10.0, "cm": 100.0, "mm": 1000.0, "in": 1 / 0.0254, "ft": 1 / 0.3048}
 """Units of length in a metre."""
@@ -28,6 +30,7 @@ ORDERS = ("wxyz", "xyzw")
 ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 SENSES = {"as_read": 1, "mirrored": -1}
+_SEEN = 3.0  # standard errors of a drag that is more than noise
 _SCALE = 0.03  # relative distance of a measured gravity from 9.81 m/s²
 _UPRIGHT = np.radians(2)
 _LEANING = np.radians(10)  # of gravity from a stated axis
@@ -46,6 +49,7 @@ class Conventions:
         order: of a quaternion's components, one of `ORDERS`.
         angle: unit of an angle in the plane, one of `ANGLES`.
         sense: `as_read` if rotations belong to the file's axes, `mirrored` if they turn the other way.
+        drag: linear drag of the air in 1/s.
     """
 
     unit: str | None = None
@@ -53,6 +57,7 @@ class Conventions:
     order: str | None = None
     angle: str | None = None
     sense: str | None = None
+    drag: float | None = None
 
     def __post_init__(self) -> None:
         known = {"unit": UNITS, "up": AXES, "order": ORDERS, "angle": ANGLES, "sense": SENSES}
@@ -60,70 +65,6 @@ class Conventions:
             value = getattr(self, name)
             if value is not None and value not in names:
                 raise UnknownNameError(f"data.{name}", str(value), names)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Clue:
-    """One convention: where it comes from, and the number that shows it."""
-
-    convention: str
-    value: str
-    stated: bool
-    quantity: str
-    number: float
-    unit: str
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Frame:
-    """The way from a recording to a track.
-
-    Args:
-        scale: metres in the file's unit of length.
-        axes: rows are right, up and, in space, away, in the file's axes.
-        order: of a quaternion.
-        angle: radians in the file's unit of angle.
-        sense: 1, or −1 where rotations turn the other way than the axes say.
-        body: in space, the body's own axes: the one that gives θ, and the one that it turns about.
-        gravity: in the plane, (g_x, g_y) in m/s², and its error.
-        clues: of every convention.
-    """
-
-    scale: float
-    axes: Float[Array, "r d"]
-    order: str = "wxyz"
-    angle: float = 1.0
-    sense: int = 1
-    body: Float[Array, "2 3"] | None = None
-    gravity: tuple[float, float] = (0.0, -GRAVITY)
-    gravity_error: float = 0.0
-    clues: tuple[Clue, ...] = ()
-
-    @property
-    def air(self) -> Air:
-        """Free flight with 9.81 m/s² in the measured direction."""
-        size = np.hypot(*self.gravity)
-        return Air(gravity=(self.gravity[0] / size * GRAVITY, self.gravity[1] / size * GRAVITY))
-
-    def track(self, recording: Recording) -> Track:
-        """The recording in the plane of motion, in SI units and world axes."""
-        seen = recording.seen
-        position = np.where(seen[:, None], recording.position, np.nan) * self.scale
-        planar = position @ self.axes[:2].T
-        if recording.quaternion is not None and self.body is not None:
-            quaternion = np.where(seen[:, None], recording.quaternion, np.nan)
-            angle = planar_angle(quaternion, self.order, self.axes, self.body[0])
-            away = position @ self.axes[2]
-            apart = away - (np.nanmedian(away) if seen.any() else 0.0)
-            tilted = tilt(quaternion, self.order, self.axes, self.body[1])
-        else:
-            assert recording.angle is not None
-            right, up = self.axes[:, 0]
-            turned = 1 if self.axes[0, 0] * self.axes[1, 1] - self.axes[0, 1] * self.axes[1, 0] > 0 else -1
-            angle = np.arctan2(up, right) + turned * self.angle * np.where(seen, recording.angle, np.nan)
-            apart = tilted = np.zeros(len(recording))
-        pose = np.column_stack((planar, self.sense * continuous(angle, recording.time)))
-        return Track(name=recording.name, time=recording.time, pose=pose, apart=apart, tilted=tilted)
 
 
 def find_frame(recordings: Sequence[Recording], stated: Conventions = Conventions()) -> Frame:
@@ -143,14 +84,32 @@ def find_frame(recordings: Sequence[Recording], stated: Conventions = Convention
         frame, clues = _spatial(recordings, up, scale, stated.order)
     in_plane = frame.axes[:2] @ gravity.vector * scale
     angle = ANGLES[stated.angle or "rad"]
+    drag, air = _drag(gravity, stated.drag)
     return replace(
         frame,
         angle=angle,
         sense=SENSES[stated.sense or "as_read"],
         gravity=(float(in_plane[0]), float(in_plane[1])),
         gravity_error=gravity.error * scale,
-        clues=(unit, direction, *clues),
+        drag=drag,
+        drag_error=0.0 if stated.drag is not None else gravity.drag_error,
+        clues=(unit, direction, *clues, *air),
     )
+
+
+def _drag(gravity: Gravity, stated: float | None) -> tuple[float, tuple[Clue, ...]]:
+    """The stated drag, or the measured one where it is seen."""
+    seen = gravity.drag > _SEEN * gravity.drag_error
+    drag = stated if stated is not None else gravity.drag if seen else 0.0
+    clue = Clue(
+        convention="drag",
+        value=f"{drag:.3g} 1/s",
+        stated=stated is not None,
+        quantity="a standard error of the measured one",
+        number=gravity.drag_error,
+        unit="1/s",
+    )
+    return drag, (clue,) if drag else ()
 
 
 def _unit(gravity: Gravity, stated: str | None, source: str) -> tuple[float, Clue]:

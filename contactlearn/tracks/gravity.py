@@ -1,7 +1,8 @@
-"""Gravity in recordings as read: the acceleration that all free flights share, in the file's units and axes.
+"""Gravity and drag in recordings as read: the acceleration that all free flights share, in the file's units and axes.
 
 Parabolas are fitted to all windows of a few recordings.  A body in flight, and nothing else that lasts, has the same
-acceleration in every window; a body at rest has none.  The most common acceleration that is not zero is gravity.
+acceleration in every window; a body at rest has none.  The most common acceleration that is not zero is gravity.  What
+of it is in proportion to the velocity is a linear drag, a = g − c v.
 """
 
 from collections.abc import Sequence
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from numpy.lib.stride_tricks import sliding_window_view
 
 from contactlearn.errors import DataError
 from contactlearn.tracks.detection import frame_noise
@@ -22,21 +24,25 @@ _SURE = 8.0  # standard deviations of an acceleration that is not zero
 _NEAR = 0.05  # relative distance of accelerations that are the same
 _FEWEST = 6  # windows that agree
 _TRIED = 300
+_ROUNDS = 4
+_BLOCK = 4  # widths of a window
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Gravity:
-    """Gravity in a file's axes.
+    """Gravity in a file's axes, and drag.
 
     Args:
         vector: in units of length per s², [2 or 3].
         error: standard error of its size.
-        windows: that agree on it.
+        drag: linear drag c in 1/s.
+        drag_error: its standard error.
     """
 
     vector: Float[Array, " d"]
     error: float
-    windows: int
+    drag: float
+    drag_error: float
 
     @property
     def size(self) -> float:
@@ -44,31 +50,39 @@ class Gravity:
         return float(np.linalg.norm(self.vector))
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Motions:
+    """Accelerations [S, d] of windows that hold one motion, their standard errors [S], velocities, and blocks.
+
+    Windows of one block overlap; those of different blocks are independent, but for a few at their ends.
+    """
+
+    acceleration: Float[Array, "s d"]
+    error: Float[Array, " s"]
+    velocity: Float[Array, "s d"]
+    block: Float[Array, " s"]
+
+    def __getitem__(self, rows: Array) -> "_Motions":
+        return _Motions(**{name: value[rows] for name, value in vars(self).items()})
+
+
 def find_gravity(recordings: Sequence[Recording]) -> Gravity:
-    """Find gravity in recordings.
+    """Find gravity and drag in recordings.
 
     Raises:
         DataError: no acceleration is common.
     """
-    parts = [_accelerations(recording) for recording in recordings]
-    accelerations, errors = (np.concatenate(part) for part in zip(*parts, strict=True))
-    sizes, spread = np.linalg.norm(accelerations, axis=1), np.linalg.norm(errors, axis=1)
-    moving = sizes > _SURE * spread
-    accelerations, spread, sizes = accelerations[moving], spread[moving], sizes[moving]
+    parts = [vars(_motions(recording, k)) for k, recording in enumerate(recordings)]
+    motions = _Motions(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    motions = motions[np.linalg.norm(motions.acceleration, axis=1) > _SURE * motions.error]
+    sizes = np.linalg.norm(motions.acceleration, axis=1)
     if len(sizes) >= _FEWEST:
         tried = np.unique(np.linspace(0, len(sizes) - 1, min(_TRIED, len(sizes))).astype(int))
-        apart = np.linalg.norm(accelerations[tried, None] - accelerations, axis=2)
-        agree = apart <= _NEAR * sizes[tried, None] + 3 * spread
+        apart = np.linalg.norm(motions.acceleration[tried, None] - motions.acceleration, axis=2)
+        agree = apart <= _NEAR * sizes[tried, None] + 3 * motions.error
         best = agree[int(agree.sum(1).argmax())]
         if best.sum() >= _FEWEST:
-            mean = np.average(accelerations[best], axis=0, weights=1 / spread[best] ** 2)
-            best = np.linalg.norm(mean - accelerations, axis=1) <= _NEAR * np.linalg.norm(mean) + 3 * spread
-            weight = 1 / spread[best] ** 2
-            mean = np.average(accelerations[best], axis=0, weights=weight)
-            along = (accelerations[best] - mean) @ mean / np.linalg.norm(mean)
-            freedom = max(best.sum() / _NARROWEST, 1.0)  # windows overlap
-            error = np.sqrt(np.average(along**2, weights=weight) / freedom)
-            return Gravity(vector=mean, error=float(error), windows=int(best.sum()))
+            return _shared(motions, best)
     raise DataError(
         f"{recordings[0].source}: no free flight is seen: no acceleration is common to the recordings; state units, up "
         "and frame rate (data.unit, data.up, data.rate), and check that the body flies for "
@@ -76,16 +90,66 @@ def find_gravity(recordings: Sequence[Recording]) -> Gravity:
     )
 
 
-def _accelerations(recording: Recording) -> tuple[Array, Array]:
-    """Accelerations [S, d] of windows that hold one motion, and their standard errors."""
+def _shared(motions: _Motions, agree: Array) -> Gravity:
+    """Gravity and drag of the windows that agree, and of those that then do."""
+    known, inverse = _fitted(motions[agree])
+    for _ in range(_ROUNDS):
+        left = np.linalg.norm(motions.acceleration - known[:-1] + known[-1] * motions.velocity, axis=1)
+        agree = left <= _NEAR * np.linalg.norm(known[:-1]) + 3 * motions.error
+        known, inverse = _fitted(motions[agree])
+    size = np.linalg.norm(known[:-1])
+    direction = np.append(known[:-1] / size, 0.0)
+    variance = direction @ inverse @ direction
+    return Gravity(
+        vector=known[:-1], error=float(variance**0.5), drag=float(known[-1]), drag_error=float(inverse[-1, -1] ** 0.5)
+    )
+
+
+def _fitted(motions: _Motions) -> tuple[Array, Array]:
+    """Gravity and drag [d + 1] by least squares, and their covariance from the scatter of the blocks."""
+    count, d = motions.acceleration.shape
+    design = np.concatenate((np.broadcast_to(np.eye(d), (count, d, d)), -motions.velocity[..., None]), 2)
+    weight = 1 / motions.error**2
+    normal = np.einsum("nik,n,nil->kl", design, weight, design)
+    known = np.linalg.lstsq(normal, np.einsum("nik,n,ni->k", design, weight, motions.acceleration), rcond=None)[0]
+    scores = np.einsum("nik,n,ni->nk", design, weight, motions.acceleration - design @ known)
+    blocks, block = np.unique(motions.block, return_inverse=True)
+    summed = np.zeros((len(blocks), d + 1))
+    np.add.at(summed, block, scores)
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    few = len(blocks) / max(len(blocks) - d - 1, 1)
+    return known, few * inverse @ summed.T @ summed @ inverse
+
+
+def _motions(recording: Recording, number: int) -> _Motions:
+    """Windows of a recording that hold one motion."""
     time, width = recording.time, recording.position.shape[1]
     frames = int(np.clip(round(_DURATION / np.median(np.diff(time))), _NARROWEST, _WIDEST))
     if len(time) < frames or not recording.seen.any():
-        return np.zeros((0, width)), np.zeros((0, width))
+        none = np.zeros((0, width))
+        return _Motions(acceleration=none, error=none[:, 0], velocity=none, block=none[:, 0])
     pose = np.column_stack((recording.position, np.zeros((len(time), 3 - width))))
     sigma = np.maximum(frame_noise(time, pose, frames), 1e-9 * np.nanmax(np.abs(pose), initial=1e-9))
     fits = windows(time, pose, frames, 2, None)
     share = ((fits.residual / sigma) ** 2).sum(1)[:, :width].sum(1) / (width * np.maximum(fits.count - 3, 1))
     good = (fits.count >= max(5, 0.7 * frames)) & (share <= _SMOOTH)
     errors = 2 * sigma / np.sqrt(np.maximum(fits.told, 1e-30))
-    return 2 * fits.leading[good, :width], errors[good, :width]
+    return _Motions(
+        acceleration=2 * fits.leading[good, :width],
+        error=np.linalg.norm(errors[good, :width], axis=1),
+        velocity=_velocities(time, pose[:, :width], frames)[good],
+        block=number + np.flatnonzero(good) // (_BLOCK * frames) / len(time),
+    )
+
+
+def _velocities(time: Float[Array, " t"], position: Float[Array, "t d"], frames: int) -> Float[Array, "s d"]:
+    """Mean velocity of each window, between the middles of its first and last thirds."""
+    third = frames // 3
+    when, where = sliding_window_view(time, frames), np.moveaxis(sliding_window_view(position, frames, axis=0), 1, -1)
+    first, last = np.s_[:, :third], np.s_[:, -third:]
+    with np.errstate(invalid="ignore"):
+        seen = np.isfinite(where[..., 0])
+        sums = [(np.nansum(where[part], 1), seen[part].sum(1), (when * seen)[part].sum(1)) for part in (first, last)]
+        (a, n, start), (b, m, end) = sums
+        n, m = np.maximum(n, 1), np.maximum(m, 1)
+        return (b / m[:, None] - a / n[:, None]) / np.maximum(end / m - start / n, 1e-12)[:, None]

@@ -1,6 +1,7 @@
 """Impacts of contacts: contact points from the body's shape, the floor that they all touch, and the last refusals.
 
-    floor        height and slope of the line through all contact points, robustly: contacts off it are no floor's
+    floor        height and slope of the line through all contact points, robustly: contacts off it are no floor's;
+                 and the angle by which the body's zero of θ is off, which moves them up and down as the body turns
     approach     v_n < 0 before contact and P_n > 0, or whatever was touched was no floor
     covariance   of v_pre and v_post, each with the error of the instant in it
 
@@ -16,6 +17,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from contactlearn.apparatus import Apparatus, Measured
 from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts
 from contactlearn.mechanics import contact_velocity
@@ -26,61 +28,73 @@ from contactlearn.tracks.track import Array
 _OFF = 8.0  # robust standard deviations of a contact point's height from the floor
 _LEAST = 1e-3  # m that it may be off in any case
 _ROUNDS = 10
+_TELL = 8  # contacts that tell the floor's slope and the body's zero of θ, at least
+_STEP = 1e-4  # rad, of a difference quotient
+_ROUND = 1e-3  # relative change of the height with θ up to which a body is round
 
 
 @dataclass(frozen=True, kw_only=True)
 class Floor:
-    """The floor as contact points show it: height in m at x = 0, slope in rad, their errors, and scatter in m."""
+    """The floor as contact points show it.
 
-    height: float
-    slope: float
-    height_error: float
-    slope_error: float
+    Args:
+        height: in m at x = 0.
+        slope: in rad; None where contacts are too few or in one place.
+        orientation: in rad, to be added to θ; None where contacts are too few or the body is round.
+        scatter: of the contact points about it in m.
+    """
+
+    height: Measured
+    slope: Measured | None
+    orientation: Measured | None
     scatter: float
 
+    def above(self, contacts: Sequence[Hit], shape: Shape) -> Float[Array, " n"]:
+        """Height of contact points above the floor in m."""
+        slope, orientation = (0.0 if one is None else one.value for one in (self.slope, self.orientation))
+        points = _lowest(contacts, shape, orientation)
+        return points[:, 1] - self.height.value - np.tan(slope) * points[:, 0]
 
-def lowest_points(contacts: Sequence[Hit], shape: Shape) -> Float[Array, "n 2"]:
-    """Contact points minus tracked points in m."""
-    angles = torch.tensor([float(contact.pose[2]) for contact in contacts], dtype=torch.float64)
-    return contact_point(shape, angles).numpy()
+
+def _lowest(contacts: Sequence[Hit], shape: Shape, turned: float = 0.0) -> Float[Array, "n 2"]:
+    """Contact points in m, of a body that is turned further by an angle in rad."""
+    pose = np.stack([contact.pose for contact in contacts])
+    return pose[:, :2] + contact_point(shape, torch.from_numpy(pose[:, 2] + turned)).numpy()
 
 
 def find_floor(contacts: Sequence[Hit], shape: Shape) -> Floor:
     """Fit the floor to the contact points, by least absolute deviations."""
-    r = lowest_points(contacts, shape)
-    pose = np.stack([contact.pose for contact in contacts])
-    x, y = pose[:, 0] + r[:, 0], pose[:, 1] + r[:, 1]
-    wide = len(x) > 2 and np.ptp(x) > 0
-    design = np.stack((np.ones_like(x), x - x.mean() if wide else np.zeros_like(x)), 1)
-    weight = np.ones_like(x)
-    fit, scatter = np.zeros(2), 0.0
+    points = _lowest(contacts, shape)
+    rising = (_lowest(contacts, shape, _STEP) - _lowest(contacts, shape, -_STEP))[:, 1] / (2 * _STEP)
+    told = {"height": np.ones(len(points))}
+    if len(points) >= _TELL and np.ptp(points[:, 0]) > 0:
+        told["slope"] = points[:, 0]
+    if len(points) >= _TELL and np.std(rising) > _ROUND * shape.gyration_squared() ** 0.5:
+        told["orientation"] = -rising
+    design, weight = np.stack([*told.values()], 1), np.ones(len(points))
+    fit, off, scatter = np.zeros(len(told)), np.zeros(len(points)), 0.0
     for _ in range(_ROUNDS):
-        weighted = design * weight[:, None]
-        fit = np.linalg.lstsq(weighted.T @ design, weighted.T @ y, rcond=None)[0]
-        off = np.abs(y - design @ fit)
+        fit = np.linalg.lstsq(design * weight[:, None] ** 0.5, points[:, 1] * weight**0.5, rcond=None)[0]
+        off = np.abs(points[:, 1] - design @ fit)
         scatter = max(float(np.median(off)), 1e-9)
         weight = 1 / np.maximum(off, scatter / 10)
-    good = np.abs(y - design @ fit) <= 5 * 1.5 * scatter
-    spread = float(np.std((y - design @ fit)[good])) if good.any() else scatter
-    errors = spread / np.sqrt(max(good.sum(), 1)), spread / np.sqrt(max(float((design[good, 1] ** 2).sum()), 1e-300))
-    return Floor(
-        height=float(fit[0] - fit[1] * x.mean()),
-        slope=float(np.arctan(fit[1])),
-        height_error=float(errors[0]),
-        slope_error=float(errors[1]) if wide else float("inf"),
-        scatter=max(spread, 1e-9),
-    )
+    good = off <= 5 * 1.5 * scatter
+    spread = max(float(np.std((points[:, 1] - design @ fit)[good])), 1e-9)
+    errors = spread * np.linalg.pinv(design[good].T @ design[good], hermitian=True).diagonal() ** 0.5
+    found = {
+        name: Measured(value=float(x), error=float(error)) for name, x, error in zip(told, fit, errors, strict=True)
+    }
+    return Floor(height=found["height"], slope=found.get("slope"), orientation=found.get("orientation"), scatter=spread)
 
 
 def off_the_floor(contacts: Sequence[Hit], shape: Shape, floor: Floor) -> tuple[list[Hit], list[Refusal]]:
     """Contacts with the floor, and refusals of those with a hand or a wall."""
     kept, refusals = [], []
-    r = lowest_points(contacts, shape)
+    pose = np.stack([contact.pose for contact in contacts])
+    r = _lowest(contacts, shape) - pose[:, :2]
     before = torch.from_numpy(np.stack([contact.v_pre for contact in contacts]))
     approach = contact_velocity(torch.from_numpy(r), before)[:, 1].numpy()
-    for contact, arm, v_n in zip(contacts, r, approach, strict=True):
-        x, y = contact.pose[0] + arm[0], contact.pose[1] + arm[1]
-        above = float(y - floor.height - np.tan(floor.slope) * x)
+    for contact, above, v_n in zip(contacts, floor.above(contacts, shape).tolist(), approach, strict=True):
         push = float(contact.v_post[1] - contact.v_pre[1])
         for holds, quantity, value, unit in (
             (
@@ -120,7 +134,15 @@ def moment_imbalance(contacts: Sequence[Hit], shape: Shape, gyration_squared: fl
     return float(np.median(np.abs(terms.sum(0)) / np.maximum(np.abs(terms).sum(0), 1e-12)))
 
 
-def impacts_of(contacts: Sequence[Hit], shape: Shape, mass: float, inertia: float, name: str, source: str) -> Impacts:
+def impacts_of(
+    contacts: Sequence[Hit],
+    shape: Shape,
+    mass: float,
+    inertia: float,
+    name: str,
+    source: str,
+    apparatus: Apparatus | None = None,
+) -> Impacts:
     """Return the impacts of contacts with the floor.
 
     Args:
@@ -130,6 +152,7 @@ def impacts_of(contacts: Sequence[Hit], shape: Shape, mass: float, inertia: floa
         inertia: in kg m² about the centre of mass.
         name: of the body.
         source: of the impacts.
+        apparatus: what is known of it.
 
     Raises:
         DataError: there are none, or two have one name.
@@ -156,4 +179,5 @@ def impacts_of(contacts: Sequence[Hit], shape: Shape, mass: float, inertia: floa
         object=(name,) * n,
         shape=shape,
         source=source,
+        apparatus=apparatus,
     )

@@ -15,9 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from contactlearn.errors import ContactLearnError, DataError
-from contactlearn.tracks.conventions import Conventions, Frame, find_frame
+from contactlearn.tracks.conventions import Conventions, find_frame
 from contactlearn.tracks.detection import FlightOptions
 from contactlearn.tracks.events import find_contacts
+from contactlearn.tracks.frame import Frame
 from contactlearn.tracks.readers import read, recording_files
 from contactlearn.tracks.readers.layout import Layout
 from contactlearn.tracks.result import Found, Hit, Reason, Refusal
@@ -51,8 +52,8 @@ class TrackOptions:
     workers: int = 1
 
     def in_air(self, frame: Frame) -> "TrackOptions":
-        """The options with gravity in the measured direction."""
-        return replace(self, flight=replace(self.flight, air=replace(frame.air, drag=self.flight.air.drag)))
+        """The options with gravity in the measured direction, and drag."""
+        return replace(self, flight=replace(self.flight, air=frame.air))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -7,8 +7,9 @@ write    the recordings as CSV files
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pandas as pd
@@ -18,6 +19,7 @@ from contactlearn import laws
 from contactlearn.data.tracks import Tracked, find_impacts
 from contactlearn.data.tracks_synthetic.camera import Camera, TrueContacts, record
 from contactlearn.data.tracks_synthetic.motion import Body, throw
+from contactlearn.effects import Effect
 from contactlearn.errors import UnknownNameError
 from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel
@@ -47,6 +49,7 @@ def find(
     law: str = "wang_mason",
     mu: float = 0.12,
     eps: float = 0.55,
+    drag: float = 0.0,
     rate: float = 250.0,
     noise: float = 5e-5,
     angle_noise: float = math.radians(0.1),
@@ -64,7 +67,7 @@ def find(
     Args:
         size: number of recordings, each of two seconds.
         folder: where they are written; None is outputs/tracks/seed_SEED.
-        law: that is true, with its coefficients of friction `mu` and restitution `eps`.
+        law: that is true, with its coefficients of friction `mu` and restitution `eps`, and `drag` of the air in 1/s.
         rate: frames a second.
         noise: standard deviation of x and y in m, and `angle_noise` that of θ in rad.
         exposure: s over which a frame is the mean pose.
@@ -95,7 +98,8 @@ def find(
         axes=AXES[axes],
         order=order,
     )
-    recordings, _ = simulate(whole("size", size, 1), camera, law=law, mu=mu, eps=eps, seed=whole("seed", seed, 0))
+    size, seed = whole("size", size, 1), whole("seed", seed, 0)
+    recordings, _ = simulate(size, camera, law=law, mu=mu, eps=eps, drag=drag, seed=seed)
     place = Path("outputs") / "tracks" / f"seed_{seed}" if folder is None else Path(folder)
     write_recordings(recordings, place)
     return find_impacts(place, mass=MASS, shape=Ellipse(SEMI_AXES))
@@ -108,13 +112,20 @@ def simulate(
     law: str = "wang_mason",
     mu: float = 0.12,
     eps: float = 0.55,
+    effects: Mapping[str, Effect] = MappingProxyType({}),
     drag: float = 0.0,
     seed: int = 0,
 ) -> tuple[list[Recording], TrueContacts]:
     """Simulate recordings of ellipses that are thrown onto a floor, and return them with the truth."""
     shape = Ellipse(SEMI_AXES)
-    model = ContactModel(laws.find(law).at(mu, eps))
-    body = Body(shape=shape, mass=MASS, inertia=MASS * shape.gyration_squared(), model=model, drag=drag)
+    model = ContactModel(laws.find(law).at(mu, eps), effects=dict(effects))
+    body = Body(
+        shape=shape,
+        mass=MASS,
+        inertia=MASS * shape.gyration_squared(),
+        model=model,
+        drag=finite_number("drag", drag, 0),
+    )
     motion = throw(body, size, torch.Generator().manual_seed(seed))
     return record(motion, camera, seed)
 

@@ -10,6 +10,7 @@ from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state
 from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts
+from contactlearn.noise_weight import noise_weight
 from contactlearn.regression.features import Standardisation
 from contactlearn.regression.gp.exact import ExactGPs
 
@@ -42,7 +43,10 @@ class Processes:
         unit = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1)
         residual = residual / unit
         inputs, outputs = Standardisation.of(x[rows]), Standardisation.of(residual[rows])
-        gps = ExactGPs(inputs.apply(x[rows]), outputs.apply(residual[rows]).mT)
+        weight = noise_weight(impacts, "wrench")
+        gps = ExactGPs(
+            inputs.apply(x[rows]), outputs.apply(residual[rows]).mT, None if weight is None else weight[rows].mT
+        )
         gps.fit()
         return cls(x, unit, inputs, outputs, gps)
 

@@ -3,6 +3,8 @@
     diagnosis    a diagnosis as the data of its page; `effects` has its effects, experiment and residual
     evaluation   an evaluation as the data of its page
     runs         several runs side by side
+    recordings   the recordings behind some impacts; `recording` has one of them, `sketches` small pictures
+    reproduce    how a run is made again
     redraw       the page of a run folder, without its data source
     trials       every trial: state, variables, impulses of the laws and their reach
     arrays       the large arrays of a page as one block of bytes

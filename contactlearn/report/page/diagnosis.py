@@ -16,6 +16,7 @@ from contactlearn.laws import Law
 from contactlearn.report.page.arrays import packed
 from contactlearn.report.page.effects import effect_content, experiment_content, residual_content
 from contactlearn.report.page.page import write
+from contactlearn.report.page.reproduce import reproduced
 from contactlearn.report.page.trials import REACH, bounded, digits, finely, of_laws, of_trials, plotly_style
 from contactlearn.report.text import (
     base_label,
@@ -55,24 +56,13 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
         "findings": [_finding(finding) for finding in found.findings],
         "consistent": stages.CONSISTENT,
         "law": (plotly_style(found.law) if found.law else {}) | {"name": found.law},
-        "reproduce": _reproduced(provenance, use),
+        "reproduce": reproduced(provenance, use),
         "trials": None,
     }
     if found.record is None or found.choices is None or found.budget is None:
         return content
     models = _models(found, found.choices)
     return content | _ladder(found) | _budget(found, found.budget) | models | _effects(found) | _arrays(found)
-
-
-def _reproduced(provenance: Provenance, use: str) -> dict[str, Any]:
-    data = provenance.data
-    return {
-        "command": provenance.command,
-        "use": use,
-        "data": {"source": data.source, "trials": data.trials, "sha256": data.sha256},
-        "versions": dict(provenance.versions),
-        "config": dict(provenance.config),
-    }
 
 
 def _finding(finding: Finding) -> dict[str, Any]:

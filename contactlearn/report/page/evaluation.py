@@ -10,6 +10,7 @@ from contactlearn.evaluation.metrics import METRICS
 from contactlearn.laws import find
 from contactlearn.report.figures.style import BOUNDS
 from contactlearn.report.page.arrays import packed
+from contactlearn.report.page.reproduce import reproduced
 from contactlearn.report.page.trials import REACH, finely, of_laws, of_trials, plotly_style
 from contactlearn.report.text import model_labels
 from contactlearn.report.text.evaluation import evaluation_headline, evaluation_summary
@@ -50,7 +51,7 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
         "trials": of_trials(test, predictions[closest]),
         "fitted": fitted,
         "curves": _curves(result),
-        "reproduce": {"use": "", **asdict(result.provenance)},
+        "reproduce": reproduced(result.provenance),
         **packed(arrays, {"reach": REACH, "torn": 1.0}),
     }
 

@@ -7,8 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from contactlearn.apparatus import Measured
 from contactlearn.data.tracks import Tracked
 from contactlearn.report.text.numbers import number
+from contactlearn.tracks.frame import Clue
+from contactlearn.tracks.impacts import Floor
 from contactlearn.tracks.result import Reason, Refusal
 
 REASONS = {
@@ -27,37 +30,74 @@ _STANDARD = 9.81  # m/s²
 
 def tracks_summary(found: Tracked, out: Path, refused: Path) -> list[str]:
     """Say what was found and where it was written, line by line."""
-    frame, floor, impacts = found.survey.frame, found.floor, found.impacts
-    lines = [f"{len(impacts)} impacts from {found.survey.recordings} recordings, written to {out}"]
-    for clue in frame.clues:
-        origin = "stated" if clue.stated else "found"
-        evidence = f"{clue.quantity} {number(clue.number, 3)} {clue.unit}".rstrip(" –")
-        lines.append(f"  {clue.convention:<8} {clue.value}, {origin}: {evidence}")
-    size, error = float(np.hypot(*frame.gravity)), frame.gravity_error
+    facts = [f"  {name:<8} {words}" for name, words in tracks_facts(found)]
+    return [f"{tracks_headline(found)}, written to {out}", *facts, *_refused(found.survey.refusals, refused)]
+
+
+def tracks_headline(found: Tracked) -> str:
+    """Say how many impacts come from how many recordings."""
+    return f"{len(found.impacts)} impacts from {found.survey.recordings} recordings"
+
+
+def tracks_facts(found: Tracked) -> list[tuple[str, str]]:
+    """Say each convention with the number that shows it, gravity, the floor, errors and missing frames, by name."""
+    frame = found.survey.frame
+    size = float(np.hypot(*frame.gravity))
     off = number(100 * (size / _STANDARD - 1), 2)
-    lines.append(f"  {'gravity':<8} {number(size)} ± {number(error, 1)} m/s², {off} % off {_STANDARD}")
-    lines.append(
-        f"  {'floor':<8} at {number(1e3 * floor.height, 4)} ± {number(1e3 * floor.height_error, 1)} mm, "
-        f"inclined by {number(degrees(floor.slope), 2)}° ± {number(degrees(floor.slope_error), 1)}°"
-    )
-    if impacts.v_pre_cov is not None and impacts.v_post_cov is not None:
-        for when, covariance in (("before", impacts.v_pre_cov), ("after", impacts.v_post_cov)):
-            x, y, spin = covariance.diagonal(dim1=-2, dim2=-1).sqrt().median(0).values.tolist()
-            lines.append(
-                f"  {'errors':<8} {when} contact: {number(1e3 * x, 2)} and {number(1e3 * y, 2)} mm/s, "
-                f"{number(spin, 2)} rad/s in the median"
-            )
+    gravity = f"{number(size)} ± {number(frame.gravity_error, 1)} m/s², {off} % off {_STANDARD}"
+    facts = [*map(_convention, frame.clues), ("gravity", gravity), *_floor(found.floor), *_errors(found)]
     missing = sum(contact.missing > 0 for contact in found.survey.contacts)
     if missing:
-        lines.append(f"  {'missing':<8} frames at contact in {missing} impacts, though their time stamps show no gap")
-    return [*lines, *refusal_lines(found.survey.refusals, refused)]
+        said = f"frames at contact in {missing} impacts, though their time stamps show no gap"
+        facts.append(("missing", said))
+    return facts
 
 
-def refusal_lines(refusals: Sequence[Refusal], path: Path) -> list[str]:
+def refusals_by_reason(refusals: Sequence[Refusal]) -> list[tuple[Reason, int]]:
+    """Count the refusals of each reason, the most frequent first."""
+    return Counter(refusal.reason for refusal in refusals).most_common()
+
+
+def refusal_number(refusal: Refusal) -> str:
+    """Say the number that decided a refusal: frames in neither flight 3."""
+    return _with_unit(refusal.quantity, refusal.value, refusal.unit)
+
+
+def _convention(clue: Clue) -> tuple[str, str]:
+    evidence = _with_unit(clue.quantity, clue.number, clue.unit)
+    return clue.convention, f"{clue.value}, {'stated' if clue.stated else 'found'}: {evidence}"
+
+
+def _with_unit(quantity: str, value: float, unit: str) -> str:
+    own = "" if unit == "–" or quantity.startswith(unit) else f" {unit}"
+    return f"{quantity} {number(value, 3)}{own}"
+
+
+def _floor(floor: Floor) -> list[tuple[str, str]]:
+    height, slope, zero = floor.height, floor.slope, floor.orientation
+    said = f"at {number(1e3 * height.value, 4)} ± {number(1e3 * height.error, 1)} mm"
+    facts = [("floor", said if slope is None else f"{said}, inclined by {_angle(slope)}")]
+    return facts if zero is None else [*facts, ("zero", f"of θ off by {_angle(zero)}")]
+
+
+def _angle(angle: Measured) -> str:
+    return f"{number(degrees(angle.value), 2)}° ± {number(degrees(angle.error), 1)}°"
+
+
+def _errors(found: Tracked) -> list[tuple[str, str]]:
+    impacts, said = found.impacts, list[tuple[str, str]]()
+    for when, covariance in (("before", impacts.v_pre_cov), ("after", impacts.v_post_cov)):
+        if covariance is not None:
+            x, y, spin = covariance.diagonal(dim1=-2, dim2=-1).sqrt().median(0).values.tolist()
+            words = f"{number(1e3 * x, 2)} and {number(1e3 * y, 2)} mm/s, {number(spin, 2)} rad/s in the median"
+            said.append(("errors", f"{when} contact: {words}"))
+    return said
+
+
+def _refused(refusals: Sequence[Refusal], path: Path) -> list[str]:
     """Say how much was refused for which reason, and name the files that could not be read."""
     if not refusals:
         return ["Nothing was refused."]
-    counts = Counter(refusal.reason for refusal in refusals)
-    said = ", ".join(f"{REASONS[reason]} {count}" for reason, count in counts.most_common())
+    said = ", ".join(f"{REASONS[reason]} {count}" for reason, count in refusals_by_reason(refusals))
     lines = [f"{len(refusals)} parts of recordings were refused, see {path}: {said}"]
     return lines + [f"  left out {r.message}" for r in refusals if r.reason is Reason.NOT_READ]

@@ -7,14 +7,15 @@ const narrow = () => document.documentElement.clientWidth < 640;
 function draw(id, traces, {summary, ...layout}) {
   const div = get(id);
   const axis = {gridcolor: color("line"), zerolinecolor: color("line"), linecolor: color("muted"), automargin: true};
-  const {xaxis, yaxis, ...rest} = layout;
+  const themed = Object.fromEntries(Object.entries({xaxis: {}, yaxis: {}, ...layout})
+    .map(([key, value]) => [key, /^[xy]axis\d*$/.test(key) ? {...axis, ...value} : value]));
   const whole = {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", margin: {l: 50, r: 15, t: 15, b: 45},
     font: {color: color("text"), size: narrow() ? 12 : 14, family: getComputedStyle(document.body).fontFamily},
     legend: {orientation: "h", yref: "container", yanchor: "bottom", y: 0, x: 0, font: {size: 12}, itemsizing: "constant"},
     hovermode: "closest", hoverlabel: {align: "left", namelength: -1}, dragmode: narrow() ? false : "zoom",
     modebar: {bgcolor: "rgba(0,0,0,0)", color: color("muted"), activecolor: color("accent")},
-    xaxis: {...axis, ...xaxis}, yaxis: {...axis, ...yaxis}, ...rest, width: div.clientWidth, height: div.clientHeight,
+    ...themed, width: div.clientWidth, height: div.clientHeight,
   };
   div.setAttribute("aria-label", summary ? `${div.dataset.what}. ${summary}` : div.dataset.what);
   return Plotly.react(div, traces, whole, {

@@ -179,7 +179,7 @@ async function start() {
     return item;
   }));
   if (!trials) {
-    if (!page.runs) document.documentElement.dataset.ready = "yes";
+    if (!page.runs && !page.recordings) document.documentElement.dataset.ready = "yes";
     return;
   }
   const [library, block] = await Promise.all([unpacked("library"), unpacked("block")]);

@@ -1,0 +1,57 @@
+"""What is known of an apparatus without any impact: from free flight, and from where contacts happen.
+
+    gravity       of free flight: not 9.81 m/s² where the scale or the frame rate is wrong
+    drag          of the air, which the velocities at contact already allow for
+    slope         of the floor against gravity, from the heights of the contacts
+    orientation   by which the body's zero of θ is off, from the same heights
+    delay         of the states at contact, which are those of the instant at which two flights meet
+
+The parameters of effects that say the same are fitted within three standard errors of these values, and no further.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+_REACH = 3.0  # standard errors
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """A measured value and its standard error."""
+
+    value: float
+    error: float
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The values within three standard errors."""
+        return self.value - _REACH * self.error, self.value + _REACH * self.error
+
+
+@dataclass(frozen=True, kw_only=True)
+class Apparatus:
+    """What is known of an apparatus; None where it is not.
+
+    Args:
+        gravity: in m/s².
+        drag: linear drag of the air in 1/s.
+        slope: of the floor in rad.
+        orientation: that is to be added to θ, in rad.
+        delay: in s.
+    """
+
+    gravity: Measured
+    drag: Measured
+    slope: Measured | None
+    orientation: Measured | None
+    delay: Measured
+
+    def ranges(self) -> Iterator[tuple[str, tuple[float, float]]]:
+        """Return the ranges of the parameters of effects, by `effect.parameter`."""
+        known = (
+            ("surface_tilt.phi", self.slope),
+            ("orientation_offset.delta", self.orientation),
+            ("sampling_delay.dt", self.delay),
+            ("gravity_impulse.dt", self.delay),
+        )
+        return ((name, one.range) for name, one in known if one is not None)
