@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.learning.curves import run
-from studies import conventions, descriptions, fits, measurements, residuals, search
+from studies import conventions, descriptions, fits, measurements, residuals, rivals, search
 from studies.memory import memory
 from studies.study import Row, paths, replaced
 
@@ -30,6 +30,7 @@ ROWS: tuple[Row, ...] = (
     *measurements.ROWS,
     *conventions.ROWS,
     *search.ROWS,
+    *rivals.ROWS,
     *residuals.ROWS,
     *descriptions.ROWS,
     *fits.ROWS,

@@ -1,4 +1,4 @@
-"""Studies of the choice of a law, of missing effects, and of effects that cannot be told from them."""
+"""Studies of the choice of a law and of missing effects."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,6 @@ import torch
 from contactlearn import laws
 from contactlearn.diagnosis import validation
 from contactlearn.diagnosis.discrimination import rivals
-from contactlearn.diagnosis.discrimination.rivals import find_rivals
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.search import pool, quadratic
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
@@ -83,38 +82,6 @@ SMALL = Study(
 )  # fmt: skip
 
 
-class Chosen(NamedTuple):
-    """A selection, and the group of effects with nearly the same trace to which the hidden one belongs."""
-
-    selection: Selection
-    twins: set[str]
-
-
-def _chosen(effects: tuple[str, ...], seed: int) -> Chosen:
-    made = _hidden(effects, _CLEAR, 100, seed).selection(Thresholds())
-    return Chosen(made, {name for group in mystery.hidden.RIVALS if group & set(effects) for name in group})
-
-
-def _rivals(chosen: Chosen, thresholds: Thresholds) -> bool:
-    """Whether two of the twins are reported, as named or as rival; where the effect has none, whether a rival is."""
-    found = find_rivals(chosen.selection, thresholds.rivals)
-    names = {other.rival.effect.name for others in found.values() for other in others}
-    return len((names | set(chosen.selection.present.effects)) & chosen.twins) > 1 if chosen.twins else bool(names)
-
-
-_LONELY = (
-    "contact_patch",
-    "directional_friction",
-    "location_dependent_restitution",
-    "tangential_restitution",
-    "com_offset",
-)
-RIVALS = Study(
-    name="rivals", null=each(1, *(((name,),) for name in _LONELY)),
-    planted=each(1, *(((sorted(group)[0],),) for group in mystery.hidden.RIVALS)), prepare=_chosen, alarm=_rivals,
-)  # fmt: skip
-
-
 def _diagnosed(hidden: Hidden, thresholds: Thresholds) -> bool:
     """Whether the data are diagnosed at all and the hidden effect is named, or any where there is none."""
     try:
@@ -131,7 +98,7 @@ FEW = Study(
     prepare=_hidden, alarm=_diagnosed,
 )  # fmt: skip
 
-_S, _R = "selection.", "rivals."
+_S = "selection."
 ROWS = (
     Row(field="fewest_trials", values=(20, 25, 35, 50), study=FEW),
     Row(field=_S + "trials_per_parameter", values=(1, 5, 10, 20, 40), study=SMALL),
@@ -139,13 +106,5 @@ ROWS = (
     Row(field=_S + "least_part", values=(0.0, 0.02, 0.05, 0.1, 0.2), study=SELECTION),
     Row(field=_S + "clear_gain", values=(0.02, 0.05, 0.1, 0.2, 1.0), study=SELECTION),
     Row(field=_S + "gain_sigmas", values=(-1e9, 1.0, 2.0, 2.5, 3.0, 5.0), study=SELECTION),
-    Row(field=_S + "window", values=(0.0, 3.0, 7.0, 12.0), study=RIVALS),
     Row(field=_S + "most_effects", values=(1, 2, 8), study=SELECTION),
-    Row(field=_R + "similarity", values=(0.0, 0.25, 0.5, 0.75, 0.9), study=RIVALS),
-    Row(field=_R + "sigmas", values=(0.5, 1.0, 2.0, 4.0, 1e9), study=RIVALS),
-    Row(field=_R + "loss", values=(0.0, 0.01, 0.02, 0.05, 0.2), study=RIVALS),
-    Row(field=_R + "error", values=(-1e9, 0.01, 0.02, 0.05, 0.2), study=RIVALS),
-    Row(field=_R + "odds", values=(1.0, 4.0, 20.0, 100.0, 1e4), study=RIVALS),
-    Row(field=_R + "same_trace", values=(0.8, 0.9, 0.95, 0.98, 1.0), study=RIVALS),
-    Row(field=_R + "form_error", values=(0.0, 0.05, 0.1, 0.3), study=RIVALS),
 )
