@@ -113,9 +113,6 @@ ROWS = (
     Row(field="selection.window", values=(1.0, 3.0, 7.0, 12.0), study=PLAUSIBLE),
     Row(field=_R + "similarity", values=(0.0, 0.25, 0.5, 0.75, 0.9), study=RIVALS),
     Row(field=_R + "sigmas", values=(0.5, 1.0, 2.0, 4.0, 1e9), study=RIVALS),
-    Row(field=_R + "loss", values=(0.0, 0.01, 0.02, 0.05, 0.2), study=RIVALS),
-    Row(field=_R + "error", values=(-1e9, 0.01, 0.02, 0.05, 0.2), study=RIVALS),
-    Row(field=_R + "odds", values=(1.0, 4.0, 20.0, 100.0, 1e4), study=RIVALS),
     Row(field=_R + "same_trace", values=(0.8, 0.9, 0.95, 0.98, 1.0), study=RIVALS),
     Row(field=_R + "form_error", values=(0.0, 0.05, 0.1, 0.3), study=RIVALS),
 )

@@ -199,10 +199,8 @@ def compare_effects(study: Study, searched: Searched) -> Explained:
     }
     experiment = None
     if models:
-        chosen, odds = selection.present.fit.model, study.thresholds.rivals.odds
-        experiment = next_experiment(
-            selection.impacts, chosen, models, generator=study.generator, limits=study.limits, odds=odds
-        )
+        chosen = selection.present.fit.model
+        experiment = next_experiment(selection.impacts, chosen, models, generator=study.generator, limits=study.limits)
     return Explained(ladder=rungs, rivals=rivals, experiment=experiment)
 
 

@@ -64,12 +64,6 @@ class RivalThresholds:
     (row rivals.similarity)."""
     sigmas: float = 2.0
     """Standard errors of the paired difference of held-out losses that are chance (row rivals.sigmas)."""
-    loss: float = 0.02
-    """Rise of the held-out loss in nats a trial that is too small to decide (row rivals.loss)."""
-    error: float = 0.02
-    """Relative rise of the held-out mass error that is too small to decide (row rivals.error)."""
-    odds: float = 20.0
-    """Odds at which evidence decides between two models: log 20 = 3.0 nats over all trials (row rivals.odds)."""
     same_trace: float = 0.95
     """Share R² from which on what tells two effects apart may be the form of either (row rivals.same_trace)."""
     form_error: float = 0.1

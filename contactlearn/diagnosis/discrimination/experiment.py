@@ -22,7 +22,6 @@ from torch import Tensor
 from contactlearn.diagnosis.discrimination.contest import Contest, Key, contests
 from contactlearn.diagnosis.failure.variables import symmetry
 from contactlearn.diagnosis.result.rivals import Drop, Experiment, Separation
-from contactlearn.diagnosis.thresholds import RivalThresholds
 from contactlearn.effects import EffectId
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.impacts import Impacts
@@ -32,6 +31,7 @@ from contactlearn.shapes import contact_point
 
 STATES = ("x", "theta", "v_x", "v_y", "omega")
 """The state of a drop, in m, rad, m/s, m/s and rad/s."""
+_ODDS = 20.0  # 3.0 nats over all drops: evidence that decides between two models
 _DRAWN = 4096
 _GRAZING = 0.1  # a drop's contact point approaches at more than this share of the body's speed
 _BEYOND = 0.25  # of its own size, by which a limit of v or ω lies beyond the measured ones
@@ -53,7 +53,7 @@ def next_experiment(
     *,
     generator: torch.Generator,
     limits: Mapping[str, tuple[float, float]] | None = None,
-    odds: float = RivalThresholds.odds,
+    odds: float = _ODDS,
     count: int = 6,
     drawn: int = _DRAWN,
 ) -> Experiment:

@@ -8,15 +8,13 @@
     compare    on the same folds, trial by trial against the chosen model, in the scatter of its residual
 
 The effects that a plausible model of the selection has in the place of the chosen one are refitted as well.
-A candidate is a rival if its held-out loss is no higher by more than chance (two standard errors of the paired
-difference) and by too little to decide: a little loss a trial or a little mass error, or, where trials are few, less
-than the logarithm of the odds over all of them.  One that mimics nearly all of the change may be somewhat worse, since
-another form of it, which the catalogue has not, might not be.  So a rival is about these trials and not about physics:
+A candidate is a rival if its held-out loss is no higher by more than chance, two standard errors of the paired
+difference.  One that mimics nearly all of the change may be somewhat worse, since another form of it, which the
+catalogue has not, might not be.  So a rival is about these trials and not about physics:
 where drops come from one height, most effects of the speed are rivals; `next_experiment` says which drops would
 separate them.  Forms of one effect are not reported as rivals of each other.
 """
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
@@ -134,14 +132,11 @@ def _yardstick(selection: Selection) -> tuple[Float[Tensor, "3 3"], ValidatedFit
 
 
 def _as_good(chosen: ValidatedFit, other: ValidatedFit, rival: Rival, thresholds: RivalThresholds) -> bool:
-    """Whether another model is no worse by more than chance and by too little to decide, or by what a form may make."""
-    trials = int(chosen.loss.isfinite().sum())
+    """Whether another model is no worse by more than chance, or by what a form may make."""
     harm = other.mean_error / chosen.mean_error - 1
     if rival.similarity >= thresholds.same_trace and harm < thresholds.form_error:
         return True
-    little = max(thresholds.loss, math.log(thresholds.odds) / trials)
-    chance = rival.loss_difference <= thresholds.sigmas * rival.standard_error
-    return chance and (rival.loss_difference < little or harm < thresholds.error)
+    return rival.loss_difference <= thresholds.sigmas * rival.standard_error
 
 
 def _replaced(
