@@ -696,12 +696,12 @@ SOURCES = {
 @pytest.mark.parametrize("name", SOURCES)
 def test_config_holds_every_argument_with_its_default_and_a_comment(name, monkeypatch):
     monkeypatch.delenv("CONTACTLEARN_DATA", raising=False)
-    config = OmegaConf.load(CONFIGS / f"{name}.yaml")
+    config, source = OmegaConf.load(CONFIGS / f"{name}.yaml"), SOURCES[name]
     assert config.pop("_target_") == f"contactlearn.data.{name}.load"
     assert config.pop("correct") == []  # `app.load_data` takes it off
     arguments = {
         key: parameter
-        for key, parameter in inspect.signature(SOURCES[name].load).parameters.items()
+        for key, parameter in inspect.signature(source.find if "tracks" in name else source.load).parameters.items()
         if parameter.kind is not parameter.KEYWORD_ONLY  # for the library, such as table's `suspect`
     }
     if arguments.pop("settings", None):  # of the search for impacts in recordings

@@ -279,7 +279,6 @@ ROWS = (
     Row(field=_C + "gain", values=scaled(0.15, 1 / 5, 1 / 2, 1, 2, 4), study=CONVENTIONS),
     Row(field=_C + "sigmas", values=(0.0, 2.0, 5.0, 10.0, 20.0), study=CONVENTIONS),
     Row(field=_C + "consistent", values=(0.1, 0.25, 0.5, 1.0, 2.0), study=CONVENTIONS),
-    Row(field=_C + "closed", values=(0.2, 0.5, 1.0, 3.0, 1e9), study=CONVENTIONS),
     Row(field=_C + "indistinct", values=(0.001, 0.005, 0.02, 0.08, 0.3), study=INDISTINCT),
     Row(field=_C + "explained", values=(-1e9, 0.5, 0.9), study=SPIN),
     Row(field=_C + "inertia_factor", values=(1.05, 1.2, 1.4, 2.5, 4.0), study=INERTIA),

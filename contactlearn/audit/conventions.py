@@ -80,8 +80,8 @@ class Hypothesis:
 
     @property
     def closed(self) -> bool:
-        """Whether the moments balance, apart from what effects may add, and hardly a contradiction is left."""
-        return self.score < self.thresholds.consistent and self.balance.imbalance < self.thresholds.closed
+        """Whether hardly a contradiction is left, of the moments as of all else."""
+        return self.score < self.thresholds.consistent
 
     def means(self) -> dict[str, float]:
         """Mean contradiction by question."""

@@ -45,9 +45,6 @@ class ConventionThresholds:
     consistent: float = 0.5
     """Sum of contradictions that an accepted hypothesis must be below; if the data as given are below it, corrections
     are not combined.  Correct data of every source are below 0.3 (row conventions.consistent)."""
-    closed: float = 1.0
-    """Relative imbalance of the moments up to which a hypothesis is accepted: a factor of 2 is beyond every effect, and
-    is another sign or unit (row conventions.closed)."""
     indistinct: float = 0.02
     """Difference of the sum of contradictions below which two hypotheses are reported as equivalent
     (row conventions.indistinct)."""

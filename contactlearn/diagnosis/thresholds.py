@@ -101,14 +101,8 @@ class FormulaThresholds:
     """Probability that chance gives a term a coefficient, over the library (row formulas.false_alarms)."""
     sigmas: float = 2.0
     """Standard errors by which the held-out gain of a formula must exceed 0 (row formulas.sigmas)."""
-    gain: float = 0.01
-    """Share of the held-out error that a formula must take away (row formulas.gain)."""
     identical: float = 0.995
     """Correlation from which on two terms are the same to these data (row formulas.identical)."""
-    distinct: float = 0.05
-    """Share of a term's norm that μ and ε cannot reproduce, below which it is dropped (row formulas.distinct)."""
-    gross: float = 8.0
-    """Robust standard deviations at which a residual is curbed (row formulas.gross)."""
 
 
 @dataclass(frozen=True, kw_only=True)

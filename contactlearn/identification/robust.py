@@ -208,8 +208,9 @@ def _steps(
 def _observed(curvature: Tensor, each: Tensor, weight: Tensor) -> Tensor:
     """Curvature [B, K, K] with what the weights change, or the Gauss–Newton one where that is not positive definite."""
     flat = each * (2 * weight.square() / (_NU + 3))[..., None]
-    observed = (curvature - each.mT @ flat / each.shape[1]).nan_to_num(0.0, 0.0, 0.0)
-    definite = torch.linalg.eigvalsh(observed)[:, 0] > 1e-3 * torch.linalg.eigvalsh(curvature)[:, 0]
+    observed = curvature - each.mT @ flat / each.shape[1]
+    factor, failed = torch.linalg.cholesky_ex(observed - 1e-3 * curvature)
+    definite = (failed == 0) & factor.isfinite().all(-1).all(-1)
     return torch.where(definite[:, None, None], observed, curvature)
 
 

@@ -166,7 +166,7 @@ def _best(
 
     two = [trial for trial in two if all(clearly(single.error - trial.error) for single in one)]
     found = sorted((*one, *two), key=lambda trial: trial.error.nanmean().item())
-    good = [t for t in found if t.reduction(before) > thresholds.gain and clearly(before - t.error)]
+    good = [t for t in found if clearly(before - t.error)]
     good = [t for t in good if not clearly(t.error - good[0].error)]
     return [t for t in good if t is good[0] or not {*good[0].terms} & {*t.terms}][:most]
 

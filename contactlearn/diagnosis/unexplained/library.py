@@ -25,8 +25,8 @@ from contactlearn.effects.formula.symbols import OUTPUTS, symbols
 from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel, wrench_per_parameter
-from contactlearn.numerics import MAD_SCALE
 
+_DISTINCT = 1e-3  # share of a term's norm that μ and ε cannot reproduce, below which they do the same
 _IMPULSES = ("Pn", "Pt", "m*vx", "m*vy", "m*vt", "m*vn", "m*rho*omega")
 _MOMENTS = (
     *("rho*Pn", "rho*Pt", "rx*Pn", "ry*Pn", "rx*Pt", "ry*Pt"),
@@ -54,7 +54,7 @@ class Library:
         component: WrenchComponent,
         thresholds: FormulaThresholds = FormulaThresholds(),
     ) -> "tuple[Library, Float[Tensor, ' n']]":
-        """Make the library, and y: the residual of the component that the law cannot explain, gross values curbed.
+        """Make the library, and y: the residual of the component that the law cannot explain.
 
         Raises:
             ContactLearnError: scikit-learn is not installed.
@@ -64,15 +64,13 @@ class Library:
         columns, texts = _values(impacts, model, component, wrench)
         reach = _reach_of_law(impacts, model)[:, k]
         residual = impacts.wrench[:, k] - wrench[:, k]
-        limit = thresholds.gross * MAD_SCALE * (residual - residual.median()).abs().median()
-        residual = residual.clamp(residual.median() - limit, residual.median() + limit)
         span, scale, _ = torch.linalg.svd(reach, full_matrices=False)
         span = span[:, scale > 1e-9 * scale.max().clamp_min(1e-300)]
         whole = columns.norm(dim=0)
         columns, residual = (part - span @ (span.T @ part) for part in (columns, residual))
         norms = columns.norm(dim=0)
         good: list[int] = []
-        for i in (norms > thresholds.distinct * whole).nonzero()[:, 0].tolist():  # else μ or ε does the same
+        for i in (norms > _DISTINCT * whole).nonzero()[:, 0].tolist():  # else μ or ε does the same
             unit = columns[:, i] / norms[i]
             if all((unit @ columns[:, j] / norms[j]).abs() < 1 - 1e-6 for j in good):  # the same, in other words
                 good.append(i)
