@@ -17,6 +17,7 @@ from contactlearn.tracks.rotations import matrices
 from contactlearn.tracks.track import turn
 
 FLAT, _ = simulate(2, Camera(frames=40, lost=0.1), seed=1)
+POSE = "geometry_msgs/msg/PoseStamped"
 SPACE, _ = simulate(2, Camera(frames=40, lost=0.1, axes=AXES["z_up"]), seed=1)
 
 
@@ -254,3 +255,37 @@ def test_c3d(tmp_path):
     (found,) = read(tmp_path / "a.c3d")
     assert found.unit == "mm"
     np.testing.assert_allclose(found.position[seen], 1e3 * wanted.position[seen], atol=1e-3)  # single precision
+
+
+def stamped(store, recording, **numbered):
+    """Time in ns and PoseStamped of each seen frame; ROS 1 numbers its headers."""
+    kinds = store.types
+    for k in np.flatnonzero(recording.seen):
+        time, place, (w, *axis) = recording.time[k], recording.position[k], recording.quaternion[k]
+        stamp = kinds["builtin_interfaces/msg/Time"](sec=int(time), nanosec=round(1e9 * (time - int(time))))
+        header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="world", **numbered)
+        point = kinds["geometry_msgs/msg/Point"](*map(float, place))
+        turned = kinds["geometry_msgs/msg/Quaternion"](*map(float, axis), float(w))
+        pose = kinds["geometry_msgs/msg/Pose"](position=point, orientation=turned)
+        yield int(1e9 * time), kinds[POSE](header=header, pose=pose)
+
+
+@pytest.mark.parametrize("kind", ["ROS 1", "SQLITE3", "MCAP"])
+def test_ros_bags(kind, tmp_path):
+    rosbag1, rosbag2 = pytest.importorskip("rosbags.rosbag1"), pytest.importorskip("rosbags.rosbag2")
+    from rosbags.typesys import Stores, get_typestore
+
+    one, wanted = kind == "ROS 1", SPACE[0]
+    store = get_typestore(Stores.ROS1_NOETIC if one else Stores.LATEST)
+    path = tmp_path / ("drop.bag" if one else "drop")
+    plugin = {} if one else {"version": 9, "storage_plugin": rosbag2.StoragePlugin[kind]}
+    with (rosbag1 if one else rosbag2).Writer(path, **plugin) as bag:
+        topic = bag.add_connection("/body", POSE, typestore=store)
+        for time, message in stamped(store, wanted, **({"seq": 0} if one else {})):
+            bag.write(topic, time, (store.serialize_ros1 if one else store.serialize_cdr)(message, POSE))
+    (file,) = recording_files(tmp_path)
+    (found,) = read(file)
+    np.testing.assert_allclose(found.time, wanted.time[wanted.seen], atol=1e-9)
+    np.testing.assert_array_equal(found.position, wanted.position[wanted.seen])
+    np.testing.assert_array_equal(found.quaternion, wanted.quaternion[wanted.seen])
+    assert (found.order, found.unit) == ("wxyz", "m")

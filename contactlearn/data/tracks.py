@@ -30,6 +30,7 @@ from contactlearn.tracks.track import Recording
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _DECIDES = 0.5  # a reading of angles is found if it leaves so much less of the moment balance than any other
 _TELL = 3  # contacts that tell it, at least
+_INSTANT = 1e-6  # s, error of the instants at which flights meet, at least
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,7 +182,7 @@ def _apparatus(found: Survey, floor: Floor, contact_time: float) -> Apparatus:
         drag=Measured(value=frame.drag, error=frame.drag_error),
         slope=floor.slope,
         orientation=floor.orientation,
-        delay=Measured(value=0.0, error=contact_time / math.sqrt(12)),
+        delay=Measured(value=0.0, error=max(contact_time / math.sqrt(12), _INSTANT)),
     )
 
 

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from contactlearn.data.tracks import Tracked
-from contactlearn.errors import ContactLearnError
 from contactlearn.report.figures.tracks import standardised
 from contactlearn.report.page.arrays import compressed
 from contactlearn.report.page.page import render, save
@@ -103,13 +102,10 @@ def _spread(names: Sequence[str], most: int) -> list[str]:
 
 
 def _again(found: Tracked, names: Collection[str]) -> dict[str, Found]:
-    """Tracks and flights by name, up to a file that cannot be read."""
+    """Tracks and flights by name, the first where two have one."""
     founds = dict[str, Found]()
-    try:
-        for one in found.again({*names}):
-            founds.setdefault(one.track.name, one)
-    except ContactLearnError:  # its message is among the refusals
-        pass
+    for one in found.again({*names}):
+        founds.setdefault(one.track.name, one)
     return founds
 
 
