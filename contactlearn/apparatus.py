@@ -2,11 +2,12 @@
 
     gravity       of free flight: not 9.81 m/s² where the scale or the frame rate is wrong
     drag          of the air, which the velocities at contact already allow for
-    slope         of the floor against gravity, from the heights of the contacts
+    slope         of the floor against the axis that is called up, from the heights of the contacts
     orientation   by which the body's zero of θ is off, from the same heights
     delay         of the states at contact, which are those of the instant at which two flights meet
 
-The parameters of effects that say the same are fitted within three standard errors of these values, and no further.
+The parameters of effects that say the same are fitted between 0 and three standard errors beyond these values: what is
+known bounds an effect, and leaves it free to be absent.
 """
 
 from collections.abc import Iterator
@@ -24,8 +25,8 @@ class Measured:
 
     @property
     def range(self) -> tuple[float, float]:
-        """The values within three standard errors."""
-        return self.value - _REACH * self.error, self.value + _REACH * self.error
+        """The values within three standard errors, and those between them and 0."""
+        return min(self.value - _REACH * self.error, 0.0), max(self.value + _REACH * self.error, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +42,7 @@ class Apparatus:
     """
 
     gravity: Measured
-    drag: Measured
+    drag: Measured | None
     slope: Measured | None
     orientation: Measured | None
     delay: Measured

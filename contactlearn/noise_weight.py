@@ -1,6 +1,6 @@
 """Weights of trials by the stated covariances of their velocities: in learning, and in the search for outliers.
 
-    w² = 2 m / (m + s²)      of a value with the stated variance s², whose median over the trials is m
+    w² = 2 m / (m + s²)      of a value with the stated variance s², whose median is m over the trials that have one
 
 Half of the noise is taken to be the same in all trials, since models leave more than what is stated of measurements.
 """
@@ -31,5 +31,5 @@ def noise_weight(impacts: Impacts, target: str) -> Float[Tensor, "n o"] | None:
         covariance = slope @ covariance @ slope.mT
     variance = covariance.diagonal(dim1=-2, dim2=-1)
     variance = variance[:, :2] if target == "impulse" else variance
-    typical = variance.median(0).values.clamp_min(1e-300)
+    typical = variance.where(variance > 0, torch.nan).nanmedian(0).values.nan_to_num(1.0)
     return (2 * typical / (typical + variance)).sqrt()

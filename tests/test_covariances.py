@@ -155,6 +155,8 @@ def test_trials_weigh_less_the_larger_their_stated_noise(target, outputs):
     assert (other[4] < weight[4]).all()
     assert weight.square().max() < 2
     assert noise_weight(impacts.replace(v_pre_cov=None, v_post_cov=None), target) is None
+    few = torch.where(torch.arange(30)[:, None, None] < 10, impacts.v_post_cov, 0.0)
+    assert noise_weight(impacts.replace(v_pre_cov=None, v_post_cov=few), target).min() > 0.1
 
 
 def test_the_wrench_of_a_trial_has_the_noise_of_its_velocities():

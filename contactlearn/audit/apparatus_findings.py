@@ -19,9 +19,10 @@ def scale_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
     off, error = gravity.value / STANDARD_GRAVITY - 1, gravity.error / STANDARD_GRAVITY
     if abs(off) <= max(thresholds.scale_off, thresholds.apparatus_sigmas * error):
         return []
+    wrong = "large" if off > 0 else "small"
     sentence = (
-        f"gravity in free flight is {gravity.value:.3f} ± {gravity.error:.1g} m/s², {off:+.1%} off {STANDARD_GRAVITY}: "
-        f"lengths are too large by {off:+.1%}, or the frame rate is by {(1 + off) ** 0.5 - 1:+.1%}"
+        f"gravity in free flight is {gravity.value:.3f} ± {gravity.error:.1g} m/s² and not {STANDARD_GRAVITY}: lengths "
+        f"are too {wrong} by {abs(off):.1%}, or the frame rate is by {abs((1 + off) ** 0.5 - 1):.1%}"
     )
     evidence = (
         Evidence(quantity="gravity", value=gravity.value, unit="m/s²"),
@@ -36,12 +37,13 @@ def apparatus_notes(impacts: Impacts) -> list[Finding]:
     if impacts.apparatus is None:
         return []
     known = impacts.apparatus
-    parts = [f"gravity {_said(known.gravity, 'm/s²')}", f"drag {_said(known.drag, '1/s')}"]
+    parts = [f"gravity {_said(known.gravity, 'm/s²')}"]
+    parts += [] if known.drag is None else [f"drag {_said(known.drag, '1/s')}"]
     parts += [f"floor inclined by {_said(angle, '°')}" for angle in _angle(known.slope)]
     parts += [f"zero of θ off by {_said(angle, '°')}" for angle in _angle(known.orientation)]
     sentence = (
         f"measured without any impact: {', '.join(parts)}, contact at the instant at which flights meet; effects that "
-        "say the same stay within three standard errors of these"
+        "say the same go no more than three standard errors beyond"
     )
     return [Finding(name="apparatus", sentence=sentence, evidence=_evidence(known), mistake=False)]
 

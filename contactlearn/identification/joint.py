@@ -5,6 +5,7 @@ maximises the likelihood of the residuals under Student's t distribution, for ma
 the noise of the velocities is known, `errors_in_variables` estimates the states before impact with the parameters.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -254,7 +255,8 @@ def named_parameters(effects: Mapping[str, Effect], box: Box, impacts: Impacts) 
     for name, effect in effects.items():
         for p in effect.parameters:
             factor = factors.get(p.unit, 1.0)
-            low, high = known.get(f"{effect.name}.{p.name}", (p.low * factor, p.high * factor))
+            low, high = known.get(f"{effect.name}.{p.name}", (-math.inf, math.inf))
+            low, high = max(low, p.low * factor), min(high, p.high * factor)
             own.append(replace(p, name=f"{name}.{p.name}", low=low, high=high))
     return (*shared, *own)
 

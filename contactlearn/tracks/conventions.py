@@ -30,7 +30,6 @@ ORDERS = ("wxyz", "xyzw")
 ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 SENSES = {"as_read": 1, "mirrored": -1}
-_SEEN = 3.0  # standard errors of a drag that is more than noise
 _SCALE = 0.03  # relative distance of a measured gravity from 9.81 m/s²
 _UPRIGHT = np.radians(2)
 _LEANING = np.radians(10)  # of gravity from a stated axis
@@ -73,7 +72,7 @@ def find_frame(recordings: Sequence[Recording], stated: Conventions = Convention
     Raises:
         DataError: a convention contradicts the recordings, or is neither stated nor found.
     """
-    gravity, first = find_gravity(recordings), recordings[0]
+    gravity, first = find_gravity(recordings, stated.drag), recordings[0]
     stated = replace(stated, unit=stated.unit or first.unit, order=stated.order or first.order)
     scale, unit = _unit(gravity, stated.unit, recordings[0].source)
     up, direction = _up(gravity, stated.up, recordings[0].source)
@@ -84,32 +83,29 @@ def find_frame(recordings: Sequence[Recording], stated: Conventions = Convention
         frame, clues = _spatial(recordings, up, scale, stated.order)
     in_plane = frame.axes[:2] @ gravity.vector * scale
     angle = ANGLES[stated.angle or "rad"]
-    drag, air = _drag(gravity, stated.drag)
     return replace(
         frame,
         angle=angle,
         sense=SENSES[stated.sense or "as_read"],
         gravity=(float(in_plane[0]), float(in_plane[1])),
         gravity_error=gravity.error * scale,
-        drag=drag,
-        drag_error=0.0 if stated.drag is not None else gravity.drag_error,
-        clues=(unit, direction, *clues, *air),
+        drag=gravity.drag,
+        drag_error=gravity.drag_error if stated.drag is None else 0.0,
+        clues=(unit, direction, *clues, *_drag(gravity, stated.drag)),
     )
 
 
-def _drag(gravity: Gravity, stated: float | None) -> tuple[float, tuple[Clue, ...]]:
-    """The stated drag, or the measured one where it is seen."""
-    seen = gravity.drag > _SEEN * gravity.drag_error
-    drag = stated if stated is not None else gravity.drag if seen else 0.0
+def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:
+    """The evidence for a drag, where there is one."""
     clue = Clue(
         convention="drag",
-        value=f"{drag:.3g} 1/s",
+        value=f"{gravity.drag:.3g} 1/s",
         stated=stated is not None,
-        quantity="a standard error of the measured one",
+        quantity="standard error of the measured one",
         number=gravity.drag_error,
         unit="1/s",
     )
-    return drag, (clue,) if drag else ()
+    return (clue,) if gravity.drag else ()
 
 
 def _unit(gravity: Gravity, stated: str | None, source: str) -> tuple[float, Clue]:

@@ -26,6 +26,8 @@ _FEWEST = 6  # windows that agree
 _TRIED = 300
 _ROUNDS = 4
 _BLOCK = 4  # widths of a window
+_BLOCKS = 4  # blocks for each unknown, at least, that tell a drag
+_SEEN = 3.0  # standard errors of a drag that is more than noise
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,8 +37,8 @@ class Gravity:
     Args:
         vector: in units of length per s², [2 or 3].
         error: standard error of its size.
-        drag: linear drag c in 1/s.
-        drag_error: its standard error.
+        drag: linear drag c in 1/s: the stated one, or the measured one where it is seen, or 0.
+        drag_error: standard error of the measured one; infinite where flights are too few to tell.
     """
 
     vector: Float[Array, " d"]
@@ -66,8 +68,12 @@ class _Motions:
         return _Motions(**{name: value[rows] for name, value in vars(self).items()})
 
 
-def find_gravity(recordings: Sequence[Recording]) -> Gravity:
+def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> Gravity:
     """Find gravity and drag in recordings.
+
+    Args:
+        recordings: a few.
+        drag: that is stated, in 1/s.
 
     Raises:
         DataError: no acceleration is common.
@@ -82,7 +88,7 @@ def find_gravity(recordings: Sequence[Recording]) -> Gravity:
         agree = apart <= _NEAR * sizes[tried, None] + 3 * motions.error
         best = agree[int(agree.sum(1).argmax())]
         if best.sum() >= _FEWEST:
-            return _shared(motions, best)
+            return _shared(motions, best, drag)
     raise DataError(
         f"{recordings[0].source}: no free flight is seen: no acceleration is common to the recordings; state units, up "
         "and frame rate (data.unit, data.up, data.rate), and check that the body flies for "
@@ -90,35 +96,51 @@ def find_gravity(recordings: Sequence[Recording]) -> Gravity:
     )
 
 
-def _shared(motions: _Motions, agree: Array) -> Gravity:
+def _shared(motions: _Motions, agree: Array, stated: float | None) -> Gravity:
     """Gravity and drag of the windows that agree, and of those that then do."""
-    known, inverse = _fitted(motions[agree])
+    known, covariance = _fitted(motions[agree])
     for _ in range(_ROUNDS):
         left = np.linalg.norm(motions.acceleration - known[:-1] + known[-1] * motions.velocity, axis=1)
         agree = left <= _NEAR * np.linalg.norm(known[:-1]) + 3 * motions.error
-        known, inverse = _fitted(motions[agree])
-    size = np.linalg.norm(known[:-1])
-    direction = np.append(known[:-1] / size, 0.0)
-    variance = direction @ inverse @ direction
-    return Gravity(
-        vector=known[:-1], error=float(variance**0.5), drag=float(known[-1]), drag_error=float(inverse[-1, -1] ** 0.5)
-    )
+        known, covariance = _fitted(motions[agree])
+    error = float(covariance[-1, -1] ** 0.5) if _told(motions[agree]) else np.inf
+    seen = known[-1] > _SEEN * error
+    drag = stated if stated is not None else float(known[-1]) if seen else 0.0
+    if stated is not None or not seen:
+        known, covariance = _fitted(motions[agree], drag)
+    d = motions.velocity.shape[1]
+    direction = known[:d] / np.linalg.norm(known[:d])
+    variance = float(direction @ covariance[:d, :d] @ direction)
+    return Gravity(vector=known[:d], error=variance**0.5, drag=drag, drag_error=error)
 
 
-def _fitted(motions: _Motions) -> tuple[Array, Array]:
-    """Gravity and drag [d + 1] by least squares, and their covariance from the scatter of the blocks."""
+def _told(motions: _Motions) -> bool:
+    """Whether blocks are enough for their scatter to tell the error of a drag."""
+    return len(np.unique(motions.block)) >= _BLOCKS * (motions.acceleration.shape[1] + 1)
+
+
+def _fitted(motions: _Motions, drag: float | None = None) -> tuple[Array, Array]:
+    """Gravity and drag [d + 1] by least squares, or gravity [d] under a given drag, and their covariance.
+
+    The covariance is that of the scatter of the blocks, and no less than the noise of the windows makes.
+    """
     count, d = motions.acceleration.shape
-    design = np.concatenate((np.broadcast_to(np.eye(d), (count, d, d)), -motions.velocity[..., None]), 2)
+    design, y = np.broadcast_to(np.eye(d), (count, d, d)), motions.acceleration
+    if drag is None:
+        design = np.concatenate((design, -motions.velocity[..., None]), 2)
+    else:
+        y = y + drag * motions.velocity
     weight = 1 / motions.error**2
     normal = np.einsum("nik,n,nil->kl", design, weight, design)
-    known = np.linalg.lstsq(normal, np.einsum("nik,n,ni->k", design, weight, motions.acceleration), rcond=None)[0]
-    scores = np.einsum("nik,n,ni->nk", design, weight, motions.acceleration - design @ known)
+    known = np.linalg.lstsq(normal, np.einsum("nik,n,ni->k", design, weight, y), rcond=None)[0]
+    scores = np.einsum("nik,n,ni->nk", design, weight, y - design @ known)
     blocks, block = np.unique(motions.block, return_inverse=True)
-    summed = np.zeros((len(blocks), d + 1))
+    summed = np.zeros((len(blocks), len(known)))
     np.add.at(summed, block, scores)
     inverse = np.linalg.pinv(normal, hermitian=True)
-    few = len(blocks) / max(len(blocks) - d - 1, 1)
-    return known, few * inverse @ summed.T @ summed @ inverse
+    few = len(blocks) / max(len(blocks) - len(known), 1)
+    scattered, noise = few * inverse @ summed.T @ summed @ inverse, inverse
+    return known, np.where(scattered.diagonal().sum() >= noise.diagonal().sum(), scattered, noise)
 
 
 def _motions(recording: Recording, number: int) -> _Motions:

@@ -27,8 +27,10 @@ from contactlearn.tracks.track import Array
 
 _OFF = 8.0  # robust standard deviations of a contact point's height from the floor
 _LEAST = 1e-3  # m that it may be off in any case
-_ROUNDS = 10
-_TELL = 8  # contacts that tell the floor's slope and the body's zero of θ, at least
+_ROUNDS, _TURNS = 10, 2
+_FEW = 3  # contacts to which a slope is fitted, so that those off it can be refused
+FEWEST = 12
+"""Contacts that tell the floor's slope, at least; twice as many tell the body's zero of θ."""
 _STEP = 1e-4  # rad, of a difference quotient
 _ROUND = 1e-3  # relative change of the height with θ up to which a body is round
 
@@ -63,28 +65,46 @@ def _lowest(contacts: Sequence[Hit], shape: Shape, turned: float = 0.0) -> Float
 
 
 def find_floor(contacts: Sequence[Hit], shape: Shape) -> Floor:
-    """Fit the floor to the contact points, by least absolute deviations."""
-    points = _lowest(contacts, shape)
-    rising = (_lowest(contacts, shape, _STEP) - _lowest(contacts, shape, -_STEP))[:, 1] / (2 * _STEP)
+    """Fit the floor to the contact points, robustly.
+
+    An offset of the tracked point from the centre of the shape, which also moves the contact points up and down as the
+    body turns, is fitted beside the body's zero of θ: where the two look alike the zero has a large error.
+    """
+    floor = _fitted_floor(contacts, shape, 0.0)
+    for _ in range(_TURNS):
+        if floor.orientation is not None:
+            floor = _fitted_floor(contacts, shape, floor.orientation.value)
+    return floor
+
+
+def _fitted_floor(contacts: Sequence[Hit], shape: Shape, turned: float) -> Floor:
+    """Fit the floor, linearised about a body that is turned further by an angle in rad."""
+    points, theta = _lowest(contacts, shape, turned), np.array([contact.pose[2] for contact in contacts])
+    rising = (_lowest(contacts, shape, turned + _STEP) - _lowest(contacts, shape, turned - _STEP))[:, 1] / (2 * _STEP)
     told = {"height": np.ones(len(points))}
-    if len(points) >= _TELL and np.ptp(points[:, 0]) > 0:
+    if len(points) >= _FEW and np.ptp(points[:, 0]) > 0:
         told["slope"] = points[:, 0]
-    if len(points) >= _TELL and np.std(rising) > _ROUND * shape.gyration_squared() ** 0.5:
-        told["orientation"] = -rising
+    if len(points) >= 2 * FEWEST and np.std(rising) > _ROUND * shape.gyration_squared() ** 0.5:
+        told |= {"orientation": -rising, "sine": np.sin(theta), "cosine": np.cos(theta)}
     design, weight = np.stack([*told.values()], 1), np.ones(len(points))
-    fit, off, scatter = np.zeros(len(told)), np.zeros(len(points)), 0.0
+    off = points[:, 1] - np.median(points[:, 1])
     for _ in range(_ROUNDS):
         fit = np.linalg.lstsq(design * weight[:, None] ** 0.5, points[:, 1] * weight**0.5, rcond=None)[0]
         off = np.abs(points[:, 1] - design @ fit)
-        scatter = max(float(np.median(off)), 1e-9)
-        weight = 1 / np.maximum(off, scatter / 10)
-    good = off <= 5 * 1.5 * scatter
-    spread = max(float(np.std((points[:, 1] - design @ fit)[good])), 1e-9)
+        weight = 1 / np.maximum(off, max(float(np.median(off)), 1e-9) / 10)
+    good = off <= 5 * 1.5 * max(float(np.median(off)), 1e-9)
+    fit = np.linalg.lstsq(design[good], points[good, 1], rcond=None)[0]
+    free = max(int(good.sum()) - len(fit), 1)
+    spread = max(float(((points[good, 1] - design[good] @ fit) ** 2).sum() / free) ** 0.5, 1e-9)
     errors = spread * np.linalg.pinv(design[good].T @ design[good], hermitian=True).diagonal() ** 0.5
-    found = {
-        name: Measured(value=float(x), error=float(error)) for name, x, error in zip(told, fit, errors, strict=True)
-    }
-    return Floor(height=found["height"], slope=found.get("slope"), orientation=found.get("orientation"), scatter=spread)
+    found = {name: (float(x), float(error)) for name, x, error in zip(told, fit, errors, strict=True)}
+    slope, zero = found.get("slope"), found.get("orientation")
+    return Floor(
+        height=Measured(value=found["height"][0], error=found["height"][1]),
+        slope=slope and Measured(value=float(np.arctan(slope[0])), error=slope[1] / (1 + slope[0] ** 2)),
+        orientation=zero and Measured(value=turned + zero[0], error=zero[1]),
+        scatter=spread,
+    )
 
 
 def off_the_floor(contacts: Sequence[Hit], shape: Shape, floor: Floor) -> tuple[list[Hit], list[Refusal]]:

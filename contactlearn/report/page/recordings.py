@@ -67,7 +67,7 @@ def of_recordings(found: Tracked) -> dict[str, Any]:
         "outline": digits(found.shape.outline(91).T.tolist(), 5),
         "floor": _floor(found),
         "histogram": _histogram(scores),
-        "block": compressed(json.dumps(shown, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()),
+        "block": compressed(_packed(shown)),
         "_facts": tracks_facts(found),
         "_limits": _limits(found, len(shown)),
         "_refusals": _reasons(found, shown),
@@ -79,6 +79,11 @@ def of_recordings(found: Tracked) -> dict[str, Any]:
         ],
         "_residuals": _residuals(scores),
     }
+
+
+def _packed(shown: Sequence[Mapping[str, Any]]) -> bytes:
+    """JSON of the recordings; characters of a name that UTF-8 cannot hold become "?"."""
+    return json.dumps(shown, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode(errors="replace")
 
 
 def chosen(found: Tracked, most: int = MOST) -> list[str]:
