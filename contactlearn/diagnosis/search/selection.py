@@ -8,7 +8,7 @@ compare    the models that the data cannot tell from the chosen one (`plausible`
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
@@ -188,6 +188,8 @@ def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: SelectionThr
     """The model without the effects that are not worth a name, the least judged first.
 
     What is left without one is exchanged for the best model of no more effects, so that the answer is on the frontier.
+    In the end all effects that a smaller model of the frontier has not must be worth their names together: several that
+    stand for one effect each bring little less than it does.
     """
 
     @cache
@@ -199,18 +201,29 @@ def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: SelectionThr
         less = pool.best(smaller(pool, model, effect) for effect in model.spec.effects)
         if _worth_a_name(validated(pool, folds, less), whole, error_of(model.spec.law), thresholds):
             break
-        most = len(less.spec.effects)
-        model = pool.best(other for other in pool.models.values() if len(other.spec.effects) <= most)
+        model = _best_of(pool, range(len(less.spec.effects) + 1))
         whole = validated(pool, folds, model)
+    for size in range(len(model.spec.effects) - 1):
+        less, more = _best_of(pool, [size]), len(model.spec.effects) - size
+        if not _worth_a_name(validated(pool, folds, less), whole, error_of(model.spec.law), thresholds, more):
+            return less
     return model
 
 
-def _worth_a_name(without: ValidatedFit, whole: ValidatedFit, base: float, thresholds: SelectionThresholds) -> bool:
-    """Whether an effect brings more than chance, enough, and enough beside the others."""
+def _best_of(pool: Pool, sizes: Container[int]) -> ScoredFit:
+    """The best model with so many effects."""
+    return pool.best(model for model in pool.models.values() if len(model.spec.effects) in sizes)
+
+
+def _worth_a_name(
+    without: ValidatedFit, whole: ValidatedFit, base: float, thresholds: SelectionThresholds, effects: int = 1
+) -> bool:
+    """Whether effects bring more than chance, enough, and enough beside the others; each of several its share."""
     gain, error = paired_gain(without, whole)
     fall, together = without.mean_error - whole.mean_error, base - whole.mean_error
     enough = min(thresholds.least_part * together, thresholds.clear_gain * without.mean_error)
-    return fall > max(enough, thresholds.least_gain * without.mean_error) and gain > thresholds.gain_sigmas * error
+    each = max(enough, thresholds.least_gain * without.mean_error)
+    return fall > effects * each and gain > thresholds.gain_sigmas * error
 
 
 def _fit_neighbours(pool: Pool, model: ScoredFit, window: float) -> None:
