@@ -125,6 +125,25 @@ def test_what_is_left_without_an_effect_is_the_best_of_its_size():
     assert _pruned(pool, folds, wrong, SelectionThresholds()).spec == spec(SPIN)
 
 
+def test_effects_that_together_stand_for_one_are_not_named():
+    """A tangential spring is not quite any form of the catalogue: five effects score better, each with the others."""
+    impacts, _ = mystery.draw(103, effects=["tangential_restitution"], size=300)
+    one = EffectId("tangential_restitution", "slip")
+    five = {
+        EffectId("contact_patch", "curve"),
+        EffectId("inertia_error"),
+        EffectId("orientation_dependent_moment", "harmonics"),
+        EffectId("orientation_dependent_restitution", "curve"),
+        EffectId("shape_error"),
+    }
+    pool = pooled(impacts, one, *five, laws=("mirtich",))
+    simple = pool.fitted(spec(one, law="mirtich"))
+    many = pool.fitted(spec(*five, law="mirtich"))
+    assert many.score < simple.score - 20
+    folds = Folds.draw(300, torch.Generator().manual_seed(0))
+    assert _pruned(pool, folds, many, SelectionThresholds()) is simple
+
+
 def test_law_and_effects_are_found_together():
     impacts, truth = mystery.draw(31, size=300)
     hidden = {effect["name"] for effect in truth["effects"]}
