@@ -240,9 +240,9 @@ def _plausible(selection: Selection) -> tuple[PlausibleModel, ...]:
 
 
 def _frontier(study: Study, selection: Selection) -> tuple[FrontierModel, ...]:
-    """The best model of each number of effects up to one more than were chosen."""
+    """The best model of each number of effects up to that of the best score, and to one more than were chosen."""
     pool, found = selection.pool, []
-    for size in range(len(selection.spec.effects) + 2):
+    for size in range(max(len(selection.spec.effects) + 1, len(pool.best().spec.effects)) + 1):
         models = [model for model in pool.models.values() if len(model.spec.effects) == size]
         if models:
             best = pool.best(models)
