@@ -158,6 +158,8 @@ HEAD = """# Thresholds: false alarms and power
 `contactlearn.diagnosis.thresholds.Thresholds`. At each value, the default one bold: false alarms of so many null cases,
 and right alarms of so many planted ones. Planted mistakes and effects are small on purpose, so that some are missed.
 A row that says "not run", or has fewer cases than its study, is still to be decided: `--keep` goes on from there.
+Where nothing changes over the values, a test holds the threshold: `gyration` and `largest` on discs of unknown shape
+(tests/test_audit.py), `least_part` (tests/test_search.py), `component_r_squared` (tests/test_remainder.py).
 """
 
 

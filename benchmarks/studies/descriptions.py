@@ -103,7 +103,6 @@ _F = "formulas."
 ROWS = (
     Row(field="noise.stated_ratio", values=(1.05, 1.2, 1.4, 2.0, 4.0), study=STATED),
     Row(field="audit.noisy_spread", values=(0.75, 1.1, 1.5, 2.5, 1e9), study=AVERAGING),
-    Row(field=_F + "false_alarms", values=(0.001, 0.05, 1.0, 20.0, 200.0), study=FORMULAS),
     Row(field=_F + "sigmas", values=(0.0, 1.0, 2.0, 3.0, 5.0), study=FORMULAS),
     Row(field=_F + "identical", values=(0.8, 0.95, 0.995, 0.9999), study=FORMULAS),
 )

@@ -160,7 +160,6 @@ _R, _U = "regions.", "remainder."
 ROWS = (
     Row(field=_R + "level", values=(0.001, 0.01, 0.05, 0.2, 0.5), study=REGIONS),
     Row(field=_R + "ratio", values=(1.0, 1.25, 1.5, 2.0, 3.0), study=REGIONS),
-    Row(field=_R + "smallest", values=(3, 5, 10, 20, 40), study=REGIONS),
     Row(field=_R + "most", values=(1, 2, 5, 10, 20), study=SECOND),
     Row(field=_R + "gross", values=(2.0, 3.0, 5.0, 10.0, 1e9), study=REGIONS),
     Row(field=_R + "new", values=(0.0, 0.25, 0.5, 0.75, 1.0), study=SECOND),
@@ -170,5 +169,4 @@ ROWS = (
     Row(field=_U + "component_r_squared", values=(0.0, 0.02, 0.04, 0.08, 0.2), study=COMPONENT),
     Row(field=_U + "variable_share", values=(0.01, 0.025, 0.05, 0.1, 0.2), study=VARIABLES),
     Row(field=_U + "follows", values=(0.3, 0.6, 0.85, 0.95, 1.0), study=VARIABLES),
-    Row(field=_U + "gross", values=(2.0, 4.0, 8.0, 16.0, 1e9), study=COMPONENT),
 )

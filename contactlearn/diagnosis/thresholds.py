@@ -44,8 +44,6 @@ class RegionThresholds:
     ratio: float = 1.5
     """Mean error inside over that of the rest; noise alone, in v_pre as in v_post, makes it 1.3 between some
     orientations of the published ellipse (row regions.ratio)."""
-    smallest: int = 10
-    """Trials of a region, and of its rest, in the half that is searched (row regions.smallest)."""
     most: int = 5
     """Regions that are tested; the correction for their number costs power (row regions.most)."""
     gross: float = 5.0
@@ -89,16 +87,12 @@ class RemainderThresholds:
     """Least share of a variable that is named (row remainder.variable_share)."""
     follows: float = 0.85
     """Share of a symbol's variance along θ from which on it goes by the name of θ (row remainder.follows)."""
-    gross: float = 8.0
-    """Robust standard deviations beyond which a residual is curbed or left out (row remainder.gross)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FormulaThresholds:
     """Limits beyond which a formula is offered."""
 
-    false_alarms: float = 0.05
-    """Probability that chance gives a term a coefficient, over the library (row formulas.false_alarms)."""
     sigmas: float = 2.0
     """Standard errors by which the held-out gain of a formula must exceed 0 (row formulas.sigmas)."""
     identical: float = 0.995

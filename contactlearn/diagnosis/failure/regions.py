@@ -34,6 +34,8 @@ from contactlearn.evaluation.metrics import Interval, mass_error
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.numerics import Z_95
 
+_SMALLEST = 10  # trials of a region, and of its rest, in the half that is searched
+
 
 def find_regions(
     impacts: Impacts,
@@ -129,14 +131,13 @@ def _search(
     """The best windows, best first; each without the trials of those before it."""
     found, free = [], torch.ones_like(searched)
     size = [grid.sums(searched.double())[0] for grid in grids]
-    smallest = thresholds.smallest
-    while len(found) < thresholds.most and (searched & free).sum() >= 2 * smallest:
+    while len(found) < thresholds.most and (searched & free).sum() >= 2 * _SMALLEST:
         within = (searched & free).double()
         ranks = _ranks(errors, searched & free)
         best = (0.0, None, 0)
         for grid, all_trials in zip(grids, size, strict=True):
             trials, total = grid.sums(within, ranks)
-            enough = (trials >= smallest) & (within.sum() - trials >= smallest)
+            enough = (trials >= _SMALLEST) & (within.sum() - trials >= _SMALLEST)
             allowed = enough & (trials >= thresholds.new * all_trials)
             score = torch.where(allowed, _standardised(trials, total, ranks, within), 0.0)
             if len(score) and score.max() > best[0]:

@@ -26,6 +26,7 @@ from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel, wrench_per_parameter
 
+_CHANCE = 0.05  # that chance gives a term a coefficient, over the library, so that what is fitted has a prospect
 _DISTINCT = 1e-3  # share of a term's norm that μ and ε cannot reproduce, below which they do the same
 _IMPULSES = ("Pn", "Pt", "m*vx", "m*vy", "m*vt", "m*vn", "m*rho*omega")
 _MOMENTS = (
@@ -108,7 +109,7 @@ class Library:
         others = self.columns[:, [k for k in which if k != last]]
         own = own - others @ (others.T @ own)
         sigmas = (own @ y).abs() / (own * residual).norm().clamp_min(1e-300)  # White's standard error
-        return sigmas.item() > norm.isf(self.thresholds.false_alarms / 2 / len(self.terms))
+        return sigmas.item() > norm.isf(_CHANCE / 2 / len(self.terms))
 
     def coefficients(self, terms: Sequence[str], y: Float[Tensor, " n"]) -> Float[Tensor, " t"]:
         """Fit the coefficients of terms, in their own units, by least squares."""

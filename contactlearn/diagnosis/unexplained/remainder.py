@@ -35,6 +35,7 @@ from contactlearn.model import ContactModel
 from contactlearn.numerics import MAD_SCALE, wrapped
 
 _COMPONENTS = tuple(WrenchComponent)
+_GROSS = 8.0  # robust standard deviations, or medians, beyond which a residual is left out or curbed
 _TRIALS = 450  # of a fold that are learnt from, at most
 _PERMUTATIONS, _RESAMPLES = 2, 2000
 _ROUNDING = 1e-12  # of a mass error
@@ -82,7 +83,7 @@ def learn_remainder(
     """
     base = model.base_prediction(impacts)
     residual = impacts.wrench - base.wrench
-    inliers = _inliers(residual, thresholds.gross) if inliers is None else inliers
+    inliers = _inliers(residual) if inliers is None else inliers
     processes = Processes.of(impacts, residual, _rows(folds, inliers))
     learned = _Learned(impacts, base, folds, processes.at(folds.held_out))
     error = learned.error(*_COMPONENTS)
@@ -141,7 +142,7 @@ def _tested(
 ) -> ComponentTest:
     """The prediction of one component where it was not learnt."""
     k = _COMPONENTS.index(name)
-    r_squared, error = _r_squared(learned.folds, residual[:, k], learned.wrench[..., k], counted, thresholds.gross)
+    r_squared, error = _r_squared(learned.folds, residual[:, k], learned.wrench[..., k], counted)
     return ComponentTest(
         component=name,
         r_squared=r_squared,
@@ -157,10 +158,10 @@ def is_clear(r_squared: float, standard_error: float, thresholds: RemainderThres
     return r_squared > thresholds.component_r_squared and certain
 
 
-def _inliers(residual: Float[Tensor, "n 3"], gross: float) -> Bool[Tensor, " n"]:
+def _inliers(residual: Float[Tensor, "n 3"]) -> Bool[Tensor, " n"]:
     """Trials without a gross component."""
     off = (residual - residual.median(0).values).abs()
-    return (off <= gross * MAD_SCALE * off.median(0).values + 1e-300).all(-1)
+    return (off <= _GROSS * MAD_SCALE * off.median(0).values + 1e-300).all(-1)
 
 
 def _rows(folds: Folds, inliers: Bool[Tensor, " n"]) -> Int[Tensor, "b m"]:
@@ -175,14 +176,13 @@ def _r_squared(
     residual: Float[Tensor, " n"],
     learned: Float[Tensor, "b m"],
     counted: Bool[Tensor, " n"],
-    gross: float,
 ) -> tuple[float, float]:
     """Held-out R² against 0 and its standard error over the trials that count."""
     y = residual[folds.held_out]
     gain = torch.zeros(len(y), len(residual), dtype=y.dtype)
     gain = gain.scatter(1, folds.held_out, y.square() - (y - learned).square())
     gain, size = folds.scores(gain)[counted], residual[counted].square().mean().clamp_min(1e-300)
-    limit = gross * gain.abs().median() + size  # curbs trials by which the mean would stand or fall
+    limit = _GROSS * gain.abs().median() + size  # curbs trials by which the mean would stand or fall
     gain = gain.clamp(-limit, limit) / size
     return gain.mean().item(), (gain.std() / math.sqrt(len(gain))).item()
 
