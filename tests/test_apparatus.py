@@ -112,6 +112,17 @@ def test_flights_that_are_too_few_tell_no_drag():
     assert abs(found.size - 9.81) < 4 * found.error
 
 
+def test_gravity_is_fitted_with_the_drag_that_is_used():
+    """Beside a free drag gravity is less certain; where no drag is seen there is none beside it."""
+    recordings = simulate(6, PLAIN, seed=2)[0]
+    unseen, stated = find_gravity(recordings), find_gravity(recordings, drag=0.0)
+    assert unseen.drag == 0.0
+    np.testing.assert_array_equal(unseen.vector, stated.vector)
+    assert unseen.error == stated.error
+    other = find_gravity(recordings, drag=0.5)
+    assert abs(other.size - stated.size) > 4 * stated.error
+
+
 def test_a_stated_drag_is_that_of_the_measured_gravity():
     recordings = simulate(6, PLAIN, drag=0.5, seed=2)[0]
     found = find_gravity(recordings, drag=0.5)

@@ -7,6 +7,7 @@ from contactlearn.audit.corrections import correct
 from contactlearn.data import synthetic, table
 from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.diagnosis.result import NoiseSource
+from contactlearn.diagnosis.unexplained.processes import Processes
 from contactlearn.errors import DataError
 from contactlearn.evaluation.metrics import mass_error
 from contactlearn.identification.joint import FitOptions, identify_jointly
@@ -170,6 +171,13 @@ def test_the_wrench_of_a_trial_has_the_noise_of_its_velocities():
     typical = variance.median(0).values
     expected = (2 * typical / (typical + variance)).sqrt()
     assert torch.allclose(noise_weight(impacts, "wrench"), expected, rtol=0.05)
+
+
+def test_what_remains_is_learnt_with_the_same_weights():
+    impacts, rows = drops(), torch.stack((torch.arange(20), torch.arange(10, 30)))
+    residual = torch.randn(30, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    learned = Processes.of(impacts, residual, rows).gps.likelihood.weight
+    assert torch.equal(learned, noise_weight(impacts, "wrench")[rows].mT)
 
 
 def test_processes_learn_less_from_noisy_trials():

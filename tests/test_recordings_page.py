@@ -21,7 +21,7 @@ from contactlearn.cli import compose
 from contactlearn.data import tracks
 from contactlearn.data.tracks_synthetic import MASS, SEMI_AXES, simulate, write_recordings
 from contactlearn.data.tracks_synthetic.camera import Camera
-from contactlearn.errors import ContactLearnError
+from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.report.figures.tracks import standardised
 from contactlearn.report.page.page import render
 from contactlearn.report.page.recording import FRAMES, of_recording
@@ -246,3 +246,9 @@ def test_refused_recordings_are_a_click_away(shown):
     assert options[0].startswith(NAME)
     assert not shown.execute_script("return window.hacked")
     assert not shown.get_log("browser")
+
+
+def test_a_page_that_cannot_be_written_is_one_clear_error(found, tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(DataError, match="recordings.html: cannot be written"):
+        write_recordings_page(tmp_path / "file" / "recordings.html", found)

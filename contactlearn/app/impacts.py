@@ -53,11 +53,7 @@ def write_impacts(cfg: DictConfig, out: Path) -> str:
     refused = out.with_name(f"{out.stem}.refused.csv")
     save_refusals(found.survey.refusals, refused)
     figures = draw_recordings(found, out.with_name(f"{out.stem}_figures"))
-    page = out.with_name(f"{out.stem}.recordings.html")
-    try:
-        write_recordings_page(page, found)
-    except OSError as error:
-        raise DataError(f"{page}: cannot be written: {error}") from error
+    page = write_recordings_page(out.with_name(f"{out.stem}.recordings.html"), found)
     return "\n".join([*tracks_summary(found, out, refused), f"figures  {figures}", f"page     {page}"])
 
 

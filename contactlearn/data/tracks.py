@@ -20,7 +20,14 @@ from contactlearn.shapes import Shape, make_shape
 from contactlearn.tracks.conventions import ANGLES, SENSES, Conventions, find_frame
 from contactlearn.tracks.detection import FlightOptions
 from contactlearn.tracks.frame import Clue
-from contactlearn.tracks.impacts import FEWEST, Floor, find_floor, impacts_of, moment_imbalance, off_the_floor
+from contactlearn.tracks.impacts import (
+    CONTACTS_OF_A_SLOPE,
+    Floor,
+    find_floor,
+    impacts_of,
+    moment_imbalance,
+    off_the_floor,
+)
 from contactlearn.tracks.readers import read, recording_files
 from contactlearn.tracks.readers.layout import Layout
 from contactlearn.tracks.result import Found, Hit, Refusal
@@ -180,7 +187,7 @@ def _apparatus(found: Survey, floor: Floor, contact_time: float) -> Apparatus:
     return Apparatus(
         gravity=Measured(value=math.hypot(*frame.gravity), error=frame.gravity_error),
         drag=Measured(value=frame.drag, error=frame.drag_error) if math.isfinite(frame.drag_error) else None,
-        slope=floor.slope if len(found.contacts) >= FEWEST else None,
+        slope=floor.slope if len(found.contacts) >= CONTACTS_OF_A_SLOPE else None,
         orientation=floor.orientation,
         delay=Measured(value=0.0, error=max(contact_time / math.sqrt(12), _INSTANT)),
     )

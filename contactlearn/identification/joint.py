@@ -240,8 +240,8 @@ _USUAL_MASS = 0.1  # kg, likewise of impulses and energies
 def named_parameters(effects: Mapping[str, Effect], box: Box, impacts: Impacts) -> tuple[Parameter, ...]:
     """Return μ, ε and the parameters of the effects, the latter named `effect.parameter`.
 
-    Ranges of lengths, impulses and energies are in proportion to the size or mass of large bodies.  A parameter that is
-    known of the apparatus stays within the range that is.
+    Ranges of lengths, impulses and energies are in proportion to the size or mass of large bodies.  What is known
+    of the apparatus narrows them.
     """
     shared = (
         Parameter("mu", "μ", "–", *box.mu, vanishing=None),

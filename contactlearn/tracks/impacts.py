@@ -29,8 +29,8 @@ _OFF = 8.0  # robust standard deviations of a contact point's height from the fl
 _LEAST = 1e-3  # m that it may be off in any case
 _ROUNDS, _TURNS = 10, 2
 _FEW = 3  # contacts to which a slope is fitted, so that those off it can be refused
-FEWEST = 12
-"""Contacts that tell the floor's slope, at least; twice as many tell the body's zero of θ."""
+CONTACTS_OF_A_SLOPE = 12
+"""At least; twice as many tell the body's zero of θ."""
 _STEP = 1e-4  # rad, of a difference quotient
 _ROUND = 1e-3  # relative change of the height with θ up to which a body is round
 
@@ -84,7 +84,7 @@ def _fitted_floor(contacts: Sequence[Hit], shape: Shape, turned: float) -> Floor
     told = {"height": np.ones(len(points))}
     if len(points) >= _FEW and np.ptp(points[:, 0]) > 0:
         told["slope"] = points[:, 0]
-    if len(points) >= 2 * FEWEST and np.std(rising) > _ROUND * shape.gyration_squared() ** 0.5:
+    if len(points) >= 2 * CONTACTS_OF_A_SLOPE and np.std(rising) > _ROUND * shape.gyration_squared() ** 0.5:
         told |= {"orientation": -rising, "sine": np.sin(theta), "cosine": np.cos(theta)}
     design, weight = np.stack([*told.values()], 1), np.ones(len(points))
     off = points[:, 1] - np.median(points[:, 1])

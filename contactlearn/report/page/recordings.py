@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from contactlearn.data.tracks import Tracked
+from contactlearn.errors import DataError
 from contactlearn.report.figures.tracks import standardised
 from contactlearn.report.page.arrays import compressed
 from contactlearn.report.page.page import render, save
@@ -36,9 +37,13 @@ def write_recordings_page(path: Path, found: Tracked) -> Path:
     """Write the page of what was found in recordings, whole or not at all.
 
     Raises:
-        OSError: the file cannot be written.
+        DataError: the file cannot be written.
     """
-    return save(path, render(of_recordings(found), "recordings.html.j2", scripts=("recordings.js",)))
+    text = render(of_recordings(found), "recordings.html.j2", scripts=("recordings.js",))
+    try:
+        return save(path, text)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be written: {error}") from error
 
 
 def has_recordings(config: Mapping[str, Any]) -> bool:
