@@ -250,5 +250,5 @@ def test_refused_recordings_are_a_click_away(shown):
 
 def test_a_page_that_cannot_be_written_is_one_clear_error(found, tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(DataError, match="recordings.html: cannot be written"):
+    with pytest.raises(DataError, match=r"recordings\.html: cannot be written"):
         write_recordings_page(tmp_path / "file" / "recordings.html", found)
