@@ -20,14 +20,7 @@ from contactlearn.shapes import Shape, make_shape
 from contactlearn.tracks.conventions import ANGLES, SENSES, Conventions, find_frame
 from contactlearn.tracks.detection import FlightOptions
 from contactlearn.tracks.frame import Clue
-from contactlearn.tracks.impacts import (
-    CONTACTS_OF_A_SLOPE,
-    Floor,
-    find_floor,
-    impacts_of,
-    moment_imbalance,
-    off_the_floor,
-)
+from contactlearn.tracks.impacts import Floor, find_floor, impacts_of, moment_imbalance, off_the_floor
 from contactlearn.tracks.readers import read, recording_files
 from contactlearn.tracks.readers.layout import Layout
 from contactlearn.tracks.result import Found, Hit, Refusal
@@ -35,7 +28,6 @@ from contactlearn.tracks.survey import Progress, Survey, TrackOptions, sample, s
 from contactlearn.tracks.track import Recording
 
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
-_DECIDES = 0.5  # a reading of angles is found if it leaves so much less of the moment balance than any other
 _TELL = 3  # contacts that tell it, at least
 _INSTANT = 1e-6  # s, error of the instants at which flights meet, at least
 
@@ -172,24 +164,25 @@ def find_impacts(
     if not found.contacts:
         counts = _counts(found.refusals)
         raise DataError(f"{path}: no contact between two free flights in {found.recordings} recordings; {counts}")
-    floor = find_floor(found.contacts, known)
-    contacts, refusals = off_the_floor(found.contacts, known, floor)
+    limits = options.thresholds.floor
+    floor = find_floor(found.contacts, known, limits)
+    contacts, refusals = off_the_floor(found.contacts, known, floor, limits)
     found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
     name = options.layout.body or type(known).__name__.lower()
-    apparatus = _apparatus(found, floor, options.flight.contact_time)
+    apparatus = _apparatus(found, floor, options)
     impacts = impacts_of(contacts, known, mass, gyration * mass, name, f"tracks of {path}", apparatus)
     return Tracked(path=path, impacts=impacts, survey=found, floor=floor, shape=known, options=options)
 
 
-def _apparatus(found: Survey, floor: Floor, contact_time: float) -> Apparatus:
+def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
     """What the recordings tell without any impact; states at contact may be off by a part of its duration."""
     frame = found.frame
     return Apparatus(
         gravity=Measured(value=math.hypot(*frame.gravity), error=frame.gravity_error),
         drag=Measured(value=frame.drag, error=frame.drag_error) if math.isfinite(frame.drag_error) else None,
-        slope=floor.slope if len(found.contacts) >= CONTACTS_OF_A_SLOPE else None,
+        slope=floor.slope if len(found.contacts) >= options.thresholds.floor.contacts_of_a_slope else None,
         orientation=floor.orientation,
-        delay=Measured(value=0.0, error=max(contact_time / math.sqrt(12), _INSTANT)),
+        delay=Measured(value=0.0, error=max(options.flight.contact_time / math.sqrt(12), _INSTANT)),
     )
 
 
@@ -214,7 +207,7 @@ def _angles(
             enough = len(contacts) >= _TELL
             left[unit, sense] = moment_imbalance(contacts, shape, gyration, SENSES[sense]) if enough else math.inf
     best, *others = sorted(left, key=lambda reading: left[reading])
-    if others and not left[best] <= _DECIDES * left[others[0]]:
+    if others and not left[best] <= options.thresholds.frame.reading * left[others[0]]:
         raise DataError(
             f"{recordings[0].source}: in which unit and sense angles are measured is not seen: the moment balance of "
             f"impacts leaves {left[best]:.2f} with one reading and {left[others[0]]:.2f} with another; state "
@@ -233,6 +226,6 @@ def _angles(
 
 def _contacts(recordings: Sequence[Recording], options: TrackOptions) -> list[Hit]:
     """Contacts of a few recordings under some conventions."""
-    frame = find_frame(recordings, options.conventions)
+    frame = find_frame(recordings, options.conventions, options.thresholds.frame)
     ready = options.in_air(frame)
     return [contact for recording in recordings for contact in tracked(recording, frame, ready).contacts]

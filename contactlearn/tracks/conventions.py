@@ -22,6 +22,7 @@ from contactlearn.tracks.flight import GRAVITY
 from contactlearn.tracks.frame import Clue, Frame
 from contactlearn.tracks.gravity import Gravity, find_gravity
 from contactlearn.tracks.rotations import body_axes, rotation_axis
+from contactlearn.tracks.thresholds import FrameThresholds
 from contactlearn.tracks.track import Array, Recording
 
 UNITS = {"m": 1.0, "dm": 10.0, "cm": 100.0, "mm": 1000.0, "in": 1 / 0.0254, "ft": 1 / 0.3048}
@@ -30,12 +31,7 @@ ORDERS = ("wxyz", "xyzw")
 ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 SENSES = {"as_read": 1, "mirrored": -1}
-_SCALE = 0.03  # relative distance of a measured gravity from 9.81 m/s²
-_UPRIGHT = np.radians(2)
-_LEANING = np.radians(10)  # of gravity from a stated axis
-_ALIGNED = np.radians(8)  # of the axis of rotation from the normal of the plane
 _HALF = 0.5  # of the horizontal spread, up to which an axis of rotation is across the motion all the same
-_FLAT = 0.2  # spread across the plane over that along it, up to which positions show the plane
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,21 +62,25 @@ class Conventions:
                 raise UnknownNameError(f"data.{name}", str(value), names)
 
 
-def find_frame(recordings: Sequence[Recording], stated: Conventions = Conventions()) -> Frame:
+def find_frame(
+    recordings: Sequence[Recording],
+    stated: Conventions = Conventions(),
+    limits: FrameThresholds = FrameThresholds(),
+) -> Frame:
     """Find the conventions that are not stated, and check those that are.
 
     Raises:
         DataError: a convention contradicts the recordings, or is neither stated nor found.
     """
-    gravity, first = find_gravity(recordings, stated.drag), recordings[0]
+    gravity, first = find_gravity(recordings, stated.drag, limits.drag_sigmas), recordings[0]
     stated = replace(stated, unit=stated.unit or first.unit, order=stated.order or first.order)
-    scale, unit = _unit(gravity, stated.unit, recordings[0].source)
-    up, direction = _up(gravity, stated.up, recordings[0].source)
-    if recordings[0].quaternion is None:
+    scale, unit = _unit(gravity, stated.unit, first.source, limits)
+    up, direction = _up(gravity, stated.up, first.source, limits)
+    if first.quaternion is None:
         axes = np.stack((_right(np.array((up[1], -up[0]))), up))
         frame, clues = Frame(scale=scale, axes=axes), ()
     else:
-        frame, clues = _spatial(recordings, up, scale, stated.order)
+        frame, clues = _spatial(recordings, up, scale, stated.order, limits)
     in_plane = frame.axes[:2] @ gravity.vector * scale
     angle = ANGLES[stated.angle or "rad"]
     return replace(
@@ -108,12 +108,12 @@ def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:
     return (clue,) if gravity.drag else ()
 
 
-def _unit(gravity: Gravity, stated: str | None, source: str) -> tuple[float, Clue]:
+def _unit(gravity: Gravity, stated: str | None, source: str, limits: FrameThresholds) -> tuple[float, Clue]:
     """Metres in the unit of length."""
     ratios = {name: gravity.size / (GRAVITY * factor) for name, factor in UNITS.items()}
-    fits = {name: ratio for name, ratio in ratios.items() if abs(ratio - 1) <= _SCALE}
+    fits = {name: ratio for name, ratio in ratios.items() if abs(ratio - 1) <= limits.scale}
     allowed = 4 * gravity.error / gravity.size
-    if stated is not None and abs(ratios[stated] - 1) > max(_SCALE, allowed):
+    if stated is not None and abs(ratios[stated] - 1) > max(limits.scale, allowed):
         ratio = ratios[stated]
         other = next(iter(fits), None)
         hint = (
@@ -145,7 +145,7 @@ def _axis(name: str, dimensions: int) -> Array:
     return np.eye(dimensions)[k] * (-1 if name.startswith("-") else 1)
 
 
-def _up(gravity: Gravity, stated: str | None, source: str) -> tuple[Array, Clue]:
+def _up(gravity: Gravity, stated: str | None, source: str, limits: FrameThresholds) -> tuple[Array, Clue]:
     """Unit vector up in the file's axes: an axis, or against gravity where no axis is."""
     measured = -gravity.vector / gravity.size
     near = AXES[int(np.abs(measured).argmax())]
@@ -153,12 +153,12 @@ def _up(gravity: Gravity, stated: str | None, source: str) -> tuple[Array, Clue]
     name = stated or near
     axis = _axis(name, len(measured))
     leaning = float(np.arccos(np.clip(axis @ measured, -1, 1)))
-    if stated is not None and leaning > _LEANING:
+    if stated is not None and leaning > limits.leaning:
         raise DataError(
             f"{source}: bodies fall {np.degrees(np.pi - leaning):.3g}° off the axis {stated} that data.up calls up; "
             f"is up {near}?"
         )
-    upright = leaning <= _UPRIGHT or stated is not None
+    upright = leaning <= limits.upright or stated is not None
     value = name if upright else f"{np.degrees(leaning):.1f}° off {name}"
     clue = Clue(
         convention="up",
@@ -177,7 +177,7 @@ def _right(direction: Array) -> Array:
 
 
 def _spatial(
-    recordings: Sequence[Recording], up: Array, scale: float, order: str | None
+    recordings: Sequence[Recording], up: Array, scale: float, order: str | None, limits: FrameThresholds
 ) -> tuple[Frame, tuple[Clue, ...]]:
     """Axes of the plane of motion and order of the quaternions, of recordings in space."""
     source = recordings[0].source
@@ -187,24 +187,26 @@ def _spatial(
     off: dict[str, float] = {}
     for name, (axis, _) in axes_of.items():
         level = axis - (axis @ up) * up
-        crosses = flat > _FLAT and level @ scatter @ level > _HALF**2 * scatter.trace()
-        against = 0.0 if crosses else abs(axis @ across) if flat <= _FLAT else float(np.linalg.norm(level))
+        crosses = flat > limits.flat and level @ scatter @ level > _HALF**2 * scatter.trace()
+        against = 0.0 if crosses else abs(axis @ across) if flat <= limits.flat else float(np.linalg.norm(level))
         off[name] = float(np.arccos(np.clip(against, 0, 1)))
     turned = max(total for _, total in axes_of.values())
-    fits = [name for name in ORDERS if off[name] <= _ALIGNED]
-    if order is not None and order not in fits and fits and turned > _ALIGNED:
+    fits = [name for name in ORDERS if off[name] <= limits.aligned]
+    if order is not None and order not in fits and fits and turned > limits.aligned:
         raise DataError(
             f"{source}: bodies turn {np.degrees(off[order]):.3g}° off the normal of the plane that they move in with "
             f"data.order={order}, and {np.degrees(off[fits[0]]):.2g}° with {fits[0]}"
         )
-    if order is None and (len(fits) != 1 or turned <= _ALIGNED):
-        why = "bodies hardly turn in" if turned <= _ALIGNED else "both orders fit" if fits else "neither order fits"
+    if order is None and (len(fits) != 1 or turned <= limits.aligned):
+        why = (
+            "bodies hardly turn in" if turned <= limits.aligned else "both orders fit" if fits else "neither order fits"
+        )
         raise DataError(
             f"{source}: which component of the quaternions is w is not seen: {why} the plane of motion; "
             "state data.order=wxyz or data.order=xyzw"
         )
     chosen = order or fits[0]
-    normal = across if flat <= _FLAT else axes_of[chosen][0]
+    normal = across if flat <= limits.flat else axes_of[chosen][0]
     normal = normal - (normal @ up) * up
     normal /= np.linalg.norm(normal)
     right = _right(np.cross(up, normal))

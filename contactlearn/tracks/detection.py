@@ -16,16 +16,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from contactlearn.tracks.flight import Air, Flight, Indices, Windows, fit, windows
+from contactlearn.tracks.thresholds import FlightThresholds
 from contactlearn.tracks.track import Array, Mask, Track, finite, turn
 
-SAME = 60.0
-"""χ² with six degrees of freedom up to which two flights are one."""
 _LEAST_NOISE = np.array((1e-7, 1e-7, 1e-6))  # m, m, rad: rounding of exact tracks
-_POWER = 150.0  # χ² that rest must make in a window that is taken for a flight
 _WIDEST = 80  # frames
-_EXCESS = 6.0  # standard deviations of χ² above its mean up to which a window is a flight
 _MARGIN = 3  # frames of a window on each side of a bad one
-_EXTENDED = 3.0  # standard deviations up to which a frame continues a flight
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,11 +51,13 @@ class Flights:
     width: int
 
 
-def find_flights(track: Track, options: FlightOptions = FlightOptions()) -> Flights:
+def find_flights(
+    track: Track, options: FlightOptions = FlightOptions(), limits: FlightThresholds = FlightThresholds()
+) -> Flights:
     """Find the free flights of a track."""
     pose, time = track.pose.copy(), track.time
     sigma = frame_noise(time, pose, options.fewest)
-    width = min(_width(sigma, track.step, options), len(track))
+    width = min(_width(sigma, track.step, options, limits.rest_power), len(track))
     if width < options.fewest:
         return Flights(flights=(), sigma=sigma, width=options.fewest)
     if width > options.fewest:
@@ -67,13 +65,13 @@ def find_flights(track: Track, options: FlightOptions = FlightOptions()) -> Flig
     good = np.zeros(0, dtype=np.bool_)
     for _ in range(3):
         fits = windows(time, pose, width, 1, options.air)
-        good, bad_frames = _judged(fits, sigma, len(track))
+        good, bad_frames = _judged(fits, sigma, len(track), limits.excess)
         if not bad_frames.any():
             break
         pose[bad_frames] = np.nan
     found = [_first(time, pose, run, sigma, options.air, width) for run in _runs(good, width)]
-    found = _joined(time, track.pose, [flight for flight in found if flight is not None], sigma, width)
-    found = [_extended(track, flight, sigma, width) for flight in found]
+    found = _joined(time, track.pose, [flight for flight in found if flight is not None], sigma, width, limits.same)
+    found = [_extended(track, flight, sigma, width, limits.continued) for flight in found]
     sigma = _pooled(found, sigma)
     return Flights(
         flights=tuple(fit(time, track.pose, f.frames, sigma, f.air) for f in found), sigma=sigma, width=width
@@ -94,32 +92,32 @@ def frame_noise(time: Float[Array, " t"], pose: Float[Array, "t 3"], width: int)
     return np.maximum(np.sqrt(np.median(share, 0) / typical), _LEAST_NOISE)
 
 
-def _width(sigma: Array, step: float, options: FlightOptions) -> int:
-    """Frames of the shortest window in which a body at rest is no free flight."""
+def _width(sigma: Array, step: float, options: FlightOptions, power: float) -> int:
+    """Frames of the shortest window in which a body at rest makes so large a χ² that it is no free flight."""
     n = np.arange(options.fewest, _WIDEST + 1)
     bend = np.hypot(*options.air.gravity) / 2 * step**2
     told = bend**2 * n * (n**2 - 1) * (n**2 - 4) / 180 / sigma[:2].max() ** 2
-    return int(n[min(int(np.searchsorted(told, _POWER)), len(n) - 1)])
+    return int(n[min(int(np.searchsorted(told, power)), len(n) - 1)])
 
 
-def _judged(fits: Windows, sigma: Array, frames: int) -> tuple[Mask, Mask]:
+def _judged(fits: Windows, sigma: Array, frames: int, excess: float) -> tuple[Mask, Mask]:
     """Windows that are flights, and frames without which others would be."""
     width = fits.residual.shape[1]
     each = (fits.residual / sigma) ** 2
     total, freedom = each.sum((1, 2)), 3 * (fits.count - 2)
     enough = fits.count >= max(5, 0.7 * width)
-    good = enough & (total <= _limit(freedom))
+    good = enough & (total <= _limit(freedom, excess))
     taken = (each / np.maximum(1 - fits.leverage, 1e-3)).sum(2)
     taken[:, : min(_MARGIN, width // 3)] = taken[:, width - min(_MARGIN, width // 3) :] = 0
     worst = taken.argmax(1)
     without = total - taken[np.arange(len(total)), worst]
-    mended = enough & ~good & (without <= _limit(freedom - 3))
+    mended = enough & ~good & (without <= _limit(freedom - 3, excess))
     votes = np.bincount((np.arange(len(total)) + worst)[mended], minlength=frames)
     return good, votes >= 2
 
 
-def _limit(freedom: Indices) -> Array:
-    return freedom + _EXCESS * np.sqrt(2 * np.maximum(freedom, 1))
+def _limit(freedom: Indices, excess: float) -> Array:
+    return freedom + excess * np.sqrt(2 * np.maximum(freedom, 1))
 
 
 def _runs(good: Bool[Mask, " s"], width: int) -> list[tuple[int, int]]:
@@ -150,14 +148,14 @@ def apart(one: Flight, other: Flight, time: float) -> tuple[Float[Array, "6"], f
     return difference, float(difference @ np.linalg.solve(A + B, difference))
 
 
-def _joined(time: Array, pose: Array, found: Sequence[Flight], sigma: Array, width: int) -> list[Flight]:
+def _joined(time: Array, pose: Array, found: Sequence[Flight], sigma: Array, width: int, same: float) -> list[Flight]:
     """Neighbouring flights that agree, as one: only bad or lost frames were between them."""
     joined: list[Flight] = []
     for flight in found:
         if joined:
             last = joined[-1]
             middle = (time[last.last] + time[flight.first]) / 2
-            if flight.first - last.last <= 2 * width and apart(last, flight, middle)[1] <= SAME:
+            if flight.first - last.last <= 2 * width and apart(last, flight, middle)[1] <= same:
                 between = np.arange(last.first, flight.last + 1)
                 between = between[finite(pose[between])]
                 joined[-1] = fit(time, pose, between, sigma, flight.air)
@@ -166,7 +164,7 @@ def _joined(time: Array, pose: Array, found: Sequence[Flight], sigma: Array, wid
     return joined
 
 
-def _extended(track: Track, flight: Flight, sigma: Array, reach: int) -> Flight:
+def _extended(track: Track, flight: Flight, sigma: Array, reach: int, limit: float) -> Flight:
     """A flight with the frames before and after it that continue it, up to two in a row that do not."""
     frames = flight.frames
     for side in (-1, 1):
@@ -177,7 +175,7 @@ def _extended(track: Track, flight: Flight, sigma: Array, reach: int) -> Flight:
         away = track.pose[near] - flight.poses(track.time[near])
         away[:, 2] = turn(away[:, 2])
         scaled = np.abs(away) / np.hypot(sigma, flight.spread(track.time[near]))
-        continues = scaled.max(1, initial=0.0) <= _EXTENDED
+        continues = scaled.max(1, initial=0.0) <= limit
         ends = np.append(np.flatnonzero(~continues & ~np.append(continues[1:], False)), len(near))
         frames = np.concatenate((frames, near[: ends[0]][continues[: ends[0]]]))
     return replace(flight, frames=np.unique(frames))

@@ -14,49 +14,51 @@ from itertools import pairwise
 import numpy as np
 
 from contactlearn.tracks.contact import close, cut, hit_of, meet
-from contactlearn.tracks.detection import SAME, FlightOptions, Flights, apart, find_flights
+from contactlearn.tracks.detection import FlightOptions, Flights, apart, find_flights
 from contactlearn.tracks.flight import Flight
 from contactlearn.tracks.result import Found, Hit, Reason, Refusal
+from contactlearn.tracks.thresholds import FlightThresholds
 from contactlearn.tracks.track import Track, turn
 
-_MEETS = 18.0  # squared distance with two degrees of freedom: one of 8000 by chance
-_SURE = 0.95  # probability of the number of missing frames
-_MOVED = 25.0  # squared change of velocity in standard deviations: less is no contact
-_STILL = 0.03  # m/s below which a body is at rest
-_NO_NOISE = 20.0  # standard deviations of a frame that heights differ by, if they differ
-_HIGH = 0.3  # of the track's range of heights, above the lowest: there is no floor
 
-
-def find_contacts(track: Track, options: FlightOptions = FlightOptions()) -> Found:
+def find_contacts(
+    track: Track, options: FlightOptions = FlightOptions(), limits: FlightThresholds = FlightThresholds()
+) -> Found:
     """Find the contacts of a track between free flights, and refuse everything else."""
-    found = find_flights(track, options)
+    found = find_flights(track, options, limits)
     flights, contacts, refusals = list(found.flights), list[Hit](), list[Refusal]()
     if not flights:
-        refusals = [_gap(track, 0, len(track) - 1, found)]
+        refusals = [_gap(track, 0, len(track) - 1, found, limits)]
         return Found(track=track, sigma=found.sigma, flights=(), contacts=(), refusals=tuple(refusals))
     if flights[0].first > 0:
-        refusals.append(_gap(track, 0, flights[0].first - 1, found))
+        refusals.append(_gap(track, 0, flights[0].first - 1, found, limits))
     flights = cut(track, flights, found.sigma, options)
     for before, after in pairwise(flights):
-        result = _between(track, before, after, found, options, len(contacts))
+        result = _between(track, before, after, found, options, limits, len(contacts))
         if isinstance(result, Hit):
             contacts.append(result)
         else:
             refusals.append(result)
     if flights[-1].last < len(track) - 1:
-        refusals.append(_gap(track, flights[-1].last + 1, len(track) - 1, found))
+        refusals.append(_gap(track, flights[-1].last + 1, len(track) - 1, found, limits))
     return Found(
         track=track, sigma=found.sigma, flights=tuple(flights), contacts=tuple(contacts), refusals=tuple(refusals)
     )
 
 
 def _between(
-    track: Track, before: Flight, after: Flight, found: Flights, options: FlightOptions, contacts: int
+    track: Track,
+    before: Flight,
+    after: Flight,
+    found: Flights,
+    options: FlightOptions,
+    limits: FlightThresholds,
+    contacts: int,
 ) -> Hit | Refusal:
     """The contact between two flights, or why it is none."""
     first, last = before.last, after.first
     if not close(before, after, options):
-        return _gap(track, first + 1, last - 1, found)
+        return _gap(track, first + 1, last - 1, found, limits)
     met = meet(track, before, after, options)
     change, _ = apart(before, after, met.time)
     errors = before.covariance[3:, 3:] + after.covariance[3:, 3:]
@@ -65,14 +67,14 @@ def _between(
     lost, neither = int((~inside).sum()), int(inside.sum())
     few = min(len(before.frames), len(after.frames))
     jump = 1e3 * float(np.hypot(*change[:2]))
-    skipped = _skipped(before, after, met.time, track.step, options.most_missing)
+    skipped = _skipped(before, after, met.time, track.step, options.most_missing, limits.same)
     reasons = (
         (skipped > 0, Reason.LOST_FRAMES, "frames skipped in flight", skipped, "frames"),
         (lost > options.most_missing, Reason.LOST_FRAMES, "frames lost at contact", lost, "frames"),
-        (moved < _MOVED, Reason.LOST_FRAMES, "jump without a change of velocity", jump, "mm"),
+        (moved < limits.moved, Reason.LOST_FRAMES, "jump without a change of velocity", jump, "mm"),
         (neither > 1, Reason.DOUBLE_HIT, "frames in neither flight", neither, "frames"),
-        (met.apart > _MEETS, Reason.DOUBLE_HIT, "distance of the flights", 1e3 * met.distance, "mm"),
-        (met.certainty < _SURE, Reason.LOST_FRAMES, "certainty of the missing frames", met.certainty, "–"),
+        (met.apart > limits.meets, Reason.DOUBLE_HIT, "distance of the flights", 1e3 * met.distance, "mm"),
+        (met.certainty < limits.certainty, Reason.LOST_FRAMES, "certainty of the missing frames", met.certainty, "–"),
         (few < max(options.fewest, found.width - 2), Reason.TOO_FEW_FRAMES, "frames of a flight", few, "frames"),
     )
     for holds, reason, quantity, value, unit in reasons:
@@ -81,18 +83,18 @@ def _between(
     return hit_of(track, contacts + 1, met, before, after)
 
 
-def _skipped(before: Flight, after: Flight, time: float, step: float, most: int) -> int:
+def _skipped(before: Flight, after: Flight, time: float, step: float, most: int, same: float) -> int:
     """Frames that a recording skips if two flights are one but for them, or 0."""
     for count in range(1, most + 1):
         (a, A), (b, B) = before.at(time), after.at(time - count * step)
         difference = b - a
         difference[2] = turn(difference[2])
-        if difference @ np.linalg.solve(A + B, difference) <= SAME:
+        if difference @ np.linalg.solve(A + B, difference) <= same:
             return count
     return 0
 
 
-def _gap(track: Track, first: int, last: int, found: Flights) -> Refusal:
+def _gap(track: Track, first: int, last: int, found: Flights, limits: FlightThresholds) -> Refusal:
     """Why frames from the first to the last are in no flight."""
     frames = np.arange(first, last + 1)
     seen = frames[track.seen[frames]]
@@ -102,14 +104,14 @@ def _gap(track: Track, first: int, last: int, found: Flights) -> Refusal:
     heights = track.pose[track.seen, 1]
     above, most = float(track.pose[seen, 1].mean() - heights.min()), float(np.ptp(heights))
     few = found.width // 2 if found.flights else found.width
-    if above > _HIGH * most and most > _NO_NOISE * found.sigma[1] and len(seen) >= few:
+    if above > limits.high * most and most > limits.uneven * found.sigma[1] and len(seen) >= few:
         return _refusal(track, first, last, Reason.HAND_OR_WALL, "height above the lowest frame", 1e3 * above, "mm")
     if len(seen) < found.width:
         ends = first == 0 or last == len(track) - 1
         reason = Reason.TOO_FEW_FRAMES if ends else Reason.DOUBLE_HIT
         return _refusal(track, first, last, reason, "frames in no flight", len(seen), "frames")
     speed = _speed(track, seen)
-    reason = Reason.REST if speed < _STILL else Reason.SLIDING
+    reason = Reason.REST if speed < limits.still else Reason.SLIDING
     return _refusal(track, first, last, reason, "median speed", speed, "m/s")
 
 

@@ -15,6 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from contactlearn.errors import DataError
 from contactlearn.tracks.detection import frame_noise
 from contactlearn.tracks.flight import windows
+from contactlearn.tracks.thresholds import FrameThresholds
 from contactlearn.tracks.track import Array, Recording
 
 _DURATION = 0.06  # s of a window
@@ -27,7 +28,6 @@ _TRIED = 300
 _ROUNDS = 4
 _BLOCK = 4  # widths of a window
 _BLOCKS = 4  # blocks for each unknown, at least, that tell a drag
-_SEEN = 3.0  # standard errors of a drag that is more than noise
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -68,12 +68,15 @@ class _Motions:
         return _Motions(**{name: value[rows] for name, value in vars(self).items()})
 
 
-def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> Gravity:
+def find_gravity(
+    recordings: Sequence[Recording], drag: float | None = None, drag_sigmas: float = FrameThresholds().drag_sigmas
+) -> Gravity:
     """Find gravity and drag in recordings.
 
     Args:
         recordings: a few.
         drag: that is stated, in 1/s.
+        drag_sigmas: standard errors of a drag that is allowed for.
 
     Raises:
         DataError: no acceleration is common.
@@ -88,7 +91,7 @@ def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> 
         agree = apart <= _NEAR * sizes[tried, None] + 3 * motions.error
         best = agree[int(agree.sum(1).argmax())]
         if best.sum() >= _FEWEST:
-            return _shared(motions, best, drag)
+            return _shared(motions, best, drag, drag_sigmas)
     raise DataError(
         f"{recordings[0].source}: no free flight is seen: no acceleration is common to the recordings; state units, up "
         "and frame rate (data.unit, data.up, data.rate), and check that the body flies for "
@@ -96,7 +99,7 @@ def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> 
     )
 
 
-def _shared(motions: _Motions, agree: Array, stated: float | None) -> Gravity:
+def _shared(motions: _Motions, agree: Array, stated: float | None, sigmas: float) -> Gravity:
     """Gravity and drag of the windows that agree, and of those that then do."""
     known, covariance = _fitted(motions[agree])
     for _ in range(_ROUNDS):
@@ -104,7 +107,7 @@ def _shared(motions: _Motions, agree: Array, stated: float | None) -> Gravity:
         agree = left <= _NEAR * np.linalg.norm(known[:-1]) + 3 * motions.error
         known, covariance = _fitted(motions[agree])
     error = float(covariance[-1, -1] ** 0.5) if _told(motions[agree]) else np.inf
-    seen = known[-1] > _SEEN * error
+    seen = known[-1] > sigmas * error
     drag = stated if stated is not None else float(known[-1]) if seen else 0.0
     if stated is not None or not seen:
         known, covariance = _fitted(motions[agree], drag)

@@ -23,14 +23,11 @@ from contactlearn.impacts import Impacts
 from contactlearn.mechanics import contact_velocity
 from contactlearn.shapes import Shape, contact_point
 from contactlearn.tracks.result import Hit, Reason, Refusal
+from contactlearn.tracks.thresholds import FloorThresholds
 from contactlearn.tracks.track import Array
 
-_OFF = 8.0  # robust standard deviations of a contact point's height from the floor
-_LEAST = 1e-3  # m that it may be off in any case
 _ROUNDS, _TURNS = 10, 2
 _FEW = 3  # contacts to which a slope is fitted, so that those off it can be refused
-CONTACTS_OF_A_SLOPE = 12
-"""At least; twice as many tell the body's zero of θ."""
 _STEP = 1e-4  # rad, of a difference quotient
 _ROUND = 1e-3  # relative change of the height with θ up to which a body is round
 
@@ -64,27 +61,27 @@ def _lowest(contacts: Sequence[Hit], shape: Shape, turned: float = 0.0) -> Float
     return pose[:, :2] + contact_point(shape, torch.from_numpy(pose[:, 2] + turned)).numpy()
 
 
-def find_floor(contacts: Sequence[Hit], shape: Shape) -> Floor:
+def find_floor(contacts: Sequence[Hit], shape: Shape, limits: FloorThresholds = FloorThresholds()) -> Floor:
     """Fit the floor to the contact points, robustly.
 
     An offset of the tracked point from the centre of the shape, which also moves the contact points up and down as the
     body turns, is fitted beside the body's zero of θ: where the two look alike the zero has a large error.
     """
-    floor = _fitted_floor(contacts, shape, 0.0)
+    floor = _fitted_floor(contacts, shape, 0.0, limits)
     for _ in range(_TURNS):
         if floor.orientation is not None:
-            floor = _fitted_floor(contacts, shape, floor.orientation.value)
+            floor = _fitted_floor(contacts, shape, floor.orientation.value, limits)
     return floor
 
 
-def _fitted_floor(contacts: Sequence[Hit], shape: Shape, turned: float) -> Floor:
+def _fitted_floor(contacts: Sequence[Hit], shape: Shape, turned: float, limits: FloorThresholds) -> Floor:
     """Fit the floor, linearised about a body that is turned further by an angle in rad."""
     points, theta = _lowest(contacts, shape, turned), np.array([contact.pose[2] for contact in contacts])
     rising = (_lowest(contacts, shape, turned + _STEP) - _lowest(contacts, shape, turned - _STEP))[:, 1] / (2 * _STEP)
     told = {"height": np.ones(len(points))}
     if len(points) >= _FEW and np.ptp(points[:, 0]) > 0:
         told["slope"] = points[:, 0]
-    if len(points) >= 2 * CONTACTS_OF_A_SLOPE and np.std(rising) > _ROUND * shape.gyration_squared() ** 0.5:
+    if len(points) >= 2 * limits.contacts_of_a_slope and np.std(rising) > _ROUND * shape.gyration_squared() ** 0.5:
         told |= {"orientation": -rising, "sine": np.sin(theta), "cosine": np.cos(theta)}
     design, weight = np.stack([*told.values()], 1), np.ones(len(points))
     off = points[:, 1] - np.median(points[:, 1])
@@ -107,7 +104,9 @@ def _fitted_floor(contacts: Sequence[Hit], shape: Shape, turned: float) -> Floor
     )
 
 
-def off_the_floor(contacts: Sequence[Hit], shape: Shape, floor: Floor) -> tuple[list[Hit], list[Refusal]]:
+def off_the_floor(
+    contacts: Sequence[Hit], shape: Shape, floor: Floor, limits: FloorThresholds = FloorThresholds()
+) -> tuple[list[Hit], list[Refusal]]:
     """Contacts with the floor, and refusals of those with a hand or a wall."""
     kept, refusals = [], []
     pose = np.stack([contact.pose for contact in contacts])
@@ -118,7 +117,7 @@ def off_the_floor(contacts: Sequence[Hit], shape: Shape, floor: Floor) -> tuple[
         push = float(contact.v_post[1] - contact.v_pre[1])
         for holds, quantity, value, unit in (
             (
-                abs(above) > max(_OFF * floor.scatter, _LEAST),
+                abs(above) > max(limits.off_sigmas * floor.scatter, limits.off_least),
                 "height of the contact above the floor",
                 1e3 * above,
                 "mm",

@@ -22,6 +22,7 @@ from contactlearn.tracks.frame import Frame
 from contactlearn.tracks.readers import read, recording_files
 from contactlearn.tracks.readers.layout import Layout
 from contactlearn.tracks.result import Found, Hit, Reason, Refusal
+from contactlearn.tracks.thresholds import TrackThresholds
 from contactlearn.tracks.track import Recording, Track
 
 _SAMPLE = 24  # recordings from which conventions are found
@@ -39,16 +40,14 @@ class TrackOptions:
         conventions: that are stated.
         layout: of the files.
         flight: of the search for flights and contacts.
-        apart: m that the tracked point may move out of the plane of motion.
-        tilted: rad that the body may tilt out of it.
+        thresholds: that decide.
         workers: processes, for many files.
     """
 
     conventions: Conventions = Conventions()
     layout: Layout = Layout()
     flight: FlightOptions = FlightOptions()
-    apart: float = 0.005
-    tilted: float = float(np.radians(5))
+    thresholds: TrackThresholds = TrackThresholds()
     workers: int = 1
 
     def in_air(self, frame: Frame) -> "TrackOptions":
@@ -85,7 +84,7 @@ def survey(path: Path, options: TrackOptions = TrackOptions(), *, progress: Prog
         DataError: no recording can be read, or a convention is neither stated nor found.
     """
     files = recording_files(path)
-    frame = find_frame(sample(files, options.layout), options.conventions)
+    frame = find_frame(sample(files, options.layout), options.conventions, options.thresholds.frame)
     parts = [*_parts(files, frame, options.in_air(frame), progress)]
     return Survey(
         frame=frame,
@@ -124,13 +123,13 @@ def tracked(recording: Recording, frame: Frame, options: TrackOptions) -> Found:
     if (recording.quaternion is None) != (frame.axes.shape[1] == 2):
         raise DataError(f"{recording.source}: is in a plane where others are in space, or the other way round")
     track = frame.track(recording)
-    leaves = _out_of_plane(track, options)
+    leaves = _out_of_plane(track, options.thresholds)
     if leaves is not None:
         return Found(track=track, sigma=np.zeros(3), flights=(), contacts=(), refusals=(leaves,))
-    return find_contacts(track, options.flight)
+    return find_contacts(track, options.flight, options.thresholds.flight)
 
 
-def _out_of_plane(track: Track, options: TrackOptions) -> Refusal | None:
+def _out_of_plane(track: Track, limits: TrackThresholds) -> Refusal | None:
     seen = track.seen
     if not seen.any():
         return None
@@ -138,8 +137,8 @@ def _out_of_plane(track: Track, options: TrackOptions) -> Refusal | None:
     tilted = float(np.quantile(np.abs(track.tilted[seen]), 0.95))
     whole = (float(track.time[0]), float(track.time[-1]))
     for value, limit, quantity, unit, factor in (
-        (apart, options.apart, "distance from the plane of motion", "mm", 1e3),
-        (tilted, options.tilted, "tilt out of the plane of motion", "°", 180 / np.pi),
+        (apart, limits.apart, "distance from the plane of motion", "mm", 1e3),
+        (tilted, limits.tilted, "tilt out of the plane of motion", "°", 180 / np.pi),
     ):
         if value > limit:
             return Refusal(
