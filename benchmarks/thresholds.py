@@ -20,13 +20,14 @@ import torch
 from rich.progress import track
 from threadpoolctl import threadpool_limits
 
-from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.learning.curves import run
-from studies import conventions, descriptions, fits, measurements, residuals, rivals, search
+from studies import conventions, descriptions, fits, flights, frames, measurements, residuals, rivals, search
 from studies.memory import memory
-from studies.study import Row, paths, replaced
+from studies.study import AllThresholds, Row, paths, replaced
 
 ROWS: tuple[Row, ...] = (
+    *flights.ROWS,
+    *frames.ROWS,
     *measurements.ROWS,
     *conventions.ROWS,
     *search.ROWS,
@@ -61,7 +62,7 @@ class Decision:
 
 def decide(questions: Sequence[Question]) -> list[Decision]:
     """Decide about one case under each setting of one or more studies; equal thresholds are decided about once."""
-    material, default, known, found = None, Thresholds(), {}, []
+    material, default, known, found = None, AllThresholds(), {}, []
     with memory():
         for name, case, settings in questions:
             study = STUDIES[name]
@@ -155,8 +156,9 @@ class Outcome:
 HEAD = """# Thresholds: false alarms and power
 
 `python benchmarks/thresholds.py` makes this table; its first lines say how. Each row is a field of
-`contactlearn.diagnosis.thresholds.Thresholds`. At each value, the default one bold: false alarms of so many null cases,
-and right alarms of so many planted ones. Planted mistakes and effects are small on purpose, so that some are missed.
+`contactlearn.diagnosis.thresholds.Thresholds`, or below `tracks` of `contactlearn.tracks.thresholds.TrackThresholds`.
+At each value, the default one bold: false alarms of so many null cases, and right alarms of so many planted ones.
+Planted mistakes and effects are small on purpose, so that some are missed.
 A row that says "not run", or has fewer cases than its study, is still to be decided: `--keep` goes on from there.
 Where nothing changes over the values, a test holds the threshold: `gyration` and `largest` on discs of unknown shape
 (tests/test_audit.py), `least_part` (tests/test_search.py), `component_r_squared` (tests/test_remainder.py).
@@ -165,7 +167,7 @@ Where nothing changes over the values, a test holds the threshold: `gyration` an
 
 def table(outcomes: Iterable[Outcome]) -> str:
     """Markdown; the default value of each threshold is bold."""
-    defaults = dict(paths(Thresholds()))
+    defaults = dict(paths(AllThresholds()))
     lines = ["| field | decided in | value: false alarms, power | verdict |", "| --- | --- | --- | --- |"]
     for outcome in outcomes:
         row, cells = outcome.row, []

@@ -18,6 +18,9 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+GRAVITY = 9.81
+"""m/s²; it differs by 0.3 % over the earth."""
+
 
 def rotate(vector: Float[Tensor, "*#batch 2"], angle: Float[Tensor, "*#batch"]) -> Float[Tensor, "*#batch 2"]:
     """The vector [..., 2] turned counter-clockwise by an angle [...] in rad."""

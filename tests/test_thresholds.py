@@ -5,13 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from contactlearn.diagnosis.thresholds import Thresholds
-
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
 import thresholds as benchmark
-from studies.study import paths, replaced
+from studies.study import AllThresholds, paths, replaced
 
-DEFAULTS = dict(paths(Thresholds()))
+DEFAULTS = dict(paths(AllThresholds()))
 
 
 def test_every_threshold_has_one_row():
@@ -29,7 +27,7 @@ def test_values_are_different_and_contain_the_default(row):
 
 
 def test_another_value_changes_nothing_else():
-    changed = dict(paths(replaced(Thresholds(), "audit.outliers.mass_ratio", 3.0)))
+    changed = dict(paths(replaced(AllThresholds(), "audit.outliers.mass_ratio", 3.0)))
     assert changed == DEFAULTS | {"audit.outliers.mass_ratio": 3.0}
 
 

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from contactlearn.apparatus import Apparatus, Measured
-from contactlearn.audit.apparatus_findings import STANDARD_GRAVITY, scale_findings
+from contactlearn.audit.apparatus_findings import scale_findings
 from contactlearn.audit.consistency import gross_outliers, outliers
 from contactlearn.audit.findings import energy_findings, order_findings, outlier_findings, shape_findings
 from contactlearn.audit.model_outliers import outliers_of
@@ -14,6 +14,7 @@ from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.identification.joint import identify_jointly
 from contactlearn.impacts import Impacts
 from contactlearn.laws import find
+from contactlearn.mechanics import GRAVITY
 from contactlearn.model import ContactModel
 from contactlearn.shapes import Ellipse
 from studies.cases import after, between, heavy, nature, random, some, spiked, textbook
@@ -164,7 +165,7 @@ def _weighted(kind: str, seed: int) -> Impacts:
     off = between(0.985, 0.97, seed) ** (-1) ** seed if kind == "scale" else between(0.997, 1.003, seed)
     error = between(0.05, 0.2, seed) if kind == "badly" else between(0.002, 0.02, seed)
     noise = error * torch.randn((), generator=random(seed), dtype=torch.float64).item()
-    gravity = Measured(value=STANDARD_GRAVITY * off + noise, error=error)
+    gravity = Measured(value=GRAVITY * off + noise, error=error)
     exact = Measured(value=0.0, error=1e-3)
     known = Apparatus(gravity=gravity, drag=exact, slope=None, orientation=None, delay=exact)
     return textbook(seed, 20).replace(apparatus=known)

@@ -1,12 +1,20 @@
 """A study of thresholds: null and planted cases, what is prepared once for each, and the decision on it."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.tracks.thresholds import TrackThresholds
 
 Case = tuple[Any, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AllThresholds(Thresholds):
+    """Thresholds of a diagnosis, and of the step from recordings to impacts before it."""
+
+    tracks: TrackThresholds = field(default_factory=TrackThresholds)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,8 +34,8 @@ class Study:
     null: tuple[Case, ...]
     planted: tuple[Case, ...]
     prepare: Callable[..., Any]
-    alarm: Callable[[Any, Thresholds], bool]
-    false_alarm: Callable[[Any, Thresholds], bool] | None = None
+    alarm: Callable[[Any, AllThresholds], bool]
+    false_alarm: Callable[[Any, AllThresholds], bool] | None = None
 
     def cases(self) -> Iterator[tuple[str, bool, Case]]:
         """The name, whether something is planted, and the arguments of each case."""
@@ -47,8 +55,8 @@ class Row:
 
 def paths(thresholds: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Path and value of every threshold, those of nested groups among them."""
-    for field in fields(thresholds):
-        value, path = getattr(thresholds, field.name), prefix + field.name
+    for one in fields(thresholds):
+        value, path = getattr(thresholds, one.name), prefix + one.name
         if is_dataclass(value):
             yield from paths(value, f"{path}.")
         else:

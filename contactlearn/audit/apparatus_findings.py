@@ -6,9 +6,7 @@ from contactlearn.apparatus import Apparatus, Measured
 from contactlearn.audit.result import Evidence, Finding
 from contactlearn.audit.thresholds import AuditThresholds
 from contactlearn.impacts import Impacts
-
-STANDARD_GRAVITY = 9.81
-"""m/s²; it differs by 0.3 % over the earth."""
+from contactlearn.mechanics import GRAVITY
 
 
 def scale_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
@@ -16,12 +14,12 @@ def scale_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
     if impacts.apparatus is None:
         return []
     gravity = impacts.apparatus.gravity
-    off, error = gravity.value / STANDARD_GRAVITY - 1, gravity.error / STANDARD_GRAVITY
+    off, error = gravity.value / GRAVITY - 1, gravity.error / GRAVITY
     if abs(off) <= max(thresholds.scale_off, thresholds.apparatus_sigmas * error):
         return []
     wrong = "large" if off > 0 else "small"
     sentence = (
-        f"gravity in free flight is {gravity.value:.3f} ± {gravity.error:.1g} m/s² and not {STANDARD_GRAVITY}: lengths "
+        f"gravity in free flight is {gravity.value:.3f} ± {gravity.error:.1g} m/s² and not {GRAVITY}: lengths "
         f"are too {wrong} by {abs(off):.1%}, or the frame rate is by {abs((1 + off) ** 0.5 - 1):.1%}"
     )
     evidence = (

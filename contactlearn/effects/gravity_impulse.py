@@ -7,8 +7,7 @@ from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State, columns
-
-STANDARD_GRAVITY = 9.80665  # m/s²
+from contactlearn.mechanics import GRAVITY
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,5 +22,5 @@ class GravityImpulse(Effect):
     dt: Tensor | float = parameter("Δt", "s", 0.0, 0.1)
 
     def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        fall = STANDARD_GRAVITY * self.dt
+        fall = GRAVITY * self.dt
         return columns(v_post[..., 0], v_post[..., 1] - fall, v_post[..., 2])

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.tracks.flight import GRAVITY
+from contactlearn.mechanics import GRAVITY
 from contactlearn.tracks.frame import Clue, Frame
 from contactlearn.tracks.gravity import Gravity, find_gravity
 from contactlearn.tracks.rotations import body_axes, rotation_axis

@@ -15,11 +15,10 @@ from jaxtyping import Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from contactlearn.mechanics import GRAVITY
 from contactlearn.tracks.track import Array, finite, turn
 
 Indices = NDArray[np.intp]
-GRAVITY = 9.81
-"""m/s²."""
 _REJECTED = 4.5  # standard deviations of a frame's residual; one of 150 000 frames by chance
 _ROUNDS = 4
 _NOTHING = 1e-30  # s², of a window without frames

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from contactlearn.tracks.flight import GRAVITY, Air
+from contactlearn.mechanics import GRAVITY
+from contactlearn.tracks.flight import Air
 from contactlearn.tracks.rotations import planar_angle, tilt
 from contactlearn.tracks.track import Array, Recording, Track, continuous
 

@@ -12,12 +12,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.impacts import Impacts
-from contactlearn.mechanics import contact_velocity
+from contactlearn.mechanics import GRAVITY, contact_velocity
 from contactlearn.model import ContactModel
 from contactlearn.numerics import random
 from contactlearn.shapes import Shape, contact_point
 
-GRAVITY = 9.81  # m/s²
 ZENO = 2e-3  # s
 _MOST = 14  # contacts of a body
 _GRID, _LONGEST, _HALVINGS = 800, 0.6, 40  # instants of a flight that are looked at, its length in s, then bisection

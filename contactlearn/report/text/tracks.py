@@ -9,6 +9,7 @@ import numpy as np
 
 from contactlearn.apparatus import Measured
 from contactlearn.data.tracks import Tracked
+from contactlearn.mechanics import GRAVITY
 from contactlearn.report.text.numbers import number
 from contactlearn.tracks.frame import Clue
 from contactlearn.tracks.impacts import Floor
@@ -25,7 +26,6 @@ REASONS = {
     Reason.NOT_READ: "could not be read",
 }
 """Reasons of refusals as a person writes them."""
-_STANDARD = 9.81  # m/s²
 
 
 def tracks_summary(found: Tracked, out: Path, refused: Path) -> list[str]:
@@ -43,8 +43,8 @@ def tracks_facts(found: Tracked) -> list[tuple[str, str]]:
     """Say each convention with the number that shows it, gravity, the floor, errors and missing frames, by name."""
     frame = found.survey.frame
     size = float(np.hypot(*frame.gravity))
-    off = number(100 * (size / _STANDARD - 1), 2)
-    gravity = f"{number(size)} ± {number(frame.gravity_error, 1)} m/s², {off} % off {_STANDARD}"
+    off = number(100 * (size / GRAVITY - 1), 2)
+    gravity = f"{number(size)} ± {number(frame.gravity_error, 1)} m/s², {off} % off {GRAVITY}"
     facts = [*map(_convention, frame.clues), ("gravity", gravity), *_floor(found.floor), *_errors(found)]
     missing = sum(contact.missing > 0 for contact in found.survey.contacts)
     if missing:

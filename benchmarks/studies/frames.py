@@ -1,0 +1,218 @@
+"""Studies of recordings: units, axes, orders and readings that are found, caught or missed; motion out of the plane."""
+
+import math
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from contactlearn.data.tracks import find_impacts, track_options
+from contactlearn.data.tracks_synthetic import AXES, MASS, SEMI_AXES, simulate, write_recordings
+from contactlearn.data.tracks_synthetic.camera import Camera
+from contactlearn.errors import DataError
+from contactlearn.shapes import Ellipse
+from contactlearn.tracks.conventions import Conventions, find_frame
+from contactlearn.tracks.gravity import find_gravity
+from contactlearn.tracks.result import Reason
+from contactlearn.tracks.survey import TrackOptions, tracked
+from contactlearn.tracks.track import Recording
+from studies.cases import between
+from studies.study import AllThresholds, Row, Study, each
+
+RATE = Camera().rate
+
+
+def leaning(radians: float) -> tuple[tuple[float, ...], ...]:
+    """Axes of a camera in the plane that is turned against the floor."""
+    c, s = math.cos(radians), math.sin(radians)
+    return (c, s, 0.0), (-s, c, 0.0)
+
+
+def spatial(seed: int) -> tuple[tuple[float, ...], ...]:
+    """Axes of a tracker in space that is turned about up."""
+    angle = between(-0.9, 0.9, seed)
+    c, s = math.cos(angle), math.sin(angle)
+    return tuple(map(tuple, np.asarray(AXES["y_up"]) @ np.array(((c, 0, s), (0, 1, 0), (-s, 0, c)))))
+
+
+def _caught(stated: Conventions):
+    """Whether recordings contradict what is stated."""
+
+    def caught(recordings: list[Recording], thresholds: AllThresholds) -> bool:
+        try:
+            find_frame(recordings, stated, thresholds.tracks.frame)
+        except DataError:
+            return True
+        return False
+
+    return caught
+
+
+def _timed(kind: str, seed: int) -> list[Recording]:
+    off = between(0.003, 0.008, seed) if kind == "right" else between(0.01, 0.1, seed)
+    camera = Camera(stated_rate=RATE * (1 + off * (-1) ** seed), noise=between(5e-5, 5e-4, seed + 1))
+    return simulate(6, camera, seed=seed)[0]
+
+
+SCALE = Study(
+    name="scale of recordings", null=each(16, "right"), planted=each(16, "wrong"), prepare=_timed,
+    alarm=_caught(Conventions(unit="m")),
+)  # fmt: skip
+
+
+def _turned(kind: str, seed: int) -> list[Recording]:
+    """A camera that is turned by so many degrees."""
+    low, high = {"upright": (0.1, 1.5), "leans": (2.5, 9), "level": (1, 8), "wrong": (12, 90)}[kind]
+    angle = math.radians(between(low, high, seed)) * (-1) ** seed
+    return simulate(6, Camera(axes=leaning(angle), noise=between(5e-5, 5e-4, seed + 1)), seed=seed)[0]
+
+
+def _corrected(recordings: list[Recording], thresholds: AllThresholds) -> bool:
+    """Whether up is taken from gravity and not from an axis of the file."""
+    axes = find_frame(recordings, limits=thresholds.tracks.frame).axes
+    return bool(np.abs(axes).max() < 1)
+
+
+UPRIGHT = Study(
+    name="upright cameras", null=each(16, "upright"), planted=each(16, "leans"), prepare=_turned, alarm=_corrected
+)
+LEANING = Study(
+    name="stated up", null=each(16, "level"), planted=each(16, "wrong"), prepare=_turned,
+    alarm=_caught(Conventions(up="y")),
+)  # fmt: skip
+
+
+def _in_space(kind: str, seed: int) -> list[Recording]:
+    """Recordings in space: of bodies that fly about a plane or are dropped in place, or leave it, or tilt."""
+    noise = math.radians(between(0.1, 1, seed))
+    order = "xyzw" if kind == "wrong" else "wxyz"
+    axes = np.array(spatial(seed))
+    recordings = simulate(6, Camera(axes=axes, order=order, angle_noise=noise), seed=seed)[0]
+    away, right = axes[:, 2], axes[:, 0]
+    found = []
+    for recording in recordings:
+        along, swing = recording.position @ right, np.sin(6 * recording.time)
+        position, quaternion = recording.position, recording.quaternion
+        match kind:
+            case "dropped":
+                position = position - np.outer(0.99 * (along - np.nanmean(along)), right)
+            case "near" | "leaves":
+                reach = between(0.0005, 0.004, seed) if kind == "near" else between(0.006, 0.03, seed)
+                position = position + np.outer(reach * swing, away)
+            case "steady" | "tilts":
+                tilt = math.radians(between(0.5, 3, seed) if kind == "steady" else between(6, 20, seed)) * swing
+                turn = np.column_stack((np.cos(tilt / 2), np.outer(np.sin(tilt / 2), right)))
+                quaternion = _product(turn, quaternion)
+        found.append(replace(recording, position=position, quaternion=quaternion))
+    return found
+
+
+def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Products of quaternions (w, x, y, z), one a frame."""
+    scalar = p[:, 0] * q[:, 0] - (p[:, 1:] * q[:, 1:]).sum(1)
+    vector = p[:, :1] * q[:, 1:] + q[:, :1] * p[:, 1:] + np.cross(p[:, 1:], q[:, 1:])
+    return np.column_stack((scalar, vector))
+
+
+ORDER = Study(
+    name="order of quaternions", null=each(12, "thrown"), planted=each(12, "wrong"), prepare=_in_space,
+    alarm=_caught(Conventions(order="wxyz")),
+)  # fmt: skip
+
+
+def _plane(recordings: list[Recording], seed: int, thresholds: AllThresholds) -> float | None:
+    """Angle in degrees by which the plane of motion is missed; None where none is found."""
+    try:
+        normal = find_frame(recordings, Conventions(order="wxyz"), thresholds.tracks.frame).axes[2]
+    except DataError:
+        return None
+    return math.degrees(math.acos(min(1.0, abs(float(normal @ np.array(spatial(seed))[:, 2])))))
+
+
+def _with_seed(kind: str, seed: int) -> tuple[list[Recording], int]:
+    return _in_space(kind, seed), seed
+
+
+def _right_plane(material: tuple[list[Recording], int], thresholds: AllThresholds) -> bool:
+    off = _plane(*material, thresholds)
+    return off is not None and off < 5
+
+
+def _wrong_plane(material: tuple[list[Recording], int], thresholds: AllThresholds) -> bool:
+    off = _plane(*material, thresholds)
+    return off is not None and off >= 5
+
+
+PLANE = Study(
+    name="plane of motion", null=each(8, "thrown", "dropped"), planted=each(8, "thrown", "dropped"),
+    prepare=_with_seed, alarm=_right_plane, false_alarm=_wrong_plane,
+)  # fmt: skip
+
+
+def _refused(recordings: list[Recording], thresholds: AllThresholds) -> bool:
+    """Whether most recordings leave the plane."""
+    options = TrackOptions(conventions=Conventions(order="wxyz"), thresholds=thresholds.tracks)
+    frame = find_frame(recordings, options.conventions)
+    refusals = [tracked(recording, frame, options.in_air(frame)).refusals for recording in recordings]
+    return sum(any(one.reason is Reason.OUT_OF_PLANE for one in of) for of in refusals) > len(recordings) / 2
+
+
+APART = Study(
+    name="out of the plane", null=each(12, "near"), planted=each(12, "leaves"), prepare=_in_space, alarm=_refused
+)
+TILTED = Study(
+    name="tilt out of the plane", null=each(12, "steady"), planted=each(12, "tilts"), prepare=_in_space, alarm=_refused
+)
+
+
+def _read(kind: str, seed: int) -> list[Recording]:
+    """Recordings in the plane, in radians or degrees: of a good tracker, or of one that hardly sees angles."""
+    noise = math.radians(between(0.05, 1, seed) if kind == "clear" else between(5, 30, seed))
+    return simulate(4, Camera(angle_noise=noise, degrees=seed % 2 == 1), seed=seed)[0]
+
+
+def _reading(right: bool):
+    """Whether the right reading of angles is found, or a wrong one."""
+
+    def found(recordings: list[Recording], thresholds: AllThresholds) -> bool:
+        in_degrees = max(float(np.nanmax(np.abs(one.angle))) for one in recordings) > 10
+        options = replace(track_options(), thresholds=thresholds.tracks)
+        with tempfile.TemporaryDirectory() as folder:
+            write_recordings(recordings, Path(folder))
+            try:
+                frame = find_impacts(folder, mass=MASS, shape=Ellipse(SEMI_AXES), options=options).survey.frame
+            except DataError:
+                return False
+        return ((frame.angle < 1) == in_degrees and frame.sense == 1) == right
+
+    return found
+
+
+READING = Study(
+    name="reading of angles", null=each(16, "dim"), planted=each(16, "clear"), prepare=_read,
+    alarm=_reading(True), false_alarm=_reading(False),
+)  # fmt: skip
+
+
+def _in_air(kind: str, seed: int) -> list[Recording]:
+    drag = between(0.05, 0.3, seed) if kind == "drag" else 0.0
+    return simulate(8, Camera(noise=between(5e-5, 3e-4, seed + 1)), drag=drag, seed=seed)[0]
+
+
+DRAG = Study(
+    name="drag", null=each(20, "vacuum"), planted=each(20, "drag"), prepare=_in_air,
+    alarm=lambda recordings, thresholds: find_gravity(recordings, None, thresholds.tracks.frame.drag_sigmas).drag > 0,
+)  # fmt: skip
+
+ROWS = (
+    Row(field="tracks.apart", values=(0.0005, 0.002, 0.005, 0.01, 0.05), study=APART),
+    Row(field="tracks.tilted", values=tuple(math.radians(x) for x in (1, 2.5, 5, 10, 30)), study=TILTED),
+    Row(field="tracks.frame.scale", values=(0.005, 0.015, 0.03, 0.06, 0.2), study=SCALE),
+    Row(field="tracks.frame.upright", values=tuple(math.radians(x) for x in (0.2, 1, 2, 4, 10)), study=UPRIGHT),
+    Row(field="tracks.frame.leaning", values=tuple(math.radians(x) for x in (3, 5, 10, 20, 45)), study=LEANING),
+    Row(field="tracks.frame.aligned", values=tuple(math.radians(x) for x in (0.2, 2, 8, 20, 60)), study=ORDER),
+    Row(field="tracks.frame.flat", values=(0.01, 0.05, 0.2, 0.5, 2.0), study=PLANE),
+    Row(field="tracks.frame.reading", values=(0.1, 0.3, 0.5, 0.7, 0.95), study=READING),
+    Row(field="tracks.frame.drag_sigmas", values=(0.5, 2.0, 3.0, 5.0, 20.0), study=DRAG),
+)
