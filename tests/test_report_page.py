@@ -81,6 +81,21 @@ def test_the_numbers_are_those_of_the_diagnosis(found, content):
     assert f"{found.ladder[0].error.mean:.4f}" in " ".join(content["verdict"]["sentences"])
 
 
+def test_the_ladder_stands_beside_where_the_law_fails_and_what_it_lacks(found, content, page):
+    assert [one["id"] for one in content["telling"]] == ["telling-map", "telling-0", "telling-1"]
+    whole = found.record
+    record = Record(
+        impacts=whole.impacts,
+        base=whole.base,
+        model=whole.model,
+        outcomes=whole.outcomes,
+        residuals=whole.residuals[:1],
+    )
+    less = of_diagnosis(replace(found, missing=found.missing[:1], record=record), about(record.impacts))
+    assert [one["id"] for one in less["telling"]] == ["telling-map", "telling-0", "telling-laws"]
+    assert page.read_text().index('id="rungs"') < page.read_text().index("<summary>The numbers</summary>")
+
+
 def test_a_page_is_drawn_again_from_the_files_of_its_run(found, content, tmp_path):
     """To the last digit, without the data source and without a fit."""
     found.record.save(tmp_path, {"data": {}, "versions": {}, "config": {}})

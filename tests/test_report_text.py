@@ -40,6 +40,7 @@ from contactlearn.report.text import (
     sentence,
     stages,
     summary,
+    support,
 )
 
 TILT, DRAG = EffectId("surface_tilt", "computed"), EffectId("side_drag", "linear")
@@ -149,6 +150,18 @@ def test_the_headline_without_effects(found):
     assert unknown.startswith("An unknown effect is missing from Wang–Mason: no effect of the catalogue explains")
     given = replace(bare, given=(DRAG,))
     assert headline(given).endswith("from Wang–Mason with side drag (linear).")
+
+
+def test_one_sentence_supports_the_headline(found):
+    first, second = (replace(one, confidence=x) for one, x in zip(found.missing, (0.9987, 0.62), strict=True))
+    said = plain(support(replace(found, missing=(first, second))))
+    after, noise = found.ladder[2].error.mean, found.budget.noise.mean
+    assert said.startswith(f"The held-out mass error falls from 0.1000 to {after:.4f}, ")
+    assert f"and noise alone makes {noise:.4f}; the names are right with a probability of 99 % and 62 %." in said
+    assert plain(support(replace(found, missing=(second,)))).endswith("the name is right with a probability of 62 %.")
+    bare = support(replace(found, missing=(), physics=Verdict.NONE))
+    assert bare == f"Wang–Mason has a held-out mass error of 0.1000; noise alone makes {noise:.4f}."
+    assert support(replace(found, ladder=(), budget=None)) == ""
 
 
 def test_the_verdict_says_what_remains(found):

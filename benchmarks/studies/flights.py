@@ -88,7 +88,7 @@ def _crafted(kind: str, seed: int) -> Track:
         case "slides":
             x = x + between(0.02, 0.3, seed + 2) * after
         case "stands" | "caught":
-            height = top * (between(0.0, 0.2, seed + 2) if kind == "stands" else between(0.25, 0.9, seed + 2))
+            height = top * (between(0.01, 0.2, seed + 2) if kind == "stands" else between(0.25, 0.9, seed + 2))
             caught = (up + math.sqrt(up**2 - 2 * GRAVITY * height)) / GRAVITY
             x, y = 0.5 * np.minimum(time, caught), np.where(time < caught, y, height)
         case "lies":

@@ -31,7 +31,7 @@ def leaning(radians: float) -> tuple[tuple[float, ...], ...]:
 
 def spatial(seed: int) -> tuple[tuple[float, ...], ...]:
     """Axes of a tracker in space that is turned about up."""
-    angle = between(-0.9, 0.9, seed)
+    angle = between(0.1, 0.9, seed) * (-1) ** seed
     c, s = math.cos(angle), math.sin(angle)
     return tuple(map(tuple, np.asarray(AXES["y_up"]) @ np.array(((c, 0, s), (0, 1, 0), (-s, 0, c)))))
 

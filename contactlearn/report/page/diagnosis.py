@@ -23,14 +23,18 @@ from contactlearn.report.text import (
     effect_label,
     headline,
     label,
+    opened,
     rung_label,
     search,
     sentence,
     stages,
     summary,
+    support,
 )
 from contactlearn.report.text.names import budget_labels
 from contactlearn.results.provenance import Provenance
+
+_TELLING = 2  # effects that are drawn above the fold
 
 
 def write_page(folder: Path, found: Diagnosis, provenance: Provenance, *, use: str = "") -> Path:
@@ -52,7 +56,12 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
     """Return the data of the page of a diagnosis; the arguments are those of `write_page`."""
     content = {
         "title": f"Diagnosis of {provenance.data.source}",
-        "verdict": {"key": str(found.verdict), "headline": headline(found), "sentences": summary(found)},
+        "verdict": {
+            "key": str(found.verdict),
+            "headline": headline(found),
+            "support": support(found),
+            "sentences": summary(found),
+        },
         "findings": [_finding(finding) for finding in found.findings],
         "consistent": stages.CONSISTENT,
         "law": (plotly_style(found.law) if found.law else {}) | {"name": found.law},
@@ -62,7 +71,25 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
     if found.record is None or found.choices is None or found.budget is None:
         return content
     models = _models(found, found.choices)
-    return content | _ladder(found) | _budget(found, found.budget) | models | _effects(found) | _arrays(found)
+    told = {"telling": _telling(found)}
+    return content | told | _ladder(found) | _budget(found, found.budget) | models | _effects(found) | _arrays(found)
+
+
+def _telling(found: Diagnosis) -> list[dict[str, str]]:
+    """The three most telling figures beside the ladder: where the law fails, the first effects, or else the laws."""
+    base = base_label(found)
+    figures = [{"id": "telling-map", "what": f"Where {base} fails: its error over two variables of an impact"}]
+    figures += [
+        {
+            "id": f"telling-{k}",
+            "what": f"{opened(effect_label(one.effect))}: residual without it, of trials in grey and of their means in "
+            "black, the effect in red, and what remains in blue",
+        }
+        for k, one in enumerate(found.missing[:_TELLING])
+    ]
+    if len(found.missing) < _TELLING:
+        figures.append({"id": "telling-laws", "what": "The laws without effects"})
+    return figures
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
@@ -85,7 +112,9 @@ def _ladder(found: Diagnosis) -> dict[str, Any]:
     compared = sorted(found.laws, key=lambda one: one.error)
     return {
         "base": base,
-        "ladder": [{"name": rung_label(rung, base), **bounded(rung.error)} for rung in found.ladder],
+        "ladder": [
+            {"name": rung_label(rung, base), "kind": str(rung.kind), **bounded(rung.error)} for rung in found.ladder
+        ],
         "laws": [{**plotly_style(one.name), "error": finely(one.error)} for one in compared],
         "regions": [_region(region) for region in found.regions],
         "no_region": stages.NO_REGION,

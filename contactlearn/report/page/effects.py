@@ -8,7 +8,7 @@ from contactlearn.diagnosis.result import Experiment, FittedParameter, Formula, 
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.evaluation.partial_residuals import QUANTITIES, Partial
 from contactlearn.report.page.trials import bounded, digits, finely
-from contactlearn.report.text import WRENCH, effect_label, measured, sentence, stages
+from contactlearn.report.text import WRENCH, confidence, effect_label, measured, sentence, stages
 from contactlearn.report.text.stages import separation_label
 
 
@@ -41,7 +41,7 @@ def effect_content(missing: MissingEffect, partial: Partial, regions: Sequence[R
         "after": bounded(missing.error_after),
         "error_reduction": finely(missing.error_reduction),
         "all_trials": None if on_all is None else bounded(on_all),
-        "confidence": digits(missing.confidence, 4),
+        "confidence": confidence(missing),
         "parameters": [_parameter(one) for one in missing.parameters],
         "inadmissible": sentence(inadmissible) if inadmissible else "",
         "improvements": stages.improvements(missing, regions),

@@ -35,13 +35,15 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
     laws = {fit.law: find(fit.law, fit.variant, **fit.options).at(fit.mu, fit.eps) for fit in result.fits}
     closest = min(laws, key=lambda name: result.errors[name].headline.mean)
     fitted, arrays = of_laws(test, laws)
+    said = _sentences(result, labels, closest, len(test))
     arrays["v_post"] = torch.stack([predictions[name].v_post for name in names])
     return {
         "title": f"Evaluation on {test.source}",
         "verdict": {
             "key": "evaluation",
             "headline": evaluation_headline(labels, result.best, result.differences),
-            "sentences": _sentences(result, labels, closest, len(test)),
+            "support": said[0],
+            "sentences": said[1:],
         },
         "law": plotly_style(closest) | {"name": closest},
         "comparison": [{"key": key, "label": metric.label, "unit": metric.unit} for key, metric in METRICS.items()],

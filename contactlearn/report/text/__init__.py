@@ -31,7 +31,7 @@ from contactlearn.report.text.numbers import (
     percent,
     spaced,
 )
-from contactlearn.report.text.verdict import conclusion, headline, summary
+from contactlearn.report.text.verdict import conclusion, confidence, headline, summary, support
 
 __all__ = [
     "WRENCH",
@@ -39,6 +39,7 @@ __all__ = [
     "brief_interval",
     "compared",
     "conclusion",
+    "confidence",
     "effect_label",
     "error",
     "headline",
@@ -55,4 +56,5 @@ __all__ = [
     "sentence",
     "spaced",
     "summary",
+    "support",
 ]

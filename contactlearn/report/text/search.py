@@ -6,6 +6,7 @@ from contactlearn.diagnosis.result import Diagnosis, FrontierModel, PlausibleMod
 from contactlearn.effects import EffectId
 from contactlearn.report.text.names import effect_label, law_label, listed
 from contactlearn.report.text.numbers import error, percent
+from contactlearn.report.text.verdict import confidence
 
 _SHOWN = 5
 _LEAST = 0.01  # of all belief, below which a model is not listed
@@ -44,7 +45,7 @@ def confidences(found: Diagnosis) -> str:
     """Say how probable it is that each name is right; empty where nothing is named."""
     if not found.missing:
         return ""
-    names = listed(f"{effect_label(one.effect)} {percent(min(one.confidence, 0.99))}" for one in found.missing)
+    names = listed(f"{effect_label(one.effect)} {confidence(one)}" for one in found.missing)
     return f"The probability that a name is right, from planted data: {names}."
 
 

@@ -19,13 +19,34 @@ function draw(id, traces, {summary, ...layout}) {
   };
   div.setAttribute("aria-label", summary ? `${div.dataset.what}. ${summary}` : div.dataset.what);
   return Plotly.react(div, traces, whole, {
-    displaylogo: false, showSendToCloud: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
+    displaylogo: false, displayModeBar: id.startsWith("telling") || id === "rungs" ? false : "hover", showSendToCloud: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
     toImageButtonOptions: {format: "svg", filename: id},
   });
 }
 
-// Error over two variables; the selected trial is ringed, trials outside the region are faint.
-function drawMap(state) {
+// Bars with their intervals, if they have one, each below its name; what is no model is grey.
+function drawBars(id, rows) {
+  const place = rows.map((_, k) => -k), ends = rows.map(one => one.high ?? one.mean);
+  return draw(id, [{
+    type: "bar", orientation: "h", y: place, x: rows.map(one => one.mean), width: 0.42, hoverinfo: "skip", showlegend: false,
+    marker: {color: rows.map(one => one.faint ? color("line") : color("bar"))},
+    error_x: {
+      type: "data", symmetric: false, color: color("text"), thickness: 2.5, width: 0,
+      array: rows.map(one => one.mean ? (one.high ?? one.mean) - one.mean : 0), arrayminus: rows.map(one => one.mean - (one.low ?? one.mean)),
+    },
+  }], {
+    margin: {l: 8, r: 15, t: 8, b: 45}, bargap: 0, xaxis: {title: {text: "Held-out mass error"}, range: [0, 1.04 * Math.max(...ends)]},
+    yaxis: {visible: false, range: [0.55 - rows.length, 0.75], fixedrange: true},
+    annotations: rows.map((one, k) => ({
+      x: 0, y: -k + 0.23, xanchor: "left", yanchor: "bottom", showarrow: false, align: "left",
+      text: `<b>${written(one.mean)}</b>  ${plain(one.name)}`, font: {size: narrow() ? 12 : 13},
+    })),
+    summary: rows.map(one => `${one.name}: ${written(one.mean)}`).join("; ") + ".",
+  });
+}
+
+// Error over two variables; the selected trial is ringed, if there is one, trials outside the region are faint.
+function drawMap(state, id = "map") {
   const [x, y] = [state.across, state.up].map(k => trials.variables[k]), one = state.mapped(), error = massErrors(one);
   const most = share(massErrors(page.yardstick), 0.97), region = page.regions?.[state.region];
   const inside = new Set(region?.rows), marked = region ? [region] : page.regions ?? [], name = page.models[one].label ?? page.models[one].name;
@@ -43,16 +64,16 @@ function drawMap(state) {
       color: error, cmin: 0, cmax: most, colorscale: "Cividis", size: narrow() ? 6 : 7,
       opacity: region ? error.map((_, i) => inside.has(i) ? 1 : 0.15) : 0.9,
       colorbar: {
-        title: {text: state.alone ? "Mass error of the law alone" : page.switches?.length ? "Mass error of the ticked model" : "Mass error", side: "top"}, thickness: 12, len: 0.9, outlinewidth: 0, orientation: "h", y: 1.02, yanchor: "bottom",
+        title: {text: state.alone ? "Mass error of the law alone" : page.switches?.length ? "Mass error of the ticked model" : "Mass error", side: id === "map" ? "top" : "right"}, thickness: 12, outlinewidth: 0, ...(id === "map" && {len: 0.9, orientation: "h", y: 1.02, yanchor: "bottom"}),
       },
       line: {width: dark() ? 1 : 0.4, color: color("muted")},
     },
   };
-  const ring = {
+  const ring = state.trial < 0 ? [] : [{
     type: "scatter", mode: "markers", x: [at.x[state.trial]], y: [at.y[state.trial]], hoverinfo: "skip", showlegend: false,
     marker: {symbol: "circle-open", size: 17, color: color("red"), line: {width: 3}},
-  };
-  return draw("map", [points, ring], {
+  }];
+  return draw(id, [points, ...ring], {
     xaxis: axis(x), yaxis: axis(y), shapes: marked.flatMap(one => [...bands(one, x, "x"), ...bands(one, y, "y")]),
     uirevision: `${state.across} ${state.up}`,
     summary: `${plain(y.label)} over ${plain(x.label)} for ${name}: mean error ${written(average(error))}, largest ${
@@ -189,7 +210,7 @@ function reach(law, i, momentum) {
 }
 
 // Partial residuals of one effect, and the residual of the ticked model.
-function drawCurve(state, k) {
+function drawCurve(state, k, id = `curve-${k}`) {
   const {curve} = page.effects[k], {component, quantity} = curve;
   const on = state.ticked(page.effects[k].name), wrenches = quantity === "wrench";
   const milli = wrenches ? 1000 : 1, unit = `${wrenches ? "m" : ""}${curve.unit}`;
@@ -205,7 +226,7 @@ function drawCurve(state, k) {
   const known = values => values.filter(value => value !== null);
   const ends = [share(without, 0.01), share(without, 0.99), ...explained, ...known(rest), 0];
   const low = Math.min(...ends), high = Math.max(...ends), dots = {type: "scatter", mode: "markers", hoverinfo: "skip"};
-  return draw(`curve-${k}`, [
+  return draw(id, [
     {...dots, x, y: without, name: "Trials without it", marker: {size: 3.5, color: color("muted"), opacity: 0.45}},
     {...dots, x, y: explained, name: "Effect, by trial", marker: {size: 3, color: color("red"), opacity: 0.55}},
     {type: "scatter", mode: "lines", x: middle, y: effect, name: "Effect, mean", line: {color: color("red"), width: 2.5, dash: on ? "solid" : "dot"}},
@@ -214,6 +235,7 @@ function drawCurve(state, k) {
      line: {color: color("accent"), width: 1.5}, marker: {size: 8, symbol: "square-open", color: color("accent"), line: {width: 2}}},
   ], {
     xaxis: {title: {text: plain(curve.variable + (variableUnit && ` (${variableUnit})`))}, ...(variableUnit === "°" && quarters)},
+    showlegend: id === `curve-${k}`,
     yaxis: {title: {text: plain(`Residual of ${curve.letter} (${unit})`)}, range: [low - 0.05 * (high - low), high + 0.05 * (high - low)]},
     summary: `The effect goes from ${digits(Math.min(...known(effect)))} to ${digits(Math.max(...known(effect)))} ${unit}; the mean residual of the ticked model from ${
       digits(Math.min(...known(rest)))} to ${digits(Math.max(...known(rest)))} ${unit}.`,

@@ -57,8 +57,15 @@ function showTrial(note = "") {
 const drawn = {
   map: () => drawMap(state), picture: () => drawPicture(state), impulse: () => drawImpulse(state),
   drops: () => drawDrops(state), curve: drawLearning, distributions: drawDistributions,
+  rungs: () => drawBars("rungs", page.ladder.map(one => ({...one, faint: !["law", "effect"].includes(one.kind)}))),
+  "telling-map": () => drawMap({...state, ...first, region: -1, trial: -1, alone: true, mapped: () => page.yardstick}, "telling-map"),
+  "telling-laws": () => drawBars("telling-laws", page.laws.map(one => ({name: one.label, mean: one.error}))),
 };
-page.effects?.forEach((_, k) => { drawn[`curve-${k}`] = () => drawCurve(state, k); });
+page.effects?.forEach((_, k) => {
+  drawn[`curve-${k}`] = () => drawCurve(state, k);
+  drawn[`telling-${k}`] = () => drawCurve({model: page.chosen, ticked: () => true}, k, `telling-${k}`);
+});
+const first = {};  // the variables of the map as the page opens
 
 // Figures are drawn when they are near the window, or all of them for paper.
 const stale = new Set(), near = new Set();
@@ -191,6 +198,7 @@ async function start() {
   const up = page.regions?.[0]?.variable ?? "theta", pose = ["theta", "theta_folded", "lever_arm", "lever_length"].includes(up);
   axes("map-x", "across", labels, place(pose ? "incidence" : "theta"), "map");
   axes("map-y", "up", labels, place(up), "map");
+  Object.assign(first, {across: state.across, up: state.up});
   if (page.experiment) {
     const states = page.experiment.axes.map(one => one.label), known = name => page.experiment.axes.findIndex(one => one.name === name);
     axes("drops-x", "dropAcross", states, known("theta"), "drops");
