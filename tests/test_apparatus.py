@@ -130,6 +130,14 @@ def test_a_stated_drag_is_that_of_the_measured_gravity():
     assert abs(found.size - 9.81) < 4 * found.error
 
 
+@pytest.mark.parametrize("seed", [2, 10, 24, 32])
+def test_gravity_of_a_poor_tracker_is_not_chosen_by_its_size(seed):
+    """If only windows with a large acceleration were taken it would come out at 10.8 m/s²."""
+    camera = replace(PLAIN, noise=4.5e-4)
+    found = find_gravity(simulate(6, camera, seed=seed)[0])
+    assert abs(found.size - 9.81) < 3 * found.error < 0.3
+
+
 def test_few_contacts_tell_neither_slope_nor_zero(tmp_path):
     write_recordings(simulate(2, PLAIN, seed=5)[0], tmp_path)
     settings = tracks.track_options(angle="rad", sense="as_read")

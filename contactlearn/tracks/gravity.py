@@ -21,6 +21,7 @@ from contactlearn.tracks.track import Array, Recording
 _DURATION = 0.06  # s of a window
 _NARROWEST, _WIDEST = 7, 61  # frames
 _SMOOTH = 2.0  # mean squared residual in units of the noise up to which a window holds one motion
+_EDGE = 2  # windows before and after one that hold one motion as well: a contact begins at the edge of a window
 _SURE = 8.0  # standard deviations of an acceleration that is not zero
 _NEAR = 0.05  # relative distance of accelerations that are the same
 _FEWEST = 6  # windows that agree
@@ -83,10 +84,10 @@ def find_gravity(
     """
     parts = [vars(_motions(recording, k)) for k, recording in enumerate(recordings)]
     motions = _Motions(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
-    motions = motions[np.linalg.norm(motions.acceleration, axis=1) > _SURE * motions.error]
     sizes = np.linalg.norm(motions.acceleration, axis=1)
-    if len(sizes) >= _FEWEST:
-        tried = np.unique(np.linspace(0, len(sizes) - 1, min(_TRIED, len(sizes))).astype(int))
+    sure = np.flatnonzero(sizes > _SURE * motions.error)  # to choose from; windows that agree are not chosen by size
+    if len(sure):
+        tried = sure[np.unique(np.linspace(0, len(sure) - 1, min(_TRIED, len(sure))).astype(int))]
         apart = np.linalg.norm(motions.acceleration[tried, None] - motions.acceleration, axis=2)
         agree = apart <= _NEAR * sizes[tried, None] + 3 * motions.error
         best = agree[int(agree.sum(1).argmax())]
@@ -158,6 +159,7 @@ def _motions(recording: Recording, number: int) -> _Motions:
     fits = windows(time, pose, frames, 2, None)
     share = ((fits.residual / sigma) ** 2).sum(1)[:, :width].sum(1) / (width * np.maximum(fits.count - 3, 1))
     good = (fits.count >= max(5, 0.7 * frames)) & (share <= _SMOOTH)
+    good = sliding_window_view(np.pad(good, _EDGE), 2 * _EDGE + 1).all(-1)
     errors = 2 * sigma / np.sqrt(np.maximum(fits.told, 1e-30))
     return _Motions(
         acceleration=2 * fits.leading[good, :width],
