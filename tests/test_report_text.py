@@ -13,6 +13,7 @@ from contactlearn.diagnosis.result import (
     Experiment,
     FittedParameter,
     Formula,
+    FrontierModel,
     Improvement,
     LawFit,
     NoiseSource,
@@ -37,6 +38,7 @@ from contactlearn.report.text import (
     measured,
     model_labels,
     rung_label,
+    search,
     sentence,
     stages,
     summary,
@@ -240,6 +242,27 @@ def test_stated_noise_that_does_not_agree_is_questioned(found):
     assert stages.misfit(replace(found, remainder=quiet)) == ""  # it was estimated
     agreeing = replace(budget, noise=Interval(0.09, 0.08, 0.1))
     assert stages.misfit(replace(found, budget=agreeing, remainder=quiet)) == ""
+
+
+def test_a_model_with_fewer_effects_that_does_nearly_as_well_is_named(found):
+    tilt, damping = (one.effect for one in found.missing)
+
+    def with_frontier(*models):
+        frontier = (FrontierModel(law="mirtich", effects=e, error=Interval(x, x, x)) for x, e in models)
+        return replace(found, frontier=tuple(frontier))
+
+    one, both = (0.105, (tilt,)), (0.1, (tilt, damping))
+    near = with_frontier((0.2, ()), one, both)
+    assert near.simpler is near.frontier[1]
+    said = "Mirtich + surface tilt (computed) has an error 5 % more: spin damping (after) may do no more than mend the "
+    assert plain(search.simpler(near)) == said + "forms of the others."
+    assert search.simpler(near) in search.notes(near)
+    none = with_frontier((0.109, ()), one, both)
+    said = "Mirtich has an error 9 % more: little hangs on surface tilt (computed) and spin damping (after)."
+    assert plain(search.simpler(none)) == said
+    for clear in (with_frontier((0.2, ()), (0.111, (tilt,)), both), replace(near, missing=())):
+        assert clear.simpler is None
+        assert not search.simpler(clear)
 
 
 def test_a_law_that_does_better_alone_is_named(found):

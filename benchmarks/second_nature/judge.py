@@ -42,6 +42,8 @@ class Said:
     """Share of the plausible models that has each named effect."""
     left: float
     """Share of the error that flexible models take away beyond the named effects."""
+    simpler: list[str] | None = None
+    """Names of the model that is reported to do nearly as well with fewer effects."""
     complete: bool = True
     error: str = ""
 
@@ -104,6 +106,7 @@ def _written(found) -> dict[str, Any]:
         "gains": [_gain(one.error_reduction, found) for one in found.missing],
         "shares": [one.share for one in found.missing],
         "left": 0.0 if found.remainder is None else found.remainder.share.mean,
+        "simpler": None if found.simpler is None else [one.name for one in found.simpler.effects],
         "complete": found.complete,
     }
 
@@ -149,6 +152,7 @@ def score(said: Said) -> Score:
         return Score(first=bool(names) and names[0] in either, exact=len(names) == 1 and names[0] in either, twins=seen)
     all_names, names = names, _without_bodies(names)
     models = [_without_bodies(model) for _, model, _ in said.models or ()]
+    models += [] if said.simpler is None else [_without_bodies(said.simpler)]
     inside = None if said.models is None else any(matches(model, hidden) for model in models)
     right = tuple(
         (k, any(name in accepted for accepted in hidden)) for k, name in enumerate(all_names) if "body" not in name

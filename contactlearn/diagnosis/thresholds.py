@@ -65,8 +65,8 @@ class RivalThresholds:
     same_trace: float = 0.95
     """Share R² from which on what tells two effects apart may be the form of either (row rivals.same_trace)."""
     form_error: float = 0.1
-    """Relative rise of the held-out mass error that a form may make, of an effect with the same trace
-    (row rivals.form_error)."""
+    """Relative rise of the held-out mass error that a form may make: of an effect with the same trace, and of a model
+    with fewer effects, whose forms the others may only mend (row rivals.form_error)."""
 
 
 @dataclass(frozen=True, kw_only=True)

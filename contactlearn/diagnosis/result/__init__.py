@@ -220,6 +220,18 @@ class Diagnosis:
         """The law with the least held-out error; None where none was compared."""
         return min(self.laws, key=lambda one: one.error, default=None)
 
+    @property
+    def simpler(self) -> FrontierModel | None:
+        """The smallest model with fewer effects whose error is higher by no more than a wrong form may make it.
+
+        None where every effect makes more, or none is missing.
+        """
+        if not self.missing or self.budget is None:
+            return None
+        limit = (1 + self.thresholds.rivals.form_error) * self.budget.named.mean
+        near = [m for m in self.frontier if len(m.effects) < len(self.missing) and m.error.mean <= limit]
+        return min(near, key=lambda model: len(model.effects), default=None)
+
     def without_record(self) -> "Diagnosis":
         """The diagnosis as it is written to a file."""
         return replace(self, record=None)

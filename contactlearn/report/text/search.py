@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from contactlearn.diagnosis.result import Diagnosis, FrontierModel, PlausibleModel
 from contactlearn.effects import EffectId
 from contactlearn.report.text.names import effect_label, law_label, listed
-from contactlearn.report.text.numbers import error, percent
+from contactlearn.report.text.numbers import compared, error, percent
 from contactlearn.report.text.verdict import confidence
 
 _SHOWN = 5
@@ -49,9 +49,24 @@ def confidences(found: Diagnosis) -> str:
     return f"The probability that a name is right, from planted data: {names}."
 
 
+def simpler(found: Diagnosis) -> str:
+    """Say which model with fewer effects does nearly as well; empty where none does."""
+    model = found.simpler
+    if model is None or found.budget is None:
+        return ""
+    kept = {effect.name for effect in model.effects}
+    lacking = [effect_label(one.effect) for one in found.missing if one.effect.name not in kept]
+    said = f"{model_name(model.law, model.effects)} has an error {compared(model.error.mean, found.budget.named.mean)}"
+    if not lacking:
+        return f"{said}."
+    if not model.effects:
+        return f"{said}: little hangs on {listed(lacking)}."
+    return f"{said}: {listed(lacking)} may do no more than mend the forms of the others."
+
+
 def notes(found: Diagnosis) -> list[str]:
     """List what else is to be said of the search."""
-    said = (confidences(found), equal_laws(found), "" if found.complete else _STOPPED)
+    said = (confidences(found), simpler(found), equal_laws(found), "" if found.complete else _STOPPED)
     return [note for note in said if note]
 
 
