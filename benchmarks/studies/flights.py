@@ -25,6 +25,7 @@ CAMERAS = {
     "bad": Camera(lost=0.02, bad=0.01),
     "skips": Camera(skipped=0.5),
     "held": Camera(held=0.2, noise=2e-4),
+    "gaps": Camera(lost=0.25, bad=0.01),
 }
 
 

@@ -96,7 +96,8 @@ def _in_space(kind: str, seed: int) -> list[Recording]:
         position, quaternion = recording.position, recording.quaternion
         match kind:
             case "dropped":
-                position = position - np.outer(0.99 * (along - np.nanmean(along)), right)
+                noise_along = np.random.default_rng(seed).normal(0, between(1e-5, 1e-3, seed), len(along))
+                position = position - np.outer(along - noise_along, right)
             case "near" | "leaves":
                 reach = between(0.0005, 0.004, seed) if kind == "near" else between(0.006, 0.03, seed)
                 position = position + np.outer(reach * swing, away)
@@ -167,9 +168,13 @@ TILTED = Study(
 
 
 def _read(kind: str, seed: int) -> list[Recording]:
-    """Recordings in the plane, in radians or degrees: of a good tracker, or of one that hardly sees angles."""
-    noise = math.radians(between(0.05, 1, seed) if kind == "clear" else between(5, 30, seed))
-    return simulate(4, Camera(angle_noise=noise, degrees=seed % 2 == 1), seed=seed)[0]
+    """Recordings in the plane, in radians or degrees, of a poor tracker; or each with a zero of θ of its own."""
+    camera = Camera(angle_noise=math.radians(between(1, 15, seed)), degrees=seed % 2 == 1)
+    recordings, turn = simulate(3, camera, seed=seed)[0], 360.0 if camera.degrees else 2 * math.pi
+    if kind == "clear":
+        return recordings
+    zeros = turn * np.random.default_rng(seed).random(len(recordings))
+    return [replace(one, angle=one.angle + zero) for one, zero in zip(recordings, zeros, strict=True)]
 
 
 def _reading(right: bool):
@@ -190,7 +195,7 @@ def _reading(right: bool):
 
 
 READING = Study(
-    name="reading of angles", null=each(16, "dim"), planted=each(16, "clear"), prepare=_read,
+    name="reading of angles", null=each(24, "unzeroed"), planted=each(16, "clear"), prepare=_read,
     alarm=_reading(True), false_alarm=_reading(False),
 )  # fmt: skip
 

@@ -54,7 +54,7 @@ class FrameThresholds:
     frames, without which no order of the quaternion is seen (row tracks.frame.aligned)."""
     flat: float = 0.2
     """Spread across the plane over that along it, up to which positions show the plane (row tracks.frame.flat)."""
-    reading: float = 0.5
+    reading: float = 0.3
     """Share of the moment balance that the best reading of angles leaves over, of what any other leaves
     (row tracks.frame.reading)."""
     drag_sigmas: float = 3.0
