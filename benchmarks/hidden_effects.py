@@ -105,7 +105,7 @@ def one(group: str, names: tuple, seed: int, size: int, noise: float) -> dict:
     entry = {
         "group": group, "names": names, "size": size, "noise": noise, "seed": seed, "found": list(found.effects),
         "seconds": seconds, "verdict": found.verdict, "law": found.law,
-        "repairs": [finding.correction for finding in found.findings],
+        "repairs": list(found.corrections),
         "components": [str(name) for name in found.remainder.components] if found.remainder else [],
         "rivals": {one.effect.name: [rival.effect.name for rival in one.rivals] for one in found.missing},
         "sigmas": _sigmas(found, expected),
