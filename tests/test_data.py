@@ -17,7 +17,8 @@ from omegaconf import OmegaConf
 from pyarrow import parquet
 
 from contactlearn.data import ellipse_drops as published
-from contactlearn.data import mujoco, mystery, synthetic, table, tracks, tracks_synthetic
+from contactlearn.data import mujoco, mystery, synthetic, table, tracks, tracks_mujoco, tracks_synthetic
+from contactlearn.data.tracks_synthetic.camera import camera_of
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import COMPONENTS, Impacts
 from contactlearn.laws import find, names
@@ -689,6 +690,7 @@ SOURCES = {
     "synthetic": synthetic,
     "table": table,
     "tracks": tracks,
+    "tracks_mujoco": tracks_mujoco,
     "tracks_synthetic": tracks_synthetic,
 }
 
@@ -706,6 +708,8 @@ def test_config_holds_every_argument_with_its_default_and_a_comment(name, monkey
     }
     if arguments.pop("settings", None):  # of the search for impacts in recordings
         arguments |= inspect.signature(tracks.track_options).parameters
+    if arguments.pop("camera", None):  # of simulated recordings
+        arguments |= {key: p for key, p in inspect.signature(camera_of).parameters.items() if key != "seconds"}
     for key, parameter in arguments.items():
         if parameter.default is parameter.empty:
             assert OmegaConf.is_missing(config, key)

@@ -35,6 +35,7 @@ _UPRIGHT = np.radians(2)
 _LEANING = np.radians(10)  # of gravity from a stated axis
 _ALIGNED = np.radians(8)  # of the axis of rotation from the normal of the plane
 _HALF = 0.5  # of the horizontal spread, up to which an axis of rotation is across the motion all the same
+_SEEN = 2.0  # standard errors of a gravity that leans; they are on the large side
 _FLAT = 0.2  # spread across the plane over that along it, up to which positions show the plane
 
 
@@ -81,18 +82,24 @@ def find_frame(recordings: Sequence[Recording], stated: Conventions = Convention
         frame, clues = Frame(scale=scale, axes=axes), ()
     else:
         frame, clues = _spatial(recordings, up, scale, stated.order)
-    in_plane = frame.axes[:2] @ gravity.vector * scale
     angle = ANGLES[stated.angle or "rad"]
     return replace(
         frame,
         angle=angle,
         sense=SENSES[stated.sense or "as_read"],
-        gravity=(float(in_plane[0]), float(in_plane[1])),
+        gravity=_in_plane(gravity, frame),
         gravity_error=gravity.error * scale,
         drag=gravity.drag,
         drag_error=gravity.drag_error if stated.drag is None else 0.0,
         clues=(unit, direction, *clues, *_drag(gravity, stated.drag)),
     )
+
+
+def _in_plane(gravity: Gravity, frame: Frame) -> tuple[float, float]:
+    """Gravity in m/s², straight down unless it is seen to lean: its error would be one of all velocities alike."""
+    right, up = frame.axes[:2] @ gravity.vector * frame.scale
+    leans = abs(right) > _SEEN * gravity.error_along(frame.axes[0]) * frame.scale
+    return (float(right), float(up)) if leans else (0.0, -float(np.hypot(right, up)))
 
 
 def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:

@@ -36,13 +36,13 @@ class Gravity:
 
     Args:
         vector: in units of length per s², [2 or 3].
-        error: standard error of its size.
+        covariance: of its errors.
         drag: linear drag c in 1/s: the stated one, or the measured one where it is seen, or 0.
         drag_error: standard error of the measured one; infinite where flights are too few to tell.
     """
 
     vector: Float[Array, " d"]
-    error: float
+    covariance: Float[Array, "d d"]
     drag: float
     drag_error: float
 
@@ -50,6 +50,15 @@ class Gravity:
     def size(self) -> float:
         """Its size in units of length per s²."""
         return float(np.linalg.norm(self.vector))
+
+    @property
+    def error(self) -> float:
+        """Standard error of its size."""
+        return self.error_along(self.vector / self.size)
+
+    def error_along(self, direction: Float[Array, " d"]) -> float:
+        """Standard error along a unit vector."""
+        return float(direction @ self.covariance @ direction) ** 0.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -109,9 +118,7 @@ def _shared(motions: _Motions, agree: Array, stated: float | None) -> Gravity:
     if stated is not None or not seen:
         known, covariance = _fitted(motions[agree], drag)
     d = motions.velocity.shape[1]
-    direction = known[:d] / np.linalg.norm(known[:d])
-    variance = float(direction @ covariance[:d, :d] @ direction)
-    return Gravity(vector=known[:d], error=variance**0.5, drag=drag, drag_error=error)
+    return Gravity(vector=known[:d], covariance=covariance[:d, :d], drag=drag, drag_error=error)
 
 
 def _told(motions: _Motions) -> bool:
