@@ -23,6 +23,10 @@ class Measured:
     value: float
     error: float
 
+    def times(self, factor: float) -> "Measured":
+        """The same in another unit or sense."""
+        return Measured(value=factor * self.value, error=abs(factor) * self.error)
+
     @property
     def range(self) -> tuple[float, float]:
         """The values within three standard errors, and those between them and 0."""

@@ -15,10 +15,11 @@ from contactlearn.audit.apparatus_findings import apparatus_notes, scale_finding
 from contactlearn.audit.corrections import correct
 from contactlearn.audit.findings import audit
 from contactlearn.audit.thresholds import AuditThresholds
-from contactlearn.data import synthetic, tracks
+from contactlearn.data import synthetic, table, tracks
 from contactlearn.data.tracks_synthetic import MASS, SEMI_AXES, simulate, write_recordings
 from contactlearn.data.tracks_synthetic.camera import Camera
 from contactlearn.effects import find_effect
+from contactlearn.errors import DataError
 from contactlearn.identification.joint import identify_jointly, named_parameters
 from contactlearn.identification.shared import Box
 from contactlearn.model import ContactModel
@@ -203,9 +204,90 @@ def test_a_wrong_scale_is_a_mistake_and_the_rest_is_a_note():
     assert apparatus_notes(synthetic.load(size=40)) == []
 
 
-def test_corrections_of_axes_forget_the_apparatus():
+def test_the_apparatus_goes_with_its_impacts():
     impacts = synthetic.load(size=40).replace(apparatus=KNOWN)
-    assert correct(impacts, ["drop_duplicates"]).apparatus == KNOWN
-    assert correct(impacts.replace(suspect=True), ["mirrored_x"]).apparatus is None
     assert impacts[:10].apparatus == KNOWN
     assert impacts.fingerprint() != impacts.replace(apparatus=None).fingerprint()
+
+
+LEANING = replace(KNOWN, slope=Measured(value=0.02, error=0.002), orientation=Measured(value=-0.05, error=0.003))
+
+
+@pytest.mark.parametrize(
+    ("names", "slope", "orientation", "gravity"),
+    [
+        (["drop_duplicates"], 0.02, -0.05, 9.81),
+        (["swapped_pre_post"], 0.02, -0.05, 9.81),
+        (["mirrored_omega"], 0.02, -0.05, 9.81),
+        (["mirrored_x"], -0.02, -0.09, 9.81),
+        (["mirrored_y"], -0.02, None, 9.81),
+        (["mirrored_theta"], 0.02, 0.09, 9.81),
+        (["mirrored_x", "mirrored_theta"], -0.02, 0.05, 9.81),
+        (["swapped_axes"], None, None, 9.81),
+        (["degrees"], 0.02, None, 9.81),
+        (["millimetres"], 0.02, None, 9.81e-3),
+        (["millimetres_velocity", "grams"], 0.02, -0.05, 9.81),
+    ],
+    ids=str,
+)
+def test_corrections_carry_what_is_known_along_or_forget_it(names, slope, orientation, gravity):
+    impacts = synthetic.load(size=40).replace(apparatus=LEANING, suspect=True)
+    known = correct(impacts, names).apparatus
+    for one, value, error in ((known.slope, slope, 0.002), (known.orientation, orientation, 0.003)):
+        assert (one is None) == (value is None)
+        if one is not None:
+            assert one.value == pytest.approx(value)
+            assert error <= one.error < 3 * error
+    assert known.gravity.value == pytest.approx(gravity)
+    assert known.gravity.error / known.gravity.value == pytest.approx(0.01 / 9.81)
+    assert (known.drag, known.delay) == (LEANING.drag, LEANING.delay)
+
+
+@pytest.mark.parametrize(("name", "mirror"), [("mirrored_x", "x"), ("mirrored_theta", "theta")])
+def test_what_is_known_after_a_correction_is_what_corrected_contacts_show(name, mirror):
+    """Slope and zero of θ of contacts as read and of contacts with the correction made, for an ellipse."""
+    shape, rng = Ellipse(SEMI_AXES), np.random.default_rng(1)
+    theta, x = rng.uniform(-math.pi, math.pi, 60), rng.uniform(-0.3, 0.3, 60)
+    r = contact_point(shape, torch.from_numpy(theta + 0.05)).numpy()
+    y = 0.02 * (x + r[:, 0]) - r[:, 1] + 2e-5 * rng.standard_normal(60)
+    read, corrected = (
+        find_floor([SimpleNamespace(pose=pose) for pose in np.stack(columns, 1)], shape)
+        for columns in ((x, y, theta), (-x if mirror == "x" else x, y, -theta if mirror == "theta" else theta))
+    )
+    known = replace(KNOWN, slope=read.slope, orientation=read.orientation)
+    impacts = synthetic.load(size=40).replace(apparatus=known, suspect=True)
+    for field in ("slope", "orientation"):
+        expected, seen = getattr(correct(impacts, [name]).apparatus, field), getattr(corrected, field)
+        assert abs(expected.value) > 5 * expected.error
+        assert abs(expected.value - seen.value) < 4 * max(expected.error, seen.error)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize(
+    "known", [None, KNOWN, replace(LEANING, drag=None, orientation=None)], ids=["no", "all", "some"]
+)
+def test_tables_carry_what_is_known(tmp_path, suffix, known):
+    impacts = synthetic.load(size=7).replace(apparatus=known)
+    again = table.load(table.save(impacts, tmp_path / f"drops{suffix}"))
+    assert again.apparatus == known
+    assert again.fingerprint() == impacts.fingerprint()
+
+
+@pytest.mark.parametrize(
+    ("change", "fragments"),
+    [
+        (lambda t: t.drop(columns="apparatus_slope_error"), ["come both or none; missing: apparatus_slope_error"]),
+        (lambda t: t.filter(regex="^(?!apparatus_(gravity|delay))"), ["all four", "apparatus_gravity, "]),
+        (lambda t: t.assign(apparatus_delay_error=-1.0), ["apparatus_delay_error", "at least 0"]),
+        (lambda t: t.assign(apparatus_slope=range(7)), ["row 2, column apparatus_slope", "same in every row"]),
+        (lambda t: t.assign(apparatus_slope=["steep"] * 7), ["apparatus_slope", "number in rad", "'steep'"]),
+    ],
+    ids=["half", "no gravity", "negative", "differs", "no number"],
+)
+def test_a_table_that_contradicts_itself_is_refused(tmp_path, change, fragments):
+    path = table.save(synthetic.load(size=7).replace(apparatus=KNOWN), tmp_path / "drops.csv")
+    change(pd.read_csv(path)).to_csv(path, index=False)
+    with pytest.raises(DataError) as caught:
+        table.load(path)
+    for fragment in fragments:
+        assert fragment in str(caught.value)
