@@ -1,8 +1,8 @@
 """What is known of an apparatus in corrected units and axes: the other half of a correction of measurements.
 
-A slope s and a zero of θ that is off by δ are told from heights y = s (x + r_x(θ + δ)) − r_y(θ + δ), and to first order
-s r_x is what a turn of the body by s does to r_y.  In axes in which x or θ is mirrored alone, that turn is taken for one
-by −s: in the right axes δ differs by 2 s.  A mirror of both leaves −δ.
+A slope s and a zero of θ that is off by δ are told from heights y = s (x + r_x) − r_y at θ + δ, and to first order
+s r_x is what a turn of the body by s does to r_y.  In axes in which x or θ is mirrored alone, that turn is taken for
+one by −s: in the right axes δ differs by 2 s.  A mirror of both leaves −δ.
 """
 
 import math

@@ -167,18 +167,19 @@ def _joined(time: Array, pose: Array, found: Sequence[Flight], sigma: Array, wid
 
 
 def _extended(track: Track, flight: Flight, sigma: Array, reach: int) -> Flight:
-    """A flight with the frames before and after it that continue it, up to two in a row that do not."""
+    """A flight with the frames before and after it that continue it, up to three in a row that do not."""
     frames = flight.frames
     for side in (-1, 1):
         edge = flight.first if side < 0 else flight.last
-        near = edge + side * np.arange(1, reach + 1)
+        near = edge + side * np.arange(1, 2 * reach + 1)
         near = near[(near >= 0) & (near < len(track))]
         near = near[track.seen[near]]
         away = track.pose[near] - flight.poses(track.time[near])
         away[:, 2] = turn(away[:, 2])
         scaled = np.abs(away) / np.hypot(sigma, flight.spread(track.time[near]))
         continues = scaled.max(1, initial=0.0) <= _EXTENDED
-        ends = np.append(np.flatnonzero(~continues & ~np.append(continues[1:], False)), len(near))
+        following = np.append(continues, (False, False))
+        ends = np.append(np.flatnonzero(~continues & ~following[1:-1] & ~following[2:]), len(near))
         frames = np.concatenate((frames, near[: ends[0]][continues[: ends[0]]]))
     return replace(flight, frames=np.unique(frames))
 
