@@ -10,19 +10,24 @@ import pytest
 import torch
 
 from contactlearn import laws
+from contactlearn.app.fitting import fit_with_effects
 from contactlearn.apparatus import Apparatus, Measured
 from contactlearn.audit.apparatus_findings import apparatus_notes, scale_findings
 from contactlearn.audit.corrections import correct
 from contactlearn.audit.findings import audit
 from contactlearn.audit.thresholds import AuditThresholds
+from contactlearn.cli import compose
 from contactlearn.data import synthetic, table, tracks
 from contactlearn.data.tracks_synthetic import MASS, SEMI_AXES, simulate, write_recordings
 from contactlearn.data.tracks_synthetic.camera import Camera
 from contactlearn.effects import find_effect
 from contactlearn.errors import DataError
 from contactlearn.identification.joint import identify_jointly, named_parameters
+from contactlearn.identification.known import known_parameters
 from contactlearn.identification.shared import Box
 from contactlearn.model import ContactModel
+from contactlearn.report import terminal
+from contactlearn.report.text.known import known_sentence
 from contactlearn.shapes import Disc, Ellipse, contact_point
 from contactlearn.tracks.conventions import find_frame
 from contactlearn.tracks.gravity import find_gravity
@@ -184,6 +189,43 @@ def test_parameters_stay_within_what_is_known():
     assert fitted(Measured(value=0.0, error=0.001)) == pytest.approx(0.003)
     assert fitted(Measured(value=0.02, error=0.001)) == pytest.approx(0.023)
     assert fitted(Measured(value=0.048, error=0.002)) == pytest.approx(0.05, abs=1e-3)
+
+
+TILT = find_effect("surface_tilt")
+
+
+@pytest.mark.parametrize(
+    ("planted", "noise", "slope", "said"),
+    [
+        (0.0, 5.0, (0.002, 0.001), "flight knows t.phi better than the impacts: φ = 0.0020 ± 0.0010 rad in flight"),
+        (0.05, 0.0, (0.002, 0.001), "ask for more t.phi than flight allows: φ = 0.0020 ± 0.0010 rad in flight, 0.05"),
+        (0.05, 0.01, (-0.002, 0.001), "the fit ends at 0.001;"),
+        (0.0, 0.0, (0.02, 0.002), "ask for less t.phi than flight has measured: φ = 0.0200 ± 0.0020 rad in flight"),
+        (0.05, 0.0, (0.048, 0.002), "impacts and flight agree on t.phi"),
+    ],
+    ids=["better", "more", "other way", "less", "agree"],
+)
+def test_a_fit_says_whether_flight_or_the_impacts_know_better(planted, noise, slope, said):
+    model = laws.find("wang_mason").at(0.12, 0.55)
+    states = synthetic.load(size=120, seed=1)
+    v_post = ContactModel(model, effects={"t": TILT(phi=planted)}).predict(states).v_post
+    scatter = noise * torch.randn(v_post.shape, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    flight = Measured(value=slope[0], error=slope[1])
+    impacts = states.replace(v_post=v_post + scatter, apparatus=replace(KNOWN, slope=flight))
+    (_, fit) = fit_with_effects(
+        compose("evaluate", ["fit.starts=2"]), model, {"t": TILT()}, impacts, torch.arange(120), terminal.progress()
+    ).values()
+    (known,) = known_parameters(fit)
+    assert said in known_sentence(known)
+    assert known.flight == flight
+    assert not {"t.phi"} & {*fit.undetermined(), *fit.at_bounds()}
+
+
+def test_what_flight_leaves_open_is_said_as_without_it():
+    wide = replace(KNOWN, slope=Measured(value=0.0, error=1.0))
+    impacts = synthetic.load(size=60).replace(apparatus=wide)
+    (phi,) = named_parameters({"t": TILT()}, Box(), impacts)[2:]
+    assert (phi.flight, phi.low, phi.high) == (None, -0.2, 0.2)
 
 
 def test_a_wrong_scale_is_a_mistake_and_the_rest_is_a_note():
