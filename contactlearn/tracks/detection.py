@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from contactlearn.tracks.flight import Air, Flight, Indices, Windows, fit, windows
+from contactlearn.tracks.flight import Air, Flight, Indices, Windows, fit, window_blocks, windows
 from contactlearn.tracks.track import Array, Mask, Track, finite, turn
 
 SAME = 60.0
@@ -66,8 +66,7 @@ def find_flights(track: Track, options: FlightOptions = FlightOptions()) -> Flig
         sigma = frame_noise(time, pose, width)
     good = np.zeros(0, dtype=np.bool_)
     for _ in range(3):
-        fits = windows(time, pose, width, 1, options.air)
-        good, bad_frames = _judged(fits, sigma, len(track))
+        good, bad_frames = _judged(time, pose, width, options.air, sigma)
         if not bad_frames.any():
             break
         pose[bad_frames] = np.nan
@@ -84,12 +83,17 @@ def frame_noise(time: Float[Array, " t"], pose: Float[Array, "t 3"], width: int)
     """Standard deviations of a frame about anything smooth: the median over windows of residuals of parabolas."""
     if len(time) < width:
         return _LEAST_NOISE
-    fits = windows(time, pose, width, 2, None)
-    enough = fits.count > 4
+    counts, squares = list[Indices](), list[Array]()
+    for block in window_blocks(len(time), width):
+        fits = windows(time[block], pose[block], width, 2, None)
+        counts.append(fits.count)
+        squares.append((fits.residual**2).sum(1))
+    count = np.concatenate(counts)
+    enough = count > 4
     if not enough.any():
         return _LEAST_NOISE
-    freedom = fits.count[enough] - 3
-    share = (fits.residual[enough] ** 2).sum(1) / freedom[:, None]
+    freedom = count[enough] - 3
+    share = np.concatenate(squares)[enough] / freedom[:, None]
     typical = (1 - 2 / (9 * np.median(freedom))) ** 3  # median of χ² over its mean; Wilson & Hilferty 1931
     return np.maximum(np.sqrt(np.median(share, 0) / typical), _LEAST_NOISE)
 
@@ -102,8 +106,19 @@ def _width(sigma: Array, step: float, options: FlightOptions) -> int:
     return int(n[min(int(np.searchsorted(told, _POWER)), len(n) - 1)])
 
 
-def _judged(fits: Windows, sigma: Array, frames: int) -> tuple[Mask, Mask]:
+def _judged(time: Array, pose: Array, width: int, air: Air, sigma: Array) -> tuple[Mask, Mask]:
     """Windows that are flights, and frames without which others would be."""
+    good, votes = list[Mask](), np.zeros(len(time), dtype=np.intp)
+    for block in window_blocks(len(time), width):
+        fits = windows(time[block], pose[block], width, 1, air)
+        flies, worst = _worst(fits, sigma)
+        good.append(flies)
+        votes[block] += np.bincount(worst, minlength=block.stop - block.start)
+    return np.concatenate(good), votes >= 2
+
+
+def _worst(fits: Windows, sigma: Array) -> tuple[Mask, Indices]:
+    """Windows that are flights, and of each of the others that would be one without a frame, this frame."""
     width = fits.residual.shape[1]
     each = (fits.residual / sigma) ** 2
     total, freedom = each.sum((1, 2)), 3 * (fits.count - 2)
@@ -114,8 +129,7 @@ def _judged(fits: Windows, sigma: Array, frames: int) -> tuple[Mask, Mask]:
     worst = taken.argmax(1)
     without = total - taken[np.arange(len(total)), worst]
     mended = enough & ~good & (without <= _limit(freedom - 3))
-    votes = np.bincount((np.arange(len(total)) + worst)[mended], minlength=frames)
-    return good, votes >= 2
+    return good, (np.arange(len(total)) + worst)[mended]
 
 
 def _limit(freedom: Indices) -> Array:

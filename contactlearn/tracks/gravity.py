@@ -6,7 +6,7 @@ of it is in proportion to the velocity is a linear drag, a = g − c v.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from contactlearn.errors import DataError
 from contactlearn.tracks.detection import frame_noise
-from contactlearn.tracks.flight import windows
+from contactlearn.tracks.flight import window_blocks, windows
 from contactlearn.tracks.track import Array, Recording
 
 _DURATION = 0.06  # s of a window
@@ -87,8 +87,7 @@ def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> 
     Raises:
         DataError: no acceleration is common.
     """
-    parts = [vars(_motions(recording, k)) for k, recording in enumerate(recordings)]
-    motions = _Motions(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    motions = _together([_motions(recording, k) for k, recording in enumerate(recordings)])
     motions = motions[np.linalg.norm(motions.acceleration, axis=1) > _SURE * motions.error]
     sizes = np.linalg.norm(motions.acceleration, axis=1)
     if len(sizes) >= _FEWEST:
@@ -103,6 +102,10 @@ def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> 
         "and frame rate (data.unit, data.up, data.rate), and check that the body flies for "
         f"{_DURATION:g} s or longer"
     )
+
+
+def _together(parts: Sequence[_Motions]) -> _Motions:
+    return _Motions(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
 
 
 def _shared(motions: _Motions, agree: Array, stated: float | None) -> Gravity:
@@ -159,6 +162,16 @@ def _motions(recording: Recording, number: int) -> _Motions:
         return _Motions(acceleration=none, error=none[:, 0], velocity=none, block=none[:, 0])
     pose = np.column_stack((recording.position, np.zeros((len(time), 3 - width))))
     sigma = np.maximum(frame_noise(time, pose, frames), 1e-9 * np.nanmax(np.abs(pose), initial=1e-9))
+    parts: list[_Motions] = []
+    for block in window_blocks(len(time), frames):
+        part = _moving(time[block], pose[block], frames, sigma, width)
+        number_of = number + (part.block + block.start) // (_BLOCK * frames) / len(time)
+        parts.append(replace(part, block=number_of))
+    return _together(parts)
+
+
+def _moving(time: Array, pose: Array, frames: int, sigma: Array, width: int) -> _Motions:
+    """Windows that hold one motion; their block is their first frame."""
     fits = windows(time, pose, frames, 2, None)
     share = ((fits.residual / sigma) ** 2).sum(1)[:, :width].sum(1) / (width * np.maximum(fits.count - 3, 1))
     good = (fits.count >= max(5, 0.7 * frames)) & (share <= _SMOOTH)
@@ -167,7 +180,7 @@ def _motions(recording: Recording, number: int) -> _Motions:
         acceleration=2 * fits.leading[good, :width],
         error=np.linalg.norm(errors[good, :width], axis=1),
         velocity=_velocities(time, pose[:, :width], frames)[good],
-        block=number + np.flatnonzero(good) // (_BLOCK * frames) / len(time),
+        block=np.flatnonzero(good).astype(np.float64),
     )
 
 

@@ -1,8 +1,9 @@
 """Results of the step from a track to impacts: contacts between free flights, and refusals with reason and number."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
+import numpy as np
 from jaxtyping import Float
 
 from contactlearn.tracks.flight import Flight
@@ -78,6 +79,11 @@ class Hit:
     apart: float
     before: Flight
     after: Flight
+
+    def without_frames(self) -> "Hit":
+        """The contact without the residuals of its flights, most of its memory."""
+        before, after = (replace(flight, residual=np.zeros((0, 3))) for flight in (self.before, self.after))
+        return replace(self, before=before, after=after)
 
     @property
     def name(self) -> str:
