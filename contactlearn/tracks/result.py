@@ -81,8 +81,9 @@ class Hit:
     after: Flight
 
     def without_frames(self) -> "Hit":
-        """The contact without the residuals of its flights, most of its memory."""
-        before, after = (replace(flight, residual=np.zeros((0, 3))) for flight in (self.before, self.after))
+        """The contact with the first and last frames of its flights only: the others are most of its memory."""
+        ends, none = [0, -1], np.zeros((0, 3))
+        before, after = (replace(x, frames=x.frames[ends], residual=none) for x in (self.before, self.after))
         return replace(self, before=before, after=after)
 
     @property
