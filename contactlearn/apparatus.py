@@ -23,6 +23,10 @@ class Measured:
     value: float
     error: float
 
+    def times(self, factor: float) -> "Measured":
+        """The same in another unit or sense."""
+        return Measured(value=factor * self.value, error=abs(factor) * self.error)
+
     @property
     def range(self) -> tuple[float, float]:
         """The values within three standard errors, and those between them and 0."""
@@ -47,12 +51,12 @@ class Apparatus:
     orientation: Measured | None
     delay: Measured
 
-    def ranges(self) -> Iterator[tuple[str, tuple[float, float]]]:
-        """Return the ranges of the parameters of effects, by `effect.parameter`."""
+    def parameters(self) -> Iterator[tuple[str, Measured]]:
+        """Return what is known of the parameters of effects, by `effect.parameter`."""
         known = (
             ("surface_tilt.phi", self.slope),
             ("orientation_offset.delta", self.orientation),
             ("sampling_delay.dt", self.delay),
             ("gravity_impulse.dt", self.delay),
         )
-        return ((name, one.range) for name, one in known if one is not None)
+        return ((name, one) for name, one in known if one is not None)

@@ -10,19 +10,26 @@ import pytest
 import torch
 
 from contactlearn import laws
+from contactlearn.app.fitting import fit_with_effects
 from contactlearn.apparatus import Apparatus, Measured
 from contactlearn.audit.apparatus_findings import apparatus_notes, scale_findings
 from contactlearn.audit.corrections import correct
 from contactlearn.audit.findings import audit
 from contactlearn.audit.thresholds import AuditThresholds
-from contactlearn.data import synthetic, tracks
+from contactlearn.cli import compose
+from contactlearn.data import synthetic, table, tracks
 from contactlearn.data.tracks_synthetic import MASS, SEMI_AXES, simulate, write_recordings
 from contactlearn.data.tracks_synthetic.camera import Camera
 from contactlearn.effects import find_effect
+from contactlearn.errors import DataError
 from contactlearn.identification.joint import identify_jointly, named_parameters
+from contactlearn.identification.known import known_parameters
 from contactlearn.identification.shared import Box
 from contactlearn.model import ContactModel
+from contactlearn.report import terminal
+from contactlearn.report.text.known import known_sentence
 from contactlearn.shapes import Disc, Ellipse, contact_point
+from contactlearn.tracks.conventions import find_frame
 from contactlearn.tracks.gravity import find_gravity
 from contactlearn.tracks.impacts import find_floor
 
@@ -123,6 +130,16 @@ def test_gravity_is_fitted_with_the_drag_that_is_used():
     assert abs(other.size - stated.size) > 4 * stated.error
 
 
+def test_gravity_leans_only_where_that_is_seen():
+    """Its error is one of all velocities alike: 0.5 mrad off are 0.5 mm/s after 0.1 s."""
+    recordings = simulate(6, PLAIN, seed=2)[0]
+    assert find_gravity(recordings).vector[0] != 0
+    assert find_frame(recordings).gravity[0] == 0
+    assert find_frame(recordings).gravity[1] == pytest.approx(-find_gravity(recordings).size)
+    rolled = [replace(one, position=one.position @ ((1, 0.01), (-0.01, 1))) for one in recordings]
+    assert find_frame(rolled).gravity[0] == pytest.approx(9.81 * 0.01, rel=0.2)
+
+
 def test_a_stated_drag_is_that_of_the_measured_gravity():
     recordings = simulate(6, PLAIN, drag=0.5, seed=2)[0]
     found = find_gravity(recordings, drag=0.5)
@@ -182,6 +199,43 @@ def test_parameters_stay_within_what_is_known():
     assert fitted(Measured(value=0.048, error=0.002)) == pytest.approx(0.05, abs=1e-3)
 
 
+TILT = find_effect("surface_tilt")
+
+
+@pytest.mark.parametrize(
+    ("planted", "noise", "slope", "said"),
+    [
+        (0.0, 5.0, (0.002, 0.001), "flight knows t.phi better than the impacts: φ = 0.0020 ± 0.0010 rad in flight"),
+        (0.05, 0.0, (0.002, 0.001), "ask for more t.phi than flight allows: φ = 0.0020 ± 0.0010 rad in flight, 0.05"),
+        (0.05, 0.01, (-0.002, 0.001), "the fit ends at 0.001;"),
+        (0.0, 0.0, (0.02, 0.002), "ask for less t.phi than flight has measured: φ = 0.0200 ± 0.0020 rad in flight"),
+        (0.05, 0.0, (0.048, 0.002), "impacts and flight agree on t.phi"),
+    ],
+    ids=["better", "more", "other way", "less", "agree"],
+)
+def test_a_fit_says_whether_flight_or_the_impacts_know_better(planted, noise, slope, said):
+    model = laws.find("wang_mason").at(0.12, 0.55)
+    states = synthetic.load(size=120, seed=1)
+    v_post = ContactModel(model, effects={"t": TILT(phi=planted)}).predict(states).v_post
+    scatter = noise * torch.randn(v_post.shape, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    flight = Measured(value=slope[0], error=slope[1])
+    impacts = states.replace(v_post=v_post + scatter, apparatus=replace(KNOWN, slope=flight))
+    (_, fit) = fit_with_effects(
+        compose("evaluate", ["fit.starts=2"]), model, {"t": TILT()}, impacts, torch.arange(120), terminal.progress()
+    ).values()
+    (known,) = known_parameters(fit)
+    assert said in known_sentence(known)
+    assert known.flight == flight
+    assert not {"t.phi"} & {*fit.undetermined(), *fit.at_bounds()}
+
+
+def test_what_flight_leaves_open_is_said_as_without_it():
+    wide = replace(KNOWN, slope=Measured(value=0.0, error=1.0))
+    impacts = synthetic.load(size=60).replace(apparatus=wide)
+    (phi,) = named_parameters({"t": TILT()}, Box(), impacts)[2:]
+    assert (phi.flight, phi.low, phi.high) == (None, -0.2, 0.2)
+
+
 def test_a_wrong_scale_is_a_mistake_and_the_rest_is_a_note():
     impacts = synthetic.load(size=40).replace(apparatus=KNOWN)
     limits = AuditThresholds()
@@ -200,9 +254,90 @@ def test_a_wrong_scale_is_a_mistake_and_the_rest_is_a_note():
     assert apparatus_notes(synthetic.load(size=40)) == []
 
 
-def test_corrections_of_axes_forget_the_apparatus():
+def test_the_apparatus_goes_with_its_impacts():
     impacts = synthetic.load(size=40).replace(apparatus=KNOWN)
-    assert correct(impacts, ["drop_duplicates"]).apparatus == KNOWN
-    assert correct(impacts.replace(suspect=True), ["mirrored_x"]).apparatus is None
     assert impacts[:10].apparatus == KNOWN
     assert impacts.fingerprint() != impacts.replace(apparatus=None).fingerprint()
+
+
+LEANING = replace(KNOWN, slope=Measured(value=0.02, error=0.002), orientation=Measured(value=-0.05, error=0.003))
+
+
+@pytest.mark.parametrize(
+    ("names", "slope", "orientation", "gravity"),
+    [
+        (["drop_duplicates"], 0.02, -0.05, 9.81),
+        (["swapped_pre_post"], 0.02, -0.05, 9.81),
+        (["mirrored_omega"], 0.02, -0.05, 9.81),
+        (["mirrored_x"], -0.02, -0.09, 9.81),
+        (["mirrored_y"], -0.02, None, 9.81),
+        (["mirrored_theta"], 0.02, 0.09, 9.81),
+        (["mirrored_x", "mirrored_theta"], -0.02, 0.05, 9.81),
+        (["swapped_axes"], None, None, 9.81),
+        (["degrees"], 0.02, None, 9.81),
+        (["millimetres"], 0.02, None, 9.81e-3),
+        (["millimetres_velocity", "grams"], 0.02, -0.05, 9.81),
+    ],
+    ids=str,
+)
+def test_corrections_carry_what_is_known_along_or_forget_it(names, slope, orientation, gravity):
+    impacts = synthetic.load(size=40).replace(apparatus=LEANING, suspect=True)
+    known = correct(impacts, names).apparatus
+    for one, value, error in ((known.slope, slope, 0.002), (known.orientation, orientation, 0.003)):
+        assert (one is None) == (value is None)
+        if one is not None:
+            assert one.value == pytest.approx(value)
+            assert error <= one.error < 3 * error
+    assert known.gravity.value == pytest.approx(gravity)
+    assert known.gravity.error / known.gravity.value == pytest.approx(0.01 / 9.81)
+    assert (known.drag, known.delay) == (LEANING.drag, LEANING.delay)
+
+
+@pytest.mark.parametrize(("name", "mirror"), [("mirrored_x", "x"), ("mirrored_theta", "theta")])
+def test_what_is_known_after_a_correction_is_what_corrected_contacts_show(name, mirror):
+    """Slope and zero of θ of contacts as read and of contacts with the correction made, for an ellipse."""
+    shape, rng = Ellipse(SEMI_AXES), np.random.default_rng(1)
+    theta, x = rng.uniform(-math.pi, math.pi, 60), rng.uniform(-0.3, 0.3, 60)
+    r = contact_point(shape, torch.from_numpy(theta + 0.05)).numpy()
+    y = 0.02 * (x + r[:, 0]) - r[:, 1] + 2e-5 * rng.standard_normal(60)
+    read, corrected = (
+        find_floor([SimpleNamespace(pose=pose) for pose in np.stack(columns, 1)], shape)
+        for columns in ((x, y, theta), (-x if mirror == "x" else x, y, -theta if mirror == "theta" else theta))
+    )
+    known = replace(KNOWN, slope=read.slope, orientation=read.orientation)
+    impacts = synthetic.load(size=40).replace(apparatus=known, suspect=True)
+    for field in ("slope", "orientation"):
+        expected, seen = getattr(correct(impacts, [name]).apparatus, field), getattr(corrected, field)
+        assert abs(expected.value) > 5 * expected.error
+        assert abs(expected.value - seen.value) < 4 * max(expected.error, seen.error)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize(
+    "known", [None, KNOWN, replace(LEANING, drag=None, orientation=None)], ids=["no", "all", "some"]
+)
+def test_tables_carry_what_is_known(tmp_path, suffix, known):
+    impacts = synthetic.load(size=7).replace(apparatus=known)
+    again = table.load(table.save(impacts, tmp_path / f"drops{suffix}"))
+    assert again.apparatus == known
+    assert again.fingerprint() == impacts.fingerprint()
+
+
+@pytest.mark.parametrize(
+    ("change", "fragments"),
+    [
+        (lambda t: t.drop(columns="apparatus_slope_error"), ["come both or none; missing: apparatus_slope_error"]),
+        (lambda t: t.filter(regex="^(?!apparatus_(gravity|delay))"), ["all four", "apparatus_gravity, "]),
+        (lambda t: t.assign(apparatus_delay_error=-1.0), ["apparatus_delay_error", "at least 0"]),
+        (lambda t: t.assign(apparatus_slope=range(7)), ["row 2, column apparatus_slope", "same in every row"]),
+        (lambda t: t.assign(apparatus_slope=["steep"] * 7), ["apparatus_slope", "number in rad", "'steep'"]),
+    ],
+    ids=["half", "no gravity", "negative", "differs", "no number"],
+)
+def test_a_table_that_contradicts_itself_is_refused(tmp_path, change, fragments):
+    path = table.save(synthetic.load(size=7).replace(apparatus=KNOWN), tmp_path / "drops.csv")
+    change(pd.read_csv(path)).to_csv(path, index=False)
+    with pytest.raises(DataError) as caught:
+        table.load(path)
+    for fragment in fragments:
+        assert fragment in str(caught.value)

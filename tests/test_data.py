@@ -17,7 +17,8 @@ from omegaconf import OmegaConf
 from pyarrow import parquet
 
 from contactlearn.data import ellipse_drops as published
-from contactlearn.data import mujoco, mystery, synthetic, table, tracks, tracks_synthetic
+from contactlearn.data import mujoco, mystery, synthetic, table, tracks, tracks_mujoco, tracks_synthetic
+from contactlearn.data.tracks_synthetic.camera import camera_of
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import COMPONENTS, Impacts
 from contactlearn.laws import find, names
@@ -328,7 +329,7 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatc
 def test_saved_csv_is_plain_text_with_the_documented_columns(tmp_path):
     path = table.save(synthetic.load(size=2).replace(time=torch.ones(2)), tmp_path / "drops.csv")
     header, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
-    assert header == [column for column in table.COLUMNS if not column.startswith("cov_")]
+    assert header == [column for column in table.COLUMNS if not column.startswith(("cov_", "apparatus_"))]
     assert rows[0][:3] == ["1", "ellipse", "0.0364"]
 
 
@@ -689,6 +690,7 @@ SOURCES = {
     "synthetic": synthetic,
     "table": table,
     "tracks": tracks,
+    "tracks_mujoco": tracks_mujoco,
     "tracks_synthetic": tracks_synthetic,
 }
 
@@ -706,6 +708,8 @@ def test_config_holds_every_argument_with_its_default_and_a_comment(name, monkey
     }
     if arguments.pop("settings", None):  # of the search for impacts in recordings
         arguments |= inspect.signature(tracks.track_options).parameters
+    if arguments.pop("camera", None):  # of simulated recordings
+        arguments |= {key: p for key, p in inspect.signature(camera_of).parameters.items() if key != "seconds"}
     for key, parameter in arguments.items():
         if parameter.default is parameter.empty:
             assert OmegaConf.is_missing(config, key)

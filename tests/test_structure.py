@@ -275,12 +275,15 @@ def test_what_is_written_elsewhere(pattern):
 
 
 # A registry passes the arguments of a class on, a copy those of its fields, an override those of its base, a source of
-# impacts those of the function that also tells how they were found.
+# impacts those of the function that also tells how they were found, or those of the camera that simulates recordings.
 KEYWORDS = {
     "contactlearn.audit.columns.Columns.replace",
     "contactlearn.data.mystery.forms._register",
     "contactlearn.data.tracks.find",
     "contactlearn.data.tracks.load",
+    "contactlearn.data.tracks_mujoco.find",
+    "contactlearn.data.tracks_mujoco.load",
+    "contactlearn.data.tracks_synthetic.find",
     "contactlearn.data.tracks_synthetic.load",
     "contactlearn.effects.base.Effect.__init_subclass__",
     "contactlearn.effects.state.State.replace",

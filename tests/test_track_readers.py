@@ -1,6 +1,8 @@
 """Readers of recordings: what is written is read, and what cannot be read is one clear line."""
 
 import sys
+import tracemalloc
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +13,10 @@ from contactlearn.data.tracks_synthetic import AXES, simulate, write_recordings
 from contactlearn.data.tracks_synthetic.camera import Camera
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.tracks.markers import pose_of_markers
-from contactlearn.tracks.readers import read, recording_files
+from contactlearn.tracks.readers import columns, read, recording_files
 from contactlearn.tracks.readers.layout import Layout
 from contactlearn.tracks.rotations import matrices
-from contactlearn.tracks.track import turn
+from contactlearn.tracks.track import Recording, turn
 
 FLAT, _ = simulate(2, Camera(frames=40, lost=0.1), seed=1)
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -54,6 +56,62 @@ def test_a_long_file_names_its_recordings(tmp_path, suffix):
     pd.concat([*tables, tables[0]]).to_csv(tmp_path / "mixed.csv", index=False)
     with pytest.raises(DataError, match="recording '1' are not in one piece"):
         list(read(tmp_path / "mixed.csv", Layout(**names)))
+
+
+MANY = {
+    "good": ["a,0,1,2,3", "a,1,1,2,3"],
+    "text": ["b,0,1,2,3", "b,1,1,two,3"],
+    "back": ["c,0,1,2,3", "c,2,1,2,3", "c,1,1,2,3"],
+    "repeats": ["d,0,1,2,3", "d,0,1,2,3"],
+    "one": ["e,0,1,2,3"],
+    "long": [f"f,{k},1,2,3" for k in range(9)],
+    "last": ["g,0,1,2,3", "g,1,,,", "g,2,1,2,3"],
+}
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize("rows", [1, 4, 1000])
+def test_a_bad_recording_of_many_is_its_error_and_the_others_go_on(tmp_path, monkeypatch, suffix, rows):
+    """However many rows are read at once."""
+    monkeypatch.setattr(columns, "_ROWS", rows)
+    monkeypatch.setattr(columns, "MOST_FRAMES", 8)
+    kinds = [name for name in MANY if suffix == ".csv" or name != "text"]  # a column of Parquet has one type
+    text = "\n".join(("recording,time,x,y,theta", *(row for name in kinds for row in MANY[name])))
+    path = tmp_path / f"all{suffix}"
+    path.write_text(text) if suffix == ".csv" else pd.read_csv(StringIO(text)).to_parquet(path)
+    found = dict(zip(kinds, read(path, Layout()), strict=True))
+    assert [name for name, one in found.items() if isinstance(one, Recording)] == ["good", "last"]
+    assert found["last"].seen.tolist() == [True, False, True]
+    said = {name: str(one) for name, one in found.items()}
+    assert "text" not in said or f"{path}: b: row 2, column y: must be a number, got 'two'" in said["text"]
+    assert f"{path}: c: time must grow; it runs back at frame 3" in said["back"]
+    assert f"{path}: d: time must grow; it repeats at frame 2" in said["repeats"]
+    assert f"{path}: e: has 1 frames" in said["one"]
+    assert f"{path}: f: has 9 frames, more than 8: split it" in said["long"]
+
+
+def test_a_long_file_without_names_is_refused_before_it_is_read_through(tmp_path, monkeypatch):
+    monkeypatch.setattr(columns, "_ROWS", 4)
+    monkeypatch.setattr(columns, "MOST_FRAMES", 8)
+    path = tmp_path / "all.csv"
+    path.write_text("time,x,y,theta\n" + "".join(f"{k},1,2,3\n" for k in range(20)) + "never,read\n")
+    with pytest.raises(DataError, match="more than 8 frames and no column 'recording' of recordings: split it"):
+        list(read(path, Layout()))
+
+
+def test_memory_is_bounded_by_a_few_recordings(tmp_path, monkeypatch):
+    """Peak memory of Python's and NumPy's objects, while 40 and 160 recordings of one file are read in pieces."""
+    monkeypatch.setattr(columns, "_ROWS", 2000)
+    frames = pd.DataFrame({"time": np.arange(500) / 250, "x": 0.0, "y": 0.0, "theta": 0.0})
+    peaks = []
+    for count in (40, 160):
+        path = tmp_path / f"{count}.parquet"
+        pd.concat([frames.assign(recording=f"{k:04d}") for k in range(count)]).to_parquet(path, index=False)
+        tracemalloc.start()
+        assert sum(len(one) for one in read(path, Layout())) == 500 * count
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.3 * peaks[0]
 
 
 def test_named_components_say_their_order():

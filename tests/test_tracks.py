@@ -259,3 +259,46 @@ def test_a_track_is_the_recording_upright():
     assert np.abs(turn(track.pose[:, 2] - flat.angle)).max() < 0.02
     assert np.abs(track.apart).max() < 1e-3
     assert np.degrees(track.tilted).max() < 1
+
+
+def bounces(at, velocities, *, frames, noise, seed) -> np.ndarray:
+    """Poses of a body with contacts at instants, and its velocities between them: after each, and before the first."""
+    tau, rng = np.arange(frames) / RATE, np.random.default_rng(seed)
+    starts = (0.0, *at)
+    pose, here = np.zeros((frames, 3)), np.zeros(3)
+    for k, (start, v) in enumerate(zip(starts, velocities, strict=True)):
+        end = starts[k + 1] if k + 1 < len(starts) else np.inf
+        inside, since = (tau >= start) & (tau < end), (tau - start)[:, None]
+        pose[inside] = (here + np.asarray(v) * since - (0, 9.81 / 2, 0) * since**2)[inside]
+        if end < np.inf:
+            here = here + np.asarray(v) * (end - start) - np.array((0, 9.81 / 2, 0)) * (end - start) ** 2
+    return pose + noise * SIGMA * rng.standard_normal(pose.shape)
+
+
+def test_a_flight_with_frames_of_the_next_one_is_too_short():
+    """After nine frames a light contact follows, and others soon: the next flight is no flight of its own."""
+    before, after = (0.5, -0.5, 5.0), (0.4, 0.18, -3.0)
+    light, lighter = (0.38, 0.05, -2.0), (0.36, 0.02, -1.0)
+    accepted = 0
+    for seed in range(20):
+        at = (0.1215, 0.1215 + 9.4 / RATE, 0.1215 + 13 / RATE, 0.1215 + 15 / RATE)
+        pose = bounces(at, (before, after, light, lighter, (0.3, 0.0, 0.0)), frames=48, noise=4, seed=seed)
+        found = find_contacts(track_of(pose))
+        width = find_flights(track_of(pose)).width
+        assert width >= 11, "the noise asks for longer flights than nine frames"
+        accepted += len(found.contacts)
+        assert all(len(contact.after.frames) >= width for contact in found.contacts)
+    assert accepted <= 2
+
+
+def test_frames_within_the_duration_of_a_contact_are_no_second_hit():
+    """It lasts longer than a frame: one frame before its instant and one after it belong to no flight."""
+    contact = one_contact(bounce(at=0.102, seed=4), contact_time=3e-3)
+    assert contact.after.first - contact.before.last == 3
+
+
+def test_a_flight_goes_on_behind_two_bad_frames_in_a_row():
+    pose = bounce(seed=2)
+    pose[[19, 20]] += 40 * SIGMA
+    contact = one_contact(pose)
+    assert contact.before.last >= 24

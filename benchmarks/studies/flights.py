@@ -163,7 +163,7 @@ def _zeroed(hits: list[Hit], thresholds: AllThresholds) -> bool:
 ZERO = Study(name="zero of θ", null=each(20, "floor"), planted=each(20, "turned"), prepare=_on_a_floor, alarm=_zeroed)
 
 ROWS = (
-    Row(field="tracks.flight.rest_power", values=scaled(150.0, 1 / 25, 1 / 5, 1, 5, 25), study=CONTACTS),
+    Row(field="tracks.flight.rest_power", values=scaled(150.0, 1 / 25, 1 / 5, 1, 2, 5, 25), study=CONTACTS),
     Row(field="tracks.flight.excess", values=(1.5, 3.0, 6.0, 12.0, 48.0), study=CONTACTS),
     Row(field="tracks.flight.continued", values=(1.0, 2.0, 3.0, 5.0, 10.0), study=CONTACTS),
     Row(field="tracks.flight.same", values=scaled(60.0, 1 / 12, 1 / 3, 1, 3, 12), study=CONTACTS),

@@ -63,7 +63,14 @@ SCALE = Study(
 
 def _turned(kind: str, seed: int) -> list[Recording]:
     """A camera that is turned by so many degrees."""
-    low, high = {"upright": (0.1, 1.5), "leans": (2.5, 9), "level": (1, 8), "wrong": (12, 90)}[kind]
+    low, high = {
+        "straight": (1e-9, 1e-8),
+        "rolled": (0.1, 1.5),
+        "upright": (0.1, 1.5),
+        "leans": (2.5, 9),
+        "level": (1, 8),
+        "wrong": (12, 90),
+    }[kind]
     angle = math.radians(between(low, high, seed)) * (-1) ** seed
     return simulate(6, Camera(axes=leaning(angle), noise=between(5e-5, 5e-4, seed + 1)), seed=seed)[0]
 
@@ -77,6 +84,10 @@ def _corrected(recordings: list[Recording], thresholds: AllThresholds) -> bool:
 UPRIGHT = Study(
     name="upright cameras", null=each(16, "upright"), planted=each(16, "leans"), prepare=_turned, alarm=_corrected
 )
+ROLLED = Study(
+    name="gravity that leans", null=each(20, "straight"), planted=each(20, "rolled"), prepare=_turned,
+    alarm=lambda recordings, thresholds: find_frame(recordings, limits=thresholds.tracks.frame).gravity[0] != 0,
+)  # fmt: skip
 LEANING = Study(
     name="stated up", null=each(16, "level"), planted=each(16, "wrong"), prepare=_turned,
     alarm=_caught(Conventions(up="y")),
@@ -219,5 +230,6 @@ ROWS = (
     Row(field="tracks.frame.aligned", values=tuple(math.radians(x) for x in (0.2, 2, 8, 20, 60)), study=ORDER),
     Row(field="tracks.frame.flat", values=(0.01, 0.05, 0.2, 0.5, 2.0), study=PLANE),
     Row(field="tracks.frame.reading", values=(0.1, 0.3, 0.5, 0.7, 0.95), study=READING),
+    Row(field="tracks.frame.lean_sigmas", values=(0.0, 1.0, 2.0, 4.0, 12.0), study=ROLLED),
     Row(field="tracks.frame.drag_sigmas", values=(0.5, 2.0, 3.0, 5.0, 20.0), study=DRAG),
 )

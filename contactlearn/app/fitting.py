@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float, Int
@@ -76,12 +76,17 @@ def fit_with_effects(
     rows: Int[Tensor, "*subsets n"],
     bar: Progress,
 ) -> dict[str, JointFit]:
-    """Fit the law alone and with its effects, by name, both to the same trials in the same way."""
-    fits = {}
+    """Fit the law alone and with its effects, by name, both to the same trials in the same way.
+
+    Where flight limits a parameter the fit to the impacts alone stands beside.
+    """
+    fits, options = {}, settings.fit_options(cfg)
     for chosen in bar.track(({}, effects), description=f"fitting {law.name} and its effects"):
-        fits[augmented_name(law.name, chosen)] = identify_jointly(
-            law, chosen, impacts, rows, options=settings.fit_options(cfg)
-        )
+        fit = identify_jointly(law, chosen, impacts, rows, options=options)
+        if any(p.flight for p in fit.parameters):
+            alone = identify_jointly(law, chosen, impacts.replace(apparatus=None), rows, options=options)
+            fit = replace(fit, alone=alone)
+        fits[augmented_name(law.name, chosen)] = fit
     return fits
 
 

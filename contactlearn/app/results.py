@@ -18,6 +18,7 @@ from contactlearn.effects import Effect, EffectId
 from contactlearn.evaluation import metrics
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.identification.joint import JointFit
+from contactlearn.identification.known import known_parameters
 from contactlearn.identification.shared import SharedFit
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.learning.recipe import TARGETS, Recipe
@@ -101,6 +102,7 @@ def joint_estimate(fit: JointFit) -> JointEstimate:
         converged=bool(fit.converged),
         trials=len(fit.weight),
         outliers=fit.outliers,
+        known=known_parameters(fit),
     )
 
 

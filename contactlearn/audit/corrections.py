@@ -5,7 +5,8 @@
 
 A finding of the audit names the correction that undoes the mistake.  A correction is made only where it is asked for,
 and the source of the corrected impacts names it.  Most corrections are their own inverse (a mirror, a swap); those of
-units are factors.  Three are estimated from the data: the factor on the moment of inertia, and which trials are
+units are factors.  What is known of the apparatus goes with the axes, and is forgotten where it makes no sense in
+others.  Three are estimated from the data: the factor on the moment of inertia, and which trials are
 duplicates or gross outliers.
 
 Rows with an empty cell never become impacts: `drop_incomplete` leaves them out as a table is read.
@@ -22,6 +23,7 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
+from contactlearn.audit import known
 from contactlearn.audit.columns import Columns
 from contactlearn.audit.consistency import outliers, repeated, torque
 from contactlearn.audit.thresholds import OutlierThresholds
@@ -30,25 +32,25 @@ from contactlearn.impacts import Impacts
 
 _POSES, _VELOCITIES = ("q", "q_post"), ("v_pre", "v_post")
 _DEGREE = math.pi / 180
-_OF_TRIALS = ("drop_", "averaged_", "ordered_", "inertia_")  # corrections after which units and axes are as before
 
 
 @dataclass(frozen=True)
 class Correction:
     """A mistake in the data, described as in a report, and the function that undoes it.
 
-    The limits of outliers are an argument of every function; all but `drop_outliers` ignore them.
+    The limits of outliers are an argument of every function; all but `drop_outliers` ignore them.  `apparatus` is what
+    becomes of the knowledge of the apparatus.
     """
 
     description: str
     function: Callable[[Impacts, OutlierThresholds], Impacts]
+    apparatus: known.Known = known.kept
 
 
 def correct(impacts: Impacts, names: Sequence[str], thresholds: OutlierThresholds = OutlierThresholds()) -> Impacts:
     """Apply the named corrections in this order; the source of the result names them.
 
-    Impacts that are `suspect` stay so; the others are validated in full after the last correction.  What is known of
-    the apparatus in other units or axes is known no longer.
+    Impacts that are `suspect` stay so; the others are validated in full after the last correction.
 
     Args:
         impacts: measurements.
@@ -67,10 +69,11 @@ def correct(impacts: Impacts, names: Sequence[str], thresholds: OutlierThreshold
             raise UnknownNameError("correction", str(name), CORRECTIONS)
     if not names:
         return impacts
-    kept = impacts.apparatus if all(name.startswith(_OF_TRIALS) for name in names) else None
-    corrected = impacts.replace(suspect=True, apparatus=kept)
+    corrected = impacts.replace(suspect=True)
     for name in names:
         corrected = CORRECTIONS[name].function(corrected, thresholds)
+        if corrected.apparatus is not None:
+            corrected = corrected.replace(apparatus=CORRECTIONS[name].apparatus(corrected.apparatus))
     return corrected.replace(suspect=impacts.suspect, source=f"{impacts.source} (corrected: {', '.join(names)})")
 
 
@@ -177,21 +180,37 @@ CORRECTIONS = {
     "mirrored_y": Correction(
         "y points down: positions, velocities and the contact point",
         _scaled(((1, -1, 1), (*_POSES, *_VELOCITIES)), ((1, -1), ("r",))),
+        known.mirrored_y,
     ),
-    "swapped_axes": Correction("x and y are exchanged: positions, velocities, contact point", _swapped_axes),
+    "swapped_axes": Correction(
+        "x and y are exchanged: positions, velocities, contact point",
+        _swapped_axes,
+        known.without("slope", "orientation"),
+    ),
     "mirrored_x": Correction(
         "x points left in positions and velocities, but not in θ, ω and the contact point",
         _scaled(((-1, 1, 1), (*_POSES, *_VELOCITIES))),
+        known.mirrored_x,
     ),
-    "mirrored_theta": Correction("θ and ω are positive clockwise", _scaled(((1, 1, -1), (*_POSES, *_VELOCITIES)))),
+    "mirrored_theta": Correction(
+        "θ and ω are positive clockwise",
+        _scaled(((1, 1, -1), (*_POSES, *_VELOCITIES))),
+        known.mirrored_theta,
+    ),
     "mirrored_omega": Correction("ω is positive clockwise, θ is not", _scaled(((1, 1, -1), _VELOCITIES))),
     "contact_point_sign": Correction("r points from the contact to the centre of mass", _scaled(((-1, -1), ("r",)))),
     "contact_point_mirrored": Correction("x of the contact point points left", _scaled(((-1, 1), ("r",)))),
     "degrees_omega": Correction("ω is in °/s", _scaled(((1, 1, _DEGREE), _VELOCITIES))),
-    "degrees_theta": Correction("θ is in degrees", _scaled(((1, 1, _DEGREE), _POSES))),
-    "degrees": Correction("θ is in degrees and ω in °/s", _scaled(((1, 1, _DEGREE), (*_POSES, *_VELOCITIES)))),
+    "degrees_theta": Correction("θ is in degrees", _scaled(((1, 1, _DEGREE), _POSES)), known.without("orientation")),
+    "degrees": Correction(
+        "θ is in degrees and ω in °/s",
+        _scaled(((1, 1, _DEGREE), (*_POSES, *_VELOCITIES))),
+        known.without("orientation"),
+    ),
     "millimetres": Correction(
-        "positions and the contact point are in mm", _scaled(((1e-3, 1e-3, 1), _POSES), ((1e-3, 1e-3), ("r",)))
+        "positions and the contact point are in mm",
+        _scaled(((1e-3, 1e-3, 1), _POSES), ((1e-3, 1e-3), ("r",))),
+        known.millimetres,
     ),
     "millimetres_velocity": Correction("velocities are in mm/s", _scaled(((1e-3, 1e-3, 1), _VELOCITIES))),
     "grams": Correction("the mass is in g", _in_grams),

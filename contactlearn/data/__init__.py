@@ -5,6 +5,7 @@
     ellipse_drops  the published drops of Fazeli et al. (2017)
     synthetic      simulated drops with a known law and known noise
     tracks_synthetic  recordings of simulated bodies, with the faults of real trackers
+    tracks_mujoco     the same, with MuJoCo's flights and contacts
     mystery        simulated drops with physics that is hidden from whoever analyses them
     mujoco         drops simulated by MuJoCo, an optional extra
 

@@ -53,7 +53,7 @@ class Tracked:
         for file in alone if {file.stem for file in alone} == {*names} else files:
             with suppress(ContactLearnError):
                 for recording in read(file, self.options.layout):
-                    if recording.name in names:
+                    if isinstance(recording, Recording) and recording.name in names:
                         yield tracked(recording, self.survey.frame, ready)
 
 

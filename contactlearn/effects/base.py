@@ -37,6 +37,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.apparatus import Measured
 from contactlearn.effects.identity import EffectId
 from contactlearn.effects.state import Coefficients, State
 from contactlearn.errors import ContactLearnError, DataError
@@ -50,6 +51,7 @@ class Parameter:
     """A fitted number of an effect: its plausible range, and the value at which the effect vanishes.
 
     `vanishing` is None for a parameter that need not vanish because another does; `start` is then a typical value.
+    `flight` is what is known of it without any impact, where that limits the range.
     """
 
     name: str
@@ -59,6 +61,7 @@ class Parameter:
     high: float
     vanishing: float | None = 0.0
     start: float = 0.0
+    flight: Measured | None = None
 
 
 def parameter(

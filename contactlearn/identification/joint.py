@@ -5,7 +5,6 @@ maximises the likelihood of the residuals under Student's t distribution, for ma
 the noise of the velocities is known, `errors_in_variables` estimates the states before impact with the parameters.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -103,6 +102,7 @@ class JointFit:
     agreement: Tensor  # [...] share of the starts followed to the end that reached this minimum
     converged: Tensor  # [...] whether the best start converged
     thresholds: FitThresholds = FitThresholds()
+    alone: "JointFit | None" = None  # to the impacts alone, where flight has measured a parameter
 
     @property
     def standard_errors(self) -> Tensor:
@@ -126,8 +126,11 @@ class JointFit:
         return int((~self.inliers).sum())
 
     def undetermined(self) -> dict[str, str]:
-        """Explain which parameters a single subset does not determine: parameter → reasons with their numbers."""
-        reasons = {p.name: " and ".join(self._open(k)) for k, p in enumerate(self.parameters)}
+        """Explain which parameters a single subset does not determine: parameter → reasons with their numbers.
+
+        Those that flight has measured are left to `known_parameters`.
+        """
+        reasons = {p.name: " and ".join(self._open(k)) for k, p in enumerate(self.parameters) if p.flight is None}
         return {name: said for name, said in reasons.items() if said}
 
     def _open(self, k: int) -> list[str]:
@@ -150,10 +153,10 @@ class JointFit:
         return tuple(f"{names[k]} and {names[j]} trade off: correlation {of[k, j]:+.2f}" for k, j in pairs)
 
     def at_bounds(self) -> dict[str, str]:
-        """Explain which parameters of a single subset end at a bound: parameter → the meaning."""
+        """Explain which parameters of a single subset end at a bound, but for those: parameter → the meaning."""
         found = {}
         for p, value, error in zip(self.parameters, self.values.tolist(), self.standard_errors.tolist(), strict=True):
-            if p.low < value < p.high:
+            if p.low < value < p.high or p.flight is not None:
                 continue
             if value == p.vanishing:
                 found[p.name] = f"is not seen: |{p.symbol}| < {1.645 * error:.2g} {p.unit} with 95 %".replace(" –", "")
@@ -250,14 +253,17 @@ def named_parameters(effects: Mapping[str, Effect], box: Box, impacts: Impacts) 
     size = max(1.0, (impacts.inertia / impacts.mass).sqrt().median().item() / _USUAL_SIZE)
     mass = max(1.0, impacts.mass.median().item() / _USUAL_MASS)
     factors = {"m": size, "N s": mass, "J": mass}
-    known = {} if impacts.apparatus is None else dict(impacts.apparatus.ranges())
+    known = {} if impacts.apparatus is None else dict(impacts.apparatus.parameters())
     own: list[Parameter] = []
     for name, effect in effects.items():
         for p in effect.parameters:
-            factor = factors.get(p.unit, 1.0)
-            low, high = known.get(f"{effect.name}.{p.name}", (-math.inf, math.inf))
-            low, high = max(low, p.low * factor), min(high, p.high * factor)
-            own.append(replace(p, name=f"{name}.{p.name}", low=low, high=high))
+            low, high = (bound * factors.get(p.unit, 1.0) for bound in (p.low, p.high))
+            flight = known.get(f"{effect.name}.{p.name}")
+            if flight is not None:
+                within = max(low, flight.range[0]), min(high, flight.range[1])
+                flight = None if within == (low, high) else flight
+                low, high = within
+            own.append(replace(p, name=f"{name}.{p.name}", low=low, high=high, flight=flight))
     return (*shared, *own)
 
 

@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from contactlearn.evaluation.metrics import HEADLINE, METRICS
+from contactlearn.report.text.known import known_sentence
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate
 from contactlearn.results.evaluation import LearningCurve
 from contactlearn.results.transfer import BodyTransfer
@@ -76,6 +77,8 @@ def show_joint(name: str, fit: JointEstimate) -> None:
         say(f"note: the data do not determine {parameter}: {reason}")
     for parameter, meaning in fit.at_bounds.items():
         say(f"note: {parameter} {meaning}")
+    for parameter in fit.known:
+        say(f"note: {known_sentence(parameter)}")
     if fit.trials < _MANY:
         say(f"note: from {fit.trials} trials standard errors are too small; {_MANY} or more can be trusted")
     if fit.outliers:

@@ -8,6 +8,7 @@ from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import EffectId
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import HEADLINE, Interval
+from contactlearn.identification.known import KnownParameter
 
 _HIGHEST = 1e9  # of an error that a page can draw
 
@@ -66,6 +67,7 @@ class JointEstimate:
         converged: whether the search settled.
         trials: fitted to.
         outliers: trials with next to no weight.
+        known: parameters whose range is what flight allows.
     """
 
     law: str
@@ -80,6 +82,7 @@ class JointEstimate:
     converged: bool
     trials: int
     outliers: int
+    known: tuple[KnownParameter, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

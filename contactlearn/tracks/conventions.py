@@ -81,18 +81,24 @@ def find_frame(
         frame, clues = Frame(scale=scale, axes=axes), ()
     else:
         frame, clues = _spatial(recordings, up, scale, stated.order, limits)
-    in_plane = frame.axes[:2] @ gravity.vector * scale
     angle = ANGLES[stated.angle or "rad"]
     return replace(
         frame,
         angle=angle,
         sense=SENSES[stated.sense or "as_read"],
-        gravity=(float(in_plane[0]), float(in_plane[1])),
+        gravity=_in_plane(gravity, frame, limits.lean_sigmas),
         gravity_error=gravity.error * scale,
         drag=gravity.drag,
         drag_error=gravity.drag_error if stated.drag is None else 0.0,
         clues=(unit, direction, *clues, *_drag(gravity, stated.drag)),
     )
+
+
+def _in_plane(gravity: Gravity, frame: Frame, sigmas: float) -> tuple[float, float]:
+    """Gravity in m/s², straight down unless it is seen to lean: its error would be one of all velocities alike."""
+    right, up = frame.axes[:2] @ gravity.vector * frame.scale
+    leans = abs(right) > sigmas * gravity.error_along(frame.axes[0]) * frame.scale
+    return (float(right), float(up)) if leans else (0.0, -float(np.hypot(right, up)))
 
 
 def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:

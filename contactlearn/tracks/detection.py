@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from contactlearn.tracks.flight import Air, Flight, Indices, Windows, fit, windows
+from contactlearn.tracks.flight import Air, Flight, Indices, Windows, fit, window_blocks, windows
 from contactlearn.tracks.thresholds import FlightThresholds
 from contactlearn.tracks.track import Array, Mask, Track, finite, turn
 
@@ -64,8 +64,7 @@ def find_flights(
         sigma = frame_noise(time, pose, width)
     good = np.zeros(0, dtype=np.bool_)
     for _ in range(3):
-        fits = windows(time, pose, width, 1, options.air)
-        good, bad_frames = _judged(fits, sigma, len(track), limits.excess)
+        good, bad_frames = _judged(time, pose, width, options.air, sigma, limits.excess)
         if not bad_frames.any():
             break
         pose[bad_frames] = np.nan
@@ -82,12 +81,17 @@ def frame_noise(time: Float[Array, " t"], pose: Float[Array, "t 3"], width: int)
     """Standard deviations of a frame about anything smooth: the median over windows of residuals of parabolas."""
     if len(time) < width:
         return _LEAST_NOISE
-    fits = windows(time, pose, width, 2, None)
-    enough = fits.count > 4
+    counts, squares = list[Indices](), list[Array]()
+    for block in window_blocks(len(time), width):
+        fits = windows(time[block], pose[block], width, 2, None)
+        counts.append(fits.count)
+        squares.append((fits.residual**2).sum(1))
+    count = np.concatenate(counts)
+    enough = count > 4
     if not enough.any():
         return _LEAST_NOISE
-    freedom = fits.count[enough] - 3
-    share = (fits.residual[enough] ** 2).sum(1) / freedom[:, None]
+    freedom = count[enough] - 3
+    share = np.concatenate(squares)[enough] / freedom[:, None]
     typical = (1 - 2 / (9 * np.median(freedom))) ** 3  # median of χ² over its mean; Wilson & Hilferty 1931
     return np.maximum(np.sqrt(np.median(share, 0) / typical), _LEAST_NOISE)
 
@@ -100,8 +104,19 @@ def _width(sigma: Array, step: float, options: FlightOptions, power: float) -> i
     return int(n[min(int(np.searchsorted(told, power)), len(n) - 1)])
 
 
-def _judged(fits: Windows, sigma: Array, frames: int, excess: float) -> tuple[Mask, Mask]:
+def _judged(time: Array, pose: Array, width: int, air: Air, sigma: Array, excess: float) -> tuple[Mask, Mask]:
     """Windows that are flights, and frames without which others would be."""
+    good, votes = list[Mask](), np.zeros(len(time), dtype=np.intp)
+    for block in window_blocks(len(time), width):
+        fits = windows(time[block], pose[block], width, 1, air)
+        flies, worst = _worst(fits, sigma, excess)
+        good.append(flies)
+        votes[block] += np.bincount(worst, minlength=block.stop - block.start)
+    return np.concatenate(good), votes >= 2
+
+
+def _worst(fits: Windows, sigma: Array, excess: float) -> tuple[Mask, Indices]:
+    """Windows that are flights, and of each of the others that would be one without a frame, this frame."""
     width = fits.residual.shape[1]
     each = (fits.residual / sigma) ** 2
     total, freedom = each.sum((1, 2)), 3 * (fits.count - 2)
@@ -112,8 +127,7 @@ def _judged(fits: Windows, sigma: Array, frames: int, excess: float) -> tuple[Ma
     worst = taken.argmax(1)
     without = total - taken[np.arange(len(total)), worst]
     mended = enough & ~good & (without <= _limit(freedom - 3, excess))
-    votes = np.bincount((np.arange(len(total)) + worst)[mended], minlength=frames)
-    return good, votes >= 2
+    return good, (np.arange(len(total)) + worst)[mended]
 
 
 def _limit(freedom: Indices, excess: float) -> Array:
@@ -165,18 +179,19 @@ def _joined(time: Array, pose: Array, found: Sequence[Flight], sigma: Array, wid
 
 
 def _extended(track: Track, flight: Flight, sigma: Array, reach: int, limit: float) -> Flight:
-    """A flight with the frames before and after it that continue it, up to two in a row that do not."""
+    """A flight with the frames before and after it that continue it, up to three in a row that do not."""
     frames = flight.frames
     for side in (-1, 1):
         edge = flight.first if side < 0 else flight.last
-        near = edge + side * np.arange(1, reach + 1)
+        near = edge + side * np.arange(1, 2 * reach + 1)
         near = near[(near >= 0) & (near < len(track))]
         near = near[track.seen[near]]
         away = track.pose[near] - flight.poses(track.time[near])
         away[:, 2] = turn(away[:, 2])
         scaled = np.abs(away) / np.hypot(sigma, flight.spread(track.time[near]))
         continues = scaled.max(1, initial=0.0) <= limit
-        ends = np.append(np.flatnonzero(~continues & ~np.append(continues[1:], False)), len(near))
+        following = np.append(continues, (False, False))
+        ends = np.append(np.flatnonzero(~continues & ~following[1:-1] & ~following[2:]), len(near))
         frames = np.concatenate((frames, near[: ends[0]][continues[: ends[0]]]))
     return replace(flight, frames=np.unique(frames))
 

@@ -20,6 +20,8 @@ from contactlearn.tracks.result import Found, Hit, Reason, Refusal
 from contactlearn.tracks.thresholds import FlightThresholds
 from contactlearn.tracks.track import Track, turn
 
+_EDGES = 2  # frames that a flight may be shorter than a window, if it is seen where it ends
+
 
 def find_contacts(
     track: Track, options: FlightOptions = FlightOptions(), limits: FlightThresholds = FlightThresholds()
@@ -33,8 +35,10 @@ def find_contacts(
     if flights[0].first > 0:
         refusals.append(_gap(track, 0, flights[0].first - 1, found, limits))
     flights = cut(track, flights, found.sigma, options)
-    for before, after in pairwise(flights):
-        result = _between(track, before, after, found, options, limits, len(contacts))
+    known = [flights[0].first == 0, *(close(*pair, options) for pair in pairwise(flights))]
+    known.append(flights[-1].last == len(track) - 1)
+    for k, (before, after) in enumerate(pairwise(flights)):
+        result = _between(track, before, after, (known[k], known[k + 2]), found, options, limits, len(contacts))
         if isinstance(result, Hit):
             contacts.append(result)
         else:
@@ -50,12 +54,13 @@ def _between(
     track: Track,
     before: Flight,
     after: Flight,
+    known: tuple[bool, bool],
     found: Flights,
     options: FlightOptions,
     limits: FlightThresholds,
     contacts: int,
 ) -> Hit | Refusal:
-    """The contact between two flights, or why it is none."""
+    """The contact between two flights, or why it is none; `known` is whether it is seen what their other ends are."""
     first, last = before.last, after.first
     if not close(before, after, options):
         return _gap(track, first + 1, last - 1, found, limits)
@@ -64,8 +69,9 @@ def _between(
     errors = before.covariance[3:, 3:] + after.covariance[3:, 3:]
     moved = float(change[3:] @ np.linalg.solve(errors, change[3:]))
     inside = track.seen[first + 1 : last]
-    lost, neither = int((~inside).sum()), int(inside.sum())
-    few = min(len(before.frames), len(after.frames))
+    far = np.abs(track.time[first + 1 : last] - met.time) > options.contact_time
+    lost, neither = int((~inside).sum()), int((inside & far).sum())
+    few = _too_few((before, after), known, found, options)
     jump = 1e3 * float(np.hypot(*change[:2]))
     skipped = _skipped(before, after, met.time, track.step, options.most_missing, limits.same)
     reasons = (
@@ -75,12 +81,25 @@ def _between(
         (neither > 1, Reason.DOUBLE_HIT, "frames in neither flight", neither, "frames"),
         (met.apart > limits.meets, Reason.DOUBLE_HIT, "distance of the flights", 1e3 * met.distance, "mm"),
         (met.certainty < limits.certainty, Reason.LOST_FRAMES, "certainty of the missing frames", met.certainty, "–"),
-        (few < max(options.fewest, found.width - 2), Reason.TOO_FEW_FRAMES, "frames of a flight", few, "frames"),
+        (few > 0, Reason.TOO_FEW_FRAMES, "frames of a flight", few, "frames"),
     )
     for holds, reason, quantity, value, unit in reasons:
         if holds:
             return _refusal(track, first, last, reason, quantity, value, unit)
     return hit_of(track, contacts + 1, met, before, after)
+
+
+def _too_few(flights: tuple[Flight, Flight], known: tuple[bool, bool], found: Flights, options: FlightOptions) -> int:
+    """Frames of the shorter flight of those with too few, or 0.
+
+    One that ends at no contact that is told apart may have frames of what follows: it needs a whole window.
+    """
+    counts = [
+        len(flight.frames)
+        for flight, ends in zip(flights, known, strict=True)
+        if len(flight.frames) < max(options.fewest, found.width - _EDGES * ends)
+    ]
+    return min(counts, default=0)
 
 
 def _skipped(before: Flight, after: Flight, time: float, step: float, most: int, same: float) -> int:

@@ -8,6 +8,7 @@ with τ from a reference instant, gravity (g_x, g_y) and a linear drag c that ar
 in two numbers, so that any number of windows is fitted at once in closed form.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,7 @@ from contactlearn.tracks.track import Array, finite, turn
 Indices = NDArray[np.intp]
 _REJECTED = 4.5  # standard deviations of a frame's residual; one of 150 000 frames by chance
 _ROUNDS = 4
+_BLOCK = 2048  # windows, some tens of MB
 _NOTHING = 1e-30  # s², of a window without frames
 
 
@@ -193,6 +195,12 @@ class Windows:
     leverage: Float[Array, "s w 3"]
     leading: Float[Array, "s 3"]
     told: Float[Array, "s 3"]
+
+
+def window_blocks(frames: int, width: int) -> Iterator[slice]:
+    """Yield the frames of blocks of windows, so that those of a long recording are not in memory at once."""
+    for start in range(0, max(frames - width + 1, 0), _BLOCK):
+        yield slice(start, min(start + _BLOCK + width - 1, frames))
 
 
 def windows(time: Float[Array, " t"], pose: Float[Array, "t 3"], width: int, degree: int, air: Air | None) -> Windows:

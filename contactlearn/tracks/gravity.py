@@ -6,7 +6,7 @@ of it is in proportion to the velocity is a linear drag, a = g − c v.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from contactlearn.errors import DataError
 from contactlearn.tracks.detection import frame_noise
-from contactlearn.tracks.flight import windows
+from contactlearn.tracks.flight import window_blocks, windows
 from contactlearn.tracks.thresholds import FrameThresholds
 from contactlearn.tracks.track import Array, Recording
 
@@ -37,13 +37,13 @@ class Gravity:
 
     Args:
         vector: in units of length per s², [2 or 3].
-        error: standard error of its size.
+        covariance: of its errors.
         drag: linear drag c in 1/s: the stated one, or the measured one where it is seen, or 0.
         drag_error: standard error of the measured one; infinite where flights are too few to tell.
     """
 
     vector: Float[Array, " d"]
-    error: float
+    covariance: Float[Array, "d d"]
     drag: float
     drag_error: float
 
@@ -51,6 +51,15 @@ class Gravity:
     def size(self) -> float:
         """Its size in units of length per s²."""
         return float(np.linalg.norm(self.vector))
+
+    @property
+    def error(self) -> float:
+        """Standard error of its size."""
+        return self.error_along(self.vector / self.size)
+
+    def error_along(self, direction: Float[Array, " d"]) -> float:
+        """Standard error along a unit vector."""
+        return float(direction @ self.covariance @ direction) ** 0.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -82,8 +91,7 @@ def find_gravity(
     Raises:
         DataError: no acceleration is common.
     """
-    parts = [vars(_motions(recording, k)) for k, recording in enumerate(recordings)]
-    motions = _Motions(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    motions = _together([_motions(recording, k) for k, recording in enumerate(recordings)])
     sizes = np.linalg.norm(motions.acceleration, axis=1)
     sure = np.flatnonzero(sizes > _SURE * motions.error)  # to choose from; windows that agree are not chosen by size
     if len(sure):
@@ -100,6 +108,10 @@ def find_gravity(
     )
 
 
+def _together(parts: Sequence[_Motions]) -> _Motions:
+    return _Motions(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+
+
 def _shared(motions: _Motions, agree: Array, stated: float | None, sigmas: float) -> Gravity:
     """Gravity and drag of the windows that agree, and of those that then do."""
     known, covariance = _fitted(motions[agree])
@@ -113,9 +125,7 @@ def _shared(motions: _Motions, agree: Array, stated: float | None, sigmas: float
     if stated is not None or not seen:
         known, covariance = _fitted(motions[agree], drag)
     d = motions.velocity.shape[1]
-    direction = known[:d] / np.linalg.norm(known[:d])
-    variance = float(direction @ covariance[:d, :d] @ direction)
-    return Gravity(vector=known[:d], error=variance**0.5, drag=drag, drag_error=error)
+    return Gravity(vector=known[:d], covariance=covariance[:d, :d], drag=drag, drag_error=error)
 
 
 def _told(motions: _Motions) -> bool:
@@ -156,16 +166,26 @@ def _motions(recording: Recording, number: int) -> _Motions:
         return _Motions(acceleration=none, error=none[:, 0], velocity=none, block=none[:, 0])
     pose = np.column_stack((recording.position, np.zeros((len(time), 3 - width))))
     sigma = np.maximum(frame_noise(time, pose, frames), 1e-9 * np.nanmax(np.abs(pose), initial=1e-9))
+    parts: list[_Motions] = []
+    for block in window_blocks(len(time), frames):
+        part = _moving(time[block], pose[block], frames, sigma, width)
+        number_of = number + (part.block + block.start) // (_BLOCK * frames) / len(time)
+        parts.append(replace(part, block=number_of))
+    return _together(parts)
+
+
+def _moving(time: Array, pose: Array, frames: int, sigma: Array, width: int) -> _Motions:
+    """Windows that hold one motion; their block is their first frame."""
     fits = windows(time, pose, frames, 2, None)
     share = ((fits.residual / sigma) ** 2).sum(1)[:, :width].sum(1) / (width * np.maximum(fits.count - 3, 1))
     good = (fits.count >= max(5, 0.7 * frames)) & (share <= _SMOOTH)
-    good = sliding_window_view(np.pad(good, _EDGE), 2 * _EDGE + 1).all(-1)
+    good = sliding_window_view(np.pad(good, _EDGE, mode="edge"), 2 * _EDGE + 1).all(-1)
     errors = 2 * sigma / np.sqrt(np.maximum(fits.told, 1e-30))
     return _Motions(
         acceleration=2 * fits.leading[good, :width],
         error=np.linalg.norm(errors[good, :width], axis=1),
         velocity=_velocities(time, pose[:, :width], frames)[good],
-        block=number + np.flatnonzero(good) // (_BLOCK * frames) / len(time),
+        block=np.flatnonzero(good).astype(np.float64),
     )
 
 

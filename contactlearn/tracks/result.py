@@ -1,8 +1,9 @@
 """Results of the step from a track to impacts: contacts between free flights, and refusals with reason and number."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
+import numpy as np
 from jaxtyping import Float
 
 from contactlearn.tracks.flight import Flight
@@ -78,6 +79,12 @@ class Hit:
     apart: float
     before: Flight
     after: Flight
+
+    def without_frames(self) -> "Hit":
+        """The contact with the first and last frames of its flights only: the others are most of its memory."""
+        ends, none = [0, -1], np.zeros((0, 3))
+        before, after = (replace(x, frames=x.frames[ends], residual=none) for x in (self.before, self.after))
+        return replace(self, before=before, after=after)
 
     @property
     def name(self) -> str:

@@ -105,7 +105,11 @@ def sample(files: Sequence[Path], layout: Layout) -> list[Recording]:
     first: ContactLearnError | None = None
     for file in chosen:
         try:
-            found += islice(read(file, layout), max(1, _SAMPLE // len(chosen)))
+            for recording in islice(read(file, layout), max(1, _SAMPLE // len(chosen))):
+                if isinstance(recording, Recording):
+                    found.append(recording)
+                else:
+                    first = first or recording
         except ContactLearnError as error:
             first = first or error
     kinds = {recording.quaternion is None for recording in found}
@@ -171,19 +175,24 @@ def _surveyed(file: Path, frame: Frame, options: TrackOptions) -> _Part:
     count, contacts, refusals = 0, list[Hit](), list[Refusal]()
     try:
         for recording in read(file, options.layout):
+            if not isinstance(recording, Recording):
+                refusals.append(_not_read(file, count, recording))
+                continue
             found = tracked(recording, frame, options)
             count += 1
-            contacts += found.contacts
+            contacts += [contact.without_frames() for contact in found.contacts]
             refusals += found.refusals
     except ContactLearnError as error:
-        refusals.append(
-            Refusal(
-                recording=file.name,
-                reason=Reason.NOT_READ,
-                quantity="recordings read before",
-                value=count,
-                unit="recordings",
-                message=str(error),
-            )
-        )
+        refusals.append(_not_read(file, count, error))
     return count, contacts, refusals
+
+
+def _not_read(file: Path, count: int, error: ContactLearnError) -> Refusal:
+    return Refusal(
+        recording=file.name,
+        reason=Reason.NOT_READ,
+        quantity="recordings read before",
+        value=count,
+        unit="recordings",
+        message=str(error),
+    )

@@ -57,6 +57,9 @@ class FrameThresholds:
     reading: float = 0.3
     """Share of the moment balance that the best reading of angles leaves over, of what any other leaves
     (row tracks.frame.reading)."""
+    lean_sigmas: float = 2.0
+    """Standard errors, which are on the large side, of a gravity that leans: its error would be one of all velocities
+    alike (row tracks.frame.lean_sigmas)."""
     drag_sigmas: float = 3.0
     """Standard errors of a drag that is allowed for (row tracks.frame.drag_sigmas)."""
 

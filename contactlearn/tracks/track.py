@@ -7,6 +7,7 @@ A frame that the tracker lost is not a number in all of its coordinates.  Time s
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -104,12 +105,12 @@ class Track:
     def __len__(self) -> int:
         return len(self.time)
 
-    @property
+    @cached_property
     def seen(self) -> Bool[Mask, " t"]:
         """Frames that the tracker did not lose."""
         return finite(self.pose)
 
-    @property
+    @cached_property
     def step(self) -> float:
         """Median time between two frames in s."""
         return float(np.median(np.diff(self.time)))

@@ -27,7 +27,7 @@ def collect(
         ContactLearnError: MuJoCo is not installed.
         DataError: hardly any drop is a single contact.
     """
-    mujoco, rollout = _engine()
+    mujoco, rollout = engine()
     model = mujoco.MjModel.from_xml_string(bench.spec())
     data = mujoco.MjData(model)
     kept, found, drawn = [], 0, 0
@@ -67,7 +67,7 @@ def _drop(runner: Any, model: Any, data: Any, bench: Bench, q: Tensor, v: Tensor
     model.opt.timestep = bench.contact_time / STEPS
     # Half a step early: the engine's force then starts at touch (its error is of second order), and rounding,
     # 10⁻⁹ m in a box's corners, cannot tell whether it starts a step late.
-    states, contacts = _simulate(runner, model, data, q - v * model.opt.timestep / 2, v, WINDOW * STEPS)
+    states, contacts = simulated(runner, model, data, q - v * model.opt.timestep / 2, v, WINDOW * STEPS)
     # contacts[:, k] counts those before step k, and states[:, k] is what follows it.
     touching, step = contacts > 0, torch.arange(contacts.shape[1])
     last = torch.where(touching, step, -1).amax(1)
@@ -81,21 +81,26 @@ def _drop(runner: Any, model: Any, data: Any, bench: Bench, q: Tensor, v: Tensor
         steps = math.ceil(bench.hidden.delay / FLIGHT_STEP)
         model.opt.timestep = bench.hidden.delay / steps
         q, v = state.split(3, -1)
-        states, contacts = _simulate(runner, model, data, q, v, steps)
+        states, contacts = simulated(runner, model, data, q, v, steps)
         state = states[:, -1]
         clean &= contacts.amax(1) == 0
     q, v = state.split(3, -1)
     return q, v, clean
 
 
-def _simulate(runner: Any, model: Any, data: Any, q: Tensor, v: Tensor, steps: int) -> tuple[Tensor, Tensor]:
+def simulated(runner: Any, model: Any, data: Any, q: Tensor, v: Tensor, steps: int) -> tuple[Tensor, Tensor]:
     """(q, v) [n, steps, 6] after each step, and the number of contacts [n, steps] before it."""
     start = torch.cat((torch.zeros_like(q[:, :1]), q, v), -1)  # the time comes first
     states, contacts = runner.rollout(model, data, start.numpy(), nstep=steps)
     return torch.from_numpy(states)[..., 1:], torch.from_numpy(contacts)[..., 0]
 
 
-def _engine() -> tuple[Any, Any]:
+def engine() -> tuple[Any, Any]:
+    """Return MuJoCo and its module `rollout`.
+
+    Raises:
+        ContactLearnError: MuJoCo is not installed.
+    """
     try:
         import mujoco
         from mujoco import rollout

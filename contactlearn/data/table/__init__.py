@@ -10,6 +10,8 @@
     time                             optional, s     time of contact
     cov_vx_vx, cov_vx_vy …           optional        covariance of the errors of vx, vy, omega, its upper half: six or
     cov_vx_vx_post …                                 none; and of vx_post, vy_post, omega_post
+    apparatus_gravity, …_error       optional        what is known of the apparatus (`contactlearn.apparatus`) and its
+    apparatus_slope, … _error …                      standard error: m/s², 1/s, rad, rad, s; in every row the same
     order                            optional        place in the sequence of measurements; by default 1, 2, 3 …
 
 World axes: x right, y up (the floor's normal), theta counter-clockwise.  Columns come in any order.
@@ -26,14 +28,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from contactlearn.data.table import sheet
+from contactlearn.data.table import known, sheet
 from contactlearn.errors import DataError, suggest
 from contactlearn.impacts import COMPONENTS, COVARIANCES, OPTIONAL, UPPER, Impacts
 from contactlearn.numerics import written_whole
 from contactlearn.shapes import Shape, make_shape
 
 NAMES = ("trial", "object")
-COLUMNS = NAMES + tuple(column for columns in (COMPONENTS | COVARIANCES).values() for column in columns)
+COLUMNS = NAMES + tuple(column for columns in (COMPONENTS | COVARIANCES | known.PAIRS).values() for column in columns)
 REQUIRED = tuple(column for field, columns in COMPONENTS.items() if field not in OPTIONAL for column in columns)
 
 _UNITS = {
@@ -97,7 +99,7 @@ def load(
         field: _covariance(cells, columns) for field, columns in COVARIANCES.items() if columns[0] in cells.header
     }
     try:
-        return Impacts(**values, shape=body, source=str(path), suspect=suspect)
+        return Impacts(**values, shape=body, source=str(path), suspect=suspect, apparatus=known.apparatus_of(cells))
     except DataError as error:
         if error.row is None or cells.lines is None:
             raise
@@ -144,6 +146,8 @@ def save(impacts: Impacts, path: str | os.PathLike[str]) -> Path:
         value = getattr(impacts, field)
         if value is not None:
             columns |= zip(names, value[:, *UPPER].T.tolist(), strict=True)
+    if impacts.apparatus is not None:
+        columns |= known.columns_of(impacts.apparatus, len(impacts))
     try:
         with written_whole(path) as part:
             write(columns, part)
@@ -181,7 +185,11 @@ def _check_header(path: Path, header: list[str]) -> None:
     missing = [column for column in REQUIRED if column not in header]
     if missing:
         raise DataError(f"{path}: missing column {', '.join(missing)}; needed: {', '.join(REQUIRED)}")
-    for group, count in ((COMPONENTS["q_post"], "three"), *((columns, "six") for columns in COVARIANCES.values())):
+    groups = [(COMPONENTS["q_post"], "all three"), *((columns, "all six") for columns in COVARIANCES.values())]
+    groups += [(pair, "both") for pair in known.PAIRS.values()]
+    if any(column in header for pair in known.PAIRS.values() for column in pair):
+        groups.append((known.NEEDED, "all four"))
+    for group, count in groups:
         lacking = [column for column in group if column not in header]
-        if 0 < len(lacking) < len(group):
-            raise DataError(f"{path}: {', '.join(group)} come all {count} or none; missing: {', '.join(lacking)}")
+        if lacking and (len(lacking) < len(group) or group is known.NEEDED):
+            raise DataError(f"{path}: {', '.join(group)} come {count} or none; missing: {', '.join(lacking)}")

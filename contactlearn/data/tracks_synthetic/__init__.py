@@ -6,7 +6,6 @@ load     impacts from such recordings, by the same way as from real ones
 write    the recordings as CSV files
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -17,25 +16,19 @@ import torch
 
 from contactlearn import laws
 from contactlearn.data.tracks import Tracked, find_impacts
-from contactlearn.data.tracks_synthetic.camera import Camera, TrueContacts, record
+from contactlearn.data.tracks_synthetic.camera import AXES, Camera, TrueContacts, camera_of, record
 from contactlearn.data.tracks_synthetic.motion import Body, throw
 from contactlearn.effects import Effect
-from contactlearn.errors import UnknownNameError
 from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel
 from contactlearn.numerics import finite_number, whole
 from contactlearn.shapes import Ellipse
 from contactlearn.tracks.track import Recording
 
+__all__ = ["AXES", "MASS", "SEMI_AXES", "find", "load", "simulate", "write_recordings"]
+
 SEMI_AXES, MASS = (0.035, 0.025), 0.0364  # m, kg: the published ellipse
 """Of the simulated body, an ellipse of uniform density."""
-AXES = {
-    "plane": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
-    "image": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
-    "y_up": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-    "z_up": ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
-}
-"""The tracker's axes in world axes: a plane with y up, an image with y down, a space with y or with z up."""
 
 
 def load(**settings: Any) -> Impacts:
@@ -50,17 +43,8 @@ def find(
     mu: float = 0.12,
     eps: float = 0.55,
     drag: float = 0.0,
-    rate: float = 250.0,
-    noise: float = 5e-5,
-    angle_noise: float = math.radians(0.1),
-    exposure: float = 0.0,
-    lost: float = 0.0,
-    bad: float = 0.0,
-    skipped: float = 0.0,
-    stated_rate: float | None = None,
-    axes: str = "plane",
-    order: str = "wxyz",
     seed: int = 0,
+    **camera: Any,
 ) -> Tracked:
     """Impacts from simulated recordings of an ellipse, and what was found on the way to them.
 
@@ -68,38 +52,15 @@ def find(
         size: number of recordings, each of two seconds.
         folder: where they are written; None is outputs/tracks/seed_SEED.
         law: that is true, with its coefficients of friction `mu` and restitution `eps`, and `drag` of the air in 1/s.
-        rate: frames a second.
-        noise: standard deviation of x and y in m, and `angle_noise` that of θ in rad.
-        exposure: s over which a frame is the mean pose.
-        lost: share of lost frames.
-        bad: share of frames with a gross error.
-        skipped: share of recordings that skip frames at the first contact.
-        stated_rate: frames a second that the time stamps pretend.
-        axes: of the tracker, one of `AXES`.
-        order: of quaternions' components.
         seed: of motions and faults.
+        camera: settings of `camera_of`.
 
     Raises:
         DataError: a value out of its range, or see `contactlearn.data.tracks.find_impacts`.
         UnknownNameError: no such law or axes.
     """
-    if axes not in AXES:
-        raise UnknownNameError("axes of a tracker", axes, AXES)
-    camera = Camera(
-        rate=finite_number("rate", rate, 20, 1e5),
-        frames=round(2 * rate),
-        noise=finite_number("noise", noise, 0),
-        angle_noise=finite_number("angle_noise", angle_noise, 0),
-        exposure=finite_number("exposure", exposure, 0, 1 / rate),
-        lost=finite_number("lost", lost, 0, 1),
-        bad=finite_number("bad", bad, 0, 1),
-        skipped=finite_number("skipped", skipped, 0, 1),
-        stated_rate=stated_rate,
-        axes=AXES[axes],
-        order=order,
-    )
     size, seed = whole("size", size, 1), whole("seed", seed, 0)
-    recordings, _ = simulate(size, camera, law=law, mu=mu, eps=eps, drag=drag, seed=seed)
+    recordings, _ = simulate(size, camera_of(2.0, **camera), law=law, mu=mu, eps=eps, drag=drag, seed=seed)
     place = Path("outputs") / "tracks" / f"seed_{seed}" if folder is None else Path(folder)
     write_recordings(recordings, place)
     return find_impacts(place, mass=MASS, shape=Ellipse(SEMI_AXES))

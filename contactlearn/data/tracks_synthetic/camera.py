@@ -3,16 +3,25 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int
 from numpy.typing import NDArray
+from torch import Tensor
 
-from contactlearn.data.tracks_synthetic.motion import Motion
-from contactlearn.errors import DataError
+from contactlearn.errors import DataError, UnknownNameError
+from contactlearn.numerics import finite_number
 from contactlearn.tracks.track import Array, Recording
 
+AXES = {
+    "plane": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    "image": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
+    "y_up": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    "z_up": ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+}
+"""The tracker's axes in world axes: a plane with y up, an image with y down, a space with y or with z up."""
 _BLUR = 9  # instants of an exposure
 _SPIKE = 30.0  # standard deviations of a bad frame, at least; up to twice that
 
@@ -54,6 +63,93 @@ class Camera:
     wrapped: bool = True
     axes: Sequence[Sequence[float]] = field(default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
     order: str = "wxyz"
+
+
+class Motion(Protocol):
+    """Flights of N bodies, K each at most; where a body has fewer, its `start` is infinite.
+
+    A flight starts at an instant at which it and the one before it meet; `v` and `v_before` are the velocities of the
+    two there.
+    """
+
+    @property
+    def start(self) -> Float[Tensor, "n k"]:
+        """Instants in s at which flights start; that of the first is 0."""
+        ...
+
+    @property
+    def q(self) -> Float[Tensor, "n k 3"]:
+        """Poses at the start."""
+        ...
+
+    @property
+    def v(self) -> Float[Tensor, "n k 3"]:
+        """Velocities at the start."""
+        ...
+
+    @property
+    def v_before(self) -> Float[Tensor, "n k 3"]:
+        """Velocities before the contact that the flight starts with."""
+        ...
+
+    @property
+    def rests(self) -> Float[Tensor, " n"]:
+        """Instants in s from when on a body stays on the floor; infinite where it still flies."""
+        ...
+
+    def poses(self, time: Float[Tensor, "n t"]) -> Float[Tensor, "n t 3"]:
+        """Poses of the bodies at instants of their own."""
+        ...
+
+
+def camera_of(
+    seconds: float,
+    *,
+    rate: float = 250.0,
+    noise: float = 5e-5,
+    angle_noise: float = math.radians(0.1),
+    exposure: float = 0.0,
+    lost: float = 0.0,
+    bad: float = 0.0,
+    skipped: float = 0.0,
+    stated_rate: float | None = None,
+    axes: str = "plane",
+    order: str = "wxyz",
+) -> Camera:
+    """Return a camera as a configuration states it, for recordings of so many seconds.
+
+    Args:
+        seconds: of a recording.
+        rate: frames a second.
+        noise: standard deviation of x and y in m, and `angle_noise` that of θ in rad.
+        exposure: s over which a frame is the mean pose.
+        lost: share of lost frames.
+        bad: share of frames with a gross error.
+        skipped: share of recordings that skip frames at the first contact.
+        stated_rate: frames a second that the time stamps pretend.
+        axes: of the tracker, one of `AXES`.
+        order: of quaternions' components.
+
+    Raises:
+        DataError: a value out of its range.
+        UnknownNameError: no such axes.
+    """
+    if axes not in AXES:
+        raise UnknownNameError("axes of a tracker", axes, AXES)
+    rate = finite_number("rate", rate, 20, 1e5)
+    return Camera(
+        rate=rate,
+        frames=round(seconds * rate),
+        noise=finite_number("noise", noise, 0),
+        angle_noise=finite_number("angle_noise", angle_noise, 0),
+        exposure=finite_number("exposure", exposure, 0, 1 / rate),
+        lost=finite_number("lost", lost, 0, 1),
+        bad=finite_number("bad", bad, 0, 1),
+        skipped=finite_number("skipped", skipped, 0, 1),
+        stated_rate=stated_rate,
+        axes=AXES[axes],
+        order=order,
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

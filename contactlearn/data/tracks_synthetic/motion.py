@@ -35,7 +35,7 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Motion:
+class Thrown:
     """Flights of N bodies, K each at most; where a body has fewer, its `start` is infinite.
 
     Args:
@@ -77,8 +77,8 @@ class Motion:
         return torch.stack((along, -contact_point(self.body.shape, angle)[..., 1], angle), -1)
 
 
-def throw(body: Body, count: int, generator: torch.Generator) -> Motion:
-    """Throw bodies from a hand's breadth above the floor until they rest.
+def from_hand(count: int, generator: torch.Generator) -> tuple[Float[Tensor, "{count} 3"], Float[Tensor, "{count} 3"]]:
+    """Pose and velocity of bodies that leave a hand, a hand's breadth above the floor.
 
     y₀ ~ U(0.22, 0.32) m, v_x ~ U(0.3, 0.9) m/s, v_y ~ U(−0.5, 0.3) m/s, θ ~ U(−π, π), ω ~ N(0, 6²) rad/s.
     """
@@ -86,7 +86,12 @@ def throw(body: Body, count: int, generator: torch.Generator) -> Motion:
     low, high = torch.tensor(((0.22, 0.3, -0.5, -torch.pi), (0.32, 0.9, 0.3, torch.pi)), dtype=torch.float64)
     y, v_x, v_y, theta = (low + (high - low) * draws).unbind(-1)
     q = torch.stack((torch.zeros_like(y), y, theta), -1)
-    v = torch.stack((v_x, v_y, 6 * random(torch.randn, (count,), generator)), -1)
+    return q, torch.stack((v_x, v_y, 6 * random(torch.randn, (count,), generator)), -1)
+
+
+def throw(body: Body, count: int, generator: torch.Generator) -> Thrown:
+    """Throw bodies from a hand until they rest."""
+    q, v = from_hand(count, generator)
     time, rests = torch.zeros(count, dtype=torch.float64), torch.full((count,), torch.inf, dtype=torch.float64)
     starts, flights, q_rest, v_rest = [time], [(q, v, v)], q.clone(), v.clone()
     for _ in range(_MOST):
@@ -109,7 +114,7 @@ def throw(body: Body, count: int, generator: torch.Generator) -> Motion:
     parts = (torch.stack(part, 1) for part in zip(*flights, strict=True))
     there = torch.stack(starts, 1)
     q, v, v_before = (torch.where(there.isfinite()[..., None], part, 0.0) for part in parts)
-    return Motion(body=body, start=there, q=q, v=v, v_before=v_before, rests=rests, q_rest=q_rest, v_rest=v_rest)
+    return Thrown(body=body, start=there, q=q, v=v, v_before=v_before, rests=rests, q_rest=q_rest, v_rest=v_rest)
 
 
 def _moved(q: Tensor, v: Tensor, since: Tensor, drag: float) -> tuple[Tensor, Tensor]:

@@ -28,7 +28,7 @@ RECORDINGS = "recordings.html"
 """The page's name in a run folder."""
 MOST = 200
 """Recordings on a page."""
-SOURCES = ("contactlearn.data.tracks.load", "contactlearn.data.tracks_synthetic.load")
+SOURCES = tuple(f"contactlearn.data.{name}.load" for name in ("tracks", "tracks_synthetic", "tracks_mujoco"))
 """Of data: those that read recordings."""
 _EDGE, _BINS, _FAR = 5, 50, 3  # of the histogram, in standard deviations
 

@@ -5,6 +5,7 @@
     stages       the result of each stage of a diagnosis in a sentence
     search       error against number of effects, and models that the data cannot tell apart
     verdict      the conclusion of a diagnosis in one line, and the numbers behind it
+    known        parameters that flight has measured, and what the impacts say of them
     evaluation   the model with the least error, and its distance to the others
 
 A no-break space stands between a number and its % sign; the terminal prints it as a space.

@@ -7,7 +7,8 @@
     c3d       C3D: markers                         extra contactlearn[tracks]
     rosbag    ROS bags and MCAP: poses of a topic  extra contactlearn[tracks]
 
-A reader yields one recording after the other, so that a long file is never in memory as a whole.
+A reader yields one recording after the other, so that a long file is never in memory as a whole; one of several in a
+file that is not as it must be is yielded as its error.
 """
 
 from collections.abc import Callable, Iterator
@@ -35,8 +36,8 @@ SUFFIXES = tuple(_MODULES)
 _MOTIVE = "Format Version"
 
 
-def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording]:
-    """Yield the recordings of a file.
+def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataError]:
+    """Yield the recordings of a file; one of several that is not as it must be is its error.
 
     Raises:
         DataError: the file cannot be read, or is not what it seems; it names the file.
@@ -57,7 +58,7 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording]:
         ) from None
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
-    reader: Callable[[Path, Layout], Iterator[Recording]] = module.read
+    reader: Callable[[Path, Layout], Iterator[Recording | DataError]] = module.read
     try:
         yield from reader(path, layout)
     except ContactLearnError:

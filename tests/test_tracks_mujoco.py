@@ -1,0 +1,109 @@
+"""Recordings of MuJoCo's bodies: impacts agree with the engine's own states, and clatter is refused."""
+
+import math
+
+import numpy as np
+import pytest
+
+from contactlearn.data import tracks, tracks_mujoco
+from contactlearn.data.mujoco.bench import Bench, Hidden
+from contactlearn.data.tracks_synthetic import write_recordings
+from contactlearn.data.tracks_synthetic.camera import Camera
+from contactlearn.tracks.detection import FlightOptions, find_flights
+from contactlearn.tracks.result import Reason
+from contactlearn.tracks.track import turn
+
+CONTACT_TIME, RATE = 1e-3, 250.0  # s, frames/s
+CAMERA = Camera(rate=RATE, frames=250)
+GRAVITY = 9.81
+
+
+def bench(kind="ellipse", **hidden):
+    return Bench(
+        kind=kind,
+        semi_axes=(0.035, 0.025),
+        mass=0.0364,
+        mu=0.12,
+        eps=0.55,
+        contact_time=CONTACT_TIME,
+        hidden=Hidden(**hidden),
+    )
+
+
+def found_in(folder, recordings, true):
+    write_recordings(recordings, folder)
+    options = tracks.track_options(contact_time=CONTACT_TIME)
+    return tracks.find_impacts(folder, mass=true.mass, shape=true.body, options=options)
+
+
+@pytest.fixture(scope="module")
+def ellipses(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ellipses")
+    recordings, truth = tracks_mujoco.record_bounces(12, bench(tilt=0.01), CAMERA, seed=1)
+    return found_in(folder, recordings, bench()), truth, folder
+
+
+def true_one(truth, contact):
+    mine = np.flatnonzero(truth.recording == int(contact.recording) - 1)
+    return int(mine[np.abs(truth.time[mine] - contact.time).argmin()])
+
+
+def test_impacts_agree_with_the_engines_states_within_their_errors(ellipses):
+    """Standardised residuals of velocities, of the flights at the instant that was found, and of the pose."""
+    found, truth, _ = ellipses
+    scores = []
+    for contact in found.survey.contacts:
+        j = true_one(truth, contact)
+        late = contact.time - truth.time[j]
+        assert abs(late) < CONTACT_TIME / 2
+        fallen = np.array((0.0, -GRAVITY * late, 0.0))
+        errors = contact.v_pre - truth.v_pre[j] - fallen, contact.v_post - truth.v_post[j] - fallen
+        scores.append(np.concatenate(errors) / contact.covariance.diagonal()[:6] ** 0.5)
+        moved = CONTACT_TIME / 2 * np.abs(truth.v_post[j] - truth.v_pre[j])
+        off = contact.pose - truth.q[j]
+        off[2] = turn(off[2])
+        assert (np.abs(off) < moved + CONTACT_TIME / 2 * np.abs(truth.v_pre[j]) + (3e-4, 3e-4, 0.01)).all()
+    assert len(scores) >= 35
+    assert (np.abs(np.mean(scores, 0)) < 4 / len(scores) ** 0.5).all()
+    assert 0.8 < np.std(scores) < 1.2
+
+
+def test_clean_contacts_are_found(ellipses):
+    found, truth, _ = ellipses
+    shortest = FlightOptions().fewest + 1
+    clean = {int(j) for j in np.flatnonzero(truth.frames.min(1) >= shortest)}
+    there = {true_one(truth, contact) for contact in found.survey.contacts}
+    wide = [find_flights(one.track).width for one in found.again({"0001", "0002"})]
+    assert wide == [FlightOptions().fewest] * 2, "the noise asks for no longer flights"
+    assert len(clean & there) >= 0.93 * len(clean)
+    assert min(truth.frames[j].min() for j in there) >= shortest - 3
+
+
+def test_a_tilted_floor_shows_in_the_heights(ellipses):
+    slope = ellipses[0].impacts.apparatus.slope
+    assert abs(slope.value - 0.01) < 4 * slope.error
+    assert slope.error < 1e-3
+
+
+def test_corners_that_clatter_are_several_hits(tmp_path):
+    """A box lands on a corner and soon on the next: no impacts, unless both are within two contacts' time."""
+    recordings, truth = tracks_mujoco.record_bounces(8, bench("box"), CAMERA, seed=2)
+    found = found_in(tmp_path, recordings, bench("box"))
+    reasons = [refusal.reason for refusal in found.survey.refusals]
+    assert reasons.count(Reason.DOUBLE_HIT) >= 8
+    assert Reason.REST in reasons
+    for contact in found.survey.contacts:
+        j = true_one(truth, contact)
+        assert abs(contact.time - truth.time[j]) < 0.5 / RATE
+        near = np.abs(truth.time - truth.time[j])[truth.recording == truth.recording[j]] < 2 * CONTACT_TIME
+        assert near.sum() > 1 or truth.frames[j].min() >= FlightOptions().fewest - 2
+    assert (truth.frames.min(1) < 4).sum() >= 20, "the boxes did clatter"
+
+
+def test_the_source_writes_its_recordings_and_finds_their_impacts(tmp_path):
+    settings = {"size": 4, "folder": str(tmp_path), "contact_time": CONTACT_TIME, "rate": 500.0, "lost": 0.01}
+    found = tracks_mujoco.find(**settings, angle_noise=math.radians(0.05), seed=3)
+    assert len(list(tmp_path.glob("*.csv"))) == 4
+    assert len(found.impacts) >= 8
+    assert found.impacts.shape == bench().body
+    assert abs(found.impacts.apparatus.gravity.value - GRAVITY) < 4 * found.impacts.apparatus.gravity.error
