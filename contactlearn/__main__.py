@@ -7,6 +7,7 @@ export FILE data=…    write any data source to a table file
 impacts FOLDER -o F   find the impacts in recordings of tracked poses
 reveal DIR            print the sealed account of the drops of data=mystery
 report DIR…           redraw the page of one run, or make one page over several
+results DIR… -o FILE  write all runs as one table, a row for each run and model
 """
 
 import argparse
@@ -76,6 +77,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_impacts(add)
     _add_reveal(add)
     _add_report(add)
+    _add_results(add)
     return parser
 
 
@@ -144,6 +146,19 @@ def _add_report(add: Callable[..., argparse.ArgumentParser]) -> None:
     report.set_defaults(run=_report)
 
 
+def _add_results(add: Callable[..., argparse.ArgumentParser]) -> None:
+    results = add(
+        "results",
+        help="write all runs below some folders as one table",
+        description="Write one tidy table of all finished runs, a row for each run and model: errors with intervals, "
+        "the settings in which runs differ, data, versions and hashes.",
+        epilog="example: contactlearn results outputs -o results.parquet",
+    )
+    results.add_argument("folders", nargs="+", metavar="DIR", help="a run, a sweep, or any folder above some")
+    results.add_argument("-o", "--out", metavar="FILE", required=True, help="a .parquet or .csv file")
+    results.set_defaults(run=_results)
+
+
 def _export(options: argparse.Namespace) -> str:
     from contactlearn.app import load_data
     from contactlearn.cli import compose
@@ -209,6 +224,18 @@ def _report(options: argparse.Namespace) -> str:
     counted = f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}"
     counted += f", {len(skipped)} left out" if skipped else ""
     return "\n".join([*lines, counted, f"open     {printable(str(page))}"])
+
+
+def _results(options: argparse.Namespace) -> str:
+    from contactlearn.report import terminal
+    from contactlearn.report.results_table import write_table
+
+    with terminal.progress() as bar:
+        frame, skipped = write_table(
+            options.folders, options.out, lambda items, task: bar.track(items, description=task)
+        )
+    lines = [f"left out {name}: {reason}" for name, reason in skipped]
+    return "\n".join([*lines, f"{frame['run'].nunique()} runs, {len(frame)} rows written to {options.out}"])
 
 
 if __name__ == "__main__":

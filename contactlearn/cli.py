@@ -7,6 +7,7 @@ import functools
 import logging
 import os
 import sys
+import warnings
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +22,9 @@ from omegaconf.errors import OmegaConfBaseException
 
 from contactlearn.configuration import CONFIGS, check_choices, choices, explained
 from contactlearn.errors import ContactLearnError
+
+# Our configurations of launchers have the names of those that their packages bring, whose types they are checked by.
+warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated against ConfigStore schema")
 
 _FULL = "HYDRA_FULL_ERROR"
 _STOPPED = 130

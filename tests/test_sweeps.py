@@ -5,12 +5,13 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
+from pathlib import Path
 from unittest.mock import patch
 
 import pytest
 from commands import TRAIN, run
-from sweeps import COUNT, JOBS, content, ended, finished, nothing_half_written, started, survive
 
 from contactlearn import cli
 from contactlearn.app import job as door
@@ -22,6 +23,9 @@ from contactlearn.sweeps.identity import code_version, data_fingerprint, job_ide
 from contactlearn.sweeps.jobs import Job
 from contactlearn.sweeps.resources import GIB, available_memory, jobs_at_a_time
 from contactlearn.sweeps.rounds import run_jobs
+
+sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
+from studies.sweeps import COUNT, JOBS, content, ended, finished, nothing_half_written, started, survive
 
 SMALL = ("data.size=80", "train.repetitions=2", "bootstrap=20")
 

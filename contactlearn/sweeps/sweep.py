@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Sequence
-from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -84,10 +83,12 @@ def _launcher(config: DictConfig, context: HydraContext, task: TaskFunction, gig
             f"{target.rpartition('.')[2]} is not installed: pip install 'contactlearn[{extra}]'"
         ) from error
     alone = [] if target.endswith("BasicLauncher") or "workers" not in config else ["workers=1"]
-    numbers = count(step=jobs)
+    launched: list[Job] = []
 
     def launch(batch: Sequence[Job]) -> list[str | None]:
-        returns = launcher.launch([[*job.overrides, *alone] for job in batch], initial_job_idx=next(numbers))
+        first = len(launched)
+        launched.extend(batch)
+        returns = launcher.launch([[*job.overrides, *alone] for job in batch], initial_job_idx=first)
         failed = (getattr(one, "_return_value", None) if one.status == JobStatus.FAILED else None for one in returns)
         return [None if error is None else str(error) for error in failed]
 

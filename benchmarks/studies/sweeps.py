@@ -9,11 +9,10 @@ import sys
 import time
 from pathlib import Path
 
-from commands import ROOT
-
 from contactlearn.results.folder import find_results, read_result
 from contactlearn.results.state import read_done
 
+ROOT = Path(__file__).parent.parent.parent
 JOBS = ("data.size=80", "train.repetitions=2", "bootstrap=20", "train.size=10,15,20", "law=wang_mason,whittaker")
 COUNT = 6
 
