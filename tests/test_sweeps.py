@@ -327,6 +327,32 @@ def test_a_named_folder_is_not_written_over(tmp_path):
     assert before == {path: path.read_bytes() for path in (tmp_path / "a").rglob("*") if path.is_file()}
 
 
+def test_a_run_of_an_earlier_version_stays_readable(tmp_path):
+    """It has no marker; a run that is refused its folder leaves none there."""
+    run("train.py", *SMALL, "train.size=10", f"hydra.run.dir={tmp_path / 'a'}")
+    for name in (DONE, ".lock"):
+        (tmp_path / "a" / name).unlink()
+    for seed in (0, 1):
+        run("train.py", *SMALL, "train.size=10", f"seed={seed}", f"hydra.run.dir={tmp_path / 'a'}", status=2)
+    (path,) = find_results(tmp_path)
+    assert read_result(path).trained_on == 10
+
+
+def test_other_sweepers_lose_nothing(tmp_path):
+    """They number their jobs from 0 in each sweep."""
+    words = ("-m", *SMALL, "train.size=10", "hydra/sweeper=basic", f"hydra.sweep.dir={tmp_path}")
+    for seeds in ("0,1", "2,3"):
+        run("train.py", *words, f"seed={seeds}")
+    found = {path.parent.name: read_result(path).provenance.config["seed"] for path in find_results(tmp_path)}
+    assert found == {"0": 0, "1": 1, "0-2": 2, "1-2": 3}
+
+
+def test_interrupted_runs_leave_no_folder(tmp_path):
+    with patch("contactlearn.app.train.settings.check", side_effect=KeyboardInterrupt):
+        assert "stopped" in run("train.py", *SMALL, cwd=tmp_path, status=130)
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("word", ["train.size=1000", "data=table", "+data.sise=3", "train.eps=[1,0]"])
 def test_failed_runs_leave_no_folder(word, tmp_path):
     words = SMALL if word != "data=table" else SMALL[1:]

@@ -17,7 +17,7 @@ from contactlearn.configuration import check_settings
 from contactlearn.errors import ContactLearnError
 from contactlearn.numerics import written_whole
 from contactlearn.results.folder import is_run
-from contactlearn.results.state import Done, Failed, clear, fail, finish, held, read_done, remove_if_empty
+from contactlearn.results.state import DONE, Done, Failed, clear, fail, finish, held, read_done, remove_if_empty
 from contactlearn.sweeps.identity import job_identity
 
 _FIXES = {
@@ -62,6 +62,10 @@ def _failing_well(folder: Path, began: bool) -> Generator[None]:
     sweeping = HydraConfig.get().mode == RunMode.MULTIRUN
     try:
         yield
+    except KeyboardInterrupt:
+        if not sweeping:
+            remove_if_empty(folder)
+        raise
     except Exception as error:
         meant = isinstance(error, ContactLearnError)
         said = str(error) if meant else reason(error)
@@ -100,23 +104,34 @@ def _own_folder(identity: Done, hydra: DictConfig) -> Generator[Path | None]:
         raise ContactLearnError("data, code or configuration changed during the sweep; run the same command again")
     given = not sweeping and any(word.startswith("hydra.run.dir=") for word in hydra.overrides.hydra)
     for folder in _names(wanted):
-        with held(folder) as free:
-            done = read_done(folder)
-            if (named or given) and done is not None and done.job == identity.job:
-                print(f"finished already: {folder}")
-                yield None
-                return
-            if free and (named or not is_run(folder)):
-                if named:
-                    clear(folder)
-                yield folder
-                return
-            if named:  # another process runs this very job
-                yield None
-                return
+        if not named and is_run(folder):
+            if given and not _made(folder, identity):
+                raise ContactLearnError(f"{folder} holds the result of another run; choose another hydra.run.dir")
             if given:
-                taken = "is in use by another run" if not free else "holds the result of another run"
-                raise ContactLearnError(f"{folder} {taken}; choose another hydra.run.dir")
+                yield None
+                return
+            continue
+        with held(folder) as free:
+            if not free and given:
+                raise ContactLearnError(f"{folder} is in use by another run; choose another hydra.run.dir")
+            if (not free and not named) or (free and not named and is_run(folder)):
+                continue
+            mine = free and not _made(folder, identity)
+            if mine and named:
+                clear(folder)
+            elif mine:
+                (folder / DONE).unlink(missing_ok=True)
+            yield folder if mine else None
+            return
+
+
+def _made(folder: Path, identity: Done) -> bool:
+    """Whether a folder holds the result of a job already; says so."""
+    done = read_done(folder)
+    found = done is not None and done.job == identity.job
+    if found:
+        print(f"finished already: {folder}")
+    return found
 
 
 def _names(wanted: Path) -> Iterator[Path]:

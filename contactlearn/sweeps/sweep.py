@@ -82,13 +82,14 @@ def _launcher(config: DictConfig, context: HydraContext, task: TaskFunction, gig
         raise ContactLearnError(
             f"{target.rpartition('.')[2]} is not installed: pip install 'contactlearn[{extra}]'"
         ) from error
-    alone = [] if target.endswith("BasicLauncher") or "workers" not in config else ["workers=1"]
+    side_by_side = not target.endswith("BasicLauncher") and "workers" in config
     launched: list[Job] = []
 
     def launch(batch: Sequence[Job]) -> list[str | None]:
         first = len(launched)
         launched.extend(batch)
-        returns = launcher.launch([[*job.overrides, *alone] for job in batch], initial_job_idx=first)
+        words = [[*(["workers=1"] if side_by_side else []), *job.overrides] for job in batch]  # unless said otherwise
+        returns = launcher.launch(words, initial_job_idx=first)
         failed = (getattr(one, "_return_value", None) if one.status == JobStatus.FAILED else None for one in returns)
         return [None if error is None else str(error) for error in failed]
 
