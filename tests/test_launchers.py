@@ -13,13 +13,15 @@ from commands import run
 from omegaconf import OmegaConf
 
 from contactlearn import cli
-from contactlearn.sweeps.resources import jobs_at_a_time
+from contactlearn.sweeps.resources import GIB, jobs_at_a_time
+from contactlearn.sweeps.sweep import _limit
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
 from studies.sweeps import COUNT, JOBS, content, ended, finished, nothing_half_written, started, survive
 
 LAUNCHERS = {
     "joblib": ("joblib", "hydra_plugins.hydra_joblib_launcher"),
+    "ray": ("ray", "hydra_plugins.hydra_ray_launcher"),
     "submitit_local": ("slurm", "hydra_plugins.hydra_submitit_launcher"),
 }
 
@@ -111,13 +113,13 @@ def test_slurm_on_this_machine_starts_no_more_than_fit(tmp_path):
     assert portions == [jobs_at_a_time(-1, 2)] * 2
 
 
-@pytest.mark.parametrize("launcher", ["joblib", "submitit_local", "submitit_slurm"])
+@pytest.mark.parametrize("launcher", ["joblib", "ray", "submitit_local", "submitit_slurm"])
 def test_a_launcher_that_is_not_there_is_named(launcher, tmp_path):
     """With the words that install it."""
     with patch("hydra.core.plugins.Plugins.instantiate_launcher", side_effect=RuntimeError("Unknown plugin class")):
         words = ("-m", *JOBS, f"hydra/launcher={launcher}", f"hydra.sweep.dir={tmp_path}")
         printed = run("train.py", *words, status=2)
-    extra = "joblib" if launcher == "joblib" else "slurm"
+    extra = launcher if launcher in ("joblib", "ray") else "slurm"
     assert printed.splitlines()[-1].endswith(f"is not installed: pip install 'contactlearn[{extra}]'")
 
 
@@ -131,6 +133,19 @@ def test_what_slurm_is_asked_for():
     assert asked["additional_parameters"] == {"requeue": True}
     assert found.hydra.launcher.mem_gb == 3
     assert found.threads == 1
+
+
+def test_what_ray_is_asked_for():
+    """On this machine as many jobs as fit; on a cluster the memory of each, where its own settings say nothing else."""
+    own = cli.compose("train", ["hydra/launcher=ray"], return_hydra_config=True).hydra.launcher
+    _limit(own, gigabytes=2, jobs=64)
+    assert own.ray.init.num_cpus == jobs_at_a_time(-1, 2)
+    assert "memory" not in own.ray.remote
+    words = ["hydra/launcher=ray", "hydra.launcher.ray.init.address=auto"]
+    cluster = cli.compose("train", words, return_hydra_config=True).hydra.launcher
+    _limit(cluster, gigabytes=2, jobs=64)
+    assert "num_cpus" not in cluster.ray.init
+    assert cluster.ray.remote.memory == 2 * GIB
 
 
 def test_slurm_script(tmp_path):

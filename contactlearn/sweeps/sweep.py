@@ -8,15 +8,15 @@ from tempfile import TemporaryDirectory
 from hydra.core.plugins import Plugins
 from hydra.core.utils import JobStatus
 from hydra.types import HydraContext, TaskFunction
-from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf import DictConfig, open_dict
 
 from contactlearn.configuration import check_settings
 from contactlearn.errors import ContactLearnError
 from contactlearn.sweeps.jobs import Job, Plan, planned
-from contactlearn.sweeps.resources import jobs_at_a_time
+from contactlearn.sweeps.resources import GIB, jobs_at_a_time
 from contactlearn.sweeps.rounds import Launch, Outcome, run_jobs
 
-_EXTRAS = {"joblib": "joblib", "submitit": "slurm"}
+_EXTRAS = {"joblib": "joblib", "submitit": "slurm", "ray": "ray"}
 """Optional dependencies by a word in the class of their launcher."""
 
 
@@ -69,10 +69,7 @@ def _writable(folder: Path) -> None:
 def _launcher(config: DictConfig, context: HydraContext, task: TaskFunction, gigabytes: float, jobs: int) -> Launch:
     """What runs several jobs: the launcher of the configuration, with no more processes than memory allows."""
     target = str(config.hydra.launcher._target_)
-    asked = OmegaConf.select(config, "hydra.launcher.n_jobs")
-    if asked is not None:
-        with open_dict(config.hydra.launcher):
-            config.hydra.launcher.n_jobs = min(jobs, jobs_at_a_time(asked, gigabytes))
+    _limit(config.hydra.launcher, gigabytes, jobs)
     try:
         launcher = Plugins.instance().instantiate_launcher(hydra_context=context, task_function=task, config=config)
     except (ImportError, RuntimeError) as error:
@@ -94,6 +91,19 @@ def _launcher(config: DictConfig, context: HydraContext, task: TaskFunction, gig
         return [None if error is None else str(error) for error in failed]
 
     return launch
+
+
+def _limit(launcher: DictConfig, gigabytes: float, jobs: int) -> None:
+    """Let a launcher run no more jobs at a time than memory allows."""
+    with open_dict(launcher):
+        if "n_jobs" in launcher:
+            launcher.n_jobs = min(jobs, jobs_at_a_time(launcher.n_jobs, gigabytes))
+        elif "ray" in launcher and launcher.ray.init.get("address") is None:
+            launcher.ray.init.num_cpus = min(jobs, jobs_at_a_time(launcher.ray.init.get("num_cpus") or -1, gigabytes))
+            launcher.ray.remote.pop("memory", None)
+        elif "ray" in launcher:
+            launcher.ray.init.pop("num_cpus", None)
+            launcher.ray.remote.memory = launcher.ray.remote.get("memory") or int(gigabytes * GIB)
 
 
 def _announce(plan: Plan, folder: str) -> None:
