@@ -158,7 +158,7 @@ def test_slurm_script(tmp_path):
     script = _make_sbatch_string(
         command="true", folder=tmp_path, time=own["timeout_min"], mem=f"{found.hydra.launcher.mem_gb}GB",
         cpus_per_task=own["cpus_per_task"], additional_parameters=own["additional_parameters"],
-        signal_delay_s=own["signal_delay_s"], map_count=4, array_parallelism=own["array_parallelism"],
+        signal_delay_s=own["signal_delay_s"], map_count=400, array_parallelism=own["array_parallelism"],
     )  # fmt: skip
-    for line in ("--requeue", "--mem=2GB", "--time=240", "--cpus-per-task=1", "--array=0-3%256"):
+    for line in ("--requeue", "--mem=2GB", "--time=240", "--cpus-per-task=1", "--array=0-399%256"):
         assert f"#SBATCH {line}\n" in script
