@@ -40,12 +40,18 @@ def main(arguments: list[str] | None = None) -> int:
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
+    from contactlearn.configuration import explained
+
     try:
         print(options.run(options))
-    except (ContactLearnError, HydraException, OmegaConfBaseException) as error:
-        print(f"error: {str(error).splitlines()[0]}", file=sys.stderr)
-        return 2
-    return 0
+    except ContactLearnError as error:
+        said = str(error).splitlines()[0]
+    except (HydraException, OmegaConfBaseException) as error:
+        said = explained(error, "evaluate")  # by which the tools compose their data
+    else:
+        return 0
+    print(f"error: {said}", file=sys.stderr)
+    return 2
 
 
 def _parsed(words: list[str]) -> argparse.Namespace:

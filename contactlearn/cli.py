@@ -20,7 +20,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from contactlearn.configuration import CONFIGS, check_choices, choices, explained
+from contactlearn.configuration import CONFIGS, check_choices, check_settings, choices, explained
 from contactlearn.errors import ContactLearnError
 
 # Our configurations of launchers have the names of those that their packages bring, whose types they are checked by.
@@ -140,8 +140,10 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
     """A configuration composed as the commands compose theirs.
 
     Raises:
-        UnknownNameError: a choice that its group lacks.
+        ContactLearnError: a choice that its group lacks, or a setting that the command does not have.
     """
     check_choices(overrides)
     with hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)):
-        return hydra.compose(config_name, overrides, return_hydra_config=return_hydra_config)
+        cfg = hydra.compose(config_name, overrides, return_hydra_config=return_hydra_config)
+    check_settings(cfg, config_name)
+    return cfg

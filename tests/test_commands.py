@@ -342,6 +342,13 @@ def test_misspelt_settings_are_refused(word, message, several, tmp_path):
     assert fails_as_a_job or (len(printed.splitlines()) == 1 and not (tmp_path / "a").exists())
 
 
+@pytest.mark.parametrize("word", ["data.sise=3", "+sise=3"])
+def test_misspelt_settings_of_tools_are_refused(word, tmp_path):
+    printed = run("contactlearn", "export", str(tmp_path / "a.csv"), word, status=2)
+    assert printed.startswith("error: unknown setting")
+    assert len(printed.splitlines()) == 1
+
+
 @pytest.mark.parametrize("name", ["train", "evaluate", "diagnose"])
 def test_every_shipped_setting_is_known(name):
     """Also those that experiments and entries of open parts bring."""

@@ -201,6 +201,23 @@ def test_a_killed_job_takes_no_other_with_it(tmp_path):
     assert not queued
 
 
+def test_many_killed_jobs_take_no_other_with_them(tmp_path):
+    """However often the pool breaks: in each round the first two jobs begin, and a greedy one breaks it."""
+    fates = {f"{k}": "silent" if k % 2 == 0 and k < 12 else "done" for k in range(16)}
+    begins = Launcher(fates, breaks=True)
+
+    def launch(batch):
+        begins(batch[:2])
+        if len(batch) > 2:
+            raise RuntimeError("a worker was killed")
+        return [None] * len(batch)
+
+    jobs = [Job(words=(), name=name, folder=tmp_path / name) for name in fates]
+    found = run_jobs(jobs, launch, None, False)
+    assert sorted(job.name for job in found.finished) == sorted(name for name, fate in fates.items() if fate == "done")
+    assert {reason for _, reason in found.failed} == {"ended without a result and without a word; was it killed?"}
+
+
 def test_what_never_begins_is_not_launched_for_ever(tmp_path):
     launcher = Launcher({"a": "never", "b": "never"}, breaks=True)
     assert told(tmp_path, launcher)[1] == dict.fromkeys("ab", "could not be launched: a worker was killed")

@@ -18,7 +18,7 @@ from contactlearn.sweeps.jobs import Job
 Launch = Callable[[Sequence[Job]], Sequence[str | None]]
 """Runs jobs, and returns the reason of each that failed."""
 _POLL = 0.5  # s between looks at a job that another process runs
-_LAUNCHES = 3  # of a job, at most
+_LAUNCHES = 3  # of a job that does not begin, at most
 _SILENT = "ended without a result and without a word; was it killed?"
 
 
@@ -49,7 +49,7 @@ def run_jobs(jobs: Sequence[Job], launch: Launch, at_once: int | None, queues: b
         said, trouble = _launched(batch, launch)
         left = [job for job, words in zip(batch, said, strict=True) if not _settled(job, words, outcome)]
         moved = {job.folder for job in left if begun(job.folder) != before[job.folder]}
-        launches.update(job.folder for job in left)
+        launches.update(job.folder for job in left if not moved and len(left) == len(batch))
         if trouble is not None and queues:
             outcome.queued += left
         elif trouble is not None and not moved and len(left) == len(batch):
