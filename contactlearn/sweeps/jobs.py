@@ -99,5 +99,5 @@ def _swept(several: Sequence[Sequence[str]]) -> set[str]:
 
 def _readable(name: str) -> str:
     """What is swept, as part of the name of a folder."""
-    inner = re.sub(r"\[([^]]*)\]", lambda found: found[1].replace(",", "+"), name)
+    inner = re.sub(r"\[([^]]*)\]", lambda found: found[1].replace(",", "+") or "none", name)
     return re.sub(r"[^\w.,=+-]+", "_", inner).strip("_.,-")[:_LONGEST_NAME] or "job"
