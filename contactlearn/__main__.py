@@ -134,7 +134,7 @@ def _add_report(add: Callable[..., argparse.ArgumentParser]) -> None:
         help="redraw the page of one run, or make one page over several runs or a whole sweep",
         description=_REPORT,
         epilog="examples: contactlearn report outputs/diagnose/2026-01-31_12-00-00; "
-        "contactlearn report outputs/train/2026-01-31_12-00-00_sweep; "
+        "contactlearn report outputs/train/sweep; "
         "contactlearn report outputs/diagnose outputs/evaluate --out all.html",
     )
     report.add_argument(
