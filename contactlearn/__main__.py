@@ -7,6 +7,7 @@ export FILE data=…    write any data source to a table file
 impacts FOLDER -o F   find the impacts in recordings of tracked poses
 reveal DIR            print the sealed account of the drops of data=mystery
 report DIR…           redraw the page of one run, or make one page over several
+results DIR… -o FILE  write all runs as one table, a row for each run and model
 """
 
 import argparse
@@ -39,12 +40,18 @@ def main(arguments: list[str] | None = None) -> int:
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
+    from contactlearn.configuration import explained
+
     try:
         print(options.run(options))
-    except (ContactLearnError, HydraException, OmegaConfBaseException) as error:
-        print(f"error: {str(error).splitlines()[0]}", file=sys.stderr)
-        return 2
-    return 0
+    except ContactLearnError as error:
+        said = str(error).splitlines()[0]
+    except (HydraException, OmegaConfBaseException) as error:
+        said = explained(error, "evaluate")  # by which the tools compose their data
+    else:
+        return 0
+    print(f"error: {said}", file=sys.stderr)
+    return 2
 
 
 def _parsed(words: list[str]) -> argparse.Namespace:
@@ -76,6 +83,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_impacts(add)
     _add_reveal(add)
     _add_report(add)
+    _add_results(add)
     return parser
 
 
@@ -126,7 +134,7 @@ def _add_report(add: Callable[..., argparse.ArgumentParser]) -> None:
         help="redraw the page of one run, or make one page over several runs or a whole sweep",
         description=_REPORT,
         epilog="examples: contactlearn report outputs/diagnose/2026-01-31_12-00-00; "
-        "contactlearn report outputs/train/2026-01-31_12-00-00_sweep; "
+        "contactlearn report outputs/train/sweep; "
         "contactlearn report outputs/diagnose outputs/evaluate --out all.html",
     )
     report.add_argument(
@@ -142,6 +150,19 @@ def _add_report(add: Callable[..., argparse.ArgumentParser]) -> None:
         "and no run itself, else ./report.html); it never replaces the page of a run",
     )
     report.set_defaults(run=_report)
+
+
+def _add_results(add: Callable[..., argparse.ArgumentParser]) -> None:
+    results = add(
+        "results",
+        help="write all runs below some folders as one table",
+        description="Write one tidy table of all finished runs, a row for each run and model: errors with intervals, "
+        "the settings in which runs differ, data, versions and hashes.",
+        epilog="example: contactlearn results outputs -o results.parquet",
+    )
+    results.add_argument("folders", nargs="+", metavar="DIR", help="a run, a sweep, or any folder above some")
+    results.add_argument("-o", "--out", metavar="FILE", required=True, help="a .parquet or .csv file")
+    results.set_defaults(run=_results)
 
 
 def _export(options: argparse.Namespace) -> str:
@@ -209,6 +230,18 @@ def _report(options: argparse.Namespace) -> str:
     counted = f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}"
     counted += f", {len(skipped)} left out" if skipped else ""
     return "\n".join([*lines, counted, f"open     {printable(str(page))}"])
+
+
+def _results(options: argparse.Namespace) -> str:
+    from contactlearn.report import terminal
+    from contactlearn.report.results_table import write_table
+
+    with terminal.progress() as bar:
+        frame, skipped = write_table(
+            options.folders, options.out, lambda items, task: bar.track(items, description=task)
+        )
+    lines = [f"left out {name}: {reason}" for name, reason in skipped]
+    return "\n".join([*lines, f"{frame['run'].nunique()} runs, {len(frame)} rows written to {options.out}"])
 
 
 if __name__ == "__main__":

@@ -6,26 +6,37 @@ Nothing heavy is imported before a configuration is complete, so `--help` is fas
 import functools
 import logging
 import os
-import re
 import sys
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from pathlib import Path
 from string import Template
 
 import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
-from contactlearn.errors import ContactLearnError, UnknownNameError
+from contactlearn.configuration import CONFIGS, check_choices, check_settings, choices, explained
+from contactlearn.errors import ContactLearnError
 
-_PACKAGE = Path(__file__).parent
-# Beside the package in a checkout, inside it where it is installed.
-CONFIGS = next(str(path) for path in (_PACKAGE / "configs", _PACKAGE.parent / "configs") if path.is_dir())
+# Our configurations of launchers have the names of those that their packages bring, whose types they are checked by.
+warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated against ConfigStore schema")
+
+_FULL = "HYDRA_FULL_ERROR"
+_STOPPED = 130
+"""Exit status after Ctrl-C, as a shell has it."""
 
 
 def _run(job: Callable[[DictConfig], None], cfg: DictConfig) -> None:
-    """Run a job; an error that the user can mend is one message and exit status 2."""
+    """Run a job in its folder; an error that the user can mend is one message and exit status 2."""
     import torch
     from threadpoolctl import threadpool_limits
+
+    from contactlearn.app.job import run_job
 
     # The tensors here are small: threads cost more than they give, and sweeps run jobs side by side.
     if isinstance(cfg.threads, int) and cfg.threads > 0:  # settings.check refuses anything else
@@ -33,10 +44,11 @@ def _run(job: Callable[[DictConfig], None], cfg: DictConfig) -> None:
         threadpool_limits(cfg.threads)  # the BLAS of NumPy and SciPy
     logging.getLogger("fontTools").setLevel(logging.WARNING)  # it tells of every glyph that a PDF embeds
     try:
-        job(cfg)
+        run_job(job, cfg)
     except ContactLearnError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+        if HydraConfig.get().mode == RunMode.MULTIRUN:  # the sweep lists it at its end
+            raise
+        _end(f"error: {error}", 2)
 
 
 def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
@@ -47,18 +59,48 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
     def door() -> None:
         words = sys.argv[1:]
         flags = {word for word in words if word.startswith("-")}
-        try:
+        with _one_message(job.__name__):
             if not flags & {"--config-dir", "-cd"}:
-                _check_choices(words)
-        except ContactLearnError as error:
-            print(f"error: {error}", file=sys.stderr)
-            sys.exit(2)
-        if flags and flags <= {"--help", "-h"}:
-            print(_help(job.__name__, [word for word in words if word not in flags]))
-        else:
-            run()
+                check_choices(words)
+            if flags and flags <= {"--help", "-h"}:
+                print(_help(job.__name__, [word for word in words if word not in flags]))
+            else:
+                run()
 
     return door
+
+
+@contextmanager
+def _one_message(command: str) -> Generator[None]:
+    """End with one message and status 2 for an error that the user can mend; Ctrl-C with 130."""
+    asked = os.environ.get(_FULL)
+    os.environ[_FULL] = "1"  # Hydra hands exceptions on, and prints none itself
+    try:
+        yield
+    except KeyboardInterrupt:
+        _end("stopped; the same command with -m goes on where a sweep was", _STOPPED)
+    except (ContactLearnError, HydraException, OmegaConfBaseException, OSError) as error:
+        if asked == "1":
+            raise
+        _end(f"error: {_said(error, command)}", 2)
+    finally:
+        os.environ.pop(_FULL) if asked is None else os.environ.update({_FULL: asked})
+
+
+def _said(error: Exception, command: str) -> str:
+    """An error in one line."""
+    if isinstance(error, ContactLearnError):
+        return str(error)
+    if isinstance(error, HydraException | OmegaConfBaseException):
+        return explained(error, command)
+    from contactlearn.app.job import reason
+
+    return reason(error)
+
+
+def _end(message: str, status: int) -> None:
+    print(message, file=sys.stderr)
+    sys.exit(status)
 
 
 def _help(config_name: str, overrides: list[str]) -> str:
@@ -66,29 +108,8 @@ def _help(config_name: str, overrides: list[str]) -> str:
     cfg = compose(config_name, overrides, return_hydra_config=True)
     ours = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
     folders = (path for path in sorted(Path(CONFIGS).iterdir()) if path.is_dir() and path.name != "hydra")
-    groups = "".join(f"{folder.name}: {', '.join(_choices(folder))}\n" for folder in folders)
+    groups = "".join(f"{folder.name}: {', '.join(choices(folder))}\n" for folder in folders)
     return Template(cfg.hydra.help.template).substitute(CONFIG=OmegaConf.to_yaml(ours), APP_CONFIG_GROUPS=groups)
-
-
-def _choices(group: Path) -> list[str]:
-    return sorted(path.stem for path in group.glob("*.yaml"))
-
-
-def _check_choices(overrides: list[str]) -> None:
-    """Raise for a choice that its group lacks, such as law=mirtisch; Hydra suggests nothing.
-
-    Raises:
-        UnknownNameError: with the nearest name.
-    """
-    for word in overrides:
-        group, _, choice = word.partition("=")
-        folder = Path(CONFIGS, group)
-        if not group.isidentifier() or not folder.is_dir() or "(" in choice:  # not a group, or a function of Hydra's
-            continue
-        known = _choices(folder)
-        for name in re.findall(r"\w+", choice):
-            if name not in known and name != "null":
-                raise UnknownNameError(group, name, known)
 
 
 @_command
@@ -119,8 +140,10 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
     """A configuration composed as the commands compose theirs.
 
     Raises:
-        UnknownNameError: a choice that its group lacks.
+        ContactLearnError: a choice that its group lacks, or a setting that the command does not have.
     """
-    _check_choices(overrides)
+    check_choices(overrides)
     with hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)):
-        return hydra.compose(config_name, overrides, return_hydra_config=return_hydra_config)
+        cfg = hydra.compose(config_name, overrides, return_hydra_config=return_hydra_config)
+    check_settings(cfg, config_name)
+    return cfg

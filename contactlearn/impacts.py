@@ -247,8 +247,10 @@ class Impacts:
         """Random (training pool, held-out test) with a share `test` of the trials held out."""
         held_out = round(test * len(self))
         if not 0 < held_out < len(self):
+            rest = "train" if held_out else "test"
             raise DataError(
-                f"{self.source}: cannot hold out a share {test} of {len(self)} trials; use a share in (0, 1)"
+                f"{self.source}: cannot hold out a share {test} of {len(self)} trials, for none is left to {rest} on; "
+                "a share in (0, 1) of more trials leaves some on both sides"
             )
         order = torch.randperm(len(self), generator=generator)
         return self[order[held_out:].sort().values], self[order[:held_out].sort().values]

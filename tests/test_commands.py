@@ -13,6 +13,7 @@ from commands import ROOT, SMALL, TRAIN, run, run_alone
 
 from contactlearn import checkpoint, cli, laws
 from contactlearn.app.results import called
+from contactlearn.configuration import check_settings
 from contactlearn.data import synthetic, table
 from contactlearn.evaluation import metrics
 
@@ -99,10 +100,12 @@ def test_train_then_evaluate_agree(tmp_path):
 
 def test_sweep(tmp_path):
     run("train.py", "-m", *TRAIN, "train.size=10,20", "model=analytical,x2_impulse", f"hydra.sweep.dir={tmp_path}")
-    jobs = [json.loads((tmp_path / job / "results.json").read_text()) for job in "0123"]
-    assert [(*job["errors"], job["provenance"]["config"]["train"]["size"]) for job in jobs] == [
-        ("wang_mason", 10), ("x2_impulse", 10), ("wang_mason", 20), ("x2_impulse", 20)
-    ]  # fmt: skip
+    for size, model, of in ((10, "analytical", "wang_mason"), (20, "x2_impulse", "x2_impulse")):
+        (folder,) = tmp_path.glob(f"train.size={size},model={model}-*")
+        result = json.loads((folder / "results.json").read_text())
+        assert [*result["errors"]] == [of]
+        assert result["provenance"]["config"]["train"]["size"] == size
+    assert len(list(tmp_path.glob("*/done.json"))) == 4
 
 
 @pytest.fixture(scope="module")
@@ -309,8 +312,50 @@ def test_a_law_alone_has_no_learning_curve(tmp_path):
     assert json.loads((tmp_path / "results.json").read_text())["learning_curves"] == {}
 
 
-def test_unknown_setting_is_refused(tmp_path):
-    assert "data.sizes" in run("train.py", "data.sizes=3", f"hydra.run.dir={tmp_path}", status=1)
+MISSPELT = {
+    "setting": ("train.sise=50", "unknown setting 'train.sise', did you mean 'train.size'?"),
+    "after a plus": ("+train.sise=50", "unknown setting 'train.sise', did you mean 'train.size'?"),
+    "after two": ("++train.sise=50", "unknown setting 'train.sise', did you mean 'train.size'?"),
+    "taken out": ("~train.sise", "unknown setting 'train.sise', did you mean 'train.size'?"),
+    "of the top": ("+lawe=mirtich", "unknown setting 'lawe', did you mean 'law'?"),
+    "without its part": ("+sise=50", "unknown setting 'sise'"),
+    "of the data": ("data.sizes=3", "unknown setting 'data.sizes', did you mean 'data.size'?"),
+    "of the data, after a plus": ("+data.sizes=3", "did you mean 'size'?"),
+    "of other data": ("data.path=a.csv", "data.path is a setting of other choices"),
+    "effect": ("effect=[spin_dampin]", "unknown effect 'spin_dampin', did you mean 'spin_damping'?"),
+    "effect, after a plus": ("+effect=[spin_dampin]", "unknown effect 'spin_dampin', did you mean 'spin_damping'?"),
+    "experiment": ("experiment=fazeli", "unknown experiment 'fazeli', did you mean 'fazeli2017'?"),
+    "experiment, after a plus": ("+experiment=fazeli", "unknown experiment 'fazeli', did you mean 'fazeli2017'?"),
+    "launcher": ("hydra/launcher=basik", "Could not find 'hydra/launcher/basik'"),
+}
+
+
+@pytest.mark.parametrize("several", [False, True], ids=["run", "sweep"])
+@pytest.mark.parametrize(("word", "message"), MISSPELT.values(), ids=MISSPELT)
+def test_misspelt_settings_are_refused(word, message, several, tmp_path):
+    """In one line, before anything runs, and without leaving a folder."""
+    command = "evaluate.py" if "experiment" in word else "train.py"
+    place = f"hydra.sweep.dir={tmp_path / 'a'}" if several else f"hydra.run.dir={tmp_path / 'a'}"
+    fails_as_a_job = several and word == "+data.sizes=3"
+    printed = run(command, *["-m"] * several, word, place, status=1 if fails_as_a_job else 2)
+    assert message in printed
+    assert fails_as_a_job or (len(printed.splitlines()) == 1 and not (tmp_path / "a").exists())
+
+
+@pytest.mark.parametrize("word", ["data.sise=3", "+sise=3"])
+def test_misspelt_settings_of_tools_are_refused(word, tmp_path):
+    printed = run("contactlearn", "export", str(tmp_path / "a.csv"), word, status=2)
+    assert printed.startswith("error: unknown setting")
+    assert len(printed.splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["train", "evaluate", "diagnose"])
+def test_every_shipped_setting_is_known(name):
+    """Also those that experiments and entries of open parts bring."""
+    extra = {"evaluate": ["experiment=transfer", "+transfer.bodies.mine={size: 3}", "+model.mine={features: x1}"]}
+    own = ["+effect.mine.tau='-c*rx*Pn'", "data=table", "data.path=a.csv", "+law.mine=3", *extra.get(name, [])]
+    check_settings(cli.compose(name, own), name)
+    check_settings(cli.compose("evaluate", ["experiment=fazeli2017"]), "evaluate")
 
 
 @pytest.mark.parametrize(

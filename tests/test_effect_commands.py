@@ -83,7 +83,8 @@ def test_evaluation_shows_effects_beside_the_laws(tmp_path):
 
 def test_subsets_of_effects_are_swept(tmp_path):
     run("train.py", "-m", *TRAIN, "effect=[],[side_drag],[side_drag,spin_damping]", f"hydra.sweep.dir={tmp_path}")
-    rows = [list(json.loads((tmp_path / str(k) / "results.json").read_text())["joint"]) for k in range(3)]
+    folders = [next(tmp_path.glob(f"effect={name}-*")) for name in ("none", "side_drag", "side_drag+spin_damping")]
+    rows = [list(json.loads((folder / "results.json").read_text())["joint"]) for folder in folders]
     assert rows[0] == []
     assert rows[1][-1] == "wang_mason + side_drag"
     assert rows[2][-1] == "wang_mason + side_drag + spin_damping"

@@ -42,6 +42,8 @@ ORDER = (
     ("learning", "testing"),
     ("diagnosis",),
     ("results",),
+    ("configuration",),
+    ("sweeps",),
     ("report",),
     ("app",),
     ("cli",),

@@ -1,17 +1,18 @@
 """Data of a run: the `data` part of a configuration as impacts, and their split."""
 
 from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
 import torch
 from hydra.errors import InstantiationException
-from hydra.utils import instantiate
+from hydra.utils import get_method, instantiate
 from omegaconf import DictConfig, OmegaConf, flag_override
 
 from contactlearn.audit.corrections import correct
 from contactlearn.data.tracks import Tracked
-from contactlearn.errors import ContactLearnError, DataError
+from contactlearn.errors import ContactLearnError, DataError, suggest
 from contactlearn.impacts import Impacts
 from contactlearn.report.page.recordings import RECORDINGS, SOURCES, write_recordings_page
 
@@ -70,8 +71,14 @@ def _made(cfg: DictConfig, target: str, changes: dict[str, Any]) -> Any:
         if isinstance(error.__cause__, ContactLearnError):
             raise error.__cause__ from None
         if isinstance(error.__cause__, TypeError):  # a setting that the source does not have
-            raise ContactLearnError(f"{target}: {error.__cause__}") from None
+            raise ContactLearnError(f"{target}: {error.__cause__}{_meant(target, cfg)}") from None
         raise
+
+
+def _meant(target: str, cfg: DictConfig) -> str:
+    """The setting of a source that is nearest to one that it does not have."""
+    known = list(signature(get_method(target)).parameters)
+    return next((suggest(str(key), known) for key in cfg if key not in (*known, "_target_")), "")
 
 
 def split(cfg: DictConfig, folder: Path | None = None) -> Split:

@@ -2,6 +2,8 @@
 
 diagnosis.json   of diagnose
 results.json     of train, evaluate and transfer; its entry `kind` says which
+
+Results of a run that has not finished are not found, see `state`.
 """
 
 import os
@@ -14,6 +16,7 @@ from contactlearn.numerics import written_whole
 from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.results.evaluation import Evaluation
 from contactlearn.results.provenance import RunKind
+from contactlearn.results.state import DONE, LOCK, read_failed, unfinished
 from contactlearn.results.training import Training
 from contactlearn.results.transfer import Transfer
 from contactlearn.serialisation import LARGEST_FILE, from_json, to_json
@@ -51,8 +54,8 @@ def write_result(folder: Path, result: Result) -> Path:
 
 
 def files(folder: Path) -> list[Path]:
-    """Return the files of results in a folder itself."""
-    return [folder / name for name in FILES if (folder / name).exists()]
+    """Return the files of results in a folder itself, if its run has finished."""
+    return [] if unfinished(folder) else [folder / name for name in FILES if (folder / name).exists()]
 
 
 def is_run(folder: Path) -> bool:
@@ -63,8 +66,9 @@ def is_run(folder: Path) -> bool:
 def find_results(root: Path) -> Iterator[Path]:
     """Yield the files of results in a folder and below it, and run folders without one; hidden folders are left out."""
     for folder, folders, names in os.walk(root):
-        there = [name for name in FILES if name in names]
-        if not there and ".hydra" in folders:
+        half = LOCK in names and DONE not in names
+        there = [] if half else [name for name in FILES if name in names]
+        if not there and (half or ".hydra" in folders):
             yield Path(folder)
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         yield from (Path(folder, name) for name in there)
@@ -77,7 +81,9 @@ def read_result(path: Path) -> Result:
         ContactLearnError: in one line, why it cannot be read.
     """
     if path.name not in FILES:
-        raise ContactLearnError("has neither results.json nor diagnosis.json: the run failed, or goes on")
+        if (failed := read_failed(path)) is not None:
+            raise ContactLearnError(f"failed: {failed.reason}")
+        raise ContactLearnError("has neither results.json nor diagnosis.json: the run failed, goes on, or was stopped")
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise ContactLearnError(f"is larger than {LARGEST_FILE >> 20} MiB")

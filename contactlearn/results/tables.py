@@ -29,7 +29,7 @@ def save_predictions(impacts: Impacts, predictions: Mapping[str, Prediction], pa
         columns |= {name: metric.error(impacts, prediction).tolist() for name, metric in METRICS.items()}
         columns["outside_admissible"] = outside_admissible(impacts, prediction.wrench[:, :2]).tolist()
         frames.append(pd.DataFrame(columns))
-    _write(frames, path)
+    write_frames(frames, path)
 
 
 def save_trial_parameters(impacts: Impacts, fits: Sequence[TrialFit], path: Path) -> None:
@@ -39,7 +39,7 @@ def save_trial_parameters(impacts: Impacts, fits: Sequence[TrialFit], path: Path
         columns = _names(impacts) | {"law": fit.law.name, "variant": fit.law.variant}
         columns |= {name: getattr(fit, name).tolist() for name in ("mu", "eps", "error", "mu_low", "mu_high")}
         frames.append(pd.DataFrame(columns))
-    _write(frames, path)
+    write_frames(frames, path)
 
 
 def save_curves(curves: Mapping[str, Curve], path: Path) -> None:
@@ -54,7 +54,7 @@ def save_curves(curves: Mapping[str, Curve], path: Path) -> None:
             columns["negative_log_density"] = curve.density.negative_log.mean(-1).flatten().tolist()
             columns["coverage"] = (curve.density.distance <= CHI_SQUARED_95).double().mean(-1).flatten().tolist()
         frames.append(pd.DataFrame(columns))
-    _write(frames, path)
+    write_frames(frames, path)
 
 
 def load_predictions(impacts: Impacts, path: Path) -> dict[str, Prediction]:
@@ -88,6 +88,11 @@ def _names(impacts: Impacts) -> dict[str, tuple[str, ...]]:
     return {"trial": impacts.trial, "object": impacts.object}
 
 
-def _write(frames: list[pd.DataFrame], path: Path) -> None:
+def write_frames(frames: list[pd.DataFrame], path: Path) -> None:
+    """Write tables, one below the other, to a file with a suffix of `FORMATS`, whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
     with written_whole(path) as part:
         _WRITERS[path.suffix.removeprefix(".")](pd.concat(frames, ignore_index=True), part, index=False)

@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -13,11 +13,12 @@ from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.report.page.page import FILE, render, save
 from contactlearn.report.page.runs.lines import learning_lines
-from contactlearn.report.page.runs.rows import HASH, LAW, Row, printable, read_row
+from contactlearn.report.page.runs.reading import Progress, absolute, read_runs, silent
+from contactlearn.report.page.runs.rows import HASH, LAW, Row, printable
 from contactlearn.report.page.runs.settings import Settings, shared, varying
 from contactlearn.report.page.trials import digits, plotly_style
 from contactlearn.report.text import effect_label, interval, label, listed
-from contactlearn.results.folder import FILES, find_results, is_run
+from contactlearn.results.folder import is_run
 
 MARK = "contactlearn report"
 """How such a page is known again."""
@@ -27,7 +28,7 @@ _FEW = 5  # settings that come before what was found, not after it
 def write_runs(
     folders: Sequence[str | os.PathLike[str]],
     out: str | os.PathLike[str] | None = None,
-    progress: Callable[[Iterable[Path], str], Iterable[Path]] = lambda items, what: items,
+    progress: Progress = silent,
 ) -> tuple[Path, list[Row], list[tuple[str, str]]]:
     """One page over all runs in `folders` and in what is below them.
 
@@ -42,32 +43,9 @@ def write_runs(
     Raises:
         ContactLearnError: nothing can be read, or the page would replace something that is not one.
     """
-    roots = [Path(os.path.abspath(folder)) for folder in folders]
-    for root in roots:
-        if not root.is_dir():
-            raise ContactLearnError(f"{root}: no such folder; give the folder of a run, of a sweep, or one above them")
+    roots = absolute(folders)
     target = _target(roots, out)
-    runs, skipped, top = [], [], Path(os.path.commonpath(roots))
-    for path in progress(dict.fromkeys(path for root in roots for path in find_results(root)), "reading runs"):
-        name = os.path.relpath(path.parent if path.name in FILES else path, top)
-        name = printable(top.name if name == "." else name)
-        try:
-            run = read_row(path)
-        except ContactLearnError as error:
-            skipped.append((f"{name} ({path.name})" if path.name in FILES else name, printable(str(error))))
-            continue
-        both = all((path.parent / one).exists() for one in FILES)
-        runs.append(replace(run, name=f"{name} ({path.stem})" if both else name))
-    if not runs:
-        reasons = "; ".join(f"{name}: {reason}" for name, reason in skipped[:5])
-        raise ContactLearnError(
-            f"no run can be read in {', '.join(map(str, folders))}: "
-            + (
-                reasons
-                or "neither diagnosis.json nor results.json is there, as train, evaluate and diagnose leave them"
-            )
-        )
-    runs.sort(key=lambda run: _natural(run.name))
+    runs, skipped = read_runs(roots, progress)
     content = of_runs(runs, skipped, target.parent)
     try:
         return save(target, render(content, "runs.html.j2", scripts=("runs.js",))), runs, skipped
@@ -202,12 +180,6 @@ def _errors(run: Row) -> dict[str, Any]:
 
 def _error_cell(value: Interval | None) -> tuple[dict[str, float] | None, float | None]:
     return (None, None) if value is None else (asdict(value), value.mean)
-
-
-def _natural(name: str) -> list[tuple[bool, int, str]]:
-    """Sorts run 10 behind run 9."""
-    parts = re.split(r"(\d{1,15})", name, flags=re.ASCII)
-    return [(k % 2 == 0, int(part) if k % 2 else 0, part) for k, part in enumerate(parts)]
 
 
 def _numeric(values: Iterable[str | None]) -> bool:

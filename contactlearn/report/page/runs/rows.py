@@ -1,4 +1,4 @@
-"""A result of any kind as a row of the page over several runs."""
+"""A result of any kind as a row: of the page over several runs, and of the table of results."""
 
 import json
 from collections.abc import Mapping
@@ -56,6 +56,10 @@ class Row:
         verdict: of a diagnosis, in words.
         ladder: of a diagnosis.
         curves: sizes and errors of learning curves by model.
+        versions: of this program, Python and the libraries that compute, by name.
+        trained_on: training trials; None for a diagnosis.
+        compared: name in `errors` of the model that `error` is of.
+        errors: all errors of all models and bounds by name; none for a diagnosis.
     """
 
     name: str = ""
@@ -75,6 +79,10 @@ class Row:
     verdict: str | None = None
     ladder: tuple[LadderRung, ...] = ()
     curves: Mapping[str, tuple[tuple[float, ...], tuple[Interval, ...]]] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    trained_on: int | None = None
+    compared: str | None = None
+    errors: Mapping[str, ModelErrors] = field(default_factory=dict)
 
 
 def read_row(path: Path) -> Row:
@@ -105,6 +113,8 @@ def _training(path: Path, result: Training) -> Row:
         error=result.errors[result.model].headline,
         base=_alone(result),
         bounds={"irb": result.irb},
+        trained_on=result.trained_on,
+        **_errors(result),
     )
 
 
@@ -118,7 +128,16 @@ def _evaluation(path: Path, result: Evaluation) -> Row:
         base=_alone(result),
         bounds={name: result.errors[name].headline for name in BOUNDS if name in result.errors},
         curves={printable(name): (curve.sizes, curve.headline) for name, curve in result.learning_curves.items()},
+        trained_on=result.fits[0].trials,
+        **_errors(result),
     )
+
+
+def _errors(result: Training | Evaluation) -> dict[str, Any]:
+    return {
+        "compared": printable(result.model),
+        "errors": {printable(name): errors for name, errors in result.errors.items()},
+    }
 
 
 def _diagnosis(path: Path, result: DiagnosisRun) -> Row:
@@ -155,6 +174,7 @@ def _common(path: Path, provenance: Provenance) -> dict[str, Any]:
         "data": DataSource(source=printable(data.source), trials=data.trials, sha256=printable(data.sha256)),
         "config": provenance.config,
         "version": printable(provenance.versions.get("contactlearn", "?")),
+        "versions": {printable(name): printable(number) for name, number in provenance.versions.items()},
     }
 
 

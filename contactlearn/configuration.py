@@ -1,0 +1,103 @@
+"""The shipped configuration files: which settings and choices there are, and what a misspelt one was meant to be.
+
+A setting that no file declares is refused, also after a `+`, by which Hydra would accept and the program ignore it.
+What holds entries by name (`effect`, `model` …) is open: each entry is checked where it is read.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from contactlearn.errors import ContactLearnError, UnknownNameError, suggest
+
+_PACKAGE = Path(__file__).parent
+CONFIGS = next(str(path) for path in (_PACKAGE / "configs", _PACKAGE.parent / "configs") if path.is_dir())
+"""Beside the package in a checkout, inside it where it is installed."""
+_OPEN = ("data", "law", "model", "effect", "candidate", "limits", "reference", "transfer.bodies")
+_REFUSED = re.compile(r"Could not (?:override|append to config|delete from config)[^']*'([^']+)'")
+
+
+def choices(group: Path) -> list[str]:
+    """Return the names of the files of a group."""
+    return sorted(path.stem for path in group.glob("*.yaml"))
+
+
+def check_choices(words: list[str]) -> None:
+    """Raise for a choice that its group lacks, such as law=mirtisch; Hydra suggests nothing.
+
+    Raises:
+        UnknownNameError: with the nearest name.
+    """
+    for word in words:
+        group, _, choice = word.lstrip("+").partition("=")
+        folder = Path(CONFIGS, group)
+        if not group.isidentifier() or not folder.is_dir() or "(" in choice:  # not a group, or a function of Hydra's
+            continue
+        known = choices(folder)
+        for name in re.findall(r"\w+", choice):
+            if name not in known and name != "null":
+                raise UnknownNameError(group, name, known)
+
+
+def check_settings(cfg: DictConfig, command: str) -> None:
+    """Raise for a setting that the command does not have.
+
+    Raises:
+        ContactLearnError: with the nearest setting.
+    """
+    if not Path(CONFIGS, f"{command}.yaml").exists():  # a configuration of the user's own, by --config-name
+        return
+    known = _declared(command)
+    for key in _keys(OmegaConf.to_container(cfg)):
+        if key not in known and key != "hydra":
+            raise _unknown(key, known)
+
+
+def explained(error: Exception, command: str) -> str:
+    """Return Hydra's message on a command line in one line; on a setting that does not exist with the nearest one."""
+    refused = _REFUSED.search(str(error))
+    if refused:
+        known = _declared(command) | {f"data.{key}" for key in _data_keys()}
+        elsewhere = f"{refused[1]} is a setting of other choices, not of these; --help lists all settings"
+        return elsewhere if refused[1] in known else str(_unknown(refused[1], known))
+    return " ".join(str(error).partition("Config search path")[0].split())
+
+
+def _unknown(key: str, known: set[str]) -> ContactLearnError:
+    last = {name.rpartition(".")[2]: name for name in known}
+    near = suggest(key, known) or suggest(last.get(key.rpartition(".")[2], ""), known)
+    return ContactLearnError(f"unknown setting {key!r}{near}; --help lists all settings")
+
+
+@lru_cache
+def _declared(command: str) -> set[str]:
+    """Dotted keys of all settings of a command, those of the experiments with them."""
+    files = [Path(CONFIGS, f"{command}.yaml")]
+    own = _content(files[0])
+    known = set(_keys(own)) | {one for one in _OPEN[:3] if "." not in one}
+    for path in sorted(Path(CONFIGS, "experiment").glob("*.yaml")) if "transfer" in own else []:
+        known |= {key for key in _keys(_content(path)) if key.partition(".")[0] in own}
+    return known - {"defaults", "hydra"}
+
+
+def _data_keys() -> set[str]:
+    return {str(key) for path in Path(CONFIGS, "data").glob("*.yaml") for key in _content(path)}
+
+
+def _content(path: Path) -> dict[str, Any]:
+    found = OmegaConf.to_container(OmegaConf.load(path))
+    assert isinstance(found, dict)
+    return {str(key): value for key, value in found.items()}
+
+
+def _keys(content: Any, path: str = "") -> Iterator[str]:
+    """Dotted keys of settings and of what holds them; an open part counts as one."""
+    for name, value in content.items():
+        key = f"{path}.{name}" if path else str(name)
+        yield key
+        if isinstance(value, Mapping) and key not in _OPEN and key not in ("defaults", "hydra"):
+            yield from _keys(value, key)

@@ -1,0 +1,143 @@
+"""What the result of a job depends on: resolved configuration, data files and code, as digests.
+
+Two jobs with the same digest give the same result.  `threads` and `workers` say how a job is computed, and are left
+out.  Data are known by the content of the files that a configuration names under `path`; simulated data by their
+settings; classes of other packages by the file that defines them.
+"""
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterator
+from functools import cache, lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+import contactlearn
+from contactlearn.results.state import Done
+
+DIGITS = 12
+"""Of a digest in the name of a folder."""
+_HOW = ("threads", "workers")
+_CHANGING = re.compile(r"\$\{(?!oc\.)\w+:")  # a resolver that may give something else the next time
+_ENVIRONMENT = re.compile(r"\$\{oc\.env:(\w+)")
+
+
+def job_identity(cfg: DictConfig, hydra: DictConfig) -> Done:
+    """Return the identity of a job, from its configuration and Hydra's.
+
+    Raises:
+        OSError: a data file cannot be read.
+    """
+    own = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key not in ("hydra", *_HOW)])
+    content = OmegaConf.to_container(own, resolve=True)
+    config = _sha([hydra.job.config_name, content])
+    paths = tuple(dict.fromkeys(_named(content, "path")))
+    data, code = data_fingerprint(paths), code_version(tuple(dict.fromkeys(_foreign(content))))
+    changing = _CHANGING.search(OmegaConf.to_yaml(own))
+    words = "" if changing else typed(hydra, list(hydra.overrides.task))
+    digest = _sha([config, data, code])[:DIGITS]
+    return Done(job=digest, config=config, data=data, code=code, words=words, paths=paths)
+
+
+def typed(hydra: DictConfig, words: list[str]) -> str:
+    """Return the digest of what a user typed for a job, and of everything that turns it into a configuration.
+
+    Equal digests mean equal configurations, which need not be composed to know that.
+    """
+    sources = [str(source.path) for source in hydra.runtime.config_sources if source.schema == "file"]
+    kept = [word for word in words if word.lstrip("+").partition("=")[0] not in _HOW]
+    used = [f"{name}={os.environ.get(name)}" for word in kept for name in _ENVIRONMENT.findall(word)]
+    return _sha([hydra.job.config_name, *map(_tree, sources), kept, used, contactlearn.__version__])
+
+
+def still_valid(done: Done) -> bool:
+    """Whether the data and the code of a finished job are what they were.
+
+    Raises:
+        OSError: a data file cannot be read.
+    """
+    names = tuple(one.partition("=")[0] for one in done.code.split(" ")[1:])
+    return done.code == code_version(names) and done.data == data_fingerprint(done.paths)
+
+
+def data_fingerprint(paths: tuple[str, ...]) -> str:
+    """Return the SHA-256 of files, and of all files in folders; empty without any.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    known = [Path(path) for path in paths if Path(path).exists()]
+    return _sha([[_file(one) for one in _files(path)] for path in known]) if known else ""
+
+
+@lru_cache(maxsize=16)
+def code_version(foreign: tuple[str, ...] = ()) -> str:
+    """Return this program's version with the SHA-256 of its sources, and that of other modules, by name."""
+    package = Path(contactlearn.__file__).parent
+    sources = _sha([_file(path) for path in sorted(package.rglob("*.py"))])
+    own = f"{contactlearn.__version__}+{sources[:DIGITS]}"
+    return " ".join([own, *(f"{name}={_module(name)}" for name in foreign)])
+
+
+def _foreign(content: Any) -> Iterator[str]:
+    """Modules of classes that the configuration brings from elsewhere."""
+    for target in _named(content, "_target_"):
+        module = target.rpartition(".")[0]
+        if module and not module.startswith("contactlearn."):
+            yield module
+
+
+def _module(name: str) -> str:
+    """Digest of a module's file; `unknown` where it has none, which the job itself then says."""
+    try:
+        spec = find_spec(name)
+    except Exception:  # importing its package may do anything
+        spec = None
+    origin = Path(spec.origin) if spec is not None and spec.origin else None
+    return _file(origin)[:DIGITS] if origin is not None and origin.is_file() else "unknown"
+
+
+def _named(content: Any, key: str) -> Iterator[str]:
+    """Texts under a key, anywhere in a configuration."""
+    if isinstance(content, dict):
+        for name, value in content.items():
+            if name == key and isinstance(value, str):
+                yield value
+            else:
+                yield from _named(value, key)
+    elif isinstance(content, list):
+        for value in content:
+            yield from _named(value, key)
+
+
+def _files(path: Path) -> list[Path]:
+    return sorted(one for one in path.rglob("*") if one.is_file()) if path.is_dir() else [path]
+
+
+def _file(path: Path) -> str:
+    found = path.stat()
+    return _content(str(path), found.st_size, found.st_mtime_ns)
+
+
+@cache
+def _content(path: str, size: int, changed: int) -> str:
+    """SHA-256 of a file, read once for each size and time of its last change."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@lru_cache(maxsize=16)
+def _tree(folder: str) -> str:
+    """Digest of the configuration files below a folder, and of the environment that they use."""
+    texts = {str(path.relative_to(folder)): path.read_text("utf-8") for path in sorted(Path(folder).rglob("*.yaml"))}
+    used = {name: os.environ.get(name) for text in texts.values() for name in _ENVIRONMENT.findall(text)}
+    return _sha([texts, used])
+
+
+def _sha(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, default=str, ensure_ascii=True).encode()).hexdigest()

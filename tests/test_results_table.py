@@ -1,0 +1,115 @@
+"""One table of all runs: a row for each run and model, the same numbers as the page and the results."""
+
+import json
+
+import pandas as pd
+import pytest
+from commands import TRAIN, run
+from evaluations import evaluation
+from test_report_runs import changed, diagnosed, evaluated, leave, trained
+
+from contactlearn.__main__ import main
+from contactlearn.evaluation.metrics import METRICS
+from contactlearn.report.page.runs.page import write_runs
+from contactlearn.report.results_table import write_table
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory):
+    """Runs of every command, some that are not finished, and names that try to be something else."""
+    folder = tmp_path_factory.mktemp("mixed")
+    leave(folder / "b10", trained(effects=["surface_tilt"], error=0.15))
+    leave(folder / "b9", changed(trained(size=50, error=0.4), "provenance", "config", "seed", to=7))
+    leave(folder / "evaluate", evaluated())
+    leave(folder / "diagnose", diagnosed())
+    leave(folder / "hostile\n<b>,;", trained(error=0.3))
+    leave(folder / "half", trained(error=0.001))
+    (folder / "half" / ".lock").touch()
+    leave(folder / "failed", trained(error=0.001))
+    (folder / "failed" / ".lock").touch()
+    (folder / "failed" / "failed.json").write_text(json.dumps({"reason": "no luck"}))
+    frame, skipped = write_table([folder], folder / "results.parquet")
+    return folder, frame, dict(skipped)
+
+
+def test_each_run_and_model_is_a_row(mixed):
+    folder, frame, _ = mixed
+    assert list(frame[frame.run == "evaluate"].model) == list(evaluation().errors)
+    assert (frame.groupby("run").own.sum() == 1).all()
+    assert not frame.duplicated(["run", "model"]).any()
+    assert list(frame.run.drop_duplicates())[:2] == ["b9", "b10"]
+    pd.testing.assert_frame_equal(pd.read_parquet(folder / "results.parquet"), frame, check_dtype=False)
+
+
+def test_numbers_are_those_of_the_results(mixed):
+    folder, frame, _ = mixed
+    for name in ("b9", "b10", "evaluate"):
+        result = json.loads((folder / name / "results.json").read_text())
+        for model, entry in result["errors"].items():
+            (row,) = frame[(frame.run == name) & (frame.model == model)].to_dict("records")
+            for metric in METRICS:
+                assert (row[metric], row[f"{metric}_low"], row[f"{metric}_high"]) == tuple(
+                    entry[metric][part] for part in ("mean", "low", "high")
+                )
+            assert row["outside_admissible"] == entry["outside_admissible"]
+            assert row["data_sha256"] == result["provenance"]["data"]["sha256"]
+            assert row["version_contactlearn"] == result["provenance"]["versions"]["contactlearn"]
+    assert set(frame[frame.run == "diagnose"].model) == {"named", "law", "noise", "irb"}
+    assert frame[frame.bound].model.isin(["irb", "best_post_hoc", "noise"]).all()
+
+
+def test_settings_that_differ_are_columns(mixed):
+    _, frame, _ = mixed
+    assert set(frame[frame.run == "b9"]["setting_seed"]) == {7}
+    assert frame["setting_seed"].dtype.kind == "f"
+
+
+def test_the_page_has_the_same_runs(mixed):
+    """And names the same others with the same reasons."""
+    folder, frame, skipped = mixed
+    _, runs, left_out = write_runs([folder])
+    assert [row.name for row in runs] == list(frame.run.drop_duplicates())
+    assert {row.name: row.error.mean for row in runs} == frame[frame.own].set_index("run").mass_error.to_dict()
+    assert dict(left_out) == skipped
+
+
+def test_what_is_not_finished_is_left_out_with_the_reason(mixed):
+    _, frame, skipped = mixed
+    assert skipped["failed"] == "failed: no luck"
+    assert "goes on, or was stopped" in skipped["half"]
+    assert frame.mass_error.min() > 0.001
+
+
+def test_identities_are_there(tmp_path):
+    """Of runs that have one; two runs of the same settings have the same."""
+    words = ("train.py", *TRAIN)
+    run(*words, f"hydra.run.dir={tmp_path / 'a'}")
+    run(*words, f"hydra.run.dir={tmp_path / 'b'}")
+    run(*words, "seed=1", f"hydra.run.dir={tmp_path / 'c'}")
+    printed = run("contactlearn", "results", str(tmp_path), "-o", str(tmp_path / "all.csv"))
+    assert f"3 runs, 6 rows written to {tmp_path / 'all.csv'}" in printed.replace("\n", " ") or "3 runs" in printed
+    jobs = pd.read_csv(tmp_path / "all.csv").groupby("run")[["job", "config_sha256", "code"]].first()
+    assert jobs.loc["a"].equals(jobs.loc["b"])
+    assert jobs.loc["a", "job"] != jobs.loc["c", "job"]
+    assert jobs.code.nunique() == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nowhere", "-o", "a.csv"], "nowhere: no such folder"),
+        ([".", "-o", "a.csv"], "no run can be read"),
+        ([".", "-o", "a.xlsx"], "unknown table format 'xlsx'"),
+        (["b", "-o", "b/results.json/a.csv"], "cannot be written: "),
+    ],
+)
+def test_errors_of_the_table_are_one_line(arguments, message, tmp_path, monkeypatch, capsys):
+    leave(tmp_path / "elsewhere" / "b", trained())
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    if arguments[0] == ".":
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "elsewhere" / "b" / "results.json").write_text("{}")
+    assert main(["results", *arguments]) == 2
+    printed = capsys.readouterr()
+    assert message in printed.err
+    assert len(printed.err.splitlines()) == 1

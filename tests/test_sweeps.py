@@ -1,0 +1,483 @@
+"""Sweeps go on where they stopped: killed, failing, side by side, on full disks, and with nothing left to do."""
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from unittest.mock import patch
+
+import pytest
+from commands import TRAIN, run
+
+from contactlearn import cli
+from contactlearn.app import job as door
+from contactlearn.errors import ContactLearnError
+from contactlearn.results import folder as results
+from contactlearn.results.folder import find_results, read_result
+from contactlearn.results.state import DONE, FAILED, Failed, fail, finish, held, is_held, read_done, unfinished
+from contactlearn.sweeps.identity import code_version, data_fingerprint, job_identity
+from contactlearn.sweeps.jobs import Job
+from contactlearn.sweeps.resources import GIB, available_memory, jobs_at_a_time
+from contactlearn.sweeps.rounds import run_jobs
+
+sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
+from studies.sweeps import COUNT, JOBS, content, ended, finished, nothing_half_written, started, survive
+
+SMALL = ("data.size=80", "train.repetitions=2", "bootstrap=20")
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The jobs of a sweep that nothing disturbed."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    printed = run("train.py", "-m", *JOBS, f"hydra.sweep.dir={folder}")
+    assert f"sweep    {COUNT} finished" in printed
+    return folder
+
+
+def identity(name, *words):
+    cfg = cli.compose(name, list(words), return_hydra_config=True)
+    return job_identity(cfg, cfg.hydra)
+
+
+# The same command again
+
+
+def test_finished_jobs_are_skipped(undisturbed):
+    before = finished(undisturbed)
+    with patch.object(door, "run_job", side_effect=AssertionError):
+        printed = run("train.py", "-m", *JOBS, f"hydra.sweep.dir={undisturbed}")
+    assert f"{COUNT} jobs, {COUNT} finished before" in printed
+    assert finished(undisturbed) == before
+
+
+def test_finished_jobs_are_not_even_composed(undisturbed):
+    with patch("hydra._internal.config_loader_impl.ConfigLoaderImpl.load_sweep_config", side_effect=AssertionError):
+        run("train.py", "-m", *JOBS, f"hydra.sweep.dir={undisturbed}")
+
+
+def test_a_larger_sweep_takes_over_what_it_can(undisturbed, tmp_path):
+    subprocess.run(["cp", "-a", f"{undisturbed}/.", str(tmp_path)], check=True)
+    before = finished(tmp_path)
+    more = [word.replace("20", "20,25") if word.startswith("train.size") else word for word in JOBS]
+    assert f"{COUNT + 2} jobs, {COUNT} finished before" in run("train.py", "-m", *more, f"hydra.sweep.dir={tmp_path}")
+    assert finished(tmp_path).items() >= before.items()
+    assert len(finished(tmp_path)) == COUNT + 2
+
+
+def test_another_spelling_is_the_same_job(undisturbed):
+    """The identity is that of the configuration, not of the words."""
+    words = [*reversed(JOBS), "threads=1", "seed=0"]
+    assert f"{COUNT} finished before" in run("train.py", "-m", *words, f"hydra.sweep.dir={undisturbed}")
+
+
+def test_what_a_job_depends_on(tmp_path):
+    table = tmp_path / "a.csv"
+    table.write_text("a")
+    words = ("data=table", f"data.path={table}")
+    base = identity("train", *words)
+    assert identity("train", *words, "threads=2").job == base.job
+    assert identity("train", *words, "seed=1").job != base.job
+    assert identity("evaluate", *words).job != base.job
+    table.write_text("b")
+    changed = identity("train", *words)
+    assert (changed.config, changed.job != base.job) == (base.config, True)
+    with patch("contactlearn.sweeps.identity.code_version", return_value="0.2"):
+        assert identity("train", *words).job != changed.job
+    assert data_fingerprint((str(tmp_path),)) == data_fingerprint((str(table),))
+    assert data_fingerprint((str(tmp_path / "nowhere"),)) == ""
+    assert code_version(("numpy",)) != code_version()
+
+
+def test_other_data_are_another_job(tmp_path):
+    """Under the same name of a file; what was computed from the former data stays."""
+    small = ("train.size=10", "train.repetitions=2", "bootstrap=20", "data=table", "data.path=drops.csv")
+    for seed in (1, 2):
+        run("contactlearn", "export", str(tmp_path / "drops.csv"), "data.size=60", f"data.seed={seed}")
+        printed = run("train.py", "-m", *small, "law=mirtich", "hydra.sweep.dir=s", cwd=tmp_path)
+        assert "finished before" not in printed
+    assert len(list(tmp_path.glob("s/*/done.json"))) == 2
+
+
+# Failures
+
+
+def test_a_failing_job_stops_no_other(tmp_path):
+    words = ("-m", *SMALL, "train.size=1000,10", f"hydra.sweep.dir={tmp_path}")
+    printed = run("train.py", *words, status=1)
+    assert "sweep    1 finished, 1 failed" in printed
+    assert "failed   train.size=1000: synthetic drops" in printed
+    before = finished(tmp_path)
+    assert [name.partition("-")[0] for name in before] == ["train.size=10"]
+    (failed,) = tmp_path.glob("train.size=1000-*")
+    assert "use train.size=60 or less" in json.loads((failed / FAILED).read_text())["reason"]
+    reasons = []
+    for path in find_results(tmp_path):
+        try:
+            read_result(path)
+        except ContactLearnError as error:
+            reasons.append(str(error))
+    assert len(reasons) == 1
+    assert reasons[0].startswith("failed: synthetic drops")
+    assert "2 jobs, 1 finished before" in run("train.py", *words, status=1)
+    assert finished(tmp_path) == before
+
+
+def test_an_unexpected_failure_stops_no_other(tmp_path):
+    """And leaves its place in the program; the next call runs it again."""
+    words = ("-m", *SMALL, "train.size=10,20", f"hydra.sweep.dir={tmp_path}")
+    with patch("contactlearn.app.train.settings.check", side_effect=[ZeroDivisionError("by chance"), None]):
+        printed = run("train.py", *words, status=1)
+    assert "1 finished, 1 failed" in printed
+    assert "failed   train.size=10: ZeroDivisionError: by chance" in printed
+    (failed,) = tmp_path.glob("train.size=10-*")
+    assert "settings.check" in json.loads((failed / FAILED).read_text())["traceback"]
+    assert "2 finished" in run("train.py", *words)
+    assert not list(tmp_path.glob(f"*/{FAILED}"))
+
+
+def test_a_wrong_setting_in_one_job_runs_none(tmp_path):
+    printed = run("train.py", "-m", *SMALL, "law=whittaker,mirtisch", f"hydra.sweep.dir={tmp_path / 's'}", status=2)
+    assert "did you mean 'mirtich'?" in printed
+    assert not (tmp_path / "s").exists()
+
+
+def test_data_that_change_during_a_sweep_fail_the_job(tmp_path):
+    """Its folder is named by the former data."""
+    with patch.object(door, "job_identity", return_value=identity("train", "seed=5")):
+        printed = run("train.py", "-m", *SMALL, "train.size=10,20", f"hydra.sweep.dir={tmp_path}", status=1)
+    assert printed.count("data, code or configuration changed during the sweep") == 2
+
+
+class Launcher:
+    """What becomes of jobs by name: done, failed, silent (began, and no word), never (did not begin)."""
+
+    def __init__(self, fates, breaks=False):
+        self.fates, self.breaks, self.batches = fates, breaks, []
+
+    def __call__(self, batch):
+        self.batches.append([job.name for job in batch])
+        broken = False
+        for job in batch:
+            fate = self.fates[job.name]
+            if callable(fate):
+                fate = fate(len(batch))
+            if fate == "never":
+                continue
+            with held(job.folder):
+                (job.folder / ".hydra").mkdir(exist_ok=True)
+                os.utime(job.folder / ".hydra", ns=(0, len(self.batches)))
+                if fate == "done":
+                    finish(job.folder, identity("train"))
+                elif fate == "failed":
+                    fail(job.folder, Failed(reason="on purpose"))
+            broken |= fate == "silent"
+        if self.breaks and (broken or "never" in map(self.fates.get, self.batches[-1])):
+            raise RuntimeError("a worker was killed")
+        return [None] * len(batch)
+
+
+def told(tmp_path, launcher, at_once=None, queues=False):
+    jobs = [Job(words=(), name=name, folder=tmp_path / name) for name in launcher.fates]
+    found = run_jobs(jobs, launcher, at_once, queues)
+    return (
+        [job.name for job in found.finished],
+        {job.name: reason for job, reason in found.failed},
+        [job.name for job in found.queued],
+    )
+
+
+def test_a_killed_job_takes_no_other_with_it(tmp_path):
+    """Where workers share a pool: the rest runs again, those that had begun alone."""
+    alone = lambda jobs: "done" if jobs == 1 else "silent"  # noqa: E731 - a victim of the first
+    launcher = Launcher({"greedy": "silent", "beside": alone, "later": "done", "failing": "failed"}, breaks=True)
+    finished, failed, queued = told(tmp_path, launcher)
+    assert sorted(finished) == ["beside", "later"]
+    assert failed == {"failing": "on purpose", "greedy": "ended without a result and without a word; was it killed?"}
+    assert not queued
+
+
+def test_many_killed_jobs_take_no_other_with_them(tmp_path):
+    """However often the pool breaks: in each round the first two jobs begin, and a greedy one breaks it."""
+    fates = {f"{k}": "silent" if k % 2 == 0 and k < 12 else "done" for k in range(16)}
+    begins = Launcher(fates, breaks=True)
+
+    def launch(batch):
+        begins(batch[:2])
+        if len(batch) > 2:
+            raise RuntimeError("a worker was killed")
+        return [None] * len(batch)
+
+    jobs = [Job(words=(), name=name, folder=tmp_path / name) for name in fates]
+    found = run_jobs(jobs, launch, None, False)
+    assert sorted(job.name for job in found.finished) == sorted(name for name, fate in fates.items() if fate == "done")
+    assert {reason for _, reason in found.failed} == {"ended without a result and without a word; was it killed?"}
+
+
+def test_what_never_begins_is_not_launched_for_ever(tmp_path):
+    launcher = Launcher({"a": "never", "b": "never"}, breaks=True)
+    assert told(tmp_path, launcher)[1] == dict.fromkeys("ab", "could not be launched: a worker was killed")
+    assert len(launcher.batches) == 1
+    quiet = Launcher({"c": "never"})
+    assert set(told(tmp_path, quiet)[1]) == {"c"}
+    assert len(quiet.batches) == 3
+
+
+def test_jobs_in_a_queue_are_left_there(tmp_path):
+    """One killed job breaks the launcher down while others wait in the cluster's queue."""
+    launcher = Launcher({"killed": "silent", "done": "done", "waits": "never"}, breaks=True)
+    assert told(tmp_path, launcher, queues=True) == (["done"], {}, ["killed", "waits"])
+    assert len(launcher.batches) == 1
+
+
+def test_jobs_at_once_are_limited(tmp_path):
+    launcher = Launcher(dict.fromkeys("abcde", "done"))
+    told(tmp_path, launcher, at_once=2)
+    assert launcher.batches == [["a", "b"], ["c", "d"], ["e"]]
+
+
+# Killed
+
+
+def test_killed_at_random_moments(undisturbed, tmp_path):
+    """Nothing finished is lost, nothing half-written is read, and the results are those of an undisturbed sweep.
+
+    Fifty kills are in benchmarks/sweeps.py.
+    """
+    hits, lost = survive(tmp_path, kills=3, longest=7)
+    assert (hits, lost) == (3, [])
+    status, printed = ended(started(tmp_path, *JOBS))
+    assert status == 0, printed
+    assert content(tmp_path) == content(undisturbed)
+
+
+def test_leftovers_of_a_killed_job_are_cleared(undisturbed, tmp_path):
+    """Events and tables of two attempts would add up."""
+    subprocess.run(["cp", "-a", f"{undisturbed}/.", str(tmp_path)], check=True)
+    folder = sorted(tmp_path.glob("*-*"))[0]
+    (folder / DONE).unlink()
+    (folder / "events.of.the.first").write_text("half")
+    (folder / ".saving-x").mkdir()
+    assert unfinished(folder)
+    assert results.files(folder) == []
+    run("train.py", "-m", *JOBS, f"hydra.sweep.dir={tmp_path}")
+    assert content(tmp_path) == content(undisturbed)
+    assert not {"events.of.the.first", ".saving-x"} & set(os.listdir(folder))
+
+
+def test_a_half_written_marker_is_no_marker(undisturbed, tmp_path):
+    subprocess.run(["cp", "-a", f"{undisturbed}/.", str(tmp_path)], check=True)
+    folder = sorted(tmp_path.glob("*-*"))[0]
+    (folder / DONE).write_text((folder / DONE).read_text()[:20])
+    assert read_done(folder) is None
+    assert f"{COUNT - 1} finished before" in run("train.py", "-m", *JOBS, f"hydra.sweep.dir={tmp_path}")
+
+
+def test_interrupted_by_hand(tmp_path):
+    """Ctrl-C is one line and status 130, and the same command goes on."""
+    sweep = started(tmp_path, *JOBS)
+    while not finished(tmp_path) and sweep.poll() is None:
+        time.sleep(0.02)
+    os.kill(sweep.pid, signal.SIGINT)
+    status, printed = ended(sweep)
+    assert status == 130
+    assert printed.splitlines()[-1].startswith("stopped")
+    assert "Traceback" not in printed
+    nothing_half_written(tmp_path)
+
+
+# Side by side
+
+
+def test_two_processes_on_one_sweep(undisturbed, tmp_path):
+    """They share the jobs; each is run once, and both end with all of them."""
+    both = [started(tmp_path, *JOBS) for _ in range(2)]
+    printed = []
+    for sweep in both:
+        status, text = ended(sweep)
+        assert status == 0, text
+        printed.append(text)
+    assert content(tmp_path) == content(undisturbed)
+    assert sum(text.count("look at  tensorboard") for text in printed) == COUNT
+    assert all(len(list(folder.glob("events.*"))) == 1 for folder in tmp_path.glob("*-*"))
+
+
+def test_one_folder_has_one_holder(tmp_path):
+    with held(tmp_path) as first, held(tmp_path) as second:
+        assert (first, second, is_held(tmp_path)) == (True, False, True)
+    assert not is_held(tmp_path)
+    assert not is_held(tmp_path / "nowhere")
+
+
+# Single runs
+
+
+def test_runs_of_one_second_have_a_folder_each(tmp_path):
+    same = ("hydra.job.name=train", *SMALL, "train.size=10")
+    with patch("hydra.core.utils.datetime") as clock:
+        clock.now.return_value.strftime.return_value = "2026-01-31_12-00-00"
+        for seed in (0, 1, 1):
+            run("train.py", *same, f"seed={seed}", cwd=tmp_path)
+    found = sorted((tmp_path / "outputs" / "train").iterdir())
+    assert [path.name for path in found] == [f"2026-01-31_12-00-00{end}" for end in ("", "-2", "-3")]
+    seeds = [json.loads((path / "results.json").read_text())["provenance"]["config"]["seed"] for path in found]
+    assert seeds == [0, 1, 1]
+    configurations = [(path / ".hydra" / "config.yaml").read_text().count("\nseed: 1") for path in found]
+    assert configurations == [0, 1, 1]
+
+
+def test_a_named_folder_is_not_written_over(tmp_path):
+    """The same run is finished already; another one is refused."""
+    words = ("train.py", *SMALL, "train.size=10", f"hydra.run.dir={tmp_path / 'a'}")
+    run(*words)
+    before = {path: path.read_bytes() for path in (tmp_path / "a").rglob("*") if path.is_file()}
+    assert "finished already" in run(*words)
+    assert "holds the result of another run; choose another hydra.run.dir" in run(*words, "seed=1", status=2)
+    with held(tmp_path / "b"):
+        printed = run(*words[:-1], f"hydra.run.dir={tmp_path / 'b'}", status=2)
+        assert "is in use by another run" in printed
+    assert before == {path: path.read_bytes() for path in (tmp_path / "a").rglob("*") if path.is_file()}
+
+
+def test_a_run_of_an_earlier_version_stays_readable(tmp_path):
+    """It has no marker; a run that is refused its folder leaves none there."""
+    run("train.py", *SMALL, "train.size=10", f"hydra.run.dir={tmp_path / 'a'}")
+    for name in (DONE, ".lock"):
+        (tmp_path / "a" / name).unlink()
+    for seed in (0, 1):
+        run("train.py", *SMALL, "train.size=10", f"seed={seed}", f"hydra.run.dir={tmp_path / 'a'}", status=2)
+    (path,) = find_results(tmp_path)
+    assert read_result(path).trained_on == 10
+
+
+def test_other_sweepers_lose_nothing(tmp_path):
+    """They number their jobs from 0 in each sweep."""
+    words = ("-m", *SMALL, "train.size=10", "hydra/sweeper=basic", f"hydra.sweep.dir={tmp_path}")
+    for seeds in ("0,1", "2,3"):
+        run("train.py", *words, f"seed={seeds}")
+    found = {path.parent.name: read_result(path).provenance.config["seed"] for path in find_results(tmp_path)}
+    assert found == {"0": 0, "1": 1, "0-2": 2, "1-2": 3}
+
+
+def test_interrupted_runs_leave_no_folder(tmp_path):
+    with patch("contactlearn.app.train.settings.check", side_effect=KeyboardInterrupt):
+        assert "stopped" in run("train.py", *SMALL, cwd=tmp_path, status=130)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("word", ["train.size=1000", "data=table", "+data.sise=3", "train.eps=[1,0]"])
+def test_failed_runs_leave_no_folder(word, tmp_path):
+    words = SMALL if word != "data=table" else SMALL[1:]
+    run("train.py", *words, word, cwd=tmp_path, status=2)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_of_ones_own_is_never_cleared(tmp_path):
+    """hydra.run.dir=. is a folder with other things in it."""
+    (tmp_path / "notes.txt").write_text("mine")
+    run("train.py", *SMALL, "train.size=1000", "hydra.run.dir=.", cwd=tmp_path, status=2)
+    run("train.py", *SMALL, "train.size=10", "hydra.run.dir=.", cwd=tmp_path)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "results.json").exists()
+
+
+# What disks do
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk of 150 kB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=150k", "tmpfs", str(disk)], capture_output=True)
+    if mounted.returncode:
+        pytest.skip("a small disk cannot be mounted without the rights to do so")
+    yield disk
+    subprocess.run(["umount", str(disk)], check=True)
+
+
+@pytest.mark.parametrize("several", [False, True], ids=["run", "sweep"])
+def test_a_full_disk_is_one_clear_error(small_disk, several, tmp_path):
+    (small_disk / "large").write_bytes(bytes(120_000))
+    place = f"hydra.sweep.dir={small_disk}" if several else f"hydra.run.dir={small_disk / 'run'}"
+    words = [*["-m"] * several, *SMALL, "train.size=10", place]
+    printed = run("train.py", *words, status=1 if several else 2, figures=True)
+    assert "No space left on device; free some space" in printed
+    assert "Traceback" not in printed
+    assert not list(small_disk.rglob(DONE))
+    nothing_half_written(small_disk)
+    subprocess.run(["mount", "-o", "remount,size=4m", str(small_disk)], check=True)
+    run("train.py", *words, figures=True)
+    assert len(list(small_disk.rglob(DONE))) == 1
+
+
+@pytest.mark.parametrize("several", [False, True], ids=["run", "sweep"])
+def test_a_folder_that_cannot_be_written(small_disk, several):
+    subprocess.run(["mount", "-o", "remount,ro", str(small_disk)], check=True)
+    place = f"hydra.sweep.dir={small_disk}/s" if several else f"hydra.run.dir={small_disk}/run"
+    printed = run("train.py", *["-m"] * several, *SMALL, "train.size=10,15" if several else "seed=1", place, status=2)
+    assert "Read-only file system; choose another" in printed
+    assert "Traceback" not in printed
+
+
+def test_a_file_in_place_of_a_folder(tmp_path):
+    (tmp_path / "a").write_text("")
+    for words in (("hydra.run.dir=a/b",), ("-m", "seed=1,2", "hydra.sweep.dir=a/b")):
+        printed = run("train.py", *words, *SMALL, cwd=tmp_path, status=2)
+        assert "Not a directory" in printed
+        assert "Traceback" not in printed
+
+
+def test_a_folder_that_vanishes(tmp_path):
+    """It is not made again with half of the result in it."""
+    split = door.time.monotonic
+
+    def vanish(*arguments):
+        subprocess.run(["rm", "-rf", str(tmp_path / "a")], check=True)
+        return split()
+
+    with patch("contactlearn.app.train.checkpoint.save", side_effect=lambda *a, **k: vanish()):
+        printed = run("train.py", *TRAIN, f"hydra.run.dir={tmp_path / 'a'}", status=2)
+    assert "vanished during the run" in printed
+    assert not (tmp_path / "a" / DONE).exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError(), "memory ran out; use fewer trials"),
+        (OSError(errno.EACCES, "Permission denied", "/data"), "/data: Permission denied; choose another"),
+        (ValueError(), "ValueError: no words"),
+        (ValueError("two\nlines"), "ValueError: two"),
+    ],
+)
+def test_reasons_are_one_line(error, said):
+    assert door.reason(error).startswith(said)
+    assert "\n" not in door.reason(error)
+
+
+# Resources
+
+
+def test_no_more_jobs_than_memory_allows():
+    with patch("contactlearn.sweeps.resources.available_memory", return_value=5.5 * GIB):
+        assert jobs_at_a_time(8, 2) == 2
+        assert jobs_at_a_time(1, 2) == 1
+        assert jobs_at_a_time(8, 100) == 1
+        assert jobs_at_a_time(-1, 0.001) == len(os.sched_getaffinity(0))
+    with patch("contactlearn.sweeps.resources.available_memory", return_value=None):
+        assert jobs_at_a_time(8, 2) == 8
+
+
+def test_available_memory(tmp_path):
+    assert 0 < available_memory() < 2**50
+    (tmp_path / "memory.max").write_text(str(3 * GIB))
+    (tmp_path / "memory.current").write_text(str(GIB))
+    with patch("contactlearn.sweeps.resources._CGROUP", tmp_path):
+        assert available_memory() <= 2 * GIB
+        (tmp_path / "memory.max").write_text("max\n")
+        assert available_memory() > 0
