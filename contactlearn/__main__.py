@@ -155,7 +155,7 @@ def _add_workbench(add: Callable[..., argparse.ArgumentParser]) -> None:
     bench = add(
         "workbench",
         help="compare, see, learn, add and watch the error fall, live in a browser",
-        description="Serve the workbench on this machine: tick an effect, and law and effects are fitted again at once.",
+        description="Serve the workbench on this machine: tick an effect, and the model is fitted again.",
         epilog="example: contactlearn workbench data=mystery data.seed=7",
     )
     bench.add_argument(

@@ -117,7 +117,9 @@ class Actions:
         impacts, fitted = self.models.split(session).impacts, self.models.fitted(session)
         key = (self.models.fingerprint(session), session.seed, session.law, session.effects, session.lines)
         generator = torch.Generator().manual_seed(session.seed)
-        return self.regions_found.get(key, lambda: find_regions(impacts, fitted.model.predict(impacts), generator=generator))
+        return self.regions_found.get(
+            key, lambda: find_regions(impacts, fitted.model.predict(impacts), generator=generator)
+        )
 
     def select_region(self, session: Session, place: str, _: Any) -> Session:
         """Select the trials of a region that the model fails in."""

@@ -1,8 +1,8 @@
 """Numbers for the figures of the page, which are those of the report: single-precision arrays in base64.
 
-    trials   names, states, outcomes and variables of every trial, once for each data source
-    model    v_post of the law alone and of the model, and what each effect changes, with every change of the model
-    trial    impulse and reach of every law for the selected trial
+trials   names, states, outcomes and variables of every trial, once for each data source
+model    v_post of the law alone and of the model, and what each effect changes, with every change of the model
+trial    impulse and reach of every law for the selected trial
 """
 
 import base64
@@ -65,7 +65,9 @@ def of_model(impacts: Impacts, alone: Tensor, v_post: Tensor, model: ContactMode
 def of_trial(impacts: Impacts, row: int, fitted: Mapping[str, Law]) -> dict[str, Any]:
     """Return the laws at their fitted parameters, and their impulses and reach for one trial."""
     laws, found = of_laws(impacts[[row]], fitted)
-    return {"row": row, "fitted": laws} | {name: digits(values[:, 0].double().tolist()) for name, values in found.items()}
+    return {"row": row, "fitted": laws} | {
+        name: digits(values[:, 0].double().tolist()) for name, values in found.items()
+    }
 
 
 def inside(windows: tuple[Window, ...], among: list[Variable]) -> Bool[Tensor, " n"]:
@@ -84,4 +86,3 @@ def inside(windows: tuple[Window, ...], among: list[Variable]) -> Bool[Tensor, "
 def floats(values: Float[Tensor, "..."]) -> str:
     """Encode numbers, little-endian, in single precision."""
     return base64.b64encode(np.ascontiguousarray(array(values), dtype="<f4").tobytes()).decode()
-

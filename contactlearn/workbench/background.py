@@ -44,9 +44,12 @@ class Background:
         )(self.follow)  # fmt: skip
         app.callback(
             Output("curve-sent", "data"), Output("curve-place", "hidden"), Output("curve-said", "children"),
-            Input("ask-curve", "n_clicks"), State("address", "search"), prevent_initial_call=True, running=[(Output("ask-curve", "disabled"), True, False)],
+            Input("ask-curve", "n_clicks"), State("address", "search"), prevent_initial_call=True,
+            running=[(Output("ask-curve", "disabled"), True, False)],
         )(self.learn)  # fmt: skip
-        app.clientside_callback(ClientsideFunction("workbench", "curve"), Output("curve-drawn", "children"), Input("curve-sent", "data"))
+        app.clientside_callback(
+            ClientsideFunction("workbench", "curve"), Output("curve-drawn", "children"), Input("curve-sent", "data")
+        )
 
     def press(self, _: list[int], address: str | None, name: str | None) -> tuple[Any, Any]:
         """Start a search or the run of the present model, or cancel what is running."""
@@ -96,7 +99,12 @@ class Background:
         style = plotly_style(session.law) | {"sizes": sizes, "level": False}
         labels = {"alone": f"{law_label(session.law)} alone", "model": "The model"}
         sent = [
-            style | {"label": labels[name], "dash": "dot" if name == "alone" else "solid", "intervals": [bounded(x) for x in found]}
+            style
+            | {
+                "label": labels[name],
+                "dash": "dot" if name == "alone" else "solid",
+                "intervals": [bounded(x) for x in found],
+            }
             for name, found in curves.items()
         ]
         return sent, False, ""

@@ -1,6 +1,6 @@
 """Sessions as command line and experiment file, and command lines as sessions.
 
-`evaluate` with the words of a session makes the same split and the same joint fit, so it prints the same held-out error.
+`evaluate` with the words of a session makes the same split and the same joint fit, so its held-out error is the same.
 Parameters that were moved by hand, the selected trial and the windows of the map are in the address alone.
 """
 
@@ -28,7 +28,9 @@ def session_of(words: Sequence[str]) -> Session:
     for word in words:
         key = word.lstrip("+~").partition("=")[0]
         if key.split(".")[0] not in ("data", "law", "effect", "seed") or (key.startswith("law.")):
-            raise ContactLearnError(f"the workbench takes data=…, law=…, effect=…, effect.NAME.form=… and seed=…; got {word}")
+            raise ContactLearnError(
+                f"the workbench takes data=…, law=…, effect=…, effect.NAME.form=… and seed=…; got {word}"
+            )
     cfg = compose("evaluate", list(words))
     effects: list[EffectId] = []
     for name, entry in cfg.effect.items():

@@ -101,8 +101,13 @@ class Jobs:
             folder = self._folder()
             call = [sys.executable, "-m", "contactlearn", "diagnose", *words, f"hydra.run.dir={folder}"]
             process = subprocess.Popen(
-                call, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, encoding="utf-8"
-            )  # fmt: skip
+                call,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                encoding="utf-8",
+            )
             job = Job(tuple(words), folder, process)
             self._jobs[folder.name] = job
         Thread(target=job.follow, daemon=True).start()

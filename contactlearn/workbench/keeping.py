@@ -38,26 +38,35 @@ class Keeping:
         """Connect the callbacks with an app."""
         app.callback(
             Output("address", "search", allow_duplicate=True), Output("trouble", "children", allow_duplicate=True),
-            Input("upload", "contents"), Input("load", "n_clicks"), State("upload", "filename"), State("words", "value"),
-            State("address", "search"), prevent_initial_call=True,
+            Input("upload", "contents"), Input("load", "n_clicks"), Input("words", "n_submit"),
+            State("upload", "filename"), State("words", "value"), State("address", "search"), prevent_initial_call=True,
         )(self.load)  # fmt: skip
         app.callback(
-            Output("download", "data"), Input("experiment", "n_clicks"), State("address", "search"), prevent_initial_call=True
+            Output("download", "data"),
+            Input("experiment", "n_clicks"),
+            State("address", "search"),
+            prevent_initial_call=True,
         )(self.experiment)
         app.callback(
-            Output("runs", "children"), Output("runs-said", "children"), Input("list-runs", "n_clicks"), Input("compare-runs", "n_clicks"),
-            prevent_initial_call=True,
+            Output("runs", "children"), Output("runs-said", "children"),
+            Input("list-runs", "n_clicks"), Input("compare-runs", "n_clicks"), prevent_initial_call=True,
         )(self.runs)  # fmt: skip
         app.callback(
-            Output("hints", "hidden"), Output("hint-title", "children"), Output("hint-text", "children"), Output("hint-next", "hidden"), Output("reveal", "hidden"),
+            Output("hints", "hidden"), Output("hint-title", "children"), Output("hint-text", "children"),
+            Output("hint-next", "hidden"), Output("reveal", "hidden"),
             Input("hint-next", "n_clicks"), Input("hint-end", "n_clicks"), Input("settled", "data"),
         )(self.hint)  # fmt: skip
         app.callback(
-            Output("truth", "children"), Output("truth", "hidden"), Input("reveal", "n_clicks"), State("address", "search"), prevent_initial_call=True
+            Output("truth", "children"),
+            Output("truth", "hidden"),
+            Input("reveal", "n_clicks"),
+            State("address", "search"),
+            prevent_initial_call=True,
         )(self.reveal)
 
-    def load(self, contents: str | None, _: int, name: str | None, words: str | None, address: str | None) -> tuple[Any, str]:
+    def load(self, contents: str | None, *values: Any) -> tuple[Any, str]:
         """Go to other data: a file that was dropped, or words as on a command line; the model stays."""
+        *_, name, words, address = values
         try:
             session = Session.read(address or "")
             if ctx.triggered_id == "upload":

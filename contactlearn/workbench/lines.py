@@ -1,4 +1,4 @@
-"""An effect as one line of mathematics: tau = -c*rx*Pn; c = [-1, 1]
+"""An effect as one line of mathematics, such as `tau = -c*rx*Pn; c = [-1, 1]`.
 
 Before the first semicolon stands an output and its expression, behind it the parameters with their ranges.  The line is
 read by the same whitelist as `+effect.mine.tau="-c*rx*Pn" +effect.mine.parameters.c=[-1,1]` of a command.

@@ -5,7 +5,6 @@ its error (`show`); once that is settled follow, each by itself, the comparison,
 regions.  Figures are drawn by the scripts of the report from numbers that are sent (`arrays`).
 """
 
-from collections.abc import Callable
 import contextlib
 from typing import Any
 
@@ -26,6 +25,7 @@ from contactlearn.workbench.session import Session
 
 PRESSED = {"press": ALL, "of": ALL, "at": ALL}
 SET = {"set": ALL, "of": ALL}
+_TICKS, _LAW = {"set": "ticks", "of": ""}, {"set": "law", "of": ""}
 _NOT_SESSION = ("search", "cancel", "save")  # buttons that start or end jobs
 _KEPT_STEPS = 200
 
@@ -39,52 +39,67 @@ class Page:
     def register(self, app: Dash) -> None:
         """Connect the callbacks with an app."""
         address, settled = Input("address", "search"), Input("settled", "data")
+        ticks, law = Output(_TICKS, "value", allow_duplicate=True), Output(_LAW, "value", allow_duplicate=True)
         app.callback(
-            Output("address", "search"), Output("history", "data"), Output("trouble", "children"),
+            Output("address", "search"), Output("history", "data"), Output("trouble", "children"), ticks, law,
             Input(SET, "value"), Input(PRESSED, "n_clicks"), Input("picked", "data"), Input("boxed", "data"),
             Input("undo", "n_clicks"), Input("redo", "n_clicks"), Input("line", "n_submit"),
             State("address", "search"), State("history", "data"), State("line", "value"), prevent_initial_call=True,
         )(self.act)  # fmt: skip
         app.callback(
-            Output("source", "children"), Output("said", "children"), Output("parts", "children"), Output("data-sent", "data"),
-            Output("model-sent", "data"), Output("settled", "data"), Output({"set": "ticks", "of": ""}, "value"),
-            Output({"set": "law", "of": ""}, "value"), Output("command", "children"), Output("words", "value"),
-            Output("trouble", "children", allow_duplicate=True), address, State("data-drawn", "children"), prevent_initial_call="initial_duplicate",
+            Output("source", "children"), Output("said", "children"), Output("parts", "children"),
+            Output("fitted", "data"), Output(_TICKS, "value"), Output(_LAW, "value"), Output("command", "children"),
+            Output("words", "value"),
+            Output("trouble", "children", allow_duplicate=True), address, prevent_initial_call="initial_duplicate",
         )(self.show)  # fmt: skip
+        app.callback(
+            Output("data-sent", "data"), Output("model-sent", "data"), Output("settled", "data"),
+            Input("fitted", "data"), State("data-drawn", "children"),
+        )(self.draw)  # fmt: skip
         app.callback(Output("undo", "disabled"), Output("redo", "disabled"), Input("history", "data"))(self.steps)
         app.callback(
             Output("model-sent", "data", allow_duplicate=True), Output("said", "children", allow_duplicate=True),
             Input(SET, "drag_value"), State("address", "search"), prevent_initial_call=True,
         )(self.preview)  # fmt: skip
         app.callback(Output("trial-sent", "data"), Output("windows-sent", "data"), settled)(self.trial)
-        app.callback(Output({"set": "law", "of": ""}, "options"), Output("bounds", "children"), settled)(self.compare)
-        app.callback(Output({"set": "ticks", "of": ""}, "options"), settled)(self.missing)
+        app.callback(Output(_LAW, "options"), Output("bounds", "children"), settled)(self.compare)
+        app.callback(Output(_TICKS, "options"), settled)(self.missing)
         app.callback(Output("ladder", "children"), settled)(self.ladder)
         app.callback(Output("regions", "children"), settled)(self.regions)
-        app.callback(Output("findings", "children"), Input("data-drawn", "children"), State("address", "search"))(self.findings)
+        app.callback(Output("findings", "children"), Input("data-drawn", "children"), State("address", "search"))(
+            self.findings
+        )
         app.callback(
-            Output("completions", "children"), Output("line-said", "children"), Input("line", "value"), State("address", "search"),
-        )(self.complete)  # fmt: skip
-        for sent, drawn, name in zip(frame.STORES[:4], frame.SINKS[:4], ("data", "model", "trial", "windows"), strict=True):
-            app.clientside_callback(ClientsideFunction("workbench", name), Output(drawn, "children"), Input(sent, "data"))
+            Output("completions", "children"),
+            Output("line-said", "children"),
+            Input("line", "value"),
+            State("address", "search"),
+        )(self.complete)
+        for name in ("data", "model", "trial", "windows"):
+            drawn, sent = Output(f"{name}-drawn", "children"), Input(f"{name}-sent", "data")
+            app.clientside_callback(ClientsideFunction("workbench", name), drawn, sent)
 
-    def act(self, *values: Any) -> tuple[Any, Any, Any]:
-        """Change the session by what was pressed or set; undo and redo go along the list of addresses."""
+    def act(self, *values: Any) -> tuple[Any, ...]:
+        """Change the session by what was pressed or set; undo and redo go along the list of addresses.
+
+        A change that cannot be fitted is refused, and said.
+        """
         *_, address, history, line = values
         history = history or {"past": [], "future": []}
+        before = session = Session.read(address or "")
         try:
             if ctx.triggered_id in ("undo", "redo"):
-                return (*_travelled(ctx.triggered_id, address or "", history), "")
-            before = session = Session.read(address or "")
-            for trigger in ctx.triggered:
-                source = trigger["prop_id"]
-                session = self._acted(session, ctx.triggered_prop_ids[source], source, trigger["value"], line)
+                return *_travelled(ctx.triggered_id, address or "", history), "", no_update, no_update
+            values_by_source = {one["prop_id"]: one["value"] for one in ctx.triggered}
+            for source, name in ctx.triggered_prop_ids.items():
+                session = self._acted(session, name, source, values_by_source[source], line)
+            if session == before:
+                return (no_update,) * 5
+            self.models.moved(session)
         except ContactLearnError as error:
-            return no_update, no_update, str(error)
-        if session == before:
-            return no_update, no_update, no_update
+            return no_update, no_update, str(error), [one.name for one in before.effects], before.law
         past = [*history["past"], before.address][-_KEPT_STEPS:]
-        return session.address or "?", {"past": past, "future": []}, ""
+        return session.address or "?", {"past": past, "future": []}, "", no_update, no_update
 
     def _acted(self, session: Session, name: Any, source: str, value: Any, line: str | None) -> Session:
         """The session after one control; one that was made anew has no clicks yet."""
@@ -95,24 +110,17 @@ class Page:
             return session
         return self.actions.kinds[kind](session, of, line if kind == "line" else value)
 
-    def show(self, address: str | None, shown: str | None) -> tuple[Any, ...]:
+    def show(self, address: str | None) -> tuple[Any, ...]:
         """Fit the model of the address; what is wrong with it is said, and the page stays."""
         try:
             session = Session.read(address or "")
             fitted, moved, data = self.models.fitted(session), self.models.moved(session), self.models.split(session)
         except ContactLearnError as error:
-            return (*[no_update] * 10, str(error))
-        alone = self.models.alone(session)
-        source = f"{data.impacts.source}: {len(data.impacts)} trials, {len(data.pool)} to fit to, {len(data.test)} held out."
-        sent = no_update
-        if shown != self._data_name(session):
-            sent = arrays.of_data(data.impacts, alone.model.predict(data.impacts)) | {"source": self._data_name(session)}
+            return (*[no_update] * 8, str(error))
         return (
-            source,
-            model.said(fitted, moved, alone, bool(session.hand)),
+            f"{data.impacts.source}: {len(data.pool)} trials to fit to, {len(data.test)} held out.",
+            model.said(fitted, moved, self.models.alone(session), bool(session.hand)),
             model.parts(session, fitted, moved),
-            sent,
-            self._drawn(session),
             session.address or "?",
             [one.name for one in session.effects],
             session.law,
@@ -120,6 +128,17 @@ class Page:
             " ".join(session.data),
             "",
         )
+
+    def draw(self, address: str | None, shown: str | None) -> tuple[Any, Any, Any]:
+        """What the figures need: the model, and the trials if they are others than those that are shown."""
+        if address is None:
+            return no_update, no_update, no_update
+        session = Session.read(address)
+        if shown == self._data_name(session):
+            return no_update, self._drawn(session), address
+        impacts = self.models.split(session).impacts
+        trials = arrays.of_data(impacts, self.models.alone(session).model.predict(impacts))
+        return trials | {"source": self._data_name(session)}, self._drawn(session), address
 
     def _data_name(self, session: Session) -> str:
         return f"{self.models.fingerprint(session)} {session.seed}"
@@ -147,7 +166,9 @@ class Page:
                 return no_update, no_update
             session = session.moved(name["of"], float(value))
             alone = self.models.alone(session)
-            return self._drawn(session), model.said(self.models.fitted(session), self.models.moved(session), alone, True)
+            return self._drawn(session), model.said(
+                self.models.fitted(session), self.models.moved(session), alone, True
+            )
         except ContactLearnError:  # a slider of a model that has gone
             return no_update, no_update
 
@@ -157,7 +178,9 @@ class Page:
             return no_update, no_update
         session = Session.read(address)
         data, row = self.models.split(session), self.actions.trial(session)
-        known = {name: self.models.alone(session, name).model.law for name in dict.fromkeys((*SEARCHED_LAWS, session.law))}
+        known = {
+            name: self.models.alone(session, name).model.law for name in dict.fromkeys((*SEARCHED_LAWS, session.law))
+        }
         among = arrays.map_variables(data.impacts, self.models.fitted(session).model.predict(data.impacts))
         rows = arrays.inside(session.windows, among).nonzero()[:, 0].tolist() if session.windows else None
         windows = [{"variable": one.variable, "low": one.low, "high": one.high} for one in session.windows]
@@ -186,7 +209,7 @@ class Page:
         if address is None:
             return no_update
         session = Session.read(address)
-        return model.ladder(session, self.models.ladder(session), self.models.noise(session))
+        return model.ladder_bars(session, self.models.ladder(session), self.models.noise(session))
 
     def regions(self, address: str | None) -> Any:
         """Regions in which the model fails."""
@@ -216,7 +239,11 @@ class Page:
 
 def model_title(session: Session) -> str:
     """Name the model of a session."""
-    parts = [law_label(session.law), *map(effect_label, session.effects), *(line.partition(";")[0] for line in session.lines)]
+    parts = [
+        law_label(session.law),
+        *map(effect_label, session.effects),
+        *(line.partition(";")[0] for line in session.lines),
+    ]
     return " + ".join(parts) + (" (by hand)" if session.hand else "")
 
 
@@ -228,5 +255,3 @@ def _travelled(way: str, address: str, history: dict[str, list[str]]) -> tuple[A
     if way == "redo" and future:
         return future[0] or "?", {"past": [*past, address], "future": future[1:]}
     return no_update, no_update
-
-

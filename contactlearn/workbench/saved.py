@@ -80,7 +80,9 @@ class Saved:
         if path.name not in _PAGES or not path.is_file():
             abort(404)
         # The page has a policy of its own, stricter than that of the workbench.
-        return Response(path.read_bytes(), mimetype="text/html", headers={"Content-Security-Policy": "frame-ancestors 'none'"})
+        return Response(
+            path.read_bytes(), mimetype="text/html", headers={"Content-Security-Policy": "frame-ancestors 'none'"}
+        )
 
     def inside(self, name: str) -> Path:
         """Return a path below the folder.

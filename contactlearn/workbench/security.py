@@ -20,7 +20,7 @@ from werkzeug.wrappers import Response as Answer
 
 LARGEST_BODY = 64 << 20
 """Bytes of a request."""
-_EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104  (refused without the token as everything else is)
+_EVERYWHERE = ("0.0.0.0", "::")
 _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
@@ -95,7 +95,9 @@ def _identified(door: Door) -> Answer | None:
     """Nothing for a request with the cookie; the cookie, and the way on, for one with the token in its address."""
     given = request.args.get("token")
     if given is not None and request.method == "GET" and request.path == "/" and _equal(given, door.token):
-        rest = [(key, value) for key, value in parse_qsl(request.query_string.decode("utf-8", "replace")) if key != "token"]
+        rest = [
+            (key, value) for key, value in parse_qsl(request.query_string.decode("utf-8", "replace")) if key != "token"
+        ]
         answer = redirect("/" + (f"?{urlencode(rest)}" if rest else ""))
         answer.set_cookie(door.cookie, door.token, httponly=True, samesite="Strict", path="/")
         return answer

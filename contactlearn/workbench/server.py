@@ -57,11 +57,17 @@ def make_app(door: Door, models: Models, outputs: Path = OUTPUTS) -> Dash:
     """Return the app, ready to be served behind a door; runs are written and looked for below `outputs`."""
     logging.getLogger("werkzeug").setLevel(logging.ERROR)  # it writes a line a request, with the token
     app = Dash(
-        "contactlearn", title="contactlearn workbench", update_title="", include_assets_files=False, index_string=_INDEX.replace("PLOTLY", version("plotly")),
-        suppress_callback_exceptions=True, serve_locally=True, add_log_handler=False,
-    )  # fmt: skip
+        "contactlearn",
+        title="contactlearn workbench",
+        update_title="",
+        include_assets_files=False,
+        index_string=_INDEX.replace("PLOTLY", version("plotly")),
+        suppress_callback_exceptions=True,
+        serve_locally=True,
+        add_log_handler=False,
+    )
     app.enable_dev_tools(debug=False)
-    app.layout = frame.layout(_LARGEST_FILE)
+    app.layout = frame.page_layout(_LARGEST_FILE)
     promises = Promises(models)
     actions = actions_of(models, promises)
     saved = Saved(outputs)
@@ -78,14 +84,17 @@ def _policy(app: Dash) -> str:
     """The content-security policy: scripts of the page's own alone."""
     scripts = " ".join(["'self'", *app.csp_hashes()])
     return (
-        f"default-src 'none'; script-src {scripts}; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
-        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        f"default-src 'none'; script-src {scripts}; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+        "font-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     )
 
 
 def _serve_scripts(app: Dash) -> None:
     """Serve the scripts and styles: those of the report, and the page's own."""
-    report, own = resources.files("contactlearn.report.page") / "templates", resources.files("contactlearn.workbench") / "static"
+    report, own = (
+        resources.files("contactlearn.report.page") / "templates",
+        resources.files("contactlearn.workbench") / "static",
+    )
     parts = (own / "data.js", report / "numbers.js", report / "figures.js", own / "page.js")
     script = "\n".join(part.read_text(encoding="utf-8") for part in parts)
     style = (report / "style.css").read_text(encoding="utf-8") + (own / "page.css").read_text(encoding="utf-8")
@@ -93,7 +102,9 @@ def _serve_scripts(app: Dash) -> None:
     app.server.add_url_rule("/workbench.js", "workbench", lambda: Response(script, mimetype="text/javascript"))
     app.server.add_url_rule("/style.css", "style", lambda: Response(style, mimetype="text/css"))
     app.server.add_url_rule(
-        "/plotly.js", "plotly", lambda: Response(library, mimetype="text/javascript", headers={"Cache-Control": _FOREVER})
+        "/plotly.js",
+        "plotly",
+        lambda: Response(library, mimetype="text/javascript", headers={"Cache-Control": _FOREVER}),
     )
 
 

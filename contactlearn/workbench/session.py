@@ -66,7 +66,9 @@ class Session:
     def address(self) -> str:
         """The query of the page's address, empty for the defaults."""
         plain = Session()
-        pairs = [tuple(word.split("=", 1)) for word in self.data] if self.data != plain.data else []
+        pairs: list[tuple[str, str]] = []
+        if self.data != plain.data:
+            pairs = [(key, value) for key, _, value in (word.partition("=") for word in self.data)]
         pairs += [("law", self.law)] if self.law != plain.law else []
         pairs += [("effect", str(effect)) for effect in self.effects]
         pairs += [("line", line) for line in self.lines]

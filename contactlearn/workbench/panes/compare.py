@@ -13,9 +13,10 @@ from contactlearn.workbench.models import Compared, Fitted
 from contactlearn.workbench.panes.parts import bar, bars, figure, note
 
 _HEAD = "Errors on held-out trials. Choose the law on which the model is built."
+_CURVE = "Mean error on the held-out trials against the number of training trials"
 
 
-def layout() -> Component:
+def compare_pane() -> Component:
     """Return the pane before anything is known."""
     return html.Section(
         [
@@ -28,7 +29,7 @@ def layout() -> Component:
             ),
             html.Div(id="bounds"),
             html.P([_press_curve(), html.Span(id="curve-said", className="note")], className="controls"),
-            html.Div(figure("curve", "Mean error on the held-out trials against the number of training trials"), id="curve-place", hidden=True),
+            html.Div(figure("curve", _CURVE), id="curve-place", hidden=True),
         ],
         id="compare",
     )  # fmt: skip
@@ -59,4 +60,6 @@ def beside(found: Sequence[Compared], fitted: Fitted, name: str, most: float) ->
 
 def largest(found: Sequence[Compared], fitted: Fitted) -> float:
     """Return the error at the end of the bars: that of the worst law that is not hopeless."""
-    return 1.05 * min(max(one.error.high for one in found), 3 * max(fitted.error.high, min(one.error.high for one in found)))
+    return 1.05 * min(
+        max(one.error.high for one in found), 3 * max(fitted.error.high, min(one.error.high for one in found))
+    )

@@ -11,8 +11,16 @@ from contactlearn.report.text import opened, spaced
 from contactlearn.report.text.stages import NO_REGION, region
 from contactlearn.workbench.panes.parts import figure, note, press
 
+_MAP = (
+    "Error of each trial; draw a box to select trials, click one to see it below. The colours keep the scale of the "
+    "law alone"
+)
+_BODY = "The body at contact: velocities as arrows, spins as arcs, before, after as measured and as predicted"
+_IMPULSES = "Impulse space: admissible impulses, impulse and reach of each law, measured impulse"
+_STEPS = (("worst", "Worst"), ("worse", "Next worse"), ("previous", "Previous"), ("next", "Next"))
 
-def layout() -> Component:
+
+def fails_pane() -> Component:
     """Return the pane before anything is known."""
     return html.Section(
         [
@@ -26,32 +34,35 @@ def layout() -> Component:
                 ],
                 className="controls",
             ),
-            figure("map", "Error of each trial; draw a box to select trials, click one to see it below. The colours keep the scale of the law alone"),
+            figure("map", _MAP),
             html.P(id="window-said", role="status"),
             html.Div(id="regions"),
             html.H3("The selected trial"),
             html.P(
-                [press("worst", "Worst"), press("worse", "Next worse"), press("previous", "Previous"), press("next", "Next")],
+                [press(kind, text) for kind, text in _STEPS],
                 className="controls",
             ),
             html.P(id="trial-said", role="status"),
             html.Div(
                 [
-                    figure("picture", "The body at contact: velocities as arrows, spins as arcs, before, after as measured and as predicted"),
-                    figure("impulse", "Impulse space: admissible impulses, impulse and reach of each law, measured impulse"),
+                    figure("picture", _BODY),
+                    figure("impulse", _IMPULSES),
                 ],
                 className="pair",
             ),
         ],
         id="fails",
-    )  # fmt: skip
+    )
 
 
 def region_buttons(found: Sequence[Region]) -> list[Component]:
     """Return the regions in which the model fails, each to select its trials."""
     if not found:
         return [note(NO_REGION)]
-    rows = [html.Li([press("region", "Select", of=str(k)), f" {spaced(opened(region(one)))}"]) for k, one in enumerate(found)]
+    rows = [
+        html.Li([press("region", "Select", of=str(k)), f" {spaced(opened(region(one)))}"])
+        for k, one in enumerate(found)
+    ]
     return [html.H3("Regions in which the model fails"), html.Ul(rows, className="plain")]
 
 

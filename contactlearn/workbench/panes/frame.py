@@ -9,11 +9,15 @@ from contactlearn.report.text import sentence
 from contactlearn.workbench.panes import compare, fails, hints, missing, model, saved
 from contactlearn.workbench.panes.parts import note, press
 
-STORES = ("data-sent", "model-sent", "trial-sent", "windows-sent", "curve-sent", "settled", "picked", "boxed")
+STORES = ("data-sent", "model-sent", "trial-sent", "windows-sent", "curve-sent", "fitted", "settled", "picked", "boxed")
 SINKS = ("data-drawn", "model-drawn", "trial-drawn", "windows-drawn", "curve-drawn")
+_WORDS = (
+    "Words as on a command line. The shape of the body, in m, as "
+    "data.shape={kind:ellipse,semi_axes:[0.035,0.025]}; without it some effects cannot be decided."
+)
 
 
-def layout(largest: int) -> Component:
+def page_layout(largest: int) -> Component:
     """Return the whole page before anything is known.
 
     Args:
@@ -27,8 +31,8 @@ def layout(largest: int) -> Component:
         dcc.Store(id="job", storage_type="session"),
         dcc.Interval(id="clock", interval=1000, disabled=True),
     ]
-    panes = [compare.layout(), fails.layout(), missing.layout(), model.layout(), saved.layout()]
-    return html.Div([*kept, _head(largest), _bar(), hints.layout(), html.Main(panes, id="main", tabIndex="-1")])
+    panes = [compare.compare_pane(), fails.fails_pane(), missing.missing_pane(), model.model_pane(), saved.saved_pane()]
+    return html.Div([*kept, _head(largest), _bar(), hints.hints_pane(), html.Main(panes, id="main", tabIndex="-1")])
 
 
 def _head(largest: int) -> Component:
@@ -47,13 +51,13 @@ def _head(largest: int) -> Component:
                     ),
                     html.P(
                         [
-                            dcc.Input(id="words", type="text", autoComplete="off", spellCheck=False, debounce=True,
+                            dcc.Input(id="words", type="text", autoComplete="off", spellCheck=False,
                                       placeholder="data=mystery data.seed=7"),
                             html.Button("Load", id="load", n_clicks=0, type="button"),
                         ],
                         className="controls line",
                     ),
-                    note("Words as on a command line; a body's shape as data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}, lengths in m."),
+                    note(_WORDS),
                     html.Div(id="findings"),
                 ]
             ),

@@ -6,8 +6,8 @@ from typing import Any
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from contactlearn.diagnosis.result import Diagnosis
-from contactlearn.effects import EffectId, catalogue
+from contactlearn.diagnosis.result import Diagnosis, FrontierModel, PlausibleModel
+from contactlearn.effects import catalogue
 from contactlearn.report.text import effect_label, error, headline, label, percent, stages
 from contactlearn.report.text.search import listed_models, model_name, notes, share
 from contactlearn.results.diagnosis import DiagnosisRun
@@ -17,12 +17,12 @@ from contactlearn.workbench.promises import Promise
 from contactlearn.workbench.session import Session
 
 _HEAD = (
-    "Tick an effect: law and effects are fitted again together. Behind each stands the held-out error that it would leave, "
-    "estimated from the present model."
+    "Tick an effect: law and effects are fitted again together. Behind each stands the held-out error that it would "
+    "leave, estimated from the present model."
 )
 
 
-def layout() -> Component:
+def missing_pane() -> Component:
     """Return the pane before anything is known."""
     return html.Section(
         [
@@ -35,7 +35,11 @@ def layout() -> Component:
                 className="rows effects",
             ),
             html.P(
-                [press("search", "Search laws and effects"), press("cancel", "Cancel"), html.Span(id="job-said", role="status")],
+                [
+                    press("search", "Search laws and effects"),
+                    press("cancel", "Cancel"),
+                    html.Span(id="job-said", role="status"),
+                ],
                 className="controls",
             ),
             html.Pre(id="job-lines", hidden=True),
@@ -47,15 +51,23 @@ def layout() -> Component:
 
 def effect_options(session: Session, promises: Sequence[Promise], present: float) -> list[dict[str, Any]]:
     """Return all effects: those in the model first, then the most promising, then those that promise nothing."""
-    options: list[dict[str, Any]] = [_option(one.name, effect_label(one), "in the model", True) for one in session.effects]
+    options: list[dict[str, Any]] = [
+        _option(one.name, effect_label(one), "in the model", True) for one in session.effects
+    ]
     best = {one.effect.name: one for one in reversed(promises)}  # the best form of each
     for one in sorted(best.values(), key=lambda one: (one.gain <= 0, one.error if one.gain > 0 else 0.0)):
         said, helps = "promises nothing", one.gain > 0 and one.error < present
         if helps:
             said = f"{error(one.error)} ({percent(one.error / present - 1)})"
-        options.append(_option(one.effect.name, effect_label(one.effect) if helps else label(one.effect.name), said, helps))
+        options.append(
+            _option(one.effect.name, effect_label(one.effect) if helps else label(one.effect.name), said, helps)
+        )
     shown = {option["value"] for option in options}
-    left = [_option(name, label(name), "cannot be decided by these data", False) for name in catalogue() if name not in shown]
+    left = [
+        _option(name, label(name), "cannot be decided by these data", False)
+        for name in catalogue()
+        if name not in shown
+    ]
     return options + left
 
 
@@ -79,9 +91,12 @@ def found_content(run: DiagnosisRun, folder: str, session: Session) -> list[Comp
     ]
 
 
-def adopted(session: Session, law: str, effects: Sequence[EffectId]) -> str:
-    """Return the address of the same data with another model."""
-    return Session(data=session.data, seed=session.seed, trial=session.trial, law=law, effects=tuple(effects)).address
+def _take(text: str, session: Session, found: FrontierModel | PlausibleModel, at: str) -> Component:
+    """A button that goes to the same data with another model."""
+    other = Session(
+        data=session.data, seed=session.seed, trial=session.trial, law=found.law, effects=tuple(found.effects)
+    )
+    return press("adopt", text, of=other.address, label=f"Take {model_name(found.law, found.effects)}", at=at)
 
 
 def _frontier(found: Diagnosis, session: Session) -> list[Component]:
@@ -89,17 +104,16 @@ def _frontier(found: Diagnosis, session: Session) -> list[Component]:
         return []
     most = 1.05 * max(one.error.high for one in found.frontier)
     rows = [(model_name(one.law, one.effects), one.error) for one in found.frontier]
-    takes = [press("adopt", f"Take {len(one.effects)}", of=adopted(session, one.law, one.effects),
-                   label=f"Take {model_name(one.law, one.effects)}", at="frontier") for one in found.frontier]  # fmt: skip
+    takes = [_take(f"Take {len(one.effects)}", session, one, "frontier") for one in found.frontier]
     head = "The best model of each number of effects, held out:"
     return [html.H4("Frontier"), note(head), bars(rows, most), html.P(takes, className="controls")]
 
 
 def _plausible(found: Diagnosis, session: Session) -> list[Component]:
     rows = [
-        html.Li([press("adopt", "Take", of=adopted(session, one.law, one.effects), at="plausible"), f" {share(one)}  {model_name(one.law, one.effects)}"])
+        html.Li([_take("Take", session, one, "plausible"), f" {share(one)}  {model_name(one.law, one.effects)}"])
         for one in listed_models(found)
-    ]  # fmt: skip
+    ]
     if not rows:
         return []
     said = [html.P(text) for text in notes(found)]
@@ -111,9 +125,8 @@ def _remains(found: Diagnosis) -> list[Component]:
         return []
     said = [html.P(text) for text in stages.residual(found.remainder)]
     lines = [
-        html.Li([press("formula", "Add", of=line_of(one)), f" {stages.formula_change(one)}"])
-        for one in found.formulas
-    ]  # fmt: skip
+        html.Li([press("formula", "Add", of=line_of(one)), f" {stages.formula_change(one)}"]) for one in found.formulas
+    ]
     return [html.H4("What remains"), *said, *([html.Ul(lines, className="plain")] if lines else [])]
 
 

@@ -20,7 +20,7 @@ from contactlearn.workbench.session import Session
 _STEPS, _SIGMAS, _LEAST = 400, 25.0, 0.1  # of a slider: steps, reach in standard errors, least share of the range
 
 
-def layout() -> Component:
+def model_pane() -> Component:
     """Return the pane before anything is known."""
     return html.Section(
         [
@@ -29,7 +29,7 @@ def layout() -> Component:
             html.H3("A line of mathematics"),
             html.P(
                 [
-                    dcc.Input(id="line", type="text", placeholder=EXAMPLE, debounce=False, autoComplete="off", spellCheck=False),
+                    dcc.Input(id="line", type="text", placeholder=EXAMPLE, autoComplete="off", spellCheck=False),
                     press("line", "Add"),
                 ],
                 className="controls line",
@@ -53,12 +53,17 @@ def parts(session: Session, fitted: Fitted, moved: Moved) -> list[Component]:
 
     def sliders(prefix: str) -> list[Component]:
         mine = [p for p in fitted.fit.parameters if p.name.rpartition(".")[0] == prefix]
-        return [_slider(p, best[p.name], errors[p.name], values[p.name], p.name in hand, warned.get(p.name, "")) for p in mine]
+        return [
+            _slider(p, best[p.name], errors[p.name], values[p.name], p.name in hand, warned.get(p.name, ""))
+            for p in mine
+        ]
 
-    found = [html.Div([html.H3(law_label(session.law)), *sliders("")], className="part")]
+    found: list[Component] = [html.Div([html.H3(law_label(session.law)), *sliders("")], className="part")]
     for one in session.effects:
         effect = fitted.effects[one.name]
-        head = html.H3([effect_label(one), " ", press("drop", "Remove", of=one.name, label=f"Remove {effect_label(one)}")])
+        head = html.H3(
+            [effect_label(one), " ", press("drop", "Remove", of=one.name, label=f"Remove {effect_label(one)}")]
+        )
         found.append(html.Div([head, *_forms(effect), note(effect.equation), *sliders(one.name)], className="part"))
     for place, line in enumerate(session.lines):
         head = html.H3([html.Code(line), " ", press("unline", "Remove", of=str(place), label=f"Remove {line}")])
@@ -66,13 +71,19 @@ def parts(session: Session, fitted: Fitted, moved: Moved) -> list[Component]:
     return found
 
 
-def ladder(session: Session, steps: Sequence[Fitted], floor: NoiseFloor) -> list[Component]:
+def ladder_bars(session: Session, steps: Sequence[Fitted], floor: NoiseFloor) -> list[Component]:
     """Return the errors of the law, then with one effect more each, and of noise alone."""
     names = [law_label(session.law), *(f"+ {effect_label(one)}" for one in session.effects)]
     names += [f"+ {line.partition(';')[0]}" for line in session.lines]
-    rows: list[tuple[str, Interval]] = [*zip(names, (one.error for one in steps), strict=True), ("Noise floor", floor.error)]
+    rows: list[tuple[str, Interval]] = [
+        *zip(names, (one.error for one in steps), strict=True),
+        ("Noise floor", floor.error),
+    ]
     most = 1.05 * max(x.high for _, x in rows)
-    return [bars(rows, most), note(f"Held-out errors. The noise floor is {NOISE_SOURCES[floor.source]}, of all trials.")]
+    return [
+        bars(rows, most),
+        note(f"Held-out errors. The noise floor is {NOISE_SOURCES[floor.source]}, of all trials."),
+    ]
 
 
 def said(fitted: Fitted, moved: Moved, alone: Fitted, by_hand: bool) -> list[Component | str]:
@@ -93,13 +104,19 @@ def _slider(p: Parameter, best: float, error: float, value: float, by_hand: bool
         [
             html.Label([html.Span(text), *reset], className="said"),
             dcc.Slider(
-                id={"set": "slider", "of": p.name}, min=low, max=high, step=(high - low) / _STEPS, value=min(max(value, low), high),
-                marks=None, updatemode="mouseup", allow_direct_input=False,
+                id={"set": "slider", "of": p.name},
+                min=low,
+                max=high,
+                step=(high - low) / _STEPS,
+                value=min(max(value, low), high),
+                marks=None,
+                updatemode="mouseup",
+                allow_direct_input=False,
             ),
             *([note(warning)] if warning else []),
         ],
         className="parameter",
-    )  # fmt: skip
+    )
 
 
 def _reach(p: Parameter, best: float, error: float) -> tuple[float, float]:
@@ -114,4 +131,8 @@ def _forms(effect: Effect) -> list[Component]:
         return []
     names = [kind.form for kind in catalogue()[effect.name]]
     options = [{"label": label(name), "value": name} for name in names if name is not None]
-    return [dcc.RadioItems(id={"set": "form", "of": effect.name}, options=options, value=effect.form, inline=True, className="forms")]
+    return [
+        dcc.RadioItems(
+            id={"set": "form", "of": effect.name}, options=options, value=effect.form, inline=True, className="forms"
+        )
+    ]

@@ -26,7 +26,10 @@ def figure(identity: str, what: str) -> Component:
 
 def bars(rows: Sequence[tuple[str, Interval]], most: float) -> Component:
     """Return a table of errors: name, number with interval, bar that ends at `most`."""
-    cells = [html.Tr([html.Th(name, scope="row"), html.Td(brief_interval(x), className="value"), html.Td(bar(x, most))]) for name, x in rows]
+    cells = [
+        html.Tr([html.Th(name, scope="row"), html.Td(brief_interval(x), className="value"), html.Td(bar(x, most))])
+        for name, x in rows
+    ]
     return html.Table(html.Tbody(cells), className="bars")
 
 

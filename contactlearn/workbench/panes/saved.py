@@ -8,8 +8,10 @@ from dash.development.base_component import Component
 from contactlearn.workbench.panes.parts import note, press
 from contactlearn.workbench.saved import SavedRun
 
+_HEAD = "The address of this page is the session. Save run diagnoses the model as it is and writes a run folder."
 
-def layout() -> Component:
+
+def saved_pane() -> Component:
     """Return the pane before anything is known."""
     return html.Section(
         [
@@ -23,7 +25,7 @@ def layout() -> Component:
                 ],
                 className="controls",
             ),
-            note("The address of this page is the session. Save run diagnoses the model as it is and writes a run folder, as diagnose does."),
+            note(_HEAD),
             html.H3("The same model from the shell"),
             html.Pre(id="command"),
             dcc.Download(id="download"),
