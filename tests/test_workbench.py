@@ -12,6 +12,8 @@ from omegaconf import OmegaConf
 
 pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'contactlearn[workbench]'")
 
+from dash import no_update
+
 from contactlearn.data import synthetic, table
 from contactlearn.diagnosis.result import Formula, WrenchComponent
 from contactlearn.effects import EffectId
@@ -25,6 +27,7 @@ from contactlearn.workbench.cache import Cache
 from contactlearn.workbench.jobs import Jobs, JobStatus
 from contactlearn.workbench.keeping import Keeping
 from contactlearn.workbench.models import Models
+from contactlearn.workbench.page import Page
 from contactlearn.workbench.promises import Promises
 from contactlearn.workbench.saved import Saved, diagnosed
 from contactlearn.workbench.session import Session, Window
@@ -209,10 +212,10 @@ def test_a_parameter_moves_by_hand_and_back(session, models):
 
 def test_a_tick_takes_the_most_promising_form(session, models):
     actions = actions_of(models, Promises(models))
-    ticked = actions.kinds["ticks"](session, "", ["side_drag"])
+    ticked = actions.kinds["ticks"](session, "side_drag", True)
     best = next(one.effect for one in Promises(models).of(session) if one.effect.name == "side_drag")
     assert ticked.effects == (best,)
-    assert actions.kinds["ticks"](ticked, "", []) == session
+    assert actions.kinds["ticks"](ticked, "side_drag", False) == session
 
 
 def test_trials_are_stepped_through_by_their_errors(session, models):
@@ -237,7 +240,7 @@ def test_a_changed_file_is_read_again(session, models, tmp_path):
 
 def test_a_line_that_never_vanishes_is_refused(session, models):
     with pytest.raises(ContactLearnError, match="must change nothing where it vanishes"):
-        actions_of(models, Promises(models)).add_line(session, "", "tau = c + Pn; c = [-1, 1]")
+        actions_of(models, Promises(models)).add_line(session, "tau = c + Pn; c = [-1, 1]", None)
 
 
 def test_windows_hold_trials_also_around_the_circle(session, models):
@@ -300,7 +303,8 @@ def test_the_experiment_file_says_what_it_leaves_out(session):
 
 def test_a_diagnosis_runs_beside_the_page_and_is_taken_over(session, models, tmp_path):
     jobs, saved = Jobs(tmp_path / "outputs"), Saved(tmp_path / "outputs")
-    words = [*commands.words_of(session.ticked(DRAG)), "seconds=1"]
+    speed = EffectId("velocity_dependent_restitution", "linear")  # it takes a constant from the data
+    words = [*commands.words_of(session.ticked(DRAG).ticked(speed)), "seconds=1"]
     job = jobs.start(words)
     assert jobs.start(words) is job
     assert job.status is JobStatus.RUNNING
@@ -363,3 +367,25 @@ def test_numbers_are_written_as_in_the_report(session, models):
 
     fitted = models.fitted(session)
     assert error(fitted.error.mean) in str(said(fitted, models.moved(session), fitted, False))
+
+
+def test_what_was_not_answered_is_done_once_and_what_cannot_be_fitted_is_refused(session, models):
+    """The page sends actions again until they are answered; `done` says up to which they are in the address."""
+    page = Page(models, Promises(models), actions_of(models, Promises(models)))
+    tick = {"n": 1, "kind": "ticks", "of": "side_drag", "value": True}
+    law = {"n": 2, "kind": "law", "of": "mirtich", "value": None}
+    address, history, done, trouble, *_ = page.act([tick, law], None, session.address, None)
+    both = Session.read(address)
+    assert (both.law, both.effects[0].name, done, trouble) == ("mirtich", "side_drag", 2, "")
+    assert len(history["past"]) == 2
+    undo, redo = ({"n": n, "kind": kind, "of": "", "value": None} for n, kind in ((3, "undo"), (4, "redo")))
+    back, history, *_ = page.act([tick, law, undo], 2, address, history)
+    assert Session.read(back).law == session.law
+    again, history, *_ = page.act([redo], 3, back, history)
+    assert again == address
+    wrong = {"n": 5, "kind": "line", "of": "tau = c; d", "value": None}
+    *same, done, trouble, ticks, chosen = page.act([wrong], 4, again, history)
+    assert same == [no_update, no_update]
+    assert (done, ticks, chosen) == (5, ["side_drag"], "mirtich")
+    assert "a parameter has a range" in trouble
+    assert "unknown action" in page.act([wrong | {"kind": "format_disk"}], 4, again, history)[3]

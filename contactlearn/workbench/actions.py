@@ -1,6 +1,6 @@
 """What each control does: a session, the name behind the control and its value to another session.
 
-A control is named by its kind: `ticks`, `law`, `form` and `slider` have values, the others are pressed.
+An action is named by its kind; those of `ticks`, `form`, `slider`, `picked` and `boxed` come with a value.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,7 +13,7 @@ from contactlearn import laws
 from contactlearn.diagnosis.failure.regions import find_regions
 from contactlearn.diagnosis.failure.variables import variables
 from contactlearn.diagnosis.result import Region
-from contactlearn.effects import EffectId, catalogue, find_effect
+from contactlearn.effects import EffectId, find_effect
 from contactlearn.evaluation.metrics import mass_error
 from contactlearn.impacts import Prediction
 from contactlearn.workbench.cache import Cache
@@ -39,13 +39,12 @@ class Actions:
         """Every action by the kind of its control."""
         return {
             "ticks": self.tick,
-            "law": lambda session, _, name: replace(session, law=laws.find(str(name)).name, hand=()),
+            "law": lambda session, name, _: replace(session, law=laws.find(name).name, hand=()),
             "form": lambda session, name, form: session.ticked(find_effect(name, str(form)).id),
             "drop": lambda session, name, _: session.ticked(EffectId(name), False),
             "slider": self.slide,
             "fit": lambda session, name, _: session.moved(name, None),
             "line": self.add_line,
-            "formula": lambda session, line, _: self.add_line(session, "", line),
             "unline": _without_line,
             "adopt": lambda session, address, _: Session.read(address),
             "alone": lambda session, _, __: replace(session, effects=(), lines=(), hand=()),
@@ -59,16 +58,12 @@ class Actions:
             "next": lambda session, _, __: self.step(session, 1),
         }
 
-    def tick(self, session: Session, _: str, names: list[str]) -> Session:
-        """Add the effects that are ticked, each in its most promising form, and remove the others."""
-        for one in session.effects:
-            if one.name not in names:
-                session = session.ticked(one, False)
+    def tick(self, session: Session, name: str, on: bool) -> Session:
+        """Add an effect in its most promising form, or remove it."""
         present = [one.name for one in session.effects]
-        for name in names:
-            if name not in present and name in catalogue():
-                session = session.ticked(self.best_form(session, name))
-        return session
+        if not on or name in present:
+            return session if on else session.ticked(EffectId(name), False)
+        return session.ticked(self.best_form(session, name))
 
     def best_form(self, session: Session, name: str) -> EffectId:
         """Return the form of an effect that promises most; its default where nothing is promised."""
@@ -82,7 +77,7 @@ class Actions:
         now = self.models.moved(session).values[names.index(name)].item()
         return session if abs(value - now) <= _CLOSE * max(1.0, abs(now)) else session.moved(name, float(value))
 
-    def add_line(self, session: Session, _: str, line: str) -> Session:
+    def add_line(self, session: Session, line: str, _: Any) -> Session:
         """Add an effect as a line of mathematics, once it is known to work on these data.
 
         Raises:
@@ -124,7 +119,9 @@ class Actions:
     def select_region(self, session: Session, place: str, _: Any) -> Session:
         """Select the trials of a region that the model fails in."""
         impacts, found = self.models.split(session).impacts, self.regions(session)
-        one = found[int(place) % len(found)]
+        if int(place) >= len(found):  # of a model that has gone
+            return session
+        one = found[int(place)]
         known = {each.name: each for each in variables(impacts, self.models.fitted(session).model.predict(impacts))}
         scale, values = known[one.variable].scale, known[one.variable].values
         low = values.min().item() if one.low is None else one.low

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from dash import ALL, ClientsideFunction, Dash, Input, Output, State, ctx, no_update
+from dash import ClientsideFunction, Dash, Input, Output, State, ctx, no_update
 from dash.development.base_component import Component
 
 from contactlearn.errors import ContactLearnError
@@ -34,8 +34,8 @@ class Background:
         """Connect the callbacks with an app."""
         app.callback(
             Output("job", "data"), Output("trouble", "children", allow_duplicate=True),
-            Input({"press": ALL, "of": ALL, "at": ALL}, "n_clicks"), State("address", "search"), State("job", "data"),
-            prevent_initial_call=True,
+            Input("search", "n_clicks"), Input("save", "n_clicks"), Input("cancel", "n_clicks"),
+            State("address", "search"), State("job", "data"), prevent_initial_call=True,
         )(self.press)  # fmt: skip
         app.callback(
             Output("job-said", "children"), Output("job-lines", "children"), Output("job-lines", "hidden"),
@@ -51,21 +51,19 @@ class Background:
             ClientsideFunction("workbench", "curve"), Output("curve-drawn", "children"), Input("curve-sent", "data")
         )
 
-    def press(self, _: list[int], address: str | None, name: str | None) -> tuple[Any, Any]:
+    def press(self, *values: Any) -> tuple[Any, Any]:
         """Start a search or the run of the present model, or cancel what is running."""
-        pressed = ctx.triggered_id
-        if not isinstance(pressed, dict) or not ctx.triggered[0]["value"]:
-            return no_update, no_update
+        *_, address, name = values
         try:
-            if pressed["press"] == "cancel" and name and (job := self.jobs.find(name)):
-                job.cancel()
-            if pressed["press"] == "search":
-                session = Session.read(address or "")
+            session = Session.read(address or "")
+            if ctx.triggered_id == "search":
                 return self.jobs.start([*session.data, "law=best", f"seed={session.seed}"]).folder.name, ""
-            if pressed["press"] == "save":
-                return self.jobs.start(words_of(Session.read(address or ""))).folder.name, ""
+            if ctx.triggered_id == "save":
+                return self.jobs.start(words_of(session)).folder.name, ""
         except ContactLearnError as error:
             return no_update, str(error)
+        if name and (job := self.jobs.find(name)):
+            job.cancel()
         return no_update, no_update
 
     def follow(self, _: int | None, name: str | None, address: str | None) -> tuple[Any, ...]:

@@ -5,6 +5,7 @@ and what it has written stays.  The lines that it prints are its progress.
 """
 
 import atexit
+import os
 import subprocess
 import sys
 import time
@@ -107,6 +108,7 @@ class Jobs:
                 stderr=subprocess.STDOUT,
                 text=True,
                 encoding="utf-8",
+                env=os.environ | {"PYTHONUNBUFFERED": "1"},  # its lines are seen as they come
             )
             job = Job(tuple(words), folder, process)
             self._jobs[folder.name] = job

@@ -6,28 +6,29 @@ regions.  Figures are drawn by the scripts of the report from numbers that are s
 """
 
 import contextlib
+from collections.abc import Callable
+from threading import Lock
 from typing import Any
 
 from dash import ALL, ClientsideFunction, Dash, Input, Output, State, ctx, no_update
 
 from contactlearn.audit.findings import audit
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
-from contactlearn.errors import ContactLearnError
+from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.report.text import effect_label, law_label
 from contactlearn.workbench import arrays
 from contactlearn.workbench.actions import Actions
+from contactlearn.workbench.cache import Cache
 from contactlearn.workbench.commands import command
 from contactlearn.workbench.lines import completions, effect_of
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.panes import compare, fails, frame, missing, model
-from contactlearn.workbench.promises import Promises
+from contactlearn.workbench.promises import Promise, Promises
 from contactlearn.workbench.session import Session
 
-PRESSED = {"press": ALL, "of": ALL, "at": ALL}
-SET = {"set": ALL, "of": ALL}
 _TICKS, _LAW = {"set": "ticks", "of": ""}, {"set": "law", "of": ""}
-_NOT_SESSION = ("search", "cancel", "save")  # buttons that start or end jobs
-_KEPT_STEPS = 200
+_History = dict[str, list[str]]
+_KEPT_STEPS, _TABS = 200, 100
 
 
 class Page:
@@ -35,37 +36,39 @@ class Page:
 
     def __init__(self, models: Models, promises: Promises, actions: Actions) -> None:
         self.models, self.promises, self.actions = models, promises, actions
+        self._latest: Cache[dict[str, str]] = Cache(_TABS)
+        self._slow = Lock()
 
     def register(self, app: Dash) -> None:
         """Connect the callbacks with an app."""
-        address, settled = Input("address", "search"), Input("settled", "data")
+        address, settled, tab = Input("address", "search"), Input("settled", "data"), State("tab", "data")
         ticks, law = Output(_TICKS, "value", allow_duplicate=True), Output(_LAW, "value", allow_duplicate=True)
         app.callback(
-            Output("address", "search"), Output("history", "data"), Output("trouble", "children"), ticks, law,
-            Input(SET, "value"), Input(PRESSED, "n_clicks"), Input("picked", "data"), Input("boxed", "data"),
-            Input("undo", "n_clicks"), Input("redo", "n_clicks"), Input("line", "n_submit"),
-            State("address", "search"), State("history", "data"), State("line", "value"), prevent_initial_call=True,
+            Output("address", "search"), Output("history", "data"), Output("done", "data"),
+            Output("trouble", "children"), ticks, law,
+            Input("acted", "data"), State("done", "data"), State("address", "search"), State("history", "data"),
+            prevent_initial_call=True,
         )(self.act)  # fmt: skip
         app.callback(
             Output("source", "children"), Output("said", "children"), Output("parts", "children"),
             Output("fitted", "data"), Output(_TICKS, "value"), Output(_LAW, "value"), Output("command", "children"),
             Output("words", "value"),
-            Output("trouble", "children", allow_duplicate=True), address, prevent_initial_call="initial_duplicate",
+            Output("trouble", "children", allow_duplicate=True), address, State(_TICKS, "value"), State(_LAW, "value"),
+            prevent_initial_call="initial_duplicate",
         )(self.show)  # fmt: skip
         app.callback(
             Output("data-sent", "data"), Output("model-sent", "data"), Output("settled", "data"),
-            Input("fitted", "data"), State("data-drawn", "children"),
+            Input("fitted", "data"), State("data-drawn", "children"), tab,
         )(self.draw)  # fmt: skip
-        app.callback(Output("undo", "disabled"), Output("redo", "disabled"), Input("history", "data"))(self.steps)
         app.callback(
             Output("model-sent", "data", allow_duplicate=True), Output("said", "children", allow_duplicate=True),
-            Input(SET, "drag_value"), State("address", "search"), prevent_initial_call=True,
+            Input({"set": "slider", "of": ALL}, "drag_value"), State("address", "search"), prevent_initial_call=True,
         )(self.preview)  # fmt: skip
         app.callback(Output("trial-sent", "data"), Output("windows-sent", "data"), settled)(self.trial)
         app.callback(Output(_LAW, "options"), Output("bounds", "children"), settled)(self.compare)
-        app.callback(Output(_TICKS, "options"), settled)(self.missing)
-        app.callback(Output("ladder", "children"), settled)(self.ladder)
-        app.callback(Output("regions", "children"), settled)(self.regions)
+        app.callback(Output(_TICKS, "options"), settled, tab)(self.missing)
+        app.callback(Output("ladder", "children"), settled, tab)(self.ladder)
+        app.callback(Output("regions", "children"), settled, tab)(self.regions)
         app.callback(Output("findings", "children"), Input("data-drawn", "children"), State("address", "search"))(
             self.findings
         )
@@ -75,42 +78,63 @@ class Page:
             Input("line", "value"),
             State("address", "search"),
         )(self.complete)
+        slider, sink = Input({"set": "slider", "of": ALL}, "value"), Output("slider-drawn", "children")
+        app.clientside_callback(ClientsideFunction("workbench", "slider"), sink, slider)
+        app.clientside_callback(
+            ClientsideFunction("workbench", "done"), Output("done-drawn", "children"), Input("done", "data")
+        )
         for name in ("data", "model", "trial", "windows"):
             drawn, sent = Output(f"{name}-drawn", "children"), Input(f"{name}-sent", "data")
             app.clientside_callback(ClientsideFunction("workbench", name), drawn, sent)
 
-    def act(self, *values: Any) -> tuple[Any, ...]:
-        """Change the session by what was pressed or set; undo and redo go along the list of addresses.
+    def act(
+        self, acted: list[dict[str, Any]] | None, done: int | None, address: str | None, history: _History | None
+    ) -> tuple[Any, ...]:
+        """Change the session by what was pressed, ticked or moved since the last answer, in turn.
 
-        A change that cannot be fitted is refused, and said.
+        A change that cannot be fitted is refused, and said.  The page sends what has not been answered again with what
+        follows, so nothing is lost when answers are overtaken.
         """
-        *_, address, history, line = values
-        history = history or {"past": [], "future": []}
-        before = session = Session.read(address or "")
-        try:
-            if ctx.triggered_id in ("undo", "redo"):
-                return *_travelled(ctx.triggered_id, address or "", history), "", no_update, no_update
-            values_by_source = {one["prop_id"]: one["value"] for one in ctx.triggered}
-            for source, name in ctx.triggered_prop_ids.items():
-                session = self._acted(session, name, source, values_by_source[source], line)
-            if session == before:
-                return (no_update,) * 5
-            self.models.moved(session)
-        except ContactLearnError as error:
-            return no_update, no_update, str(error), [one.name for one in before.effects], before.law
-        past = [*history["past"], before.address][-_KEPT_STEPS:]
-        return session.address or "?", {"past": past, "future": []}, "", no_update, no_update
+        fresh = [one for one in acted or [] if one["n"] > (done or 0)]
+        if not fresh:
+            return (no_update,) * 6
+        steps, session, trouble = history or {"past": [], "future": []}, Session(), ""
+        with contextlib.suppress(ContactLearnError):  # an address that cannot be read is left for the defaults
+            session = Session.read(address or "")
+        before = session
+        for one in fresh:
+            try:
+                session, steps = self._acted(session, steps, one["kind"], one["of"], one["value"])
+            except ContactLearnError as error:
+                trouble = str(error)
+        moved = (session.address or "?", steps) if session != before else (no_update, no_update)
+        listed = ([one.name for one in session.effects], session.law) if trouble else (no_update, no_update)
+        return *moved, fresh[-1]["n"], trouble, *listed
 
-    def _acted(self, session: Session, name: Any, source: str, value: Any, line: str | None) -> Session:
-        """The session after one control; one that was made anew has no clicks yet."""
-        kind, of = (name, "") if isinstance(name, str) else (name.get("press") or name["set"], name["of"])
-        if value in (None, 0) and source.rpartition(".")[2] in ("n_clicks", "n_submit"):
-            return session
-        if value is None or kind in _NOT_SESSION:
-            return session
-        return self.actions.kinds[kind](session, of, line if kind == "line" else value)
+    def _acted(self, session: Session, steps: _History, kind: str, of: str, value: Any) -> tuple[Session, _History]:
+        """The session after one action, and the addresses before it and after it."""
+        past, future = steps["past"], steps["future"]
+        if kind == "undo":
+            return (
+                (Session.read(past[-1]), {"past": past[:-1], "future": [session.address, *future]})
+                if past
+                else (session, steps)
+            )
+        if kind == "redo":
+            return (
+                (Session.read(future[0]), {"past": [*past, session.address], "future": future[1:]})
+                if future
+                else (session, steps)
+            )
+        if kind not in self.actions.kinds:
+            raise UnknownNameError("action", kind, self.actions.kinds)
+        after = self.actions.kinds[kind](session, of, value)
+        if after == session:
+            return session, steps
+        self.models.moved(after)
+        return after, {"past": [*past, session.address][-_KEPT_STEPS:], "future": []}
 
-    def show(self, address: str | None) -> tuple[Any, ...]:
+    def show(self, address: str | None, ticks: list[str] | None, law: str | None) -> tuple[Any, ...]:
         """Fit the model of the address; what is wrong with it is said, and the page stays."""
         try:
             session = Session.read(address or "")
@@ -122,18 +146,21 @@ class Page:
             model.said(fitted, moved, self.models.alone(session), bool(session.hand)),
             model.parts(session, fitted, moved),
             session.address or "?",
-            [one.name for one in session.effects],
-            session.law,
+            no_update
+            if set(ticks or []) == {one.name for one in session.effects}
+            else [one.name for one in session.effects],
+            no_update if law == session.law else session.law,
             command(session),
             " ".join(session.data),
             "",
         )
 
-    def draw(self, address: str | None, shown: str | None) -> tuple[Any, Any, Any]:
+    def draw(self, address: str | None, shown: str | None, tab: str) -> tuple[Any, Any, Any]:
         """What the figures need: the model, and the trials if they are others than those that are shown."""
         if address is None:
             return no_update, no_update, no_update
         session = Session.read(address)
+        self._latest.get(tab, dict)["address"] = address
         if shown == self._data_name(session):
             return no_update, self._drawn(session), address
         impacts = self.models.split(session).impacts
@@ -150,10 +177,6 @@ class Page:
         names = [law_label(session.law), model_title(session)]
         sent = arrays.of_model(data.impacts, alone.v_post, moved.v_post, moved.model)
         return sent | {"names": names, "count": len(data.impacts), "error": moved.error.mean}
-
-    def steps(self, history: dict[str, list[str]] | None) -> tuple[bool, bool]:
-        """Whether there is nothing to undo, and nothing to redo."""
-        return not (history and history["past"]), not (history and history["future"])
 
     def preview(self, values: list[Any], address: str | None) -> tuple[Any, Any]:
         """Show the model with a slider where it is being dragged."""
@@ -195,25 +218,35 @@ class Page:
         most = compare.largest(found, fitted)
         return compare.law_options(found, most), compare.beside(found, fitted, model_title(session), most)
 
-    def missing(self, address: str | None) -> Any:
+    def missing(self, address: str | None, tab: str) -> Any:
         """What each effect would take off."""
-        if address is None:
-            return no_update
-        session, promises = Session.read(address), ()
-        with contextlib.suppress(ContactLearnError):  # too few trials for any effect
-            promises = self.promises.of(session)
-        return missing.effect_options(session, promises, self.models.fitted(session).error.mean)
 
-    def ladder(self, address: str | None) -> Any:
+        def options(session: Session) -> list[dict[str, Any]]:
+            promises: tuple[Promise, ...] = ()
+            with contextlib.suppress(ContactLearnError):  # too few trials for any effect
+                promises = self.promises.of(session)
+            return missing.effect_options(session, promises, self.models.fitted(session).error.mean)
+
+        return self._after(address, tab, options)
+
+    def ladder(self, address: str | None, tab: str) -> Any:
         """The ladder so far, above the noise floor."""
+        return self._after(
+            address, tab, lambda one: model.ladder_bars(one, self.models.ladder(one), self.models.noise(one))
+        )
+
+    def regions(self, address: str | None, tab: str) -> Any:
+        """Regions in which the model fails."""
+        return self._after(address, tab, lambda one: fails.region_buttons(self.actions.regions(one)))
+
+    def _after(self, address: str | None, tab: str, make: Callable[[Session], Any]) -> Any:
+        """What takes a while, one at a time, and only while the tab still shows that model."""
         if address is None:
             return no_update
-        session = Session.read(address)
-        return model.ladder_bars(session, self.models.ladder(session), self.models.noise(session))
-
-    def regions(self, address: str | None) -> Any:
-        """Regions in which the model fails."""
-        return no_update if address is None else fails.region_buttons(self.actions.regions(Session.read(address)))
+        with self._slow:
+            if self._latest.get(tab, dict).get("address", address) != address:
+                return no_update
+            return make(Session.read(address))
 
     def findings(self, drawn: str | None, address: str | None) -> Any:
         """What the audit says of the data."""
@@ -245,13 +278,3 @@ def model_title(session: Session) -> str:
         *(line.partition(";")[0] for line in session.lines),
     ]
     return " + ".join(parts) + (" (by hand)" if session.hand else "")
-
-
-def _travelled(way: str, address: str, history: dict[str, list[str]]) -> tuple[Any, Any]:
-    """The address before or after this one, and the list around it."""
-    past, future = history["past"], history["future"]
-    if way == "undo" and past:
-        return past[-1] or "?", {"past": past[:-1], "future": [address, *future]}
-    if way == "redo" and future:
-        return future[0] or "?", {"past": [*past, address], "future": future[1:]}
-    return no_update, no_update

@@ -67,7 +67,7 @@ def make_app(door: Door, models: Models, outputs: Path = OUTPUTS) -> Dash:
         add_log_handler=False,
     )
     app.enable_dev_tools(debug=False)
-    app.layout = frame.page_layout(_LARGEST_FILE)
+    app.layout = lambda: frame.page_layout(_LARGEST_FILE)
     promises = Promises(models)
     actions = actions_of(models, promises)
     saved = Saved(outputs)

@@ -1,5 +1,5 @@
 """The panes of the page, in the order of the loop: functions from typed results to components.
 
-A component that changes the session has an identity `{"set": kind, "of": name}` with a value, or `{"press": kind,
-"of": name}` with clicks; `contactlearn.workbench.actions` says what each does.
+A button that changes the session says so by `data-press`, its kind, and `data-of`, what it is about; a list or slider
+by its identity `{"set": kind, "of": name}`.  The script of the page sends both to `contactlearn.workbench.actions`.
 """

@@ -10,7 +10,7 @@ from contactlearn import laws
 from contactlearn.report.text import brief_interval, law_label
 from contactlearn.report.text.names import model_label
 from contactlearn.workbench.models import Compared, Fitted
-from contactlearn.workbench.panes.parts import bar, bars, figure, note
+from contactlearn.workbench.panes.parts import bar, bars, button, figure, note
 
 _HEAD = "Errors on held-out trials. Choose the law on which the model is built."
 _CURVE = "Mean error on the held-out trials against the number of training trials"
@@ -28,16 +28,14 @@ def compare_pane() -> Component:
                 className="rows",
             ),
             html.Div(id="bounds"),
-            html.P([_press_curve(), html.Span(id="curve-said", className="note")], className="controls"),
+            html.P(
+                [button("ask-curve", "Learning curve"), html.Span(id="curve-said", className="note")],
+                className="controls",
+            ),
             html.Div(figure("curve", _CURVE), id="curve-place", hidden=True),
         ],
         id="compare",
     )  # fmt: skip
-
-
-def _press_curve() -> Component:
-    """Return the button that asks for the learning curve."""
-    return html.Button("Learning curve", id="ask-curve", n_clicks=0, type="button")
 
 
 def law_options(found: Sequence[Compared], most: float) -> list[dict[str, Any]]:

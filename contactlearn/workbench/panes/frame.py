@@ -1,5 +1,6 @@
 """The frame of the page: title, data, the line that stays in view, panes, and what is kept in the browser."""
 
+import secrets
 from collections.abc import Sequence
 
 from dash import dcc, html
@@ -7,10 +8,10 @@ from dash.development.base_component import Component
 
 from contactlearn.report.text import sentence
 from contactlearn.workbench.panes import compare, fails, hints, missing, model, saved
-from contactlearn.workbench.panes.parts import note, press
+from contactlearn.workbench.panes.parts import button, note, press
 
-STORES = ("data-sent", "model-sent", "trial-sent", "windows-sent", "curve-sent", "fitted", "settled", "picked", "boxed")
-SINKS = ("data-drawn", "model-drawn", "trial-drawn", "windows-drawn", "curve-drawn")
+STORES = ("data-sent", "model-sent", "trial-sent", "windows-sent", "curve-sent", "fitted", "settled", "acted", "done")
+SINKS = ("slider-drawn", "done-drawn", "data-drawn", "model-drawn", "trial-drawn", "windows-drawn", "curve-drawn")
 _WORDS = (
     "Words as on a command line. The shape of the body, in m, as "
     "data.shape={kind:ellipse,semi_axes:[0.035,0.025]}; without it some effects cannot be decided."
@@ -18,7 +19,7 @@ _WORDS = (
 
 
 def page_layout(largest: int) -> Component:
-    """Return the whole page before anything is known.
+    """Return the whole page before anything is known, with a name of its own for each tab.
 
     Args:
         largest: bytes of a file that may be dropped.
@@ -26,6 +27,7 @@ def page_layout(largest: int) -> Component:
     kept: list[Component] = [dcc.Store(id=name) for name in STORES]
     kept += [html.Div(id=name, hidden=True) for name in SINKS]
     kept += [
+        dcc.Store(id="tab", data=secrets.token_hex(8)),
         dcc.Location(id="address", refresh=False),
         dcc.Store(id="history", storage_type="session"),
         dcc.Store(id="job", storage_type="session"),
@@ -53,7 +55,7 @@ def _head(largest: int) -> Component:
                         [
                             dcc.Input(id="words", type="text", autoComplete="off", spellCheck=False,
                                       placeholder="data=mystery data.seed=7"),
-                            html.Button("Load", id="load", n_clicks=0, type="button"),
+                            button("load", "Load"),
                         ],
                         className="controls line",
                     ),
@@ -72,14 +74,15 @@ def _bar() -> Component:
             html.Span("…", id="said", role="status"),
             html.Span(
                 [
-                    html.Button("Undo", id="undo", n_clicks=0, type="button", disabled=True),
-                    html.Button("Redo", id="redo", n_clicks=0, type="button", disabled=True),
+                    press("undo", "Undo"),
+                    press("redo", "Redo"),
                     press("alone", "Law alone"),
                 ],
                 className="controls",
             ),
             html.Span(id="trouble", role="alert"),
         ],
+        id="bar",
         className="bar",
     )
 

@@ -3,6 +3,8 @@
 from dash import html
 from dash.development.base_component import Component
 
+from contactlearn.workbench.panes.parts import button
+
 HINTS = (
     (
         "Compare",
@@ -40,9 +42,9 @@ def hints_pane() -> Component:
             html.P([html.B(id="hint-title"), " ", html.Span(id="hint-text")], role="status"),
             html.P(
                 [
-                    html.Button("Next hint", id="hint-next", n_clicks=0, type="button"),
+                    button("hint-next", "Next hint"),
                     html.Button("Reveal the truth", id="reveal", n_clicks=0, type="button", hidden=True),
-                    html.Button("No more hints", id="hint-end", n_clicks=0, type="button"),
+                    button("hint-end", "No more hints"),
                 ],
                 className="controls",
             ),

@@ -12,7 +12,7 @@ from contactlearn.report.text import effect_label, error, headline, label, perce
 from contactlearn.report.text.search import listed_models, model_name, notes, share
 from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.workbench.lines import line_of
-from contactlearn.workbench.panes.parts import bars, note, press
+from contactlearn.workbench.panes.parts import bars, button, note, press
 from contactlearn.workbench.promises import Promise
 from contactlearn.workbench.session import Session
 
@@ -36,8 +36,8 @@ def missing_pane() -> Component:
             ),
             html.P(
                 [
-                    press("search", "Search laws and effects"),
-                    press("cancel", "Cancel"),
+                    button("search", "Search laws and effects"),
+                    button("cancel", "Cancel"),
                     html.Span(id="job-said", role="status"),
                 ],
                 className="controls",
@@ -91,12 +91,12 @@ def found_content(run: DiagnosisRun, folder: str, session: Session) -> list[Comp
     ]
 
 
-def _take(text: str, session: Session, found: FrontierModel | PlausibleModel, at: str) -> Component:
+def _take(text: str, session: Session, found: FrontierModel | PlausibleModel) -> Component:
     """A button that goes to the same data with another model."""
     other = Session(
         data=session.data, seed=session.seed, trial=session.trial, law=found.law, effects=tuple(found.effects)
     )
-    return press("adopt", text, of=other.address, label=f"Take {model_name(found.law, found.effects)}", at=at)
+    return press("adopt", text, of=other.address, label=f"Take {model_name(found.law, found.effects)}")
 
 
 def _frontier(found: Diagnosis, session: Session) -> list[Component]:
@@ -104,14 +104,14 @@ def _frontier(found: Diagnosis, session: Session) -> list[Component]:
         return []
     most = 1.05 * max(one.error.high for one in found.frontier)
     rows = [(model_name(one.law, one.effects), one.error) for one in found.frontier]
-    takes = [_take(f"Take {len(one.effects)}", session, one, "frontier") for one in found.frontier]
+    takes = [_take(f"Take {len(one.effects)}", session, one) for one in found.frontier]
     head = "The best model of each number of effects, held out:"
     return [html.H4("Frontier"), note(head), bars(rows, most), html.P(takes, className="controls")]
 
 
 def _plausible(found: Diagnosis, session: Session) -> list[Component]:
     rows = [
-        html.Li([_take("Take", session, one, "plausible"), f" {share(one)}  {model_name(one.law, one.effects)}"])
+        html.Li([_take("Take", session, one), f" {share(one)}  {model_name(one.law, one.effects)}"])
         for one in listed_models(found)
     ]
     if not rows:
@@ -125,7 +125,7 @@ def _remains(found: Diagnosis) -> list[Component]:
         return []
     said = [html.P(text) for text in stages.residual(found.remainder)]
     lines = [
-        html.Li([press("formula", "Add", of=line_of(one)), f" {stages.formula_change(one)}"]) for one in found.formulas
+        html.Li([press("line", "Add", of=line_of(one)), f" {stages.formula_change(one)}"]) for one in found.formulas
     ]
     return [html.H4("What remains"), *said, *([html.Ul(lines, className="plain")] if lines else [])]
 

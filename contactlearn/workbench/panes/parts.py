@@ -12,10 +12,15 @@ from contactlearn.report.text import brief_interval
 Children = Sequence[Component | str] | Component | str
 
 
-def press(kind: str, text: str, of: str = "", label: str = "", at: str = "") -> Component:
-    """Return a button that changes the session; `at` tells it from one elsewhere that does the same."""
-    named: dict[str, Any] = {"aria-label": label} if label else {}
-    return html.Button(text, id={"press": kind, "of": of, "at": at}, n_clicks=0, type="button", **named)
+def press(kind: str, text: str, of: str = "", label: str = "") -> Component:
+    """Return a button that changes the session: the kind of its action, and what it is about."""
+    named: dict[str, Any] = {"data-press": kind, "data-of": of} | ({"aria-label": label} if label else {})
+    return html.Button(text, type="button", **named)
+
+
+def button(identity: str, text: str) -> Component:
+    """Return a button that does something else, by its identity."""
+    return html.Button(text, id=identity, n_clicks=0, type="button")
 
 
 def figure(identity: str, what: str) -> Component:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from contactlearn.workbench.panes.parts import note, press
+from contactlearn.workbench.panes.parts import button, note, press
 from contactlearn.workbench.saved import SavedRun
 
 _HEAD = "The address of this page is the session. Save run diagnoses the model as it is and writes a run folder."
@@ -18,10 +18,10 @@ def saved_pane() -> Component:
             html.H2("Keep it"),
             html.P(
                 [
-                    press("save", "Save run"),
-                    html.Button("Experiment file", id="experiment", n_clicks=0, type="button"),
-                    html.Button("Saved runs", id="list-runs", n_clicks=0, type="button"),
-                    html.Button("Compare them", id="compare-runs", n_clicks=0, type="button"),
+                    button("save", "Save run"),
+                    button("experiment", "Experiment file"),
+                    button("list-runs", "Saved runs"),
+                    button("compare-runs", "Compare them"),
                 ],
                 className="controls",
             ),
@@ -46,6 +46,6 @@ def run_list(runs: Sequence[SavedRun]) -> list[Component]:
         if one.page:
             parts += [html.A("open", href=f"/runs/{one.name}/report.html", target="_blank"), " "]
         if one.session is not None:
-            parts.append(press("adopt", "Take its model", of=one.session.address, at=one.name))
+            parts.append(press("adopt", "Take its model", of=one.session.address))
         rows.append(html.Li(parts))
     return [html.Ul(rows, className="plain")]

@@ -9,7 +9,15 @@ const drawn = {
 };
 const needs = {map: () => errors, picture: () => true, impulse: () => page.arrays.reach, curve: () => page.curves};
 const stale = new Set(), near = new Set();
-const tell = (id, data) => dash_clientside.set_props(id, {data});
+
+// Actions that the server has not answered yet; it is sent all of them, so none is lost when answers are overtaken.
+const pending = [];
+let count = 0;
+
+function act(kind, of = "", value = null) {
+  pending.push({n: ++count, kind, of, value});
+  dash_clientside.set_props("acted", {data: [...pending]});
+}
 
 function redraw(...ids) {
   for (const id of ids) stale.add(id);
@@ -29,12 +37,12 @@ function listenToMap(place) {
   place.dataset.listens = "yes";
   place.on("plotly_click", event => {
     const picked = trialAt(event.points[0]);
-    if (Number.isInteger(picked)) tell("picked", picked);
+    if (Number.isInteger(picked)) act("picked", "", picked);
   });
   place.on("plotly_selected", event => {
     if (!event?.range?.x) return;
     const along = (k, [low, high]) => ({variable: trials.variables[k].name, low: Math.min(low, high), high: Math.max(low, high)});
-    tell("boxed", [along(state.across, event.range.x), along(state.up, event.range.y)]);
+    act("boxed", "", [along(state.across, event.range.x), along(state.up, event.range.y)]);
   });
 }
 
@@ -135,6 +143,18 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
     redraw("map", "picture", "impulse");
     return String(sent.row);
   },
+  done(number) {
+    while (pending.length && pending[0].n <= number) pending.shift();
+    return "";
+  },
+  slider(values) {  // only where a person moved it: sliders also come anew
+    const moved = dash_clientside.callback_context.triggered[0];
+    if (moved && touched.of && performance.now() - touched.when < 3000) {
+      const {of} = JSON.parse(moved.prop_id.slice(0, moved.prop_id.lastIndexOf(".")));
+      if (of === touched.of) act("slider", of, moved.value);
+    }
+    return "";
+  },
   curve(sent) {
     if (!sent) return "";
     page.curves = sent;
@@ -164,6 +184,33 @@ function nameSliders() {
   for (const part of document.querySelectorAll(".parameter")) {
     part.querySelector("[role=slider]")?.setAttribute("aria-label", part.querySelector(".said span").textContent);
   }
+}
+
+// Buttons, lists and sliders, wherever they are made.
+const touched = {of: "", when: 0};
+const named = place => JSON.parse(place.closest('[id^="{"]')?.id ?? "{}");
+
+document.addEventListener("click", ({target}) => {
+  const button = target.closest?.("[data-press]");
+  if (!button) return;
+  const {press, of} = button.dataset;
+  act(press, press === "line" && !of ? get("line").value : of);
+});
+document.addEventListener("change", ({target}) => {
+  const {set, of} = named(target);
+  if (set === "ticks") act("ticks", target.value, target.checked);
+  if (set === "law") act("law", target.value);
+  if (set === "form") act("form", of, target.value);
+});
+document.addEventListener("keydown", ({target, key}) => {
+  if (target.id === "line" && key === "Enter") act("line", target.value);
+});
+for (const event of ["pointerdown", "pointermove", "pointerup", "keydown"]) {
+  document.addEventListener(event, ({target, buttons, type}) => {
+    const {set, of} = target.closest?.(".parameter") ? named(target) : {};
+    if (set === "slider" && (type !== "pointermove" || buttons)) Object.assign(touched, {of, when: performance.now()});
+    else if (type === "pointerup" && touched.of) touched.when = performance.now();
+  }, true);
 }
 
 // The page is made by scripts: what it needs is attached once it is there.
