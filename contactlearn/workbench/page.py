@@ -10,7 +10,7 @@ from collections.abc import Callable
 from threading import Lock
 from typing import Any
 
-from dash import ALL, ClientsideFunction, Dash, Input, Output, State, ctx, no_update
+from dash import ALL, ClientsideFunction, Dash, Input, Output, State, ctx, html, no_update
 
 from contactlearn.audit.findings import audit
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
@@ -114,18 +114,12 @@ class Page:
     def _acted(self, session: Session, steps: _History, kind: str, of: str, value: Any) -> tuple[Session, _History]:
         """The session after one action, and the addresses before it and after it."""
         past, future = steps["past"], steps["future"]
-        if kind == "undo":
-            return (
-                (Session.read(past[-1]), {"past": past[:-1], "future": [session.address, *future]})
-                if past
-                else (session, steps)
-            )
-        if kind == "redo":
-            return (
-                (Session.read(future[0]), {"past": [*past, session.address], "future": future[1:]})
-                if future
-                else (session, steps)
-            )
+        if kind == "undo" and past:
+            return Session.read(past[-1]), {"past": past[:-1], "future": [session.address, *future]}
+        if kind == "redo" and future:
+            return Session.read(future[0]), {"past": [*past, session.address], "future": future[1:]}
+        if kind in ("undo", "redo"):
+            return session, steps
         if kind not in self.actions.kinds:
             raise UnknownNameError("action", kind, self.actions.kinds)
         after = self.actions.kinds[kind](session, of, value)
@@ -141,14 +135,13 @@ class Page:
             fitted, moved, data = self.models.fitted(session), self.models.moved(session), self.models.split(session)
         except ContactLearnError as error:
             return (*[no_update] * 8, str(error))
+        names = [one.name for one in session.effects]
         return (
             f"{data.impacts.source}: {len(data.pool)} trials to fit to, {len(data.test)} held out.",
             model.said(fitted, moved, self.models.alone(session), bool(session.hand)),
             model.parts(session, fitted, moved),
             session.address or "?",
-            no_update
-            if set(ticks or []) == {one.name for one in session.effects}
-            else [one.name for one in session.effects],
+            no_update if set(ticks or []) == set(names) else names,
             no_update if law == session.law else session.law,
             command(session),
             " ".join(session.data),
@@ -257,8 +250,6 @@ class Page:
 
     def complete(self, line: str | None, address: str | None) -> tuple[Any, str]:
         """Completions of a line, and what is wrong with it so far."""
-        from dash import html
-
         options = [html.Option(value=text) for text in completions(line or "")]
         if not line:
             return options, ""

@@ -14,7 +14,7 @@ import torch
 from dash import Dash
 from flask import Response
 from threadpoolctl import threadpool_limits
-from werkzeug.serving import BaseWSGIServer, make_server
+from werkzeug.serving import ThreadedWSGIServer
 
 from contactlearn.errors import ContactLearnError
 from contactlearn.workbench.actions import actions_of
@@ -108,7 +108,7 @@ def _serve_scripts(app: Dash) -> None:
     )
 
 
-def listen(host: str, port: int | None, models: Models) -> tuple[BaseWSGIServer, Door]:
+def listen(host: str, port: int | None, models: Models) -> tuple[ThreadedWSGIServer, Door]:
     """Return a server that listens, and its door with a new token.
 
     Args:
@@ -127,7 +127,9 @@ def listen(host: str, port: int | None, models: Models) -> tuple[BaseWSGIServer,
         ports = f"port {port}" if port is not None else f"ports {_PORTS[0]} to {_PORTS[-1]}"
         raise ContactLearnError(f"cannot listen on {host}, {ports}: taken, or not this machine's; try --port 0")
     door = Door(host=host, port=found, token=secrets.token_urlsafe(24))
-    return make_server(host, found, make_app(door, models).server, threaded=True), door
+    server = ThreadedWSGIServer(host, found, make_app(door, models).server)
+    server.daemon_threads = False  # torch does not survive threads that end with the process: closing waits for them
+    return server, door
 
 
 def _family(host: str) -> socket.AddressFamily:
@@ -154,3 +156,4 @@ def serve(words: Sequence[str], host: str, port: int | None, browser: bool) -> N
         webbrowser.open(address)
     with contextlib.suppress(KeyboardInterrupt):
         server.serve_forever()
+    server.server_close()
