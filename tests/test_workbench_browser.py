@@ -105,7 +105,7 @@ def test_the_whole_loop_on_hidden_physics(browser, served, tmp_path):
     until(browser, "document.getElementById('source').textContent.includes('uploads/')")
     until(browser, "document.querySelectorAll('#compare .scale').length > 5")
     click(browser, "compare", "Mirtich")
-    until(browser, "location.search.includes('law=mirtich')")
+    until(browser, "document.getElementById('parts').textContent.startsWith('Mirtich')")
     alone = held_out(browser)
     click(browser, "fails", "Worst")
     until(browser, "document.getElementById('trial-said').textContent.startsWith('Trial')")
