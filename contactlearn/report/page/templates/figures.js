@@ -87,7 +87,7 @@ function cells({x, y}, error, most, inside, colorbar) {
 
 // The trial of a point of the map, or the worst of a cell.
 const trialAt = ({curveNumber, data, pointIndex, pointNumber}) =>
-  curveNumber > 0 ? null : data.rows ? data.rows[pointNumber[0]]?.[pointNumber[1]] : pointIndex;
+  curveNumber > 0 ? null : data?.rows ? data.rows[pointNumber[0]]?.[pointNumber[1]] : pointIndex;
 
 // The window of a region along an axis of its variable; around a circle it may come in two parts.
 function bands(region, variable, along) {
