@@ -8,6 +8,7 @@ impacts FOLDER -o F   find the impacts in recordings of tracked poses
 reveal DIR            print the sealed account of the drops of data=mystery
 report DIR…           redraw the page of one run, or make one page over several
 results DIR… -o FILE  write all runs as one table, a row for each run and model
+workbench data=…      the whole loop, live in a browser
 """
 
 import argparse
@@ -84,7 +85,13 @@ def _parser() -> argparse.ArgumentParser:
     _add_reveal(add)
     _add_report(add)
     _add_results(add)
+    _add_workbench(add)
     return parser
+
+
+def workbench() -> int:
+    """Run `contactlearn workbench`; return the exit status."""
+    return main(["workbench", *sys.argv[1:]])
 
 
 def _add_export(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -165,6 +172,22 @@ def _add_results(add: Callable[..., argparse.ArgumentParser]) -> None:
     results.set_defaults(run=_results)
 
 
+def _add_workbench(add: Callable[..., argparse.ArgumentParser]) -> None:
+    bench = add(
+        "workbench",
+        help="compare, see, learn, add and watch the error fall, live in a browser",
+        description="Serve the workbench on this machine: tick an effect, and the model is fitted again.",
+        epilog="example: contactlearn workbench data=mystery data.seed=7",
+    )
+    bench.add_argument(
+        "overrides", nargs="*", metavar="key=value", help="data=…, data.KEY=…, law=…, effect=[…], effect.NAME.form=…"
+    )
+    bench.add_argument("--host", default="127.0.0.1", help="to bind to; the token is asked for everywhere")
+    bench.add_argument("--port", type=int, help="to bind to (default: the first free one from 8765; 0: any free one)")
+    bench.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
+    bench.set_defaults(run=_workbench)
+
+
 def _export(options: argparse.Namespace) -> str:
     from contactlearn.app import load_data
     from contactlearn.cli import compose
@@ -187,29 +210,21 @@ def _impacts(options: argparse.Namespace) -> str:
 
 
 def _reveal(options: argparse.Namespace) -> str:
-    import textwrap
-
     from contactlearn.data.mystery import reveal
+    from contactlearn.report.text.sealed import account
 
-    truth = reveal(options.folder)
-    noise, effects = truth["noise"], truth["effects"]
-    lines = [
-        f"Mystery drops, seed {truth['seed']}, {truth['size']} drops",
-        f"law    {truth['law']} with μ = {truth['mu']:.4f}, ε = {truth['eps']:.4f}",
-        f"noise  σ = {noise['v']:.4f} m/s on v_x and v_y, {noise['omega']:.3f} rad/s on ω, before and after contact",
-        f"hidden {', '.join(effect['name'] for effect in effects) or 'nothing'}",
-    ]
-    for effect in effects:
-        values = effect["parameters"].items()
-        parameters = ", ".join(f"{symbol} = {value:.4g} {effect['units'][symbol]}".rstrip() for symbol, value in values)
-        lines += [
-            "",
-            effect["name"],
-            textwrap.fill(effect["form"], 100, initial_indent="  ", subsequent_indent="  "),
-            f"  {parameters}",
-            f"  changes the outcome by {100 * effect['relative_change']:.2f} % (rms, mass norm)",
-        ]
-    return "\n".join(lines)
+    return account(reveal(options.folder))
+
+
+def _workbench(options: argparse.Namespace) -> str:
+    try:
+        from contactlearn.workbench.server import serve
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("dash", "flask"):
+            raise
+        raise ContactLearnError("the workbench needs Dash: pip install 'contactlearn[workbench]'") from None
+    serve(options.overrides, host=options.host, port=options.port, browser=not options.no_browser)
+    return "closed; every address works again after the next start, and the runs are in outputs"
 
 
 def _report(options: argparse.Namespace) -> str:

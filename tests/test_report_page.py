@@ -2,11 +2,11 @@
 
 import json
 import re
-import shutil
 from dataclasses import replace
 
 import pytest
 import torch
+from browser import chromium
 from diagnoses import SIX, made_up, provenance_of
 from evaluations import evaluation_of, learning_curve
 
@@ -238,24 +238,8 @@ def test_models_that_cannot_be_told_apart(found):
 @pytest.fixture(scope="module", params=[1280, 360], ids=lambda width: f"{width}px")
 def browser(request):
     """Headless Chromium of a width, with its console and its network logged."""
-    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if not chromium or not driver:
-        pytest.skip("no chromium and chromedriver on this machine: apt-get install chromium chromium-driver")
-    from selenium import webdriver
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for argument in (
-        "headless", "no-sandbox", "disable-gpu", "disable-quic", "no-first-run", "disable-background-networking",
-        "disable-component-update", "disable-sync", "disable-dev-shm-usage",
-    ):  # fmt: skip
-        options.add_argument(f"--{argument}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    opened = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    size = {"width": request.param, "height": 900, "deviceScaleFactor": 1, "mobile": False}
-    opened.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-    yield opened
-    opened.quit()
+    with chromium(request.param) as opened:
+        yield opened
 
 
 @pytest.fixture

@@ -47,6 +47,7 @@ ORDER = (
     ("report",),
     ("app",),
     ("cli",),
+    ("workbench",),
     ("__main__",),
 )
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}

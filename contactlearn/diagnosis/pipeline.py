@@ -110,6 +110,7 @@ def diagnose(
     if any(finding.fatal for finding in findings):
         return _refused(law, findings, thresholds)
     impacts = corrected(impacts, findings, thresholds)
+    study = replace(study, given={name: effect.prepare(impacts) for name, effect in study.given.items()})
     folds = Folds.draw(len(impacts), study.generator, repeats=2 if len(impacts) <= _FEW else 1)
     fits = study.law_fits(impacts, folds)
     study, searched, drift = _searched(study, law, fits, impacts, folds)

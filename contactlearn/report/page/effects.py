@@ -46,7 +46,7 @@ def effect_content(missing: MissingEffect, partial: Partial, regions: Sequence[R
         "inadmissible": sentence(inadmissible) if inadmissible else "",
         "improvements": stages.improvements(missing, regions),
         "rivals": [_rival(one) for one in missing.rivals],
-        "curve": _curve(partial),
+        "curve": curve_content(partial),
     }
 
 
@@ -61,8 +61,8 @@ def _rival(rival: Rival) -> dict[str, Any]:
     return {"label": effect_label(rival.effect), **digits(numbers)}
 
 
-def _curve(partial: Partial) -> dict[str, Any]:
-    """The axes of partial residuals: the component of the wrench or velocity, and the variable by trial."""
+def curve_content(partial: Partial) -> dict[str, Any]:
+    """Return the axes of partial residuals: the component of the wrench or velocity, and the variable by trial."""
     quantity = next(name for name, parts in QUANTITIES.items() if partial.component in dict(parts))
     return {
         "quantity": quantity,

@@ -38,15 +38,15 @@ def of_trials(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
         for name in fields
         for column, values in zip(COMPONENTS[name], getattr(impacts, name).reshape(len(impacts), -1).T, strict=True)
     }
-    v_x, v_y = impacts.v_pre[:, 0], impacts.v_pre[:, 1]
-    plain = [Variable("v_x", "v_x", "m/s", v_x), Variable("v_y", "v_y", "m/s", v_y)]
     return {
         "count": len(impacts),
         "name": list(impacts.trial),
         "object": list(impacts.object),
         **columns,
         "outline": None if impacts.shape is None else digits(impacts.shape.outline(91).T),
-        "variables": [_variable(one) for one in (*variables(impacts, prediction), *plain)],
+        "variables": [
+            axis_content(one) | {"values": digits(axis_values(one), 4)} for one in map_variables(impacts, prediction)
+        ],
     }
 
 
@@ -111,11 +111,15 @@ def finely(x: Any) -> Any:
     return digits(x, 7)
 
 
-def _variable(one: Variable) -> dict[str, Any]:
-    values = one.values
-    if one.period:
-        values = values.remainder(one.period)
-        values = torch.where((one.period > 6.2) & (values > one.period / 2), values - one.period, values)
+def map_variables(impacts: Impacts, prediction: Prediction) -> list[Variable]:
+    """Return the variables in which the map is drawn: those of regions, and the velocity before impact."""
+    v_x, v_y = impacts.v_pre[:, 0], impacts.v_pre[:, 1]
+    plain = [Variable("v_x", "v_x", "m/s", v_x), Variable("v_y", "v_y", "m/s", v_y)]
+    return [*variables(impacts, prediction), *plain]
+
+
+def axis_content(one: Variable) -> dict[str, Any]:
+    """Return name, label and unit of a variable, without its values."""
     unit = "" if one.unit == "–" else one.unit
     modulo = f" modulo {one.period * one.scale:g}°" if one.period and one.period < 6.2 else ""
     return {
@@ -124,5 +128,13 @@ def _variable(one: Variable) -> dict[str, Any]:
         "period": one.period and digits(one.period * one.scale),
         "scale": one.scale,
         "labels": list(one.labels),
-        "values": digits(one.scale * values, 4),
     }
+
+
+def axis_values(one: Variable) -> Float[Tensor, " n"]:
+    """Return the values of a variable in the unit of its label, a whole turn as angles around 0."""
+    values = one.values
+    if one.period:
+        values = values.remainder(one.period)
+        values = torch.where((one.period > 6.2) & (values > one.period / 2), values - one.period, values)
+    return one.scale * values

@@ -49,7 +49,7 @@ function drawBars(id, rows) {
 function drawMap(state, id = "map") {
   const [x, y] = [state.across, state.up].map(k => trials.variables[k]), one = state.mapped(), error = massErrors(one);
   const most = share(massErrors(page.yardstick), 0.97), region = page.regions?.[state.region];
-  const inside = new Set(region?.rows), marked = region ? [region] : page.regions ?? [], name = page.models[one].label ?? page.models[one].name;
+  const inside = new Set(region?.rows), marked = region && !state.brush ? [region] : page.regions ?? [], name = page.models[one].label ?? page.models[one].name;
   const spread = variable => variable.labels.length
     ? variable.values.map((value, i) => value + 0.5 * (i * 0.618 % 1 - 0.5)) : variable.values;
   const at = {x: spread(x), y: spread(y)};
@@ -57,15 +57,16 @@ function drawMap(state, id = "map") {
     title: {text: plain(variable.label)}, zeroline: false, ...(variable.period > 180 && quarters),
     ...(variable.labels.length && {tickvals: [-1, 0, 1], ticktext: variable.labels.map(plain)}),
   });
-  const points = {
+  const bar = {
+    title: {text: state.alone ? "Mass error of the law alone" : page.switches?.length ? "Mass error of the ticked model" : "Mass error", side: id === "map" ? "top" : "right"}, thickness: 12, outlinewidth: 0,
+    ...(id === "map" && {len: 0.9, orientation: "h", y: 1.02, yanchor: "bottom"}),
+  };
+  const points = trials.count > MOST_POINTS ? cells(at, error, most, region && inside, bar) : {
     type: "scatter", mode: "markers", ...at, showlegend: false, hoverinfo: "text",
     text: error.map((value, i) => `trial ${plain(trials.name[i])}<br>error ${written(value)}`),
     marker: {
       color: error, cmin: 0, cmax: most, colorscale: "Cividis", size: narrow() ? 6 : 7,
-      opacity: region ? error.map((_, i) => inside.has(i) ? 1 : 0.15) : 0.9,
-      colorbar: {
-        title: {text: state.alone ? "Mass error of the law alone" : page.switches?.length ? "Mass error of the ticked model" : "Mass error", side: id === "map" ? "top" : "right"}, thickness: 12, outlinewidth: 0, ...(id === "map" && {len: 0.9, orientation: "h", y: 1.02, yanchor: "bottom"}),
-      },
+      opacity: region ? error.map((_, i) => inside.has(i) ? 1 : 0.15) : 0.9, colorbar: bar,
       line: {width: dark() ? 1 : 0.4, color: color("muted")},
     },
   };
@@ -74,12 +75,41 @@ function drawMap(state, id = "map") {
     marker: {symbol: "circle-open", size: 17, color: color("red"), line: {width: 3}},
   }];
   return draw(id, [points, ...ring], {
-    xaxis: axis(x), yaxis: axis(y), shapes: marked.flatMap(one => [...bands(one, x, "x"), ...bands(one, y, "y")]),
+    ...(state.brush && !narrow() && {dragmode: "select"}), xaxis: axis(x), yaxis: axis(y), shapes: marked.flatMap(one => [...bands(one, x, "x"), ...bands(one, y, "y")]),
     uirevision: `${state.across} ${state.up}`,
     summary: `${plain(y.label)} over ${plain(x.label)} for ${name}: mean error ${written(average(error))}, largest ${
       Math.max(...error).toFixed(2)} of trial ${trials.name[error.indexOf(Math.max(...error))]}.`,
   });
 }
+
+// Mean errors of many trials in cells of the map; a cell knows its worst trial.
+const MOST_POINTS = 5000;
+
+function cells({x, y}, error, most, inside, colorbar) {
+  const ends = values => values.reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
+  const across = narrow() ? 40 : 90, up = 60, [[left, right], [low, high]] = [ends(x), ends(y)];
+  const place = (value, from, to, count) => Math.min(count - 1, Math.floor(count * (value - from) / (to - from || 1)));
+  const table = of => Array.from({length: up}, () => Array(across).fill(of));
+  const sum = table(0), count = table(0), rows = table(null);
+  error.forEach((value, i) => {
+    if (inside && !inside.has(i)) return;
+    const [a, b] = [place(y[i], low, high, up), place(x[i], left, right, across)];
+    sum[a][b] += value;
+    count[a][b] += 1;
+    if (rows[a][b] === null || value > error[rows[a][b]]) rows[a][b] = i;
+  });
+  const centres = (from, to, n) => Array.from({length: n}, (_, k) => from + (k + 0.5) * (to - from) / n);
+  return {
+    type: "heatmap", x: centres(left, right, across), y: centres(low, high, up), rows, hoverinfo: "text", showlegend: false,
+    z: sum.map((row, a) => row.map((value, b) => count[a][b] ? value / count[a][b] : null)), zmin: 0, zmax: most, colorscale: "Cividis",
+    text: sum.map((row, a) => row.map((value, b) => count[a][b] ? `${count[a][b]} trials<br>mean error ${written(value / count[a][b])}` : "")),
+    colorbar,
+  };
+}
+
+// The trial of a point of the map, or the worst of a cell.
+const trialAt = ({curveNumber, data, pointIndex, pointNumber}) =>
+  curveNumber > 0 ? null : data?.rows ? data.rows[pointNumber[0]]?.[pointNumber[1]] : pointIndex;
 
 // The window of a region along an axis of its variable; around a circle it may come in two parts.
 function bands(region, variable, along) {

@@ -78,7 +78,7 @@ function redraw(...ids) {
     drawn[id]();
     if (id === "map" && !get("map").dataset.clicks) {
       get("map").dataset.clicks = "yes";
-      get("map").on("plotly_click", event => { if (event.points[0].curveNumber === 0) select(event.points[0].pointIndex); });
+      get("map").on("plotly_click", event => { if (trialAt(event.points[0]) !== null) select(trialAt(event.points[0])); });
     }
   }
 }

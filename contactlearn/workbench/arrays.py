@@ -1,0 +1,88 @@
+"""Numbers for the figures of the page, which are those of the report: single-precision arrays in base64.
+
+trials   names, states, outcomes and variables of every trial, once for each data source
+model    v_post of the law alone and of the model, and what each effect changes, with every change of the model
+trial    impulse and reach of every law for the selected trial
+"""
+
+import base64
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from contactlearn.diagnosis.failure.variables import Variable
+from contactlearn.evaluation.partial_residuals import partial_residuals
+from contactlearn.impacts import COMPONENTS, Impacts, Prediction
+from contactlearn.laws import Law
+from contactlearn.model import ContactModel
+from contactlearn.report.figures.style import array
+from contactlearn.report.page.effects import curve_content
+from contactlearn.report.page.trials import axis_content, axis_values, digits, map_variables, of_laws
+from contactlearn.report.text import label
+from contactlearn.workbench.session import Window
+
+_CURVES = 5  # effects, at most, whose curves are drawn
+_CURVE_TRIALS = 5000  # up to which curves are drawn
+
+
+def of_data(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
+    """Return the trials of the page; the prediction decides which of them stick."""
+    fields = ("mass", "inertia", "r", "q", "v_pre", "v_post")
+    return {
+        "count": len(impacts),
+        "name": list(impacts.trial),
+        "object": list(impacts.object),
+        "columns": {
+            column: floats(values)
+            for name in fields
+            for column, values in zip(COMPONENTS[name], getattr(impacts, name).reshape(len(impacts), -1).T, strict=True)
+        },
+        "outline": None if impacts.shape is None else digits(impacts.shape.outline(91).T),
+        "variables": [
+            axis_content(one) | {"values": floats(axis_values(one))} for one in map_variables(impacts, prediction)
+        ],
+    }
+
+
+def of_model(impacts: Impacts, alone: Tensor, v_post: Tensor, model: ContactModel) -> dict[str, Any]:
+    """Return the outcomes [2, N, 3] of the law alone and of the model, and the curves of its effects."""
+    few = list(model.effects)[:_CURVES] if len(impacts) <= _CURVE_TRIALS else []
+    partials = {name: partial_residuals(model, impacts, name) for name in few}
+    return {
+        "v_post": floats(torch.stack((alone, v_post))),
+        "effects": [
+            {"name": name, "label": label(name), "curve": {**curve_content(one), "x": floats(one.x)}}
+            for name, one in partials.items()
+        ],
+        "explained": floats(torch.stack([one.explained for one in partials.values()], -1)) if partials else "",
+    }
+
+
+def of_trial(impacts: Impacts, row: int, fitted: Mapping[str, Law]) -> dict[str, Any]:
+    """Return the laws at their fitted parameters, and their impulses and reach for one trial."""
+    laws, found = of_laws(impacts[[row]], fitted)
+    return {"row": row, "fitted": laws} | {
+        name: digits(values[:, 0].double().tolist()) for name, values in found.items()
+    }
+
+
+def inside(windows: tuple[Window, ...], among: list[Variable]) -> Bool[Tensor, " n"]:
+    """Find the trials that lie in every window; a window of a variable that is not there holds all of them."""
+    known = {one.name: one for one in among}
+    found = torch.ones(len(among[0].values), dtype=torch.bool)
+    for window in windows:
+        if window.variable in known:
+            variable = known[window.variable]
+            values, width = axis_values(variable) - window.low, window.high - window.low
+            values = values.remainder(variable.period * variable.scale) if variable.period else values
+            found &= (values >= 0) & (values <= width)
+    return found
+
+
+def floats(values: Float[Tensor, "..."]) -> str:
+    """Encode numbers, little-endian, in single precision."""
+    return base64.b64encode(np.ascontiguousarray(array(values), dtype="<f4").tobytes()).decode()

@@ -1,0 +1,108 @@
+"""Callbacks of what takes longer: searches and saved runs in processes of their own, and the learning curve."""
+
+from typing import Any
+
+from dash import ClientsideFunction, Dash, Input, Output, State, ctx, no_update
+from dash.development.base_component import Component
+
+from contactlearn.errors import ContactLearnError
+from contactlearn.report.page.trials import bounded, plotly_style
+from contactlearn.report.text import law_label
+from contactlearn.workbench.commands import words_of
+from contactlearn.workbench.jobs import Job, Jobs, JobStatus
+from contactlearn.workbench.models import Models
+from contactlearn.workbench.panes import missing
+from contactlearn.workbench.saved import Saved
+from contactlearn.workbench.session import Session
+
+_LINES = 6
+_WORDS = {
+    JobStatus.RUNNING: "Running",
+    JobStatus.DONE: "Done",
+    JobStatus.FAILED: "Failed",
+    JobStatus.CANCELLED: "Cancelled",
+}
+
+
+class Background:
+    """The callbacks of jobs."""
+
+    def __init__(self, models: Models, jobs: Jobs, saved: Saved) -> None:
+        self.models, self.jobs, self.saved = models, jobs, saved
+
+    def register(self, app: Dash) -> None:
+        """Connect the callbacks with an app."""
+        app.callback(
+            Output("job", "data"), Output("trouble", "children", allow_duplicate=True),
+            Input("search", "n_clicks"), Input("save", "n_clicks"), Input("cancel", "n_clicks"),
+            State("address", "search"), State("job", "data"), prevent_initial_call=True,
+        )(self.press)  # fmt: skip
+        app.callback(
+            Output("job-said", "children"), Output("job-lines", "children"), Output("job-lines", "hidden"),
+            Output("clock", "disabled"), Output("found", "children"),
+            Input("clock", "n_intervals"), Input("job", "data"), State("address", "search"),
+        )(self.follow)  # fmt: skip
+        app.callback(
+            Output("curve-sent", "data"), Output("curve-place", "hidden"), Output("curve-said", "children"),
+            Input("ask-curve", "n_clicks"), State("address", "search"), prevent_initial_call=True,
+            running=[(Output("ask-curve", "disabled"), True, False)],
+        )(self.learn)  # fmt: skip
+        app.clientside_callback(
+            ClientsideFunction("workbench", "curve"), Output("curve-drawn", "children"), Input("curve-sent", "data")
+        )
+
+    def press(self, *values: Any) -> tuple[Any, Any]:
+        """Start a search or the run of the present model, or cancel what is running."""
+        *_, address, name = values
+        try:
+            session = Session.read(address or "")
+            if ctx.triggered_id == "search":
+                return self.jobs.start([*session.data, "law=best", f"seed={session.seed}"]).folder.name, ""
+            if ctx.triggered_id == "save":
+                return self.jobs.start(words_of(session)).folder.name, ""
+        except ContactLearnError as error:
+            return no_update, str(error)
+        if name and (job := self.jobs.find(name)):
+            job.cancel()
+        return no_update, no_update
+
+    def follow(self, _: int | None, name: str | None, address: str | None) -> tuple[Any, ...]:
+        """Say where the job of this page stands, and show what it has found once it is done."""
+        job = self.jobs.find(name) if name else None
+        if not name:
+            return "", "", True, True, no_update
+        if job is not None and job.status is JobStatus.RUNNING:
+            return self._said(job), "\n".join(list(job.lines)[-_LINES:]), not job.lines, False, no_update
+        try:
+            run = self.saved.diagnosis(f"diagnose/{name}")
+        except ContactLearnError as error:
+            said = str(error) if job is None else self._said(job)
+            lines = "" if job is None or job.status is JobStatus.CANCELLED else "\n".join(list(job.lines)[-_LINES:])
+            return said, lines, not lines, True, no_update
+        found: list[Component] = missing.found_content(run, f"diagnose/{name}", Session.read(address or ""))
+        return f"Written to diagnose/{name}.", "", True, True, found
+
+    def _said(self, job: Job) -> str:
+        return f"{_WORDS[job.status]}: {job.folder.name}, {job.seconds:.0f} s"
+
+    def learn(self, _: int, address: str | None) -> tuple[Any, Any, str]:
+        """Compute the learning curve of the law alone and of the model."""
+        try:
+            session = Session.read(address or "")
+            sizes, curves = self.models.learning(session)
+        except ContactLearnError as error:
+            return no_update, no_update, str(error)
+        if not sizes:
+            return no_update, no_update, "There are too few trials for a learning curve."
+        style = plotly_style(session.law) | {"sizes": sizes, "level": False}
+        labels = {"alone": f"{law_label(session.law)} alone", "model": "The model"}
+        sent = [
+            style
+            | {
+                "label": labels[name],
+                "dash": "dot" if name == "alone" else "solid",
+                "intervals": [bounded(x) for x in found],
+            }
+            for name, found in curves.items()
+        ]
+        return sent, False, ""

@@ -1,0 +1,88 @@
+"""Sessions as command line and experiment file, and command lines as sessions.
+
+`evaluate` with the words of a session makes the same split and the same joint fit, so its held-out error is the same.
+Parameters that were moved by hand, the selected trial and the windows of the map are in the address alone.
+"""
+
+import shlex
+from collections.abc import Sequence
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from contactlearn.app.plain import plain_values
+from contactlearn.cli import compose
+from contactlearn.effects import EffectId, find_effect
+from contactlearn.errors import ContactLearnError
+from contactlearn.workbench.lines import name_of, overrides, parse
+from contactlearn.workbench.models import STARTS
+from contactlearn.workbench.session import Session
+
+
+def session_of(words: Sequence[str]) -> Session:
+    """Return the session that the words of a command line ask for: data, law, and effects with their forms.
+
+    Raises:
+        ContactLearnError: a word that the workbench does not take, or a choice that does not exist.
+    """
+    for word in words:
+        key = word.lstrip("+~").partition("=")[0]
+        if key.split(".")[0] not in ("data", "law", "effect", "seed") or (key.startswith("law.")):
+            raise ContactLearnError(
+                f"the workbench takes data=…, law=…, effect=…, effect.NAME.form=… and seed=…; got {word}"
+            )
+    cfg = compose("evaluate", list(words))
+    effects: list[EffectId] = []
+    for name, entry in cfg.effect.items():
+        form = entry.get("form")
+        effects.append(find_effect(str(name), None if form is None else str(form)).id)
+    data = tuple(word for word in words if word.startswith("data"))
+    kind = cfg.law if isinstance(cfg.law, str) else plain_values(cfg.law)["_target_"]
+    return Session(data=data or Session().data, law=_law_name(kind, words), effects=tuple(effects), seed=cfg.seed)
+
+
+def _law_name(kind: str, words: Sequence[str]) -> str:
+    """Name of the law that was asked for, or that of the configuration."""
+    given = [word.partition("=")[2] for word in words if word.startswith("law=")]
+    if given[-1:] == ["best"]:
+        raise ContactLearnError("law=best is a choice of diagnose.py alone; name a law, such as law=wang_mason")
+    return given[-1] if given else kind.split(".")[-2] if "." in kind else kind
+
+
+def words_of(session: Session) -> list[str]:
+    """Write data, law, effects and lines as the words of a command."""
+    words = [*session.data, f"law={session.law}", f"effect=[{','.join(one.name for one in session.effects)}]"]
+    words += [f"effect.{one.name}.form={one.form}" for one in session.effects if one.form is not None]
+    for place, line in enumerate(session.lines):
+        words += overrides(line, name_of(place))
+    return [*words, f"seed={session.seed}"]
+
+
+def command(session: Session) -> str:
+    """Write the command that evaluates the model of a session on the same data in the same way."""
+    words = ["python", "-m", "contactlearn", "evaluate", *words_of(session), "model=[]", f"fit.starts={STARTS}"]
+    return shlex.join(words)
+
+
+def experiment(session: Session) -> str:
+    """Write the experiment file of a session, for configs/experiment or a folder named by --config-dir."""
+    cfg = compose("evaluate", list(session.data))
+    defaults: list[dict[str, Any]] = [
+        {"override /data": next((word[5:] for word in session.data if word.startswith("data=")), "synthetic")},
+        {"override /law": session.law},
+        {"override /model": []},
+        {"override /effect": [one.name for one in session.effects]},
+    ]
+    entries: dict[str, Any] = {"defaults": defaults, "seed": session.seed, "fit": {"starts": STARTS}}
+    keys = [word.partition("=")[0] for word in session.data if word.startswith("data.")]
+    data = OmegaConf.masked_copy(cfg.data, [key.split(".")[1] for key in keys])
+    effects: dict[str, Any] = {one.name: {"form": one.form} for one in session.effects if one.form is not None}
+    for place, line in enumerate(session.lines):
+        output, expression, ranges = parse(line)
+        effects[name_of(place)] = {output: expression, "parameters": ranges}
+    entries |= {"data": plain_values(data)} if keys else {}
+    entries |= {"effect": effects} if effects else {}
+    head = ["# @package _global_", f"# {command(session)}"]
+    if session.hand:
+        head.append(f"# moved by hand, which no command does: {', '.join(f'{k} = {x:g}' for k, x in session.hand)}")
+    return "\n".join([*head, OmegaConf.to_yaml(OmegaConf.create(entries))])

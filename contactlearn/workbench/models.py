@@ -1,0 +1,214 @@
+"""From sessions to data, fits, held-out errors and ladders; everything is cached by configuration and data hash.
+
+A model is fitted to the training part of the data, law and effects together, as `evaluate` fits it, and its error is
+that of the held-out trials.  The fit is a function of the session alone, so a link shows the same numbers to everyone.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Lock
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn import laws
+from contactlearn.app.loading import Split, split
+from contactlearn.cli import compose
+from contactlearn.diagnosis.noise import NoiseFloor, noise_floor
+from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
+from contactlearn.effects import Effect, find_effect
+from contactlearn.errors import ContactLearnError, UnknownNameError
+from contactlearn.evaluation import bounds
+from contactlearn.evaluation.metrics import Interval, bootstrap, mass_error
+from contactlearn.identification.joint import FitOptions, JointFit, assemble, identify_jointly
+from contactlearn.impacts import Impacts, Prediction
+from contactlearn.laws import Law
+from contactlearn.model import ContactModel
+from contactlearn.results.evaluation import BEST_POST_HOC, IRB
+from contactlearn.workbench.cache import Cache
+from contactlearn.workbench.lines import effect_of, name_of
+from contactlearn.workbench.session import Session
+
+STARTS = 4
+"""Starts of each fit."""
+_SOURCES, _FITS = 4, 100  # kept
+_RESAMPLES = 1000
+_SUBSETS, _SIZES = 6, (10, 20, 50, 100, 200, 500, 1000)  # of a learning curve
+_NOISE_TRIALS = 600  # at most, from which the noise floor is estimated while one waits
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fitted:
+    """A law with effects, fitted to the training part: the fit, v_post [N, 3] of all trials, errors held out [n]."""
+
+    law: Law
+    effects: Mapping[str, Effect]
+    fit: JointFit
+    v_post: Float[Tensor, "n 3"]
+    errors: Float[Tensor, " m"]
+    error: Interval
+
+    @property
+    def model(self) -> ContactModel:
+        """The fitted model."""
+        return self.fit.model
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moved:
+    """A fitted model with some parameters moved by hand."""
+
+    model: ContactModel
+    values: Float[Tensor, " k"]
+    v_post: Float[Tensor, "n 3"]
+    error: Interval
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compared:
+    """The held-out error of a law, bound or model, by name."""
+
+    name: str
+    error: Interval
+
+
+class Models:
+    """The data and fits of all sessions."""
+
+    def __init__(self) -> None:
+        self._splits: Cache[Split] = Cache(_SOURCES)
+        self._fits: Cache[Fitted] = Cache(_FITS)
+        self._floors: Cache[NoiseFloor] = Cache(_FITS)
+        self._hashes: Cache[str] = Cache(_SOURCES)
+        self._composing = Lock()  # Hydra has one state for the whole process
+
+    def split(self, session: Session) -> Split:
+        """Return the data of a session, and their training and held-out parts.
+
+        Raises:
+            ContactLearnError: data that cannot be read, or are too few.
+        """
+        return self._splits.get((session.data, _stamp(session.data), session.seed), lambda: self._load(session))
+
+    def fingerprint(self, session: Session) -> str:
+        """Return the hash of the data of a session."""
+        key = (session.data, _stamp(session.data))
+        return self._hashes.get(key, lambda: self.split(session).impacts.fingerprint())
+
+    def fitted(self, session: Session) -> Fitted:
+        """Return the model of a session, fitted.
+
+        Raises:
+            UnknownNameError: no such law, effect or form.
+            ContactLearnError: a line that cannot be read, or too few trials.
+        """
+        key = (self.fingerprint(session), session.seed, session.law, session.effects, session.lines)
+        return self._fits.get(key, lambda: _fit(session, self.split(session)))
+
+    def alone(self, session: Session, law: str | None = None) -> Fitted:
+        """Return a law without effects, that of the session if none is named."""
+        return self.fitted(replace(session, law=law or session.law, effects=(), lines=()))
+
+    def moved(self, session: Session) -> Moved:
+        """Return the model of a session with the parameters that were moved by hand.
+
+        Raises:
+            UnknownNameError: the model has no such parameter.
+        """
+        fitted, data = self.fitted(session), self.split(session)
+        values, names = fitted.fit.values.clone(), [p.name for p in fitted.fit.parameters]
+        for name, value in session.hand:
+            if name not in names:
+                raise UnknownNameError("parameter of this model", name, names)
+            values[names.index(name)] = value
+        model = assemble(fitted.law, fitted.model.effects, values)
+        errors = mass_error(data.test, model.predict(data.test))
+        return Moved(model=model, values=values, v_post=model.predict(data.impacts).v_post, error=_interval(errors))
+
+    def ladder(self, session: Session) -> list[Fitted]:
+        """Return the law alone, then with one effect more each, in the order in which they were ticked."""
+        steps = [replace(session, effects=session.effects[:k], lines=()) for k in range(len(session.effects) + 1)]
+        steps += [replace(session, lines=session.lines[:k]) for k in range(1, len(session.lines) + 1)]
+        return [self.fitted(step) for step in steps]
+
+    def compared(self, session: Session) -> list[Compared]:
+        """Return every law alone, the best of them after the fact, the rigid bound, and the model of the session."""
+        data = self.split(session)
+        names = dict.fromkeys((*SEARCHED_LAWS, session.law))
+        alone = {name: self.alone(session, name) for name in names}
+        found = [Compared(name=name, error=one.error) for name, one in alone.items()]
+        best, _ = bounds.best_post_hoc(data.test, {name: one.model.predict(data.test) for name, one in alone.items()})
+        for name, prediction in ((BEST_POST_HOC, best), (IRB, bounds.irb(data.test))):
+            found.append(Compared(name=name, error=held_out(data.test, prediction)))
+        return sorted(found, key=lambda one: -one.error.mean)
+
+    def learning(self, session: Session) -> tuple[tuple[int, ...], dict[str, list[Interval]]]:
+        """Return numbers of training trials, and the held-out errors of the law alone and of the model at each.
+
+        Each number is tried on several random subsets, nested in each other.
+        """
+        data, fitted = self.split(session), self.fitted(session)
+        generator = torch.Generator().manual_seed(session.seed)
+        orders = torch.stack([torch.randperm(len(data.pool), generator=generator) for _ in range(_SUBSETS)])
+        least = 2 * len(fitted.fit.parameters) + 8
+        sizes = tuple(size for size in (*_SIZES, len(data.pool)) if least <= size <= len(data.pool))
+        curves: dict[str, list[Interval]] = {"alone": [], "model": []}
+        for name, one in (("alone", self.alone(session)), ("model", fitted)):
+            for size in sizes:
+                rows = orders[:, :size] if size < len(data.pool) else orders[:1]
+                fit = identify_jointly(one.law, one.effects, data.pool, rows, options=FitOptions(starts=STARTS))
+                curves[name].append(_interval(mass_error(data.test, fit.model.predict(data.test))))
+        return sizes, curves
+
+    def noise(self, session: Session) -> NoiseFloor:
+        """Return the noise floor beneath the model of a session, from some hundred trials."""
+        fitted, data = self.fitted(session), self.split(session)
+        few = data.impacts[:_NOISE_TRIALS]
+        key = (self.fingerprint(session), session.seed, session.law, session.effects, session.lines)
+        return self._floors.get(
+            key, lambda: noise_floor(few, fitted.model, generator=torch.Generator().manual_seed(session.seed))
+        )
+
+    def _load(self, session: Session) -> Split:
+        with self._composing:
+            cfg = compose("evaluate", [*session.data, f"seed={session.seed}", "train.size=2", "model=[]"])
+        return split(cfg)
+
+
+def held_out(test: Impacts, prediction: Prediction) -> Interval:
+    """Compute the mean mass error of held-out trials with its interval."""
+    return _interval(mass_error(test, prediction))
+
+
+def effects_of(session: Session) -> dict[str, Effect]:
+    """Return the effects of a session by name: those that are ticked, then its lines.
+
+    Raises:
+        UnknownNameError: no such effect or form.
+        ContactLearnError: a line that cannot be read.
+    """
+    found: dict[str, Effect] = {one.name: find_effect(one.name, one.form)() for one in session.effects}
+    return found | {name_of(k): effect_of(line) for k, line in enumerate(session.lines)}
+
+
+def _fit(session: Session, data: Split) -> Fitted:
+    law, effects = laws.find(session.law), effects_of(session)
+    fit = identify_jointly(law, effects, data.pool, options=FitOptions(starts=STARTS))
+    errors = mass_error(data.test, fit.model.predict(data.test))
+    if not errors.isfinite().all():
+        raise ContactLearnError(f"{fit.model} has errors that are not finite on held-out trials; leave an effect out")
+    v_post = fit.model.predict(data.impacts).v_post
+    return Fitted(law=law, effects=fit.model.effects, fit=fit, v_post=v_post, errors=errors, error=_interval(errors))
+
+
+def _interval(errors: Float[Tensor, " m"]) -> Interval:
+    return bootstrap(errors, torch.Generator().manual_seed(0), _RESAMPLES)
+
+
+def _stamp(words: tuple[str, ...]) -> tuple[tuple[int, int], ...]:
+    """Time and size of the files that the words of a session name, so that a changed file is read again."""
+    paths = [Path(word.partition("=")[2].strip("\"'")) for word in words if word.startswith("data.path=")]
+    return tuple((os.stat(path).st_mtime_ns, os.stat(path).st_size) for path in paths if path.exists())

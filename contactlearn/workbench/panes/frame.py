@@ -1,0 +1,92 @@
+"""The frame of the page: title, data, the line that stays in view, panes, and what is kept in the browser."""
+
+import secrets
+from collections.abc import Sequence
+
+from dash import dcc, html
+from dash.development.base_component import Component
+
+from contactlearn.report.text import sentence
+from contactlearn.workbench.panes import compare, fails, hints, missing, model, saved
+from contactlearn.workbench.panes.parts import button, note, press
+
+STORES = ("data-sent", "model-sent", "trial-sent", "windows-sent", "curve-sent", "fitted", "settled", "acted", "done")
+SINKS = ("slider-drawn", "done-drawn", "data-drawn", "model-drawn", "trial-drawn", "windows-drawn", "curve-drawn")
+_WORDS = (
+    "Words as on a command line. The shape of the body, in m, as "
+    "data.shape={kind:ellipse,semi_axes:[0.035,0.025]}; without it some effects cannot be decided."
+)
+
+
+def page_layout(largest: int) -> Component:
+    """Return the whole page before anything is known, with a name of its own for each tab.
+
+    Args:
+        largest: bytes of a file that may be dropped.
+    """
+    kept: list[Component] = [dcc.Store(id=name) for name in STORES]
+    kept += [html.Div(id=name, hidden=True) for name in SINKS]
+    kept += [
+        dcc.Store(id="tab", data=secrets.token_hex(8)),
+        dcc.Location(id="address", refresh=False),
+        dcc.Store(id="history", storage_type="session"),
+        dcc.Store(id="job", storage_type="session"),
+        dcc.Interval(id="clock", interval=1000, disabled=True),
+    ]
+    panes = [compare.compare_pane(), fails.fails_pane(), missing.missing_pane(), model.model_pane(), saved.saved_pane()]
+    return html.Div([*kept, _head(largest), _bar(), hints.hints_pane(), html.Main(panes, id="main", tabIndex="-1")])
+
+
+def _head(largest: int) -> Component:
+    """Title and data."""
+    return html.Header(
+        [
+            html.A("Skip to the panes", href="#main", className="skip"),
+            html.H1("contactlearn workbench"),
+            html.P(id="source"),
+            html.Details(
+                [
+                    html.Summary("Other data"),
+                    dcc.Upload(
+                        "Drop a table here (.csv or .parquet), or choose one", id="upload", className="drop",
+                        max_size=largest, accept=".csv,.parquet",
+                    ),
+                    html.P(
+                        [
+                            dcc.Input(id="words", type="text", autoComplete="off", spellCheck=False,
+                                      placeholder="data=mystery data.seed=7"),
+                            button("load", "Load"),
+                        ],
+                        className="controls line",
+                    ),
+                    note(_WORDS),
+                    html.Div(id="findings"),
+                ]
+            ),
+        ]
+    )  # fmt: skip
+
+
+def _bar() -> Component:
+    """The line that stays in view: the error, undo and redo."""
+    return html.Div(
+        [
+            html.Span("…", id="said", role="status"),
+            html.Span(
+                [
+                    press("undo", "Undo"),
+                    press("redo", "Redo"),
+                    press("alone", "Law alone"),
+                ],
+                className="controls",
+            ),
+            html.Span(id="trouble", role="alert"),
+        ],
+        id="bar",
+        className="bar",
+    )
+
+
+def finding_list(sentences: Sequence[str]) -> list[Component]:
+    """Return what the audit says of the data."""
+    return [html.Ul([html.Li(sentence(one)) for one in sentences])] if sentences else []

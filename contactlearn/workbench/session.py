@@ -1,0 +1,138 @@
+"""Session: everything that is chosen on the workbench, as an immutable value that is the address of the page.
+
+    data     the words of a command line that name the data: data=mystery data.seed=7
+    law      name of the law
+    effect   effects in the order in which they were ticked, name or name:form
+    line     effects as lines of mathematics, see `lines`
+    hand.X   parameter X, such as mu or side_drag.c, moved by hand; the others keep their fitted values
+    seed     of the split into training and held-out trials
+    trial    row of the selected trial, counted from 0
+    window   variable:low:high, the trials that are selected on the map lie in every window
+
+An address holds what differs from the defaults, in this order, so equal sessions have equal addresses.
+"""
+
+import math
+import re
+from dataclasses import dataclass, replace
+from urllib.parse import parse_qsl, urlencode
+
+from contactlearn.effects import EffectId
+from contactlearn.errors import ContactLearnError
+from contactlearn.numerics import is_number
+
+_WORD = re.compile(r"data(\.[a-z_0-9]+)*=[^\n$]*")
+_MOST = 20_000  # characters of an address
+
+
+@dataclass(frozen=True, kw_only=True)
+class Window:
+    """Trials whose variable lies in [low, high], in the units of the map."""
+
+    variable: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Session:
+    """See the module.
+
+    Raises:
+        ContactLearnError: words that do not name data, an effect twice, or a number that is none.
+    """
+
+    data: tuple[str, ...] = ("data=synthetic",)
+    law: str = "wang_mason"
+    effects: tuple[EffectId, ...] = ()
+    lines: tuple[str, ...] = ()
+    hand: tuple[tuple[str, float], ...] = ()
+    seed: int = 0
+    trial: int | None = None
+    windows: tuple[Window, ...] = ()
+
+    def __post_init__(self) -> None:
+        for word in self.data:
+            if not _WORD.fullmatch(word):
+                raise ContactLearnError(f"data is named as data=mystery data.seed=7, without $; got {word!r}")
+        names = [effect.name for effect in self.effects]
+        if len(set(names)) < len(names):
+            raise ContactLearnError(f"an effect is in the model once, in one form; got {', '.join(names)}")
+        numbers = [x for _, x in self.hand] + [x for one in self.windows for x in (one.low, one.high)]
+        if not all(is_number(x) and math.isfinite(x) for x in numbers):
+            raise ContactLearnError(f"an address holds finite numbers alone, got {numbers}")
+
+    @property
+    def address(self) -> str:
+        """The query of the page's address, empty for the defaults."""
+        plain = Session()
+        pairs: list[tuple[str, str]] = []
+        if self.data != plain.data:
+            pairs = [(key, value) for key, _, value in (word.partition("=") for word in self.data)]
+        pairs += [("law", self.law)] if self.law != plain.law else []
+        pairs += [("effect", str(effect)) for effect in self.effects]
+        pairs += [("line", line) for line in self.lines]
+        pairs += [(f"hand.{name}", f"{value!r}") for name, value in self.hand]
+        pairs += [("seed", str(self.seed))] if self.seed != plain.seed else []
+        pairs += [("trial", str(self.trial))] if self.trial is not None else []
+        pairs += [("window", f"{one.variable}:{one.low!r}:{one.high!r}") for one in self.windows]
+        return f"?{urlencode(pairs)}" if pairs else ""
+
+    @classmethod
+    def read(cls, address: str) -> "Session":
+        """Read an address; keys that are none of a session's are passed over.
+
+        Raises:
+            ContactLearnError: an entry that breaks a rule.
+        """
+        if len(address) > _MOST:
+            raise ContactLearnError(f"an address has up to {_MOST} characters, got {len(address)}")
+        pairs = parse_qsl(address.removeprefix("?"), keep_blank_values=True)
+        data = tuple(f"{key}={value}" for key, value in pairs if key == "data" or key.startswith("data."))
+        known = {key: value for key, value in pairs}
+        plain = cls()
+        return cls(
+            data=data or plain.data,
+            law=known.get("law", plain.law),
+            effects=tuple(EffectId.parse(value) for key, value in pairs if key == "effect"),
+            lines=tuple(value for key, value in pairs if key == "line"),
+            hand=tuple((key.removeprefix("hand."), _float(value)) for key, value in pairs if key.startswith("hand.")),
+            seed=_whole("seed", known.get("seed", "0")),
+            trial=_whole("trial", known["trial"]) if "trial" in known else None,
+            windows=tuple(_window(value) for key, value in pairs if key == "window"),
+        )
+
+    def ticked(self, effect: EffectId, on: bool = True) -> "Session":
+        """Return the session with an effect in the model, in place of another form of it, or without it."""
+        rest = tuple(one for one in self.effects if one.name != effect.name)
+        if not on:
+            return replace(self, effects=rest, hand=())
+        if effect.name in [one.name for one in self.effects]:  # another form keeps the place
+            rest = tuple(effect if one.name == effect.name else one for one in self.effects)
+            return replace(self, effects=rest, hand=())
+        return replace(self, effects=(*rest, effect), hand=())
+
+    def moved(self, name: str, value: float | None) -> "Session":
+        """Return the session with a parameter moved by hand, or at its fitted value if that is None."""
+        rest = tuple(pair for pair in self.hand if pair[0] != name)
+        return replace(self, hand=rest if value is None else (*rest, (name, value)))
+
+
+def _float(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ContactLearnError(f"an address holds numbers such as 0.25, got {text!r}") from None
+
+
+def _whole(key: str, text: str) -> int:
+    if not re.fullmatch(r"\d{1,9}", text):
+        raise ContactLearnError(f"{key} is a whole number, 0 or more; got {text!r}")
+    return int(text)
+
+
+def _window(text: str) -> Window:
+    if not re.fullmatch(r"[a-z_]+:[^:]+:[^:]+", text):
+        raise ContactLearnError(f"a window is variable:low:high, such as v_x:-1:0.5; got {text!r}")
+    variable, low, high = text.split(":")
+    return Window(variable=variable, low=_float(low), high=_float(high))

@@ -1,0 +1,8 @@
+"use strict";
+// The data of the page as the server sends them; the figures of the report, which come after, draw them.
+let page = {models: [], fitted: [], effects: [], regions: [], switches: [{}], yardstick: 0, arrays: {}};
+let trials = null;
+let errors = [];  // of the law alone and of the model, by trial
+const arrays = {};
+
+const floats = text => new Float32Array(Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer);

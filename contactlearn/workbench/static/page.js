@@ -1,0 +1,229 @@
+// The workbench: what the server sends goes to the figures; what is picked in a figure goes to the server.
+const state = {
+  model: 1, trial: 0, region: -1, law: 0, across: 0, up: 0, alone: false, brush: true,
+  mapped: () => state.alone ? page.yardstick : state.model, ticked: () => true,
+};
+const drawn = {
+  map: () => drawMap(state), picture: () => drawPicture(state), impulse: () => drawImpulse(state),
+  curve: drawLearning,
+};
+const needs = {map: () => errors, picture: () => true, impulse: () => page.arrays.reach, curve: () => page.curves};
+const stale = new Set(), near = new Set();
+
+// Actions that the server has not answered yet; it is sent all of them, so none is lost when answers are overtaken.
+const pending = [];
+let count = 0;
+
+function act(kind, of = "", value = null) {
+  pending.push({n: ++count, kind, of, value});
+  dash_clientside.set_props("acted", {data: [...pending]});
+}
+
+function redraw(...ids) {
+  for (const id of ids) stale.add(id);
+  if (!globalThis.Plotly || !trials || !arrays.v_post) return;
+  for (const id of stale) {
+    const place = get(id);
+    if (!place || !near.has(id) || !place.clientWidth || (needs[id] && !needs[id]())) continue;
+    stale.delete(id);
+    drawn[id]();
+    if (id === "map") listenToMap(place);
+  }
+}
+
+// A click selects a trial, a box a window of both variables.
+function listenToMap(place) {
+  if (place.dataset.listens) return;
+  place.dataset.listens = "yes";
+  place.on("plotly_click", event => {
+    const picked = trialAt(event.points[0]);
+    if (Number.isInteger(picked)) act("picked", "", picked);
+  });
+  place.on("plotly_selected", event => {
+    if (!event?.range?.x) return;
+    const along = (k, [low, high]) => ({variable: trials.variables[k].name, low: Math.min(low, high), high: Math.max(low, high)});
+    act("boxed", "", [along(state.across, event.range.x), along(state.up, event.range.y)]);
+  });
+}
+
+const watch = new IntersectionObserver(entries => {
+  for (const {target, isIntersecting} of entries) isIntersecting ? near.add(target.id) : near.delete(target.id);
+  redraw();
+}, {rootMargin: "200px"});
+const resized = new ResizeObserver(entries => redraw(...entries.map(one => one.target.id)));
+
+function attend() {
+  for (const figure of document.querySelectorAll(".plot")) { watch.observe(figure); resized.observe(figure); }
+}
+
+// Curves: a figure for each effect of the model.
+function showCurves() {
+  const place = get("curves"), wanted = page.effects.map((_, k) => `curve-${k}`);
+  while (place.children.length > wanted.length) place.lastChild.remove();
+  page.effects.forEach((effect, k) => {
+    const id = wanted[k], what = `${effect.label}: what it changes, and what the model leaves`;
+    if (!get(id)) {
+      const figure = document.createElement("figure"), plot = document.createElement("div"), caption = document.createElement("figcaption");
+      Object.assign(plot, {id, className: "plot"});
+      plot.setAttribute("role", "img");
+      figure.append(plot, caption);
+      place.append(figure);
+    }
+    get(id).dataset.what = what;
+    get(id).parentNode.lastChild.textContent = what;
+    drawn[id] = () => drawCurve(state, k);
+  });
+  attend();
+  return wanted;
+}
+
+function showTrial() {
+  const line = get("trial-said");
+  if (!trials || !errors || !line) return;
+  const i = state.trial, all = massErrors(state.model);
+  const parts = errorParts(state.model, i).map((part, k) => `${(100 * part).toFixed(0)} % in ${["v_x", "v_y", "ω"][k]}`);
+  line.textContent = `Trial ${trials.name[i]} of ${trials.object[i]}, θ = ${digits(trials.theta[i] * 180 / Math.PI)}°: error of the model ${
+    written(all[i])}, of the law alone ${written(massErrors(0)[i])}; of the squared error ${parts.join(", ")}.`;
+}
+
+// The mean errors inside the windows of the map and in the rest.
+function showWindow() {
+  const line = get("window-said"), rows = page.regions[0]?.rows;
+  if (!line || !trials) return;
+  if (!rows?.length) { line.textContent = rows ? "No trial lies in these windows." : "Draw a box on the map to select trials, or click one."; return; }
+  const inside = new Set(rows), mean = (model, is) => {
+    const some = massErrors(model).filter((_, i) => inside.has(i) === is);
+    return some.length ? written(average(some)) : "–";
+  };
+  line.textContent = `${rows.length} of ${trials.count} trials are selected: mean error of the model ${mean(1, true)} (rest ${
+    mean(1, false)}), of the law alone ${mean(0, true)} (rest ${mean(0, false)}).`;
+}
+
+window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
+  data(sent) {
+    if (!sent) return "";
+    const {columns, variables, ...rest} = sent;
+    trials = {...rest, ...Object.fromEntries(Object.entries(columns).map(([name, text]) => [name, floats(text)])),
+      variables: variables.map(one => ({...one, values: floats(one.values)}))};
+    arrays.v_post = null;
+    const place = name => Math.max(0, trials.variables.findIndex(one => one.name === name));
+    [state.across, state.up] = [place("slip_speed"), place("theta")];
+    const options = trials.variables.map(one => one.label);
+    for (const [id, chosen] of [["map-x", state.across], ["map-y", state.up]]) {
+      get(id).replaceChildren(...options.map((text, k) => new Option(text, k, k === chosen, k === chosen)));
+    }
+    return sent.source;
+  },
+  model(sent) {
+    if (!sent || !trials || sent.count !== trials.count) return "";
+    const outcome = floats(sent.v_post), N = trials.count;
+    arrays.v_post = (model, i, k) => outcome[(model * N + i) * 3 + k];
+    errors = [];
+    page.models = sent.names.map(name => ({name, label: name}));
+    page.effects = sent.effects.map(one => ({...one, curve: {...one.curve, x: Array.from(floats(one.curve.x))}}));
+    const explained = sent.explained && floats(sent.explained), K = sent.effects.length;
+    arrays.explained = (i, k) => explained[i * K + k];
+    const curves = showCurves();
+    showTrial();
+    showWindow();
+    redraw("map", "picture", "impulse", ...curves);
+    document.documentElement.dataset.shown = String(Number(document.documentElement.dataset.shown ?? 0) + 1);
+    return String(sent.error);
+  },
+  trial(sent) {
+    if (!sent) return "";
+    state.trial = sent.row;
+    page.fitted = sent.fitted;
+    state.law = Math.max(0, sent.fitted.findIndex(one => one.name === sent.law));
+    page.arrays = {reach: {shape: [sent.reach.length, 1, sent.reach[0].length, sent.reach[0][0].length]}};
+    arrays.impulse = (law, _, k) => sent.impulse[law][k];
+    arrays.reach = (law, _, a, b, k) => sent.reach[law][a][b][k] ?? NaN;
+    arrays.torn = (law, _, a, b) => sent.torn[law][a][b];
+    if (arrays.v_post) showTrial();
+    redraw("map", "picture", "impulse");
+    return String(sent.row);
+  },
+  done(number) {
+    while (pending.length && pending[0].n <= number) pending.shift();
+    return "";
+  },
+  slider(values) {  // only where a person moved it: sliders also come anew
+    const moved = dash_clientside.callback_context.triggered[0];
+    if (moved && touched.of && performance.now() - touched.when < 3000) {
+      const {of} = JSON.parse(moved.prop_id.slice(0, moved.prop_id.lastIndexOf(".")));
+      if (of === touched.of) act("slider", of, moved.value);
+    }
+    return "";
+  },
+  curve(sent) {
+    if (!sent) return "";
+    page.curves = sent;
+    redraw("curve");
+    return String(sent.length);
+  },
+  windows(sent) {
+    if (!sent) return "";
+    const scale = one => trials?.variables.find(variable => variable.name === one.variable)?.scale ?? 1;
+    page.regions = sent.windows.map(one => ({...one, low: one.low / scale(one), high: one.high / scale(one), rows: sent.rows}));
+    state.region = sent.windows.length ? 0 : -1;
+    if (arrays.v_post) showWindow();
+    redraw("map");
+    return "";
+  },
+}});
+
+function chosenAxes() {
+  state.across = Number(get("map-x").value);
+  state.up = Number(get("map-y").value);
+  state.alone = get("errors-of").value === "alone";
+  redraw("map");
+}
+
+// A slider is named by the line above it.
+function nameSliders() {
+  for (const part of document.querySelectorAll(".parameter")) {
+    part.querySelector("[role=slider]")?.setAttribute("aria-label", part.querySelector(".said span").textContent);
+  }
+}
+
+// Buttons, lists and sliders, wherever they are made.
+const touched = {of: "", when: 0};
+const named = place => JSON.parse(place.closest('[id^="{"]')?.id ?? "{}");
+
+document.addEventListener("click", ({target}) => {
+  const button = target.closest?.("[data-press]");
+  if (!button) return;
+  const {press, of} = button.dataset;
+  act(press, press === "line" && !of ? get("line").value : of);
+});
+document.addEventListener("change", ({target}) => {
+  const {set, of} = named(target);
+  if (set === "ticks") act("ticks", target.value, target.checked);
+  if (set === "law") act("law", target.value);
+  if (set === "form") act("form", of, target.value);
+});
+document.addEventListener("keydown", ({target, key}) => {
+  if (target.id === "line" && key === "Enter") act("line", target.value);
+});
+for (const event of ["pointerdown", "pointermove", "pointerup", "keydown"]) {
+  document.addEventListener(event, ({target, buttons, type}) => {
+    const {set, of} = target.closest?.(".parameter") ? named(target) : {};
+    if (set === "slider" && (type !== "pointermove" || buttons)) Object.assign(touched, {of, when: performance.now()});
+    else if (type === "pointerup" && touched.of) touched.when = performance.now();
+  }, true);
+}
+
+// The page is made by scripts: what it needs is attached once it is there.
+const begun = new MutationObserver(() => {
+  if (!get("map")) return;
+  begun.disconnect();
+  for (const id of ["map-x", "map-y", "errors-of"]) get(id).addEventListener("change", chosenAxes);
+  get("line").setAttribute("list", "completions");
+  new MutationObserver(nameSliders).observe(get("parts"), {childList: true, subtree: true});
+  attend();
+  redraw("map", "picture", "impulse");
+});
+begun.observe(document.documentElement, {childList: true, subtree: true});
+document.getElementById("plotly").addEventListener("load", () => redraw());
+addEventListener("load", () => redraw());
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => redraw(...Object.keys(drawn)));

@@ -1,0 +1,391 @@
+"""The workbench without a browser: addresses, lines, caches, models, promises, commands, jobs, saved runs."""
+
+import base64
+import threading
+import time
+from dataclasses import replace
+
+import pytest
+import torch
+from commands import run
+from omegaconf import OmegaConf
+
+pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'contactlearn[workbench]'")
+
+from dash import no_update
+
+from contactlearn.data import synthetic, table
+from contactlearn.diagnosis.result import Formula, WrenchComponent
+from contactlearn.effects import EffectId
+from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.report.text.numbers import error
+from contactlearn.results.folder import read_result
+from contactlearn.workbench import commands, lines
+from contactlearn.workbench.actions import actions_of
+from contactlearn.workbench.arrays import inside, of_model
+from contactlearn.workbench.cache import Cache
+from contactlearn.workbench.jobs import Jobs, JobStatus
+from contactlearn.workbench.keeping import Keeping
+from contactlearn.workbench.models import Models
+from contactlearn.workbench.page import Page
+from contactlearn.workbench.promises import Promises
+from contactlearn.workbench.saved import Saved, diagnosed
+from contactlearn.workbench.session import Session, Window
+
+LINE = "tau = -c*rx*Pn; c = [-1, 1]"
+DRAG = EffectId("side_drag", "linear")
+
+
+@pytest.fixture(scope="module")
+def drops(tmp_path_factory):
+    """A table of drops with a planted drag."""
+    impacts = synthetic.load(size=240, seed=3)
+    v_post = impacts.v_post * torch.tensor([0.8, 0.8, 1.0])
+    path = tmp_path_factory.mktemp("workbench") / "drops.csv"
+    table.save(impacts.replace(v_post=v_post), path)
+    return path
+
+
+@pytest.fixture
+def session(drops):
+    return Session(data=("data=table", f"data.path={drops}"))
+
+
+@pytest.fixture(scope="module")
+def models():
+    return Models()
+
+
+# Addresses
+
+
+SESSIONS = {
+    "defaults": Session(),
+    "data": Session(data=("data=mystery", "data.seed=7")),
+    "shape": Session(data=("data=table", "data.path=a b.csv", "data.shape={kind:disc,radius:0.02}")),
+    "all": Session(
+        law="mirtich", effects=(DRAG, EffectId("surface_tilt")), lines=(LINE, "eps = c; c = [-1, 1]"),
+        hand=(("mu", 0.1),), seed=3, trial=12, windows=(Window(variable="v_x", low=-0.1, high=1e-9),),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("session", SESSIONS.values(), ids=SESSIONS)
+def test_an_address_is_the_session(session):
+    assert Session.read(session.address) == session
+    assert Session.read(session.address).address == session.address
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [
+        ("?hand.mu=much", "an address holds numbers such as 0.25, got 'much'"),
+        ("?hand.mu=nan", "finite numbers alone"),
+        ("?seed=-1", "seed is a whole number"),
+        ("?trial=x", "trial is a whole number"),
+        ("?window=v_x:1", "a window is variable:low:high"),
+        ("?data=${oc.env:HOME}", "without [$]"),
+        ("?data=mystery&data.seed=7%0Alaw=x", "data is named as"),
+        ("?effect=side_drag&effect=side_drag:linear", "once, in one form"),
+        ("?effect=a:b:c", "without a colon"),
+        ("?law=" + 30_000 * "x", "up to 20000 characters"),
+    ],
+)
+def test_a_wrong_address_is_one_clear_error(address, said):
+    with pytest.raises(ContactLearnError, match=said):
+        Session.read(address)
+
+
+def test_a_tick_takes_the_place_of_another_form():
+    session = Session(effects=(DRAG, EffectId("surface_tilt")), hand=(("mu", 0.1),))
+    other = session.ticked(EffectId("side_drag", "quadratic"))
+    assert [str(one) for one in other.effects] == ["side_drag:quadratic", "surface_tilt"]
+    assert other.hand == ()  # the values of another model
+    assert session.ticked(DRAG, False).effects == (EffectId("surface_tilt"),)
+
+
+# Lines
+
+
+def test_a_line_is_the_effect_of_the_command(session, models):
+    effect = lines.effect_of(LINE)
+    assert effect.equation == "τ ← τ + (-c*rx*Pn)"
+    words = [*session.data, *lines.overrides(LINE, "mine")]
+    from contactlearn.app.settings import effects
+    from contactlearn.cli import compose
+
+    assert effects(compose("evaluate", words))["mine"].options == effect.options
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("tau", "write an output and its expression"),
+        ("tau = c*Pn; c", "a parameter has a range"),
+        ("tau = c*Pn; c = [0, x]", "a parameter has a range"),
+        ("tau = c*Pm; c = [0, 1]", "unknown symbol or parameter 'Pm'"),
+        ("tau = __import__('os').system('x')*c; c = [0, 1]", "only mathematics, not Python"),
+        ("speed = c; c = [0, 1]", "unknown output"),
+        ("tau = c*" + 600 * "1" + "; c = [0, 1]", "up to 500 characters"),
+    ],
+)
+def test_a_wrong_line_is_one_clear_error(line, said):
+    with pytest.raises(ContactLearnError, match=said):
+        lines.effect_of(line)
+
+
+def test_a_line_is_completed():
+    assert lines.completions("ta") == ["tau = "]
+    assert lines.completions("tau = -c*rx*P") == ["tau = -c*rx*Pt", "tau = -c*rx*Pn"]
+    assert "eps = c*P" not in "".join(lines.completions("eps = c*P"))  # the impulse is not known at the law
+    assert lines.completions("tau = -c*rx*Pn; c") == []
+
+
+def test_a_formula_of_a_diagnosis_is_a_line():
+    found = Formula(
+        component=WrenchComponent.MOMENT, terms=("Pn*sin(3*theta)",), ranges=((-0.5, 0.5),), coefficients=(0.1,),
+        error_reduction=0.1, standard_error=0.01,
+    )  # fmt: skip
+    assert lines.effect_of(lines.line_of(found)).equation == "τ ← τ + (c1*Pn*sin(3*theta))"
+
+
+# Caches
+
+
+def test_a_cache_computes_once_and_forgets_the_oldest():
+    cache, computed = Cache(2), []
+
+    def slow(key):
+        computed.append(key)
+        time.sleep(0.05)
+        return key
+
+    threads = [threading.Thread(target=lambda: cache.get("a", lambda: slow("a"))) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert computed == ["a"]
+    for key in "bca":
+        cache.get(key, lambda key=key: slow(key))
+    assert computed == ["a", "b", "c", "a"]
+    assert len(cache) == 2
+
+
+def test_a_cache_keeps_no_error():
+    cache = Cache(2)
+    with pytest.raises(ZeroDivisionError):
+        cache.get("a", lambda: 1 / 0)
+    assert cache.get("a", lambda: 1) == 1
+
+
+# Models
+
+
+def test_an_effect_that_is_planted_lowers_the_held_out_error(session, models):
+    alone, ticked = models.fitted(session), models.fitted(session.ticked(DRAG))
+    assert ticked.error.mean < 0.5 * alone.error.mean
+    value = dict(zip((p.name for p in ticked.fit.parameters), ticked.fit.values.tolist(), strict=True))["side_drag.c"]
+    assert value == pytest.approx(0.2, abs=0.01)
+    assert [one.error.mean for one in models.ladder(session.ticked(DRAG))] == [alone.error.mean, ticked.error.mean]
+
+
+def test_the_promise_of_a_planted_effect_is_kept(session, models):
+    promises = Promises(models).of(session)
+    first, kept = promises[0], models.fitted(session.ticked(promises[0].effect)).error.mean
+    assert first.effect.name == "side_drag"
+    assert 0.8 * kept < first.error < 0.5 * models.fitted(session).error.mean
+    assert all(one.effect.name != "side_drag" for one in Promises(models).of(session.ticked(DRAG)))
+
+
+def test_a_parameter_moves_by_hand_and_back(session, models):
+    actions, fitted = actions_of(models, Promises(models)), models.fitted(session)
+    moved = actions.slide(session, "mu", 0.5)
+    assert models.moved(moved).error.mean > fitted.error.mean
+    assert models.moved(moved).model.law.mu == 0.5
+    assert actions.slide(moved, "mu", 0.5) is moved  # the slider was set to what it says
+    assert actions.kinds["fit"](moved, "mu", 1) == session
+    assert models.moved(session).error == fitted.error
+    with pytest.raises(UnknownNameError, match="unknown parameter of this model 'nu'"):
+        models.moved(replace(session, hand=(("nu", 1.0),)))
+
+
+def test_a_tick_takes_the_most_promising_form(session, models):
+    actions = actions_of(models, Promises(models))
+    ticked = actions.kinds["ticks"](session, "side_drag", True)
+    best = next(one.effect for one in Promises(models).of(session) if one.effect.name == "side_drag")
+    assert ticked.effects == (best,)
+    assert actions.kinds["ticks"](ticked, "side_drag", False) == session
+
+
+def test_trials_are_stepped_through_by_their_errors(session, models):
+    actions = actions_of(models, Promises(models))
+    order = actions.ranked(session)
+    first = actions.kinds["worst"](session, "", 1)
+    assert first.trial == order[0]
+    assert actions.kinds["worse"](first, "", 1).trial == order[1]
+    assert actions.kinds["next"](replace(session, trial=len(order) - 1), "", 1).trial == 0
+    assert actions.trial(replace(session, trial=10**8)) == len(order) - 1
+
+
+def test_a_changed_file_is_read_again(session, models, tmp_path):
+    path = tmp_path / "drops.csv"
+    table.save(synthetic.load(size=100, seed=1), path)
+    other = replace(session, data=("data=table", f"data.path={path}"))
+    before = models.fingerprint(other)
+    table.save(synthetic.load(size=101, seed=1), path)
+    assert models.fingerprint(other) != before
+    assert len(models.split(other).impacts) == 101
+
+
+def test_a_line_that_never_vanishes_is_refused(session, models):
+    with pytest.raises(ContactLearnError, match="must change nothing where it vanishes"):
+        actions_of(models, Promises(models)).add_line(session, "tau = c + Pn; c = [-1, 1]", None)
+
+
+def test_windows_hold_trials_also_around_the_circle(session, models):
+    from contactlearn.report.page.trials import map_variables
+
+    data = models.split(session)
+    among = map_variables(data.impacts, models.fitted(session).model.predict(data.impacts))
+    whole = inside((Window(variable="theta", low=-180.0, high=180.0),), among)
+    assert whole.all()
+    some = inside((Window(variable="theta", low=170.0, high=190.0),), among)
+    angle = torch.rad2deg(data.impacts.q[:, 2]).remainder(360)
+    assert torch.equal(some, (angle >= 170) & (angle <= 190))
+
+
+def test_many_trials_have_no_curves(session, models, monkeypatch):
+    monkeypatch.setattr("contactlearn.workbench.arrays._CURVE_TRIALS", 10)
+    fitted, impacts = models.fitted(session.ticked(DRAG)), models.split(session).impacts
+    sent = of_model(impacts, fitted.v_post, fitted.v_post, fitted.model)
+    assert sent["effects"] == []
+
+
+# Commands
+
+
+def test_a_command_line_is_a_session_and_back(drops):
+    words = ["data=table", f"data.path={drops}", "law=mirtich", "effect=[side_drag]", "effect.side_drag.form=quadratic"]
+    session = commands.session_of(words)
+    assert session.effects == (EffectId("side_drag", "quadratic"),)
+    assert commands.session_of([w for w in commands.words_of(session) if w]) == session
+
+
+@pytest.mark.parametrize("words", [["model=[]"], ["law=best"], ["law._target_=os.system"], ["effect=[nothing]"]])
+def test_what_the_workbench_does_not_take_is_refused(words):
+    with pytest.raises(ContactLearnError):
+        commands.session_of(words)
+
+
+@pytest.mark.parametrize("way", ["command", "experiment"])
+def test_the_shell_gives_the_same_error(way, session, models, tmp_path):
+    session = replace(session.ticked(DRAG), lines=("eps = -c*vn; c = [-0.5, 0.5]",))
+    words = [*commands.words_of(session), "model=[]", "fit.starts=4"]
+    if way == "experiment":
+        (tmp_path / "experiment").mkdir()
+        (tmp_path / "experiment" / "session.yaml").write_text(commands.experiment(session))
+        words = ["--config-dir", str(tmp_path), "experiment=session"]
+    small = ("train.size=20", "train.repetitions=2", "figures.repetitions=2", "bootstrap=50", "hydra.run.dir=run")
+    run("evaluate.py", *words, *small, cwd=tmp_path)
+    result = read_result(tmp_path / "run" / "results.json")
+    assert result.errors[result.model].mass_error.mean == pytest.approx(models.fitted(session).error.mean, rel=1e-9)
+
+
+def test_the_experiment_file_says_what_it_leaves_out(session):
+    text = commands.experiment(session.moved("mu", 0.25))
+    assert "moved by hand, which no command does: mu = 0.25" in text
+    assert OmegaConf.create(text).seed == 0
+
+
+# Jobs and saved runs
+
+
+def test_a_diagnosis_runs_beside_the_page_and_is_taken_over(session, models, tmp_path):
+    jobs, saved = Jobs(tmp_path / "outputs"), Saved(tmp_path / "outputs")
+    speed = EffectId("velocity_dependent_restitution", "linear")  # it takes a constant from the data
+    words = [*commands.words_of(session.ticked(DRAG).ticked(speed)), "seconds=1"]
+    job = jobs.start(words)
+    assert jobs.start(words) is job
+    assert job.status is JobStatus.RUNNING
+    end = time.monotonic() + 120
+    while job.status is JobStatus.RUNNING and time.monotonic() < end:
+        time.sleep(0.1)
+    assert job.status is JobStatus.DONE, "\n".join(job.lines)
+    (listed,) = saved.listed()
+    assert listed.page
+    assert listed.session is not None
+    assert DRAG in listed.session.effects
+    assert models.fitted(listed.session).error.mean < 0.5 * models.fitted(session).error.mean
+    assert diagnosed(saved.diagnosis(listed.name)) == listed.session
+    for name in ("report.html", "diagnosis.json", "metrics.jsonl"):
+        assert (tmp_path / "outputs" / listed.name / name).exists()
+    saved.compare([listed.name])
+    assert (tmp_path / "outputs" / "runs.html").exists()
+
+
+def test_a_job_is_cancelled_and_no_more_than_two_run(session, tmp_path):
+    jobs = Jobs(tmp_path)
+    first, second = (jobs.start([*session.data, f"seed={seed}"]) for seed in range(2))
+    with pytest.raises(ContactLearnError, match="2 diagnoses are running"):
+        jobs.start([*session.data, "seed=2"])
+    first.cancel()
+    first.process.wait(20)
+    assert first.status is JobStatus.CANCELLED
+    jobs.close()
+    second.process.wait(20)
+    assert second.status is JobStatus.CANCELLED
+    assert jobs.find(first.folder.name) is first
+
+
+@pytest.mark.parametrize("name", ["..", "../..", "/etc", "diagnose/../../x"])
+def test_no_path_leads_out_of_the_runs(name, tmp_path):
+    with pytest.raises(ContactLearnError, match="a folder below"):
+        Saved(tmp_path / "outputs").inside(name)
+
+
+def test_what_is_dropped_is_read_by_the_reader_of_tables(drops, models, tmp_path):
+    keeping = Keeping(models, Saved(tmp_path), tmp_path)
+
+    def sent(content):
+        return f"data:text/csv;base64,{base64.b64encode(content).decode()}"
+
+    path = keeping.kept("mine.CSV", sent(drops.read_bytes()))
+    assert path.read_bytes() == drops.read_bytes()
+    assert path == keeping.kept("other.csv", sent(drops.read_bytes()))
+    with pytest.raises(DataError, match=r"^bad.csv: unknown column 'a'"):
+        keeping.kept("bad.csv", sent(b"a\n1\n"))
+    with pytest.raises(DataError, match=r"a table is a .csv or .parquet file"):
+        keeping.kept("model.pkl", sent(b"x"))
+    with pytest.raises(DataError, match="did not arrive whole"):
+        keeping.kept("x.csv", "data:text/csv;base64,!!!")
+    assert len(list((tmp_path / "uploads").iterdir())) == 1
+
+
+def test_numbers_are_written_as_in_the_report(session, models):
+    from contactlearn.workbench.panes.model import said
+
+    fitted = models.fitted(session)
+    assert error(fitted.error.mean) in str(said(fitted, models.moved(session), fitted, False))
+
+
+def test_what_was_not_answered_is_done_once_and_what_cannot_be_fitted_is_refused(session, models):
+    """The page sends actions again until they are answered; `done` says up to which they are in the address."""
+    page = Page(models, Promises(models), actions_of(models, Promises(models)))
+    tick = {"n": 1, "kind": "ticks", "of": "side_drag", "value": True}
+    law = {"n": 2, "kind": "law", "of": "mirtich", "value": None}
+    address, history, done, trouble, *_ = page.act([tick, law], None, session.address, None)
+    both = Session.read(address)
+    assert (both.law, both.effects[0].name, done, trouble) == ("mirtich", "side_drag", 2, "")
+    assert len(history["past"]) == 2
+    undo, redo = ({"n": n, "kind": kind, "of": "", "value": None} for n, kind in ((3, "undo"), (4, "redo")))
+    back, history, *_ = page.act([tick, law, undo], 2, address, history)
+    assert Session.read(back).law == session.law
+    again, history, *_ = page.act([redo], 3, back, history)
+    assert again == address
+    wrong = {"n": 5, "kind": "line", "of": "tau = c; d", "value": None}
+    *same, done, trouble, ticks, chosen = page.act([wrong], 4, again, history)
+    assert same == [no_update, no_update]
+    assert (done, ticks, chosen) == (5, ["side_drag"], "mirtich")
+    assert "a parameter has a range" in trouble
+    assert "unknown action" in page.act([wrong | {"kind": "format_disk"}], 4, again, history)[3]

@@ -1,0 +1,237 @@
+"""The workbench in a browser: the whole loop on hidden physics, two tabs, links, hints, a thousand random clicks."""
+
+import json
+import threading
+from urllib.parse import urlsplit
+
+import pytest
+from browser import chromium
+
+pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'contactlearn[workbench]'")
+
+from contactlearn.data import mystery
+from contactlearn.results.folder import find_results, read_result
+from contactlearn.workbench.models import Models
+from contactlearn.workbench.server import listen
+
+SIZE = 200
+MYSTERY = f"&data=mystery&data.seed=7&data.size={SIZE}"
+_CLICKS = """
+const [count, done] = arguments, skipped = /Save run|Search|Experiment|Saved runs|Compare them|Load|Learning/;
+let random = 1;
+const one = list => list[(random = random * 48271 % 2147483647) % list.length];
+(async () => {
+  for (let k = 0; k < count; k++) {
+    const found = [...document.querySelectorAll("button:not([disabled]), [type=checkbox], [type=radio], select")];
+    const place = one(found.filter(x => !skipped.test(x.textContent) && !x.closest(".modebar") && x.offsetParent));
+    if (place.tagName === "SELECT") {
+      place.value = one([...place.options]).value;
+      place.dispatchEvent(new Event("change", {bubbles: true}));
+    } else place.click();
+    await new Promise(wait => setTimeout(wait, 20));
+  }
+  done(count);
+})();
+"""
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    """The address of a workbench that runs in a folder of its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("workbench"))
+        server, door = listen("127.0.0.1", 0, Models())
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield door.address
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+@pytest.fixture(scope="module", params=[1280, 360], ids=lambda width: f"{width}px")
+def browser(request):
+    with chromium(request.param) as opened:
+        opened.set_script_timeout(280)
+        yield opened
+
+
+def until(browser, condition, seconds=60):
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    return WebDriverWait(browser, seconds, 0.05).until(lambda b: b.execute_script(f"return {condition}"))
+
+
+def opened(browser, address):
+    """The browser with a workbench that is drawn."""
+    browser.get("about:blank")
+    browser.get_log("browser"), browser.get_log("performance")
+    browser.get(address)
+    until(browser, "document.documentElement.dataset.shown")
+    until(browser, "document.querySelectorAll('#ladder tr').length > 1")
+    return browser
+
+
+def text(browser, id):
+    return browser.execute_script(f"return document.getElementById('{id}').textContent")
+
+
+def click(browser, place, words):
+    """Click on the button, or tick the row, of a pane that begins with some words."""
+    among = f"[...document.querySelectorAll('#{place} button, #{place} label')]"
+    found = f"{among}.filter(x => x.textContent.startsWith('{words}'))[0]"
+    until(browser, f"Boolean({found})")
+    browser.execute_script(f"const x = {found}; (x.querySelector('input') ?? x).click()")
+
+
+def heard(browser):
+    """What the console said, and what was asked for that is not the workbench's own."""
+    own = urlsplit(browser.current_url).netloc
+    events = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    asked = [event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"]
+    foreign = [url for url in asked if not url.startswith(("data:", "blob:", "about:")) and urlsplit(url).netloc != own]
+    return [entry["message"] for entry in browser.get_log("browser")] + foreign
+
+
+def held_out(browser):
+    return float(text(browser, "said").split()[2])
+
+
+def test_the_whole_loop_on_hidden_physics(browser, served, tmp_path):
+    mystery.load(7, size=SIZE, folder=str(tmp_path))
+    opened(browser, served)
+    browser.execute_script("document.querySelector('header details').open = true")
+    browser.find_element("css selector", "#upload input[type=file]").send_keys(str(tmp_path / "drops.csv"))
+    until(browser, "document.getElementById('source').textContent.includes('uploads/')")
+    until(browser, "document.querySelectorAll('#compare .scale').length > 5")
+    click(browser, "compare", "Mirtich")
+    until(browser, "document.getElementById('parts').textContent.startsWith('Mirtich')")
+    alone = held_out(browser)
+    click(browser, "fails", "Worst")
+    until(browser, "document.getElementById('trial-said').textContent.startsWith('Trial')")
+    browser.execute_script("document.getElementById('impulse').scrollIntoView()")
+    until(browser, "document.querySelector('#impulse .main-svg') !== null")
+    until(browser, "document.querySelector('#missing label .value')?.textContent?.includes('(−')")
+    first = browser.execute_script("return document.querySelector('#missing label .name').textContent")
+    click(browser, "missing", first)
+    until(browser, "location.search.includes('effect=')")
+    until(browser, f"parseFloat(document.getElementById('said').textContent.split(' ')[2]) < {0.8 * alone}")
+    ticked = held_out(browser)
+    until(browser, "document.querySelectorAll('#ladder tr').length === 3")
+    browser.execute_script("document.getElementById('curve-0').scrollIntoView()")
+    until(browser, "document.querySelector('#curve-0 .main-svg') !== null")
+    click(browser, "bar", "Undo")
+    until(browser, f"parseFloat(document.getElementById('said').textContent.split(' ')[2]) === {alone}")
+    click(browser, "bar", "Redo")
+    until(browser, f"parseFloat(document.getElementById('said').textContent.split(' ')[2]) === {ticked}")
+    click(browser, "keep", "Save run")
+    until(browser, "document.getElementById('job-said').textContent.startsWith('Written')", 240)
+    (path,) = (path for path in find_results("outputs") if path.parent.name in text(browser, "job-said"))
+    assert [one.name for one in read_result(path).diagnosis.given] == _ticked(browser)
+    assert (path.parent / "report.html").exists()
+    width = browser.execute_script(
+        "return [document.documentElement.scrollWidth, document.documentElement.clientWidth]"
+    )
+    assert width[0] <= width[1]
+    assert not heard(browser)
+
+
+def _ticked(browser):
+    said = browser.execute_script("return new URLSearchParams(location.search).getAll('effect')")
+    return [one.partition(":")[0] for one in said]
+
+
+def test_a_link_shows_the_same_and_a_wrong_one_says_why(browser, served):
+    link = f"{served}{MYSTERY}&law=mirtich&effect=sampling_delay&hand.mu=0.3&trial=4"
+    said = text(opened(browser, link), "said")
+    assert "moved by hand" in said
+    assert text(opened(browser, link), "said") == said
+    assert browser.execute_script("return state.trial") == 4
+    browser.get(f"{served}{MYSTERY}&law=mirtisch")
+    until(browser, "document.getElementById('trouble').textContent.includes(\"did you mean 'mirtich'\")")
+
+
+def test_a_slider_moves_the_curves_and_the_fitted_value_is_a_click_away(browser, served):
+    from selenium.webdriver.common.keys import Keys
+
+    opened(browser, f"{served}{MYSTERY}&effect=sampling_delay")
+    fitted = text(browser, "said")
+    thumb = browser.find_element("css selector", ".parameter [role=slider]")
+    assert thumb.get_attribute("aria-label").startswith("μ = ")
+    shown = browser.execute_script("return Number(document.documentElement.dataset.shown)")
+    thumb.send_keys(Keys.ARROW_RIGHT * 20)
+    until(browser, f"Number(document.documentElement.dataset.shown) > {shown}")
+    until(browser, "location.search.includes('hand.mu')")
+    assert "moved by hand" in text(browser, "said")
+    click(browser, "parts", "Fitted value")
+    until(browser, "!location.search.includes('hand.mu')")
+    until(browser, f"document.getElementById('said').textContent === {json.dumps(fitted)}")
+    assert not heard(browser)
+
+
+def test_a_box_on_the_map_selects_trials(browser, served):
+    opened(browser, served + MYSTERY)
+    box = [{"variable": "theta", "low": -90, "high": 90}, {"variable": "slip_speed", "low": 0, "high": 1}]
+    browser.execute_script("document.getElementById('map').emit('plotly_selected', arguments[0])", _event(box))
+    until(browser, "/trials are selected/.test(document.getElementById('window-said').textContent)")
+    assert browser.execute_script("return new URLSearchParams(location.search).getAll('window').length") == 2
+    click(browser, "fails", "Clear selection")
+    until(browser, "!location.search.includes('window')")
+
+
+def _event(box):
+    """What plotly says of a box over (|v_t|, θ)."""
+    up, across = ([one["low"], one["high"]] for one in box)
+    return {"range": {"x": across, "y": up}}
+
+
+def test_a_line_of_mathematics_is_completed_checked_and_added(browser, served):
+    from selenium.webdriver.common.keys import Keys
+
+    opened(browser, served + MYSTERY)
+    line = browser.find_element("id", "line")
+    line.send_keys("tau = -c*rx*P")
+    until(browser, "document.querySelectorAll('#completions option').length === 2")
+    line.send_keys("m; c = [-1, 1]")
+    until(browser, "document.getElementById('line-said').textContent.includes(\"unknown symbol or parameter 'Pm'\")")
+    line.send_keys(Keys.BACKSPACE * 14 + "n; c = [-1, 1]" + Keys.ENTER)
+    until(browser, "document.querySelectorAll('#ladder tr').length === 3")
+    assert "τ ← τ" in text(browser, "line-said")
+    assert not heard(browser)
+
+
+def test_two_tabs_do_not_disturb_each_other(browser, served):
+    opened(browser, served + MYSTERY)
+    first = browser.current_window_handle
+    browser.switch_to.new_window("tab")
+    second = opened(browser, f"{served}{MYSTERY}&law=mirtich").current_window_handle
+    click(browser, "missing", "sampling delay")
+    until(browser, "location.search.includes('effect=sampling_delay')")
+    browser.switch_to.window(first)
+    assert "effect" not in browser.execute_script("return location.search")
+    browser.switch_to.window(second)
+    browser.close()
+    browser.switch_to.window(first)
+
+
+def test_the_hints_lead_to_the_truth(browser, served):
+    opened(browser, served + MYSTERY)
+    for number in range(1, 5):
+        until(browser, f"document.getElementById('hint-title').textContent.startsWith('{number} of 5')")
+        assert not browser.find_element("id", "truth").is_displayed()
+        click(browser, "hints", "Next hint")
+    until(browser, "!document.getElementById('reveal').hidden")
+    click(browser, "hints", "Reveal")
+    until(browser, "document.getElementById('truth').textContent.includes('sampling_delay')")
+    click(browser, "hints", "No more")
+    until(browser, "document.getElementById('hints').hidden")
+
+
+def test_a_thousand_random_clicks_do_no_harm(served):
+    with chromium(1280) as browser:
+        browser.set_script_timeout(280)
+        opened(browser, served + MYSTERY)
+        assert browser.execute_async_script(_CLICKS, 1000) == 1000
+        click(browser, "fails", "Worst")
+        until(browser, "document.getElementById('said').textContent.startsWith('Held-out error')")
+        assert not heard(browser)
