@@ -24,7 +24,7 @@ from contactlearn.workbench import commands, lines
 from contactlearn.workbench.actions import actions_of
 from contactlearn.workbench.arrays import inside, of_model
 from contactlearn.workbench.cache import Cache
-from contactlearn.workbench.jobs import Jobs, JobStatus
+from contactlearn.workbench.jobs import Jobs, RunStatus
 from contactlearn.workbench.keeping import Keeping
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.page import Page
@@ -307,11 +307,11 @@ def test_a_diagnosis_runs_beside_the_page_and_is_taken_over(session, models, tmp
     words = [*commands.words_of(session.ticked(DRAG).ticked(speed)), "seconds=1"]
     job = jobs.start(words)
     assert jobs.start(words) is job
-    assert job.status is JobStatus.RUNNING
+    assert job.status is RunStatus.RUNNING
     end = time.monotonic() + 120
-    while job.status is JobStatus.RUNNING and time.monotonic() < end:
+    while job.status is RunStatus.RUNNING and time.monotonic() < end:
         time.sleep(0.1)
-    assert job.status is JobStatus.DONE, "\n".join(job.lines)
+    assert job.status is RunStatus.DONE, "\n".join(job.lines)
     (listed,) = saved.listed()
     assert listed.page
     assert listed.session is not None
@@ -331,10 +331,10 @@ def test_a_job_is_cancelled_and_no_more_than_two_run(session, tmp_path):
         jobs.start([*session.data, "seed=2"])
     first.cancel()
     first.process.wait(20)
-    assert first.status is JobStatus.CANCELLED
+    assert first.status is RunStatus.CANCELLED
     jobs.close()
     second.process.wait(20)
-    assert second.status is JobStatus.CANCELLED
+    assert second.status is RunStatus.CANCELLED
     assert jobs.find(first.folder.name) is first
 
 

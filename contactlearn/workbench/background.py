@@ -9,7 +9,7 @@ from contactlearn.errors import ContactLearnError
 from contactlearn.report.page.trials import bounded, plotly_style
 from contactlearn.report.text import law_label
 from contactlearn.workbench.commands import words_of
-from contactlearn.workbench.jobs import Job, Jobs, JobStatus
+from contactlearn.workbench.jobs import BackgroundRun, Jobs, RunStatus
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.panes import missing
 from contactlearn.workbench.saved import Saved
@@ -17,10 +17,10 @@ from contactlearn.workbench.session import Session
 
 _LINES = 6
 _WORDS = {
-    JobStatus.RUNNING: "Running",
-    JobStatus.DONE: "Done",
-    JobStatus.FAILED: "Failed",
-    JobStatus.CANCELLED: "Cancelled",
+    RunStatus.RUNNING: "Running",
+    RunStatus.DONE: "Done",
+    RunStatus.FAILED: "Failed",
+    RunStatus.CANCELLED: "Cancelled",
 }
 
 
@@ -71,18 +71,18 @@ class Background:
         job = self.jobs.find(name) if name else None
         if not name:
             return "", "", True, True, no_update
-        if job is not None and job.status is JobStatus.RUNNING:
+        if job is not None and job.status is RunStatus.RUNNING:
             return self._said(job), "\n".join(list(job.lines)[-_LINES:]), not job.lines, False, no_update
         try:
             run = self.saved.diagnosis(f"diagnose/{name}")
         except ContactLearnError as error:
             said = str(error) if job is None else self._said(job)
-            lines = "" if job is None or job.status is JobStatus.CANCELLED else "\n".join(list(job.lines)[-_LINES:])
+            lines = "" if job is None or job.status is RunStatus.CANCELLED else "\n".join(list(job.lines)[-_LINES:])
             return said, lines, not lines, True, no_update
         found: list[Component] = missing.found_content(run, f"diagnose/{name}", Session.read(address or ""))
         return f"Written to diagnose/{name}.", "", True, True, found
 
-    def _said(self, job: Job) -> str:
+    def _said(self, job: BackgroundRun) -> str:
         return f"{_WORDS[job.status]}: {job.folder.name}, {job.seconds:.0f} s"
 
     def learn(self, _: int, address: str | None) -> tuple[Any, Any, str]:

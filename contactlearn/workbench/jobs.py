@@ -23,7 +23,7 @@ _SIDE_BY_SIDE = 2
 _LINES = 200
 
 
-class JobStatus(StrEnum):
+class RunStatus(StrEnum):
     """Where a job stands."""
 
     RUNNING = "running"
@@ -33,7 +33,7 @@ class JobStatus(StrEnum):
 
 
 @dataclass(eq=False)
-class Job:
+class BackgroundRun:
     """A diagnosis in a process of its own, with the lines that it has printed."""
 
     words: tuple[str, ...]
@@ -45,14 +45,14 @@ class Job:
     cancelled: bool = False
 
     @property
-    def status(self) -> JobStatus:
+    def status(self) -> RunStatus:
         """Where it stands."""
         code = self.process.poll()
         if code is None:
-            return JobStatus.RUNNING
+            return RunStatus.RUNNING
         if self.cancelled:
-            return JobStatus.CANCELLED
-        return JobStatus.DONE if code == 0 else JobStatus.FAILED
+            return RunStatus.CANCELLED
+        return RunStatus.DONE if code == 0 else RunStatus.FAILED
 
     @property
     def seconds(self) -> float:
@@ -83,17 +83,17 @@ class Jobs:
     """
 
     def __init__(self, outputs: Path) -> None:
-        self._outputs, self._jobs, self._lock = outputs, dict[str, Job](), Lock()
+        self._outputs, self._jobs, self._lock = outputs, dict[str, BackgroundRun](), Lock()
         atexit.register(self.close)
 
-    def start(self, words: Sequence[str]) -> Job:
+    def start(self, words: Sequence[str]) -> BackgroundRun:
         """Start a diagnosis with the words of a command; one that is running with the same words is joined.
 
         Raises:
             ContactLearnError: too many are running.
         """
         with self._lock:
-            running = [job for job in self._jobs.values() if job.status is JobStatus.RUNNING]
+            running = [job for job in self._jobs.values() if job.status is RunStatus.RUNNING]
             for job in running:
                 if job.words == tuple(words):
                     return job
@@ -110,12 +110,12 @@ class Jobs:
                 encoding="utf-8",
                 env=os.environ | {"PYTHONUNBUFFERED": "1"},  # its lines are seen as they come
             )
-            job = Job(tuple(words), folder, process)
+            job = BackgroundRun(tuple(words), folder, process)
             self._jobs[folder.name] = job
         Thread(target=job.follow, daemon=True).start()
         return job
 
-    def find(self, name: str) -> Job | None:
+    def find(self, name: str) -> BackgroundRun | None:
         """Return the job that writes a run folder of this name."""
         return self._jobs.get(name)
 
