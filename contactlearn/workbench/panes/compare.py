@@ -1,5 +1,6 @@
 """Compare: every law alone, Best Post Hoc, the rigid bound and the model, on the same held-out trials."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -39,10 +40,10 @@ def compare_pane() -> Component:
 
 
 def law_options(found: Sequence[Compared], most: float) -> list[dict[str, Any]]:
-    """Return every law as an option with its error; laws that were not compared are at the end."""
+    """Return every law as an option with its error, the least first; laws that were not compared are at the end."""
     compared = {one.name: one.error for one in found}
     options: list[dict[str, Any]] = []
-    for name in sorted(laws.names(), key=lambda name: -compared[name].mean if name in compared else 0.0):
+    for name in sorted(laws.names(), key=lambda name: compared[name].mean if name in compared else math.inf):
         text: list[Component] = [html.Span(law_label(name), className="name")]
         if name in compared:
             text += [html.Span(brief_interval(compared[name]), className="value"), bar(compared[name], most)]
