@@ -148,7 +148,7 @@ def test_a_link_shows_the_same_and_a_wrong_one_says_why(browser, served):
     assert text(opened(browser, link), "said") == said
     assert browser.execute_script("return state.trial") == 4
     browser.get(f"{served}{MYSTERY}&law=mirtisch")
-    until(browser, "document.getElementById('trouble').textContent.includes(\"did you mean 'mirtich'\")")
+    until(browser, "document.getElementById('trouble')?.textContent.includes(\"did you mean 'mirtich'\")")
 
 
 def test_a_slider_moves_the_curves_and_the_fitted_value_is_a_click_away(browser, served):
