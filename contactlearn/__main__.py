@@ -85,9 +85,9 @@ def _add_audit(add: Callable[..., argparse.ArgumentParser]) -> None:
     audit = add(
         "audit",
         help="say what is wrong with measurements, and which setting corrects it",
-        description="Look for mistakes in a table, or in any data source: columns, units, axes, repeated and impossible "
-        "trials. Nothing is fitted, and no file is changed.",
-        epilog="examples: contactlearn audit drops.csv 'data.units={length: mm}'; contactlearn audit data=ellipse_drops",
+        description="Look for mistakes in a table, or in any data source: columns, units, axes, repeated and "
+        "impossible trials. Nothing is fitted, and no file is changed.",
+        epilog="examples: contactlearn audit drops.csv data.units.length=mm; contactlearn audit data=ellipse_drops",
     )
     audit.add_argument(
         "words",

@@ -34,9 +34,9 @@ class Split:
 def load_data(cfg: DictConfig, suspect: bool = False, folder: Path | None = None) -> Impacts:
     """Load the `data` part of a configuration as impacts, corrected; only this package's own sources are run.
 
-    Columns of a table that are not used, and fields that were computed, are printed.  With `suspect` a table is read, and
-    stays, without the rule that contacts approach the floor: for the audit.
-    Recordings leave recordings.html in the folder, if one is given.
+    Columns of a table that are not used, and fields that were computed, are printed.  With `suspect` a table is read,
+    and stays, without the rule that contacts approach the floor: for the audit.  Recordings leave recordings.html in
+    the folder, if one is given.
 
     Raises:
         ContactLearnError: a setting that the source does not have, or a correction that does not exist.

@@ -75,11 +75,10 @@ def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds(
 
     Repeated trials and their order are looked at in all of them.
     """
-    found = audit(impacts, thresholds) if len(impacts) <= _QUICK else ()
-    if not found:
-        rows = torch.linspace(0, len(impacts) - 1, _QUICK).round().long()
-        some = impacts[rows].replace(suspect=True, time=None)  # their times say nothing about the order of all
-        found = (*duplicate_findings(impacts), *order_findings(impacts, thresholds), *audit(some, thresholds))
+    found = [*duplicate_findings(impacts), *order_findings(impacts, thresholds)]
+    sound = impacts.replace(suspect=True, time=None)[~repeated(impacts)]  # times of some say nothing about the order
+    rows = torch.linspace(0, len(sound) - 1, min(len(sound), _QUICK)).round().long()
+    found = (*audit(sound[rows], thresholds), *found)
     return tuple(finding for finding in found if finding.mistake)
 
 

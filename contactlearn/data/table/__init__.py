@@ -21,6 +21,7 @@ is named beside the path, with lengths in m.  What `save` writes, `load` gives b
 number, every name as written.
 """
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ import torch
 from torch import Tensor
 
 from contactlearn.data.table import known, sheet
-from contactlearn.data.table.columns import COLUMNS, NAMES, REQUIRED, Chosen, choose
+from contactlearn.data.table.columns import COLUMNS, NAMES, REQUIRED, NamedColumns, name_columns
 from contactlearn.data.table.units import SI, Units
 from contactlearn.errors import DataError
 from contactlearn.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
@@ -40,6 +41,7 @@ from contactlearn.shapes import Shape, contact_point, make_shape
 
 __all__ = ["COLUMNS", "NAMES", "REQUIRED", "Table", "check_suffix", "load", "read", "save"]
 
+_TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
 _READERS = {".csv": sheet.read_csv, ".parquet": sheet.read_parquet}
 _WRITERS = {".csv": sheet.write_csv, ".parquet": sheet.write_parquet}
 
@@ -98,8 +100,8 @@ def read(
         UnknownNameError: a shape, column, quantity or unit that does not exist.
     """
     path, body, stated = Path(path), make_shape(shape), Units(units)
-    chosen = choose(_cells(path), columns, shaped=body is not None)
-    cells = chosen.cells
+    named = name_columns(_cells(path), columns, shaped=body is not None)
+    cells = named.cells
     values: dict[str, Any] = {}
     if drop_incomplete:
         cells, values = _complete(path, cells)
@@ -112,14 +114,14 @@ def read(
         field: _covariance(cells, names, stated) for field, names in COVARIANCES.items() if names[0] in cells.header
     }
     if body is not None:
-        values |= _computed(chosen, body, values)
+        values |= _computed(named, body, values)
     try:
         impacts = Impacts(**values, shape=body, source=str(path), suspect=suspect, apparatus=known.apparatus_of(cells))
     except DataError as error:
         if error.row is None:
             raise
         raise DataError(f"{error}{cells.place(error.row, error.column)}", row=error.row) from None
-    return Table(impacts=impacts, unused=chosen.unused, computed=chosen.computed)
+    return Table(impacts=impacts, unused=named.unused, computed=named.computed)
 
 
 def _cells(path: Path) -> sheet.Sheet:
@@ -152,12 +154,18 @@ def _covariance(cells: sheet.Sheet, columns: Sequence[str], units: Units) -> Ten
     return whole
 
 
-def _computed(chosen: Chosen, body: Shape, values: Mapping[str, Tensor]) -> dict[str, Tensor]:
+def _computed(named: NamedColumns, body: Shape, values: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """The fields that the body's shape gives: where it touches the floor, and its inertia at uniform density."""
     found: dict[str, Tensor] = {}
-    if "r" in chosen.computed:
-        found["r"] = contact_point(body, values["q"][:, 2])
-    if "inertia" in chosen.computed:
+    if "r" in named.computed:
+        theta = values["q"][:, 2]
+        if (turned := theta.abs().median().item()) > _TURNED:
+            raise DataError(
+                f"{named.cells.path}: rx, ry are computed from theta, which is {turned:.3g} rad in the median: "
+                "is it in degrees? say data.units.angle=deg, otherwise take whole turns off"
+            )
+        found["r"] = contact_point(body, theta)
+    if "inertia" in named.computed:
         found["inertia"] = values["mass"] * body.gyration_squared()
     return found
 

@@ -27,7 +27,7 @@ _NEAR, _SLIP = 0.5, 0.85  # similarity to a needed, and to any other column's na
 
 
 @dataclass(frozen=True, kw_only=True)
-class Chosen:
+class NamedColumns:
     """A table under our names, the file's columns that are not used, and the fields that the shape must give."""
 
     cells: Sheet
@@ -35,7 +35,7 @@ class Chosen:
     computed: tuple[str, ...]
 
 
-def choose(cells: Sheet, mapped: Mapping[str, str | None] | None, *, shaped: bool) -> Chosen:
+def name_columns(cells: Sheet, mapped: Mapping[str, str | None] | None, *, shaped: bool) -> NamedColumns:
     """Name the columns of a table as we do.
 
     Args:
@@ -63,7 +63,7 @@ def choose(cells: Sheet, mapped: Mapping[str, str | None] | None, *, shaped: boo
     _refuse_incomplete(cells, [*ours])
     place = cells.header.index
     columns = [cells.columns[place(name)] for name in ours.values()]
-    return Chosen(cells=Sheet(cells.path, [*ours], columns, cells.lines, ours), unused=unused, computed=computed)
+    return NamedColumns(cells=Sheet(cells.path, [*ours], columns, cells.lines, ours), unused=unused, computed=computed)
 
 
 def _checked(cells: Sheet, mapped: Mapping[str, str | None] | None) -> dict[str, str | None]:

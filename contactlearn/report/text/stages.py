@@ -60,7 +60,7 @@ def correction_note(finding: Finding) -> str:
 
 
 def correct_setting(made: Sequence[str], findings: Sequence[Finding]) -> str:
-    """Write the setting that corrects what can be corrected, after what is corrected already; empty where nothing can."""
+    """Write the setting with the corrections that were made and those of the findings; empty where these have none."""
     names = [finding.correction for finding in findings if finding.correction]
     return f"data.correct=[{','.join([*made, *names])}]" if names else ""
 
