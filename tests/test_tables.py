@@ -230,16 +230,16 @@ def test_settings_that_are_refused(tmp_path, drops, changes, kind, fragments):
         assert fragment in str(caught.value)
 
 
-@pytest.mark.parametrize("names", [["mirrored_theta"], ["mirrored_theta", "drop_outliers"]], ids="-".join)
+@pytest.mark.parametrize("names", [["mirrored_theta"], ["mirrored_theta", "inertia_scaled"]], ids="-".join)
 def test_computed_contact_points_follow_corrections(tmp_path, drops, names):
     """Those of the corrected θ, before the next correction looks at them."""
-    wrong = corrupt(drops, *(name for name in names if name != "drop_outliers"))
+    wrong = corrupt(drops, "mirrored_theta").replace(inertia=drops.inertia * (10 if "inertia_scaled" in names else 1))
     columns = {name: values for name, values in columns_of(wrong).items() if name not in ("rx", "ry")}
     path = written(tmp_path / "own.csv", columns)
     cfg = {"_target_": "contactlearn.data.table.load", "path": str(path), "shape": SHAPE, "correct": names}
     corrected = load_data(OmegaConf.create(cfg))
     assert (corrected.suspect, corrected.source) == (False, f"{path} (corrected: {', '.join(names)})")
-    assert len(corrected) == len(drops)
+    torch.testing.assert_close(corrected.inertia, drops.inertia, rtol=0.05, atol=0)
     torch.testing.assert_close(corrected.r, drops.r, rtol=1e-9, atol=1e-12)
     garbage = table.load(path, SHAPE, suspect=True)
     assert not torch.allclose(correct(garbage, ["mirrored_theta"]).r, drops.r, atol=1e-3)  # which the flag mends
@@ -311,6 +311,9 @@ def test_the_audit_alone(tmp_path):
         printed = run("contactlearn", "audit", ELLIPSE, str(path), mended)
         assert "note: The measurements are consistent" in printed
         assert "wrong" not in printed
+    twice = table.save(corrupt(synthetic.load(size=80), "grams", "mirrored_theta"), tmp_path / "own.csv")
+    printed = run("contactlearn", "audit", str(twice), "data.correct=[grams]")
+    assert "to correct it: data.correct=[grams,mirrored_theta] on any command" in printed
     assert "synthetic drops (wang_mason, seed 0): 30" in run("contactlearn", "audit", "data=synthetic", "data.size=30")
     assert "too few" in run("contactlearn", "audit", "data=synthetic", "data.size=5")
     assert [entry.name for entry in tmp_path.iterdir()] == ["own.csv"]
