@@ -3,6 +3,7 @@
 train key=value…      train one contact model
 evaluate key=value…   compare laws and learned models with the bounds
 diagnose key=value…   find out which physical effect is missing
+audit FILE            say what is wrong with a table, or with any data=…
 export FILE data=…    write any data source to a table file
 impacts FOLDER -o F   find the impacts in recordings of tracked poses
 reveal DIR            print the sealed account of the drops of data=mystery
@@ -80,6 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_subparsers(required=True, metavar="COMMAND").add_parser
     for command, summary in _CONFIGURED.items():
         add(command, help=f"{summary}; {command} --help lists its settings")
+    _add_audit(add)
     _add_export(add)
     _add_impacts(add)
     _add_reveal(add)
@@ -92,6 +94,23 @@ def _parser() -> argparse.ArgumentParser:
 def workbench() -> int:
     """Run `contactlearn workbench`; return the exit status."""
     return main(["workbench", *sys.argv[1:]])
+
+
+def _add_audit(add: Callable[..., argparse.ArgumentParser]) -> None:
+    audit = add(
+        "audit",
+        help="say what is wrong with measurements, and which setting corrects it",
+        description="Look for mistakes in a table, or in any data source: columns, units, axes, repeated and "
+        "impossible trials. Nothing is fitted, and no file is changed.",
+        epilog="examples: contactlearn audit drops.csv data.units.length=mm; contactlearn audit data=ellipse_drops",
+    )
+    audit.add_argument(
+        "words",
+        nargs="+",
+        metavar="FILE|key=value",
+        help="a .csv or .parquet table, or data=NAME for another source, and their settings, data.KEY=…",
+    )
+    audit.set_defaults(run=_audit)
 
 
 def _add_export(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -186,6 +205,22 @@ def _add_workbench(add: Callable[..., argparse.ArgumentParser]) -> None:
     bench.add_argument("--port", type=int, help="to bind to (default: the first free one from 8765; 0: any free one)")
     bench.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
     bench.set_defaults(run=_workbench)
+
+
+def _audit(options: argparse.Namespace) -> str:
+    from pathlib import Path
+
+    from contactlearn.app.audit import audit_text
+    from contactlearn.cli import compose
+
+    files = [word for word in options.words if "=" not in word or Path(word).is_file()]
+    if len(files) > 1:
+        raise ContactLearnError(f"one table is audited at a time, got {', '.join(files)}")
+    source = ["data=table"] if files else []
+    cfg = compose("evaluate", [*source, *(word for word in options.words if word not in files)]).data
+    if files:
+        cfg.path = files[0]
+    return audit_text(cfg)
 
 
 def _export(options: argparse.Namespace) -> str:

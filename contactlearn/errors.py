@@ -12,11 +12,14 @@ class ContactLearnError(ValueError):
 
 
 class DataError(ContactLearnError):
-    """Measurements that break a rule of `Impacts` or of a data file; `row` (from 1) where one row does."""
+    """Measurements that break a rule of `Impacts` or of a data file.
 
-    def __init__(self, message: str, *, row: int | None = None):
+    `row` (from 1) and `column` (by our name) are None where it is no single one.
+    """
+
+    def __init__(self, message: str, *, row: int | None = None, column: str | None = None):
         super().__init__(message)
-        self.row = row
+        self.row, self.column = row, column
 
 
 class UnknownNameError(ContactLearnError):

@@ -145,7 +145,8 @@ class Impacts:
                 "vy",
                 self.v_c[:, 1],
                 "must approach the floor: v_n = vy + rx ω < 0 before contact "
-                "(are pre- and post-contact columns swapped, or is y down?)",
+                "(are pre- and post-contact columns swapped, is y down, or ω in degrees? "
+                "python -m contactlearn audit FILE tells)",
             )
             self._refuse_homonyms()
 
@@ -190,6 +191,7 @@ class Impacts:
                 f"{self.source}: row {row + 1} (trial {self.trial[row]!r}), column {column}: "
                 f"{rule}; got {values[row].item():g}{others}",
                 row=row + 1,
+                column=column,
             )
 
     def __len__(self) -> int:

@@ -67,8 +67,6 @@ BAD_CSV = {
     "missing column": (without("vx"), ["missing column vx", "needed: mass"]),
     "missing columns": (without("mass", "omega_post"), ["missing column mass, omega_post"]),
     "misspelt column": (put(0, "vx_post", "vx_pots"), ["unknown column 'vx_pots'", "did you mean 'vx_post'", "known"]),
-    "unknown column": (extra(["friction"]), ["unknown column 'friction'", "known: trial, object, mass"]),
-    "index column": (extra([""]), ["unknown column ''", "index", "without it"]),
     "capital column": (put(0, "mass", "Mass"), ["unknown column 'Mass'", "did you mean 'mass'"]),
     "duplicated column": (put(0, "vx", "vy"), ["unique", "'vy'"]),
     "text": (put(2, "inertia", "heavy"), ["row 2 (line 3)", "column inertia", "number in kg m²", "'heavy'"]),
@@ -131,7 +129,6 @@ def write_parquet(path: Path, **changes) -> Path:
 BAD_PARQUET = {
     "missing column": ({"vx": None}, ["missing column vx"]),
     "unknown column": ({"vx": None, "v_x": [0.5] * 3}, ["unknown column 'v_x'", "did you mean 'vx'"]),
-    "index column": ({"__index_level_0__": [1, 2, 3]}, ["unknown column", "index", "without it"]),
     "text": ({"mass": ["1", "heavy", "1"]}, ["row 2, column mass", "number in kg;", "'heavy'"]),
     "null": ({"mass": [1.0, 1.0, None]}, ["row 3, column mass", "empty"]),
     "nan": ({"theta": [0.1, float("nan"), 0.1]}, ["row 2, column theta", "finite", "rad", "nan"]),

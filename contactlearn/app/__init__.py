@@ -10,6 +10,7 @@
     evaluate   laws and learned models beside the bounds; `curves` has the learning curves
     transfer   a trained model on other bodies
     diagnose   the missing effects
+    audit      mistakes in the measurements alone
 
 A run folder holds the configuration (`.hydra/`), results.json or diagnosis.json, tables, figures as PNG and PDF,
 metrics.jsonl and TensorBoard's events.  These modules alone know the configuration's shape.

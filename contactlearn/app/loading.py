@@ -11,10 +11,15 @@ from hydra.utils import get_method, instantiate
 from omegaconf import DictConfig, OmegaConf, flag_override
 
 from contactlearn.audit.corrections import correct
+from contactlearn.audit.findings import quick_audit
+from contactlearn.data.table import Table
 from contactlearn.data.tracks import Tracked
 from contactlearn.errors import ContactLearnError, DataError, suggest
 from contactlearn.impacts import Impacts
+from contactlearn.report.audit import show_columns, show_mistakes
 from contactlearn.report.page.recordings import RECORDINGS, SOURCES, write_recordings_page
+
+_TABLE = "contactlearn.data.table.load"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +35,9 @@ class Split:
 def load_data(cfg: DictConfig, suspect: bool = False, folder: Path | None = None) -> Impacts:
     """Load the `data` part of a configuration as impacts, corrected; only this package's own sources are run.
 
-    With `suspect` a table is read, and stays, without the rule that contacts approach the floor: for the audit.
-    Recordings leave recordings.html in the folder, if one is given.
+    Columns of a table that are not used, and fields that were computed, are printed.  With `suspect` a table is read,
+    and stays, without the rule that contacts approach the floor: for the audit.  Recordings leave recordings.html in
+    the folder, if one is given.
 
     Raises:
         ContactLearnError: a setting that the source does not have, or a correction that does not exist.
@@ -42,25 +48,31 @@ def load_data(cfg: DictConfig, suspect: bool = False, folder: Path | None = None
         names = source.pop("correct", None) or []
     if isinstance(names, str):
         raise ContactLearnError(f"data.correct must be a list of names, such as [{names}], got {names!r}")
-    lenient = {"suspect": True} if suspect or names else {}
-    if "drop_incomplete" in names:
-        lenient["drop_incomplete"] = True
-    return correct(_read(source, lenient, folder), list(names)).replace(suspect=suspect)
+    impacts, computed = _read(source, list(names), folder, suspect=suspect)
+    return correct(impacts, list(names), computed_contact="r" in computed).replace(suspect=suspect)
 
 
-def _read(cfg: DictConfig, lenient: dict[str, bool], folder: Path | None) -> Impacts:
-    """The impacts of a source; a table is read with the lenient settings, and recordings leave a page in the folder."""
+def _read(cfg: DictConfig, names: list[str], folder: Path | None, *, suspect: bool) -> tuple[Impacts, tuple[str, ...]]:
+    """The impacts of a source before the named corrections, and those of their fields that were computed.
+
+    A table that is to be corrected may be suspect, and recordings leave a page in the folder.
+    """
     target = str(cfg.get("_target_", ""))
     if not target.startswith("contactlearn.data."):
         raise ContactLearnError(f"data._target_ must be a source under contactlearn.data, got {target!r}")
     for missing in sorted(OmegaConf.missing_keys(cfg)):
         raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data")
+    if target == _TABLE:
+        lenient = {"suspect": suspect or bool(names), "drop_incomplete": "drop_incomplete" in names}
+        table: Table = _made(cfg, target, {"_target_": _TABLE.removesuffix("load") + "read", **lenient})
+        show_columns(table.unused, table.computed)
+        return table.impacts, table.computed
     if target not in SOURCES:
-        return _made(cfg, target, lenient if target == "contactlearn.data.table.load" else {})
+        return _made(cfg, target, {}), ()
     found: Tracked = _made(cfg, target, {"_target_": target.removesuffix("load") + "find"})
     if folder is not None:
         write_recordings_page(folder / RECORDINGS, found)
-    return found.impacts
+    return found.impacts, ()
 
 
 def _made(cfg: DictConfig, target: str, changes: dict[str, Any]) -> Any:
@@ -82,12 +94,13 @@ def _meant(target: str, cfg: DictConfig) -> str:
 
 
 def split(cfg: DictConfig, folder: Path | None = None) -> Split:
-    """Load the data and hold out a share `test` of them; recordings leave recordings.html in the folder.
+    """Load the data, say what a quick audit doubts, and hold out a share `test`; recordings leave recordings.html.
 
     Raises:
         DataError: fewer trials than `train.size`, or an outcome at rest, to which no error is relative.
     """
     impacts = load_data(cfg.data, folder=folder)
+    show_mistakes(quick_audit(impacts), cfg.data.get("correct") or ())
     generator = torch.Generator().manual_seed(cfg.seed)
     pool, test = impacts.split(cfg.test, generator)
     if len(pool) < cfg.train.size:

@@ -29,6 +29,7 @@ from contactlearn.audit.consistency import outliers, repeated, torque
 from contactlearn.audit.thresholds import OutlierThresholds
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.impacts import Impacts
+from contactlearn.shapes import contact_point
 
 _POSES, _VELOCITIES = ("q", "q_post"), ("v_pre", "v_post")
 _DEGREE = math.pi / 180
@@ -47,7 +48,13 @@ class Correction:
     apparatus: known.Known = known.kept
 
 
-def correct(impacts: Impacts, names: Sequence[str], thresholds: OutlierThresholds = OutlierThresholds()) -> Impacts:
+def correct(
+    impacts: Impacts,
+    names: Sequence[str],
+    thresholds: OutlierThresholds = OutlierThresholds(),
+    *,
+    computed_contact: bool = False,
+) -> Impacts:
     """Apply the named corrections in this order; the source of the result names them.
 
     Impacts that are `suspect` stay so; the others are validated in full after the last correction.
@@ -56,6 +63,7 @@ def correct(impacts: Impacts, names: Sequence[str], thresholds: OutlierThreshold
         impacts: measurements.
         names: of `CORRECTIONS`.
         thresholds: limits of the outliers that `drop_outliers` drops.
+        computed_contact: whether r was computed from shape and θ, and is so again after each correction.
 
     Raises:
         UnknownNameError: no such correction.
@@ -72,6 +80,8 @@ def correct(impacts: Impacts, names: Sequence[str], thresholds: OutlierThreshold
     corrected = impacts.replace(suspect=True)
     for name in names:
         corrected = CORRECTIONS[name].function(corrected, thresholds)
+        if computed_contact and corrected.shape is not None:
+            corrected = corrected.replace(r=contact_point(corrected.shape, corrected.q[:, 2]))
         if corrected.apparatus is not None:
             corrected = corrected.replace(apparatus=CORRECTIONS[name].apparatus(corrected.apparatus))
     return corrected.replace(suspect=impacts.suspect, source=f"{impacts.source} (corrected: {', '.join(names)})")

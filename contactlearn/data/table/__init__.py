@@ -1,7 +1,7 @@
 """Impacts from and to a table file: CSV (UTF-8, comma, decimal point) or Parquet, a row a trial.
 
-    mass, inertia                    kg, kg m²       about the centre of mass
-    rx, ry                           m               contact point minus centre of mass
+    mass, inertia                    kg, kg m²       about the centre of mass; of a known shape inertia may be left out
+    rx, ry                           m               contact point minus centre of mass; of a known shape likewise
     x, y, theta                      m, m, rad       pose before contact
     vx, vy, omega                    m/s, m/s, rad/s before contact
     vx_post, vy_post, omega_post     likewise        after contact
@@ -15,13 +15,16 @@
     order                            optional        place in the sequence of measurements; by default 1, 2, 3 …
 
 World axes: x right, y up (the floor's normal), theta counter-clockwise.  Columns come in any order.
-A cell is a number or a name, never code.  The body's shape is not a column: it is named beside
-the path.  What `save` writes, `load` gives back: every bit of every number, every name as written.
+Other names are mapped (`columns`), other units and clockwise rotations are stated (`units`), and other
+columns are not used.  A cell is a number or a name, never code.  The body's shape is not a column: it
+is named beside the path, with lengths in m.  What `save` writes, `load` gives back: every bit of every
+number, every name as written.
 """
 
+import math
 import os
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,90 +32,142 @@ import torch
 from torch import Tensor
 
 from contactlearn.data.table import known, sheet
-from contactlearn.errors import DataError, suggest
-from contactlearn.impacts import COMPONENTS, COVARIANCES, OPTIONAL, UPPER, Impacts
+from contactlearn.data.table.columns import COLUMNS, NAMES, REQUIRED, NamedColumns, name_columns
+from contactlearn.data.table.units import SI, Units
+from contactlearn.errors import DataError
+from contactlearn.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
 from contactlearn.numerics import written_whole
-from contactlearn.shapes import Shape, make_shape
+from contactlearn.shapes import Shape, contact_point, make_shape
 
-NAMES = ("trial", "object")
-COLUMNS = NAMES + tuple(column for columns in (COMPONENTS | COVARIANCES | known.PAIRS).values() for column in columns)
-REQUIRED = tuple(column for field, columns in COMPONENTS.items() if field not in OPTIONAL for column in columns)
+__all__ = ["COLUMNS", "NAMES", "REQUIRED", "Table", "check_suffix", "load", "read", "save"]
 
-_UNITS = {
-    "mass": "kg",
-    "inertia": "kg m²",
-    "theta": "rad",
-    "vx": "m/s",
-    "vy": "m/s",
-    "omega": "rad/s",
-    "time": "s",
-    "order": "trials",
-}
+_TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
 _READERS = {".csv": sheet.read_csv, ".parquet": sheet.read_parquet}
 _WRITERS = {".csv": sheet.write_csv, ".parquet": sheet.write_parquet}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """What a table file gives.
+
+    Args:
+        impacts: the measurements.
+        unused: the file's columns that are not used.
+        computed: fields of the impacts that the file lacks and the body's shape gives: `inertia`, `r`.
+    """
+
+    impacts: Impacts
+    unused: tuple[str, ...]
+    computed: tuple[str, ...]
 
 
 def load(
     path: str | os.PathLike[str],
     shape: dict[str, Any] | Shape | None = None,
+    columns: Mapping[str, str | None] | None = None,
+    units: Mapping[str, str] = SI,
     *,
     suspect: bool = False,
-    drop_incomplete: bool = False,
 ) -> Impacts:
-    """Impacts from the table file `path`.
+    """Impacts from the table file `path`; the arguments and errors are those of `read`."""
+    return read(path, shape=shape, columns=columns, units=units, suspect=suspect).impacts
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    shape: dict[str, Any] | Shape | None = None,
+    columns: Mapping[str, str | None] | None = None,
+    units: Mapping[str, str] = SI,
+    suspect: bool = False,
+    drop_incomplete: bool = False,
+) -> Table:
+    """Impacts from the table file `path`, with what became of its columns.
 
     Args:
         path: a .csv or .parquet file with the columns of the module's table.
-        shape: the body's shape for `shapes.make_shape`, or None where it is not known.
+        shape: the body's shape for `shapes.make_shape`, or None where it is not known; lengths in m.
+        columns: names in the file by those of the module's table, such as {"vx": "speed_x"}; None where the file has
+            no such column.
+        units: of length, mass, angle and time, and the sense of rotation, see `units.CHOICES`; those left out are SI.
         suspect: read also what does not approach the floor, for the audit and for corrections.
         drop_incomplete: leave out rows with an empty cell, or one that is not a finite number, and name them in
             `Impacts.incomplete`; trials without names or order keep the number of their row.
 
     Raises:
         DataError: the file cannot be read, or breaks a rule; it names the row (counted from 1
-            without the header), the line of a CSV file, the column, the value and a fix.
-        UnknownNameError: a shape that does not exist.
+            without the header), the line of a CSV file, the file's column, the value as written and a fix.
+        UnknownNameError: a shape, column, quantity or unit that does not exist.
     """
-    path, body = Path(path), make_shape(shape)
-    if path.is_dir():
-        raise DataError(f"{path}: is a directory; give the path of a .csv or .parquet file")
-    read = _READERS[_suffix(path)]
-    if not path.exists():
-        raise DataError(f"{path}: no such file; check the path (relative to {Path.cwd()})")
-    try:
-        cells = read(path)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error}") from error
-    _check_header(path, cells.header)
-    if not cells.columns[0]:
-        raise DataError(f"{path}: has a header but no impacts; at least one row is needed")
+    path, body, stated = Path(path), make_shape(shape), Units(units)
+    named = name_columns(_cells(path), columns, shaped=body is not None)
+    cells = named.cells
     values: dict[str, Any] = {}
     if drop_incomplete:
         cells, values = _complete(path, cells)
     values |= {name: cells.names(name) for name in NAMES if name in cells.header}
-    for field, columns in COMPONENTS.items():
-        if columns[0] in cells.header:
-            numbers = [cells.numbers(column, _UNITS.get(column.removesuffix("_post"), "m")) for column in columns]
-            stacked = torch.tensor(numbers, dtype=torch.float64)
-            values[field] = stacked[0] if len(columns) == 1 else stacked.T
+    for field, names in COMPONENTS.items():
+        if names[0] in cells.header:
+            stacked = torch.stack([_numbers(cells, name, stated) for name in names], -1)
+            values[field] = stacked[:, 0] if len(names) == 1 else stacked
     values |= {
-        field: _covariance(cells, columns) for field, columns in COVARIANCES.items() if columns[0] in cells.header
+        field: _covariance(cells, names, stated) for field, names in COVARIANCES.items() if names[0] in cells.header
     }
+    if body is not None:
+        values |= _computed(named, body, values)
     try:
-        return Impacts(**values, shape=body, source=str(path), suspect=suspect, apparatus=known.apparatus_of(cells))
+        impacts = Impacts(**values, shape=body, source=str(path), suspect=suspect, apparatus=known.apparatus_of(cells))
     except DataError as error:
-        if error.row is None or cells.lines is None:
+        if error.row is None:
             raise
-        raise DataError(f"{error}; line {cells.lines[error.row - 1]} of the file", row=error.row) from None
+        raise DataError(f"{error}{cells.place(error.row, error.column)}", row=error.row) from None
+    return Table(impacts=impacts, unused=named.unused, computed=named.computed)
 
 
-def _covariance(cells: sheet.Sheet, columns: Sequence[str]) -> Tensor:
+def _cells(path: Path) -> sheet.Sheet:
+    """The cells of a file, under its own names."""
+    if path.is_dir():
+        raise DataError(f"{path}: is a directory; give the path of a .csv or .parquet file")
+    reader = _READERS[_suffix(path)]
+    if not path.exists():
+        raise DataError(f"{path}: no such file; check the path (relative to {Path.cwd()})")
+    try:
+        cells = reader(path)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error}") from error
+    if not cells.columns or not cells.columns[0]:
+        raise DataError(f"{path}: has a header but no impacts; at least one row is needed")
+    return cells
+
+
+def _numbers(cells: sheet.Sheet, column: str, units: Units) -> Tensor:
+    """The numbers [N] of a column in SI."""
+    return torch.tensor(cells.numbers(column, units.text(column), units.factor(column)), dtype=torch.float64)
+
+
+def _covariance(cells: sheet.Sheet, columns: Sequence[str], units: Units) -> Tensor:
     """The covariances [N, 3, 3] of their upper halves."""
-    halves = [cells.numbers(column, "products of m/s and rad/s") for column in columns]
+    halves = [_numbers(cells, column, units) for column in columns]
     whole = torch.zeros(len(halves[0]), 3, 3, dtype=torch.float64)
     for i, j, values in zip(*UPPER, halves, strict=True):
-        whole[:, i, j] = whole[:, j, i] = torch.tensor(values, dtype=torch.float64)
+        whole[:, i, j] = whole[:, j, i] = values
     return whole
+
+
+def _computed(named: NamedColumns, body: Shape, values: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The fields that the body's shape gives: where it touches the floor, and its inertia at uniform density."""
+    found: dict[str, Tensor] = {}
+    if "r" in named.computed:
+        theta = values["q"][:, 2]
+        if (turned := theta.abs().median().item()) > _TURNED:
+            raise DataError(
+                f"{named.cells.path}: rx, ry are computed from theta, which is {turned:.3g} rad in the median: "
+                "is it in degrees? say data.units.angle=deg, otherwise take whole turns off"
+            )
+        found["r"] = contact_point(body, theta)
+    if "inertia" in named.computed:
+        found["inertia"] = values["mass"] * body.gyration_squared()
+    return found
 
 
 def _complete(path: Path, cells: sheet.Sheet) -> tuple[sheet.Sheet, dict[str, Any]]:
@@ -170,26 +225,3 @@ def _suffix(path: Path) -> str:
     if suffix not in _READERS:
         raise DataError(f"{path}: a table is a .csv or .parquet file, got suffix {suffix!r}; export it as CSV")
     return suffix
-
-
-def _check_header(path: Path, header: list[str]) -> None:
-    twice = [name for name, count in Counter(header).items() if count > 1]
-    if twice:
-        raise DataError(f"{path}: column names must be unique; repeated: {', '.join(map(repr, twice))}")
-    free = [column for column in COLUMNS if column not in header]
-    unknown = [name for name in header if name not in COLUMNS]
-    if unknown:
-        near = "; ".join(repr(name) + suggest(name, free) for name in unknown)
-        index = " (an unnamed index? write the table without it)" if {"", "__index_level_0__"} & set(unknown) else ""
-        raise DataError(f"{path}: unknown column {near}{index}; known: {', '.join(COLUMNS)}")
-    missing = [column for column in REQUIRED if column not in header]
-    if missing:
-        raise DataError(f"{path}: missing column {', '.join(missing)}; needed: {', '.join(REQUIRED)}")
-    groups = [(COMPONENTS["q_post"], "all three"), *((columns, "all six") for columns in COVARIANCES.values())]
-    groups += [(pair, "both") for pair in known.PAIRS.values()]
-    if any(column in header for pair in known.PAIRS.values() for column in pair):
-        groups.append((known.NEEDED, "all four"))
-    for group, count in groups:
-        lacking = [column for column in group if column not in header]
-        if lacking and (len(lacking) < len(group) or group is known.NEEDED):
-            raise DataError(f"{path}: {', '.join(group)} come {count} or none; missing: {', '.join(lacking)}")

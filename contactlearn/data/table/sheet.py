@@ -7,8 +7,8 @@ plain value (Parquet) until `numbers` or `names` asks for it, so that every erro
 
 import csv
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -20,24 +20,37 @@ _LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does"
 
 @dataclass(frozen=True)
 class Sheet:
-    """Header and columns of raw cells; `lines` are the rows' lines in a CSV file."""
+    """Header and columns of raw cells.
+
+    `lines` are the rows' lines in a CSV file, `written` the file's names of columns by those of the header.
+    """
 
     path: Path
     header: list[str]
     columns: list[list[Any]]
     lines: list[int] | None = None
+    written: Mapping[str, str] = field(default_factory=dict[str, str])
 
-    def numbers(self, column: str, unit: str) -> list[float]:
-        """The column as finite numbers; DataError names the first cell that is not one."""
+    def numbers(self, column: str, unit: str, factor: float = 1.0) -> list[float]:
+        """The column as finite numbers times a factor; DataError names the first cell that is not one, as written."""
         values = []
         for row, cell in enumerate(self.columns[self.header.index(column)], 1):
             try:
-                values.append(_number(cell))
+                values.append(factor * _number(cell))
             except ValueError as error:
                 place = f"row {row}" + (f" (line {self.lines[row - 1]})" if self.lines else "")
                 rule = f"must be a finite number in {unit}; {error}"
-                raise DataError(f"{self.path}: {place}, column {column}: {rule}", row=row) from None
+                name = self.written.get(column, column)
+                raise DataError(f"{self.path}: {place}, column {name}: {rule}", row=row) from None
         return values
+
+    def place(self, row: int, column: str | None) -> str:
+        """Where a row (from 1) is in a CSV file, and what is written in one of our columns there."""
+        place = "" if self.lines is None else f"; line {self.lines[row - 1]} of the file"
+        if column not in self.header:
+            return place
+        cell = self.columns[self.header.index(column)][row - 1]
+        return f"{place}; column {self.written.get(column, column)} has {cell!r} there"
 
     def missing(self, columns: Sequence[str]) -> list[int]:
         """Rows, counted from 1, in which a number of these columns is missing: an empty cell, or no finite number."""

@@ -59,6 +59,12 @@ def correction_note(finding: Finding) -> str:
     return f"From here on the data are corrected; data.correct=[{finding.correction}] does so on any command."
 
 
+def correct_setting(made: Sequence[str], findings: Sequence[Finding]) -> str:
+    """Write the setting with the corrections that were made and those of the findings; empty where these have none."""
+    names = [finding.correction for finding in findings if finding.correction]
+    return f"data.correct=[{','.join([*made, *names])}]" if names else ""
+
+
 def laws(law: str, fits: Sequence[LawFit]) -> str:
     """Compare the law that was chosen or given with the others."""
     ranked = sorted(fits, key=lambda one: one.error)

@@ -1,0 +1,130 @@
+"""Columns of a table by our names: those of the file are mapped, checked, and what is not used is set aside.
+
+    columns={vx: speed_x}       the file's column speed_x is our vx
+    columns={inertia: null}     the file has no inertia, whatever its columns are called
+
+A column that is unknown and near a missing known one is a slip and refused; other unknown columns are not used.
+Where the body's shape is known, `rx, ry` may be left out, and `inertia` as well.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from contactlearn.data.table import known
+from contactlearn.data.table.sheet import Sheet
+from contactlearn.errors import DataError, UnknownNameError, suggest
+from contactlearn.impacts import COMPONENTS, COVARIANCES, OPTIONAL
+
+NAMES = ("trial", "object")
+COLUMNS = NAMES + tuple(column for columns in (COMPONENTS | COVARIANCES | known.PAIRS).values() for column in columns)
+REQUIRED = tuple(column for field, columns in COMPONENTS.items() if field not in OPTIONAL for column in columns)
+COMPUTED = {"inertia": ("inertia",), "r": ("rx", "ry")}
+"""Columns, by the field that they fill, that a known shape may replace."""
+
+_NEAR, _SLIP = 0.5, 0.85  # similarity to a needed, and to any other column's name, from which on a name is a slip of it
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedColumns:
+    """A table under our names, the file's columns that are not used, and the fields that the shape must give."""
+
+    cells: Sheet
+    unused: tuple[str, ...]
+    computed: tuple[str, ...]
+
+
+def name_columns(cells: Sheet, mapped: Mapping[str, str | None] | None, *, shaped: bool) -> NamedColumns:
+    """Name the columns of a table as we do.
+
+    Args:
+        cells: the table under its own names.
+        mapped: the file's column by ours, None where the file has none; columns that are not mentioned have our names.
+        shaped: whether the body's shape is known.
+
+    Raises:
+        DataError: columns that are missing, incomplete groups, a name twice, or one that looks like a slip.
+        UnknownNameError: a mapping of a column that does not exist.
+    """
+    names = _checked(cells, mapped)
+    taken = {name for name in names.values() if name is not None}
+    ours = {name: name for name in cells.header if name in COLUMNS and name not in names and name not in taken}
+    ours |= {column: name for column, name in names.items() if name is not None}
+    _refuse_repeated(cells, [*ours.values()])
+    unused = tuple(name for name in cells.header if name not in ours.values())
+    computed = tuple(field for field, columns in COMPUTED.items() if not any(column in ours for column in columns))
+    spared = {column for field in computed if shaped for column in COMPUTED[field]}
+    needed = [column for column in REQUIRED if column not in ours and column not in spared]
+    free = [column for column in COLUMNS if column not in ours and column not in names]
+    slips = {name: near for name in unused if (near := _slip(name, needed, free))}
+    if slips or needed:
+        raise DataError(f"{cells.path}: {_missing(slips, needed, unused, computed)}")
+    _refuse_incomplete(cells, [*ours])
+    place = cells.header.index
+    columns = [cells.columns[place(name)] for name in ours.values()]
+    return NamedColumns(cells=Sheet(cells.path, [*ours], columns, cells.lines, ours), unused=unused, computed=computed)
+
+
+def _checked(cells: Sheet, mapped: Mapping[str, str | None] | None) -> dict[str, str | None]:
+    """The mapping of names, with the file's as text."""
+    if mapped is None:
+        return {}
+    if not isinstance(mapped, Mapping):
+        raise DataError(f"data.columns is given as {{vx: speed_x, vy: speed_y}}, our name first, got {mapped!r}")
+    names = {str(column): None if name is None else str(name) for column, name in mapped.items()}
+    for column, name in names.items():
+        if column not in COLUMNS:
+            turned = f" (our name comes first: {{{name}: {column}}})" if name in COLUMNS else ""
+            raise UnknownNameError(f"column in data.columns{turned}:", column, COLUMNS)
+        if name is not None and name not in cells.header:
+            near, there = suggest(name, cells.header), ", ".join(map(repr, cells.header))
+            raise DataError(f"{cells.path}: data.columns.{column}={name}: no such column{near or ';'} it has {there}")
+    return names
+
+
+def _refuse_repeated(cells: Sheet, names: Sequence[str]) -> None:
+    """Refuse a name that stands twice in the header, or fills two of our columns."""
+    twice = [name for name, count in Counter(cells.header).items() if count > 1 and name in names]
+    if twice:
+        raise DataError(f"{cells.path}: column names must be unique; repeated: {', '.join(map(repr, twice))}")
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise DataError(f"{cells.path}: data.columns uses {name!r} {count} times; a column fills one of ours")
+
+
+def _slip(name: str, needed: Sequence[str], free: Sequence[str]) -> str | None:
+    """The missing column that a name is a slip of; of one that is needed it may be less near."""
+    near = get_close_matches(name, needed, 1, _NEAR) or get_close_matches(name.lower(), free, 1, _SLIP)
+    return near[0] if near else None
+
+
+def _missing(slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[str], computed: Sequence[str]) -> str:
+    """Say which columns are missing, which look like them, and how to name them."""
+    lacking = [column for column in needed if column not in slips.values()]
+    said = [f"unknown column {name!r}, did you mean {near!r}?" for name, near in slips.items()]
+    said += [f"missing column {', '.join(lacking)}"] if lacking else []
+    others = [repr(name) for name in unused if name not in slips]
+    said += [f"not used: {', '.join(others)}"] if lacking and others else []
+    if unused:
+        mapped = [f"{near}: {name}" for name, near in slips.items()] + [f"{column}: …" for column in lacking]
+        said.append(f"data.columns={{{', '.join(mapped)}}} says which columns of the file these are")
+    if slips and not {*slips.values()} & {*needed}:
+        said.append(f"or {{{next(iter(slips.values()))}: null}} that it has none")
+    if lacking and {*lacking} <= {column for field in computed for column in COMPUTED[field]}:
+        said.append("or state the body's shape, data.shape={kind: …}, from which it is computed")
+    plain = [column for column in COLUMNS if not column.startswith(("cov_", "apparatus_"))]
+    said.append(f"needed: {', '.join(REQUIRED)}; known: {', '.join(plain)}, cov_…, apparatus_… (docs/tables.md)")
+    return "; ".join(said)
+
+
+def _refuse_incomplete(cells: Sheet, ours: Sequence[str]) -> None:
+    """Refuse a table that has a part of columns that come together."""
+    groups = [(COMPONENTS["q_post"], "all three"), *((columns, "all six") for columns in COVARIANCES.values())]
+    groups += [(pair, "both") for pair in known.PAIRS.values()]
+    if any(column in ours for pair in known.PAIRS.values() for column in pair):
+        groups.append((known.NEEDED, "all four"))
+    for group, count in groups:
+        lacking = [column for column in group if column not in ours]
+        if lacking and (len(lacking) < len(group) or group is known.NEEDED):
+            raise DataError(f"{cells.path}: {', '.join(group)} come {count} or none; missing: {', '.join(lacking)}")

@@ -1,0 +1,356 @@
+"""Tables as people have them: other names, units and senses, further columns, columns that the shape gives."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import pytest
+import torch
+from commands import run
+from corruptions import corrupt
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from omegaconf import OmegaConf
+
+from contactlearn.app import load_data, loading
+from contactlearn.audit.corrections import CORRECTIONS, correct
+from contactlearn.audit.findings import audit, quick_audit
+from contactlearn.data import synthetic, table
+from contactlearn.data.table.units import CHOICES
+from contactlearn.errors import DataError, UnknownNameError
+from contactlearn.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
+from contactlearn.shapes import contact_point, make_shape
+
+ROOT = Path(__file__).parents[1]
+ROUNDING = 1e-12  # relative; a few float64 roundings of a product of factors
+SHAPE = {"kind": "ellipse", "semi_axes": [0.035, 0.025]}
+ELLIPSE = f"data.shape={SHAPE}".replace("'", "")
+
+# How many of a unit make one in SI, by hand.
+LENGTH = {"m": 1, "cm": 100, "mm": 1000, "in": 1 / 0.0254}
+MASS = {"kg": 1, "g": 1000}
+ANGLE = {"rad": 1, "deg": 180 / math.pi}
+TIME = {"s": 1, "ms": 1000}
+SENSE = {"counterclockwise": 1, "clockwise": -1}
+
+
+def measured(size: int = 30) -> Impacts:
+    """Drops with everything optional: poses after contact, times, covariances."""
+    drops = synthetic.load(size=size)
+    half = torch.randn(size, 3, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    errors = {"v_pre_cov": half @ half.mT, "v_post_cov": half.mT @ half}
+    return drops.replace(time=torch.linspace(0, 600, size, dtype=torch.float64), **errors)
+
+
+def columns_of(impacts: Impacts) -> dict[str, list]:
+    """The columns of a table by our names, in SI."""
+    columns: dict[str, list] = {"trial": [*impacts.trial], "object": [*impacts.object]}
+    for field, names in COMPONENTS.items():
+        if getattr(impacts, field) is not None:
+            columns |= zip(names, getattr(impacts, field).reshape(len(impacts), -1).T.tolist(), strict=True)
+    for field, names in COVARIANCES.items():
+        if getattr(impacts, field) is not None:
+            columns |= zip(names, getattr(impacts, field)[:, *UPPER].T.tolist(), strict=True)
+    return columns
+
+
+def in_units(length: str, mass: str, angle: str, time: str, rotation: str) -> dict[str, float]:
+    """How many of the file's units one SI unit of each column is."""
+    a, t, turn = LENGTH[length], TIME[time], ANGLE[angle] * SENSE[rotation]
+    speed, spin = a / t, turn / t
+    factors = dict.fromkeys(("rx", "ry", "x", "y", "x_post", "y_post"), a) | {"mass": MASS[mass], "time": t}
+    factors |= dict.fromkeys(("theta", "theta_post"), turn) | {"inertia": MASS[mass] * a**2}
+    for end in ("", "_post"):
+        factors |= {f"vx{end}": speed, f"vy{end}": speed, f"omega{end}": spin}
+        factors |= dict.fromkeys((f"cov_vx_vx{end}", f"cov_vx_vy{end}", f"cov_vy_vy{end}"), speed**2)
+        factors |= dict.fromkeys((f"cov_vx_omega{end}", f"cov_vy_omega{end}"), speed * spin)
+        factors |= {f"cov_omega_omega{end}": spin**2}
+    return factors
+
+
+def written(path: Path, columns: dict[str, list]) -> Path:
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([columns, *zip(*columns.values(), strict=True)])
+    return path
+
+
+def assert_close(mine: Impacts, theirs: Impacts) -> None:
+    for name in (*COMPONENTS, *COVARIANCES):
+        a, b = getattr(mine, name), getattr(theirs, name)
+        assert (a is None) == (b is None), name
+        if b is not None:
+            torch.testing.assert_close(a, b, rtol=ROUNDING, atol=0, msg=name)
+    assert (mine.trial, mine.object) == (theirs.trial, theirs.object)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(
+    units=st.fixed_dictionaries({quantity: st.sampled_from([*units]) for quantity, units in CHOICES.items()}),
+    mapped=st.sets(st.sampled_from(table.COLUMNS[:31])),
+    order=st.randoms(use_true_random=False),
+)
+def test_any_names_and_units_give_the_same_impacts(tmp_path_factory, units, mapped, order):
+    drops = measured()
+    factors = in_units(**units)
+    columns = {
+        f"column {name}" if name in mapped else name: [x * factors.get(name, 1) for x in values]
+        if name not in table.NAMES
+        else values
+        for name, values in columns_of(drops).items()
+    }
+    shuffled = order.sample([*columns], len(columns))
+    path = written(tmp_path_factory.mktemp("own") / "own.csv", {name: columns[name] for name in shuffled})
+    names = {name: f"column {name}" for name in mapped if f"column {name}" in columns}
+    assert_close(table.load(path, SHAPE, names, units), drops)
+
+
+def test_every_unit_is_tried_above():
+    tried = {"length": LENGTH, "mass": MASS, "angle": ANGLE, "time": TIME, "rotation": SENSE}
+    assert {name: {*units} for name, units in CHOICES.items()} == {name: {*units} for name, units in tried.items()}
+
+
+@pytest.fixture
+def drops():
+    return synthetic.load(size=40)
+
+
+def test_names_may_be_exchanged(tmp_path, drops):
+    columns = columns_of(drops)
+    columns["vx"], columns["vy"] = columns["vy"], columns["vx"]
+    assert_close(table.load(written(tmp_path / "own.csv", columns), columns={"vx": "vy", "vy": "vx"}), drops)
+
+
+def test_errors_tell_the_files_column_and_the_value_as_written(tmp_path, drops):
+    names, units = {"vy": "sink rate", "mass": "weight"}, {"length": "mm", "time": "ms", "mass": "g"}
+    own = {names.get(name, name): values for name, values in columns_of(drops).items()}
+    for column, value, fragments in (
+        ("sink rate", "fast", ["row 2 (line 3), column sink rate: must be a finite number in mm/ms; got 'fast'"]),
+        ("weight", "-5", ["row 2", "got -0.005", "line 3 of the file; column weight has '-5' there"]),
+        ("inertia", "", ["column inertia: must be a finite number in g mm²"]),
+    ):
+        changed = own | {column: [own[column][0], value, *own[column][2:]]}
+        with pytest.raises(DataError) as caught:
+            table.load(written(tmp_path / "own.csv", changed), columns=names, units=units, suspect=True)
+        for fragment in fragments:
+            assert fragment in str(caught.value)
+
+
+# --- Columns that are not used, or computed -------------------------------------------------------
+
+
+def test_further_columns_are_not_used_and_named(tmp_path, drops, capsys):
+    extra = {"friction": ["?"] * 40, "": [*range(40)], "temperature": [""] * 40}
+    path = written(tmp_path / "own.csv", columns_of(drops) | extra)
+    found = table.read(path, drop_incomplete=True)
+    assert found.unused == ("friction", "", "temperature")
+    assert found.impacts.incomplete == ()
+    assert_close(found.impacts, drops)
+    load_data(OmegaConf.create({"_target_": "contactlearn.data.table.load", "path": str(path)}))
+    assert capsys.readouterr().out == "columns not used: friction, '', temperature\n"
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_table_of_our_own_uses_and_computes_everything(tmp_path, drops, capsys, suffix):
+    path = table.save(drops, tmp_path / f"drops{suffix}")
+    assert (table.read(path, shape=SHAPE).unused, table.read(path, shape=SHAPE).computed) == ((), ())
+    load_data(OmegaConf.create({"_target_": "contactlearn.data.table.load", "path": str(path)}))
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [SHAPE, {"kind": "disc", "radius": 0.03}, {"kind": "polygon", "vertices": [[1, 2], [-1, 2], [-1, -2], [1, -2]]}],
+    ids=lambda shape: shape["kind"],
+)
+@pytest.mark.parametrize("left_out", [("rx", "ry"), ("inertia",), ("rx", "ry", "inertia")], ids="-".join)
+def test_the_shape_gives_what_is_left_out(tmp_path, drops, shape, left_out):
+    body = make_shape(shape)
+    other = {"rx": [0.0] * 40, "ry": [-1.0] * 40, "inertia": [7.0] * 40}
+    path = written(tmp_path / "own.csv", {n: x for n, x in (columns_of(drops) | other).items() if n not in left_out})
+    found = table.read(path, shape=shape, suspect=True)
+    assert {column for field in found.computed for column in COMPONENTS[field]} == {*left_out}
+    r, inertia = contact_point(body, drops.q[:, 2]), drops.mass * body.gyration_squared()
+    assert torch.equal(found.impacts.r, r) == ("rx" in left_out)
+    assert torch.equal(found.impacts.inertia, inertia) == ("inertia" in left_out)
+
+
+def test_null_says_that_the_file_has_none(tmp_path, drops):
+    path = written(tmp_path / "own.csv", columns_of(drops) | {"inertia": [7.0] * 40, "tme": ["noon"] * 40})
+    found = table.read(path, shape=SHAPE, columns={"inertia": None, "time": None})
+    assert found.unused == ("inertia", "tme")
+    torch.testing.assert_close(found.impacts.inertia, drops.inertia, rtol=ROUNDING, atol=0)
+    with pytest.raises(DataError, match=r"'tme', did you mean 'time'\?; data.columns=\{time: tme\}.*\{time: null\}"):
+        table.read(path)
+
+
+BAD_HEADER = {
+    "needs a shape": ({"rx": None, "ry": None}, None, ["missing column rx, ry", "data.shape={kind: …}, from which"]),
+    "inertia needs one": ({"inertia": None}, None, ["missing column inertia", "data.shape="]),
+    "half a contact point": ({"ry": None}, SHAPE, ["missing column ry"]),
+    "slips": (
+        {"vx": "v_x", "omega": "spin"},
+        SHAPE,
+        ["'v_x', did you mean 'vx'?", "missing column omega", "not used: 'spin'", "data.columns={vx: v_x, omega: …}"],
+    ),
+    "capitals": ({"trial": "Trial"}, None, ["unknown column 'Trial', did you mean 'trial'?"]),
+}
+
+
+@pytest.mark.parametrize(("renamed", "shape", "fragments"), BAD_HEADER.values(), ids=BAD_HEADER)
+def test_headers_that_are_refused(tmp_path, drops, renamed, shape, fragments):
+    columns = {renamed.get(name, name): values for name, values in columns_of(drops).items()}
+    columns.pop(None, None)
+    with pytest.raises(DataError) as caught:
+        table.load(written(tmp_path / "own.csv", columns), shape)
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+
+
+BAD_SETTINGS = {
+    "our name last": ({"columns": {"speed": "vx"}}, UnknownNameError, ["our name comes first: {vx: speed}"]),
+    "no such name": ({"columns": {"vxx": "speed"}}, UnknownNameError, ["data.columns: 'vxx', did you mean 'vx'"]),
+    "no such column": ({"columns": {"vx": "omga"}}, DataError, ["data.columns.vx=omga: no such column, did you mean"]),
+    "one for two": ({"columns": {"vx": "vy"}}, DataError, ["uses 'vy' 2 times"]),
+    "a list": ({"columns": ["vx"]}, DataError, ["data.columns is given as {vx: speed_x", "['vx']"]),
+    "no such quantity": ({"units": {"lenght": "mm"}}, UnknownNameError, ["'lenght', did you mean 'length'"]),
+    "no such unit": ({"units": {"angle": "degree"}}, UnknownNameError, ["data.units.angle: 'degree', did you mean"]),
+    "one unit": ({"units": "mm"}, DataError, ["data.units is given as {length: mm", "'mm'"]),
+}
+
+
+@pytest.mark.parametrize(("changes", "kind", "fragments"), BAD_SETTINGS.values(), ids=BAD_SETTINGS)
+def test_settings_that_are_refused(tmp_path, drops, changes, kind, fragments):
+    path = table.save(drops, tmp_path / "drops.csv")
+    if changes.get("columns") == {"vx": "vy"}:
+        changes = {"columns": {"vx": "vy", "vy": "vy"}}
+    with pytest.raises(kind) as caught:
+        table.load(path, **changes)
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+
+
+@pytest.mark.parametrize("names", [["mirrored_theta"], ["mirrored_theta", "inertia_scaled"]], ids="-".join)
+def test_computed_contact_points_follow_corrections(tmp_path, drops, names):
+    """Those of the corrected θ, before the next correction looks at them."""
+    wrong = corrupt(drops, "mirrored_theta").replace(inertia=drops.inertia * (10 if "inertia_scaled" in names else 1))
+    columns = {name: values for name, values in columns_of(wrong).items() if name not in ("rx", "ry")}
+    path = written(tmp_path / "own.csv", columns)
+    cfg = {"_target_": "contactlearn.data.table.load", "path": str(path), "shape": SHAPE, "correct": names}
+    corrected = load_data(OmegaConf.create(cfg))
+    assert (corrected.suspect, corrected.source) == (False, f"{path} (corrected: {', '.join(names)})")
+    torch.testing.assert_close(corrected.inertia, drops.inertia, rtol=0.05, atol=0)
+    torch.testing.assert_close(corrected.r, drops.r, rtol=1e-9, atol=1e-12)
+    garbage = table.load(path, SHAPE, suspect=True)
+    assert not torch.allclose(correct(garbage, ["mirrored_theta"]).r, drops.r, atol=1e-3)  # which the flag mends
+
+
+def test_contact_points_are_not_computed_from_degrees(tmp_path, drops):
+    columns = columns_of(corrupt(drops, "degrees"))
+    path = written(tmp_path / "own.csv", {name: x for name, x in columns.items() if name not in ("rx", "ry")})
+    for suspect in (False, True):
+        with pytest.raises(DataError, match=r"theta, which is [\d.]+ rad in the median.*data.units.angle=deg"):
+            table.load(path, SHAPE, suspect=suspect)
+    torch.testing.assert_close(table.load(path, SHAPE, units={"angle": "deg"}).r, drops.r, rtol=1e-9, atol=1e-12)
+
+
+# --- The audit ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mistakes", [(), ("mirrored_theta",), ("mirrored_y", "mirrored_theta", "grams")])
+@pytest.mark.parametrize("size", [200, 1718])
+def test_the_quick_audit_finds_what_the_audit_finds(mistakes, size):
+    drops = corrupt(synthetic.load(size=size), *mistakes)
+    state = torch.get_rng_state()
+    found = [finding.correction for finding in quick_audit(drops)]
+    assert torch.equal(torch.get_rng_state(), state)
+    assert found == [finding.correction for finding in audit(drops) if finding.mistake]
+    assert sorted(found) == sorted(mistakes)
+
+
+def test_the_quick_audit_looks_at_all_for_repetitions_and_order():
+    clock = torch.rand(1500, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    drops = synthetic.load(size=1500).replace(suspect=True)
+    within = drops.replace(time=400 * clock)[[*range(1500), 700]]  # in each recording: no clock of the session
+    assert [finding.name for finding in quick_audit(within)] == ["duplicated_trials"]
+    session = within.replace(time=10 * within.time)
+    assert [finding.name for finding in quick_audit(session)] == ["duplicated_trials", "out_of_order"]
+
+
+SMALL = ("train.size=20", "train.repetitions=4", "bootstrap=50")
+
+
+def test_training_says_what_is_wrong_and_goes_on_as_before(tmp_path, monkeypatch):
+    path = table.save(corrupt(synthetic.load(size=80), "mirrored_theta"), tmp_path / "own.csv")
+    words = ("train.py", "data=table", f"data.path={path}", ELLIPSE, *SMALL)
+    said = "audit: θ and ω are positive clockwise: use data.correct=[mirrored_theta]\n"
+    assert said in run(*words, f"hydra.run.dir={tmp_path}/a")
+    monkeypatch.setattr(loading, "quick_audit", lambda impacts: ())
+    assert "audit" not in run(*words, f"hydra.run.dir={tmp_path}/b")
+    with_audit, without = (json.loads((tmp_path / name / "results.json").read_text()) for name in "ab")
+    assert [with_audit[part] for part in ("fits", "errors")] == [without[part] for part in ("fits", "errors")]
+    monkeypatch.undo()
+    for mended in ("data.correct=[mirrored_theta]", "data.units.rotation=clockwise"):
+        assert "audit" not in run(*words, mended, f"hydra.run.dir={tmp_path}/c")
+
+
+def test_evaluation_says_what_is_wrong(tmp_path):
+    path = table.save(corrupt(synthetic.load(size=80), "grams", "mirrored_theta"), tmp_path / "own.csv")
+    words = ("evaluate.py", "data=table", f"data.path={path}", "model=[]", "figures.repetitions=2", *SMALL)
+    printed = run(*words, f"hydra.run.dir={tmp_path}/run")
+    assert printed.count(": use data.correct=[mirrored_theta,grams]\n") == 2
+    assert "audit: the mass is in g: use" in printed
+
+
+def test_the_audit_alone(tmp_path):
+    path = table.save(corrupt(synthetic.load(size=80), "mirrored_theta"), tmp_path / "own.csv")
+    printed = run("contactlearn", "audit", str(path), ELLIPSE)
+    assert printed.startswith(f"{path}: 80 impacts\nwrong: θ and ω are positive clockwise: the moment balance")
+    assert printed.endswith("\nto correct it: data.correct=[mirrored_theta] on any command\n")
+    for mended in ("data.units.rotation=clockwise", "data.correct=[mirrored_theta]"):
+        printed = run("contactlearn", "audit", ELLIPSE, str(path), mended)
+        assert "note: The measurements are consistent" in printed
+        assert "wrong" not in printed
+    twice = table.save(corrupt(synthetic.load(size=80), "grams", "mirrored_theta"), tmp_path / "own.csv")
+    printed = run("contactlearn", "audit", str(twice), "data.correct=[grams]")
+    assert "to correct it: data.correct=[grams,mirrored_theta] on any command" in printed
+    assert "synthetic drops (wang_mason, seed 0): 30" in run("contactlearn", "audit", "data=synthetic", "data.size=30")
+    assert "too few" in run("contactlearn", "audit", "data=synthetic", "data.size=5")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["own.csv"]
+
+
+@pytest.mark.parametrize(
+    ("words", "fragment"),
+    [
+        (["none.csv"], "none.csv: no such file"),
+        (["a.csv", "b.csv"], "one table is audited at a time, got a.csv, b.csv"),
+        (["data=tabel"], "did you mean 'table'"),
+        (["data=table"], "data.path must be given"),
+    ],
+)
+def test_the_audit_refuses(words, fragment):
+    assert fragment in run("contactlearn", "audit", *words, status=2)
+
+
+# --- What is listed -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("script", ["train.py", "evaluate.py", "diagnose.py"])
+def test_help_lists_sources_and_corrections(script):
+    tail = run(script, "--help").partition("\nData: ")[2]
+    sources, _, corrections = tail.partition("\nCorrections")
+    listed = corrections.partition("\n")[2].partition("What is wrong")[0]
+    assert [name.strip() for name in listed.split(",")] == [*CORRECTIONS]
+    for path in (ROOT / "configs" / "data").glob("*.yaml"):
+        assert path.stem in sources.replace(",", "").split(), path.stem
+
+
+def test_the_document_lists_columns_units_and_corrections():
+    text = (ROOT / "docs" / "tables.md").read_text("utf-8")
+    for name, correction in CORRECTIONS.items():
+        assert f"| `{name}` | {correction.description} |" in text
+    for quantity, units in CHOICES.items():
+        assert f"| `{quantity}` | {', '.join(f'`{unit}`' for unit in units)} |" in text
+    for column in table.COLUMNS:
+        if not column.startswith("apparatus_") and not (column.startswith("cov_") and column.endswith("_post")):
+            assert f"`{column}`" in text
