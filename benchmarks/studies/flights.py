@@ -11,7 +11,7 @@ from contactlearn.mechanics import GRAVITY
 from contactlearn.shapes import Ellipse
 from contactlearn.tracks.detection import FlightOptions
 from contactlearn.tracks.events import find_contacts
-from contactlearn.tracks.impacts import find_floor, off_the_floor
+from contactlearn.tracks.floor import find_floor, off_the_floor
 from contactlearn.tracks.result import Hit, Reason
 from contactlearn.tracks.track import Recording, Track, continuous
 from studies.cases import between

@@ -19,8 +19,9 @@ from contactlearn.numerics import finite_number, whole
 from contactlearn.shapes import Shape, make_shape
 from contactlearn.tracks.conventions import ANGLES, SENSES, Conventions, find_frame
 from contactlearn.tracks.detection import FlightOptions
+from contactlearn.tracks.floor import Floor, find_floor, off_the_floor
 from contactlearn.tracks.frame import Clue
-from contactlearn.tracks.impacts import Floor, find_floor, impacts_of, moment_imbalance, off_the_floor
+from contactlearn.tracks.impacts import impacts_of, moment_imbalance
 from contactlearn.tracks.readers import read, recording_files
 from contactlearn.tracks.readers.layout import Layout
 from contactlearn.tracks.result import Found, Hit, Refusal

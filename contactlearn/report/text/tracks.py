@@ -11,8 +11,8 @@ from contactlearn.apparatus import Measured
 from contactlearn.data.tracks import Tracked
 from contactlearn.mechanics import GRAVITY
 from contactlearn.report.text.numbers import number
+from contactlearn.tracks.floor import Floor
 from contactlearn.tracks.frame import Clue
-from contactlearn.tracks.impacts import Floor
 from contactlearn.tracks.result import Reason, Refusal
 
 REASONS = {
