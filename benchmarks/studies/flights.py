@@ -143,7 +143,7 @@ def _on_a_floor(kind: str, seed: int) -> list[Hit]:
 
 def _struck(hits: list[Hit], thresholds: AllThresholds) -> bool:
     limits = thresholds.tracks.floor
-    return bool(off_the_floor(hits, BODY, find_floor(hits, BODY, limits), limits)[1])
+    return bool(off_the_floor(hits, BODY, find_floor(hits, BODY, limits=limits), limits)[1])
 
 
 FLOOR = Study(
@@ -154,7 +154,7 @@ FLOOR = Study(
 def _zeroed(hits: list[Hit], thresholds: AllThresholds) -> bool:
     """Whether any number of the contacts, from eight on, says that the zero of θ is off."""
     for count in (8, 16, 24, len(hits)):
-        zero = find_floor(hits[:count], BODY, thresholds.tracks.floor).orientation
+        zero = find_floor(hits[:count], BODY, limits=thresholds.tracks.floor).orientation
         if zero is not None and abs(zero.value) > 3 * zero.error:
             return True
     return False

@@ -1,7 +1,7 @@
 """Impacts of contacts: contact points from the body's shape, and the covariance of v_pre and v_post.
 
-The error of the instant of a contact is in both covariances.  Here the moment balance I Δω = r_x P_n − r_y P_t also says in which sense angles grow, and in which unit they are: the
-reading in which it holds is taken if all others leave at least twice as much of it.
+The error of the instant of a contact is in both covariances.  Here the moment balance I Δω = r_x P_n − r_y P_t also
+says in which sense angles grow, and in which unit they are: the reading in which it holds leaves the least of it.
 """
 
 from collections import Counter
@@ -15,6 +15,7 @@ from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts
 from contactlearn.shapes import Shape, contact_point
 from contactlearn.tracks.result import Hit
+
 
 def moment_imbalance(contacts: Sequence[Hit], shape: Shape, gyration_squared: float, sense: int = 1) -> float:
     """Median share of the moment balance that is left over, in [0, 1], if angles grow in this sense."""
