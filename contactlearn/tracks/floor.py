@@ -33,7 +33,7 @@ _FAR = 7.5  # times the median distance: five standard deviations
 _LEAST, _SCATTER = 1e-9, 1e-4  # m or rad: of any scatter; m, of heights at first
 _UPRIGHT = Measured(value=0.0, error=0.0)
 _UPRIGHT = Measured(value=0.0, error=0.0)
-_OWN = 2.0  # rests as which the scatter of contacts counts, in that of the heights of rests
+_OWN = 1.0  # rests as which the scatter of contacts counts, in that of the heights of rests
 
 
 @dataclass(frozen=True, kw_only=True)
