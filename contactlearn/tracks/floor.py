@@ -33,7 +33,7 @@ _FAR = 7.5  # times the median distance: five standard deviations
 _LEAST, _SCATTER = 1e-9, 1e-4  # m or rad: of any scatter; m, of heights at first
 _UPRIGHT = Measured(value=0.0, error=0.0)
 _UPRIGHT = Measured(value=0.0, error=0.0)
-_OWN = 1.0  # rests as which the scatter of contacts counts, in that of the heights of rests
+_ENOUGH = 6  # bodies at rest whose heights show their own scatter; fewer are believed as contacts are
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,10 +118,10 @@ class _Problem:
         hits, rests = len(self.contacts), len(self.rests)
         design = np.stack([*told.values()], 1)
         kinds: list[Indices] = np.split(np.arange(len(value)), np.cumsum((hits, rests, angles)))
-        own = float(np.sqrt(np.mean([rest.error[2] ** 2 for rest in self.rests]))) if rests else 0.0
-        good = _near(design, value, kinds, own)
+        _, lies, turns = np.sqrt(np.mean([r.error**2 for r in self.rests], axis=0)).tolist() if rests else (0.0,) * 3
+        good = _near(design, value, kinds, turns)
         on = good[kinds[1]] & good[kinds[2]] if angles else good[kinds[1]]
-        fit, errors, spread = _weighted(design, value, [rows[good[rows]] for rows in kinds], own)
+        fit, errors, spread = _weighted(design, value, [rows[good[rows]] for rows in kinds], (lies, turns))
         found = {name: (float(x), float(error)) for name, x, error in zip(told, fit, errors, strict=True)}
         slope, zero = found.get("slope"), found.get("orientation")
         floor = Floor(
@@ -198,10 +198,15 @@ def _middle(away: Array, design: Array) -> float:
     return float(np.sort(away)[told + (len(away) - told - 1) // 2])
 
 
-def _weighted(design: Array, value: Array, kinds: Sequence[Indices], own: float) -> tuple[Array, Array, float]:
-    """Fit, its errors and the scatter of contacts, each kind of row with the scatter that it shows."""
+def _weighted(
+    design: Array, value: Array, kinds: Sequence[Indices], own: tuple[float, float]
+) -> tuple[Array, Array, float]:
+    """Fit, its errors and the scatter of contacts, each kind of row with the scatter that it shows.
+
+    What is `own` is the scatter within bodies at rest, of heights and of angles.
+    """
     hits, rests, angles, _ = kinds
-    sigma, spread, lies, turns = np.ones(len(value)), _SCATTER, _SCATTER, max(own, _LEAST)
+    sigma, spread, lies, turns = np.ones(len(value)), _SCATTER, _SCATTER, max(own[1], _LEAST)
     rows, fit, errors = np.concatenate(kinds), np.zeros(0), np.zeros(0)
     for _ in range(_COMPONENTS):
         sigma[hits], sigma[rests], sigma[angles] = spread, lies, turns
@@ -212,10 +217,15 @@ def _weighted(design: Array, value: Array, kinds: Sequence[Indices], own: float)
         fit, errors = inverse @ scaled[rows].T @ (value / sigma)[rows], np.sqrt(inverse.diagonal())
         squares, free = (value - design @ fit) ** 2, 1 - ((scaled @ inverse) * scaled).sum(1)
         spread = max(float(squares[hits].sum() / max(free[hits].sum(), 1.0)) ** 0.5, _LEAST)
-        lies = float((squares[rests].sum() + _OWN * spread**2) / (free[rests].sum() + _OWN)) ** 0.5
-        beyond = float(squares[angles].sum() - own**2 * free[angles].sum()) / max(float(free[angles].sum()) - 2, 1.0)
-        turns = max(own**2 + max(beyond, 0.0), _LEAST**2) ** 0.5
+        lies = _between(squares[rests], free[rests], own[0]) if len(rests) >= _ENOUGH else spread
+        turns = _between(squares[angles], free[angles], own[1])
     return fit, errors, spread
+
+
+def _between(squares: Array, free: Array, own: float) -> float:
+    """Scatter of bodies at rest: that within one, and what they miss each other by beyond it, which few show badly."""
+    beyond = float(squares.sum() - own**2 * free.sum()) / max(float(free.sum()) - 2, 1.0)
+    return max(own**2 + max(beyond, 0.0), _LEAST**2) ** 0.5
 
 
 def off_the_floor(
