@@ -21,13 +21,14 @@ from rich.progress import track
 from threadpoolctl import threadpool_limits
 
 from contactlearn.learning.curves import run
-from studies import conventions, descriptions, fits, flights, frames, measurements, residuals, rivals, search
+from studies import conventions, descriptions, fits, flights, frames, measurements, residuals, rests, rivals, search
 from studies.memory import memory
 from studies.study import AllThresholds, Row, paths, replaced
 
 ROWS: tuple[Row, ...] = (
     *flights.ROWS,
     *frames.ROWS,
+    *rests.ROWS,
     *measurements.ROWS,
     *conventions.ROWS,
     *search.ROWS,

@@ -2,8 +2,8 @@
 
     gravity       of free flight: not 9.81 m/s² where the scale or the frame rate is wrong
     drag          of the air, which the velocities at contact already allow for
-    slope         of the floor against the axis that is called up, from the heights of the contacts
-    orientation   by which the body's zero of θ is off, from the same heights
+    slope         of the floor against the axis that is called up, from the heights of contacts and of bodies at rest
+    orientation   by which the body's zero of θ is off, from the same heights, and from θ of bodies at rest
     delay         of the states at contact, which are those of the instant at which two flights meet
 
 The parameters of effects that say the same are fitted between 0 and three standard errors beyond these values: what is

@@ -30,8 +30,8 @@ from contactlearn.report import terminal
 from contactlearn.report.text.known import known_sentence
 from contactlearn.shapes import Disc, Ellipse, contact_point
 from contactlearn.tracks.conventions import find_frame
+from contactlearn.tracks.floor import find_floor
 from contactlearn.tracks.gravity import find_gravity
-from contactlearn.tracks.impacts import find_floor
 
 PLAIN = Camera(frames=220)
 ZERO = Measured(value=0.0, error=1e-3)

@@ -11,7 +11,7 @@ from contactlearn.mechanics import GRAVITY
 from contactlearn.shapes import Ellipse
 from contactlearn.tracks.detection import FlightOptions
 from contactlearn.tracks.events import find_contacts
-from contactlearn.tracks.impacts import find_floor, off_the_floor
+from contactlearn.tracks.floor import find_floor, off_the_floor
 from contactlearn.tracks.result import Hit, Reason
 from contactlearn.tracks.track import Recording, Track, continuous
 from studies.cases import between
@@ -143,7 +143,7 @@ def _on_a_floor(kind: str, seed: int) -> list[Hit]:
 
 def _struck(hits: list[Hit], thresholds: AllThresholds) -> bool:
     limits = thresholds.tracks.floor
-    return bool(off_the_floor(hits, BODY, find_floor(hits, BODY, limits), limits)[1])
+    return bool(off_the_floor(hits, BODY, find_floor(hits, BODY, limits=limits), limits)[1])
 
 
 FLOOR = Study(
@@ -154,7 +154,7 @@ FLOOR = Study(
 def _zeroed(hits: list[Hit], thresholds: AllThresholds) -> bool:
     """Whether any number of the contacts, from eight on, says that the zero of θ is off."""
     for count in (8, 16, 24, len(hits)):
-        zero = find_floor(hits[:count], BODY, thresholds.tracks.floor).orientation
+        zero = find_floor(hits[:count], BODY, limits=thresholds.tracks.floor).orientation
         if zero is not None and abs(zero.value) > 3 * zero.error:
             return True
     return False

@@ -19,8 +19,9 @@ from contactlearn.numerics import finite_number, whole
 from contactlearn.shapes import Shape, make_shape
 from contactlearn.tracks.conventions import ANGLES, SENSES, Conventions, find_frame
 from contactlearn.tracks.detection import FlightOptions
+from contactlearn.tracks.floor import Floor, find_floor, off_the_floor
 from contactlearn.tracks.frame import Clue
-from contactlearn.tracks.impacts import Floor, find_floor, impacts_of, moment_imbalance, off_the_floor
+from contactlearn.tracks.impacts import impacts_of, moment_imbalance
 from contactlearn.tracks.readers import read, recording_files
 from contactlearn.tracks.readers.layout import Layout
 from contactlearn.tracks.result import Found, Hit, Refusal
@@ -165,7 +166,7 @@ def find_impacts(
         counts = _counts(found.refusals)
         raise DataError(f"{path}: no contact between two free flights in {found.recordings} recordings; {counts}")
     limits = options.thresholds.floor
-    floor = find_floor(found.contacts, known, limits)
+    floor = find_floor(found.contacts, known, found.rests, lean=found.frame.lean, limits=limits)
     contacts, refusals = off_the_floor(found.contacts, known, floor, limits)
     found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
     name = options.layout.body or type(known).__name__.lower()
@@ -176,11 +177,11 @@ def find_impacts(
 
 def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
     """What the recordings tell without any impact; states at contact may be off by a part of its duration."""
-    frame = found.frame
+    frame, shown = found.frame, len(found.contacts) + floor.rests
     return Apparatus(
         gravity=Measured(value=math.hypot(*frame.gravity), error=frame.gravity_error),
         drag=Measured(value=frame.drag, error=frame.drag_error) if math.isfinite(frame.drag_error) else None,
-        slope=floor.slope if len(found.contacts) >= options.thresholds.floor.contacts_of_a_slope else None,
+        slope=floor.slope if shown >= options.thresholds.floor.contacts_of_a_slope else None,
         orientation=floor.orientation,
         delay=Measured(value=0.0, error=max(options.flight.contact_time / math.sqrt(12), _INSTANT)),
     )

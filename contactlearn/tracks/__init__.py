@@ -7,5 +7,7 @@ flight      robust fits of free flights
 detection   free flights of a track
 contact     the instant at which two flights meet, and the state there
 events      contacts and refusals of a track
+rests       bodies at rest
+floor       the floor that contacts and bodies at rest share
 result      what was found, as types
 """

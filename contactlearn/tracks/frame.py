@@ -1,10 +1,12 @@
 """The way from a recording in a file's units and axes to a track in the plane of motion, with the evidence for it."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from contactlearn.apparatus import Measured
 from contactlearn.mechanics import GRAVITY
 from contactlearn.tracks.flight import Air
 from contactlearn.tracks.rotations import planar_angle, tilt
@@ -56,6 +58,12 @@ class Frame:
         """Free flight with 9.81 m/s² in the measured direction."""
         size = np.hypot(*self.gravity)
         return Air(gravity=(self.gravity[0] / size * GRAVITY, self.gravity[1] / size * GRAVITY), drag=self.drag)
+
+    @property
+    def lean(self) -> Measured:
+        """Angle in rad of gravity from straight down to the right."""
+        g_x, g_y = self.gravity
+        return Measured(value=math.atan2(g_x, -g_y), error=self.gravity_error / math.hypot(g_x, g_y))
 
     def track(self, recording: Recording) -> Track:
         """The recording in the plane of motion, in SI units and world axes."""

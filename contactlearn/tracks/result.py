@@ -93,6 +93,21 @@ class Hit:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Rest:
+    """A body that is still.
+
+    Args:
+        recording: name of its recording.
+        pose: mean (x, y, θ), θ in [−π, π).
+        error: standard errors of the mean, from the scatter of parts of it; what all of them share is not in it.
+    """
+
+    recording: str
+    pose: Float[Array, "3"]
+    error: Float[Array, "3"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Found:
     """What one track holds.
 
@@ -102,6 +117,7 @@ class Found:
         flights: free flights, in their order.
         contacts: accepted contacts.
         refusals: of the other parts.
+        rests: where the body is still.
     """
 
     track: Track
@@ -109,3 +125,4 @@ class Found:
     flights: tuple[Flight, ...]
     contacts: tuple[Hit, ...]
     refusals: tuple[Refusal, ...]
+    rests: tuple[Rest, ...] = ()

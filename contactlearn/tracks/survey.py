@@ -1,13 +1,13 @@
 """From files of recordings to contacts: conventions from a few of them, then one recording after the other.
 
 A file that cannot be read is refused with its message, and the others go on.  No more than a few recordings are in
-memory at a time; of each the contacts and refusals stay.
+memory at a time; of each the contacts, refusals and rests stay.
 """
 
 import multiprocessing
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -21,7 +21,8 @@ from contactlearn.tracks.events import find_contacts
 from contactlearn.tracks.frame import Frame
 from contactlearn.tracks.readers import read, recording_files
 from contactlearn.tracks.readers.layout import Layout
-from contactlearn.tracks.result import Found, Hit, Reason, Refusal
+from contactlearn.tracks.rests import find_rests
+from contactlearn.tracks.result import Found, Hit, Reason, Refusal, Rest
 from contactlearn.tracks.thresholds import TrackThresholds
 from contactlearn.tracks.track import Recording, Track
 
@@ -64,12 +65,14 @@ class Survey:
         recordings: how many were read.
         contacts: accepted ones, in the order of the files and of time.
         refusals: of recordings and their parts.
+        rests: where a body is still, in the order of the files.
     """
 
     frame: Frame
     recordings: int
     contacts: tuple[Hit, ...]
     refusals: tuple[Refusal, ...]
+    rests: tuple[Rest, ...]
 
 
 def survey(path: Path, options: TrackOptions = TrackOptions(), *, progress: Progress = iter) -> Survey:
@@ -88,9 +91,10 @@ def survey(path: Path, options: TrackOptions = TrackOptions(), *, progress: Prog
     parts = [*_parts(files, frame, options.in_air(frame), progress)]
     return Survey(
         frame=frame,
-        recordings=sum(count for count, _, _ in parts),
-        contacts=tuple(contact for _, contacts, _ in parts for contact in contacts),
-        refusals=tuple(refusal for _, _, refusals in parts for refusal in refusals),
+        recordings=sum(part.recordings for part in parts),
+        contacts=tuple(contact for part in parts for contact in part.contacts),
+        refusals=tuple(refusal for part in parts for refusal in part.refusals),
+        rests=tuple(rest for part in parts for rest in part.rests),
     )
 
 
@@ -130,7 +134,9 @@ def tracked(recording: Recording, frame: Frame, options: TrackOptions) -> Found:
     leaves = _out_of_plane(track, options.thresholds)
     if leaves is not None:
         return Found(track=track, sigma=np.zeros(3), flights=(), contacts=(), refusals=(leaves,))
-    return find_contacts(track, options.flight, options.thresholds.flight)
+    found = find_contacts(track, options.flight, options.thresholds.flight)
+    lies = [refusal.time for refusal in found.refusals if refusal.reason in (Reason.REST, Reason.SLIDING)]
+    return replace(found, rests=find_rests(track, lies, found.sigma, options.thresholds.rest))
 
 
 def _out_of_plane(track: Track, limits: TrackThresholds) -> Refusal | None:
@@ -156,11 +162,18 @@ def _out_of_plane(track: Track, limits: TrackThresholds) -> Refusal | None:
     return None
 
 
-_Part = tuple[int, list[Hit], list[Refusal]]
+@dataclass(eq=False)
+class _Part:
+    """What one file holds; the fields are those of `Survey`."""
+
+    recordings: int = 0
+    contacts: list[Hit] = field(default_factory=list)
+    refusals: list[Refusal] = field(default_factory=list)
+    rests: list[Rest] = field(default_factory=list)
 
 
 def _parts(files: Sequence[Path], frame: Frame, options: TrackOptions, progress: Progress) -> Iterator[_Part]:
-    """Contacts and refusals of each file."""
+    """What each file holds."""
     work = partial(_surveyed, frame=frame, options=options)
     if options.workers == 1 or len(files) < _MANY:
         yield from map(work, progress(files))
@@ -171,20 +184,21 @@ def _parts(files: Sequence[Path], frame: Frame, options: TrackOptions, progress:
 
 
 def _surveyed(file: Path, frame: Frame, options: TrackOptions) -> _Part:
-    """Recordings, contacts and refusals of one file; an error is a refusal."""
-    count, contacts, refusals = 0, list[Hit](), list[Refusal]()
+    """What one file holds; an error is a refusal."""
+    part = _Part()
     try:
         for recording in read(file, options.layout):
             if not isinstance(recording, Recording):
-                refusals.append(_not_read(file, count, recording))
+                part.refusals.append(_not_read(file, part.recordings, recording))
                 continue
             found = tracked(recording, frame, options)
-            count += 1
-            contacts += [contact.without_frames() for contact in found.contacts]
-            refusals += found.refusals
+            part.recordings += 1
+            part.contacts += [contact.without_frames() for contact in found.contacts]
+            part.refusals += found.refusals
+            part.rests += found.rests
     except ContactLearnError as error:
-        refusals.append(_not_read(file, count, error))
-    return count, contacts, refusals
+        part.refusals.append(_not_read(file, part.recordings, error))
+    return part
 
 
 def _not_read(file: Path, count: int, error: ContactLearnError) -> Refusal:

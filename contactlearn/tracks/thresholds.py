@@ -65,6 +65,17 @@ class FrameThresholds:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RestThresholds:
+    """Limits of bodies at rest."""
+
+    moves: float = 1.5
+    """Change of a mean pose over a tenth of a second in standard deviations of a frame, up to which a body is still:
+    one that rocks moves by more (row tracks.rest.moves)."""
+    lasts: float = 0.3
+    """Time in s for which it is (row tracks.rest.lasts)."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class FloorThresholds:
     """Limits of the floor that contacts share."""
 
@@ -73,8 +84,13 @@ class FloorThresholds:
     off_least: float = 1e-3
     """The same height in m, at least (row tracks.floor.off_least)."""
     contacts_of_a_slope: int = 12
-    """Contacts that tell the floor's slope; twice as many tell the body's zero of θ
+    """Contacts and bodies at rest that tell the floor's slope; twice as many contacts tell the body's zero of θ
     (row tracks.floor.contacts_of_a_slope)."""
+    rests_of_a_zero: int = 6
+    """Bodies at rest that tell the zero of θ where the slope is told (row tracks.floor.rests_of_a_zero)."""
+    leaning: float = math.radians(10)
+    """Angle in rad between a body at rest and the nearest side that it can lie on: one that is further off leans
+    against something (row tracks.floor.leaning)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,5 +105,7 @@ class TrackThresholds:
     """Of flights and contacts."""
     frame: FrameThresholds = field(default_factory=FrameThresholds)
     """Of conventions."""
+    rest: RestThresholds = field(default_factory=RestThresholds)
+    """Of bodies at rest."""
     floor: FloorThresholds = field(default_factory=FloorThresholds)
     """Of the floor."""

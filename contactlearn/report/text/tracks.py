@@ -12,7 +12,6 @@ from contactlearn.data.tracks import Tracked
 from contactlearn.mechanics import GRAVITY
 from contactlearn.report.text.numbers import number
 from contactlearn.tracks.frame import Clue
-from contactlearn.tracks.impacts import Floor
 from contactlearn.tracks.result import Reason, Refusal
 
 REASONS = {
@@ -45,7 +44,7 @@ def tracks_facts(found: Tracked) -> list[tuple[str, str]]:
     size = float(np.hypot(*frame.gravity))
     off = number(100 * (size / GRAVITY - 1), 2)
     gravity = f"{number(size)} ± {number(frame.gravity_error, 1)} m/s², {off} % off {GRAVITY}"
-    facts = [*map(_convention, frame.clues), ("gravity", gravity), *_floor(found.floor), *_errors(found)]
+    facts = [*map(_convention, frame.clues), ("gravity", gravity), *_floor(found), *_errors(found)]
     missing = sum(contact.missing > 0 for contact in found.survey.contacts)
     if missing:
         said = f"frames at contact in {missing} impacts, though their time stamps show no gap"
@@ -73,11 +72,18 @@ def _with_unit(quantity: str, value: float, unit: str) -> str:
     return f"{quantity} {number(value, 3)}{own}"
 
 
-def _floor(floor: Floor) -> list[tuple[str, str]]:
+def _floor(found: Tracked) -> list[tuple[str, str]]:
+    floor, rests = found.floor, len(found.survey.rests)
     height, slope, zero = floor.height, floor.slope, floor.orientation
     said = f"at {number(1e3 * height.value, 4)} ± {number(1e3 * height.error, 1)} mm"
     facts = [("floor", said if slope is None else f"{said}, inclined by {_angle(slope)}")]
-    return facts if zero is None else [*facts, ("zero", f"of θ off by {_angle(zero)}")]
+    if zero is not None:
+        facts.append(("zero", f"of θ off by {_angle(zero)}"))
+    if rests:
+        facts.append(
+            ("rests", f"{floor.rests} of {rests} bodies at rest lie flat on the floor, which is fitted to them too")
+        )
+    return facts
 
 
 def _angle(angle: Measured) -> str:
