@@ -80,9 +80,8 @@ def _floor(found: Tracked) -> list[tuple[str, str]]:
     if zero is not None:
         facts.append(("zero", f"of θ off by {_angle(zero)}"))
     if rests:
-        facts.append(
-            ("rests", f"{floor.rests} of {rests} bodies at rest lie flat on the floor, which is fitted to them too")
-        )
+        lie = f"{floor.rests} of {rests} bodies at rest lie flat on the floor, which is fitted to them too"
+        facts.append(("rests", lie))
     return facts
 
 
