@@ -145,8 +145,7 @@ class Impacts:
                 "vy",
                 self.v_c[:, 1],
                 "must approach the floor: v_n = vy + rx ω < 0 before contact "
-                "(are pre- and post-contact columns swapped, is y down, or ω in degrees? "
-                "python -m contactlearn audit FILE tells)",
+                "(columns swapped, y down, or ω in degrees? python -m contactlearn audit FILE tells)",
             )
             self._refuse_homonyms()
 
@@ -251,8 +250,7 @@ class Impacts:
         if not 0 < held_out < len(self):
             rest = "train" if held_out else "test"
             raise DataError(
-                f"{self.source}: cannot hold out a share {test} of {len(self)} trials, for none is left to {rest} on; "
-                "a share in (0, 1) of more trials leaves some on both sides"
+                f"{self.source}: cannot hold out a share {test} of {len(self)} trials, for none is left to {rest} on"
             )
         order = torch.randperm(len(self), generator=generator)
         return self[order[held_out:].sort().values], self[order[:held_out].sort().values]
