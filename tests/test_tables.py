@@ -290,8 +290,8 @@ def test_training_says_what_is_wrong_and_goes_on_as_before(tmp_path, monkeypatch
     with_audit, without = (json.loads((tmp_path / name / "results.json").read_text()) for name in "ab")
     assert [with_audit[part] for part in ("fits", "errors")] == [without[part] for part in ("fits", "errors")]
     monkeypatch.undo()
-    for mended in ("data.correct=[mirrored_theta]", "data.units.rotation=clockwise"):
-        assert "audit" not in run(*words, mended, f"hydra.run.dir={tmp_path}/c")
+    for name, mended in (("c", "data.correct=[mirrored_theta]"), ("d", "data.units.rotation=clockwise")):
+        assert "audit" not in run(*words, mended, f"hydra.run.dir={tmp_path}/{name}")
 
 
 def test_evaluation_says_what_is_wrong(tmp_path):
