@@ -13,7 +13,8 @@ known bounds an effect, and leaves it free to be absent.
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-_REACH = 3.0  # standard errors
+REACH = 3.0
+"""Standard errors from a measured value that are still in accord with it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +31,7 @@ class Measured:
     @property
     def range(self) -> tuple[float, float]:
         """The values within three standard errors, and those between them and 0."""
-        return min(self.value - _REACH * self.error, 0.0), max(self.value + _REACH * self.error, 0.0)
+        return min(self.value - REACH * self.error, 0.0), max(self.value + REACH * self.error, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)

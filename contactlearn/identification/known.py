@@ -6,10 +6,8 @@ A fit goes no further than flight allows.  How far the impacts would go shows in
 import math
 from dataclasses import dataclass
 
-from contactlearn.apparatus import Measured
+from contactlearn.apparatus import REACH, Measured
 from contactlearn.identification.joint import JointFit
-
-_APART = 3.0  # standard errors of a difference
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +34,7 @@ class KnownParameter:
     def contradicted(self) -> bool:
         """Whether impacts and flight are apart by more than their errors."""
         apart = abs(self.alone.value - self.flight.value)
-        return apart > _APART * math.hypot(self.alone.error, self.flight.error)
+        return apart > REACH * math.hypot(self.alone.error, self.flight.error)
 
     @property
     def more(self) -> bool:

@@ -32,7 +32,6 @@ _ROUND = 1e-3  # relative change of the height with θ up to which a body is rou
 _FAR = 7.5  # times the median distance: five standard deviations
 _LEAST, _SCATTER = 1e-9, 1e-4  # m or rad: of any scatter; m, of heights at first
 _UPRIGHT = Measured(value=0.0, error=0.0)
-_UPRIGHT = Measured(value=0.0, error=0.0)
 _ENOUGH = 6  # bodies at rest whose heights show their own scatter; fewer are believed as contacts are
 
 
