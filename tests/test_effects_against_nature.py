@@ -83,16 +83,17 @@ def test_an_offset_centre_of_mass_is_rigid_body_kinematics():
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4])
-def test_tangential_restitution_goes_most_of_the_way_to_springs(seed):
+@pytest.mark.parametrize(("form", "way"), [("slip", 0.7), ("spring", 0.93)])
+def test_tangential_restitution_goes_most_of_the_way_to_springs(seed, form, way):
     """From the law's error on drops held out to that of nature's own prediction; 73 to 84 %, and without the
-    drive of the normal impulse 55 to 75 %."""
+    drive of the normal impulse 55 to 75 %; springs that are followed in time 95 to 100 %."""
     impacts, truth = mystery.draw(seed, effects=["tangential_restitution"], size=500)
     fitted, test = torch.arange(350), impacts[350:]
-    effects = {"tangent": find_effect("tangential_restitution")()}
+    effects = {"tangent": find_effect("tangential_restitution", form)()}
     law, named = (
         mass_error(test, identify_jointly(find(truth["law"]), some, impacts, fitted).model.predict(test)).mean()
         for some in ({}, effects)
     )
     v_post = torch.tensor(truth["v_post_from_measured"], dtype=torch.float64)[350:]
     best = mass_error(test, Prediction(v_post, test.wrench)).mean()
-    assert (law - named) / (law - best) > 0.7
+    assert (law - named) / (law - best) > way

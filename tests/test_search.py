@@ -144,6 +144,16 @@ def test_effects_that_together_stand_for_one_are_not_named():
     assert _pruned(pool, folds, many, SelectionThresholds()) is simple
 
 
+def test_springs_are_tried_where_another_rebound_is_found():
+    """Where they vanish their slope says little: the search never begins with them."""
+    impacts, _ = mystery.draw(103, effects=["tangential_restitution"], size=300)
+    slip, spring = (EffectId("tangential_restitution", form) for form in ("slip", "spring"))
+    pool = pooled(impacts, slip, spring, SPIN, laws=("mirtich",))
+    assert Search(pool, 1).run()
+    assert pool.best().spec == spec(spring, law="mirtich")
+    assert spring not in identities(frozenset(pool.quadratic(pool.models[spec(law="mirtich")]).groups))
+
+
 def test_law_and_effects_are_found_together():
     impacts, truth = mystery.draw(31, size=300)
     hidden = {effect["name"] for effect in truth["effects"]}

@@ -109,6 +109,9 @@ class Effect(ABC):
     """Whether the body may leave with more kinetic energy than it was measured to bring."""
     needs_shape: ClassVar[bool] = False
     """Whether the body's shape must be known."""
+    refines: ClassVar[bool] = False
+    """Whether the search tries it only in the place of other forms of its family, since a linearisation where it
+    vanishes tells little of it."""
     last: ClassVar[bool] = False
     """Whether it acts after the others of its place, because it depends on what they change."""
     place: ClassVar[str]

@@ -1,5 +1,6 @@
 """What sticks springs back sideways."""
 
+import math
 from abc import abstractmethod
 from dataclasses import dataclass
 
@@ -9,11 +10,15 @@ from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.path import contact_of
-from contactlearn.effects.state import State, columns
+from contactlearn.effects.state import Coefficients, State, columns
+from contactlearn.laws.contact import Contact
 from contactlearn.laws.wang_mason import routh_path
 from contactlearn.mechanics import effective_inertia
 
 _ROUNDING = 1e-9  # relative: nearer to its edge a contact counts as on the cone
+_STEPS = 16  # of a compression in which the contact sticks
+_IMPLICIT = 0.6  # share of a step's end in its mean: above a half a rigid tangent does not ring
+_SOFTEST = 0.05  # ε: below it the way back is too steep for a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,13 +27,15 @@ class TangentialRestitution(Effect):
 
         slip       v_t⁺ → v_t⁺ − s β (|v_t| + ½ ⟨−s W_tn P_n⟩), s = sign v_t, ⟨x⟩ = x where x > 0 and 0 elsewhere
         impulse    P_t → P_t + e_t P_t^c, P_t^c the impulse of compression, if the contact has come to stick in it
+        spring     a spring with a dashpot beside it, in series with Coulomb's slider, followed in time
 
-    For a ball (r_x = 0) that grips, both turn the slip into v_t⁺ = −β v_t.  They differ where friction just suffices.
-    With `slip` the whole impulse must be in the cone, |v_t| (1 + β)/W_tt ≤ μ P_n, and v_t⁺ changes gradually into
-    sliding.  With `impulse` the ball must grip in compression, |v_t|/W_tt ≤ μ P_n/(1 + ε), and what rebounds must be in
-    the cone of restitution, e_t |v_t|/W_tt ≤ μ ε P_n/(1 + ε); the ball that grips later does not spring back.  A linear
-    law P_t = −k_p v_t and a spring that slips at the cone (Garwin's and Walton's balls) are `slip` with
-    β = k_p W_tt − 1.  It is not friction against the slip.
+    For a ball (r_x = 0) that grips, the first two turn the slip into v_t⁺ = −β v_t.  They differ where friction just
+    suffices.  With `slip` the whole impulse must be in the cone, |v_t| (1 + β)/W_tt ≤ μ P_n, and v_t⁺ changes gradually
+    into sliding.  With `impulse` the ball must grip in compression, |v_t|/W_tt ≤ μ P_n/(1 + ε), and what rebounds must
+    be in the cone of restitution, e_t |v_t|/W_tt ≤ μ ε P_n/(1 + ε); the ball that grips later does not spring back.  A
+    linear law P_t = −k_p v_t and a spring that slips at the cone (Garwin's and Walton's balls) are `slip` with
+    β = k_p W_tt − 1.  `spring` is what both approximate: without the dashpot a ball that grips throughout leaves with
+    v_t⁺ = v_t cos((1 + ε) π/2 √(W_tt/(c W_nn))), c = k_n/k_t.  It is not friction against the slip.
     """
 
     source = "Maw, Barber & Fawcett 1976; Walton 1993"
@@ -96,6 +103,31 @@ class ImpulseRebound(TangentialRestitution):
         return columns(P_t + change * t, P_n + change * n, tau)
 
 
+@dataclass(frozen=True, eq=False)
+class SpringRebound(TangentialRestitution):
+    """F_t = −(k_n/c) (ξ + T dξ/dt) within |F_t| ≤ μ F_n, ξ the stretch that the slider leaves, T = (1/s − 1) t_c.
+
+    The normal spring compresses within t_c = π/2 √(1/(k_n W_nn)) if nothing else moves, and is 1/ε² times as stiff on
+    its way back.  c = k_n/k_t is 1 to 1.5 for elastic spheres (Mindlin 1949).  Where s = 0 the dashpot is rigid and the
+    contact that of Routh's path with Stronge's restitution; what the tangent changes is added to the law's wrench.
+    """
+
+    form = "spring"
+    formula = "F_t = −(k_n/c)(ξ + (1/s − 1) t_c dξ/dt) within the cone, beside what it is for s = 0"
+    source = "Maw, Barber & Fawcett 1976; Walton & Braun 1986; Stronge 1994"
+    citations = ("maw1976", "walton1986", "stronge1994")
+    refines = True
+    s: Tensor | float = parameter("s", "–", 0.0, 1.0)
+    c: Tensor | float = parameter("c", "–", 0.3, 3.0, vanishing=None, start=1.2)
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        P_t, P_n, tau = wrench.unbind(-1)
+        mu, eps, resilience, compliance = torch.broadcast_tensors(*state.coefficients, self.s, self.c, P_n)[:4]
+        both = torch.stack((resilience, torch.zeros_like(resilience)))
+        (yields_t, rigid_t), (yields_n, rigid_n) = _followed(contact_of(state), (mu, eps), both, compliance)
+        return columns(P_t + (yields_t - rigid_t), P_n + (yields_n - rigid_n), tau)
+
+
 def _within_cone(
     mu: Float[Tensor, "..."], impulse: tuple[Tensor, Tensor], direction: tuple[Tensor, Tensor]
 ) -> Float[Tensor, "..."]:
@@ -107,3 +139,29 @@ def _within_cone(
 def _room(distance: Float[Tensor, "..."], rate: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
     """How far an impulse can go that approaches an edge of the cone, at a `distance`, at a rate."""
     return torch.where(rate > 0, distance / torch.where(rate > 0, rate, 1.0), torch.inf)
+
+
+def _followed(
+    contact: Contact, coefficients: Coefficients, resilience: Float[Tensor, "..."], compliance: Float[Tensor, "..."]
+) -> tuple[Float[Tensor, "..."], Float[Tensor, "..."]]:
+    """Impulse (P_t, P_n) in N s of a contact on springs, in units of time in which k_n W_nn = 1."""
+    (w_tt, w_tn, w_nn, v_t, v_n), (mu, eps) = contact, coefficients
+    v_t, v_n = v_t + torch.zeros_like(resilience), v_n + torch.zeros_like(resilience)
+    stiffer = 1 / eps.clamp_min(_SOFTEST).square()
+    dt = 0.5 * math.pi / _STEPS / (1 - w_tn.square() / (w_tt * w_nn)).sqrt()  # of a contact that sticks
+    implicit = _IMPLICIT * dt
+    recall = resilience / (resilience * implicit + (1 - resilience) * 0.5 * math.pi)
+    give = compliance * w_nn
+    depth = deepest = stretch = P_t = P_n = torch.zeros_like(v_n)
+    for _ in range(2 * _STEPS + 2):
+        middle = depth - 0.5 * dt * v_n
+        deepest = torch.maximum(deepest, middle)
+        back = deepest - stiffer * (deepest - middle)
+        normal = torch.minimum(middle, back).clamp_min(0) / w_nn
+        holding = -(recall * stretch + v_t + implicit * w_tn * normal) / (recall * give + implicit * w_tt)
+        tangential = torch.minimum(torch.maximum(holding, -mu * normal), mu * normal)
+        stretch = stretch - dt * recall * (stretch + give * tangential)
+        v_t, v_n = v_t + dt * (w_tt * tangential + w_tn * normal), v_n + dt * (w_tn * tangential + w_nn * normal)
+        depth = middle - 0.5 * dt * v_n
+        P_t, P_n = P_t + dt * tangential, P_n + dt * normal
+    return P_t, P_n

@@ -2,6 +2,7 @@
 
     grow       from the best models of a size, the most promising ones with one effect more
     exchange   from the best of the new size, those with one of their effects exchanged
+    refine     the best of the new size with forms that a linearisation where they vanish does not know
     shrink     from the best of all, those with one effect less, so that no size keeps what only the way there needed
     transfer   the effects of the best model of a size around every other law
 
@@ -32,6 +33,7 @@ _SAME = 2.0  # nats between laws that agree on the data
 _IDENTICAL = 1e-6  # nats between laws that predict the same
 _FITTED = 4  # sets that are fitted of each expansion
 _DOUBT = 0.02  # nats a trial by which a prediction may be too pessimistic
+_TRIED = 32  # values of the parameters of a form that refines
 _PASSES = 4  # of exchanges within one linearisation
 _WORTH = 0.04  # nats a trial that one effect more must bring for the search to go on
 _FRUITLESS = 2  # sizes in turn without a better model after which the search ends
@@ -141,7 +143,19 @@ class Search:
             if size > 1:
                 self._fit(self._predicted(best, _exchanged, _PASSES), best.score)
             if self.models(size)[0] is best:
+                self._refine(best)
                 self._transfer(best)
+
+    def _refine(self, model: ScoredFit) -> None:
+        """Fit refining forms of a model's effects that are promising at some values of their parameters."""
+        worthwhile = self.pool.score_at(model.spec, model.fit.values) + _DOUBT * len(self.pool.impacts)
+        for effect, other in self.pool.siblings(model.spec):
+            spec = Spec(model.spec.law, model.spec.effects - {effect} | {other})
+            if spec not in self.pool.models and not self.late:
+                tried = [self.pool.start(spec, model, {other: point}) for point in self.pool.spread(other, _TRIED)]
+                scores = [self.pool.score_at(spec, values) for values in tried]
+                if min(scores) < worthwhile:
+                    self.pool.fitted(spec, tried[scores.index(min(scores))])
 
     def _transfer(self, model: ScoredFit) -> None:
         """Fit the effects of a model around the other laws that are not hopeless at its own parameters."""

@@ -132,6 +132,21 @@ class Pool:
         loss = robust_distance(residual, scatter).mean() + 0.5 * scatter.logdet()
         return self.score(spec, effects, loss.item())
 
+    def siblings(self, spec: Spec) -> list[tuple[EffectId, EffectId]]:
+        """List each effect of a model with the forms of its family that refine it."""
+        return [
+            (own, other)
+            for own in sorted(spec.effects)
+            for other, effect in self.candidates.items()
+            if other.name == own.name and other != own and effect.refines
+        ]
+
+    def spread(self, effect: EffectId, count: int) -> Float[Tensor, "c k"]:
+        """Return values of the parameters of a candidate that fill their ranges evenly."""
+        low, high = torch.tensor([(p.low, p.high) for p in self.candidates[effect].parameters], dtype=torch.float64).T
+        sobol = torch.quasirandom.SobolEngine(len(low), scramble=True, seed=0)
+        return low + (high - low) * sobol.draw(count, dtype=torch.float64)
+
     def penalty(self, effects: frozenset[EffectId]) -> float:
         """Compute the penalty of a set of effects, in nats."""
         given = sum(len(effect.parameters) for effect in self.given.values())

@@ -81,14 +81,14 @@ class Quadratic:
             fit: to the impacts.
             impacts: measurements.
             given: names of the effects that are in every model.
-            candidates: prepared; those of the model's own identities are left out.
+            candidates: prepared; those of the model's own identities and those that only refine are left out.
             options: of the fit.
         """
         own = {EffectId(name, effect.form) for name, effect in effects.items()}
         added = {
             Group(key, place): effect.at(point)
             for key, effect in candidates.items()
-            if key not in own
+            if key not in own and not effect.refines
             for place, point in enumerate(_vanishing_points(effect))
         }
         everything = {**effects, **{f"{group.effect}/{group.place}": effect for group, effect in added.items()}}
