@@ -47,7 +47,7 @@ def write_impacts(cfg: DictConfig, out: Path) -> str:
             path,
             **body,
             options=options,
-            progress=lambda files: bar.track([*files], description="searching recordings"),
+            progress=lambda parts: bar.track(parts, description="searching recordings"),
         )
     table.save(found.impacts, out)
     refused = out.with_name(f"{out.stem}.refused.csv")

@@ -103,7 +103,7 @@ def track_options(
         drag: of the air, 1/s; None: found from the flights.
         fewest: frames of a flight, at least.
         contact_time: duration of a contact in s.
-        workers: processes, for a hundred files and more.
+        workers: processes, for a hundred files and more, or for a single one.
 
     Raises:
         DataError: a value out of its range.

@@ -161,8 +161,9 @@ def meet(track: Track, before: Flight, after: Flight, options: FlightOptions) ->
     return meeting(before, after, window, track.step, options)
 
 
-def hit_of(track: Track, number: int, found: Meeting, before: Flight, after: Flight) -> Hit:
-    """State before and after contact at its instant, with the covariance of everything."""
+def hit_of(track: Track, number: int, found: Meeting, flights: Sequence[Flight], place: int) -> Hit:
+    """State before and after contact at its instant with all covariances; `place` is that of the flight before."""
+    before, after = flights[place : place + 2]
     (a, A), (b, B) = before.at(found.time), after.at(found.time - found.missing * track.step)
     errors = np.zeros((12, 12))
     errors[:6, :6], errors[6:, 6:] = A, B
@@ -185,14 +186,13 @@ def hit_of(track: Track, number: int, found: Meeting, before: Flight, after: Fli
         recording=track.name,
         number=number,
         time=found.time,
-        v_pre=a[3:],
-        v_post=b[3:],
+        v_pre=a[3:].copy(),
+        v_post=b[3:].copy(),
         pose=pose,
         covariance=jacobian @ errors @ jacobian.T,
         missing=found.missing,
         certainty=found.certainty,
         lost=lost,
         apart=found.apart,
-        before=before,
-        after=after,
+        flight=place,
     )

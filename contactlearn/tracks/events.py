@@ -38,9 +38,9 @@ def find_contacts(
     known = [flights[0].first == 0, *(one is not None for one in meetings), flights[-1].last == len(track) - 1]
     flights = cut(track, flights, meetings, found.sigma, options)
     for k, (before, after) in enumerate(pairwise(flights)):
-        result = _between(track, before, after, (known[k], known[k + 2]), found, options, limits, len(contacts))
-        if isinstance(result, Hit):
-            contacts.append(result)
+        result = _between(track, before, after, (known[k], known[k + 2]), found, options, limits)
+        if isinstance(result, Meeting):
+            contacts.append(hit_of(track, len(contacts) + 1, result, flights, k))
         else:
             refusals.append(result)
     if flights[-1].last < len(track) - 1:
@@ -75,9 +75,8 @@ def _between(
     found: Flights,
     options: FlightOptions,
     limits: FlightThresholds,
-    contacts: int,
-) -> Hit | Refusal:
-    """The contact between two flights, or why it is none; `known` is whether it is seen what their other ends are."""
+) -> Meeting | Refusal:
+    """Where two flights meet at a contact, or why there is none; `known` says whether it is seen what ends them."""
     first, last = before.last, after.first
     if not close(before, after, options):
         return _gap(track, first + 1, last - 1, found, limits)
@@ -102,7 +101,7 @@ def _between(
     for holds, reason, quantity, value, unit in reasons:
         if holds:
             return _refusal(track, first, last, reason, quantity, value, unit)
-    return hit_of(track, contacts + 1, met, before, after)
+    return met
 
 
 def _too_few(flights: tuple[Flight, Flight], known: tuple[bool, bool], found: Flights, options: FlightOptions) -> int:
