@@ -36,7 +36,7 @@ def write_impacts(cfg: DictConfig, out: Path) -> str:
         raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data/tracks.yaml")
     table.check_suffix(out)
     entries = plain_values(cfg)
-    body = {name: entries.pop(name) for name in ("mass", "shape", "inertia")}
+    body = {name: entries.pop(name) for name in ("mass", "shape", "inertia", "centre")}
     path = Path(entries.pop("path"))
     try:
         options = tracks.track_options(**{key: x for key, x in entries.items() if key not in ("_target_", "correct")})
