@@ -2,7 +2,8 @@
 
 Markers on the outline or its corners are assumed: the contact point is then the lowest of them.  Markers further in
 make a body that is too small, and every contact point is too high by as much, which no recording shows: the floor's
-height is free.  Nor is the markers' mean the centre of mass; unless it is stated, it is that of a hull of uniform density.
+height is free.  Nor is the markers' mean the centre of mass; unless it is stated, it is that of a hull of uniform
+density.
 """
 
 from collections.abc import Sequence

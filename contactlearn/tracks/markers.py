@@ -1,8 +1,8 @@
 """Poses from markers: the rotation that brings the markers of a reference frame nearest to those of a frame.
 
 In a plane it is the angle of Σ a_k · conj(b_k) as complex numbers, in space that of Kabsch's decomposition.
-Unless the markers' places
-in the body are known, the tracked point is their mean, which is not the centre of mass.  Source: Kabsch 1976; Umeyama 1991.
+Unless the markers' places in the body are known, the tracked point is their mean, which is not the centre of mass.
+Source: Kabsch 1976; Umeyama 1991.
 """
 
 from collections.abc import Sequence

@@ -80,10 +80,7 @@ def _hull(found: Tracked) -> list[tuple[str, str]]:
     centre = "uniform density is assumed" if found.centre is None else "the centre of mass is the stated one"
     return [
         ("shape", f"the convex hull of {len(found.hull.places)} markers, taken to be on the outline; {centre}"),
-        (
-            "points",
-            f"of contact are the lowest markers, ± {number(x, 2)} and {number(y, 2)} mm in the median",
-        ),
+        ("points", f"of contact are the lowest markers, ± {number(x, 2)} and {number(y, 2)} mm in the median"),
     ]
 
 
