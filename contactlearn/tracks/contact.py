@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from contactlearn.tracks.detection import FlightOptions
+from contactlearn.tracks.detection import FlightOptions, Flights
 from contactlearn.tracks.flight import Air, Flight, Indices, fit
 from contactlearn.tracks.result import Hit
 from contactlearn.tracks.track import Array, Track, turn
@@ -99,7 +99,7 @@ def cut(
     track: Track,
     flights: Sequence[Flight],
     meetings: Sequence[Meeting | None],
-    sigma: Float[Array, "3"],
+    found: Flights,
     options: FlightOptions,
 ) -> list[Flight]:
     """Fit flights again without frames that are nearer to a contact than its duration, or beyond it.
@@ -110,9 +110,10 @@ def cut(
         track: of the flights.
         flights: in their order.
         meetings: of each with the next, where one contact may be between them.
-        sigma: standard deviations of a frame's (x, y, θ).
+        found: noise of a frame, and width of a window.
         options: of the search.
     """
+    sigma = found.sigma
     fitted: list[Flight] = []
     ends = (None, *meetings, None)
     for flight, start, end in zip(flights, ends, ends[1:], strict=False):
@@ -125,23 +126,23 @@ def cut(
         if len(frames) < 4:
             frames = flight.frames
         if start is None and flight.first > 0:
-            frames = _own(track, frames[::-1], sigma, flight.air)[::-1]
+            frames = _own(track, frames[::-1], found, flight.air)[::-1]
         if end is None and flight.last < len(track) - 1:
-            frames = _own(track, frames, sigma, flight.air)
+            frames = _own(track, frames, found, flight.air)
         changed = len(frames) < len(flight.frames)
         fitted.append(fit(track.time, track.pose, frames, sigma, flight.air) if changed else flight)
     return fitted
 
 
-def _own(track: Track, frames: Indices, sigma: Array, air: Air) -> Indices:
+def _own(track: Track, frames: Indices, found: Flights, air: Air) -> Indices:
     """Frames of a flight without its last one, and without those before it that are of something else.
 
     The last m frames are as they are left out if χ² of the flight falls by more than twice their 3 m numbers (Akaike
     1974): each of them may be near the flight where all of them together are not.  The others' errors are independent
-    of what was asked.
+    of what was asked.  A window of frames stays, with which a flight is not too short.
     """
-    frames = frames[:-1]
-    most = min(len(frames) // 3, len(frames) - 4)
+    frames, sigma = frames[:-1], found.sigma
+    most = min(len(frames) // 3, len(frames) - found.width)
     if most < 1:
         return frames
     fits = [fit(track.time, track.pose, np.sort(frames[: len(frames) - m]), sigma, air) for m in range(most + 1)]

@@ -35,8 +35,9 @@ def find_contacts(
     if flights[0].first > 0:
         refusals.append(_gap(track, 0, flights[0].first - 1, found, limits))
     meetings = [_one_contact(track, *pair, options, limits) for pair in pairwise(flights)]
-    known = [flights[0].first == 0, *(one is not None for one in meetings), flights[-1].last == len(track) - 1]
-    flights = cut(track, flights, meetings, found.sigma, options)
+    flights = cut(track, flights, meetings, found, options)
+    known = [flights[0].first == 0, *(close(*pair, options) for pair in pairwise(flights))]
+    known.append(flights[-1].last == len(track) - 1)
     for k, (before, after) in enumerate(pairwise(flights)):
         result = _between(track, before, after, (known[k], known[k + 2]), found, options, limits)
         if isinstance(result, Meeting):
