@@ -184,3 +184,39 @@ def test_settings_of_simulated_recordings_are_checked(tmp_path):
     with pytest.raises(DataError, match="exposure"):
         tracks_synthetic.load(size=2, folder=str(tmp_path), exposure=1.0)
     assert math.isclose(Camera().angle_noise, math.radians(0.1))
+
+
+def test_a_long_file_is_shared_between_processes(tmp_path):
+    """In the file's order, with its refusals, and with progress by pieces of 16 recordings."""
+    recordings, _ = simulate(20, PLAIN, seed=9)
+    names = ("time", "x", "y", "theta")
+    parts = [
+        pd.DataFrame(dict(zip(names, (r.time, *r.position.T, r.angle), strict=True))).assign(recording=r.name)
+        for r in recordings
+    ]
+    parts[3].loc[7, "time"] = parts[3].loc[6, "time"]
+    pd.concat(parts).to_csv(tmp_path / "long.csv", index=False)
+    pieces = []
+
+    def counted(parts):
+        for part in parts:
+            pieces.append(len(part))
+            yield part
+
+    found = [
+        tracks.find_impacts(
+            tmp_path / "long.csv",
+            mass=MASS,
+            shape=SHAPE,
+            options=tracks.track_options(unit="m", workers=workers),
+            progress=counted,
+        )
+        for workers in (1, 2)
+    ]
+    assert pieces == [16, 4] * 2
+    alone, shared = found
+    assert shared.impacts.trial == alone.impacts.trial
+    assert torch.equal(shared.impacts.v_post_cov, alone.impacts.v_post_cov)
+    assert [str(one) for one in shared.survey.refusals] == [str(one) for one in alone.survey.refusals]
+    assert shared.survey.recordings == alone.survey.recordings == 19
+    assert sum(one.reason is Reason.NOT_READ for one in shared.survey.refusals) == 1

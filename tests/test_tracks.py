@@ -293,12 +293,15 @@ def test_a_flight_with_frames_of_the_next_one_is_too_short():
 
 def test_frames_within_the_duration_of_a_contact_are_no_second_hit():
     """It lasts longer than a frame: one frame before its instant and one after it belong to no flight."""
-    contact = one_contact(bounce(at=0.102, seed=4), contact_time=3e-3)
-    assert contact.after.first - contact.before.last == 3
+    found = find_contacts(track_of(bounce(at=0.102, seed=4)), FlightOptions(contact_time=3e-3))
+    assert len(found.contacts) == 1
+    before, after = found.flights
+    assert after.first - before.last == 3
 
 
 def test_a_flight_goes_on_behind_two_bad_frames_in_a_row():
     pose = bounce(seed=2)
     pose[[19, 20]] += 40 * SIGMA
-    contact = one_contact(pose)
-    assert contact.before.last >= 24
+    found = find_contacts(track_of(pose))
+    assert len(found.contacts) == 1
+    assert found.flights[found.contacts[0].flight].last >= 24

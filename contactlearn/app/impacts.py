@@ -36,7 +36,7 @@ def write_impacts(cfg: DictConfig, out: Path) -> str:
         raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data/tracks.yaml")
     table.check_suffix(out)
     entries = plain_values(cfg)
-    body = {name: entries.pop(name) for name in ("mass", "shape", "inertia")}
+    body = {name: entries.pop(name) for name in ("mass", "shape", "inertia", "centre")}
     path = Path(entries.pop("path"))
     try:
         options = tracks.track_options(**{key: x for key, x in entries.items() if key not in ("_target_", "correct")})
@@ -47,7 +47,7 @@ def write_impacts(cfg: DictConfig, out: Path) -> str:
             path,
             **body,
             options=options,
-            progress=lambda files: bar.track([*files], description="searching recordings"),
+            progress=lambda parts: bar.track(parts, description="searching recordings"),
         )
     table.save(found.impacts, out)
     refused = out.with_name(f"{out.stem}.refused.csv")

@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from jaxtyping import Float
+
 from contactlearn.apparatus import Apparatus, Measured
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import Impacts
@@ -21,12 +23,13 @@ from contactlearn.tracks.conventions import ANGLES, SENSES, Conventions, find_fr
 from contactlearn.tracks.detection import FlightOptions
 from contactlearn.tracks.floor import Floor, find_floor, off_the_floor
 from contactlearn.tracks.frame import Clue
+from contactlearn.tracks.hull import Centre, MarkerHull, hull_of_markers, markers_of
 from contactlearn.tracks.impacts import impacts_of, moment_imbalance
 from contactlearn.tracks.readers import read, recording_files
 from contactlearn.tracks.readers.layout import Layout
 from contactlearn.tracks.result import Found, Hit, Refusal
 from contactlearn.tracks.survey import Progress, Survey, TrackOptions, sample, survey, tracked
-from contactlearn.tracks.track import Recording
+from contactlearn.tracks.track import Array, Recording
 
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _TELL = 3  # contacts that tell it, at least
@@ -43,6 +46,13 @@ class Tracked:
     floor: Floor
     shape: Shape
     options: TrackOptions
+    hull: MarkerHull | None = None
+    centre: Centre = None
+
+    @property
+    def r_cov(self) -> Float[Array, "n 2 2"] | None:
+        """Covariances of the contact points in m² where the shape is the hull of the markers."""
+        return None if self.hull is None else self.hull.contact_covariance(self.survey.contacts)
 
     def again(self, names: Collection[str]) -> Iterator[Found]:
         """Search some recordings once more, for what is not kept of all: tracks and flights.
@@ -66,12 +76,13 @@ def load(**settings: Any) -> Impacts:
 def find(
     path: str | os.PathLike[str],
     mass: float,
-    shape: Mapping[str, Any] | Shape,
+    shape: Mapping[str, Any] | Shape | None = None,
     inertia: float | None = None,
+    centre: Centre = None,
     **settings: Any,
 ) -> Tracked:
     """Impacts, and what was found on the way to them; see `find_impacts` and `track_options`."""
-    return find_impacts(path, mass=mass, shape=shape, inertia=inertia, options=track_options(**settings))
+    return find_impacts(path, mass=mass, shape=shape, inertia=inertia, centre=centre, options=track_options(**settings))
 
 
 def track_options(
@@ -103,7 +114,7 @@ def track_options(
         drag: of the air, 1/s; None: found from the flights.
         fewest: frames of a flight, at least.
         contact_time: duration of a contact in s.
-        workers: processes, for a hundred files and more.
+        workers: processes, for a hundred files and more, or for a single one.
 
     Raises:
         DataError: a value out of its range.
@@ -134,8 +145,9 @@ def find_impacts(
     path: str | os.PathLike[str],
     *,
     mass: float,
-    shape: Mapping[str, Any] | Shape,
+    shape: Mapping[str, Any] | Shape | None = None,
     inertia: float | None = None,
+    centre: Centre = None,
     options: TrackOptions = TrackOptions(),
     progress: Progress = iter,
 ) -> Tracked:
@@ -144,8 +156,9 @@ def find_impacts(
     Args:
         path: a file, or a folder with recordings in it and below it.
         mass: of the body in kg.
-        shape: of the body, for `contactlearn.shapes.make_shape`.
+        shape: of the body, for `contactlearn.shapes.make_shape`; None is the convex hull of its markers.
         inertia: in kg m² about the centre of mass; None is that of uniform density.
+        centre: of mass, in the hull of the markers: "mean" of them, or their weights; None is that of uniform density.
         options: of the search; conventions that they do not state are found.
         progress: wraps the files as they are read.
 
@@ -153,12 +166,16 @@ def find_impacts(
         DataError: no contact is found, or a convention is neither stated nor found.
         UnknownNameError: a shape that does not exist.
     """
-    known = make_shape(shape)
+    path, known, hull = Path(path), make_shape(shape), None
     if known is None:
-        raise DataError("data.shape must be given: the contact point is the lowest point of the body's shape")
+        options, hull = _by_markers(path, options, centre)
+        known = hull.shape
+        if centre is not None and inertia is None:
+            raise DataError("data.inertia must be given with data.centre: a uniform hull has its own centre")
+    elif centre is not None:
+        raise DataError("data.centre is of a body without data.shape; a shape has its centre of mass at its origin")
     mass = finite_number("mass", mass, 0, above=True)
     gyration = known.gyration_squared() if inertia is None else finite_number("inertia", inertia, 0, above=True) / mass
-    path = Path(path)
     conventions, clue = _angles(sample(recording_files(path), options.layout), options, known, gyration)
     found = survey(path, replace(options, conventions=conventions), progress=progress)
     found = replace(found, frame=replace(found.frame, clues=(*found.frame.clues, clue)))
@@ -172,7 +189,24 @@ def find_impacts(
     name = options.layout.body or type(known).__name__.lower()
     apparatus = _apparatus(found, floor, options)
     impacts = impacts_of(contacts, known, mass, gyration * mass, name, f"tracks of {path}", apparatus)
-    return Tracked(path=path, impacts=impacts, survey=found, floor=floor, shape=known, options=options)
+    return Tracked(
+        path=path, impacts=impacts, survey=found, floor=floor, shape=known, options=options, hull=hull, centre=centre
+    )
+
+
+def _by_markers(path: Path, options: TrackOptions, centre: Centre) -> tuple[TrackOptions, MarkerHull]:
+    """The hull of the markers, and options by which recordings have the poses of its centre of mass.
+
+    Angles from markers are in rad and as the file's axes say.
+    """
+    files, stated = recording_files(path), options.conventions
+    places = markers_of(sample(files, options.layout)[0]).tolist()
+    conventions = replace(stated, angle=stated.angle or "rad", sense=stated.sense or "as_read")
+    options = replace(options, conventions=conventions, layout=replace(options.layout, places=places))
+    recordings = sample(files, options.layout)
+    frame = find_frame(recordings, options.conventions, options.thresholds.frame)
+    hull = hull_of_markers(recordings, frame, centre)
+    return replace(options, layout=replace(options.layout, places=hull.places.tolist())), hull
 
 
 def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:

@@ -14,13 +14,12 @@ what their velocities differ in a part of the contact's duration, which `contact
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
 
-from contactlearn.tracks.detection import FlightOptions
-from contactlearn.tracks.flight import Flight, fit
+from contactlearn.tracks.detection import FlightOptions, Flights
+from contactlearn.tracks.flight import Air, Flight, Indices, fit
 from contactlearn.tracks.result import Hit
 from contactlearn.tracks.track import Array, Track, turn
 
@@ -96,30 +95,60 @@ def _apart(before: Flight, after: Flight, time: Array, skipped: Array) -> tuple[
     return d, S, before.velocities(time) - after.velocities(time - skipped)
 
 
-def cut(track: Track, flights: Sequence[Flight], sigma: Float[Array, "3"], options: FlightOptions) -> list[Flight]:
+def cut(
+    track: Track,
+    flights: Sequence[Flight],
+    meetings: Sequence[Meeting | None],
+    found: Flights,
+    options: FlightOptions,
+) -> list[Flight]:
     """Fit flights again without frames that are nearer to a contact than its duration, or beyond it.
 
-    Where no one contact ends a flight its last frame there goes as well: it may be that of the next contact.
+    Where no one contact ends a flight, frames of what is there may be among its own: see `_own`.
+
+    Args:
+        track: of the flights.
+        flights: in their order.
+        meetings: of each with the next, where one contact may be between them.
+        found: noise of a frame, and width of a window.
+        options: of the search.
     """
-    begins, ends = [-np.inf] * len(flights), [np.inf] * len(flights)
-    for k, (before, after) in enumerate(pairwise(flights)):
-        if close(before, after, options):
-            found = meet(track, before, after, options)
-            ends[k] = found.time - options.contact_time
-            begins[k + 1] = found.time - found.missing * track.step + options.contact_time
-        else:
-            ends[k], begins[k + 1] = (float(track.time[f]) for f in (before.last - 1, after.first + 1))
-    if flights and flights[-1].last < len(track) - 1:
-        ends[-1] = float(track.time[flights[-1].last - 1])
-    if flights and flights[0].first > 0:
-        begins[0] = float(track.time[flights[0].first + 1])
+    sigma = found.sigma
     fitted: list[Flight] = []
-    for flight, begin, end in zip(flights, begins, ends, strict=True):
-        when = track.time[flight.frames]
-        frames = flight.frames[(when >= begin) & (when <= end)]
-        cuts = 4 <= len(frames) < len(flight.frames)
-        fitted.append(fit(track.time, track.pose, frames, sigma, flight.air) if cuts else flight)
+    ends = (None, *meetings, None)
+    for flight, start, end in zip(flights, ends, ends[1:], strict=False):
+        when, kept = track.time[flight.frames], np.ones(len(flight.frames), dtype=np.bool_)
+        if start is not None:
+            kept &= when >= start.time - start.missing * track.step + options.contact_time
+        if end is not None:
+            kept &= when <= end.time - options.contact_time
+        frames = flight.frames[kept]
+        if len(frames) < 4:
+            frames = flight.frames
+        if start is None and flight.first > 0:
+            frames = _own(track, frames[::-1], found, flight.air)[::-1]
+        if end is None and flight.last < len(track) - 1:
+            frames = _own(track, frames, found, flight.air)
+        changed = len(frames) < len(flight.frames)
+        fitted.append(fit(track.time, track.pose, frames, sigma, flight.air) if changed else flight)
     return fitted
+
+
+def _own(track: Track, frames: Indices, found: Flights, air: Air) -> Indices:
+    """Frames of a flight without its last one, and without those before it that are of something else.
+
+    The last m frames are as they are left out if χ² of the flight falls by more than twice their 3 m numbers (Akaike
+    1974): each of them may be near the flight where all of them together are not.  The others' errors are independent
+    of what was asked.  A window of frames stays, with which a flight is not too short.
+    """
+    frames, sigma = frames[:-1], found.sigma
+    most = min(len(frames) // 3, len(frames) - found.width)
+    if most < 1:
+        return frames
+    fits = [fit(track.time, track.pose, np.sort(frames[: len(frames) - m]), sigma, air) for m in range(most + 1)]
+    total = np.array([((one.residual / sigma) ** 2).sum() for one in fits])
+    gain = total[0] - total - 6 * np.arange(most + 1)
+    return frames[: len(frames) - int(gain.argmax())]
 
 
 def close(before: Flight, after: Flight, options: FlightOptions) -> bool:
@@ -133,8 +162,9 @@ def meet(track: Track, before: Flight, after: Flight, options: FlightOptions) ->
     return meeting(before, after, window, track.step, options)
 
 
-def hit_of(track: Track, number: int, found: Meeting, before: Flight, after: Flight) -> Hit:
-    """State before and after contact at its instant, with the covariance of everything."""
+def hit_of(track: Track, number: int, found: Meeting, flights: Sequence[Flight], place: int) -> Hit:
+    """State before and after contact at its instant with all covariances; `place` is that of the flight before."""
+    before, after = flights[place : place + 2]
     (a, A), (b, B) = before.at(found.time), after.at(found.time - found.missing * track.step)
     errors = np.zeros((12, 12))
     errors[:6, :6], errors[6:, 6:] = A, B
@@ -157,14 +187,13 @@ def hit_of(track: Track, number: int, found: Meeting, before: Flight, after: Fli
         recording=track.name,
         number=number,
         time=found.time,
-        v_pre=a[3:],
-        v_post=b[3:],
+        v_pre=a[3:].copy(),
+        v_post=b[3:].copy(),
         pose=pose,
         covariance=jacobian @ errors @ jacobian.T,
         missing=found.missing,
         certainty=found.certainty,
         lost=lost,
         apart=found.apart,
-        before=before,
-        after=after,
+        flight=place,
     )

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from contactlearn.tracks.contact import close, cut, hit_of, meet
+from contactlearn.tracks.contact import Meeting, close, cut, hit_of, meet
 from contactlearn.tracks.detection import FlightOptions, Flights, apart, find_flights
 from contactlearn.tracks.flight import Flight
 from contactlearn.tracks.result import Found, Hit, Reason, Refusal
@@ -34,13 +34,14 @@ def find_contacts(
         return Found(track=track, sigma=found.sigma, flights=(), contacts=(), refusals=tuple(refusals))
     if flights[0].first > 0:
         refusals.append(_gap(track, 0, flights[0].first - 1, found, limits))
-    flights = cut(track, flights, found.sigma, options)
+    meetings = [_one_contact(track, *pair, options, limits) for pair in pairwise(flights)]
+    flights = cut(track, flights, meetings, found, options)
     known = [flights[0].first == 0, *(close(*pair, options) for pair in pairwise(flights))]
     known.append(flights[-1].last == len(track) - 1)
     for k, (before, after) in enumerate(pairwise(flights)):
-        result = _between(track, before, after, (known[k], known[k + 2]), found, options, limits, len(contacts))
-        if isinstance(result, Hit):
-            contacts.append(result)
+        result = _between(track, before, after, (known[k], known[k + 2]), found, options, limits)
+        if isinstance(result, Meeting):
+            contacts.append(hit_of(track, len(contacts) + 1, result, flights, k))
         else:
             refusals.append(result)
     if flights[-1].last < len(track) - 1:
@@ -48,6 +49,23 @@ def find_contacts(
     return Found(
         track=track, sigma=found.sigma, flights=tuple(flights), contacts=tuple(contacts), refusals=tuple(refusals)
     )
+
+
+def _one_contact(
+    track: Track, before: Flight, after: Flight, options: FlightOptions, limits: FlightThresholds
+) -> Meeting | None:
+    """Where two flights meet if one contact may be between them: it then ends both."""
+    if not close(before, after, options):
+        return None
+    met = meet(track, before, after, options)
+    return met if met.apart <= limits.meets and _neither(track, before, after, met, options) <= 1 else None
+
+
+def _neither(track: Track, before: Flight, after: Flight, met: Meeting, options: FlightOptions) -> int:
+    """Frames in neither flight that are further from a contact than its duration."""
+    between = slice(before.last + 1, after.first)
+    far = np.abs(track.time[between] - met.time) > options.contact_time
+    return int((track.seen[between] & far).sum())
 
 
 def _between(
@@ -58,9 +76,8 @@ def _between(
     found: Flights,
     options: FlightOptions,
     limits: FlightThresholds,
-    contacts: int,
-) -> Hit | Refusal:
-    """The contact between two flights, or why it is none; `known` is whether it is seen what their other ends are."""
+) -> Meeting | Refusal:
+    """Where two flights meet at a contact, or why there is none; `known` says whether it is seen what ends them."""
     first, last = before.last, after.first
     if not close(before, after, options):
         return _gap(track, first + 1, last - 1, found, limits)
@@ -68,9 +85,8 @@ def _between(
     change, _ = apart(before, after, met.time)
     errors = before.covariance[3:, 3:] + after.covariance[3:, 3:]
     moved = float(change[3:] @ np.linalg.solve(errors, change[3:]))
-    inside = track.seen[first + 1 : last]
-    far = np.abs(track.time[first + 1 : last] - met.time) > options.contact_time
-    lost, neither = int((~inside).sum()), int((inside & far).sum())
+    lost = int((~track.seen[first + 1 : last]).sum())
+    neither = _neither(track, before, after, met, options)
     few = _too_few((before, after), known, found, options)
     jump = 1e3 * float(np.hypot(*change[:2]))
     skipped = _skipped(before, after, met.time, track.step, options.most_missing, limits.same)
@@ -86,7 +102,7 @@ def _between(
     for holds, reason, quantity, value, unit in reasons:
         if holds:
             return _refusal(track, first, last, reason, quantity, value, unit)
-    return hit_of(track, contacts + 1, met, before, after)
+    return met
 
 
 def _too_few(flights: tuple[Flight, Flight], known: tuple[bool, bool], found: Flights, options: FlightOptions) -> int:

@@ -134,7 +134,7 @@ class _Problem:
 
     def _rows(self, turned: float) -> tuple[dict[str, Array], Array, int]:
         """Columns by name, what they are to give, and the number of angles."""
-        lying, rests, size = self.lying, self.rests, self.shape.gyration_squared() ** 0.5
+        lying, rests, size = self.lying, self.rests, float(self.shape.outline().norm(dim=-1).mean()) / 2**0.5
         points, theta = _lowest(self.contacts, self.shape, turned), np.array([hit.pose[2] for hit in self.contacts])
         pose = np.reshape([rest.pose for rest in rests], (-1, 3))
         side = [lying.nearest(angle) for angle in pose[:, 2].tolist()] if len(lying.angles) else []

@@ -1,9 +1,8 @@
 """Results of the step from a track to impacts: contacts between free flights, and refusals with reason and number."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
-import numpy as np
 from jaxtyping import Float
 
 from contactlearn.tracks.flight import Flight
@@ -23,7 +22,7 @@ class Reason(StrEnum):
     NOT_READ = "not_read"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Refusal:
     """A recording, or a part of it, that is no impact.
 
@@ -46,7 +45,7 @@ class Refusal:
     message: str = ""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
 class Hit:
     """One contact between two free flights, at the instant at which they meet.
 
@@ -62,8 +61,7 @@ class Hit:
         certainty: probability that this is their number.
         lost: frames at contact that are marked as lost.
         apart: squared distance of the two flights at that instant in standard deviations; 2 is expected.
-        before: flight before contact.
-        after: flight after it, in the recording's time.
+        flight: place of the flight before contact among those of its track; the one after contact is the next.
     """
 
     recording: str
@@ -77,14 +75,7 @@ class Hit:
     certainty: float
     lost: int
     apart: float
-    before: Flight
-    after: Flight
-
-    def without_frames(self) -> "Hit":
-        """The contact with the first and last frames of its flights only: the others are most of its memory."""
-        ends, none = [0, -1], np.zeros((0, 3))
-        before, after = (replace(x, frames=x.frames[ends], residual=none) for x in (self.before, self.after))
-        return replace(self, before=before, after=after)
+    flight: int
 
     @property
     def name(self) -> str:
@@ -92,7 +83,7 @@ class Hit:
         return f"{self.recording}#{self.number}"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
 class Rest:
     """A body that is still.
 

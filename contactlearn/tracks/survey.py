@@ -5,12 +5,14 @@ memory at a time; of each the contacts, refusals and rests stay.
 """
 
 import multiprocessing
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,9 +30,14 @@ from contactlearn.tracks.track import Recording, Track
 
 _SAMPLE = 24  # recordings from which conventions are found
 _MANY = 100  # files from which on they are shared among processes
-_CHUNK = 16  # files that a process gets at once
+_CHUNK = 16  # files, or recordings of a single one, that a process gets at once
+_AHEAD = 4  # pieces of a single file that wait for each process
 
-Progress = Callable[[Iterable[Path]], Iterable[Path]]
+_Piece = list[Recording | Refusal]
+
+
+Progress = Callable[[Iterable[Any]], Iterable[Any]]
+"""Wraps files as they are read or, of a single one, pieces of at most 16 recordings."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +49,7 @@ class TrackOptions:
         layout: of the files.
         flight: of the search for flights and contacts.
         thresholds: that decide.
-        workers: processes, for many files.
+        workers: processes, for many files or a single one.
     """
 
     conventions: Conventions = Conventions()
@@ -81,20 +88,22 @@ def survey(path: Path, options: TrackOptions = TrackOptions(), *, progress: Prog
     Args:
         path: a file or a folder.
         options: of the search.
-        progress: wraps the files as they are read.
+        progress: wraps the files as they are read, or the pieces of a single one.
 
     Raises:
         DataError: no recording can be read, or a convention is neither stated nor found.
     """
     files = recording_files(path)
     frame = find_frame(sample(files, options.layout), options.conventions, options.thresholds.frame)
-    parts = [*_parts(files, frame, options.in_air(frame), progress)]
+    whole = _Part()
+    for part in _parts(files, frame, options.in_air(frame), progress):
+        whole.add(part)
     return Survey(
         frame=frame,
-        recordings=sum(part.recordings for part in parts),
-        contacts=tuple(contact for part in parts for contact in part.contacts),
-        refusals=tuple(refusal for part in parts for refusal in part.refusals),
-        rests=tuple(rest for part in parts for rest in part.rests),
+        recordings=whole.recordings,
+        contacts=tuple(whole.contacts),
+        refusals=tuple(whole.refusals),
+        rests=tuple(whole.rests),
     )
 
 
@@ -164,40 +173,95 @@ def _out_of_plane(track: Track, limits: TrackThresholds) -> Refusal | None:
 
 @dataclass(eq=False)
 class _Part:
-    """What one file holds; the fields are those of `Survey`."""
+    """What some recordings hold; the fields are those of `Survey`."""
 
     recordings: int = 0
     contacts: list[Hit] = field(default_factory=list)
     refusals: list[Refusal] = field(default_factory=list)
     rests: list[Rest] = field(default_factory=list)
 
+    def add(self, other: "_Part") -> None:
+        """Add what others hold."""
+        self.recordings += other.recordings
+        self.contacts += other.contacts
+        self.refusals += other.refusals
+        self.rests += other.rests
+
 
 def _parts(files: Sequence[Path], frame: Frame, options: TrackOptions, progress: Progress) -> Iterator[_Part]:
-    """What each file holds."""
-    work = partial(_surveyed, frame=frame, options=options)
-    if options.workers == 1 or len(files) < _MANY:
-        yield from map(work, progress(files))
-        return
-    with ProcessPoolExecutor(options.workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for _, part in zip(progress(files), pool.map(work, files, chunksize=_CHUNK), strict=True):
-            yield part
+    """What each file holds, or each few recordings of a single one."""
+    if len(files) > 1 and (options.workers == 1 or len(files) < _MANY):
+        pieces = (piece for file in progress(files) for piece in _pieces(file, options.layout))
+        yield from map(partial(_searched, frame=frame, options=options), pieces)
+    elif len(files) > 1:
+        work = partial(_surveyed, frame=frame, options=options)
+        with _pool(options.workers) as pool:
+            for _, part in zip(progress(files), pool.map(work, files, chunksize=_CHUNK), strict=True):
+                yield part
+    else:
+        pieces = progress(_pieces(files[0], options.layout))
+        work = partial(_searched, frame=frame, options=options)
+        yield from map(work, pieces) if options.workers == 1 else _shared(work, pieces, options.workers)
+
+
+def _pool(workers: int) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+
+
+def _shared(work: Callable[[_Piece], _Part], pieces: Iterable[_Piece], workers: int) -> Iterator[_Part]:
+    """What pieces of a file hold, in their order; no more of them than the processes need are read ahead."""
+    waiting = deque[Future[_Part]]()
+    with _pool(workers) as pool:
+        for piece in pieces:
+            waiting.append(pool.submit(work, piece))
+            if len(waiting) > _AHEAD * workers:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def _pieces(file: Path, layout: Layout) -> Iterator[_Piece]:
+    """A few recordings of a file at a time; what is the matter with one, or with the rest of the file, is a refusal."""
+    piece, read_before = [], 0
+    try:
+        for recording in read(file, layout):
+            if isinstance(recording, Recording):
+                piece.append(recording)
+                read_before += 1
+            else:
+                piece.append(_not_read(file, read_before, recording))
+            if len(piece) == _CHUNK:
+                yield piece
+                piece = []
+    except ContactLearnError as error:
+        piece.append(_not_read(file, read_before, error))
+    yield piece
 
 
 def _surveyed(file: Path, frame: Frame, options: TrackOptions) -> _Part:
-    """What one file holds; an error is a refusal."""
+    """What one file holds."""
     part = _Part()
-    try:
-        for recording in read(file, options.layout):
-            if not isinstance(recording, Recording):
-                part.refusals.append(_not_read(file, part.recordings, recording))
-                continue
+    for piece in _pieces(file, options.layout):
+        part.add(_searched(piece, frame, options))
+    return part
+
+
+def _searched(piece: _Piece, frame: Frame, options: TrackOptions) -> _Part:
+    """What a few recordings hold."""
+    part = _Part()
+    for recording in piece:
+        if isinstance(recording, Refusal):
+            part.refusals.append(recording)
+            continue
+        try:
             found = tracked(recording, frame, options)
-            part.recordings += 1
-            part.contacts += [contact.without_frames() for contact in found.contacts]
-            part.refusals += found.refusals
-            part.rests += found.rests
-    except ContactLearnError as error:
-        part.refusals.append(_not_read(file, part.recordings, error))
+        except ContactLearnError as error:
+            part.refusals.append(_not_read(Path(recording.source), part.recordings, error))
+            continue
+        part.recordings += 1
+        part.contacts += found.contacts
+        part.refusals += found.refusals
+        part.rests += found.rests
     return part
 
 

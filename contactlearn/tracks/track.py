@@ -34,6 +34,7 @@ class Recording:
         quaternion: in the file's order of components, for positions in space.
         unit: of length, where the format says so.
         order: of the quaternion's components, where the format or the names of its columns say so.
+        markers: mean places [m, d] in the body about the tracked point, where the pose is found from markers.
 
     Raises:
         DataError: fewer than two frames, columns of unequal length, or time stamps that do not grow.
@@ -47,6 +48,7 @@ class Recording:
     quaternion: Float[Array, "t 4"] | None = None
     unit: str | None = None
     order: str | None = None
+    markers: Float[Array, "m d"] | None = None
 
     def __post_init__(self) -> None:
         frames = len(self.time)

@@ -35,8 +35,7 @@ _WIDE = 38  # letters of a title
 @st.look()
 def contact_figure(found: Found, contact: Hit, shape: Shape) -> Figure:
     """Draw x, y and θ over time with both flights and the instant of contact, residuals below, and the body there."""
-    track, whole = found.track, found.contacts[contact.number - 1]  # with the residuals, which a survey does not keep
-    flights = whole.before, whole.after
+    track, flights = found.track, found.flights[contact.flight : contact.flight + 2]
     figure = st.new_figure(st.PAGE, 4.2)
     panels = figure.subplots(2, 4, height_ratios=(2, 1))
     for k, label in enumerate(_LABELS):

@@ -44,7 +44,7 @@ def of_recording(found: Found, contacts: Sequence[Hit], refusals: Sequence[Refus
         "time": digits(track.time[kept].tolist(), 7),
         "pose": digits((_SHOWN * pose[kept]).T.round(6).tolist(), 6),
         "flights": [_flight(track, flight, pose, kept) for flight in found.flights],
-        "contacts": [_contact(contact, found.flights) for contact in contacts],
+        "contacts": [*map(_contact, contacts)],
         "refused": [_refused(refusal) for refusal in refusals],
     }
 
@@ -89,15 +89,15 @@ def _flight(track: Track, flight: Flight, pose: Float[Array, "t 3"], kept: Int[I
     }
 
 
-def _contact(contact: Hit, flights: Sequence[Flight]) -> dict[str, Any]:
-    """A row of the table of contacts, the pose (m, m, rad), and the place of the flight before it, or −1."""
+def _contact(contact: Hit) -> dict[str, Any]:
+    """A row of the table of contacts, the pose (m, m, rad), and the place of the flight before it."""
     errors = np.sqrt(contact.covariance.diagonal()).tolist()
     velocities = [*contact.v_pre.tolist(), *contact.v_post.tolist()]
     return {
         "name": contact.name,
         "time": digits(contact.time, 7),
         "pose": digits(contact.pose.tolist(), 7),
-        "before": next((k for k, flight in enumerate(flights) if flight.first == contact.before.first), -1),
+        "before": contact.flight,
         "cells": [
             measured(contact.time, errors[9]),
             *map(measured, velocities, errors),

@@ -44,7 +44,7 @@ def tracks_facts(found: Tracked) -> list[tuple[str, str]]:
     size = float(np.hypot(*frame.gravity))
     off = number(100 * (size / GRAVITY - 1), 2)
     gravity = f"{number(size)} ± {number(frame.gravity_error, 1)} m/s², {off} % off {GRAVITY}"
-    facts = [*map(_convention, frame.clues), ("gravity", gravity), *_floor(found), *_errors(found)]
+    facts = [*map(_convention, frame.clues), ("gravity", gravity), *_hull(found), *_floor(found), *_errors(found)]
     missing = sum(contact.missing > 0 for contact in found.survey.contacts)
     if missing:
         said = f"frames at contact in {missing} impacts, though their time stamps show no gap"
@@ -70,6 +70,18 @@ def _convention(clue: Clue) -> tuple[str, str]:
 def _with_unit(quantity: str, value: float, unit: str) -> str:
     own = "" if unit == "–" or quantity.startswith(unit) else f" {unit}"
     return f"{quantity} {number(value, 3)}{own}"
+
+
+def _hull(found: Tracked) -> list[tuple[str, str]]:
+    """How contact points are known where the shape is that of the markers, and how well."""
+    if found.hull is None or found.r_cov is None:
+        return []
+    x, y = (1e3 * np.sqrt(np.median(found.r_cov.diagonal(axis1=1, axis2=2), 0))).tolist()
+    centre = "uniform density is assumed" if found.centre is None else "the centre of mass is the stated one"
+    return [
+        ("shape", f"the convex hull of {len(found.hull.places)} markers, taken to be on the outline; {centre}"),
+        ("points", f"of contact are the lowest markers, ± {number(x, 2)} and {number(y, 2)} mm in the median"),
+    ]
 
 
 def _floor(found: Tracked) -> list[tuple[str, str]]:

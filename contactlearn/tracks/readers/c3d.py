@@ -27,4 +27,5 @@ def read(path: Path, layout: Layout) -> Iterator[Recording]:
     markers = np.asarray(points[:3, chosen], dtype=np.float64).transpose(2, 1, 0)
     rate = float(about["RATE"]["value"][0]) if layout.rate is None else layout.rate
     unit = next(iter(about["UNITS"]["value"]), "").lower() or None
-    yield pose_of_markers(markers, np.arange(len(markers)) / rate, name=path.stem, source=str(path), unit=unit)
+    time = np.arange(len(markers)) / rate
+    yield pose_of_markers(markers, time, layout.places, name=path.stem, source=str(path), unit=unit)

@@ -101,7 +101,7 @@ def _recording(path: Path, name: str, table: pd.DataFrame, layout: Layout) -> Re
     time = _column(place, table, layout.time) if layout.time in table.columns else layout.times(len(table), str(path))
     if layout.markers:
         markers = np.stack([_columns(place, table, names) for names in layout.markers], 1)
-        return pose_of_markers(markers, time, name=name, source=str(path))
+        return pose_of_markers(markers, time, layout.places, name=name, source=str(path))
     spatial = layout.position[2:] and layout.position[2] in table.columns
     position = _columns(place, table, layout.position if spatial else layout.position[:2])
     if spatial:

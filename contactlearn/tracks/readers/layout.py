@@ -30,6 +30,8 @@ class Layout:
         recording: of the recording's name, in a file with several; None if there is one a file.
         markers: of each marker's x and y, or x, y and z, from which the pose is found; none if the file has poses.
         body: of the rigid body, topic or group, where a file has several.
+        places: of the markers in the body about its centre of mass, in the file's unit, where they are known: poses are
+            then those of this body.
     """
 
     time: str = "time"
@@ -40,6 +42,7 @@ class Layout:
     recording: str | None = "recording"
     markers: Sequence[Sequence[str]] = field(default=())
     body: str | None = None
+    places: Sequence[Sequence[float]] = field(default=())
 
     def __post_init__(self) -> None:
         for name in ("position", "quaternion"):
