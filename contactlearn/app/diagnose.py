@@ -27,6 +27,7 @@ from contactlearn.report.tensorboard import Tracker
 from contactlearn.report.text import base_label, headline, rung_label
 from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.results.folder import write_result
+from contactlearn.sweeps.resources import available_memory
 
 
 def diagnose(cfg: DictConfig) -> None:
@@ -60,6 +61,7 @@ def _found(cfg: DictConfig, impacts: Impacts, bar: Progress) -> Diagnosis:
         limits={name: tuple(ends) for name, ends in cfg.limits.items()},
         seed=cfg.seed,
         seconds=cfg.seconds,
+        memory=available_memory(),
         observer=report.TerminalObserver(bar),
     )
 

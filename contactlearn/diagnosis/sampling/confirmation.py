@@ -26,6 +26,7 @@ from contactlearn.numerics import Z_95
 
 CHUNK = 50_000
 """Trials that are predicted at once."""
+_WORST = 0.02  # share of the trials whose errors a failing region has many of
 _NEIGHBOURS = 4000  # trials for the noise floor, at most
 
 
@@ -55,7 +56,7 @@ def confirm(
     law, named = (predicted(model, impacts) for model in (record.base, record.model))
     before, after = (mass_error(impacts, one) for one in (law, named))
     error = normal_interval(after[outside])
-    regions = find_regions(impacts, named, generator=generator, thresholds=thresholds.regions)
+    regions = find_regions(impacts, named, generator=generator, thresholds=thresholds.regions, worst=_WORST)
     return Confirmation(
         trials=int(outside.sum()),
         base=normal_interval(before[outside]),
