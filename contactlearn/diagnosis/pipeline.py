@@ -107,6 +107,7 @@ def diagnose(
         limits=limits or {},
         thresholds=thresholds,
         seconds=seconds,
+        memory=memory,
         observer=observer,
         generator=torch.Generator().manual_seed(seed),
     )
@@ -117,15 +118,8 @@ def diagnose(
         return _refused(law, findings, thresholds)
     impacts = corrected(impacts, findings, thresholds)
     study = replace(study, given={name: effect.prepare(impacts) for name, effect in study.given.items()})
-    rounds = Rounds(
-        diagnosed=lambda some, generator: _diagnosed(replace(study, generator=generator), law, some, findings),
-        corrected=tuple(one.correction for one in findings if one.correction),
-        seed=seed,
-        noise=noise,
-        memory=memory,
-        thresholds=thresholds,
-        observer=observer,
-    )
+    corrections = tuple(one.correction for one in findings if one.correction)
+    rounds = Rounds(study, seed, corrections, lambda asked, some: _diagnosed(asked, law, some, findings))
     return _diagnosed(study, law, impacts, findings) if rounds.whole(len(impacts)) else rounds.run(impacts)
 
 

@@ -55,6 +55,7 @@ class Study:
     limits: Mapping[str, tuple[float, float]]
     thresholds: Thresholds
     seconds: float
+    memory: float | None
     observer: Observer
     generator: torch.Generator
     ordered: bool = True

@@ -17,7 +17,7 @@ from contactlearn.diagnosis.failure.regions import find_regions
 from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.diagnosis.result import Confirmation, Diagnosis, FailingRegion, Record
 from contactlearn.diagnosis.sampling.map import error_map
-from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.thresholds import SampleThresholds, Thresholds
 from contactlearn.diagnosis.unexplained.remainder import ordinary
 from contactlearn.evaluation.metrics import Interval, mass_error
 from contactlearn.impacts import Impacts, Prediction
@@ -51,6 +51,7 @@ def confirm(
         noise: standard deviations of the measured velocities, where they are stated, see `diagnose`.
         thresholds: limits of what is reported.
     """
+    assert found.budget is not None
     outside = torch.ones(len(impacts), dtype=torch.bool)
     outside[rows] = False
     law, named = (predicted(model, impacts) for model in (record.base, record.model))
@@ -62,7 +63,7 @@ def confirm(
         base=normal_interval(before[outside]),
         named=error,
         noise=_noise(found, record.model, impacts, outside, generator, noise),
-        agrees=_agrees(error, found, thresholds),
+        agrees=agree(error, found.budget.named, thresholds.sample),
         outliers=outliers_of(impacts, lambda some: predicted(record.model, some).v_post, thresholds.audit.outliers),
         regions=tuple(FailingRegion.of(one, int((~outside[list(one.rows)]).sum())) for one in regions),
         map=error_map(impacts, law, before, after),
@@ -81,12 +82,10 @@ def normal_interval(errors: Float[Tensor, " n"]) -> Interval:
     return Interval(mean, mean - margin, mean + margin)
 
 
-def _agrees(error: Interval, found: Diagnosis, thresholds: Thresholds) -> bool:
-    """Whether the error of the full model is that of the subsample, but for chance."""
-    assert found.budget is not None
-    inside = found.budget.named
-    spread = math.hypot(error.high - error.low, inside.high - inside.low) / (2 * Z_95)
-    return abs(error.mean - inside.mean) <= thresholds.sample.sigmas * spread
+def agree(one: Interval, other: Interval, thresholds: SampleThresholds) -> bool:
+    """Whether two mean errors of different trials are the same but for chance."""
+    spread = math.hypot(one.high - one.low, other.high - other.low) / (2 * Z_95)
+    return abs(one.mean - other.mean) <= thresholds.sigmas * spread
 
 
 def _noise(

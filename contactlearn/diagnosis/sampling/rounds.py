@@ -1,7 +1,7 @@
 """The subsamples of a large table: each is diagnosed, twice as large as the one before, until two answers agree."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
@@ -9,11 +9,11 @@ from jaxtyping import Int
 from torch import Tensor
 
 from contactlearn.audit.corrections import correct
-from contactlearn.diagnosis.observer import Observer, Step
+from contactlearn.diagnosis.observer import Step
 from contactlearn.diagnosis.result import Answer, Diagnosis, Limit, Sample
 from contactlearn.diagnosis.sampling.confirmation import confirm
 from contactlearn.diagnosis.sampling.draw import object_numbers, space_filling
-from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.stages import Study
 from contactlearn.impacts import Impacts
 
 _BYTES, _BYTES_A_TRIAL = 0.3e9, 1.7e5  # of a diagnosis, measured: benchmarks/large_tables.py
@@ -22,31 +22,25 @@ _LEAST = 250  # trials of a subsample, whatever the memory
 _OUTSIDE = 0.2  # share of the trials that is in no subsample, at least
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Rounds:
     """The question about a large table.
 
     Args:
-        diagnosed: diagnoses a subsample with random numbers of a generator.
-        corrected: corrections of the table that were made before.
+        study: the question about any trials, and the memory that its answer may take.
         seed: of the first generator.
-        noise: standard deviations of the measured velocities, where they are stated, see `diagnose`.
-        memory: bytes that a diagnosis may take; no limit if None.
-        thresholds: limits of every decision.
-        observer: hears of each step.
+        corrected: corrections of the table that were made before.
+        diagnosed: answers a question about some impacts.
     """
 
-    diagnosed: Callable[[Impacts, torch.Generator], Diagnosis]
-    corrected: tuple[str, ...]
+    study: Study
     seed: int
-    noise: Sequence[float] | None
-    memory: float | None
-    thresholds: Thresholds
-    observer: Observer
+    corrected: tuple[str, ...]
+    diagnosed: Callable[[Study, Impacts], Diagnosis]
 
     def whole(self, trials: int) -> bool:
         """Whether so many trials are diagnosed at once."""
-        return trials <= self.thresholds.sample.whole and self._affordable(trials)
+        return trials <= self.study.thresholds.sample.whole and self._affordable(trials)
 
     def run(self, impacts: Impacts) -> Diagnosis:
         """Diagnose subsamples until two answers agree, and test the last one on all trials."""
@@ -56,9 +50,9 @@ class Rounds:
         for k, size in enumerate(sizes):
             generator = torch.Generator().manual_seed(self.seed + k)
             rows = space_filling(impacts, size, generator)
-            self.observer.step(self._step(objects, rows, speed))
+            self.study.observer.step(self._step(objects, rows, speed))
             began = time.monotonic()
-            found = self.diagnosed(impacts[rows], generator)
+            found = self.diagnosed(replace(self.study, generator=generator), impacts[rows])
             speed = (time.monotonic() - began) / _seconds(size)
             answers.append(_answer(found, size))
             if len(answers) > 1 and answers[-1].agrees(answers[-2]):
@@ -69,7 +63,7 @@ class Rounds:
 
     def _sizes(self, trials: int) -> tuple[list[int], Limit]:
         """Sizes of the subsamples, and what stops them in the end."""
-        limits, most = self.thresholds.sample, int((1 - _OUTSIDE) * trials)
+        limits, most = self.study.thresholds.sample, int((1 - _OUTSIDE) * trials)
         first = min(limits.first, most)
         while first > _LEAST and not self._affordable(first):
             first = max(_LEAST, first // 2)
@@ -81,7 +75,7 @@ class Rounds:
         return sizes, Limit.SIZE
 
     def _affordable(self, trials: int) -> bool:
-        return self.memory is None or _bytes(trials) <= self.memory
+        return self.study.memory is None or _bytes(trials) <= self.study.memory
 
     def _step(self, objects: Int[Tensor, " n"], rows: Int[Tensor, " k"], speed: float) -> Step:
         """What comes next, and what it takes."""
@@ -113,8 +107,8 @@ class Rounds:
             correct(impacts, averaged),
             rows,
             generator=torch.Generator().manual_seed(self.seed),
-            noise=self.noise,
-            thresholds=self.thresholds,
+            noise=self.study.options.noise,
+            thresholds=self.study.thresholds,
         )
         sample = Sample(
             of=len(impacts),
@@ -124,7 +118,7 @@ class Rounds:
             limit=limit,
             confirmation=confirmation,
         )
-        self.observer.confirmed(sample)
+        self.study.observer.confirmed(sample)
         findings = [one for one in found.findings if one.name != "model_outliers"]
         findings += [confirmation.outliers] if confirmation.outliers is not None else []
         return replace(found, findings=tuple(findings), sample=sample)

@@ -12,12 +12,11 @@ _LIMITS = {
 }
 
 
-def step(next_: Step) -> str:
+def step(coming: Step) -> str:
     """Say which subsample comes next, and what it takes."""
-    return (
-        f"{counted(next_.trials)} of {counted(next_.of)} trials come next, "
-        f"{_evenly(next_.objects_seen, next_.objects)}: about {next_.seconds:.0f} s and {next_.gigabytes:.1f} GB"
-    )
+    size = f"{counted(coming.trials)} of {counted(coming.of)} trials come next"
+    needs = f"about {coming.seconds:.0f} s and {coming.gigabytes:.1f} GB"
+    return f"{size}, {_evenly(coming.objects_seen, coming.objects)}: {needs}"
 
 
 def summary_of(sample: Sample) -> list[str]:
@@ -40,10 +39,11 @@ def summary_of(sample: Sample) -> list[str]:
 
 def failing_region(region: FailingRegion, sample: Sample) -> str:
     """Say where the full model fails among all trials, and how much of that the sample has."""
+    size = f"error {times(region.ratio.mean)} the rest, {p_value(region.p_value)}"
+    share = f"{counted(region.trials)} of all trials ({percent(region.trials / sample.of, 1)})"
     return (
-        f"The full model fails in {region.where}: error {times(region.ratio.mean)} the rest, "
-        f"{p_value(region.p_value)}, {counted(region.trials)} of all trials ({percent(region.trials / sample.of, 1)}), of which the sample has "
-        f"{counted(region.sampled)}; what acts there alone is hardly in the diagnosis."
+        f"The full model fails in {region.where}: {size}, {share}, of which the sample has {counted(region.sampled)}; "
+        "what acts there alone is hardly in the diagnosis."
     )
 
 
