@@ -13,6 +13,7 @@ from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis, Limit, Record, Verdict
 from contactlearn.diagnosis.sampling.confirmation import confirm
 from contactlearn.diagnosis.sampling.draw import space_filling
+from contactlearn.diagnosis.sampling.kept import forget
 from contactlearn.diagnosis.sampling.rounds import Rounds
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.stages import Study
@@ -64,10 +65,10 @@ def test_every_trial_is_as_likely_to_be_drawn(many):
 # Growth
 
 
-def study(memory=None, thresholds=SMALL):
+def study(memory=None, thresholds=SMALL, kept=None):
     return Study(
         given={}, candidates={}, laws={}, options=FitOptions(), limits={}, thresholds=thresholds, seconds=60.0,
-        memory=memory, observer=Observer(), generator=seeded(),
+        memory=memory, kept=kept, observer=Observer(), generator=seeded(),
     )  # fmt: skip
 
 
@@ -114,6 +115,33 @@ def test_memory_takes_the_smaller_road(many):
     assert asked == [1000]
     assert found.sample.limit is Limit.MEMORY
     assert "memory" in samples.summary_of(found.sample)[0]
+
+
+def test_a_stopped_run_goes_on_behind_its_finished_subsamples(many, tmp_path):
+    table, asked, heard = many[slice(0, 2000)], [], []
+
+    class Heard(Observer):
+        def step(self, step):
+            heard.append((step.trials, step.kept))
+
+    def stopped(_, some):
+        if len(some) > 150:
+            raise KeyboardInterrupt
+        return replace(made_up(30), law="mirtich")
+
+    asking = replace(study(kept=tmp_path / "parts"), observer=Heard())
+    with pytest.raises(KeyboardInterrupt):
+        Rounds(asking, 0, (), stopped).run(table)
+    found = Rounds(asking, 0, (), answering(["mirtich"], asked)).run(table)
+    assert asked == [300]
+    assert heard == [(150, False), (300, False), (150, True), (300, False)]
+    undisturbed = Rounds(study(), 0, (), answering(["mirtich"] * 2, [])).run(table)
+    assert found == undisturbed
+    (tmp_path / "parts" / "150" / "record.npz").write_bytes(b"half")  # what cannot be read is made again
+    Rounds(asking, 0, (), answering(["mirtich"], asked)).run(table)
+    assert asked == [300, 150]
+    forget(tmp_path / "parts")
+    assert not (tmp_path / "parts").exists()
 
 
 # Answer

@@ -31,6 +31,7 @@ class Step:
         objects_seen: of the subsample.
         seconds: that it will take, about.
         gigabytes: of memory, likewise.
+        kept: whether a run that was stopped has diagnosed it, so that nothing of that is done again.
     """
 
     trials: int
@@ -39,6 +40,7 @@ class Step:
     objects_seen: int
     seconds: float
     gigabytes: float
+    kept: bool = False
 
 
 class Observer:

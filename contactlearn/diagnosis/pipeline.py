@@ -19,6 +19,7 @@ All errors are the held-out mass error.  `result` holds the types; docs/diagnosi
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import torch
 
@@ -77,6 +78,7 @@ def diagnose(
     seed: int = 0,
     seconds: float = 60.0,
     memory: float | None = None,
+    kept: Path | None = None,
     thresholds: Thresholds = Thresholds(),
     observer: Observer = Observer(),
 ) -> Diagnosis:
@@ -93,6 +95,7 @@ def diagnose(
         seed: of the folds and resamples.
         seconds: after which the search goes on with the models that it has, and the result says so.
         memory: bytes that the diagnosis may take; a large table is diagnosed on subsamples that need no more.
+        kept: folder for finished subsamples of this question, behind which another run goes on.
         thresholds: limits of every decision.
         observer: hears of each stage's result.
 
@@ -108,6 +111,7 @@ def diagnose(
         thresholds=thresholds,
         seconds=seconds,
         memory=memory,
+        kept=kept,
         observer=observer,
         generator=torch.Generator().manual_seed(seed),
     )

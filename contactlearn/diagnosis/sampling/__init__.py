@@ -2,5 +2,6 @@
 
 draw          rows that are even over objects, sequence and inputs
 rounds        the subsamples one after the other, each no larger than memory allows
+    kept          finished subsamples on disk
 confirmation  errors, noise, outliers and failing regions of the full model, on all trials in chunks
 """

@@ -13,6 +13,7 @@ from contactlearn.diagnosis.observer import Step
 from contactlearn.diagnosis.result import Answer, Diagnosis, Limit, Sample
 from contactlearn.diagnosis.sampling.confirmation import confirm
 from contactlearn.diagnosis.sampling.draw import object_numbers, space_filling
+from contactlearn.diagnosis.sampling.kept import keep, read_kept
 from contactlearn.diagnosis.stages import Study
 from contactlearn.impacts import Impacts
 
@@ -50,10 +51,14 @@ class Rounds:
         for k, size in enumerate(sizes):
             generator = torch.Generator().manual_seed(self.seed + k)
             rows = space_filling(impacts, size, generator)
-            self.study.observer.step(self._step(objects, rows, speed))
-            began = time.monotonic()
-            found = self.diagnosed(replace(self.study, generator=generator), impacts[rows])
-            speed = (time.monotonic() - began) / _seconds(size)
+            found = read_kept(self.study.kept, size) if self.study.kept is not None else None
+            self.study.observer.step(self._step(objects, rows, speed, kept=found is not None))
+            if found is None:
+                began = time.monotonic()
+                found = self.diagnosed(replace(self.study, generator=generator), impacts[rows])
+                speed = (time.monotonic() - began) / _seconds(size)
+                if self.study.kept is not None:
+                    keep(self.study.kept, found, size)
             answers.append(_answer(found, size))
             if len(answers) > 1 and answers[-1].agrees(answers[-2]):
                 limit = None
@@ -77,7 +82,7 @@ class Rounds:
     def _affordable(self, trials: int) -> bool:
         return self.study.memory is None or _bytes(trials) <= self.study.memory
 
-    def _step(self, objects: Int[Tensor, " n"], rows: Int[Tensor, " k"], speed: float) -> Step:
+    def _step(self, objects: Int[Tensor, " n"], rows: Int[Tensor, " k"], speed: float, *, kept: bool) -> Step:
         """What comes next, and what it takes."""
         size = len(rows)
         return Step(
@@ -87,6 +92,7 @@ class Rounds:
             objects_seen=len(objects[rows].unique()),
             seconds=speed * _seconds(size),
             gigabytes=1e-9 * _bytes(size),
+            kept=kept,
         )
 
     def _confirmed(

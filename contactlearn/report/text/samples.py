@@ -15,6 +15,9 @@ _LIMITS = {
 def step(coming: Step) -> str:
     """Say which subsample comes next, and what it takes."""
     size = f"{counted(coming.trials)} of {counted(coming.of)} trials come next"
+    if coming.kept:
+        said = f"{counted(coming.trials)} of {counted(coming.of)} trials"
+        return f"{said} were diagnosed before the run was stopped"
     needs = f"about {coming.seconds:.0f} s and {coming.gigabytes:.1f} GB"
     return f"{size}, {_evenly(coming.objects_seen, coming.objects)}: {needs}"
 
