@@ -65,8 +65,9 @@ def find_regions(
     searched = torch.zeros(len(impacts), dtype=torch.bool)
     searched[torch.randperm(len(impacts), generator=generator)[: len(impacts) // 2]] = True
     grids = [Grid.of(variable, searched) for variable in variables(impacts, prediction)]
-    least = errors[searched].sort().values[int((1 - worst) * int(searched.sum()))]
-    ranked = errors.clamp_min(least.item())
+    ranked = errors
+    if worst < 1:
+        ranked = errors.clamp_min(errors.sort().values[int((1 - worst) * len(errors))].item())
     windows = _search(grids, ranked, searched, thresholds)
     p_values = _holm([_p_value(ranked, window.rows, window.free & ~searched) for window in windows])
     regions = []
