@@ -1,6 +1,6 @@
 """Diagnoses of large tables: time, peak memory and page, and whether the answer is that of a small part of the table.
 
-    python benchmarks/large_tables.py [--sizes 1500 100000 1000000] [--seed 7]
+    python benchmarks/large_diagnoses.py [--sizes 1500 100000 1000000] [--seed 7]
 
 Each diagnosis is the command as a user types it, on a Parquet table of mystery drops, in a process of its own.  Seconds
 of processor time hold on a busy machine too, those of the clock do not.
