@@ -21,7 +21,19 @@ from rich.progress import track
 from threadpoolctl import threadpool_limits
 
 from contactlearn.learning.curves import run
-from studies import conventions, descriptions, fits, flights, frames, measurements, residuals, rests, rivals, search
+from studies import (
+    conventions,
+    descriptions,
+    fits,
+    flights,
+    frames,
+    measurements,
+    residuals,
+    rests,
+    rivals,
+    samples,
+    search,
+)
 from studies.memory import memory
 from studies.study import AllThresholds, Row, paths, replaced
 
@@ -36,6 +48,7 @@ ROWS: tuple[Row, ...] = (
     *residuals.ROWS,
     *descriptions.ROWS,
     *fits.ROWS,
+    *samples.ROWS,
 )
 STUDIES = {row.study.name: row.study for row in ROWS}
 

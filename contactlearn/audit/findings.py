@@ -43,6 +43,7 @@ from contactlearn.shapes import contact_point
 
 _LISTED = 5  # values that a sentence names
 _QUICK = 500  # trials of a quick audit
+_COMPARED = 20_000  # trials on which hypotheses about units and axes are compared, at most; the rest is of all trials
 
 
 def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> tuple[Finding, ...]:
@@ -56,11 +57,11 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     notes = apparatus_notes(impacts)
     if len(sound) < thresholds.fewest_trials:
         return (*findings, *_of_trials(sound, thresholds), *notes)
-    comparison = compare(sound, thresholds.conventions)
+    comparison = compare(_some(sound), thresholds.conventions)
     fatal = impossible_findings(comparison, thresholds)
     if fatal:
         return (*fatal, *findings, *order_findings(sound, thresholds), *notes)
-    sound = comparison.best.impacts
+    sound = comparison.best.impacts if len(sound) <= _COMPARED else correct(sound, comparison.best.names)
     scaled = inertia_findings(sound, thresholds.conventions)
     if scaled:
         sound = correct(sound, ["inertia_scaled"])
@@ -80,6 +81,14 @@ def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds(
     rows = torch.linspace(0, len(sound) - 1, min(len(sound), _QUICK)).round().long()
     found = (*audit(sound[rows], thresholds), *found)
     return tuple(finding for finding in found if finding.mistake)
+
+
+def _some(impacts: Impacts) -> Impacts:
+    """As many trials as hypotheses are compared on, since each of them is a table of its own."""
+    if len(impacts) <= _COMPARED:
+        return impacts
+    rows = torch.randperm(len(impacts), generator=torch.Generator().manual_seed(0))[:_COMPARED]
+    return impacts[rows.sort().values]
 
 
 def _of_trials(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:

@@ -28,7 +28,7 @@ from contactlearn.model import ContactModel
 _NEIGHBOURS = 10
 _TRIALS = 4000  # whose neighbours are sought, at most
 _DRAWS = 8
-_RESAMPLES = 1000
+_RESAMPLES, _AT_ONCE = 1000, 50
 _INPUTS = ("rx", "ry", "vx", "vy", "omega", "x")
 
 
@@ -103,7 +103,8 @@ def _estimated(impacts: Impacts, predicted: Float[Tensor, "n 3"], generator: tor
     differs = (residual[:, None] - residual[neighbour]).norm(dim=-1) / size / 2**0.5
     rows = torch.randint(len(impacts), (_RESAMPLES, len(impacts)), generator=generator)
     mean = _intercept(distance.square().mean(0), differs.mean(0).square()).sqrt()
-    resampled = _intercept(distance[rows].square().mean(1), differs[rows].mean(1).square()).sqrt()
+    means = [(distance[some].square().mean(1), differs[some].mean(1).square()) for some in rows.split(_AT_ONCE)]
+    resampled = torch.cat([_intercept(*pair) for pair in means]).sqrt()
     low, high = resampled.quantile(torch.tensor((0.025, 0.975), dtype=resampled.dtype)).tolist()
     return Interval(mean.item(), low, high)
 

@@ -11,11 +11,15 @@
     remainder    the part of the residual that a flexible model still predicts, and formulas for it
     choices      every subset of the effects, fitted, for the reader to compare
 
+A table of more than a few thousand trials is diagnosed on subsamples of it, and the answer tested on all of it
+(`sampling`).
+
 All errors are the held-out mass error.  `result` holds the types; docs/diagnosis.md is the schema of diagnosis.json.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import torch
 
@@ -36,6 +40,7 @@ from contactlearn.diagnosis.result import (
     Verdict,
     clearly_better,
 )
+from contactlearn.diagnosis.sampling.rounds import Rounds
 from contactlearn.diagnosis.search.calibration import calibrated
 from contactlearn.diagnosis.search.candidates import all_candidates, all_laws
 from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
@@ -72,6 +77,8 @@ def diagnose(
     limits: Mapping[str, tuple[float, float]] | None = None,
     seed: int = 0,
     seconds: float = 60.0,
+    memory: float | None = None,
+    kept: Path | None = None,
     thresholds: Thresholds = Thresholds(),
     observer: Observer = Observer(),
 ) -> Diagnosis:
@@ -87,6 +94,8 @@ def diagnose(
         limits: of the set-up for the next experiment, see `next_experiment`.
         seed: of the folds and resamples.
         seconds: after which the search goes on with the models that it has, and the result says so.
+        memory: bytes that the diagnosis may take; a large table is diagnosed on subsamples that need no more.
+        kept: folder for finished subsamples of this question, behind which another run goes on.
         thresholds: limits of every decision.
         observer: hears of each stage's result.
 
@@ -101,6 +110,8 @@ def diagnose(
         limits=limits or {},
         thresholds=thresholds,
         seconds=seconds,
+        memory=memory,
+        kept=kept,
         observer=observer,
         generator=torch.Generator().manual_seed(seed),
     )
@@ -111,6 +122,13 @@ def diagnose(
         return _refused(law, findings, thresholds)
     impacts = corrected(impacts, findings, thresholds)
     study = replace(study, given={name: effect.prepare(impacts) for name, effect in study.given.items()})
+    corrections = tuple(one.correction for one in findings if one.correction)
+    rounds = Rounds(study, seed, corrections, lambda asked, some: _diagnosed(asked, law, some, findings))
+    return _diagnosed(study, law, impacts, findings) if rounds.whole(len(impacts)) else rounds.run(impacts)
+
+
+def _diagnosed(study: Study, law: Law | None, impacts: Impacts, findings: tuple[Finding, ...]) -> Diagnosis:
+    """The diagnosis of audited impacts, all stages at once."""
     folds = Folds.draw(len(impacts), study.generator, repeats=2 if len(impacts) <= _FEW else 1)
     fits = study.law_fits(impacts, folds)
     study, searched, drift = _searched(study, law, fits, impacts, folds)

@@ -10,6 +10,7 @@ Each stage is a function of the study and of the results before it.  The generat
 
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import torch
 
@@ -55,6 +56,8 @@ class Study:
     limits: Mapping[str, tuple[float, float]]
     thresholds: Thresholds
     seconds: float
+    memory: float | None
+    kept: Path | None
     observer: Observer
     generator: torch.Generator
     ordered: bool = True

@@ -109,6 +109,22 @@ class NoiseThresholds:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SampleThresholds:
+    """Limits of the subsamples on which a large table is diagnosed."""
+
+    whole: int = 5000
+    """Trials up to which all are diagnosed at once; time and memory grow with them, the answer hardly does
+    (row sample.whole)."""
+    first: int = 2000
+    """Trials of the first subsample; each further one is twice as large (row sample.first)."""
+    most: int = 8000
+    """Trials of the largest subsample: what it does not settle is said to be open (row sample.most)."""
+    sigmas: float = 3.0
+    """Standard errors by which the error of the named model may differ between the sample and all other trials
+    (row sample.sigmas)."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Thresholds:
     """Limits of every decision of a diagnosis."""
 
@@ -118,6 +134,8 @@ class Thresholds:
     """Of mistakes in the measurements."""
     fit: FitThresholds = field(default_factory=FitThresholds)
     """Of outliers of a fit, and of parameters that are not determined."""
+    sample: SampleThresholds = field(default_factory=SampleThresholds)
+    """Of the subsamples of a large table."""
     selection: SelectionThresholds = field(default_factory=SelectionThresholds)
     """Of the law and of missing effects."""
     regions: RegionThresholds = field(default_factory=RegionThresholds)

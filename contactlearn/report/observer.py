@@ -4,12 +4,12 @@ from collections.abc import Iterable, Sequence
 
 from rich.progress import Progress
 
-from contactlearn.diagnosis.observer import Item, Observer, Task
-from contactlearn.diagnosis.result import Diagnosis, ErrorLimits, Finding, LawFit, MissingEffect, Region
+from contactlearn.diagnosis.observer import Item, Observer, Step, Task
+from contactlearn.diagnosis.result import Diagnosis, ErrorLimits, Finding, LawFit, MissingEffect, Region, Sample
 from contactlearn.effects import EffectId
 from contactlearn.impacts import Impacts
 from contactlearn.report.terminal import say
-from contactlearn.report.text import base_label, error, headline, rung_label, search, sentence, stages
+from contactlearn.report.text import base_label, error, headline, rung_label, samples, search, sentence, stages
 
 _TASKS = {
     Task.LAWS: "laws",
@@ -30,6 +30,9 @@ class TerminalObserver(Observer):
             _say_finding("audit", finding)
         if not findings:
             say(f"audit: {stages.CONSISTENT}")
+
+    def step(self, step: Step) -> None:
+        say(f"sample: {samples.step(step)}")
 
     def laws(self, law: str, laws: Sequence[LawFit]) -> None:
         say(f"law: {stages.laws(law, laws)}")
@@ -61,6 +64,10 @@ class TerminalObserver(Observer):
 
     def no_formulas(self, reason: str) -> None:
         say(f"note: no formulas for the residual: {reason}")
+
+    def confirmed(self, sample: Sample) -> None:
+        for one in samples.summary_of(sample):
+            say(f"all trials: {one}")
 
     def progress(self, task: Task, items: Iterable[Item]) -> Iterable[Item]:
         if self._display is None:

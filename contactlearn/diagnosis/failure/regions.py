@@ -43,6 +43,7 @@ def find_regions(
     *,
     generator: torch.Generator,
     thresholds: RegionThresholds = RegionThresholds(),
+    worst: float = 1.0,
 ) -> tuple[Region, ...]:
     """Find regions in which the mass error of a prediction is clearly higher than in the rest, the surest first.
 
@@ -51,6 +52,8 @@ def find_regions(
         prediction: of their outcomes; leading axes are averaged over.
         generator: of the random halves.
         thresholds: limits of what is reported.
+        worst: share of the trials, those with the largest errors, whose ranks decide; all others count alike, so that a
+            small region of gross errors stands out before a large one of slightly larger errors.
 
     Raises:
         DataError: an error is not finite.
@@ -62,8 +65,11 @@ def find_regions(
     searched = torch.zeros(len(impacts), dtype=torch.bool)
     searched[torch.randperm(len(impacts), generator=generator)[: len(impacts) // 2]] = True
     grids = [Grid.of(variable, searched) for variable in variables(impacts, prediction)]
-    windows = _search(grids, errors, searched, thresholds)
-    p_values = _holm([_p_value(errors, window.rows, window.free & ~searched) for window in windows])
+    ranked = errors
+    if worst < 1:
+        ranked = errors.clamp_min(errors.sort().values[int((1 - worst) * len(errors))].item())
+    windows = _search(grids, ranked, searched, thresholds)
+    p_values = _holm([_p_value(ranked, window.rows, window.free & ~searched) for window in windows])
     regions = []
     for window, p_value in zip(windows, p_values, strict=True):
         ratio = _ratio(

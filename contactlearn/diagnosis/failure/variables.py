@@ -24,7 +24,8 @@ from contactlearn.shapes import Shape, contact_point
 MODES = ("predicted to reverse its slip", "predicted to stick", "predicted to slide")
 DIRECTIONS = ("slip to the left (v_t < 0)", "no slip", "slip to the right (v_t > 0)")
 _STUCK = 0.01  # of the speed of the contact point: slip after impact up to which the contact stuck
-_CELLS = 48  # quantiles of a variable, at most
+_CELLS, _OF_MANY = 48, 200  # quantiles of a variable, at most; of tables that leave each of them `_MANY` trials
+_MANY = 250
 _FINEST = 4  # trials between two of them in the half that is searched, at least
 
 
@@ -146,12 +147,16 @@ def _cuts(variable: Variable, values: Float[Tensor, " m"]) -> Float[Tensor, " k"
     """Limits between cells of about equal number, ascending, rounded as they are written."""
     if variable.labels:
         return torch.tensor((-0.5, 0.5), dtype=torch.float64)
-    cells = min(_CELLS, len(values) // _FINEST)
+    cells = min(max(_CELLS, min(_OF_MANY, len(values) // _MANY)), len(values) // _FINEST)
     if cells < 2 or values.min() == values.max():
         return values[:0]
     values = variable.scale * values
     low, *inner, high = values.quantile(torch.linspace(0, 1, cells + 1, dtype=torch.float64)).tolist()
-    step = 2.0 if variable.period else 10.0 ** math.floor(math.log10((inner[-1] - inner[0] or high - low) / 50))
+    step = (
+        2.0
+        if variable.period
+        else 10.0 ** math.floor(math.log10((inner[-1] - inner[0] or high - low) / max(50, cells)))
+    )
     step = max(step, 1.0) if variable.name == "order" else step
     rounded = {round(x / step) for x in (low, *inner) if low < round(x / step) * step < high}
     return step * torch.tensor(sorted(rounded), dtype=torch.float64) / variable.scale

@@ -5,6 +5,7 @@
     ErrorBudget     the error of the law in shares of noise, effects and the rest
     Experiment      drops that separate the effects from their rivals
     Remainder       the part of the residual that Gaussian processes still predict
+    Sample          the trials of a large table that were diagnosed, and the test of the answer on all others
 
 All errors are mass errors (dimensionless), on held-out trials where nothing else is said.  Arrays by trial and fitted
 models are no part of the file: they are the `Record` beside it.  No stage of the diagnosis is imported here.
@@ -34,6 +35,8 @@ from contactlearn.diagnosis.result.remainder import (
     WrenchComponent,
 )
 from contactlearn.diagnosis.result.rivals import Drop, Experiment, Rival, Separation
+from contactlearn.diagnosis.result.sample import Answer, Confirmation, ErrorMap, FailingRegion, Limit, Sample
+from contactlearn.diagnosis.result.verdict import Verdict
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.evaluation.metrics import Interval
@@ -41,21 +44,12 @@ from contactlearn.laws import Law, find
 from contactlearn.serialisation import from_json, to_json
 
 __all__ = [
-    "Choices", "ComponentTest", "Diagnosis", "Drop", "ErrorBudget", "ErrorLimits", "ErrorShares", "Evidence",
-    "Experiment", "Finding", "FittedParameter", "Formula", "FrontierModel", "Improvement", "LawFit", "MissingEffect",
-    "NoiseSource", "PlausibleModel", "Record", "Region",
-    "Remainder", "Rival", "Rung", "RungKind", "Separation", "VariableShare", "Verdict",
+    "Answer", "Choices", "ComponentTest", "Confirmation", "Diagnosis", "Drop", "ErrorBudget", "ErrorLimits",
+    "ErrorMap", "ErrorShares", "Evidence", "Experiment", "FailingRegion", "Finding", "FittedParameter", "Formula",
+    "FrontierModel", "Improvement", "LawFit", "Limit", "MissingEffect", "NoiseSource", "PlausibleModel", "Record",
+    "Region", "Remainder", "Rival", "Rung", "RungKind", "Sample", "Separation", "VariableShare", "Verdict",
     "WrenchComponent",
 ]  # fmt: skip
-
-
-class Verdict(StrEnum):
-    """The conclusion: known effects are missing, nothing is, something unknown is, or the data are wrong."""
-
-    EFFECTS = "effects"
-    NONE = "none"
-    UNKNOWN = "unknown"
-    BAD_DATA = "bad_data"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,6 +166,7 @@ class Diagnosis:
         models: laws with effects that the data cannot tell from the chosen model, it among them, by their shares.
         frontier: the best model with each number of effects, from none on.
         complete: whether the search came to its own end; if not, its time was up.
+        sample: the trials of a large table that all this is about, and the test on all others; None where all are.
         thresholds: limits of every decision.
         record: impacts, models and arrays by trial; no part of the file and of equality.
     """
@@ -195,6 +190,7 @@ class Diagnosis:
     models: tuple[PlausibleModel, ...] = ()
     frontier: tuple[FrontierModel, ...] = ()
     complete: bool = True
+    sample: Sample | None = None
     thresholds: Thresholds = field(default_factory=Thresholds)
     record: Record | None = field(default=None, compare=False, repr=False)
 

@@ -83,7 +83,7 @@ def learn_remainder(
     """
     base = model.base_prediction(impacts)
     residual = impacts.wrench - base.wrench
-    inliers = _inliers(residual) if inliers is None else inliers
+    inliers = ordinary(residual) if inliers is None else inliers
     processes = Processes.of(impacts, residual, _rows(folds, inliers))
     learned = _Learned(impacts, base, folds, processes.at(folds.held_out))
     error = learned.error(*_COMPONENTS)
@@ -152,16 +152,16 @@ def _tested(
     )
 
 
+def ordinary(residual: Float[Tensor, "n 3"]) -> Bool[Tensor, " n"]:
+    """Find the trials without a gross component of the residual."""
+    off = (residual - residual.median(0).values).abs()
+    return (off <= _GROSS * MAD_SCALE * off.median(0).values + 1e-300).all(-1)
+
+
 def is_clear(r_squared: float, standard_error: float, thresholds: RemainderThresholds) -> bool:
     """Whether a component with this R² can be named: it is both large and certain."""
     certain = r_squared > thresholds.component_sigmas * standard_error
     return r_squared > thresholds.component_r_squared and certain
-
-
-def _inliers(residual: Float[Tensor, "n 3"]) -> Bool[Tensor, " n"]:
-    """Trials without a gross component."""
-    off = (residual - residual.median(0).values).abs()
-    return (off <= _GROSS * MAD_SCALE * off.median(0).values + 1e-300).all(-1)
 
 
 def _rows(folds: Folds, inliers: Bool[Tensor, " n"]) -> Int[Tensor, "b m"]:
@@ -216,7 +216,8 @@ def _variables(
             changed = x.clone()
             changed[..., columns] = other[..., columns]
             moved.append(changed)
-    there = processes.at(folds.held_out, torch.cat(moved, 1)).unflatten(1, (_PERMUTATIONS, len(groups), size))
+    there = torch.stack([processes.at(folds.held_out, one) for one in moved], 1)  # one by one: they are many times x
+    there = there.unflatten(1, (_PERMUTATIONS, len(groups)))
     index = (there - learned.wrench[:, None, None]).square().mean((0, 1, 3))
     in_mass = torch.stack((impacts.W[:, 0, 0], impacts.W[:, 1, 1], 1 / impacts.inertia), -1).mean(0)
     total = (index * in_mass)[:, [_COMPONENTS.index(name) for name in components]].sum(-1)

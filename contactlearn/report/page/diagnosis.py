@@ -4,6 +4,7 @@ The data are a pure function of the diagnosis, its record and its provenance; no
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from contactlearn.report.page.arrays import packed
 from contactlearn.report.page.effects import effect_content, experiment_content, residual_content
 from contactlearn.report.page.page import write
 from contactlearn.report.page.reproduce import reproduced
+from contactlearn.report.page.sample import places, sample_content, thinned
 from contactlearn.report.page.trials import REACH, bounded, digits, finely, of_laws, of_trials, plotly_style
 from contactlearn.report.text import (
     base_label,
@@ -25,6 +27,7 @@ from contactlearn.report.text import (
     label,
     opened,
     rung_label,
+    samples,
     search,
     sentence,
     stages,
@@ -59,7 +62,7 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
         "verdict": {
             "key": str(found.verdict),
             "headline": headline(found),
-            "support": support(found),
+            "support": f"{support(found)} {samples.support_of(found)}".strip(),
             "sentences": summary(found),
         },
         "findings": [_finding(finding) for finding in found.findings],
@@ -67,12 +70,14 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
         "law": (plotly_style(found.law) if found.law else {}) | {"name": found.law},
         "reproduce": reproduced(provenance, use),
         "trials": None,
+        **sample_content(found),
     }
     if found.record is None or found.choices is None or found.budget is None:
         return content
     models = _models(found, found.choices)
     told = {"telling": _telling(found)}
-    return content | told | _ladder(found) | _budget(found, found.budget) | models | _effects(found) | _arrays(found)
+    shown = replace(found, record=thinned(found.record, found.sample))
+    return content | told | _ladder(found) | _budget(found, found.budget) | models | _effects(shown) | _arrays(shown)
 
 
 def _telling(found: Diagnosis) -> list[dict[str, str]]:
@@ -109,6 +114,7 @@ def _unit(unit: str) -> str:
 def _ladder(found: Diagnosis) -> dict[str, Any]:
     """Rungs, laws by their error, and the regions in which the law fails."""
     base = base_label(found)
+    shown = places(found.record, found.sample)
     compared = sorted(found.laws, key=lambda one: one.error)
     return {
         "base": base,
@@ -116,7 +122,7 @@ def _ladder(found: Diagnosis) -> dict[str, Any]:
             {"name": rung_label(rung, base), "kind": str(rung.kind), **bounded(rung.error)} for rung in found.ladder
         ],
         "laws": [{**plotly_style(one.name), "error": finely(one.error)} for one in compared],
-        "regions": [_region(region) for region in found.regions],
+        "regions": [_region(region, shown) for region in found.regions],
         "no_region": stages.NO_REGION,
     } | _search(found)
 
@@ -132,10 +138,14 @@ def _search(found: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _region(region: Region) -> dict[str, Any]:
+def _region(region: Region, shown: Mapping[int, int]) -> dict[str, Any]:
     limits = {"variable": region.variable, "where": region.where, "low": region.low, "high": region.high}
     ratio = {"ratio": region.ratio.mean, "interval": [region.ratio.low, region.ratio.high]}
-    tested = {"trials": region.trials, "p_value": region.p_value, "rows": list(region.rows)}
+    tested = {
+        "trials": region.trials,
+        "p_value": region.p_value,
+        "rows": [shown[row] for row in region.rows if row in shown],
+    }
     return digits(limits | ratio | tested)
 
 

@@ -16,6 +16,8 @@ from contactlearn.laws import Law
 from contactlearn.report.figures.reach import grid
 from contactlearn.report.figures.style import law_style
 
+EMBEDDED = 1500
+"""Trials of a large table that its page has one by one, at most."""
 REACH = 0.002
 """Step of reachable impulses, in units of the momentum of the contact."""
 _NODES, _FINER = (9, 5), 4  # of μ and ε; between two of them, to see where an impulse jumps

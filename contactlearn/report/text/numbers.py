@@ -54,6 +54,11 @@ def times(ratio: float) -> str:
     return f"{ratio:.1f} times" if ratio < 10 else f"{ratio:.0f} times"
 
 
+def counted(number_: int) -> str:
+    """Write a number of trials with its thousands apart, from 10 000 on: 100 000."""
+    return f"{number_:,}".replace(",", "\u00a0") if number_ >= 10_000 else str(number_)
+
+
 def p_value(p: float) -> str:
     """Write a probability with one significant digit: p = 3e−8, p = 0.02."""
     return f"p = {number(p, 1)}"

@@ -82,6 +82,24 @@ function drawMap(state, id = "map") {
   });
 }
 
+// Mean errors of a large table in cells that hold all of its trials.
+function drawWhole(which) {
+  const {columns, limits: [left, right, low, high], across, up, trials: count} = page.sample.map, lines = count.length / columns;
+  const table = values => Array.from({length: lines}, (_, a) => values.slice(a * columns, (a + 1) * columns));
+  const centres = (from, to, n) => Array.from({length: n}, (_, k) => from + (k + 0.5) * (to - from) / n);
+  const error = page.sample.map[which], there = values => values.filter(value => value !== null);
+  return draw(`whole-${which}`, [{
+    type: "heatmap", x: centres(left, right, columns), y: centres(low, high, lines), z: table(error), hoverinfo: "text",
+    zmin: 0, zmax: share(there(page.sample.map.law), 0.97), colorscale: "Cividis",
+    text: table(error.map((value, k) => value === null ? "" : `${count[k]} trials<br>mean error ${written(value)}`)),
+    colorbar: {title: {text: "Mass error", side: "right"}, thickness: 12, outlinewidth: 0},
+  }], {
+    xaxis: {title: {text: plain(across)}, zeroline: false}, yaxis: {title: {text: plain(up)}, zeroline: false},
+    summary: `${count.reduce((sum, n) => sum + n, 0)} trials in ${there(error).length} cells; mean errors of cells from ${
+      written(Math.min(...there(error)))} to ${written(Math.max(...there(error)))}.`,
+  });
+}
+
 // Mean errors of many trials in cells of the map; a cell knows its worst trial.
 const MOST_POINTS = 5000;
 

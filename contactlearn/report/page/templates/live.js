@@ -56,6 +56,7 @@ function showTrial(note = "") {
 
 const drawn = {
   map: () => drawMap(state), picture: () => drawPicture(state), impulse: () => drawImpulse(state),
+  "whole-law": () => drawWhole("law"), "whole-named": () => drawWhole("named"),
   drops: () => drawDrops(state), curve: drawLearning, distributions: drawDistributions,
   rungs: () => drawBars("rungs", page.ladder.map(one => ({...one, faint: !["law", "effect"].includes(one.kind)}))),
   "telling-map": () => drawMap({...state, ...first, region: -1, trial: -1, alone: true, mapped: () => page.yardstick}, "telling-map"),

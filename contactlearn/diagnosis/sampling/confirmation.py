@@ -1,0 +1,105 @@
+"""The full model of a subsample, tested on all trials of the table.
+
+Predictions are made a chunk at a time; of each trial stay the outcomes of law and full model.  Errors are means over
+the trials outside the subsample, with intervals of the normal limit.  Outliers and failing regions are looked for among
+all trials, since a subsample has few or none of what is rare.
+"""
+
+import math
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from contactlearn.audit.model_outliers import outliers_of
+from contactlearn.diagnosis.failure.regions import find_regions
+from contactlearn.diagnosis.noise import noise_floor
+from contactlearn.diagnosis.result import Confirmation, Diagnosis, FailingRegion, Record
+from contactlearn.diagnosis.sampling.map import error_map
+from contactlearn.diagnosis.thresholds import SampleThresholds, Thresholds
+from contactlearn.diagnosis.unexplained.remainder import ordinary
+from contactlearn.evaluation.metrics import Interval, mass_error
+from contactlearn.impacts import Impacts, Prediction
+from contactlearn.model import ContactModel
+from contactlearn.numerics import Z_95
+
+CHUNK = 50_000
+"""Trials that are predicted at once."""
+_WORST = 0.02  # share of the trials whose errors a failing region has many of
+_NEIGHBOURS = 4000  # trials for the noise floor, at most
+
+
+def confirm(
+    found: Diagnosis,
+    record: Record,
+    impacts: Impacts,
+    rows: Int[Tensor, " k"],
+    *,
+    generator: torch.Generator,
+    noise: Sequence[float] | None,
+    thresholds: Thresholds,
+) -> Confirmation:
+    """Compute errors, noise, outliers and failing regions of the model of a subsample on all trials.
+
+    Args:
+        found: of the subsample.
+        record: of the same.
+        impacts: all trials, corrected as those of the subsample.
+        rows: of the subsample, fewer than all.
+        generator: of the halves in which regions are searched and tested, and of the noise.
+        noise: standard deviations of the measured velocities, where they are stated, see `diagnose`.
+        thresholds: limits of what is reported.
+    """
+    assert found.budget is not None
+    outside = torch.ones(len(impacts), dtype=torch.bool)
+    outside[rows] = False
+    law, named = (predicted(model, impacts) for model in (record.base, record.model))
+    before, after = (mass_error(impacts, one) for one in (law, named))
+    error = normal_interval(after[outside])
+    regions = find_regions(impacts, named, generator=generator, thresholds=thresholds.regions, worst=_WORST)
+    return Confirmation(
+        trials=int(outside.sum()),
+        base=normal_interval(before[outside]),
+        named=error,
+        noise=_noise(found, record.model, impacts, outside, generator, noise),
+        agrees=agree(error, found.budget.named, thresholds.sample),
+        outliers=outliers_of(impacts, lambda some: predicted(record.model, some).v_post, thresholds.audit.outliers),
+        regions=tuple(FailingRegion.of(one, int((~outside[list(one.rows)]).sum())) for one in regions),
+        map=error_map(impacts, law, before, after),
+    )
+
+
+def predicted(model: ContactModel, impacts: Impacts) -> Prediction:
+    """Predict a chunk of trials after the other."""
+    parts = [model.predict(impacts[k : k + CHUNK]) for k in range(0, len(impacts), CHUNK)]
+    return Prediction(torch.cat([one.v_post for one in parts]), torch.cat([one.wrench for one in parts]))
+
+
+def normal_interval(errors: Float[Tensor, " n"]) -> Interval:
+    """Average the errors of many trials, with the 95 % interval of the normal limit."""
+    mean, margin = errors.mean().item(), Z_95 * (errors.std() / math.sqrt(len(errors))).item()
+    return Interval(mean, mean - margin, mean + margin)
+
+
+def agree(one: Interval, other: Interval, thresholds: SampleThresholds) -> bool:
+    """Whether two mean errors of different trials are the same but for chance."""
+    spread = math.hypot(one.high - one.low, other.high - other.low) / (2 * Z_95)
+    return abs(one.mean - other.mean) <= thresholds.sigmas * spread
+
+
+def _noise(
+    found: Diagnosis,
+    model: ContactModel,
+    impacts: Impacts,
+    outside: Bool[Tensor, " n"],
+    generator: torch.Generator,
+    noise: Sequence[float] | None,
+) -> Interval | None:
+    """The noise floor of trials outside the subsample; a model that misses something does not tell it."""
+    if found.remainder is not None and found.remainder.large:
+        return None
+    others = outside.nonzero()[:, 0]
+    some = impacts[others[torch.randperm(len(others), generator=generator)[:_NEIGHBOURS]].sort().values]
+    inliers = ordinary(some.wrench - model.predict(some).wrench)
+    return noise_floor(some, model, generator=generator, noise=noise, inliers=inliers).error
