@@ -57,8 +57,8 @@ def as_restructured_text(app: Any, what: str, name: str, target: Any, options: A
             result.append("")
         result.append(f"    {line}" if tabular else escaped(line))
         literal = tabular
-    if what in ("attribute", "data", "property") and result:
-        result[0] = result[0].replace(":", "\\:")  # or napoleon takes what is before it for a type
+    if what in ("attribute", "data", "property"):
+        result.insert(0, "")  # or napoleon takes what is before a colon for a type
     lines[:] = result
 
 

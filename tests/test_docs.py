@@ -39,6 +39,14 @@ def _commands():
             yield pytest.param(script, words, id=f"{document.name}: {script} {' '.join(words)}")
 
 
+def _pass_contracts(names):
+    """Run the tests that the classes of a document inherit."""
+    for name in [name for name in names if name.startswith("Test")]:
+        test = names[name]()
+        for method in [method for method in dir(test) if method.startswith("test_")]:
+            getattr(test, method)()
+
+
 @pytest.mark.parametrize("document", WITH_BLOCKS, ids=lambda path: path.name)
 def test_python_blocks_run(document, tmp_path, monkeypatch):
     """One after the other, in a folder that holds one run and nothing else; so do the contracts that they inherit."""
@@ -47,9 +55,7 @@ def test_python_blocks_run(document, tmp_path, monkeypatch):
     names = {}
     for code, line in _blocks(document):
         exec(compile("\n" * line + code, document, "exec"), names)
-    for test in [value for name, value in names.items() if name.startswith("Test")]:
-        for method in [name for name in dir(test) if name.startswith("test_")]:
-            getattr(test(), method)()
+    _pass_contracts(names)
     names.clear()
     gc.collect()  # classes that a block defines are laws and effects until they are gone
 
