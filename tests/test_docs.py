@@ -34,7 +34,8 @@ WITH_BLOCKS = [document for document in DOCUMENTS if list(_blocks(document))]
 def _commands():
     """(script, overrides) of every `python train.py …`, evaluate.py and diagnose.py in the documents and the help."""
     for document in [*DOCUMENTS, *HELP]:
-        for line in re.findall(r"python ((?:train|evaluate|diagnose)\.py .*)", document.read_text("utf-8")):
+        text = re.sub(r"\s*\\\n\s*", " ", document.read_text("utf-8"))  # a command over several lines
+        for line in re.findall(r"python ((?:train|evaluate|diagnose)\.py .*)", text):
             script, *words = shlex.split(re.split(r"\s{2,}|`|\s#", line)[0])
             yield pytest.param(script, words, id=f"{document.name}: {script} {' '.join(words)}")
 
