@@ -1,13 +1,14 @@
 # make demo    the main job on built-in synthetic drops, no download
 # make test    the whole test suite
 # make bench   every benchmark, one after the other
+# make docs    the site, strictly, into site/
 PYTHON ?= python3
 PY := .venv/bin/python
 # Measured data is not in the repository; a folder of it in or beside the checkout is found.
 CONTACTLEARN_DATA ?= $(firstword $(abspath $(wildcard data ../data ../shared/data)))
 export CONTACTLEARN_DATA
 
-.PHONY: demo test bench clean
+.PHONY: demo test bench docs clean
 
 demo: .venv/ready
 	$(PY) evaluate.py
@@ -26,6 +27,10 @@ bench: .venv/ready
 	$(PY) -m pip install --disable-pip-version-check -q -c requirements.lock -e '.[test,bench]'
 	for script in benchmarks/[a-z]*.py; do $(PY) $$script || exit 1; done
 
+docs: .venv/ready
+	$(PY) -m sphinx -W --keep-going -q -d .sphinx -c docs . site
+	@echo "open     site/index.html"
+
 # The lock file pins every package; it is made again from pyproject.toml as CONTRIBUTING.md says.
 .venv/ready: requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -35,4 +40,4 @@ bench: .venv/ready
 	touch $@
 
 clean:
-	rm -rf .venv outputs multirun
+	rm -rf .venv outputs multirun site .sphinx

@@ -17,31 +17,61 @@ from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.results import folder
 
 ROOT = Path(__file__).parent.parent
-DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("benchmarks/*.md")])
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/*.md")])
 HELP = sorted(ROOT.glob("configs/hydra/help/*.yaml"))
 
 
-def _blocks(language):
-    for document in DOCUMENTS:
-        for number, code in enumerate(re.findall(rf"```{language}\n(.*?)```", document.read_text("utf-8"), re.DOTALL)):
-            yield pytest.param(code, id=f"{document.name}-{number}")
+def _blocks(document):
+    """The Python blocks of a document, each with the line of the document at which it begins."""
+    text = document.read_text("utf-8")
+    for found in re.finditer(r"```python\n(.*?)```", text, re.DOTALL):
+        yield found[1], text.count("\n", 0, found.start(1))
+
+
+WITH_BLOCKS = [document for document in DOCUMENTS if list(_blocks(document))]
 
 
 def _commands():
     """(script, overrides) of every `python train.py …`, evaluate.py and diagnose.py in the documents and the help."""
     for document in [*DOCUMENTS, *HELP]:
-        for line in re.findall(r"python ((?:train|evaluate|diagnose)\.py .*)", document.read_text("utf-8")):
+        text = re.sub(r"\s*\\\n\s*", " ", document.read_text("utf-8"))  # a command over several lines
+        for line in re.findall(r"python ((?:train|evaluate|diagnose)\.py .*)", text):
             script, *words = shlex.split(re.split(r"\s{2,}|`|\s#", line)[0])
             yield pytest.param(script, words, id=f"{document.name}: {script} {' '.join(words)}")
 
 
-@pytest.mark.parametrize("code", list(_blocks("python")))
-def test_python_blocks_run(code, tmp_path, monkeypatch):
-    """In a folder that holds one run and nothing else."""
+def _pass_contracts(names):
+    """Run the tests that the classes of a document inherit."""
+    for name in [name for name in names if name.startswith("Test")]:
+        test = names[name]()
+        for method in [method for method in dir(test) if method.startswith("test_")]:
+            getattr(test, method)()
+
+
+@pytest.mark.parametrize("document", WITH_BLOCKS, ids=lambda path: path.name)
+def test_python_blocks_run(document, tmp_path, monkeypatch):
+    """One after the other, in a folder that holds one run and nothing else; so do the contracts that they inherit."""
     folder.write_result(tmp_path / "outputs" / "train", training())
     monkeypatch.chdir(tmp_path)
-    exec(compile(code, "document", "exec"), {})
+    names = {}
+    for code, line in _blocks(document):
+        exec(compile("\n" * line + code, document, "exec"), names)
+    _pass_contracts(names)
+    names.clear()
     gc.collect()  # classes that a block defines are laws and effects until they are gone
+
+
+def test_the_readme_is_short_and_says_what_the_case_study_measured():
+    """One screen and a half, the example near its top, and the ladder of the case study."""
+    text = (ROOT / "README.md").read_text("utf-8")
+    assert len(text.splitlines()) < 90
+    ((code, line),) = _blocks(ROOT / "README.md")
+    assert line + len(code.splitlines()) < 40
+    rows = re.findall(r"^\| .*\d\.\d{3} \[.*$", text, re.MULTILINE)
+    study = (ROOT / "docs" / "case-study-bounces.md").read_text("utf-8")
+    assert len(rows) == 6
+    for row in rows:
+        assert re.search(r"\d\.\d{3} \[\d\.\d{3}, \d\.\d{3}\]", row)[0] in study
 
 
 @pytest.mark.parametrize(("script", "words"), list(_commands()))

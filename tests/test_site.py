@@ -1,0 +1,109 @@
+"""The documentation site: it builds without a warning, asks for nothing from elsewhere, and has every public name."""
+
+import inspect
+import json
+import re
+import subprocess
+import sys
+import zlib
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from browser import chromium
+
+import contactlearn
+from contactlearn import effects, laws, testing
+
+ROOT = Path(__file__).parent.parent
+pytest.importorskip("sphinx", reason="the site is built with the extra docs: pip install '.[docs]'")
+
+
+def build(source, target):
+    """The process that builds a site as `make docs` does, finished."""
+    settings = ["-W", "--keep-going", "-q", "-d", target / "pages", "-c", ROOT / "docs"]
+    command = [sys.executable, "-m", "sphinx", *settings, source, target / "site"]
+    return subprocess.run(command, cwd=source, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    target = tmp_path_factory.mktemp("docs")
+    built = build(ROOT, target)
+    assert built.returncode == 0, built.stderr
+    assert not built.stderr
+    return target / "site"
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("[there](nowhere.md)", "nowhere.md"),
+        ("[there](#nothing)", "nothing"),
+        ("![picture](none.png)", "none.png"),
+        ("```{eval-rst}\n.. automodule:: contactlearn.nothing\n```", "contactlearn.nothing"),
+    ],
+    ids=["page", "anchor", "picture", "module"],
+)
+def test_a_fault_ends_the_build(text, fault, tmp_path):
+    page = tmp_path / "source" / "docs" / "index.md"
+    page.parent.mkdir(parents=True)
+    page.write_text(f"# A page\n\n{text}\n", encoding="utf-8")
+    built = build(tmp_path / "source", tmp_path)
+    assert built.returncode != 0
+    assert fault in built.stderr
+
+
+class _Loads(HTMLParser):
+    """Addresses that a page loads by itself; where its links lead is not loaded."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.addresses = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        if tag in ("script", "img", "iframe", "source"):
+            self.addresses.append(given.get("src") or "")
+        elif tag == "link" and given.get("rel") != "canonical":
+            self.addresses.append(given.get("href") or "")
+
+
+def test_nothing_is_loaded_from_elsewhere(site):
+    pages = list(site.rglob("*.html"))
+    assert len(pages) > 40
+    for page in pages:
+        for address in _Loads(page.read_text("utf-8")).addresses:
+            assert not re.match(r"(https?:)?//", address), (page.name, address)
+            assert not address or (page.parent / address.split("?")[0].split("#")[0]).exists(), (page.name, address)
+    for style in site.rglob("*.css"):
+        assert not re.search(r"(url\(|@import)\s*['\"]?(https?:)?//", style.read_text("utf-8")), style
+
+
+def test_every_public_name_is_in_the_reference(site):
+    """Those of the package, and of the rooms that a user builds on."""
+    inventory = (site / "objects.inv").read_bytes().split(b"\n", 4)[4]
+    listed = {line.split(" ")[0] for line in zlib.decompress(inventory).decode().splitlines()}
+    for room in (contactlearn, effects, laws, testing):
+        for name in room.__all__:
+            value = getattr(room, name)
+            if inspect.isclass(value) or inspect.isfunction(value):
+                assert f"{value.__module__}.{value.__qualname__}" in listed, name
+
+
+@pytest.mark.parametrize("width", [360, 1280])
+def test_the_search_works_from_a_disk(site, width):
+    with chromium(width) as browser:
+        from selenium.webdriver.support.ui import WebDriverWait
+
+        browser.get(f"{(site / 'search.html').as_uri()}?q=tangential+restitution")
+        links = "return [...document.querySelectorAll('ul.search li a')].map(link => link.href)"
+        WebDriverWait(browser, 60).until(lambda b: len(b.execute_script(links)) > 3)
+        assert any("case-study-bounces" in link for link in browser.execute_script(links))
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+        sent = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+        urls = [event["params"]["request"]["url"] for event in sent if event["method"] == "Network.requestWillBeSent"]
+        assert urls
+        assert all(url.startswith(("file:", "data:")) for url in urls)
+        assert not browser.get_log("browser")
