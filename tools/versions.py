@@ -27,8 +27,10 @@ def lower_bounds():
 
 
 def pythons():
-    """Commands of supported Pythons on this machine; 3.11 is the oldest."""
-    return [name for name in (f"python3.{minor}" for minor in range(11, 30)) if shutil.which(name)]
+    """Commands of supported Pythons that run on this machine; 3.11 is the oldest."""
+    names = (f"python3.{minor}" for minor in range(11, 30))
+    there = [name for name in names if shutil.which(name)]  # a version manager may have names alone
+    return [name for name in there if not subprocess.run([name, "-c", ""], capture_output=True, check=False).returncode]
 
 
 def tested(which, python):
