@@ -6,6 +6,7 @@ import math
 import pytest
 import torch
 from corruptions import CORRUPTIONS, corrupt
+from repetitions import repeated
 
 from contactlearn.audit.consistency import balance, contradictions
 from contactlearn.audit.conventions import compare
@@ -49,13 +50,8 @@ BLIND = {("disc", "contact_point_mirrored")}
 SAME = {("disc", "mirrored_theta"): "mirrored_x", ("disc", "mirrored_omega"): "mirrored_x"}
 
 
-def seeds(count):
-    """Of drops: the first, and for `make test-all` as many as are counted."""
-    return [0, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in range(1, count))]
-
-
 @pytest.mark.parametrize("known", KNOWN.values(), ids=KNOWN)
-@pytest.mark.parametrize("seed", seeds(4))
+@pytest.mark.parametrize("seed", repeated(*range(4)))
 @pytest.mark.parametrize("body", BODIES)
 def test_every_mistake_is_named(body, seed, known):
     clean = drops(body, seed, known=known)
@@ -296,7 +292,7 @@ def test_contact_point_of_another_shape():
 # --- Clean data ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", seeds(8))
+@pytest.mark.parametrize("seed", repeated(*range(8)))
 @pytest.mark.parametrize("body", BODIES)
 def test_clean_synthetic_drops(body, seed):
     for size, known in itertools.product((1, 9, 12, 150), KNOWN.values()):
@@ -312,7 +308,7 @@ def test_clean_drops_of_extreme_laws(body, mu, eps):
         assert mistakes(audit(drops(body, mu=mu, eps=eps, **options))) == []
 
 
-@pytest.mark.parametrize("seed", seeds(2))
+@pytest.mark.parametrize("seed", repeated(*range(2)))
 @pytest.mark.parametrize("effect", [None, *EFFECTS, *UNKNOWN])
 def test_hidden_effects_are_no_mistakes(effect, seed):
     impacts, _ = draw(seed, effects=[effect] if effect else [], size=150)

@@ -6,6 +6,7 @@ import shlex
 
 import pytest
 import torch
+from repetitions import repeated
 from test_commands import ROOT, run
 from told import Told
 
@@ -67,14 +68,7 @@ def test_held_out_errors_are_of_trials_that_were_not_fitted_to():
         torch.testing.assert_close(base.error[held_out], error, rtol=1e-3, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param("surface_tilt", marks=pytest.mark.nightly),
-        pytest.param("rolling_resistance", marks=pytest.mark.nightly),
-        "location_dependent_restitution",
-    ],
-)
+@pytest.mark.parametrize("name", repeated("location_dependent_restitution", "surface_tilt", "rolling_resistance"))
 def test_a_hidden_effect_is_named(name):
     impacts, truth = mystery.draw(12, effects=[name], size=300)
     found = diagnose(impacts, find(truth["law"]))
@@ -86,7 +80,7 @@ def test_a_hidden_effect_is_named(name):
     assert all(p.standard_error > 0 for p in found.missing[0].parameters)
 
 
-@pytest.mark.parametrize("seed", [40, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (41, 42))])
+@pytest.mark.parametrize("seed", repeated(40, 41, 42))
 def test_nothing_is_found_where_nothing_is_missing(seed):
     impacts, _ = mystery.draw(seed, effects=[], size=200)
     found = diagnose(impacts)

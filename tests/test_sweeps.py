@@ -12,6 +12,7 @@ from unittest.mock import patch
 
 import pytest
 from commands import TRAIN, run
+from repetitions import repeated
 
 from contactlearn import cli
 from contactlearn.app import job as door
@@ -243,7 +244,7 @@ def test_jobs_at_once_are_limited(tmp_path):
 # Killed
 
 
-@pytest.mark.parametrize("kills", [1, pytest.param(3, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("kills", repeated(1, 3))
 def test_killed_at_random_moments(kills, undisturbed, tmp_path):
     """Nothing finished is lost, nothing half-written is read, and the results are those of an undisturbed sweep.
 

@@ -6,6 +6,7 @@ from urllib.parse import urlsplit
 
 import pytest
 from browser import chromium
+from repetitions import repeated
 
 pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'contactlearn[workbench]'")
 
@@ -247,7 +248,7 @@ def test_the_hints_lead_to_the_truth(browser, served):
     until(browser, "document.getElementById('hints').hidden")
 
 
-@pytest.mark.parametrize("count", [200, pytest.param(1000, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("count", repeated(200, 1000))
 def test_random_clicks_do_no_harm(count, wide, served):
     opened(wide, served + MYSTERY)
     assert wide.execute_async_script(_CLICKS, count) == count
