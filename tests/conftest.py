@@ -2,6 +2,7 @@
 
 import os
 
+import hypothesis
 import pytest
 import quick
 import torch
@@ -10,6 +11,9 @@ from contactlearn.data import ellipse_drops as source
 from contactlearn.errors import DataError
 
 torch.set_num_threads(1)  # the suite runs in parallel processes
+# On a busy machine making an example takes long; that is no fault of the test.
+hypothesis.settings.register_profile("suite", suppress_health_check=[hypothesis.HealthCheck.too_slow])
+hypothesis.settings.load_profile("suite")
 
 # The files that take longest begin: a worker that takes one of them last would be waited for.
 LONGEST = (
