@@ -1,43 +1,71 @@
-# make demo    the main job on built-in synthetic drops, no download
-# make test    the whole test suite
-# make bench   every benchmark, one after the other
-# make docs    the site, strictly, into site/
+# make demo       the main job on built-in synthetic drops, no download of data
+# make quick      the inner loop: tests of what changed since the last commit, and one of every other file
+# make test       style, types, and the test suite
+# make test-all   with the long repetitions that `make test` leaves out
+# make bench      every benchmark, one after the other
+# make docs       the site, strictly, into site/
+# make versions   the oldest and the newest supported versions, each in an environment of its own
+# make release    the release checklist, up to the upload
 PYTHON ?= python3
 PY := .venv/bin/python
+PIP := $(PY) -m pip install --disable-pip-version-check
 # Measured data is not in the repository; a folder of it in or beside the checkout is found.
 CONTACTLEARN_DATA ?= $(firstword $(abspath $(wildcard data ../data ../shared/data)))
 export CONTACTLEARN_DATA
 
-.PHONY: demo test bench docs clean
+.PHONY: demo quick style test test-all bench docs versions release clean
 
-demo: .venv/ready
+demo: .venv/installed
 	$(PY) evaluate.py
 
+quick: .venv/ready
+	$(PY) -m ruff check -q .
+	$(PY) -m pytest --quick
+
 # The tests open the report in Chromium where there is one; a bare machine that runs CI gets one.
-test: .venv/ready
+style: .venv/ready
 	@if [ "$$CI" = true ] && [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && ! command -v chromedriver >/dev/null; then \
 	  { timeout 120 apt-get -qq update && DEBIAN_FRONTEND=noninteractive timeout 300 apt-get -qq install -y --no-install-recommends chromium chromium-driver; } </dev/null >/dev/null 2>&1 || \
 	  echo "Chromium could not be installed: the report is not tested in a browser"; fi
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m pyright --pythonpath $(PY)
+
+test: style
 	$(PY) -m pytest
 
+test-all: style
+	$(PY) -m pytest -m ""
+
 bench: .venv/ready
-	$(PY) -m pip install --disable-pip-version-check -q -c requirements.lock -e '.[test,bench]'
+	$(PIP) -q -c requirements.lock -c benchmarks/requirements.lock -e '.[test,bench]'
 	for script in benchmarks/[a-z]*.py; do $(PY) $$script || exit 1; done
 
 docs: .venv/ready
 	$(PY) -m sphinx -W --keep-going -q -d .sphinx -c docs . site
 	@echo "open     site/index.html"
 
-# The lock file pins every package; it is made again from pyproject.toml as CONTRIBUTING.md says.
-.venv/ready: requirements.lock pyproject.toml
+versions:
+	$(PYTHON) tools/versions.py
+
+release: .venv/ready
+	$(PY) tools/release.py
+
+# The lock files pin every package; they are made again from pyproject.toml as CONTRIBUTING.md says.
+.venv/installed: requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "contactlearn needs Python 3.11 or newer; say which with: make PYTHON=python3.12 ..."; exit 1; }
+	@echo "First of all, once: the packages of requirements.lock are installed into .venv. PyTorch, NumPy, SciPy, matplotlib and"
+	@echo "others are a download of 380 MB with PyTorch for the CPU (some GB where pip takes the one with CUDA), and take a few minutes."
+	@echo "The demo simulates its drops: no data are downloaded."
 	$(PYTHON) -m venv .venv
-	$(PY) -m pip install --disable-pip-version-check -c requirements.lock -e '.[test]'
+	$(PIP) -c requirements.lock -e .
+	touch $@
+
+.venv/ready: .venv/installed
+	@echo "Once: the tools of the tests are installed beside it, among them MuJoCo, scikit-learn, Dash, ruff and pyright, 130 MB more."
+	$(PIP) -c requirements.lock -e '.[test]'
 	touch $@
 
 clean:
-	rm -rf .venv outputs multirun site .sphinx
+	rm -rf .venv outputs multirun site .sphinx dist

@@ -24,7 +24,11 @@ if TYPE_CHECKING:
         mechanics,
         model,
         regression,
+        report,
+        results,
         shapes,
+        testing,
+        tracks,
     )
     from contactlearn.citation import cite
     from contactlearn.diagnosis.observer import Observer
@@ -73,7 +77,11 @@ __all__ = [
     "mechanics",
     "model",
     "regression",
+    "report",
+    "results",
     "shapes",
+    "testing",
+    "tracks",
 ]
 
 # Where a public name is defined; tests hold this table and the imports above to each other.

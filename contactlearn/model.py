@@ -49,6 +49,15 @@ class ContactModel:
     parameter_covariance: Tensor | None = None
 
     def __post_init__(self):
+        if not (self.base is None or isinstance(self.base, Law | ContactModel)):
+            raise ContactLearnError(
+                "a model is built on a law with its μ and ε, such as laws.find('mirtich').at(0.2, 0.5), or on a model; "
+                f"got {self.base!r}"
+            )
+        if not isinstance(self.effects, Mapping):
+            raise ContactLearnError(
+                f"a model has effects by name with their values, got {self.effects!r}; identify_jointly fits them"
+            )
         if self.effects and not isinstance(self.base, Law):
             raise ContactLearnError(f"effects act around a law, got {self.base}; name one, such as law=wang_mason")
 

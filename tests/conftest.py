@@ -1,14 +1,38 @@
-"""Fixtures that several test files share."""
+"""Fixtures that several test files share, the order of the files, and the inner loop `--quick`."""
 
 import os
 
+import hypothesis
 import pytest
+import quick
 import torch
 
 from contactlearn.data import ellipse_drops as source
 from contactlearn.errors import DataError
 
 torch.set_num_threads(1)  # the suite runs in parallel processes
+# On a busy machine making an example takes long; that is no fault of the test.
+hypothesis.settings.register_profile("suite", suppress_health_check=[hypothesis.HealthCheck.too_slow])
+hypothesis.settings.load_profile("suite")
+
+# The files that take longest begin: a worker that takes one of them last would be waited for.
+LONGEST = (
+    "test_workbench_browser.py", "test_diagnosis.py", "test_sweeps.py", "test_audit.py", "test_examples.py",
+    "test_second_nature.py", "test_search.py", "test_mystery.py", "test_tracks_mujoco.py", "test_equivalents.py",
+)  # fmt: skip
+
+
+def pytest_addoption(parser):
+    parser.addoption("--quick", action="store_true", help="tests of what changed, and one of every other file")
+
+
+def pytest_collection_modifyitems(config, items):
+    place = {name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path.name, len(LONGEST)))
+    if config.getoption("--quick"):
+        chosen = list(quick.kept(items, quick.changed()))
+        config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
+        items[:] = chosen
 
 
 @pytest.fixture(scope="session")

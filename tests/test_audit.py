@@ -6,6 +6,7 @@ import math
 import pytest
 import torch
 from corruptions import CORRUPTIONS, corrupt
+from repetitions import repeated
 
 from contactlearn.audit.consistency import balance, contradictions
 from contactlearn.audit.conventions import compare
@@ -50,7 +51,7 @@ SAME = {("disc", "mirrored_theta"): "mirrored_x", ("disc", "mirrored_omega"): "m
 
 
 @pytest.mark.parametrize("known", KNOWN.values(), ids=KNOWN)
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", repeated(*range(4)))
 @pytest.mark.parametrize("body", BODIES)
 def test_every_mistake_is_named(body, seed, known):
     clean = drops(body, seed, known=known)
@@ -291,9 +292,10 @@ def test_contact_point_of_another_shape():
 # --- Clean data ----------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("seed", repeated(*range(8)))
 @pytest.mark.parametrize("body", BODIES)
-def test_clean_synthetic_drops(body):
-    for seed, size, known in itertools.product(range(8), (1, 9, 12, 150), KNOWN.values()):
+def test_clean_synthetic_drops(body, seed):
+    for size, known in itertools.product((1, 9, 12, 150), KNOWN.values()):
         assert mistakes(audit(drops(body, seed, size, known))) == []
 
 
@@ -306,12 +308,12 @@ def test_clean_drops_of_extreme_laws(body, mu, eps):
         assert mistakes(audit(drops(body, mu=mu, eps=eps, **options))) == []
 
 
+@pytest.mark.parametrize("seed", repeated(*range(2)))
 @pytest.mark.parametrize("effect", [None, *EFFECTS, *UNKNOWN])
-def test_hidden_effects_are_no_mistakes(effect):
-    for seed in range(2):
-        impacts, _ = draw(seed, effects=[effect] if effect else [], size=150)
-        assert mistakes(audit(impacts)) == []
-        assert mistakes(audit(impacts.replace(shape=None))) == []
+def test_hidden_effects_are_no_mistakes(effect, seed):
+    impacts, _ = draw(seed, effects=[effect] if effect else [], size=150)
+    assert mistakes(audit(impacts)) == []
+    assert mistakes(audit(impacts.replace(shape=None))) == []
 
 
 HIDDEN = {

@@ -248,7 +248,10 @@ ERRORS = {
     "tables": (["evaluate.py", "tables=xls"], "unknown table format 'xls'"),
     "trial": (["evaluate.py", "figures.trial=nobody"], "figures.trial=nobody is not among the 200 held-out trials"),
     "no laws": (["evaluate.py", "laws=[]"], "at least one law"),
-    "size": (["train.py", "train.size=2.5"], "train.size must be a whole number, 1 or more, got 2.5"),
+    "size": (
+        ["train.py", "train.size=2.5"],
+        "train.size must be a whole number, 1 or more, or null for as many as there are, got 2.5",
+    ),
     "resamples": (["train.py", "bootstrap=0"], "bootstrap must be a whole number"),
     "restitution": (["train.py", "train.eps=[0,1.5]"], "bounds of eps must end at 1 or below, got [0, 1.5]"),
     "threads": (["train.py", "threads=0"], "threads must be a whole number"),

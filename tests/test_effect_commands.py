@@ -162,7 +162,7 @@ def test_a_form_is_a_setting(arguments, form):
 
 REFUSED = {
     "no law": (["model=x1_wrench", "effect=[side_drag]"], "effects act around a law, and model x1_wrench has none"),
-    "not an effect": (["+effect.mine._target_=os.system"], "Located non-class"),
+    "not an effect": (["+effect.mine._target_=os.system"], "must be a subclass"),
     "a class that is none": (["+effect.mine._target_=pathlib.Path"], "must be a subclass"),
     "not importable": (["+effect.mine._target_=no_such.Thing"], "cannot be imported"),
     "a fitted parameter": (["effect=[side_drag]", "+effect.side_drag.c=0.1"], "has no setting 'c' (it is fitted)"),

@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from repetitions import repeated
 
 from contactlearn import laws
 from contactlearn.data import mystery, synthetic
@@ -114,7 +115,7 @@ def test_many_drops_from_many_heights_do():
     assert find_rivals(having(drops(gravity(0.02), 400), LATE)) == {LATE: ()}
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", repeated(1, 2, 3))
 def test_few_drops_do_not_tell_a_weak_dependence_on_the_speed_from_adhesion(seed):
     selection = having(drops(slowing(-0.04), 60, seed), POWER, among=("velocity_dependent_restitution", "adhesion"))
     assert EffectId("adhesion", "work") in [one.rival.effect for one in find_rivals(selection)[POWER]]

@@ -107,7 +107,7 @@ def test_a_new_law_in_the_package_is_one_file_and_one_configuration(tmp_path):
 
 ERRORS = {
     "no law": ("train", ["law._target_=os.PathLike"], "_target_ must be a subclass of contactlearn.laws.Law"),
-    "a function": ("train", ["law._target_=os.system"], "cannot be imported"),
+    "a function": ("train", ["law._target_=os.system"], "must be a subclass of contactlearn.laws.Law"),
     "the interface": ("train", ["law._target_=contactlearn.laws.Law"], "must be a subclass of contactlearn.laws.Law"),
     "nowhere": ("train", ["law._target_=nowhere.Law"], "is its package installed, or its folder on PYTHONPATH?"),
     "best": ("evaluate", ["law=best"], "law=best is a choice of diagnose.py alone"),

@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from repetitions import repeated
 from scipy.stats import mannwhitneyu
 
 from contactlearn.data import synthetic
@@ -74,7 +75,7 @@ def homogeneous(drops, generator):
 
 
 @pytest.mark.parametrize("name", PLANTED)
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", repeated(0, 1))
 def test_planted_regions_are_found(name, seed):
     drops, prediction, rows = plant(name, seed=seed)
     region = find_regions(drops, prediction, generator=seeded(seed))[0]
@@ -130,16 +131,16 @@ def test_the_p_value_is_of_the_half_that_was_not_searched():
     assert among.p_value == pytest.approx(5 * alone.p_value)
 
 
-def test_gross_outliers_hide_nothing():
+@pytest.mark.parametrize("seed", repeated(*range(5)))
+def test_gross_outliers_hide_nothing(seed):
     """One trial in fifty with its outcome reversed: an error of two, where noise leaves hundredths."""
-    for seed in range(5):
-        drops, prediction, rows = plant("location", size=800, seed=seed)
-        v_post = drops.v_post.clone()
-        v_post[::50] *= -1
-        region = find_regions(drops.replace(v_post=v_post), prediction, generator=seeded(seed))[0]
-        inside = mask(region, 800)
-        assert (inside & rows).sum() > 0.7 * (inside | rows).sum()
-        assert 1.8 < region.ratio.mean < 4
+    drops, prediction, rows = plant("location", size=800, seed=seed)
+    v_post = drops.v_post.clone()
+    v_post[::50] *= -1
+    region = find_regions(drops.replace(v_post=v_post), prediction, generator=seeded(seed))[0]
+    inside = mask(region, 800)
+    assert (inside & rows).sum() > 0.7 * (inside | rows).sum()
+    assert 1.8 < region.ratio.mean < 4
 
 
 def test_two_regions_are_said_once_each():
@@ -154,6 +155,7 @@ def test_two_regions_are_said_once_each():
     assert regions[0].p_value <= regions[1].p_value
 
 
+@pytest.mark.nightly
 def test_homogeneous_errors_have_no_regions():
     """With any ratio worth a sentence, so that the test alone holds the promised 5 %."""
     generator, alarms = seeded(0), 0
@@ -165,10 +167,11 @@ def test_homogeneous_errors_have_no_regions():
     assert alarms <= FIVE_PERCENT_OF_300
 
 
-def test_true_model_has_no_regions():
+@pytest.mark.parametrize("count", repeated(5, 20))
+def test_true_model_has_no_regions(count):
     """Noise alone does not stand out clearly, though its share is not the same everywhere."""
     found = []
-    for seed in range(20):
+    for seed in range(count):
         drops = synthetic.load(size=500, seed=seed)
         found += find_regions(drops, MODEL.predict(drops), generator=seeded(seed))
     assert len(found) <= 1

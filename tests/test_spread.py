@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from repetitions import repeated
 
 from contactlearn.audit.corrections import correct
 from contactlearn.data import mystery
@@ -33,13 +34,13 @@ def alike(seed, size=100, spread=0.0):
     return true.replace(v_pre=v_pre + NOISE * draws[1], v_post=v_post + NOISE * draws[2])
 
 
+@pytest.mark.parametrize("seed", repeated(0, 1, 2, 3, 4))
 @pytest.mark.parametrize("size", [100, 300])
-def test_scatter_is_no_effect(size):
-    for seed in range(5):
-        found = diagnose(alike(seed, size), find("wang_mason"))
-        assert found.effects == ()
-        assert found.verdict == "none"
-        assert "averaged_vy" in [finding.correction for finding in found.findings]
+def test_scatter_is_no_effect(size, seed):
+    found = diagnose(alike(seed, size), find("wang_mason"))
+    assert found.effects == ()
+    assert found.verdict == "none"
+    assert "averaged_vy" in [finding.correction for finding in found.findings]
 
 
 def test_what_varies_is_measured():

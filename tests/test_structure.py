@@ -25,7 +25,7 @@ PACKAGE = ROOT / "contactlearn"
 
 # From the measurements to what is shown.  A module may import those on its own or an earlier line.
 ORDER = (
-    ("errors",),
+    ("errors", "lazy"),
     ("numerics", "serialisation"),
     ("shapes", "mechanics", "apparatus"),
     ("impacts",),

@@ -12,6 +12,7 @@ from unittest.mock import patch
 
 import pytest
 from commands import TRAIN, run
+from repetitions import repeated
 
 from contactlearn import cli
 from contactlearn.app import job as door
@@ -243,13 +244,14 @@ def test_jobs_at_once_are_limited(tmp_path):
 # Killed
 
 
-def test_killed_at_random_moments(undisturbed, tmp_path):
+@pytest.mark.parametrize("kills", repeated(1, 3))
+def test_killed_at_random_moments(kills, undisturbed, tmp_path):
     """Nothing finished is lost, nothing half-written is read, and the results are those of an undisturbed sweep.
 
     Fifty kills are in benchmarks/sweeps.py.
     """
-    hits, lost = survive(tmp_path, kills=3, longest=7)
-    assert (hits, lost) == (3, [])
+    hits, lost = survive(tmp_path, kills=kills, longest=7)
+    assert (hits, lost) == (kills, [])
     status, printed = ended(started(tmp_path, *JOBS))
     assert status == 0, printed
     assert content(tmp_path) == content(undisturbed)

@@ -114,10 +114,10 @@ def _candidates(cfg: DictConfig, effects: Mapping[str, Effect]) -> dict[EffectId
 def _command(cfg: DictConfig, found: Diagnosis) -> str:
     """The command that evaluates what was found on these data."""
     task = HydraConfig.get().overrides.task
-    words = [*results.called("evaluate"), *(word for word in task if word.startswith("data"))]
+    words = [*results.called("evaluate"), *(word for word in task if word.lstrip("+~").startswith("data"))]
     repairs = found.corrections
     if repairs:
-        words = [word for word in words if not word.startswith("data.correct")]
+        words = [word for word in words if not word.lstrip("+").startswith("data.correct")]
         words.append(f"data.correct=[{','.join([*cfg.data.correct, *repairs])}]")
     given = [word for word in task if word.startswith("law=") or word.lstrip("+").startswith("law.")]
     words += given if chosen_law(cfg) else [f"law={found.law}"] if found.law else []

@@ -20,6 +20,7 @@ from contactlearn.report.audit import show_columns, show_mistakes
 from contactlearn.report.page.recordings import RECORDINGS, SOURCES, write_recordings_page
 
 _TABLE = "contactlearn.data.table.load"
+_USUAL = 120  # training trials of a subset where as many are there: the paper's number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +97,8 @@ def _meant(target: str, cfg: DictConfig) -> str:
 def split(cfg: DictConfig, folder: Path | None = None) -> Split:
     """Load the data, say what a quick audit doubts, and hold out a share `test`; recordings leave recordings.html.
 
+    `train.size` is set where it was left open.
+
     Raises:
         DataError: fewer trials than `train.size`, or an outcome at rest, to which no error is relative.
     """
@@ -103,6 +106,8 @@ def split(cfg: DictConfig, folder: Path | None = None) -> Split:
     show_mistakes(quick_audit(impacts), cfg.data.get("correct") or ())
     generator = torch.Generator().manual_seed(cfg.seed)
     pool, test = impacts.split(cfg.test, generator)
+    if cfg.train.size is None:
+        cfg.train.size = max(1, min(_USUAL, 4 * len(pool) // 5))
     if len(pool) < cfg.train.size:
         raise DataError(
             f"{impacts.source}: train.size={cfg.train.size}, but {len(pool)} of {len(impacts)} trials are left to "

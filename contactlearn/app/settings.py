@@ -1,13 +1,17 @@
 """Checks of a composed configuration, before any data is read: a wrong setting costs seconds, not a run."""
 
+import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
+from contactlearn.app.job import reason
 from contactlearn.app.laws import law_of, named_laws
 from contactlearn.app.plain import plain_values
 from contactlearn.app.targets import subclass
+from contactlearn.data import synthetic
 from contactlearn.effects import Effect, from_settings
 from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import ContactLearnError, UnknownNameError
@@ -15,8 +19,9 @@ from contactlearn.evaluation import bounds
 from contactlearn.identification.joint import FitOptions
 from contactlearn.identification.shared import Box
 from contactlearn.impacts import IMPULSE_TARGETS
-from contactlearn.laws import PAPER_LAWS
+from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.learning.recipe import Recipe
+from contactlearn.model import ContactModel
 from contactlearn.numerics import is_number, is_whole
 from contactlearn.results.tables import FORMATS
 
@@ -48,7 +53,10 @@ _RULES = {
     "seed": _whole(0),
     "threads": _whole(1),
     "seconds": _number(lambda x: x > 0, "a positive number of seconds"),
-    "train.size": _whole(1),
+    "train.size": (
+        lambda x: x is None or _whole(1)[0](x),
+        "a whole number, 1 or more, or null for as many as there are",
+    ),
     "train.repetitions": _whole(1),
     "train.mu": _pair("[low, high], such as [0, 1]"),
     "train.eps": _pair("[low, high], such as [0, 1]"),
@@ -206,7 +214,26 @@ def effects(cfg: DictConfig, part: str = "effect") -> dict[str, Effect]:
     return found
 
 
+def _try(effect: Effect) -> None:
+    """Use an effect on a few drops, unless they are none for it."""
+    drops = synthetic.load(size=5)
+    with suppress(ContactLearnError):
+        ContactModel(find("wang_mason").at(0.2, 0.5), effects={effect.name: effect.prepare(drops)}).predict(drops)
+
+
 def _effect(settings: dict[str, Any]) -> Effect:
-    """The effect of a class or of lines of mathematics."""
+    """The effect of a class or of lines of mathematics; that of a foreign class is tried on a few drops."""
     target = settings.pop("_target_", None)
-    return formula(**settings) if target is None else from_settings(subclass(target, Effect), settings)
+    if target is None:
+        return formula(**settings)
+    kind = subclass(target, Effect)
+    try:
+        effect = from_settings(kind, settings)
+        if not str(target).startswith("contactlearn."):
+            _try(effect)
+    except ContactLearnError:
+        raise
+    except Exception as error:  # whatever code of the user's own may raise
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        raise ContactLearnError(f"{target} fails in {where.name}, line {where.lineno}: {reason(error)}") from error
+    return effect

@@ -1,10 +1,9 @@
 """Classes that a configuration names by `_target_`: found, checked to be of one kind, and never anything else."""
 
+from importlib import import_module
 from typing import TypeVar
 
-from hydra.utils import get_class
-
-from contactlearn.errors import ContactLearnError
+from contactlearn.errors import ContactLearnError, suggest
 
 Base = TypeVar("Base")
 
@@ -15,14 +14,18 @@ def subclass(target: object, base: type[Base]) -> type[Base]:
     Raises:
         ContactLearnError: the path cannot be imported, or names another thing.
     """
+    place, _, name = str(target).rpartition(".")
     try:
-        kind = get_class(str(target))
+        module = import_module(place)
     except Exception as error:
-        seen = str(error).splitlines()[0]
-        raise ContactLearnError(
-            f"_target_={target} cannot be imported ({seen}); is its package installed, or its folder on PYTHONPATH?"
-        ) from None
-    if not issubclass(kind, base) or kind is base:
+        missing = isinstance(error, ModuleNotFoundError) and f"{place}.".startswith(f"{error.name}.")
+        why = "is its package installed, or its folder on PYTHONPATH?" if missing else f"mend {place} first"
+        seen = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise ContactLearnError(f"_target_={target} cannot be imported ({seen}); {why}") from None
+    kind = getattr(module, name, None)
+    if kind is None:
+        raise ContactLearnError(f"_target_={target}: {place} has no {name!r}{suggest(name, vars(module))}")
+    if not isinstance(kind, type) or not issubclass(kind, base) or kind is base:
         package = base.__module__.rpartition(".")[0]
         raise ContactLearnError(f"_target_ must be a subclass of {package}.{base.__name__}, got {target}")
     return kind

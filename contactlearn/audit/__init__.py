@@ -10,3 +10,9 @@ findings              the audit: every finding, in order
 model_outliers        trials that a fitted model makes all but impossible
 averaging             velocities before impact that vary by noise alone
 """
+
+TYPE_CHECKING = False
+if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
+    from contactlearn.lazy import submodules
+
+    __getattr__, __dir__ = submodules(__name__, __path__)

@@ -12,3 +12,9 @@
 A source takes plain keyword arguments, reads or simulates, and leaves validation to `Impacts`.
 Nothing downstream reads a file again.
 """
+
+TYPE_CHECKING = False
+if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
+    from contactlearn.lazy import submodules
+
+    __getattr__, __dir__ = submodules(__name__, __path__)

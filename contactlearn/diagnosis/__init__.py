@@ -7,3 +7,9 @@ failure          regions in which a model fails
 discrimination   effects that these data cannot tell apart, and the drops that would
 unexplained      the remainder that flexible models predict, and formulas for it
 """
+
+TYPE_CHECKING = False
+if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
+    from contactlearn.lazy import submodules
+
+    __getattr__, __dir__ = submodules(__name__, __path__)

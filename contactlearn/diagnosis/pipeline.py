@@ -17,7 +17,7 @@ A table of more than a few thousand trials is diagnosed on subsamples of it, and
 All errors are the held-out mass error.  `result` holds the types; docs/diagnosis.md is the schema of diagnosis.json.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -57,19 +57,19 @@ from contactlearn.diagnosis.stages import (
 )
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.validation import Folds, held_out_interval
-from contactlearn.effects import Effect, EffectId
+from contactlearn.effects import Effect, EffectId, named_effects
 from contactlearn.evaluation.partial_residuals import partial_residuals
 from contactlearn.identification.joint import FitOptions
 from contactlearn.impacts import Impacts
-from contactlearn.laws import Law
+from contactlearn.laws import Law, named
 
 _FEW = 600  # trials up to which the cross-validation is repeated
 
 
 def diagnose(
     impacts: Impacts,
-    law: Law | None = None,
-    effects: Mapping[str, Effect] | None = None,
+    law: Law | str | None = None,
+    effects: Mapping[str, Effect] | Iterable[str] = (),
     *,
     candidates: Mapping[EffectId, Effect] | None = None,
     laws: Sequence[Law] | None = None,
@@ -86,8 +86,8 @@ def diagnose(
 
     Args:
         impacts: measurements; `suspect` ones are audited and corrected, or refused.
-        law: an analytical law; if None, that of `laws` with the least held-out error.
-        effects: in the model already, by name.
+        law: an analytical law or its name; if None, that of `laws` with the least held-out error.
+        effects: in the model already, by name, or names alone.
         candidates: effects that may be missing; the whole catalogue if None.  `candidates.usable` refuses some.
         laws: to compare; `all_laws()` if None.
         noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s) where they are known.
@@ -102,8 +102,9 @@ def diagnose(
     Raises:
         ContactLearnError: no candidates, too few trials, or limits of something that a drop does not set.
     """
+    law = None if law is None else named(law)
     study = Study(
-        given=dict(effects or {}),
+        given=named_effects(effects),
         candidates=candidates or all_candidates(),
         laws={one.name: one for one in (laws or all_laws())} | ({law.name: law} if law else {}),
         options=FitOptions(noise=noise, thresholds=thresholds.fit),

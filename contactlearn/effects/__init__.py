@@ -12,7 +12,15 @@ Every other module is an effect.  docs/effects.md lists them with their formulas
 
 from contactlearn.effects.base import PLACES, Effect, Parameter, parameter
 from contactlearn.effects.identity import EffectId
-from contactlearn.effects.registry import ENTRY_POINT, catalogue, choose_form, find_effect, forms_of, from_settings
+from contactlearn.effects.registry import (
+    ENTRY_POINT,
+    catalogue,
+    choose_form,
+    find_effect,
+    forms_of,
+    from_settings,
+    named_effects,
+)
 from contactlearn.effects.state import State, columns
 
 __all__ = [
@@ -28,5 +36,6 @@ __all__ = [
     "find_effect",
     "forms_of",
     "from_settings",
+    "named_effects",
     "parameter",
 ]

@@ -194,6 +194,16 @@ class Effect(ABC):
         return self
 
 
+def check_decorated(kind: type[Effect]) -> None:
+    """Refuse a class without its decorator, by which parameters become fields.
+
+    Raises:
+        ContactLearnError: the class is no dataclass.
+    """
+    if "__dataclass_fields__" not in vars(kind):
+        raise ContactLearnError(f"class {kind.__name__} must have @dataclass(frozen=True, eq=False) above it")
+
+
 def require_shape(effect: str, impacts: Impacts) -> None:
     """Refuse impacts of a body without a shape, for an effect by name that moves the contact point.
 

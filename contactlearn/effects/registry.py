@@ -3,13 +3,13 @@
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, Field, fields
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from contactlearn.effects.base import PLACES, Effect
+from contactlearn.effects.base import PLACES, Effect, check_decorated
 from contactlearn.errors import ContactLearnError, UnknownNameError, suggest
 
 ENTRY_POINT = "contactlearn.effects"
@@ -52,6 +52,26 @@ def find_effect(name: str, form: str | None = None) -> type[Effect]:
     return choose_form(known[name], form)
 
 
+def named_effects(effects: Mapping[str, Effect] | Iterable[str]) -> dict[str, Effect]:
+    """Return effects by name: those of a mapping, or those of the catalogue with these names, in their default forms.
+
+    Raises:
+        ContactLearnError: neither of the two.
+        UnknownNameError: no such effect.
+    """
+    found = effects if isinstance(effects, Mapping) else None
+    if found is None and not isinstance(effects, str):
+        found = {name: find_effect(name)() for name in effects}
+    if found is None or not all(isinstance(effect, Effect) for effect in found.values()):
+        raise ContactLearnError(
+            f"effects are names, such as ['spin_damping'], or effects by name, such as {{'spin': SpinDamping()}}; "
+            f"got {effects!r}"
+        )
+    for effect in found.values():
+        check_decorated(type(effect))
+    return dict(found)
+
+
 def forms_of(kind: type[Effect]) -> tuple[type[Effect], ...]:
     """Return the forms of a family in the order of their declaration; any other effect is its only form.
 
@@ -60,6 +80,7 @@ def forms_of(kind: type[Effect]) -> tuple[type[Effect], ...]:
     """
     found: dict[str | None, type[Effect]] = {}
     for form in _defined(kind) if inspect.isabstract(kind) else (kind,):
+        check_decorated(form)
         if form.form in found:
             raise _homonyms(f"forms of {kind.name} are called {form.form}", found[form.form], form)
         found[form.form] = form

@@ -5,7 +5,7 @@ maximises the likelihood of the residuals under Student's t distribution, for ma
 the noise of the velocities is known, `errors_in_variables` estimates the states before impact with the parameters.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -13,14 +13,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from contactlearn.effects import Effect, Parameter
+from contactlearn.effects import Effect, Parameter, named_effects
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.identification import errors_in_variables, robust
 from contactlearn.identification.problem import JointProblem, effects_at
 from contactlearn.identification.shared import Box
 from contactlearn.identification.thresholds import FitThresholds
 from contactlearn.impacts import Impacts
-from contactlearn.laws import Law
+from contactlearn.laws import Law, named
 from contactlearn.model import ContactModel
 from contactlearn.numerics import is_number
 
@@ -166,8 +166,8 @@ class JointFit:
 
 
 def identify_jointly(
-    law: Law,
-    effects: Mapping[str, Effect],
+    law: Law | str,
+    effects: Mapping[str, Effect] | Iterable[str],
     impacts: Impacts,
     rows: Tensor | None = None,
     *,
@@ -177,16 +177,16 @@ def identify_jointly(
     """Fit a law with effects to trials.
 
     Args:
-        law: an analytical law; its own μ and ε are ignored.
-        effects: by name; constants that they leave open are taken from the impacts.
+        law: an analytical law or its name; its own μ and ε are ignored.
+        effects: by name, or names alone; constants that they leave open are taken from the impacts.
         impacts, rows: subsets [..., n] of equal size as rows of the impacts; all of them if None.
         options: of the fit.
         start: values [..., K] to begin at instead of a search.
 
     Raises:
-        DataError: too few trials, or a shape that an effect needs is not known.
+        DataError: fewer trials than K parameters need, (K + 12) // 3 + 1; or an effect needs a shape, which is unknown.
     """
-    effects = {name: effect.prepare(impacts) for name, effect in effects.items()}
+    law, effects = named(law), {name: effect.prepare(impacts) for name, effect in named_effects(effects).items()}
     rows = torch.arange(len(impacts)) if rows is None else rows
     parameters = named_parameters(effects, options.box, impacts)
     least = (len(parameters) + 2 * _SCATTER) // 3 + 1

@@ -32,7 +32,7 @@ from contactlearn.identification.grid_search import (
     ranges_within,
 )
 from contactlearn.impacts import Impacts, measured_impulse
-from contactlearn.laws import Law
+from contactlearn.laws import Law, named
 
 __all__ = ["Box", "SharedFit", "cost_surface", "distances", "identify"]
 
@@ -82,7 +82,7 @@ def cost_surface(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, *, target:
 
 
 def identify(
-    law: Law,
+    law: Law | str,
     impacts: Impacts,
     *,
     sizes: Sequence[int] = (120,),
@@ -96,7 +96,7 @@ def identify(
     """Identify one (μ, ε) from the first k trials of m random orders, for every k of `sizes`.
 
     Args:
-        law: an analytical law; its own μ and ε are ignored.
+        law: an analytical law or its name; its own μ and ε are ignored.
         impacts: trials to draw from, without replacement within a repetition.
         sizes: subset sizes k, increasing; the subsets of one repetition are nested.
         repetitions: m.
@@ -108,8 +108,9 @@ def identify(
 
     Raises:
         DataError: fewer trials than the largest size, or sizes that do not increase.
-        UnknownNameError: no such target.
+        UnknownNameError: no such law or target.
     """
+    law = named(law)
     sizes, box = tuple(sizes), box or Box()
     orders = _orders(impacts, sizes, repetitions, orders, generator or torch.Generator().manual_seed(0))
     mu, eps = box.axes()

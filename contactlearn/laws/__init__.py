@@ -19,7 +19,7 @@ from contactlearn.laws.contact import Contact
 
 ENTRY_POINT = "contactlearn.laws"
 
-__all__ = ["ENTRY_POINT", "PAPER_LAWS", "Contact", "Law", "catalogue", "find", "names"]
+__all__ = ["ENTRY_POINT", "PAPER_LAWS", "Contact", "Law", "catalogue", "find", "named", "names"]
 
 
 def catalogue() -> dict[str, dict[str, type[Law]]]:
@@ -74,6 +74,20 @@ def find(name: str, variant: str = "textbook", **options: Any) -> Law:
     if unknown := [key for key in options if key not in settings]:
         raise UnknownNameError(f"option of law {name}", unknown[0], settings or ["none"])
     return law(**options)
+
+
+def named(law: Law | str) -> Law:
+    """Return a law as it is, or the one of a name.
+
+    Raises:
+        ContactLearnError: neither a law nor a name.
+        UnknownNameError: no such law.
+    """
+    if isinstance(law, str):
+        return find(law)
+    if isinstance(law, Law):
+        return law
+    raise ContactLearnError(f"a law is asked for, such as 'mirtich' or laws.find('mirtich'), got {law!r}")
 
 
 def _concrete(kind: type[Law]) -> Iterator[type[Law]]:

@@ -63,6 +63,10 @@ class Recipe:
             raise UnknownNameError("feature space", self.features, SPACES)
         if self.target not in TARGETS:
             raise UnknownNameError("target", self.target, TARGETS)
+        if not (self.law is None or isinstance(self.law, Law)):
+            raise ContactLearnError(
+                f"a recipe builds on a law, such as laws.find('mirtich'), or on None; got {self.law!r}"
+            )
         if self.law is None and self.target.startswith("parameters"):
             raise ContactLearnError(f"target {self.target} needs a law, got none")
 

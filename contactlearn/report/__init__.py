@@ -12,3 +12,9 @@
 Nothing is fitted here: results are complete before they are shown.  Figures are matplotlib `Figure` objects that need
 no window system and are not kept alive by one.
 """
+
+TYPE_CHECKING = False
+if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
+    from contactlearn.lazy import submodules
+
+    __getattr__, __dir__ = submodules(__name__, __path__)

@@ -52,7 +52,7 @@ def show_models(
     """
     units = (f"{_SHORT[name]} {metric.unit}".strip(" –") for name, metric in METRICS.items())
     title = "Errors on the held-out trials: means, and the 95 % interval of the first"
-    table = _table(title, "model", "μ", "ε", *units, "outside")
+    table = new_table(title, "model", "μ", "ε", *units, "outside")
     found = {fit.law: ((fit.mu, fit.mu_std), (fit.eps, fit.eps_std)) for fit in fits}
     found |= {name: tuple((p.value, p.standard_error) for p in fit.parameters[:2]) for name, fit in joint.items()}
     for model, entry in errors.items():
@@ -60,7 +60,7 @@ def show_models(
         cells = [f"{entry.of(name).mean:.4f}" for name in METRICS]
         cells[0] += f"  {entry.headline.low:.4f}–{entry.headline.high:.4f}"
         table.add_row(model, mu, eps, *cells, f"{100 * entry.outside_admissible:.1f} %")
-    _print(table)
+    print_table(table)
     say("outside: share of predictions that gain energy, pull or penetrate")
     if norm is not None:
         bounded = "only the mass error is bounded" if norm == "mass" else "none of these errors is bounded"
@@ -91,7 +91,7 @@ def show_reference(fits: Sequence[LawEstimate], reference: Mapping[str, Mapping[
     """Print published parameters beside ours; differences in joint standard deviations of both."""
     title = "Published table beside ours: means ± standard deviations over the subsets"
     halves = ((f"{x} published", f"{x} here", f"Δ{x}", f"Δ{x}/σ") for x in "με")
-    table = _table(title, "law", *chain.from_iterable(halves))
+    table = new_table(title, "law", *chain.from_iterable(halves))
     for fit in fits:
         if fit.law not in reference:
             continue
@@ -102,13 +102,13 @@ def show_reference(fits: Sequence[LawEstimate], reference: Mapping[str, Mapping[
             cells += [_spread(published, published_std), _spread(mean, std)]
             cells += [f"{mean - published:+.3f}", f"{(mean - published) / sigma:+.1f}"]
         table.add_row(fit.law, *cells)
-    _print(table)
+    print_table(table)
 
 
 def show_processes(processes: Sequence[ProcessEstimate], kind: str) -> None:
     """Print hyperparameters of a learned model, a row an output; `kind` is that of its processes."""
     features = list(processes[0].length_scales)
-    table = _table(
+    table = new_table(
         "Length scales, in standard deviations of each feature over the training trials; – is past what they span",
         "output", *features, "spread", "noise", "evaluations",
     )  # fmt: skip
@@ -117,7 +117,7 @@ def show_processes(processes: Sequence[ProcessEstimate], kind: str) -> None:
         sizes = [f"{x:.2g} {entry.unit}".removesuffix(" –") for x in (entry.spread, entry.noise)]
         count = f"{entry.evaluations}" + ("" if entry.converged else " (not converged)")
         table.add_row(entry.output, *scales, *sizes, count)
-    _print(table)
+    print_table(table)
     say(f"Gaussian processes: {kind}")
 
 
@@ -142,7 +142,7 @@ def show_curves(curves: Mapping[str, LearningCurve]) -> None:
     first = next(iter(curves.values()))
     below = [f"< {level}" for level in first.below[HEADLINE]]
     title = f"{METRICS[HEADLINE].label} on the held-out trials against the number of training trials"
-    table = _table(title, "model", *map(str, first.sizes), *below, "settled", "coverage", "−log density")
+    table = new_table(title, "model", *map(str, first.sizes), *below, "settled", "coverage", "−log density")
     for model, curve in curves.items():
         means = [f"{interval.mean:.3f}" for interval in curve.headline]
         reached = [str(size or "never") for size in curve.below[HEADLINE].values()]
@@ -150,7 +150,7 @@ def show_curves(curves: Mapping[str, LearningCurve]) -> None:
         if curve.calibration is not None:
             sure = f"{100 * curve.calibration.coverage[-1]:.1f} %", f"{curve.calibration.negative_log_density[-1]:.2f}"
         table.add_row(model, *means, *reached, str(curve.settled[HEADLINE] or "not yet"), *sure)
-    _print(table)
+    print_table(table)
     say("<: number of trials at which the mean is first below; settled: from which on it is within 5 % of its best")
     for model, curve in curves.items():
         _show_processes_of_curve(model, curve)
@@ -171,12 +171,12 @@ def _show_processes_of_curve(model: str, curve: LearningCurve) -> None:
 def show_transfer(model: str, bodies: Mapping[str, BodyTransfer], sizes: Sequence[int]) -> None:
     """Print the headline error on each other body: as trained, and against the number of its trials."""
     title = f"{model} on other bodies: {METRICS[HEADLINE].label.lower()} against the number of their trials"
-    table = _table(title, "body", "", "0", *map(str, sizes))
+    table = new_table(title, "body", "", "0", *map(str, sizes))
     for body, found in bodies.items():
         zero = f"{found.zero_shot[0].mean:.3f}"
         table.add_row(body, "trained model as prior", zero, *(f"{one.mean:.3f}" for one in found.prior))
         table.add_row("", "from scratch", "", *(f"{one.mean:.3f}" for one in found.scratch))
-    _print(table)
+    print_table(table)
 
 
 def show_folder(folder: Path) -> None:
@@ -192,7 +192,7 @@ def _spread(mean: float, std: float | None) -> str:
     return f"{mean:.3f}" if std is None else f"{mean:.3f} ± {std:.3f}"
 
 
-def _table(title: str, *headings: str) -> Table:
+def new_table(title: str, *headings: str) -> Table:
     """A table with its first column on the left and the others on the right."""
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for place, heading in enumerate(headings):
@@ -200,7 +200,7 @@ def _table(title: str, *headings: str) -> Table:
     return table
 
 
-def _print(table: Table) -> None:
+def print_table(table: Table) -> None:
     """Print at the table's own width: a narrow terminal wraps lines instead of losing cells."""
     wide = Console(width=1000)
     wide.width = max(_console.width, wide.measure(table).maximum)

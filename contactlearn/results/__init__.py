@@ -12,3 +12,9 @@
 
 Nothing here fits or draws.
 """
+
+TYPE_CHECKING = False
+if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
+    from contactlearn.lazy import submodules
+
+    __getattr__, __dir__ = submodules(__name__, __path__)

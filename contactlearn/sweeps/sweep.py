@@ -1,7 +1,7 @@
 """A whole sweep: plans it, runs what is left, and says what became of it."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -26,6 +26,7 @@ def sweep(
     task: TaskFunction,
     several: Sequence[Sequence[str]],
     gigabytes: float,
+    show: Callable[[Sequence[Path], Path], None],
 ) -> None:
     """Run the jobs of a sweep that are not finished; the process ends with status 1 if one failed.
 
@@ -35,6 +36,7 @@ def sweep(
         task: a job.
         several: settings of each job.
         gigabytes: memory of one job, GiB.
+        show: shows the finished runs of a sweep, by their folders and its own.
 
     Raises:
         ContactLearnError: a wrong setting in any of the jobs, none of which runs then; or a launcher that is not there.
@@ -56,6 +58,9 @@ def sweep(
         at_once = jobs_at_a_time(-1, gigabytes) if target.endswith("LocalLauncher") else None
         launch = _launcher(config, context, task, gigabytes, len(plan.pending))
         outcome = run_jobs(plan.pending, launch, at_once, queues=target.endswith("SlurmLauncher"))
+    finished = [job.folder for job in (*plan.finished, *outcome.finished)]
+    if finished:
+        show(finished, Path(str(config.hydra.sweep.dir)))
     _conclude(plan, outcome)
 
 

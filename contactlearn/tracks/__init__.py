@@ -11,3 +11,9 @@ rests       bodies at rest
 floor       the floor that contacts and bodies at rest share
 result      what was found, as types
 """
+
+TYPE_CHECKING = False
+if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
+    from contactlearn.lazy import submodules
+
+    __getattr__, __dir__ = submodules(__name__, __path__)

@@ -19,10 +19,11 @@ class ResumingSweeper(Sweeper):
 
     def sweep(self, arguments: list[str]) -> None:
         """Run the jobs of a command line that are not finished; the process ends with status 1 if one failed."""
+        from contactlearn.report.sweep import show_sweep
         from contactlearn.sweeps.sweep import sweep
 
         assert self.hydra_context is not None
         assert self.config is not None
         overrides = OverridesParser.create(self.hydra_context.config_loader).parse_overrides(arguments)
         (several,) = BasicSweeper.split_arguments(overrides, None)
-        sweep(self.config, self.hydra_context, self.task_function, several, self.gigabytes)
+        sweep(self.config, self.hydra_context, self.task_function, several, self.gigabytes, show_sweep)

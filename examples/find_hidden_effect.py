@@ -1,0 +1,40 @@
+"""Find a hidden effect.
+
+Mystery drops are simulated impacts of an ellipse on a floor, with physics that no law of the catalogue has. The
+simulation shares no law and no effect with the analysis. The diagnosis is to say which effect is missing, and how
+sure it is of the name.
+"""
+
+from pages import settings, show
+
+from contactlearn import diagnose
+from contactlearn.data import mystery
+from contactlearn.report.figures.diagnosis import ladder_figure
+from contactlearn.report.figures.regions import regions_figure
+from contactlearn.report.text import effect_label, headline, sentence
+
+chosen = settings(trials=300, seed=7, hidden="contact_patch,side_drag")
+impacts, truth = mystery.draw(chosen.seed, size=chosen.trials, effects=chosen.hidden.split(","))
+print(impacts)
+
+# One call audits the measurements, compares the laws, finds where the best of them fails, and searches law and effects
+# together. Everything it decides is held against trials that it was not fitted to.
+found = diagnose(impacts)
+print(sentence(headline(found)))
+print(found.equation)
+
+# The ladder starts at the law alone. Each rung adds an effect; the last two are what flexible models still find, and
+# the noise of the measurements.
+show(ladder_figure(found), chosen.out / "ladder")
+
+# The law alone fails in these regions; with the missing effects the error is even.
+if found.regions:
+    show(regions_figure(found.regions, found.record), chosen.out / "regions")
+
+# Now the account is opened. The probability beside a name is calibrated on planted effects: of names with 0.9, nine in
+# ten are right.
+hidden = {one["name"] for one in truth["effects"]}
+print("hidden:", *sorted(hidden))
+for one in found.missing:
+    right = "hidden indeed" if one.effect.name in hidden else "not hidden"
+    print(f"found:  {effect_label(one.effect)}, probability of the name {one.confidence:.2f}, {right}")

@@ -1,0 +1,94 @@
+"""Reproduce the paper's figures and its table.
+
+The figures and Table 1 of Fazeli et al. (2017): on synthetic drops, whose truth is known (Wang and Mason's law, μ =
+0.12, ε = 0.55), or with `--data=ellipse_drops` on the published ones, with the conventions of the authors' script.
+"""
+
+import torch
+from pages import settings, show
+
+from contactlearn import ContactModel, Recipe, laws
+from contactlearn.data import ellipse_drops, synthetic
+from contactlearn.evaluation import bounds, metrics
+from contactlearn.identification.per_trial import identify_trials
+from contactlearn.identification.shared import Box, cost_surface, identify
+from contactlearn.learning.curves import law_at, learning_curves, nested_orders
+from contactlearn.report.figures.comparison import error_comparison
+from contactlearn.report.figures.impulse_space import reachable_impulses
+from contactlearn.report.figures.laws import convergence, cost_map, trial_parameters
+from contactlearn.report.figures.learning import error_densities, learning_curve
+
+chosen = settings(data="synthetic", trials=600, repetitions=20, size=120, seeds=3, largest=200)
+published = chosen.data == "ellipse_drops"
+impacts = ellipse_drops.load(inertia="fazeli2017") if published else synthetic.load(size=chosen.trials)
+variant, target = ("fazeli2017", "least_squares") if published else ("textbook", "momentum")
+box = Box((0.0, 0.4), (0.2, 1.0)) if published else Box()
+generator = torch.Generator().manual_seed(0)
+pool, test = impacts.split(0.25, generator)
+print(impacts.source, len(pool), "drops to identify from,", len(test), "held out")
+
+# Table 1: μ and ε of the six laws, mean and standard deviation over random subsets.
+paper = {name: laws.find(name, variant) for name in laws.PAPER_LAWS}
+table_1 = {
+    "whittaker": ((0.111, 0.008), (0.484, 0.011)),
+    "anitescu_potra_newton": ((0.084, 0.007), (0.547, 0.009)),
+    "anitescu_potra_poisson": ((0.101, 0.007), (0.526, 0.008)),
+    "drumwright_shell": ((0.081, 0.008), (0.516, 0.009)),
+    "wang_mason": ((0.120, 0.008), (0.537, 0.010)),
+    "mirtich": ((0.062, 0.009), (0.558, 0.010)),
+}
+options = {"generator": generator, "target": target, "box": box}
+fits = {
+    name: identify(law, pool, sizes=(chosen.size,), repetitions=chosen.repetitions, **options)
+    for name, law in paper.items()
+}
+for name, fit in fits.items():
+    found = "   ".join(f"{mean:.3f} ± {std:.3f}" for mean, std in zip(fit.mean(), fit.std(), strict=True))
+    printed = "   ".join(f"{mean:.3f} ± {std:.3f}" for mean, std in table_1[name])
+    print(f"{laws.find(name).label:<24} {found}" + (f"   published {printed}" if published else ""))
+
+# Figure 2.3: the impulses that each law can give one drop, in its energy ellipse.
+identified = {name: fit.to_law() for name, fit in fits.items()}
+show(reachable_impulses(test, 0, identified, box, target=target), chosen.out / "figure_2_3")
+
+# Figures 3.3 and 3.4: the cost over (μ, ε), and how the parameters settle with the number of trials.
+law = paper["whittaker"]
+mu, eps = box.axes()
+least = identify(law, pool, sizes=(len(pool),), repetitions=1, target=target, box=box)
+show(cost_map(mu, eps, cost_surface(law, pool, mu, eps, target=target), least.mean(), law), chosen.out / "figure_3_3")
+sizes = [size for size in (5, 10, 20, 40, 80, 160, 320) if size <= len(pool)]
+show(convergence(identify(law, pool, sizes=sizes, repetitions=10, **options)), chosen.out / "figure_3_4")
+
+# Figure 3.5: held-out errors of the laws beside Best Post Hoc, the best of all laws drop by drop, and the bound that
+# no rigid point contact beats.
+norm = "euclidean" if published else "mass"
+predictions = {name: ContactModel(law).predict(test) for name, law in identified.items()}
+best, _ = bounds.best_post_hoc(test, predictions, norm)
+limits = {"best_post_hoc": best, "irb": bounds.irb(test, norm)}
+metric = metrics.METRICS["normalised_velocity_error" if published else metrics.HEADLINE]
+axis = f"{metric.label} ({metric.unit})"
+errors = {name: metric.error(test, outcome) for name, outcome in (predictions | limits).items()}
+intervals = {name: tuple(metrics.bootstrap(error, generator, 1000)) for name, error in errors.items()}
+show(error_comparison(errors, intervals, axis), chosen.out / "figure_3_5")
+
+# Figure 3.6: μ and ε of every single drop.
+law = paper["anitescu_potra_newton"]
+show(trial_parameters(identify_trials(law, test, target=target, box=box), test, box=box), chosen.out / "figure_3_6")
+
+# Figures 4.1 and 4.2: learned models, with and without a law under them, against the number of training drops.
+law = paper["wang_mason"]
+recipes = {
+    "x1_impulse": Recipe("x1", "impulse"),
+    "residual_impulse": Recipe("x1", "impulse", law),
+    "parameters_identified": Recipe("x1", "parameters_identified", law),
+}
+sizes = [size for size in (10, 20, 50, 100, 200, 450) if size <= min(chosen.largest, len(pool))]
+orders = nested_orders(len(pool), chosen.seeds, generator)
+fit = identify(law, pool, sizes=sizes, orders=orders, target=target, box=box)
+bases = {law.name: {size: law_at(fit, size) for size in sizes}}
+curves = learning_curves(recipes, pool, test, orders, sizes, bases, impulse=target, box=box)
+name = metrics.HEADLINE if not published else "normalised_velocity_error"
+densities = {model: curve.errors[name][-1].flatten() for model, curve in curves.items()}
+show(error_densities(densities | {bound: errors[bound] for bound in limits}, axis), chosen.out / "figure_4_1")
+means = {model: curve.intervals(name, generator, 500) for model, curve in curves.items()}
+show(learning_curve(sizes, means, {bound: intervals[bound] for bound in limits}, axis), chosen.out / "figure_4_2")

@@ -1,0 +1,47 @@
+"""From tracks to a named effect.
+
+A motion tracker gives poses over time, and no impacts. The impacts between free flights are found, with the
+covariance of each velocity; what is no impact is refused with its reason. Then the diagnosis names the effect that is
+missing.
+"""
+
+from collections import Counter
+
+from pages import settings, show
+
+from contactlearn import diagnose
+from contactlearn.data import tracks, tracks_synthetic
+from contactlearn.effects import find_effect
+from contactlearn.report.figures.diagnosis import ladder_figure
+from contactlearn.report.figures.tracks import contact_figure
+from contactlearn.report.text import effect_label, headline, sentence
+
+chosen = settings(recordings=100, damping=0.15)
+
+# Recordings of an ellipse that is thrown onto a floor, two seconds each at 250 frames a second, a CSV file each. In
+# their simulation contact takes spin away, τ = −c I ω⁺.
+effect = find_effect("spin_damping")().at([chosen.damping])
+recordings, truth = tracks_synthetic.simulate(chosen.recordings, effects={"spin_damping": effect}, seed=3)
+takes = chosen.out / "takes"
+tracks_synthetic.write_recordings(recordings, takes)
+
+# Nothing is stated but mass and shape: units, axes and the sense of rotation are found from gravity and the moment
+# balance.
+shape = {"kind": "ellipse", "semi_axes": list(tracks_synthetic.SEMI_AXES)}
+found = tracks.find_impacts(takes, mass=tracks_synthetic.MASS, shape=shape)
+print(f"{len(found.impacts)} impacts of {len(truth.time)} true contacts; refused:")
+for reason, count in Counter(str(refusal.reason) for refusal in found.survey.refusals).most_common():
+    print(f"  {count:4d} {reason}")
+
+# One of the contacts: both flights, what they leave, and the body there.
+contact = found.survey.contacts[0]
+(recording,) = found.again([contact.recording])
+show(contact_figure(recording, contact, found.shape), chosen.out / "contact")
+
+# The covariances of the impacts are the noise of every fit.
+diagnosis = diagnose(found.impacts)
+print(sentence(headline(diagnosis)))
+print(diagnosis.equation)
+for one in diagnosis.missing:
+    print(f"{effect_label(one.effect)}: probability of the name {one.confidence:.2f}")
+show(ladder_figure(diagnosis), chosen.out / "ladder")

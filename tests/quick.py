@@ -1,0 +1,46 @@
+"""The inner loop, `pytest --quick`: tests of what changed since the last commit, and one of every other file.
+
+A test file counts as changed if git says so, or if it imports a changed module by its own name; of the latter the first
+tests are enough.  Files whose first test is long (browsers, processes that are killed) are left to `make test`.
+"""
+
+import re
+import subprocess
+from collections import defaultdict
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+LONG = {"test_examples.py", "test_sweeps.py", "test_tracks_mujoco.py", "test_workbench_browser.py"}
+FIRST = 5  # tests of a file that imports a changed module
+
+
+def changed():
+    """Paths that differ from the last commit, none where there is no git."""
+    words = ["git", "-C", str(ROOT), "status", "--porcelain", "--untracked-files=all"]
+    try:
+        said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        return set()
+    return {line[3:].rpartition(" -> ")[2] for line in said.splitlines()}
+
+
+def _imported(path, modules):
+    """Whether a test file imports one of the modules by its own name."""
+    text = path.read_text("utf-8")
+    names = (module.rpartition(".") for module in modules)
+    return any(re.search(rf"from {room}(\.{leaf} import| import .*\b{leaf}\b)", text) for room, _, leaf in names)
+
+
+def kept(items, paths):
+    """The tests of a quick run, given the paths that changed."""
+    modules = {
+        path[:-3].replace("/", ".").removesuffix(".__init__") for path in paths if path.startswith("contactlearn/")
+    }
+    files = defaultdict(list)
+    for item in items:
+        files[item.path].append(item)
+    for path, tests in files.items():
+        if f"tests/{path.name}" in paths:
+            yield from tests
+        elif path.name not in LONG:
+            yield from tests[: FIRST if _imported(path, modules) else 1]

@@ -1,0 +1,60 @@
+"""Every example runs, says what it is there to show, and becomes a page with figures; here at small sizes."""
+
+import gc
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+MODULES = ("pages", "cable_torque", "smooth_floor")
+SIZES = {
+    "paper_figures": ("--trials=80", "--repetitions=2", "--size=30", "--seeds=2", "--largest=20"),
+    "find_hidden_effect": ("--trials=80", "--hidden=side_drag"),
+    "own_csv": ("--trials=60",),
+    "tracks_to_effect": ("--recordings=16",),
+    "own_effect_and_law": ("--trials=80",),
+    "two_bodies": ("--trials=40",),
+    "transfer": ("--trials=24", "--seeds=2"),
+    "next_experiment": ("--rounds=2",),
+}
+SAYS = {
+    "paper_figures": r"Wang–Mason +0\.1[12]\d ± .* 0\.5[45]\d ± ",
+    "find_hidden_effect": "found:  side drag .* hidden indeed",
+    "own_csv": r"x points left.*mirrored_x\n(.|\n)*the measurements are consistent(.|\n)*ε = 0\.5[45]",
+    "tracks_to_effect": "Spin damping .*is missing from Wang–Mason",
+    "own_effect_and_law": r"k = 0\.000(19|20)",
+    "two_bodies": r"restitution: Δ = -0\.0[23]\d+ ± 0\.00",
+    "transfer": r"triangle, from scratch +(0\.\d+ *){3}",
+    "next_experiment": r"round 2: .* nats; with as many usual drops ",
+}
+
+
+@pytest.fixture
+def pages(monkeypatch):
+    """The examples' own tools; the classes that examples define are laws and effects until they are gone."""
+    monkeypatch.syspath_prepend(EXAMPLES)
+    import pages
+
+    yield pages
+    for name in MODULES:
+        sys.modules.pop(name, None)
+    gc.collect()
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_an_example_is_a_page(name, pages, tmp_path):
+    text = pages.page(EXAMPLES / f"{name}.py", tmp_path, *SIZES[name])
+    assert re.search(SAYS[name], text), text
+    figures = re.findall(r"!\[.*\]\((.*\.png)\)", text)
+    assert figures
+    for figure in figures:
+        assert (tmp_path / figure).read_bytes().startswith(b"\x89PNG")
+    assert re.match(r"# [A-Z].*\n\n[A-Z]", text)
+    assert text.count("```python") == text.count("\n```\n") - text.count("```text")
+
+
+def test_every_example_is_tested(pages):
+    scripts = {path.stem for path in EXAMPLES.glob("*.py")} - set(MODULES)
+    assert scripts == set(SIZES) == set(pages.NAMES)

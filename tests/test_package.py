@@ -1,0 +1,130 @@
+"""The package as it is installed: sdist and wheel build, hold what they must, and work where no checkout is."""
+
+import contextlib
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from importlib.metadata import PackageNotFoundError, requires
+from pathlib import Path
+
+import pytest
+import quick
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+import contactlearn
+
+pytest.importorskip("hatchling", reason="the wheel is built with hatchling: pip install -e '.[test]'")
+
+ROOT = Path(__file__).parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+
+
+def done(*command, cwd, **environment):
+    """The output of a command in a process of its own."""
+    alone = {"PATH": "/usr/bin:/bin", **environment}
+    ended = subprocess.run(list(map(str, command)), cwd=cwd, env=alone, capture_output=True, text=True, timeout=300)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return ended.stdout
+
+
+def built(folder, source, *targets):
+    """What hatchling makes of a source tree; it needs nothing but itself."""
+    words = [part for target in targets for part in ("-t", target)]
+    done(sys.executable, "-m", "hatchling", "build", *words, "-d", folder, cwd=source, PYTHONPATH=":".join(sys.path))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def packages(tmp_path_factory):
+    """A folder with the sdist and the wheel of this checkout."""
+    return built(tmp_path_factory.mktemp("dist"), ROOT, "sdist", "wheel")
+
+
+@pytest.fixture(scope="module")
+def installed(packages, tmp_path_factory):
+    """A folder into which the wheel is installed, without its dependencies."""
+    folder = tmp_path_factory.mktemp("installed")
+    (wheel,) = packages.glob("*.whl")
+    pip = ("-m", "pip", "install", "-q", "--disable-pip-version-check", "--no-deps", "--no-index", "--target", folder)
+    done(sys.executable, *pip, wheel, cwd=folder)
+    return folder
+
+
+def names(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        return {name for name in archive.namelist() if ".dist-info/" not in name}
+
+
+def test_the_wheel_holds_the_package_and_nothing_else(packages):
+    (wheel,) = packages.glob("*.whl")
+    found = names(wheel)
+    for folder, inside in (("contactlearn", "contactlearn"), ("hydra_plugins", "hydra_plugins"), ("configs", None)):
+        kept = (path for path in (ROOT / folder).rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+        start = ROOT if inside else ROOT / "configs"
+        wanted = {("" if inside else "contactlearn/configs/") + str(path.relative_to(start)) for path in kept}
+        assert wanted <= found
+        found -= wanted
+    assert not found
+    assert wheel.name.split("-")[1] == contactlearn.__version__
+
+
+def test_the_sdist_gives_the_same_wheel(packages, tmp_path):
+    (sdist,) = packages.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(tmp_path, filter="data")
+    (source,) = tmp_path.iterdir()
+    (again,) = built(tmp_path / "dist", source, "wheel").glob("*.whl")
+    (wheel,) = packages.glob("*.whl")
+    assert names(again) == names(wheel)
+    assert {"tests", "examples", "requirements.lock", "Makefile"} <= {path.name for path in source.iterdir()}
+
+
+def test_installed_commands_need_no_checkout(installed, tmp_path):
+    """They find their configurations, Hydra's -m finds the sweeper, and runs go where one stands."""
+    alone = {"PYTHONPATH": str(installed), "OMP_NUM_THREADS": "1"}
+    assert len(list((installed / "bin").iterdir())) == len(PROJECT["scripts"])
+    where = done(sys.executable, "-c", "from contactlearn import cli; print(cli.CONFIGS)", cwd=tmp_path, **alone)
+    assert where.strip() == str(installed / "contactlearn" / "configs")
+    printed = done(sys.executable, installed / "bin" / "contactlearn-evaluate", "--help", cwd=tmp_path, **alone)
+    assert "data=table data.path=drops.csv" in printed
+    small = ("data.size=60", "train.size=20", "train.repetitions=2", "bootstrap=20")
+    done(sys.executable, installed / "bin" / "contactlearn", "train", "-m", *small, "seed=3", cwd=tmp_path, **alone)
+    assert len(list(tmp_path.glob("outputs/train/sweep/*/results.json"))) == 1
+
+
+def test_the_lock_has_what_the_tests_need_and_no_more():
+    """Each pinned package is asked for by the package, its tests, or one of those."""
+    lines = (ROOT / "requirements.lock").read_text("utf-8").splitlines()
+    pinned = {canonicalize_name(line.partition("==")[0]) for line in lines if "==" in line}
+    known = set()
+    left = [(line, {""}) for line in (*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["test"])]
+    while left:
+        line, extras = left.pop()
+        wanted = Requirement(line)
+        name = canonicalize_name(wanted.name)
+        asked = wanted.marker is None or any(wanted.marker.evaluate({"extra": extra}) for extra in extras)
+        if asked and (name, *wanted.extras) not in known:
+            known.add((name, *wanted.extras))
+            with contextlib.suppress(PackageNotFoundError):  # of another platform
+                left += [(more, {"", *wanted.extras}) for more in requires(name) or ()]
+    found = {name for name, *_ in known}
+    assert not pinned - found, f"nothing needs {sorted(pinned - found)}"
+
+
+def test_quick_takes_what_changed_and_one_of_each_other():
+    class Item:
+        def __init__(self, name, number):
+            self.path, self.number = ROOT / "tests" / name, number
+
+    items = [Item(name, k) for name in ("test_audit.py", "test_shapes.py", "test_sweeps.py") for k in range(8)]
+    taken = [
+        (item.path.name, item.number)
+        for item in quick.kept(items, {"tests/test_shapes.py", "contactlearn/audit/findings.py"})
+    ]
+    assert taken.count(("test_audit.py", 0)) == 1
+    assert len(taken) == quick.FIRST + 8
+    assert "test_sweeps.py" not in dict(taken)
+    assert [item.number for item in quick.kept(items, set())] == [0, 0]
