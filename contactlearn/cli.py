@@ -22,6 +22,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from contactlearn.configuration import CONFIGS, check_choices, check_settings, choices, explained
 from contactlearn.errors import ContactLearnError
+from contactlearn.trust import check_targets, nothing_foreign
 
 # Our configurations of launchers have the names of those that their packages bring, whose types they are checked by.
 warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated against ConfigStore schema")
@@ -65,7 +66,8 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
             if flags and flags <= {"--help", "-h"}:
                 print(_help(job.__name__, [word for word in words if word not in flags]))
             else:
-                run()
+                with nothing_foreign():
+                    run()
 
     return door
 
@@ -140,10 +142,12 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
     """A configuration composed as the commands compose theirs.
 
     Raises:
-        ContactLearnError: a choice that its group lacks, or a setting that the command does not have.
+        ContactLearnError: a choice that its group lacks, a setting that the command does not have, or a class that a
+            file brought.
     """
     check_choices(overrides)
     with hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)):
         cfg = hydra.compose(config_name, overrides, return_hydra_config=return_hydra_config)
     check_settings(cfg, config_name)
+    check_targets(cfg, overrides)
     return cfg
