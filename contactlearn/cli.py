@@ -21,7 +21,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from contactlearn.configuration import CONFIGS, check_choices, check_settings, choices, explained
-from contactlearn.errors import ContactLearnError
+from contactlearn.errors import ContactLearnError, harmless
 from contactlearn.trust import check_targets, nothing_foreign
 
 # Our configurations of launchers have the names of those that their packages bring, whose types they are checked by.
@@ -101,7 +101,7 @@ def _said(error: Exception, command: str) -> str:
 
 
 def _end(message: str, status: int) -> None:
-    print(message, file=sys.stderr)
+    print(harmless(message), file=sys.stderr)
     sys.exit(status)
 
 

@@ -1,6 +1,7 @@
 """Words of a command line, one in a line of the text; the first is the command.
 
-Composed as Hydra composes them, but with the files of each choice read once, and checked as the commands check them.
+Composed as Hydra composes them, but without Hydra's own part and with the files of each choice read once, and checked as
+the commands check them.
 """
 
 from functools import lru_cache
@@ -9,12 +10,13 @@ import hydra
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
-from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from contactlearn.app import settings
 from contactlearn.configuration import CONFIGS, check_choices, check_settings, explained
 from contactlearn.errors import ContactLearnError
+from contactlearn.trust import check_targets
 from fuzz.target import Target
 
 COMMANDS = ("train", "evaluate", "diagnose")
@@ -38,6 +40,7 @@ def read(content: bytes) -> None:
         check_choices(words)
         cfg = composed(command, words)
         check_settings(cfg, command)
+        check_targets(cfg, words)
         settings.check(cfg)
         settings.effects(cfg)
     except (HydraException, OmegaConfBaseException) as error:
@@ -53,9 +56,8 @@ def composed(command: str, words: list[str]) -> DictConfig:
     chosen = tuple(word for word, one in zip(words, parsed, strict=True) if _is_choice(one.key_or_group))
     cfg = _base(command, chosen).copy()
     OmegaConf.set_struct(cfg, True)
-    with open_dict(cfg.hydra):
-        others = [one for one in parsed if not _is_choice(one.key_or_group)]
-        ConfigLoaderImpl._apply_overrides_to_config(others, cfg)
+    others = [one for one in parsed if not _is_choice(one.key_or_group)]
+    ConfigLoaderImpl._apply_overrides_to_config(others, cfg)
     return cfg
 
 
@@ -67,7 +69,7 @@ def _is_choice(name: str) -> bool:
 @lru_cache(maxsize=64)
 def _base(command: str, chosen: tuple[str, ...]) -> DictConfig:
     with hydra.initialize_config_dir(version_base="1.3", config_dir=CONFIGS):
-        return hydra.compose(command, list(chosen), return_hydra_config=True)
+        return hydra.compose(command, list(chosen))
 
 
 def seeds() -> list[bytes]:
