@@ -6,8 +6,8 @@ A `_target_` may name
     a class of a package that announces laws or effects under an entry point: it was installed
     a class that the command line itself names: law._target_=my_module.MyLaw
 
-and nothing else, before anything is imported.  What Hydra itself makes (launchers, sweepers) comes from its plugins; its
-callbacks, factories of log handlers and settings of the environment are taken from the command line alone.
+and nothing else, before anything is imported.  What Hydra itself makes (launchers, sweepers) comes from its plugins;
+its callbacks and settings of the environment are taken from the command line alone, and its logs are logs.
 """
 
 import re

@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import sys
+from io import StringIO
 from pathlib import Path
 
 import pandas as pd
@@ -36,7 +37,7 @@ HOSTILE = (
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> tuple[Path, str]:
-    """An evaluation of a table with such names of trials, objects and columns, in a folder of such a name; its output."""
+    """An evaluation of a table with such names of trials, objects, columns and of its file, and what it printed."""
     root = tmp_path_factory.mktemp("names")
     plain, path = root / "plain.csv", root / "<b>drops & [red]\x1b[31m.csv"
     table.save(synthetic.load(size=44), plain)
@@ -63,11 +64,8 @@ def run(tmp_path_factory) -> tuple[Path, str]:
         "tables=csv",
     ]
     words += ["figures.parameters=whittaker", f"hydra.run.dir={root / 'run'}"]
-    monkeypatch = pytest.MonkeyPatch()
+    monkeypatch, said = pytest.MonkeyPatch(), StringIO()
     monkeypatch.setattr(sys, "argv", ["evaluate.py", *words])
-    from io import StringIO
-
-    said = StringIO()
     monkeypatch.setattr("contactlearn.report.terminal._console.file", said)
     cli.evaluate()
     monkeypatch.undo()
@@ -115,9 +113,7 @@ def test_results_keep_the_names_as_they_are(run):
 )
 def test_names_of_settings_are_words(part, name):
     """Files, charts and columns are named by them."""
-    command = "diagnose" if "candidate" in part else "evaluate"
-    cfg = compose(command, [])
-    part = part.partition(".")[0].lstrip("+")
+    cfg = compose("diagnose" if part == "candidate" else "evaluate", [])
     cfg[part] = {name: {"tau": "-c*Pn", "parameters": {"c": [0, 1]}}}
     with pytest.raises(ContactLearnError, match=f"a name in {part} has 1 to 60 letters"):
         settings.check(cfg)

@@ -1,4 +1,4 @@
-"""A file that somebody shared is data: nothing that it names is imported or called unless the command line names it too."""
+"""A file that somebody shared is data: what it names is not imported or called unless the command line names it too."""
 
 import sys
 from pathlib import Path

@@ -1,7 +1,7 @@
 """Words of a command line, one in a line of the text; the first is the command.
 
-Composed as Hydra composes them, but without Hydra's own part and with the files of each choice read once, and checked as
-the commands check them.
+Composed as Hydra composes them, but without Hydra's own part and with the files of each choice read once, and checked
+as the commands check them.
 """
 
 from functools import lru_cache
@@ -45,8 +45,8 @@ def read(content: bytes) -> None:
         settings.effects(cfg)
     except (HydraException, OmegaConfBaseException) as error:
         said = explained(error, command)
-        assert said, error
-        assert "\n" not in said, said
+        if not said or "\n" in said:
+            raise AssertionError(f"is no line: {said!r}") from error
         raise ContactLearnError(said) from error
 
 

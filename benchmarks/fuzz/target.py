@@ -4,6 +4,7 @@ Allowed are the errors of `contactlearn.errors` with a message of one line that 
 time and memory than a small input can be worth.
 """
 
+import base64
 import resource
 import tempfile
 import time
@@ -15,6 +16,7 @@ from pathlib import Path
 
 from contactlearn.errors import ContactLearnError
 
+CORPUS = Path(__file__).resolve().parents[2] / "tests" / "corpus"
 SECONDS, MEGABYTES, WORDS = 2.0, 256, 4000
 """That one input may take: processor time, growth of the process, characters of its message."""
 
@@ -30,6 +32,12 @@ class Target:
     allowed: tuple[type[Exception], ...] = field(default=(ContactLearnError,))
 
 
+def replayed(name: str) -> list[bytes]:
+    """The inputs of a target that the tests replay."""
+    path = CORPUS / f"{name}.txt"
+    return [base64.b64decode(line) for line in path.read_text("ascii").split("\n")[:-1]] if path.exists() else []
+
+
 @contextmanager
 def file(content: bytes, suffix: str) -> Iterator[Path]:
     """A file with this content, in memory where the system has a place for that."""
@@ -41,7 +49,7 @@ def file(content: bytes, suffix: str) -> Iterator[Path]:
 
 
 def judged(target: Target, content: bytes) -> str | None:
-    """What is wrong with what came out of an input, as a name that stays the same for the same fault; None if nothing."""
+    """What is wrong with what came of an input, as a name that stays the same for the same fault; None if nothing."""
     before, start = _grown(), time.process_time()
     try:
         target.read(content)

@@ -81,7 +81,7 @@ class Recording:
 
     @property
     def seen(self) -> Bool[Mask, " t"]:
-        """Frames in which every coordinate is a number, none is senselessly large, and a quaternion is none of zeros."""
+        """Frames in which every coordinate is a number and not senselessly large, and a quaternion not all zeros."""
         values = np.column_stack((self.position, self.rotation))
         seen = np.logical_and.reduce(np.abs(values) < _SENSELESS, axis=-1)  # false where it is not a number
         return seen if self.quaternion is None else seen & (np.abs(self.quaternion).max(axis=-1) > 1 / _SENSELESS)
