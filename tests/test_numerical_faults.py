@@ -184,3 +184,102 @@ def test_answers_are_numbers(fault, function):
         for result in function(FAULTS[fault]()):
             for number in numbers(result):
                 assert number.isfinite().all() if number.is_floating_point() else True
+
+
+# --- The same drops of another mass and size ------------------------------------------------------
+
+SCALES = {
+    "1 mg, 1 mm": (1e-6 / 0.0364, 1e-3 / 0.03),
+    "1000 t, 1 km": (1e6 / 0.0364, 1e3 / 0.03),
+    "1000 t, 1 mm": (1e6 / 0.0364, 1e-3 / 0.03),
+    "1 mg, 1 km": (1e-6 / 0.0364, 1e3 / 0.03),
+}
+
+
+def scaled(drops: Impacts, mass: float, length: float) -> Impacts:
+    """Times as they are: velocities go with the lengths, spins stay."""
+    factor = torch.tensor([length, length, 1.0], dtype=torch.float64)
+    a, b = drops.shape.semi_axes
+    return drops.replace(
+        mass=drops.mass * mass, inertia=drops.inertia * mass * length**2, r=drops.r * length, q=drops.q * factor,
+        v_pre=drops.v_pre * factor, v_post=drops.v_post * factor, shape=Ellipse((a * length, b * length)), q_post=None,
+    )  # fmt: skip
+
+
+def measures(drops: Impacts, mass: float = 1.0, length: float = 1.0) -> dict[str, Tensor]:
+    """Numbers without unit, which may not depend on the units of mass and length."""
+    found: dict[str, Tensor] = {}
+    for name in laws.names():
+        law = laws.find(name)
+        fit, trials = identify(law, drops, sizes=(len(drops),), repetitions=1), identify_trials(law, drops)
+        found[f"shared {name}"] = torch.cat((fit.mu, fit.eps, fit.cost / mass / length))
+        found[f"trials {name}"] = torch.cat((trials.error / mass / length, trials.flat.double()))
+        found[f"impulse {name}"] = law.at(0.2, 0.5).impulse(drops.W, drops.v_c) / mass / length
+    for patch in (0.0, 0.01):
+        found[f"bound {patch}"] = metrics.mass_error(drops, bounds.irb(drops, patch=patch * length))
+    for name in ("com_offset", "spin_damping", "adhesion", "side_drag"):
+        fit = identify_jointly(ROUTH, {name: find_effect(name)()}, drops, options=FitOptions(starts=2))
+        found[f"with {name}"] = torch.cat((fit.values[:2], metrics.mass_error(drops, fit.model.predict(drops))))
+    rows = torch.arange(len(drops))
+    for space, target in (("x1", "wrench"), ("state", "velocity")):
+        predicted = learn(Recipe(space, target), drops, rows).predict(drops)
+        found[f"learned {target}"] = metrics.mass_error(drops, predicted)
+    return found
+
+
+@cache
+def as_they_are() -> tuple[Impacts, dict[str, Tensor]]:
+    drops = synthetic.load(size=24)
+    return drops, measures(drops)
+
+
+@pytest.mark.parametrize(("mass", "length"), SCALES.values(), ids=SCALES)
+def test_mass_and_size_change_nothing_but_units(mass, length):
+    drops, expected = as_they_are()
+    for name, value in measures(scaled(drops, mass, length), mass, length).items():
+        tolerance = 1e-3 if name.startswith("with ") else SAME  # a fit stops at a small step
+        torch.testing.assert_close(value, expected[name], rtol=tolerance, atol=tolerance, msg=name)
+
+
+def test_ranges_go_with_the_body():
+    """Of a tiny slow body, and of a huge fast one, a range is no larger and no smaller than usual beside the body."""
+    drops = synthetic.load(size=SIZE)
+    for name, form in (("velocity_dependent_friction", "stribeck"), ("com_offset", None), ("adhesion", None)):
+        parameters = find_effect(name, form)().parameters
+        assert suited(parameters, drops) == parameters
+        for mass, length in SCALES.values():
+            for p, one in zip(parameters, suited(parameters, scaled(drops, mass, length)), strict=True):
+                unit = {"m": length, "m/s": length, "N s": mass * length, "J": mass * length**2}.get(p.unit, 1.0)
+                assert one.low <= one.start <= one.high
+                assert abs(math.log10((one.high - one.low) / (p.high - p.low) / unit)) <= 4
+
+
+def test_the_diagnosis_names_the_same():
+    """A planted effect has its name, whatever the units."""
+    drops = synthetic.load(size=60, seed=2)
+    true = ContactModel(ROUTH.at(0.12, 0.55), effects={"": find_effect("spin_damping")().at([0.4])})
+    noise = torch.randn(60, 3, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    drops = drops.replace(v_post=true.predict(drops).v_post + noise * torch.tensor([0.01, 0.01, 0.3]))
+    few = {key: one for key, one in all_candidates().items() if key.name in ("spin_damping", "com_offset", "adhesion")}
+    named = []
+    for mass, length in ((1.0, 1.0), *list(SCALES.values())[:2]):
+        found = diagnose(scaled(drops, mass, length), ROUTH, candidates=few, laws=[ROUTH])
+        named.append([one.effect for one in found.missing])
+    assert named[0] == named[1] == named[2]
+    assert [one.name for one in named[0]] == ["spin_damping"]
+
+
+@pytest.mark.parametrize("fault", ["vertical", "all stick", "discs", "at rest afterwards", "one trial"])
+def test_a_diagnosis_is_complete_or_refused(fault):
+    """Its JSON holds no number that is none: `to_json` refuses those."""
+    drops = FAULTS[fault]()
+    if fault != "one trial":
+        drops = repeated(drops, 2, 1e-3)
+    few = {key: one for key, one in all_candidates().items() if key.name in ("spin_damping", "tangential_restitution")}
+    try:
+        found = diagnose(drops, ROUTH, candidates=few, laws=[ROUTH], seconds=5)
+    except ContactLearnError as error:
+        assert "at least 20 trials, got" in str(error)
+        assert fault == "one trial"
+    else:
+        assert found.to_json()

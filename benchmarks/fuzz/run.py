@@ -86,7 +86,9 @@ def fuzz(name: str, cases: int, seconds: int, folder: Path) -> None:
                 print(f"{name}: {wrong} ({place})", flush=True)
             found[wrong] = found.get(wrong, 0) + 1
         if tried % 10_000 == 0 or tried == cases:
-            print(f"{name}: {tried} cases in {time.monotonic() - start:.0f} s, {len(found)} faults: {found}", flush=True)
+            print(
+                f"{name}: {tried} cases in {time.monotonic() - start:.0f} s, {len(found)} faults: {found}", flush=True
+            )
 
     limits = [f"-runs={cases}", f"-max_len={LENGTH}", f"-rss_limit_mb={MEMORY}", f"-timeout={HANGS}"]
     limits += [f"-max_total_time={seconds}"] if seconds else []
