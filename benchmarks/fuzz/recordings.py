@@ -43,8 +43,8 @@ def seeds() -> list[bytes]:
     named = pd.concat([flight.assign(recording=name) for name in "ab"])
     tum = "".join(f"{t} {t} 1 0 0 0 0 1\n" for t in time)
     bare = flight.rename(columns={"time": "t", "x": "a", "y": "b", "theta": "c"}).assign(x=0.1, y=time)
-    found = [bytes([how]) + table.to_csv(index=False).encode() for how, table in
-             ((64, flight), (64, space), (0, named), (16, bare), (24 + 64, bare), (8, flight.drop(columns="time")))]  # fmt: skip
+    tables = ((64, flight), (64, space), (0, named), (16, bare), (88, bare), (8, flight.drop(columns="time")))
+    found = [bytes([how]) + table.to_csv(index=False).encode() for how, table in tables]
     for table in (flight, named):
         out = io.BytesIO()
         table.to_parquet(out, index=False)

@@ -4,9 +4,9 @@
     python benchmarks/fuzz/run.py tables --collect
 
 Needs the extra `fuzz`.  What is wrong is written to FOLDER/TARGET/wrong, one input for each fault, and the run goes on;
-inputs that reach new branches are kept in FOLDER/TARGET/inputs, with which the next run begins.  One line at the end says
-how many cases were tried.  --collect runs nothing: it puts the smallest of the kept inputs into tests/corpus, which the
-tests replay.
+inputs that reach new branches are kept in FOLDER/TARGET/inputs, with which the next run begins.  Lines say how many
+cases were tried.  --collect runs nothing: it puts the smallest of the kept inputs into tests/corpus, which the tests
+replay.
 """
 
 import argparse
