@@ -90,7 +90,8 @@ def _resolved(cfg: DictConfig, name: Any) -> Any:
         part = cfg[name]
         return OmegaConf.to_container(part, resolve=True) if OmegaConf.is_config(part) else part
     except (OmegaConfBaseException, ValueError):  # a job, which refers to the same, fails
-        return OmegaConf.to_container(cfg)[name]  # pyright: ignore[reportArgumentType, reportCallIssue, reportIndexIssue]
+        written = OmegaConf.to_container(cfg)
+        return written[name] if isinstance(written, dict) else None
 
 
 def _check_hydra(cfg: DictConfig, words: Sequence[str]) -> None:
