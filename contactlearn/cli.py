@@ -22,7 +22,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from contactlearn.configuration import CONFIGS, check_choices, check_settings, choices, explained
 from contactlearn.errors import ContactLearnError, harmless
-from contactlearn.trust import check_targets, nothing_foreign
+from contactlearn.trust import check_targets, nothing_foreign, readable_words
 
 # Our configurations of launchers have the names of those that their packages bring, whose types they are checked by.
 warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated against ConfigStore schema")
@@ -146,7 +146,7 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
             file brought.
     """
     check_choices(overrides)
-    with hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)):
+    with hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)), readable_words():
         cfg = hydra.compose(config_name, overrides, return_hydra_config=return_hydra_config)
     check_settings(cfg, config_name)
     check_targets(cfg, overrides)

@@ -17,6 +17,7 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -71,7 +72,8 @@ def nothing_foreign() -> Generator[None]:
         from_shell: bool = True,
         validate_sweep_overrides: bool = True,
     ) -> DictConfig:
-        cfg = load(self, config_name, overrides, run_mode, from_shell, validate_sweep_overrides)
+        with readable_words():
+            cfg = load(self, config_name, overrides, run_mode, from_shell, validate_sweep_overrides)
         check_targets(cfg, overrides)
         return cfg
 
@@ -80,6 +82,24 @@ def nothing_foreign() -> Generator[None]:
         yield
     finally:
         ConfigLoaderImpl.load_configuration = load
+
+
+@contextmanager
+def readable_words() -> Generator[None]:
+    """Say in words what Hydra has no error of its own for, such as law=null.
+
+    Raises:
+        ContactLearnError: for a TypeError or ValueError of Hydra while it composes a configuration.
+    """
+    try:
+        yield
+    except (HydraException, OmegaConfBaseException, ContactLearnError):
+        raise
+    except (TypeError, ValueError) as error:
+        said = " ".join(str(error).split())
+        raise ContactLearnError(
+            f"a word of the command line cannot be read: {said}; --help lists all settings"
+        ) from error
 
 
 def _resolved(cfg: DictConfig, name: Any) -> Any:

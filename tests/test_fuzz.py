@@ -31,6 +31,8 @@ FOUND = {
         lambda _: b"\x40time,x,y,theta\n" + b"".join(b"%d,1e300,-1e300,1e300\n" % k for k in range(20)),
     ),
     "a number in place of a part": ("overrides", lambda _: b"evaluate\ntrain=00\nmodel=[x1_wrench]"),
+    "a choice of nothing": ("overrides", lambda _: b"diagnose\ndata=table\ndata.path=a.csv\nlaw=null"),
+    "a list under the name of a package": ("overrides", lambda _: b"evaluate\n+effect@mine.parameters.c=[-1,1]"),
     "a null in place of a part": ("overrides", lambda _: b"evaluate\nfit=null"),
     "a number in place of effects": ("overrides", lambda _: b"evaluate\n++candidate=3\n++limits=[1]"),
 }

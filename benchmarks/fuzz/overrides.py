@@ -16,7 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 from contactlearn.app import settings
 from contactlearn.configuration import CONFIGS, check_choices, check_settings, explained
 from contactlearn.errors import ContactLearnError
-from contactlearn.trust import check_targets
+from contactlearn.trust import check_targets, readable_words
 from fuzz.target import Target
 
 COMMANDS = ("train", "evaluate", "diagnose")
@@ -38,7 +38,8 @@ def read(content: bytes) -> None:
     command = COMMANDS[len(first) % len(COMMANDS)] if first not in COMMANDS else first
     try:
         check_choices(words)
-        cfg = composed(command, words)
+        with readable_words():
+            cfg = composed(command, words)
         check_settings(cfg, command)
         check_targets(cfg, words)
         settings.check(cfg)
