@@ -16,7 +16,7 @@ import argparse
 import sys
 from collections.abc import Callable
 
-from contactlearn.errors import ContactLearnError
+from contactlearn.errors import ContactLearnError, harmless
 
 _REPORT = """Of one run of evaluate or diagnose: write its report.html again, from the run folder alone, without the
 data source and without a fit.  Of several runs, or of a folder above some: write one self-contained page that opens
@@ -45,14 +45,14 @@ def main(arguments: list[str] | None = None) -> int:
     from contactlearn.configuration import explained
 
     try:
-        print(options.run(options))
+        print(harmless(options.run(options)))
     except ContactLearnError as error:
         said = str(error).splitlines()[0]
     except (HydraException, OmegaConfBaseException) as error:
         said = explained(error, "evaluate")  # by which the tools compose their data
     else:
         return 0
-    print(f"error: {said}", file=sys.stderr)
+    print(f"error: {harmless(said)}", file=sys.stderr)
     return 2
 
 

@@ -15,7 +15,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 import torch
 from torch import Tensor
@@ -87,17 +87,31 @@ def load(path: str | os.PathLike[str]) -> tuple[ContactModel, dict[str, Any]]:
 
 
 def _read(path: Path) -> tuple[ContactModel, dict[str, Any]]:
+    size = path.stat().st_size
     with ZipFile(path) as archive:  # PyTorch does not look at the checksums
+        _refuse_bombs(archive, size)
         if damaged := archive.testzip():
             raise BadZipFile(f"wrong checksum of {damaged}")
     contents = torch.load(path, weights_only=True, map_location="cpu")
     description, tensors = json.loads(contents["description"]), contents["tensors"]
+    if (swollen := sum(tensor.numel() * tensor.element_size() for tensor in tensors.values())) > size:
+        raise DataError(f"has tensors of {swollen} bytes in {size}")  # such as one number that is said to be a matrix
     if description["format"] > FORMAT:
         raise DataError(f"is of format {description['format']}, and the newest known is {FORMAT}")
     model = _build(description["model"], "model", tensors)
     if tensors:
         raise DataError(f"no part of the model has a tensor {', '.join(tensors)}")
     return model, description["provenance"]
+
+
+def _refuse_bombs(archive: ZipFile, size: int) -> None:
+    """Refuse an archive that is larger inside than outside, before anything of it is read.
+
+    `save` compresses nothing, and no part of its files lies within another.
+    """
+    inside = sum(part.file_size for part in archive.infolist())
+    if inside > size or any(part.compress_type != ZIP_STORED for part in archive.infolist()):
+        raise DataError(f"is compressed, {inside} bytes in {size}, and a checkpoint never is")
 
 
 def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:

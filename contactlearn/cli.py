@@ -21,7 +21,8 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from contactlearn.configuration import CONFIGS, check_choices, check_settings, choices, explained
-from contactlearn.errors import ContactLearnError
+from contactlearn.errors import ContactLearnError, harmless
+from contactlearn.trust import check_targets, nothing_foreign, readable_words
 
 # Our configurations of launchers have the names of those that their packages bring, whose types they are checked by.
 warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated against ConfigStore schema")
@@ -65,7 +66,8 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
             if flags and flags <= {"--help", "-h"}:
                 print(_help(job.__name__, [word for word in words if word not in flags]))
             else:
-                run()
+                with nothing_foreign():
+                    run()
 
     return door
 
@@ -99,7 +101,7 @@ def _said(error: Exception, command: str) -> str:
 
 
 def _end(message: str, status: int) -> None:
-    print(message, file=sys.stderr)
+    print(harmless(message), file=sys.stderr)
     sys.exit(status)
 
 
@@ -140,10 +142,12 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
     """A configuration composed as the commands compose theirs.
 
     Raises:
-        ContactLearnError: a choice that its group lacks, or a setting that the command does not have.
+        ContactLearnError: a choice that its group lacks, a setting that the command does not have, or a class that a
+            file brought.
     """
     check_choices(overrides)
-    with hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)):
+    with hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)), readable_words():
         cfg = hydra.compose(config_name, overrides, return_hydra_config=return_hydra_config)
     check_settings(cfg, config_name)
+    check_targets(cfg, overrides)
     return cfg

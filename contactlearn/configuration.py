@@ -84,6 +84,7 @@ def _declared(command: str) -> set[str]:
     return known - {"defaults", "hydra"}
 
 
+@lru_cache
 def _data_keys() -> set[str]:
     return {str(key) for path in Path(CONFIGS, "data").glob("*.yaml") for key in _content(path)}
 

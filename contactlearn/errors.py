@@ -4,6 +4,7 @@ Each message says the rule, the value seen and the likely fix.  `suggest` adds t
 known names when a name is not one of them.
 """
 
+import unicodedata
 from collections.abc import Iterable
 
 
@@ -40,3 +41,14 @@ def suggest(name: str, known: Iterable[str]) -> str:
 
     near = get_close_matches(str(name), list(known), n=1, cutoff=0.5)
     return f", did you mean {near[0]!r}?" if near else ""
+
+
+def harmless(text: str) -> str:
+    """Return text as a terminal may be given it: characters that steer one, and invisible ones, become "?".
+
+    Names of columns, files, trials and settings come from others, and may hold escape sequences.  Line ends stay.
+    """
+    return "".join("?" if unicodedata.category(c) in _STEERING and c not in "\n\t" else c for c in text)
+
+
+_STEERING = ("Cc", "Cf", "Cs")  # control, format such as turned directions of writing, halves of pairs

@@ -1,8 +1,11 @@
 """Checkpoints: predictions survive a round trip, and no file is believed more than it deserves."""
 
+import copy
 import json
 import os
 import pickle
+import resource
+import time
 import zipfile
 from pathlib import Path
 
@@ -353,6 +356,35 @@ def test_the_form_of_an_effect_comes_back(tmp_path, form):
         loaded, _ = checkpoint.load(each)
         assert loaded.effects["spin_damping"].id == EffectId("spin_damping", form)
         assert torch.equal(loaded.predict(drops).v_post, model.predict(drops).v_post)
+
+
+def bomb(kind: str, path: Path) -> Path:
+    """A small file that would take much memory or time."""
+    if kind == "compressed":
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            for part in ("model/data.pkl", "model/data/0"):
+                with archive.open(part, "w", force_zip64=True) as file:
+                    for _ in range(100):
+                        file.write(bytes(2**20))
+    elif kind == "overlapping":  # one part under many names
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("model/data.pkl", bytes(2**16))
+            archive.filelist += [copy.copy(archive.filelist[0]) for _ in range(2**14)]
+    else:  # one number that is said to be a large matrix
+        checkpoint.save(ContactModel(LAWS["numbers"]), path, provenance={})
+        wide = torch.zeros(1, dtype=torch.float64).expand(2**14, 2**13)
+        changed(path, path, put("model.base.mu", lambda tensor: wide))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["compressed", "overlapping", "expanded"])
+def test_bombs_are_refused_before_they_go_off(tmp_path, kind):
+    path = bomb(kind, tmp_path / "model.pt")
+    assert path.stat().st_size < 2**22
+    before, start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
+    refused(path, "is compressed" if kind != "expanded" else "has tensors of 10737418", "copy the file again")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 * 2**10  # KiB
+    assert time.process_time() - start < 2
 
 
 def test_an_unchanged_copy_is_accepted(tmp_path, learned):

@@ -42,7 +42,7 @@ ORDER = (
     ("learning", "testing"),
     ("diagnosis",),
     ("results",),
-    ("configuration",),
+    ("configuration", "trust"),
     ("sweeps",),
     ("report",),
     ("app",),

@@ -19,6 +19,7 @@ from contactlearn.report.text.tracks import tracks_summary
 from contactlearn.tracks.result import Reason, Refusal
 
 _CONTACTS, _REFUSED = 3, 24  # recordings that are drawn
+_LONGEST = 60  # characters of a recording's name in the name of a file
 
 
 def write_impacts(cfg: DictConfig, out: Path) -> str:
@@ -68,7 +69,7 @@ def draw_recordings(found: tracks.Tracked, folder: Path) -> Path:
         style.save(
             contact_figure(founds[name], contacts[name], found.shape),
             folder,
-            "contact_" + re.sub(r"[^\w.-]", "_", name),
+            "contact_" + re.sub(r"[^\w.-]", "_", name)[:_LONGEST],
         )
     if refused:
         style.save(refused_figure([founds[name] for name in dict.fromkeys(refused[:_REFUSED])]), folder, "refused")

@@ -19,6 +19,7 @@ from contactlearn.numerics import written_whole
 from contactlearn.results.folder import is_run
 from contactlearn.results.state import DONE, Done, Failed, clear, fail, finish, held, read_done, remove_if_empty
 from contactlearn.sweeps.identity import job_identity
+from contactlearn.trust import check_targets
 
 _FIXES = {
     errno.ENOSPC: "free some space and run the same command again",
@@ -40,6 +41,7 @@ def run_job(job: Callable[[DictConfig], None], cfg: DictConfig) -> None:
     hydra, start = cast(DictConfig, HydraConfig.get()), time.monotonic()
     with _failing_well(Path(str(hydra.runtime.output_dir)), began=False):
         check_settings(cfg, str(hydra.job.config_name))
+        check_targets(cfg, [*hydra.overrides.task, *hydra.overrides.hydra])
         identity = job_identity(cfg, hydra)
     with _own_folder(identity, hydra) as folder:
         if folder is None:

@@ -1,15 +1,17 @@
 """Data of a run: the `data` part of a configuration as impacts, and their split."""
 
 from dataclasses import dataclass
+from importlib import import_module
 from inspect import signature
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
 import torch
-from hydra.errors import InstantiationException
-from hydra.utils import get_method, instantiate
 from omegaconf import DictConfig, OmegaConf, flag_override
 
+from contactlearn import data
+from contactlearn.app.plain import plain_values
 from contactlearn.audit.corrections import correct
 from contactlearn.audit.findings import quick_audit
 from contactlearn.data.table import Table
@@ -34,7 +36,7 @@ class Split:
 
 
 def load_data(cfg: DictConfig, suspect: bool = False, folder: Path | None = None) -> Impacts:
-    """Load the `data` part of a configuration as impacts, corrected; only this package's own sources are run.
+    """Load the `data` part of a configuration as impacts, corrected; nothing but this package's own sources is run.
 
     Columns of a table that are not used, and fields that were computed, are printed.  With `suspect` a table is read,
     and stays, without the rule that contacts approach the floor: for the audit.  Recordings leave recordings.html in
@@ -59,39 +61,40 @@ def _read(cfg: DictConfig, names: list[str], folder: Path | None, *, suspect: bo
     A table that is to be corrected may be suspect, and recordings leave a page in the folder.
     """
     target = str(cfg.get("_target_", ""))
-    if not target.startswith("contactlearn.data."):
+    if target not in _sources():
         raise ContactLearnError(f"data._target_ must be a source under contactlearn.data, got {target!r}")
     for missing in sorted(OmegaConf.missing_keys(cfg)):
         raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data")
+    settings = {name: value for name, value in plain_values(cfg).items() if name != "_target_"}
     if target == _TABLE:
         lenient = {"suspect": suspect or bool(names), "drop_incomplete": "drop_incomplete" in names}
-        table: Table = _made(cfg, target, {"_target_": _TABLE.removesuffix("load") + "read", **lenient})
+        table: Table = _made(target, "read", settings | lenient)
         show_columns(table.unused, table.computed)
         return table.impacts, table.computed
     if target not in SOURCES:
-        return _made(cfg, target, {}), ()
-    found: Tracked = _made(cfg, target, {"_target_": target.removesuffix("load") + "find"})
+        return _made(target, "load", settings), ()
+    found: Tracked = _made(target, "find", settings)
     if folder is not None:
         write_recordings_page(folder / RECORDINGS, found)
     return found.impacts, ()
 
 
-def _made(cfg: DictConfig, target: str, changes: dict[str, Any]) -> Any:
-    """What a source returns."""
+def _sources() -> list[str]:
+    """The sources of this package, as a configuration names them."""
+    return [f"{data.__name__}.{module.name}.load" for module in iter_modules(data.__path__)]
+
+
+def _made(target: str, function: str, settings: dict[str, Any]) -> Any:
+    """What a function of a source returns; settings are data, whatever they look like."""
+    source = import_module(target.removesuffix(".load"))
     try:
-        return instantiate(cfg, _convert_="all", **changes)
-    except InstantiationException as error:
-        if isinstance(error.__cause__, ContactLearnError):
-            raise error.__cause__ from None
-        if isinstance(error.__cause__, TypeError):  # a setting that the source does not have
-            raise ContactLearnError(f"{target}: {error.__cause__}{_meant(target, cfg)}") from None
+        return getattr(source, function)(**settings)
+    except ContactLearnError:
         raise
-
-
-def _meant(target: str, cfg: DictConfig) -> str:
-    """The setting of a source that is nearest to one that it does not have."""
-    known = list(signature(get_method(target)).parameters)
-    return next((suggest(str(key), known) for key in cfg if key not in (*known, "_target_")), "")
+    except (TypeError, ValueError, OverflowError) as error:  # a setting that it does not have, or of another kind
+        known = signature(source.load).parameters
+        meant = next((suggest(key, known) for key in settings if key not in known), "")
+        raise ContactLearnError(f"{target}: {' '.join(str(error).split())}{meant}") from error
 
 
 def split(cfg: DictConfig, folder: Path | None = None) -> Split:

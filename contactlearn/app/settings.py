@@ -1,5 +1,6 @@
 """Checks of a composed configuration, before any data is read: a wrong setting costs seconds, not a run."""
 
+import re
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
@@ -78,6 +79,12 @@ _NAMES = {
 }
 
 
+_NAMING = ("effect", "candidate", "model", "transfer.bodies")
+_NULL = (*_NAMING, "limits", "reference", "transfer")  # parts that may be so
+_PARTS = (*_NULL, "train", "fit", "bounds", "curves", "figures")
+_NAME = re.compile(r"\w[\w -]{0,59}")  # files and charts are named by it
+
+
 def check(cfg: DictConfig) -> None:
     """Raise for a setting that breaks its rule.
 
@@ -85,6 +92,7 @@ def check(cfg: DictConfig) -> None:
         ContactLearnError: naming the setting, the rule and the value.
         UnknownNameError: a law, variant, target, norm or format that does not exist.
     """
+    _check_parts(cfg)
     missing = object()
     for key, (accept, rule) in _RULES.items():
         value = OmegaConf.select(cfg, key, default=missing)
@@ -112,6 +120,17 @@ def check(cfg: DictConfig) -> None:
             pair = entry.get(name) if isinstance(entry, DictConfig) else None
             if not isinstance(pair, ListConfig) or len(pair) != 2:
                 raise ContactLearnError(f"reference.{one} must hold mu: [mean, std] and eps: [mean, std], got {entry}")
+
+
+def _check_parts(cfg: DictConfig) -> None:
+    """Refuse a value where there are settings by name, and names that could not be those of files."""
+    for part in sorted(_PARTS):  # transfer before what is in it
+        entries = OmegaConf.select(cfg, part, default={})
+        if not isinstance(entries, DictConfig | dict) and not (entries is None and part in _NULL):
+            raise ContactLearnError(f"{part} must hold settings by name, such as {part}.NAME=…, got {entries!r}")
+        for name in (entries or ()) if part in _NAMING else ():
+            if not _NAME.fullmatch(str(name)):
+                raise ContactLearnError(f"a name in {part} has 1 to 60 letters, digits, blanks, _ and -, got {name!r}")
 
 
 def box(cfg: DictConfig) -> Box:

@@ -121,9 +121,9 @@ def _read(path: Path) -> dict[str, np.ndarray]:
     try:
         array = loadmat(io.BytesIO(content), variable_names=["bounce_array"])["bounce_array"].ravel()
         drops = {name: np.stack([drop.reshape(width) for drop in array[name]]) for name, width in _WIDTHS.items()}
+        return drops | {name: drops[name].astype(np.float64) for name in ("states", "n", "d")}
     except Exception as error:  # whatever SciPy's parser trips over in a broken file
         raise DataError(
             f"{path}: cannot be parsed as the published bounce_array ({type(error).__name__}: {error}); "
             f"it is truncated: fetch it again from {URL}"
         ) from error
-    return drops | {name: drops[name].astype(np.float64) for name in ("states", "n", "d")}

@@ -17,6 +17,7 @@ from contactlearn.effects import Effect, Parameter, named_effects
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.identification import errors_in_variables, robust
 from contactlearn.identification.problem import JointProblem, effects_at
+from contactlearn.identification.ranges import suited
 from contactlearn.identification.shared import Box
 from contactlearn.identification.thresholds import FitThresholds
 from contactlearn.impacts import Impacts
@@ -236,28 +237,21 @@ def linearise(
     return Linearisation(*(part[0] for part in robust.whitened(residual, slope, scatter[None])))
 
 
-_USUAL_SIZE = 0.03  # m, radius of gyration up to which the declared ranges of lengths hold
-_USUAL_MASS = 0.1  # kg, likewise of impulses and energies
-
-
 def named_parameters(effects: Mapping[str, Effect], box: Box, impacts: Impacts) -> tuple[Parameter, ...]:
     """Return μ, ε and the parameters of the effects, the latter named `effect.parameter`.
 
-    Ranges of lengths, impulses and energies are in proportion to the size or mass of large bodies.  What is known
-    of the apparatus narrows them.
+    Ranges with units of length, speed or mass suit the measurements, see `ranges.suited`.  What is known of the
+    apparatus narrows them.
     """
     shared = (
         Parameter("mu", "μ", "–", *box.mu, vanishing=None),
         Parameter("eps", "ε", "–", *box.eps, vanishing=None),
     )
-    size = max(1.0, (impacts.inertia / impacts.mass).sqrt().median().item() / _USUAL_SIZE)
-    mass = max(1.0, impacts.mass.median().item() / _USUAL_MASS)
-    factors = {"m": size, "N s": mass, "J": mass}
     known = {} if impacts.apparatus is None else dict(impacts.apparatus.parameters())
     own: list[Parameter] = []
     for name, effect in effects.items():
-        for p in effect.parameters:
-            low, high = (bound * factors.get(p.unit, 1.0) for bound in (p.low, p.high))
+        for p in suited(effect.parameters, impacts):
+            low, high = p.low, p.high
             flight = known.get(f"{effect.name}.{p.name}")
             if flight is not None:
                 within = max(low, flight.range[0]), min(high, flight.range[1])

@@ -16,6 +16,7 @@ import math
 from dataclasses import dataclass, replace
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.errors import ContactLearnError, UnknownNameError
@@ -174,6 +175,7 @@ def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Ten
     e = _at(impacts.v_post - model.complete(impacts, learned).v_post, rows)
     V = _at(model.spread(impacts, learned, _everywhere(variance, rows, len(impacts))), rows, 2)
     speed = _at(impacts.v_post, rows).square().mean(-2).sqrt()
+    speed = torch.where(speed > 0, speed, _usual_speed(impacts))  # such as v_x of drops that are vertical throughout
     scale = torch.maximum(e.square().mean(-2).sqrt(), 1e-6 * speed)
     unit = scale[..., :, None] * scale[..., None, :]
     e, V = e / scale[..., None, :], V / unit[..., None, :, :]
@@ -188,6 +190,12 @@ def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Ten
         wide = distance.kthvalue(rank, -1).values <= CHI_SQUARED_95
         low, high = torch.where(wide, low, middle), torch.where(wide, middle, high)
     return replace(model, noise=high.exp()[..., None, None] * E * unit)
+
+
+def _usual_speed(impacts: Impacts) -> Float[Tensor, "3"]:
+    """Contact's speed before impact as one of (v_x, v_y, ω), which is never 0."""
+    speed = impacts.v_c.square().sum(-1).mean().sqrt()
+    return torch.stack((speed, speed, speed / (impacts.inertia / impacts.mass).sqrt().mean()))
 
 
 def _at(values: Tensor, rows: Tensor, event: int = 1) -> Tensor:

@@ -16,7 +16,7 @@ _COMPUTED = {
 def show_columns(unused: Sequence[str], computed: Sequence[str]) -> None:
     """Print the columns of a table that are not used, and what its body's shape gave instead of columns."""
     if unused:
-        say(f"columns not used: {', '.join(name or repr(name) for name in unused)}")
+        say(f"columns not used: {', '.join(name if name.isprintable() and name else repr(name) for name in unused)}")
     if computed:
         say(f"computed: {'; '.join(_COMPUTED[field] for field in computed)}")
 

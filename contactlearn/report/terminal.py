@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
+from contactlearn.errors import harmless
 from contactlearn.evaluation.metrics import HEADLINE, METRICS
 from contactlearn.report.text.known import known_sentence
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate
@@ -25,8 +26,8 @@ _SHORT = {"mass_error": "mass error", "normalised_velocity_error": "velocity/spe
 
 
 def say(line: str) -> None:
-    """Print a line as it is: no markup, no folding of paths, plain spaces."""
-    _console.print(Text(line.replace("\u00a0", " ")), soft_wrap=True)
+    """Print a line as it is: no markup, no folding of paths, plain spaces, nothing that steers a terminal."""
+    _console.print(Text(harmless(line.replace("\u00a0", " "))), soft_wrap=True)
 
 
 def progress() -> Progress:
@@ -202,6 +203,6 @@ def new_table(title: str, *headings: str) -> Table:
 
 def print_table(table: Table) -> None:
     """Print at the table's own width: a narrow terminal wraps lines instead of losing cells."""
-    wide = Console(width=1000)
+    wide = Console(width=1000, markup=False, emoji=False)
     wide.width = max(_console.width, wide.measure(table).maximum)
     wide.print(table)

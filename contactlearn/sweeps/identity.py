@@ -11,6 +11,7 @@ import os
 import re
 from collections.abc import Iterator
 from functools import cache, lru_cache
+from importlib.machinery import PathFinder
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -93,10 +94,14 @@ def _foreign(content: Any) -> Iterator[str]:
 
 
 def _module(name: str) -> str:
-    """Digest of a module's file; `unknown` where it has none, which the job itself then says."""
+    """Digest of a module's file; `unknown` where it has none, which the job itself then says.  Nothing is imported."""
+    first, *rest = name.split(".")
     try:
-        spec = find_spec(name)
-    except Exception:  # importing its package may do anything
+        spec = find_spec(first)
+        for place in range(len(rest)):  # `find_spec` would import the packages on the way
+            where = None if spec is None else spec.submodule_search_locations
+            spec = None if where is None else PathFinder.find_spec(".".join([first, *rest[: place + 1]]), where)
+    except (ImportError, ValueError):
         spec = None
     origin = Path(spec.origin) if spec is not None and spec.origin else None
     return _file(origin)[:DIGITS] if origin is not None and origin.is_file() else "unknown"

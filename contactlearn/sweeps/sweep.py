@@ -11,7 +11,7 @@ from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, open_dict
 
 from contactlearn.configuration import check_settings
-from contactlearn.errors import ContactLearnError
+from contactlearn.errors import ContactLearnError, harmless
 from contactlearn.sweeps.jobs import Job, Plan, planned
 from contactlearn.sweeps.resources import GIB, jobs_at_a_time
 from contactlearn.sweeps.rounds import Launch, Outcome, run_jobs
@@ -124,7 +124,7 @@ def _conclude(plan: Plan, outcome: Outcome) -> None:
     counts += [f"{len(outcome.failed)} failed"] if outcome.failed else []
     print(f"sweep    {', '.join(counts)}")
     for job, reason in outcome.failed:
-        print(f"failed   {job.name}: {reason}\n         {job.folder}", file=sys.stderr)
+        print(harmless(f"failed   {job.name}: {reason}\n         {job.folder}"), file=sys.stderr)
     if outcome.queued:
         print("The others go on in the queue; the same command shows them when they have ended.", file=sys.stderr)
     if outcome.failed:

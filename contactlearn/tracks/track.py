@@ -19,6 +19,7 @@ from contactlearn.errors import DataError
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _FEWEST = 2
+_SENSELESS = 1e50  # of a coordinate in any unit: products of a few such numbers still are finite
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -82,8 +83,10 @@ class Recording:
 
     @property
     def seen(self) -> Bool[Mask, " t"]:
-        """Frames in which every coordinate is a number."""
-        return finite(self.position) & finite(self.rotation)
+        """Frames in which every coordinate is a number and not senselessly large, and a quaternion not all zeros."""
+        values = np.column_stack((self.position, self.rotation))
+        seen = np.logical_and.reduce(np.abs(values) < _SENSELESS, axis=-1)  # false where it is not a number
+        return seen if self.quaternion is None else seen & (np.abs(self.quaternion).max(axis=-1) > 1 / _SENSELESS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -126,7 +126,6 @@ def read_csv(path: Path) -> Sheet:
 
 def read_parquet(path: Path) -> Sheet:
     """Cells of a Parquet file; its page checksums are verified where it has them."""
-    import pyarrow
     from pyarrow import parquet
 
     try:
@@ -134,7 +133,7 @@ def read_parquet(path: Path) -> Sheet:
         with parquet.ParquetFile(path, page_checksum_verification=True) as file:
             table = file.read()
         return Sheet(path, table.column_names, [column.to_pylist() for column in table.columns])
-    except (pyarrow.ArrowException, OSError) as error:
+    except Exception as error:  # a damaged file can break the library anywhere
         raise DataError(f"{path}: is not a readable Parquet file ({error}); write or copy it again") from error
 
 

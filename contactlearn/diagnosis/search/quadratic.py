@@ -23,6 +23,7 @@ from torch import Tensor
 
 from contactlearn.effects import Effect, EffectId, columns
 from contactlearn.identification.joint import FitOptions, JointFit, linearise, named_parameters
+from contactlearn.identification.ranges import suited
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
 
@@ -89,7 +90,7 @@ class Quadratic:
             Group(key, place): effect.at(point)
             for key, effect in candidates.items()
             if key not in own and not effect.refines
-            for place, point in enumerate(_vanishing_points(effect))
+            for place, point in enumerate(_vanishing_points(effect, impacts))
         }
         everything = {**effects, **{f"{group.effect}/{group.place}": effect for group, effect in added.items()}}
         start = [columns(*effect.values) for effect in added.values()]
@@ -156,13 +157,14 @@ class Quadratic:
         return {group.effect: theta[list(self.groups[group])] for group in groups if group.effect is not None}
 
 
-def _vanishing_points(effect: Effect) -> Float[Tensor, "p k"]:
+def _vanishing_points(effect: Effect, impacts: Impacts) -> Float[Tensor, "p k"]:
     """Values at which an effect vanishes: one point, or several of the parameters that are undefined there."""
-    free = [k for k, p in enumerate(effect.parameters) if p.vanishing is None]
-    vanished = columns(*effect.vanished().values)
+    parameters = suited(effect.parameters, impacts)
+    free = [k for k, p in enumerate(parameters) if p.vanishing is None]
+    vanished = torch.tensor([p.start if p.vanishing is None else p.vanishing for p in parameters], dtype=torch.float64)
     if not free:
         return vanished[None]
-    low, high = torch.tensor([(p.low, p.high) for p in effect.parameters], dtype=torch.float64)[free].T
+    low, high = torch.tensor([(p.low, p.high) for p in parameters], dtype=torch.float64)[free].T
     places = torch.quasirandom.SobolEngine(len(free), scramble=True, seed=0).draw(_PLACES - 1, dtype=torch.float64)
     points = vanished.repeat(_PLACES, 1)
     points[1:, free] = low + places * (high - low)

@@ -46,8 +46,10 @@ def check_on(effect: Tried, impacts: Impacts) -> None:
         tried = effect.at([value.requires_grad_() for value in start.unbind()])
         parameters = [torch.as_tensor(value) for value in tried.current]
         for output, value in tried.added(state, so_far).items():
-            slopes = torch.autograd.grad(value.sum(), parameters, allow_unused=True)
             _refuse_infinite(effect, impacts, output, "value", value)
+            if not value.requires_grad:  # of no parameter
+                continue
+            slopes = torch.autograd.grad(value.sum(), parameters, allow_unused=True)
             for p, slope in zip(effect.parameters, slopes, strict=True):
                 if slope is not None:
                     _refuse_infinite(effect, impacts, output, f"derivative in {p.name}", slope)

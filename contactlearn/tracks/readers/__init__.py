@@ -63,7 +63,7 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataErro
         yield from reader(path, layout)
     except ContactLearnError:
         raise
-    except (OSError, ValueError, KeyError, IndexError, TypeError, UnicodeError, RuntimeError) as error:
+    except Exception as error:  # a damaged file can break a library anywhere
         raise DataError(f"{path}: cannot be read: {str(error).splitlines()[0] if str(error) else error!r}") from error
 
 

@@ -1,0 +1,102 @@
+"""A file that somebody shared is data: what it names is not imported or called unless the command line names it too."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from contactlearn import cli
+from contactlearn.cli import compose
+from contactlearn.errors import ContactLearnError
+from contactlearn.sweeps.identity import code_version
+
+SMALL = ["model=[]", "data.size=30", "train.size=10", "train.repetitions=2", "laws=[whittaker]"]
+MODULE = """
+from pathlib import Path
+from contactlearn.effects import Effect, columns
+from contactlearn.effects.base import parameter
+Path(__file__).with_name("imported").touch()
+def touch(path): Path(path).touch()
+"""
+BROUGHT = {
+    "a law": ("law: {{_target_: brought.Law}}", "law._target_=brought.Law comes from a file"),
+    "an effect": (
+        "effect: {{mine: {{_target_: brought.Mine}}}}",
+        "effect.mine._target_=brought.Mine comes from a file",
+    ),
+    "by reference": ("variant: brought.Mine\neffect: {{mine: {{_target_: '${{variant}}'}}}}", "comes from a file"),
+    "in a text": ("effect: {{mine: '${{oc.decode:\"{{_target_: brought.Mine}}\"}}'}}", "comes from a file"),
+    "a source": ("data: {{_target_: brought.touch, path: {0}}}", "comes from a file"),
+    "through a source": (
+        "data: {{_target_: contactlearn.data.table.os.mkdir, path: {0}}}",
+        "must be a source under contactlearn.data",
+    ),
+    "within data": ("data: {{shape: {{_target_: os.mkdir, path: {0}}}}}", "comes from a file"),
+    "a body": (
+        "transfer: {{sizes: [5], seeds: 1, bodies: {{b: {{_target_: brought.touch, path: {0}}}}}}}",
+        "comes from a file",
+    ),
+    "a callback": ("hydra: {{callbacks: {{x: {{_target_: os.mkdir, path: {0}}}}}}}", "no plugin of Hydra's"),
+    "a launcher": ("hydra: {{launcher: {{_target_: brought.Launcher}}}}", "no plugin of Hydra's"),
+    "a log": ("hydra: {{job_logging: {{handlers: {{x: {{(): os.mkdir, path: {0}}}}}}}}}", "more than a log"),
+    "a log of Hydra's": (
+        "hydra: {{hydra_logging: {{handlers: {{x: {{class: brought.touch, path: {0}}}}}}}}}",
+        "more than a log",
+    ),
+    "an object": ("hydra: {{job_logging: {{root: {{level: 'ext://brought.touch'}}}}}}", "more than a log"),
+    "an environment": ("hydra: {{job: {{env_set: {{PYTHONPATH: /tmp}}}}}}", "from the command line alone"),
+}
+
+
+@pytest.fixture
+def shared(tmp_path, monkeypatch) -> Path:
+    """A folder of somebody else's, with a module that leaves a trace when it is imported, from which Python imports."""
+    (tmp_path / "experiment").mkdir()
+    (tmp_path / "brought.py").write_text(MODULE)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "brought", raising=False)
+    return tmp_path
+
+
+@pytest.mark.parametrize("several", [False, True], ids=["run", "sweep"])
+@pytest.mark.parametrize(("text", "message"), BROUGHT.values(), ids=BROUGHT)
+def test_what_a_shared_experiment_brings_is_not_run(text, message, several, shared, monkeypatch, capsys):
+    content = text.format(shared / "called")
+    (shared / "experiment" / "theirs.yaml").write_text(f"# @package _global_\n{content}\n")
+    words = ["--config-dir", str(shared), "experiment=theirs", *SMALL, *(["-m"] if several else [])]
+    monkeypatch.setattr(sys, "argv", ["evaluate.py", *words])
+    with pytest.raises(SystemExit):
+        cli.evaluate()
+    printed = capsys.readouterr()
+    assert message in printed.err
+    assert "Traceback" not in printed.err + printed.out
+    assert not {"imported", "called"} & {path.name for path in shared.iterdir()}
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        "+effect.mine._target_=brought.Mine",
+        "+effect.mine={_target_: brought.Mine, form: a}",
+        "law._target_='brought.Law'",
+    ],
+)
+def test_what_the_command_line_names_is_composed(word):
+    assert "brought." in str(compose("evaluate", [word]))
+
+
+def test_the_name_must_be_whole_and_that_of_a_class():
+    with pytest.raises(ContactLearnError, match="comes from a file"):
+        compose("evaluate", ["+effect.mine._target_=${variant}", "variant=brought.Mine"])
+
+
+def test_results_that_name_a_module_do_not_import_it(shared):
+    """Fields of done.json, such as those of a shared folder of results, are looked up and nothing more."""
+    (shared / "brought.py").unlink()
+    (shared / "brought").mkdir()
+    for name in ("__init__", "inner"):
+        (shared / "brought" / f"{name}.py").write_text(MODULE)
+    known, unknown = code_version(("brought.inner",)), code_version(("brought.other",))
+    assert known.rpartition("=")[2] != unknown.rpartition("=")[2] == "unknown"
+    assert not (shared / "brought" / "imported").exists()
