@@ -5,6 +5,7 @@ import threading
 import time
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from commands import run
@@ -18,6 +19,8 @@ from contactlearn.data import synthetic, table
 from contactlearn.diagnosis.result import Formula, WrenchComponent
 from contactlearn.effects import EffectId
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.evaluation.partial_residuals import partial_residuals
+from contactlearn.report.text import brief_interval
 from contactlearn.report.text.numbers import error
 from contactlearn.results.folder import read_result
 from contactlearn.workbench import commands, lines
@@ -28,6 +31,7 @@ from contactlearn.workbench.jobs import Jobs, RunStatus
 from contactlearn.workbench.keeping import Keeping
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.page import Page
+from contactlearn.workbench.previews import Previews
 from contactlearn.workbench.promises import Promises
 from contactlearn.workbench.saved import Saved, diagnosed
 from contactlearn.workbench.session import Session, Window
@@ -210,6 +214,27 @@ def test_a_parameter_moves_by_hand_and_back(session, models):
         models.moved(replace(session, hand=(("nu", 1.0),)))
 
 
+def test_a_slider_that_is_dragged_is_answered_with_what_its_place_would_change(session, models):
+    previews = Previews(models, actions_of(models, Promises(models)))
+    session = session.ticked(DRAG)
+    sent = previews.moved(session.address, "side_drag.c", 0.3)
+    moved = models.moved(session.moved("side_drag.c", 0.3))
+    assert _floats(sent["v_post"]).reshape(-1, 3) == pytest.approx(moved.v_post.numpy(), rel=1e-5, abs=1e-6)
+    partial = partial_residuals(moved.model, models.split(session).impacts, "side_drag")
+    component = ("v_x⁺", "v_y⁺", "ω⁺").index(partial.component)
+    change = _floats(sent["changes"]).reshape(1, -1, 3)[0, :, component]
+    assert change == pytest.approx(partial.explained.numpy(), rel=1e-5, abs=1e-6)
+    _, number, rest = sent["said"]
+    assert number == brief_interval(moved.error)
+    assert "moved by hand" in rest
+    fitted = models.fitted(session).fit.values[2].item()
+    assert "moved by hand" not in previews.moved(session.address, "side_drag.c", fitted)["said"][2]
+
+
+def _floats(text):
+    return np.frombuffer(base64.b64decode(text), "<f4")
+
+
 def test_a_tick_takes_the_most_promising_form(session, models):
     actions = actions_of(models, Promises(models))
     ticked = actions.kinds["ticks"](session, "side_drag", True)
@@ -366,7 +391,7 @@ def test_numbers_are_written_as_in_the_report(session, models):
     from contactlearn.workbench.panes.model import said
 
     fitted = models.fitted(session)
-    assert error(fitted.error.mean) in str(said(fitted, models.moved(session), fitted, False))
+    assert error(fitted.error.mean) in "".join(said(fitted, models.moved(session), fitted, False))
 
 
 def test_what_was_not_answered_is_done_once_and_what_cannot_be_fitted_is_refused(session, models):

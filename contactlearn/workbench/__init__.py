@@ -9,6 +9,7 @@
     jobs       diagnoses in processes of their own, which can be cancelled
     saved      run folders below `outputs`
     arrays     numbers for the figures of the page, which are those of the report
+    previews   answers to a slider that is being dragged
     security   refusal of foreign hosts, origins and requests without the token
     panes/     the parts of the page as components
     page       the page and its callbacks

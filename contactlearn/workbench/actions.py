@@ -74,7 +74,7 @@ class Actions:
         names = [p.name for p in self.models.fitted(session).fit.parameters]
         if name not in names:  # of a model that has gone
             return session
-        now = self.models.moved(session).values[names.index(name)].item()
+        now = self.models.values(session)[names.index(name)].item()
         return session if abs(value - now) <= _CLOSE * max(1.0, abs(now)) else session.moved(name, float(value))
 
     def add_line(self, session: Session, line: str, _: Any) -> Session:

@@ -112,18 +112,27 @@ class Models:
         """Return a law without effects, that of the session if none is named."""
         return self.fitted(replace(session, law=law or session.law, effects=(), lines=()))
 
+    def values(self, session: Session) -> Float[Tensor, " k"]:
+        """Return the parameters of the model of a session, those that were moved by hand where they were moved to.
+
+        Raises:
+            UnknownNameError: the model has no such parameter.
+        """
+        fit = self.fitted(session).fit
+        values, names = fit.values.clone(), [p.name for p in fit.parameters]
+        for name, value in session.hand:
+            if name not in names:
+                raise UnknownNameError("parameter of this model", name, names)
+            values[names.index(name)] = value
+        return values
+
     def moved(self, session: Session) -> Moved:
         """Return the model of a session with the parameters that were moved by hand.
 
         Raises:
             UnknownNameError: the model has no such parameter.
         """
-        fitted, data = self.fitted(session), self.split(session)
-        values, names = fitted.fit.values.clone(), [p.name for p in fitted.fit.parameters]
-        for name, value in session.hand:
-            if name not in names:
-                raise UnknownNameError("parameter of this model", name, names)
-            values[names.index(name)] = value
+        fitted, data, values = self.fitted(session), self.split(session), self.values(session)
         model = assemble(fitted.law, fitted.model.effects, values)
         errors = mass_error(data.test, model.predict(data.test))
         return Moved(model=model, values=values, v_post=model.predict(data.impacts).v_post, error=_interval(errors))

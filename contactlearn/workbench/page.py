@@ -10,7 +10,7 @@ from collections.abc import Callable
 from threading import Lock
 from typing import Any
 
-from dash import ALL, ClientsideFunction, Dash, Input, Output, State, ctx, html, no_update
+from dash import ALL, ClientsideFunction, Dash, Input, Output, State, html, no_update
 
 from contactlearn.audit.findings import audit
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
@@ -60,10 +60,6 @@ class Page:
             Output("data-sent", "data"), Output("model-sent", "data"), Output("settled", "data"),
             Input("fitted", "data"), State("data-drawn", "children"), tab,
         )(self.draw)  # fmt: skip
-        app.callback(
-            Output("model-sent", "data", allow_duplicate=True), Output("said", "children", allow_duplicate=True),
-            Input({"set": "slider", "of": ALL}, "drag_value"), State("address", "search"), prevent_initial_call=True,
-        )(self.preview)  # fmt: skip
         app.callback(Output("trial-sent", "data"), Output("windows-sent", "data"), settled)(self.trial)
         app.callback(Output(_LAW, "options"), Output("bounds", "children"), settled)(self.compare)
         app.callback(Output(_TICKS, "options"), settled, tab)(self.missing)
@@ -78,8 +74,11 @@ class Page:
             Input("line", "value"),
             State("address", "search"),
         )(self.complete)
-        slider, sink = Input({"set": "slider", "of": ALL}, "value"), Output("slider-drawn", "children")
-        app.clientside_callback(ClientsideFunction("workbench", "slider"), sink, slider)
+        for function, what in (("slider", "value"), ("drag", "drag_value")):
+            drawn = Output(f"{function}-drawn", "children")
+            app.clientside_callback(
+                ClientsideFunction("workbench", function), drawn, Input({"set": "slider", "of": ALL}, what)
+            )
         app.clientside_callback(
             ClientsideFunction("workbench", "done"), Output("done-drawn", "children"), Input("done", "data")
         )
@@ -136,9 +135,10 @@ class Page:
         except ContactLearnError as error:
             return (*[no_update] * 8, str(error))
         names = [one.name for one in session.effects]
+        before, number, after = model.said(fitted, moved, self.models.alone(session), bool(session.hand))
         return (
             f"{data.impacts.source}: {len(data.pool)} trials to fit to, {len(data.test)} held out.",
-            model.said(fitted, moved, self.models.alone(session), bool(session.hand)),
+            [before, html.B(number), after],
             model.parts(session, fitted, moved),
             session.address or "?",
             no_update if set(ticks or []) == set(names) else names,
@@ -170,23 +170,6 @@ class Page:
         names = [law_label(session.law), model_title(session)]
         sent = arrays.of_model(data.impacts, alone.v_post, moved.v_post, moved.model)
         return sent | {"names": names, "count": len(data.impacts), "error": moved.error.mean}
-
-    def preview(self, values: list[Any], address: str | None) -> tuple[Any, Any]:
-        """Show the model with a slider where it is being dragged."""
-        name, value = ctx.triggered_id, ctx.triggered[0]["value"] if ctx.triggered else None
-        if not isinstance(name, dict) or name["set"] != "slider" or value is None:
-            return no_update, no_update
-        try:
-            session = Session.read(address or "")
-            if self.actions.slide(session, name["of"], value) == session:
-                return no_update, no_update
-            session = session.moved(name["of"], float(value))
-            alone = self.models.alone(session)
-            return self._drawn(session), model.said(
-                self.models.fitted(session), self.models.moved(session), alone, True
-            )
-        except ContactLearnError:  # a slider of a model that has gone
-            return no_update, no_update
 
     def trial(self, address: str | None) -> tuple[Any, Any]:
         """The selected trial, and the trials in the windows of the map."""

@@ -25,6 +25,7 @@ from contactlearn.workbench.keeping import Keeping
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.page import Page
 from contactlearn.workbench.panes import frame
+from contactlearn.workbench.previews import Previews
 from contactlearn.workbench.promises import Promises
 from contactlearn.workbench.saved import Saved
 from contactlearn.workbench.security import Door, protect
@@ -75,6 +76,7 @@ def make_app(door: Door, models: Models, outputs: Path = OUTPUTS) -> Dash:
     Background(models, Jobs(outputs), saved).register(app)
     Keeping(models, saved, outputs).register(app)
     _serve_scripts(app)
+    Previews(models, actions).serve(app.server)
     saved.serve(app.server)
     protect(app.server, door, _policy(app))
     return app
@@ -95,7 +97,7 @@ def _serve_scripts(app: Dash) -> None:
         resources.files("contactlearn.report.page") / "templates",
         resources.files("contactlearn.workbench") / "static",
     )
-    parts = (own / "data.js", report / "numbers.js", report / "figures.js", own / "page.js")
+    parts = (own / "data.js", report / "numbers.js", report / "figures.js", own / "sliders.js", own / "page.js")
     script = "\n".join(part.read_text(encoding="utf-8") for part in parts)
     style = (report / "style.css").read_text(encoding="utf-8") + (own / "page.css").read_text(encoding="utf-8")
     library = (resources.files("plotly") / "package_data" / "plotly.min.js").read_bytes()

@@ -10,8 +10,9 @@ from contactlearn.report.text import sentence
 from contactlearn.workbench.panes import compare, fails, hints, missing, model, saved
 from contactlearn.workbench.panes.parts import button, note, press
 
-STORES = ("data-sent", "model-sent", "trial-sent", "windows-sent", "curve-sent", "fitted", "settled", "acted", "done")
-SINKS = ("slider-drawn", "done-drawn", "data-drawn", "model-drawn", "trial-drawn", "windows-drawn", "curve-drawn")
+_FIGURES = ("data", "model", "trial", "windows", "curve")
+STORES = (*(f"{name}-sent" for name in _FIGURES), "fitted", "settled", "acted", "done")
+SINKS = (*(f"{name}-drawn" for name in _FIGURES), "slider-drawn", "drag-drawn", "done-drawn")
 _WORDS = (
     "Words as on a command line. The shape of the body, in m, as "
     "data.shape={kind:ellipse,semi_axes:[0.035,0.025]}; without it some effects cannot be decided."
@@ -72,6 +73,7 @@ def _bar() -> Component:
     return html.Div(
         [
             html.Span("…", id="said", role="status"),
+            html.Span(id="said-moving"),
             html.Span(
                 [
                     press("undo", "Undo"),

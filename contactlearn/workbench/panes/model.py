@@ -25,7 +25,8 @@ def model_pane() -> Component:
     return html.Section(
         [
             html.H2("The model"),
-            html.Div(id="parts"),
+            html.H3("Ladder"),
+            html.Div(id="ladder"),
             html.H3("A line of mathematics"),
             html.P(
                 [
@@ -36,8 +37,7 @@ def model_pane() -> Component:
             ),
             html.Datalist(id="completions"),
             html.P(id="line-said", role="status"),
-            html.H3("Ladder"),
-            html.Div(id="ladder"),
+            html.Div(id="parts"),
             html.Div(id="curves", className="cards"),
         ],
         id="model",
@@ -86,13 +86,13 @@ def ladder_bars(session: Session, steps: Sequence[Fitted], floor: NoiseFloor) ->
     ]
 
 
-def said(fitted: Fitted, moved: Moved, alone: Fitted, by_hand: bool) -> list[Component | str]:
-    """Return the error of the model in one line."""
+def said(fitted: Fitted, moved: Moved, alone: Fitted, by_hand: bool) -> tuple[str, str, str]:
+    """Return the error of the model in one line: what stands before the number, the number, and what follows it."""
     share = moved.error.mean / alone.error.mean - 1 if alone.error.mean else 0.0
     change = f"{'−' if share < 0 else '+'}{abs(100 * share):.0f}\u00a0%" if fitted is not alone or by_hand else ""
-    found: list[Component | str] = ["Held-out error ", html.B(brief_interval(moved.error))]
-    found += [f", {change} against the law alone"] if change else []
-    return found + ([f"; moved by hand, fitted {brief_interval(fitted.error)}"] if by_hand else [])
+    rest = f", {change} against the law alone" if change else ""
+    rest += f"; moved by hand, fitted {brief_interval(fitted.error)}" if by_hand else ""
+    return "Held-out error ", brief_interval(moved.error), rest
 
 
 def _slider(p: Parameter, best: float, error: float, value: float, by_hand: bool, warning: str) -> Component:

@@ -15,20 +15,39 @@ const pending = [];
 let count = 0;
 
 function act(kind, of = "", value = null) {
+  if (kind !== "slider") release();
   pending.push({n: ++count, kind, of, value});
   dash_clientside.set_props("acted", {data: [...pending]});
 }
 
 function redraw(...ids) {
   for (const id of ids) stale.add(id);
-  if (!globalThis.Plotly || !trials || !arrays.v_post) return;
-  for (const id of stale) {
-    const place = get(id);
-    if (!place || !near.has(id) || !place.clientWidth || (needs[id] && !needs[id]())) continue;
-    stale.delete(id);
-    drawn[id]();
-    if (id === "map") listenToMap(place);
-  }
+  while (redrawOne());
+}
+
+// Draw a figure that is near the window and not up to date; false if there is none.
+function redrawOne(among = stale) {
+  if (!globalThis.Plotly || !trials || !arrays.v_post) return false;
+  const ready = id => stale.has(id) && near.has(id) && get(id)?.clientWidth && (!needs[id] || needs[id]());
+  const id = [...among].find(ready);
+  if (!id) return false;
+  stale.delete(id);
+  drawn[id]();
+  if (id === "map") listenToMap(get(id));
+  return true;
+}
+
+// Draw figures one at a time, each behind what else the browser has to do.
+let waiting = false;
+function redrawSoon(...ids) {
+  for (const id of ids) { stale.delete(id); stale.add(id); }
+  if (waiting) return;
+  waiting = true;
+  setTimeout(() => { waiting = false; if (redrawOne()) redrawSoon(); });
+}
+
+function shown() {
+  document.documentElement.dataset.shown = String(Number(document.documentElement.dataset.shown ?? 0) + 1);
 }
 
 // A click selects a trial, a box a window of both variables.
@@ -117,17 +136,18 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
   model(sent) {
     if (!sent || !trials || sent.count !== trials.count) return "";
     const outcome = floats(sent.v_post), N = trials.count;
-    arrays.v_post = (model, i, k) => outcome[(model * N + i) * 3 + k];
+    Object.assign(arrays, {outcome, v_post: (model, i, k) => outcome[(model * N + i) * 3 + k]});
     errors = [];
     page.models = sent.names.map(name => ({name, label: name}));
     page.effects = sent.effects.map(one => ({...one, curve: {...one.curve, x: Array.from(floats(one.curve.x))}}));
     const explained = sent.explained && floats(sent.explained), K = sent.effects.length;
     arrays.explained = (i, k) => explained[i * K + k];
-    const curves = showCurves();
+    still();
+    redraw(...showCurves());
+    redrawSoon("map", "picture", "impulse");
     showTrial();
     showWindow();
-    redraw("map", "picture", "impulse", ...curves);
-    document.documentElement.dataset.shown = String(Number(document.documentElement.dataset.shown ?? 0) + 1);
+    shown();
     return String(sent.error);
   },
   trial(sent) {
@@ -147,12 +167,14 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
     while (pending.length && pending[0].n <= number) pending.shift();
     return "";
   },
-  slider(values) {  // only where a person moved it: sliders also come anew
-    const moved = dash_clientside.callback_context.triggered[0];
-    if (moved && touched.of && performance.now() - touched.when < 3000) {
-      const {of} = JSON.parse(moved.prop_id.slice(0, moved.prop_id.lastIndexOf(".")));
-      if (of === touched.of) act("slider", of, moved.value);
-    }
+  slider() {
+    const moved = movedSlider();
+    if (moved) letGo(moved);
+    return "";
+  },
+  drag() {
+    const moved = movedSlider();
+    if (moved) preview(moved);
     return "";
   },
   curve(sent) {
@@ -179,15 +201,7 @@ function chosenAxes() {
   redraw("map");
 }
 
-// A slider is named by the line above it.
-function nameSliders() {
-  for (const part of document.querySelectorAll(".parameter")) {
-    part.querySelector("[role=slider]")?.setAttribute("aria-label", part.querySelector(".said span").textContent);
-  }
-}
-
 // Buttons, lists and sliders, wherever they are made.
-const touched = {of: "", when: 0};
 const named = place => JSON.parse(place.closest('[id^="{"]')?.id ?? "{}");
 
 document.addEventListener("click", ({target}) => {
@@ -205,14 +219,6 @@ document.addEventListener("change", ({target}) => {
 document.addEventListener("keydown", ({target, key}) => {
   if (target.id === "line" && key === "Enter") act("line", target.value);
 });
-for (const event of ["pointerdown", "pointermove", "pointerup", "keydown"]) {
-  document.addEventListener(event, ({target, buttons, type}) => {
-    const {set, of} = target.closest?.(".parameter") ? named(target) : {};
-    if (set === "slider" && (type !== "pointermove" || buttons)) Object.assign(touched, {of, when: performance.now()});
-    else if (type === "pointerup" && touched.of) touched.when = performance.now();
-  }, true);
-}
-
 // The page is made by scripts: what it needs is attached once it is there.
 const begun = new MutationObserver(() => {
   if (!get("map")) return;
