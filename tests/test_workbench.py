@@ -4,6 +4,8 @@ import base64
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,7 +29,7 @@ from contactlearn.workbench import commands, lines
 from contactlearn.workbench.actions import actions_of
 from contactlearn.workbench.arrays import inside, of_model
 from contactlearn.workbench.cache import Cache
-from contactlearn.workbench.jobs import Jobs, RunStatus
+from contactlearn.workbench.jobs import BackgroundRun, Jobs, RunStatus
 from contactlearn.workbench.keeping import Keeping
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.page import Page
@@ -35,6 +37,8 @@ from contactlearn.workbench.previews import Previews
 from contactlearn.workbench.promises import Promises
 from contactlearn.workbench.saved import Saved, diagnosed
 from contactlearn.workbench.session import Session, Window
+from contactlearn.workbench.studies import learned_models
+from contactlearn.workbench.tasks import Tasks
 
 LINE = "tau = -c*rx*Pn; c = [-1, 1]"
 DRAG = EffectId("side_drag", "linear")
@@ -361,6 +365,61 @@ def test_a_job_is_cancelled_and_no_more_than_two_run(session, tmp_path):
     second.process.wait(20)
     assert second.status is RunStatus.CANCELLED
     assert jobs.find(first.folder.name) is first
+
+
+def test_the_progress_of_a_search_follows_its_stages():
+    process = SimpleNamespace(poll=lambda: None)
+    job, seen = BackgroundRun((), Path("run"), process), []
+    for line in ("mystery drops", "audit: sound", "law: Mirtich", "  law", "frontier: 0.1", "law: again", "results  run"):
+        job.lines.append(line)
+        seen.append(job.progress)
+    assert seen == sorted(seen)
+    assert (seen[0], seen[-1]) == (0, 1)
+    assert seen[2] < seen[4] < 1
+
+
+# Studies
+
+
+def test_a_study_runs_once_beside_the_server_and_ends_where_the_model_is(session, models):
+    tasks, ticked = Tasks(models), session.ticked(DRAG)
+    name = tasks.start("curve", ticked.moved("mu", 0.5))
+    task = tasks.find(name)
+    assert tasks.start("curve", ticked) == name
+    assert tasks.find(name) is task
+    task.wait(120)
+    assert task.status is RunStatus.DONE
+    sizes = [size for size, _ in task.step.errors["model"]]
+    assert sizes == [20, 50, 100, 180]
+    assert task.step.errors["model"][-1][1].mean == pytest.approx(models.fitted(ticked).error.mean, rel=1e-6)
+    assert task.step.errors["alone"][-1][1].mean == pytest.approx(models.alone(session).error.mean, rel=1e-6)
+
+
+def test_a_study_is_cancelled_at_once_and_can_be_started_again(session, models):
+    tasks = Tasks(models)
+    first = tasks.find(tasks.start("learned", session))
+    second = tasks.find(tasks.start("curve", session))
+    with pytest.raises(ContactLearnError, match="2 studies are running"):
+        tasks.start("curve", session.ticked(DRAG))
+    for task in (first, second):
+        task.cancel()
+        task.wait(10)
+        assert task.status is RunStatus.CANCELLED
+        assert not task.process.is_alive()
+    again = tasks.find(tasks.start("learned", session))
+    assert again is not first
+    again.cancel()
+
+
+def test_learned_models_are_those_of_the_configuration_around_the_model(session, models, monkeypatch):
+    few = ["analytical", "parameters_identified", "residual_impulse", "x2_impulse"]
+    monkeypatch.setattr("contactlearn.workbench.studies.choices", lambda _: few)
+    steps = list(learned_models(models, session.ticked(DRAG)))
+    assert [(one.done, one.total, len(one.errors)) for one in steps] == [(0, 2, 0), (1, 2, 1), (2, 2, 2)]
+    around, free = (steps[-1].errors[name][0] for name in ("residual_impulse", "x2_impulse"))
+    assert around[0] == free[0] == len(models.split(session).pool)
+    assert around[1].mean < 1.2 * models.fitted(session.ticked(DRAG)).error.mean < free[1].mean
+    assert len(list(learned_models(models, session))) == 4  # without effects the third of them is learnt, too
 
 
 @pytest.mark.parametrize("name", ["..", "../..", "/etc", "diagnose/../../x"])

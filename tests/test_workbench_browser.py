@@ -17,7 +17,7 @@ from contactlearn.workbench.server import listen
 SIZE = 200
 MYSTERY = f"&data=mystery&data.seed=7&data.size={SIZE}"
 _CLICKS = """
-const [count, done] = arguments, skipped = /Save run|Search|Experiment|Saved runs|Compare them|Load|Learning/;
+const [count, done] = arguments, skipped = /Save run|Search|Experiment|Saved runs|Compare them|Load|Learn/;
 let random = 1;
 const one = list => list[(random = random * 48271 % 2147483647) % list.length];
 (async () => {
@@ -166,6 +166,7 @@ def test_a_slider_moves_the_curves_and_the_fitted_value_is_a_click_away(browser,
     assert browser.find_element("id", "said-moving").is_displayed()
     assert "hand.mu" not in browser.execute_script("return location.search")
     shown = browser.execute_script("return Number(document.documentElement.dataset.shown)")
+    thumb = browser.find_element("css selector", ".parameter [role=slider]")
     thumb.send_keys(Keys.ARROW_RIGHT * 20)
     until(browser, f"Number(document.documentElement.dataset.shown) > {shown}")
     until(browser, "location.search.includes('hand.mu')")
@@ -204,6 +205,21 @@ def test_a_line_of_mathematics_is_completed_checked_and_added(browser, served):
     line.send_keys(Keys.BACKSPACE * 14 + "n; c = [-1, 1]" + Keys.ENTER)
     until(browser, "document.querySelectorAll('#ladder tr').length === 3")
     assert "τ ← τ" in text(browser, "line-said")
+    assert not heard(browser)
+
+
+def test_learned_models_and_learning_curve_come_beside_the_laws_or_are_cancelled(browser, served):
+    opened(browser, f"{served}&data=synthetic&data.size=60")
+    click(browser, "compare", "Learning curve")
+    until(browser, "!document.getElementById('curve-bar').hidden")
+    click(browser, "compare", "Learned models")
+    until(browser, "document.querySelector('#learned-found tr') !== null", 120)  # the first of them, while others follow
+    browser.execute_script("document.getElementById('learned-cancel').click()")
+    until(browser, "document.getElementById('learned-said').textContent.endsWith('cancelled')")
+    assert browser.execute_script("return document.getElementById('learned-bar').hidden")
+    until(browser, "document.getElementById('curve-bar').hidden", 120)
+    browser.execute_script("document.getElementById('curve').scrollIntoView()")
+    until(browser, "document.querySelector('#curve .main-svg') !== null")
     assert not heard(browser)
 
 

@@ -36,7 +36,6 @@ STARTS = 4
 """Starts of each fit."""
 _SOURCES, _FITS = 4, 100  # kept
 _RESAMPLES = 1000
-_SUBSETS, _SIZES = 6, (10, 20, 50, 100, 200, 500, 1000)  # of a learning curve
 _NOISE_TRIALS = 600  # at most, from which the noise floor is estimated while one waits
 
 
@@ -153,24 +152,6 @@ class Models:
         for name, prediction in ((BEST_POST_HOC, best), (IRB, bounds.irb(data.test))):
             found.append(Compared(name=name, error=held_out(data.test, prediction)))
         return sorted(found, key=lambda one: -one.error.mean)
-
-    def learning(self, session: Session) -> tuple[tuple[int, ...], dict[str, list[Interval]]]:
-        """Return numbers of training trials, and the held-out errors of the law alone and of the model at each.
-
-        Each number is tried on several random subsets, nested in each other.
-        """
-        data, fitted = self.split(session), self.fitted(session)
-        generator = torch.Generator().manual_seed(session.seed)
-        orders = torch.stack([torch.randperm(len(data.pool), generator=generator) for _ in range(_SUBSETS)])
-        least = 2 * len(fitted.fit.parameters) + 8
-        sizes = tuple(size for size in (*_SIZES, len(data.pool)) if least <= size <= len(data.pool))
-        curves: dict[str, list[Interval]] = {"alone": [], "model": []}
-        for name, one in (("alone", self.alone(session)), ("model", fitted)):
-            for size in sizes:
-                rows = orders[:, :size] if size < len(data.pool) else orders[:1]
-                fit = identify_jointly(one.law, one.effects, data.pool, rows, options=FitOptions(starts=STARTS))
-                curves[name].append(_interval(mass_error(data.test, fit.model.predict(data.test))))
-        return sizes, curves
 
     def noise(self, session: Session) -> NoiseFloor:
         """Return the noise floor beneath the model of a session, from some hundred trials."""

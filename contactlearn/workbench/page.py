@@ -15,7 +15,7 @@ from dash import ALL, ClientsideFunction, Dash, Input, Output, State, html, no_u
 from contactlearn.audit.findings import audit
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
 from contactlearn.errors import ContactLearnError, UnknownNameError
-from contactlearn.report.text import effect_label, law_label
+from contactlearn.report.text import law_label
 from contactlearn.workbench import arrays
 from contactlearn.workbench.actions import Actions
 from contactlearn.workbench.cache import Cache
@@ -167,7 +167,7 @@ class Page:
         """What the figures need of the model."""
         data, moved = self.models.split(session), self.models.moved(session)
         alone = self.models.alone(session)
-        names = [law_label(session.law), model_title(session)]
+        names = [law_label(session.law), model.model_title(session)]
         sent = arrays.of_model(data.impacts, alone.v_post, moved.v_post, moved.model)
         return sent | {"names": names, "count": len(data.impacts), "error": moved.error.mean}
 
@@ -192,7 +192,7 @@ class Page:
         session = Session.read(address)
         found, fitted = self.models.compared(session), self.models.fitted(session)
         most = compare.largest(found, fitted)
-        return compare.law_options(found, most), compare.beside(found, fitted, model_title(session), most)
+        return compare.law_options(found, most), compare.beside(found, fitted, model.model_title(session), most)
 
     def missing(self, address: str | None, tab: str) -> Any:
         """What each effect would take off."""
@@ -242,13 +242,3 @@ class Page:
         except ContactLearnError as error:
             return options, str(error)
         return options, effect.equation
-
-
-def model_title(session: Session) -> str:
-    """Name the model of a session."""
-    parts = [
-        law_label(session.law),
-        *map(effect_label, session.effects),
-        *(line.partition(";")[0] for line in session.lines),
-    ]
-    return " + ".join(parts) + (" (by hand)" if session.hand else "")

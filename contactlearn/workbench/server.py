@@ -29,6 +29,8 @@ from contactlearn.workbench.previews import Previews
 from contactlearn.workbench.promises import Promises
 from contactlearn.workbench.saved import Saved
 from contactlearn.workbench.security import Door, protect
+from contactlearn.workbench.studying import Studying
+from contactlearn.workbench.tasks import Tasks
 
 OUTPUTS = Path("outputs")
 _PORTS = range(8765, 8785)
@@ -73,7 +75,8 @@ def make_app(door: Door, models: Models, outputs: Path = OUTPUTS) -> Dash:
     actions = actions_of(models, promises)
     saved = Saved(outputs)
     Page(models, promises, actions).register(app)
-    Background(models, Jobs(outputs), saved).register(app)
+    Background(Jobs(outputs), saved).register(app)
+    Studying(models, Tasks(models)).register(app)
     Keeping(models, saved, outputs).register(app)
     _serve_scripts(app)
     Previews(models, actions).serve(app.server)

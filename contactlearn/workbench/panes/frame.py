@@ -32,7 +32,9 @@ def page_layout(largest: int) -> Component:
         dcc.Location(id="address", refresh=False),
         dcc.Store(id="history", storage_type="session"),
         dcc.Store(id="job", storage_type="session"),
+        dcc.Store(id="studies", storage_type="session"),
         dcc.Interval(id="clock", interval=1000, disabled=True),
+        dcc.Interval(id="study-clock", interval=700, disabled=True),
     ]
     panes = [compare.compare_pane(), fails.fails_pane(), missing.missing_pane(), model.model_pane(), saved.saved_pane()]
     return html.Div([*kept, _head(largest), _bar(), hints.hints_pane(), html.Main(panes, id="main", tabIndex="-1")])

@@ -86,6 +86,16 @@ def ladder_bars(session: Session, steps: Sequence[Fitted], floor: NoiseFloor) ->
     ]
 
 
+def model_title(session: Session) -> str:
+    """Name the model of a session."""
+    parts = [
+        law_label(session.law),
+        *map(effect_label, session.effects),
+        *(line.partition(";")[0] for line in session.lines),
+    ]
+    return " + ".join(parts) + (" (by hand)" if session.hand else "")
+
+
 def said(fitted: Fitted, moved: Moved, alone: Fitted, by_hand: bool) -> tuple[str, str, str]:
     """Return the error of the model in one line: what stands before the number, the number, and what follows it."""
     share = moved.error.mean / alone.error.mean - 1 if alone.error.mean else 0.0
