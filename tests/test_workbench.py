@@ -291,6 +291,62 @@ def test_many_trials_have_no_curves(session, models, monkeypatch):
     assert sent["effects"] == []
 
 
+# Corrections
+
+
+@pytest.fixture(scope="module")
+def turned(tmp_path_factory):
+    """A table whose x points left."""
+    impacts, left = synthetic.load(size=160, seed=3), torch.tensor([-1.0, 1.0, 1.0])
+    path = tmp_path_factory.mktemp("left") / "drops.csv"
+    table.save(impacts.replace(v_pre=impacts.v_pre * left, v_post=impacts.v_post * left, q=impacts.q * left), path)
+    return Session(data=("data=table", f"data.path={path}"), effects=(DRAG,))
+
+
+def test_what_the_audit_recommends_is_applied_and_taken_back(turned, models, drops):
+    page = Page(models, Promises(models), actions_of(models, Promises(models)))
+    _, wrong = page.findings("drawn", turned.address)
+    (button,) = _buttons(wrong)
+    assert getattr(button, "data-press") == "correct"
+    press = {"n": 1, "kind": "correct", "of": getattr(button, "data-of"), "value": None}
+    address, history, *_ = page.act([press], None, turned.address, None)
+    corrected = Session.read(address)
+    assert corrected.corrections == ("mirrored_x",)
+    assert corrected.effects == turned.effects
+    assert models.fitted(corrected).error.mean < 0.1 * models.fitted(turned).error.mean
+    assert "data.correct=[mirrored_x]" in commands.words_of(corrected)
+    assert OmegaConf.create(commands.experiment(corrected)).data.correct == ["mirrored_x"]
+    _, right = page.findings("drawn", address)
+    (button,) = _buttons(right)
+    back = {"n": 2, "kind": getattr(button, "data-press"), "of": "", "value": None}
+    assert page.act([back], 1, address, history)[0] == turned.address
+    assert page.act([{"n": 2, "kind": "undo", "of": "", "value": None}], 1, address, history)[0] == turned.address
+    assert "unknown correction" in page.act([press | {"of": "x]', y"}], None, address, history)[3]
+
+
+def test_data_that_break_a_rule_are_offered_corrected(models, tmp_path):
+    impacts = synthetic.load(size=160, seed=3)
+    down = torch.tensor([1.0, -1.0, 1.0])
+    impacts = impacts.replace(
+        suspect=True, v_pre=impacts.v_pre * down, v_post=impacts.v_post * down, q=impacts.q * down,
+        r=impacts.r * down[:2],
+    )  # fmt: skip
+    table.save(impacts, tmp_path / "down.csv")
+    keeping = Keeping(models, Saved(tmp_path), tmp_path)
+    content = base64.b64encode((tmp_path / "down.csv").read_bytes()).decode()
+    down = Session(data=("data=table", f"data.path={keeping.kept('down.csv', f'data:text/csv;base64,{content}')}"))
+    with pytest.raises(ContactLearnError):
+        models.split(down)
+    (button,) = _buttons(keeping.offered(down))
+    corrected = Session.read(getattr(button, "data-of"))
+    assert corrected.corrections == ("mirrored_y",)
+    assert len(models.split(corrected).impacts) == 160
+
+
+def _buttons(parts):
+    return [one for part in parts for one in part._traverse() if hasattr(one, "data-press")]
+
+
 # Commands
 
 
@@ -370,7 +426,15 @@ def test_a_job_is_cancelled_and_no_more_than_two_run(session, tmp_path):
 def test_the_progress_of_a_search_follows_its_stages():
     process = SimpleNamespace(poll=lambda: None)
     job, seen = BackgroundRun((), Path("run"), process), []
-    for line in ("mystery drops", "audit: sound", "law: Mirtich", "  law", "frontier: 0.1", "law: again", "results  run"):
+    for line in (
+        "mystery drops",
+        "audit: sound",
+        "law: Mirtich",
+        "  law",
+        "frontier: 0.1",
+        "law: again",
+        "results  run",
+    ):
         job.lines.append(line)
         seen.append(job.progress)
     assert seen == sorted(seen)

@@ -213,7 +213,9 @@ def test_learned_models_and_learning_curve_come_beside_the_laws_or_are_cancelled
     click(browser, "compare", "Learning curve")
     until(browser, "!document.getElementById('curve-bar').hidden")
     click(browser, "compare", "Learned models")
-    until(browser, "document.querySelector('#learned-found tr') !== null", 120)  # the first of them, while others follow
+    until(
+        browser, "document.querySelector('#learned-found tr') !== null", 120
+    )  # the first of them, while others follow
     browser.execute_script("document.getElementById('learned-cancel').click()")
     until(browser, "document.getElementById('learned-said').textContent.endsWith('cancelled')")
     assert browser.execute_script("return document.getElementById('learned-bar').hidden")

@@ -46,6 +46,8 @@ class Actions:
             "fit": lambda session, name, _: session.moved(name, None),
             "line": self.add_line,
             "unline": _without_line,
+            "correct": lambda session, names, _: session.corrected((*session.corrections, *names.split(","))),
+            "uncorrect": lambda session, _, __: session.corrected(()),
             "adopt": lambda session, address, _: Session.read(address),
             "alone": lambda session, _, __: replace(session, effects=(), lines=(), hand=()),
             "unselect": lambda session, _, __: replace(session, windows=()),

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn import laws
-from contactlearn.app.loading import Split, split
+from contactlearn.app.loading import Split, load_data, split
 from contactlearn.cli import compose
 from contactlearn.diagnosis.noise import NoiseFloor, noise_floor
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
@@ -91,6 +91,16 @@ class Models:
             ContactLearnError: data that cannot be read, or are too few.
         """
         return self._splits.get((session.data, _stamp(session.data), session.seed), lambda: self._load(session))
+
+    def suspected(self, session: Session) -> Impacts:
+        """Return the data of a session though they may break the rules of impacts, for the audit.
+
+        Raises:
+            ContactLearnError: data that cannot be read at all.
+        """
+        with self._composing:
+            cfg = compose("evaluate", list(session.data))
+        return load_data(cfg.data, suspect=True)
 
     def fingerprint(self, session: Session) -> str:
         """Return the hash of the data of a session."""

@@ -65,9 +65,10 @@ class Page:
         app.callback(Output(_TICKS, "options"), settled, tab)(self.missing)
         app.callback(Output("ladder", "children"), settled, tab)(self.ladder)
         app.callback(Output("regions", "children"), settled, tab)(self.regions)
-        app.callback(Output("findings", "children"), Input("data-drawn", "children"), State("address", "search"))(
-            self.findings
-        )
+        app.callback(
+            Output("findings", "children"), Output("mistakes", "children"),
+            Input("data-drawn", "children"), State("address", "search"),
+        )(self.findings)  # fmt: skip
         app.callback(
             Output("completions", "children"),
             Output("line-said", "children"),
@@ -224,12 +225,13 @@ class Page:
                 return no_update
             return make(Session.read(address))
 
-    def findings(self, drawn: str | None, address: str | None) -> Any:
-        """What the audit says of the data."""
+    def findings(self, drawn: str | None, address: str | None) -> tuple[Any, Any]:
+        """What the audit says of the data, and how they can be corrected."""
         if not drawn:
-            return no_update
-        found = audit(self.models.split(Session.read(address or "")).impacts)
-        return frame.finding_list([one.sentence for one in found])
+            return no_update, no_update
+        session = Session.read(address or "")
+        found = audit(self.models.split(session).impacts)
+        return frame.notes(found), frame.mistakes(found, session)
 
     def complete(self, line: str | None, address: str | None) -> tuple[Any, str]:
         """Completions of a line, and what is wrong with it so far."""

@@ -14,14 +14,17 @@ An address holds what differs from the defaults, in this order, so equal session
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from urllib.parse import parse_qsl, urlencode
 
+from contactlearn.audit.corrections import CORRECTIONS
 from contactlearn.effects import EffectId
-from contactlearn.errors import ContactLearnError
+from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.numerics import is_number
 
 _WORD = re.compile(r"data(\.[a-z_0-9]+)*=[^\n$]*")
+_CORRECT = "data.correct="
 _MOST = 20_000  # characters of an address
 
 
@@ -77,6 +80,25 @@ class Session:
         pairs += [("trial", str(self.trial))] if self.trial is not None else []
         pairs += [("window", f"{one.variable}:{one.low!r}:{one.high!r}") for one in self.windows]
         return f"?{urlencode(pairs)}" if pairs else ""
+
+    @property
+    def corrections(self) -> tuple[str, ...]:
+        """The corrections of the data, by name, in the order in which they are made."""
+        given = [word.partition("=")[2] for word in self.data if word.startswith(_CORRECT)]
+        return tuple(filter(None, (name.strip() for name in given[-1].strip("[]").split(",")))) if given else ()
+
+    def corrected(self, names: Sequence[str]) -> "Session":
+        """Return the session with the data corrected by these corrections and no others.
+
+        Raises:
+            UnknownNameError: no such correction.
+        """
+        for name in names:
+            if name not in CORRECTIONS:
+                raise UnknownNameError("correction", name, CORRECTIONS)
+        words = tuple(word for word in self.data if not word.startswith(_CORRECT))
+        words += (f"{_CORRECT}[{','.join(names)}]",) if names else ()
+        return replace(self, data=words, hand=(), trial=None, windows=())
 
     @classmethod
     def read(cls, address: str) -> "Session":
