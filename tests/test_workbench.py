@@ -33,10 +33,11 @@ from contactlearn.workbench.jobs import BackgroundRun, Jobs, RunStatus
 from contactlearn.workbench.keeping import Keeping
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.page import Page
+from contactlearn.workbench.panes.model import parts
 from contactlearn.workbench.previews import Previews
 from contactlearn.workbench.promises import Promises
 from contactlearn.workbench.saved import Saved, diagnosed
-from contactlearn.workbench.session import Session, Window
+from contactlearn.workbench.session import Option, Session, Window
 from contactlearn.workbench.studies import learned_models
 from contactlearn.workbench.tasks import Tasks
 
@@ -73,7 +74,10 @@ SESSIONS = {
     "shape": Session(data=("data=table", "data.path=a b.csv", "data.shape={kind:disc,radius:0.02}")),
     "all": Session(
         law="mirtich", effects=(DRAG, EffectId("surface_tilt")), lines=(LINE, "eps = c; c = [-1, 1]"),
-        hand=(("mu", 0.1),), seed=3, trial=12, windows=(Window(variable="v_x", low=-0.1, high=1e-9),),
+        hand=(("mu", 0.1),), options=(
+            Option(effect="side_drag", name="x", value=(0.5,)), Option(effect="side_drag", name="y", value=(-1.0, 2.0)),
+        ),
+        seed=3, trial=12, windows=(Window(variable="v_x", low=-0.1, high=1e-9),),
     ),
 }  # fmt: skip
 
@@ -89,6 +93,8 @@ def test_an_address_is_the_session(session):
     [
         ("?hand.mu=much", "an address holds numbers such as 0.25, got 'much'"),
         ("?hand.mu=nan", "finite numbers alone"),
+        ("?option.side_drag=1", "an option is option.EFFECT.NAME"),
+        ("?option.a.b=inf", "finite numbers alone"),
         ("?seed=-1", "seed is a whole number"),
         ("?trial=x", "trial is a whole number"),
         ("?window=v_x:1", "a window is variable:low:high"),
@@ -345,6 +351,38 @@ def test_data_that_break_a_rule_are_offered_corrected(models, tmp_path):
 
 def _buttons(parts):
     return [one for part in parts for one in part._traverse() if hasattr(one, "data-press")]
+
+
+# Options of effects
+
+
+def test_an_option_is_written_fitted_and_in_the_command(session, models):
+    actions, name = actions_of(models, Promises(models)), "velocity_dependent_restitution"
+    plain = session.ticked(EffectId(name, "power")).ticked(EffectId("location_dependent_friction"))
+    opted = actions.kinds["option"](plain, f"{name}.v_ref", "0.7")
+    opted = actions.kinds["option"](opted, "location_dependent_friction.span", "[−0.05, 0.1]")
+    effects = models.fitted(opted).effects
+    assert effects[name].v_ref == 0.7
+    assert effects["location_dependent_friction"].span == (-0.05, 0.1)
+    assert models.fitted(plain).effects[name].v_ref not in (None, 0.7)
+    assert Session.read(opted.address) == opted
+    assert replace(commands.session_of(commands.words_of(opted)), data=opted.data) == opted
+    assert OmegaConf.create(commands.experiment(opted)).effect[name].v_ref == 0.7
+    assert actions.kinds["option"](opted, f"{name}.v_ref", "").options == opted.options[:1]
+    assert opted.ticked(EffectId(name, "linear")).options == opted.options[:1]  # another form begins anew
+    fields = [str(one.id) for part in parts(opted, models.fitted(opted), models.moved(opted)) for one in _inputs(part)]
+    assert len(fields) == 2
+    for text, said in (("fast", "v_ref is a number"), ("-1", "must be a positive"), ("1, 2", "must be a positive")):
+        with pytest.raises(ContactLearnError, match=said):
+            models.fitted(actions.kinds["option"](plain, f"{name}.v_ref", text))
+    with pytest.raises(ContactLearnError, match="a span must be"):
+        models.fitted(actions.kinds["option"](plain, "location_dependent_friction.span", "3"))
+    with pytest.raises(ContactLearnError, match="has no setting"):
+        models.fitted(actions.kinds["option"](plain, f"{name}.w_ref", "1"))
+
+
+def _inputs(part):
+    return [one for one in part._traverse() if type(one).__name__ == "Input"]
 
 
 # Commands

@@ -187,6 +187,27 @@ def test_a_box_on_the_map_selects_trials(browser, served):
     until(browser, "!location.search.includes('window')")
 
 
+def test_a_box_is_written_by_keyboard(browser, served):
+    from selenium.webdriver.common.keys import Keys
+
+    opened(browser, served + MYSTERY)
+    until(browser, "document.querySelectorAll('#box input').length === 4")
+    low = browser.find_element("css selector", "#box input")
+    assert low.get_attribute("aria-label") == "|v_t| (m/s), lowest"
+    low.send_keys("0.5" + Keys.ARROW_UP + Keys.ENTER)
+    until(browser, "/trials are selected/.test(document.getElementById('window-said').textContent)")
+    (window,) = browser.execute_script("return new URLSearchParams(location.search).getAll('window')")
+    name, start, end = window.split(":")
+    assert name == "slip_speed"
+    assert 0.5 < float(start) < 1 < float(end)
+    low.send_keys(Keys.BACKSPACE * 9 + Keys.ENTER)
+    until(browser, "!location.search.includes('window')")
+    browser.execute_script("const x = get('map-x'); x.value = 2; x.dispatchEvent(new Event('change'))")
+    label = browser.execute_script("return trials.variables[2].label")
+    assert browser.find_element("css selector", "#box input").get_attribute("aria-label") == f"{label}, lowest"
+    assert not heard(browser)
+
+
 def _event(box):
     """What plotly says of a box over (|v_t|, θ)."""
     up, across = ([one["low"], one["high"]] for one in box)

@@ -4,6 +4,7 @@ import base64
 import binascii
 import hashlib
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from contactlearn.workbench.panes import saved as pane
 from contactlearn.workbench.panes.hints import HINTS
 from contactlearn.workbench.saved import COMPARED, Saved
 from contactlearn.workbench.session import Session
+from contactlearn.workbench.tasks import studied
 
 
 class Keeping:
@@ -81,7 +83,7 @@ class Keeping:
                 data = ("data=table", f"data.path={self.kept(name, contents)}")
             else:
                 data = _words(words or "")
-            other = Session(data=data, law=session.law, effects=session.effects, lines=session.lines, seed=session.seed)
+            other = replace(studied(session), data=data)
         except ContactLearnError as error:
             return no_update, str(error), no_update
         try:

@@ -19,7 +19,7 @@ from contactlearn.app.loading import Split, load_data, split
 from contactlearn.cli import compose
 from contactlearn.diagnosis.noise import NoiseFloor, noise_floor
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
-from contactlearn.effects import Effect, find_effect
+from contactlearn.effects import Effect, find_effect, from_settings
 from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.evaluation import bounds
 from contactlearn.evaluation.metrics import Interval, bootstrap, mass_error
@@ -114,7 +114,7 @@ class Models:
             UnknownNameError: no such law, effect or form.
             ContactLearnError: a line that cannot be read, or too few trials.
         """
-        key = (self.fingerprint(session), session.seed, session.law, session.effects, session.lines)
+        key = (self.fingerprint(session), session.seed, session.model)
         return self._fits.get(key, lambda: _fit(session, self.split(session)))
 
     def alone(self, session: Session, law: str | None = None) -> Fitted:
@@ -167,7 +167,7 @@ class Models:
         """Return the noise floor beneath the model of a session, from some hundred trials."""
         fitted, data = self.fitted(session), self.split(session)
         few = data.impacts[:_NOISE_TRIALS]
-        key = (self.fingerprint(session), session.seed, session.law, session.effects, session.lines)
+        key = (self.fingerprint(session), session.seed, session.model)
         return self._floors.get(
             key, lambda: noise_floor(few, fitted.model, generator=torch.Generator().manual_seed(session.seed))
         )
@@ -188,9 +188,12 @@ def effects_of(session: Session) -> dict[str, Effect]:
 
     Raises:
         UnknownNameError: no such effect or form.
-        ContactLearnError: a line that cannot be read.
+        ContactLearnError: a line that cannot be read, or an option that the effect does not have.
     """
-    found: dict[str, Effect] = {one.name: find_effect(one.name, one.form)() for one in session.effects}
+    found: dict[str, Effect] = {}
+    for one in session.effects:
+        options = {option.name: option.setting for option in session.options if option.effect == one.name}
+        found[one.name] = from_settings(find_effect(one.name, one.form), options)
     return found | {name_of(k): effect_of(line) for k, line in enumerate(session.lines)}
 
 

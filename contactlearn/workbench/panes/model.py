@@ -9,7 +9,7 @@ from dash.development.base_component import Component
 from contactlearn.diagnosis.noise import NoiseFloor
 from contactlearn.effects import Effect, Parameter, catalogue
 from contactlearn.evaluation.metrics import Interval
-from contactlearn.numerics import measured
+from contactlearn.numerics import is_number, measured
 from contactlearn.report.text import brief_interval, effect_label, label, law_label
 from contactlearn.report.text.names import NOISE_SOURCES
 from contactlearn.workbench.lines import EXAMPLE, name_of
@@ -18,6 +18,11 @@ from contactlearn.workbench.panes.parts import bars, note, press
 from contactlearn.workbench.session import Session
 
 _STEPS, _SIGMAS, _LEAST = 400, 25.0, 0.1  # of a slider: steps, reach in standard errors, least share of the range
+_OPTIONS = {
+    "v_ref": "Reference speed (m/s)",
+    "omega_s": "Spin below which it fades (rad/s)",
+    "span": "From x, to x (m)",
+}
 
 
 def model_pane() -> Component:
@@ -64,7 +69,11 @@ def parts(session: Session, fitted: Fitted, moved: Moved) -> list[Component]:
         head = html.H3(
             [effect_label(one), " ", press("drop", "Remove", of=one.name, label=f"Remove {effect_label(one)}")]
         )
-        found.append(html.Div([head, *_forms(effect), note(effect.equation), *sliders(one.name)], className="part"))
+        found.append(
+            html.Div(
+                [head, *_forms(effect), *_options(effect), note(effect.equation), *sliders(one.name)], className="part"
+            )
+        )
     for place, line in enumerate(session.lines):
         head = html.H3([html.Code(line), " ", press("unline", "Remove", of=str(place), label=f"Remove {line}")])
         found.append(html.Div([head, *sliders(name_of(place))], className="part"))
@@ -146,3 +155,18 @@ def _forms(effect: Effect) -> list[Component]:
             id={"set": "form", "of": effect.name}, options=options, value=effect.form, inline=True, className="forms"
         )
     ]
+
+
+def _options(effect: Effect) -> list[Component]:
+    """The constants of an effect that are not fitted, numbers, to be set by hand; empty is the default."""
+    found: list[Component] = []
+    for name, value in effect.options.items():
+        numbers = value if isinstance(value, tuple) else (value,)
+        if not numbers or not all(map(is_number, numbers)):
+            continue
+        text = ", ".join(f"{x:g}" for x in numbers)
+        field = dcc.Input(
+            id={"set": "option", "of": f"{effect.name}.{name}"}, type="text", value=text, autoComplete="off"
+        )
+        found.append(html.Label([f"{_OPTIONS.get(name, label(name))} ", field], className="option"))
+    return found

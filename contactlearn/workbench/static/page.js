@@ -131,6 +131,7 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
     for (const [id, chosen] of [["map-x", state.across], ["map-y", state.up]]) {
       get(id).replaceChildren(...options.map((text, k) => new Option(text, k, k === chosen, k === chosen)));
     }
+    showBox();
     return sent.source;
   },
   model(sent) {
@@ -187,7 +188,9 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
     if (!sent) return "";
     const scale = one => trials?.variables.find(variable => variable.name === one.variable)?.scale ?? 1;
     page.regions = sent.windows.map(one => ({...one, low: one.low / scale(one), high: one.high / scale(one), rows: sent.rows}));
+    page.windows = sent.windows;
     state.region = sent.windows.length ? 0 : -1;
+    showBox();
     if (arrays.v_post) showWindow();
     redraw("map");
     return "";
@@ -198,6 +201,7 @@ function chosenAxes() {
   state.across = Number(get("map-x").value);
   state.up = Number(get("map-y").value);
   state.alone = get("errors-of").value === "alone";
+  showBox();
   redraw("map");
 }
 
@@ -214,7 +218,7 @@ document.addEventListener("change", ({target}) => {
   const {set, of} = named(target);
   if (set === "ticks") act("ticks", target.value, target.checked);
   if (set === "law") act("law", target.value);
-  if (set === "form") act("form", of, target.value);
+  if (set === "form" || set === "option") act(set, of, target.value);
 });
 document.addEventListener("keydown", ({target, key}) => {
   if (target.id === "line" && key === "Enter") act("line", target.value);
