@@ -38,8 +38,8 @@ from contactlearn.workbench.previews import Previews
 from contactlearn.workbench.promises import Promises
 from contactlearn.workbench.saved import Saved, diagnosed
 from contactlearn.workbench.session import Option, Session, Window
-from contactlearn.workbench.studies import learned_models
-from contactlearn.workbench.tasks import Tasks
+from contactlearn.workbench.studies import learned_steps
+from contactlearn.workbench.tasks import StudyRuns
 
 LINE = "tau = -c*rx*Pn; c = [-1, 1]"
 DRAG = EffectId("side_drag", "linear")
@@ -484,7 +484,7 @@ def test_the_progress_of_a_search_follows_its_stages():
 
 
 def test_a_study_runs_once_beside_the_server_and_ends_where_the_model_is(session, models):
-    tasks, ticked = Tasks(models), session.ticked(DRAG)
+    tasks, ticked = StudyRuns(models), session.ticked(DRAG)
     name = tasks.start("curve", ticked.moved("mu", 0.5))
     task = tasks.find(name)
     assert tasks.start("curve", ticked) == name
@@ -498,7 +498,7 @@ def test_a_study_runs_once_beside_the_server_and_ends_where_the_model_is(session
 
 
 def test_a_study_is_cancelled_at_once_and_can_be_started_again(session, models):
-    tasks = Tasks(models)
+    tasks = StudyRuns(models)
     first = tasks.find(tasks.start("learned", session))
     second = tasks.find(tasks.start("curve", session))
     with pytest.raises(ContactLearnError, match="2 studies are running"):
@@ -516,12 +516,12 @@ def test_a_study_is_cancelled_at_once_and_can_be_started_again(session, models):
 def test_learned_models_are_those_of_the_configuration_around_the_model(session, models, monkeypatch):
     few = ["analytical", "parameters_identified", "residual_impulse", "x2_impulse"]
     monkeypatch.setattr("contactlearn.workbench.studies.choices", lambda _: few)
-    steps = list(learned_models(models, session.ticked(DRAG)))
+    steps = list(learned_steps(models, session.ticked(DRAG)))
     assert [(one.done, one.total, len(one.errors)) for one in steps] == [(0, 2, 0), (1, 2, 1), (2, 2, 2)]
     around, free = (steps[-1].errors[name][0] for name in ("residual_impulse", "x2_impulse"))
     assert around[0] == free[0] == len(models.split(session).pool)
     assert around[1].mean < 1.2 * models.fitted(session.ticked(DRAG)).error.mean < free[1].mean
-    assert len(list(learned_models(models, session))) == 4  # without effects the third of them is learnt, too
+    assert len(list(learned_steps(models, session))) == 4  # without effects the third of them is learnt, too
 
 
 @pytest.mark.parametrize("name", ["..", "../..", "/etc", "diagnose/../../x"])

@@ -231,7 +231,7 @@ class Page:
             return no_update, no_update
         session = Session.read(address or "")
         found = audit(self.models.split(session).impacts)
-        return frame.notes(found), frame.mistakes(found, session)
+        return frame.audit_notes(found), frame.mistakes(found, session)
 
     def complete(self, line: str | None, address: str | None) -> tuple[Any, str]:
         """Completions of a line, and what is wrong with it so far."""

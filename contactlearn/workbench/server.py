@@ -30,7 +30,7 @@ from contactlearn.workbench.promises import Promises
 from contactlearn.workbench.saved import Saved
 from contactlearn.workbench.security import Door, protect
 from contactlearn.workbench.studying import Studying
-from contactlearn.workbench.tasks import Tasks
+from contactlearn.workbench.tasks import StudyRuns
 
 OUTPUTS = Path("outputs")
 _PORTS = range(8765, 8785)
@@ -76,7 +76,7 @@ def make_app(door: Door, models: Models, outputs: Path = OUTPUTS) -> Dash:
     saved = Saved(outputs)
     Page(models, promises, actions).register(app)
     Background(Jobs(outputs), saved).register(app)
-    Studying(models, Tasks(models)).register(app)
+    Studying(models, StudyRuns(models)).register(app)
     Keeping(models, saved, outputs).register(app)
     _serve_scripts(app)
     Previews(models, actions).serve(app.server)

@@ -37,7 +37,7 @@ class Step:
     errors: Mapping[str, Points]
 
 
-def learning_curve(models: Models, session: Session) -> Iterator[Step]:
+def curve_steps(models: Models, session: Session) -> Iterator[Step]:
     """Fit the law alone and the model to several random subsets of each size, nested in each other."""
     data, fitted = models.split(session), models.fitted(session)
     orders = nested_orders(len(data.pool), _SUBSETS, torch.Generator().manual_seed(session.seed))
@@ -53,7 +53,7 @@ def learning_curve(models: Models, session: Session) -> Iterator[Step]:
     yield Step(done=len(sizes), total=len(sizes), errors=found)
 
 
-def learned_models(models: Models, session: Session) -> Iterator[Step]:
+def learned_steps(models: Models, session: Session) -> Iterator[Step]:
     """Train every learned model on the training part, those with a law around the model of the session."""
     data, fitted = models.split(session), models.fitted(session)
     names = ",".join(choices(Path(CONFIGS, "model")))
@@ -67,7 +67,7 @@ def learned_models(models: Models, session: Session) -> Iterator[Step]:
 
 
 STUDIES: Mapping[str, Callable[[Models, Session], Iterator[Step]]] = {
-    "curve": learning_curve,
-    "learned": learned_models,
+    "curve": curve_steps,
+    "learned": learned_steps,
 }
 """By the name of their controls."""

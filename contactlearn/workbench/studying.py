@@ -13,56 +13,54 @@ from contactlearn.workbench.panes import compare
 from contactlearn.workbench.panes.model import model_title
 from contactlearn.workbench.session import Session
 from contactlearn.workbench.studies import ALONE, STUDIES
-from contactlearn.workbench.tasks import Task, Tasks, studied
+from contactlearn.workbench.tasks import StudyRun, StudyRuns, studied
 
 _CONTROLS = (("bar", "hidden"), ("bar", "value"), ("cancel", "hidden"), ("said", "children"))
-_Names = dict[str, str]
 
 
 class Studying:
     """The callbacks of studies."""
 
-    def __init__(self, models: Models, tasks: Tasks) -> None:
+    def __init__(self, models: Models, tasks: StudyRuns) -> None:
         self.models, self.tasks = models, tasks
 
     def register(self, app: Dash) -> None:
         """Connect the callbacks with an app."""
-        presses = [Input(f"{kind}-{button}", "n_clicks") for kind in STUDIES for button in ("ask", "cancel")]
-        app.callback(
-            Output("studies", "data"), Output("trouble", "children", allow_duplicate=True),
-            *presses, State("studies", "data"), State("address", "search"), prevent_initial_call=True,
-        )(self.press)  # fmt: skip
+        for kind in STUDIES:  # each with a store of its own, so that two that are asked for at once are both kept
+            app.callback(
+                Output(f"{kind}-study", "data"), Output("trouble", "children", allow_duplicate=True),
+                Input(f"{kind}-ask", "n_clicks"), Input(f"{kind}-cancel", "n_clicks"),
+                State(f"{kind}-study", "data"), State("address", "search"), prevent_initial_call=True,
+            )(self.press)  # fmt: skip
         shown = [Output(f"{kind}-{part}", name) for kind in STUDIES for part, name in _CONTROLS]
         app.callback(
             Output("study-clock", "disabled"), Output("curve-sent", "data"), Output("curve-place", "hidden"),
-            Output("learned-found", "children"), *shown, Input("study-clock", "n_intervals"), Input("studies", "data"),
+            Output("learned-found", "children"), *shown, Input("study-clock", "n_intervals"),
+            *(Input(f"{kind}-study", "data") for kind in STUDIES),
         )(self.follow)  # fmt: skip
         app.clientside_callback(
             ClientsideFunction("workbench", "curve"), Output("curve-drawn", "children"), Input("curve-sent", "data")
         )
 
-    def press(self, *values: Any) -> tuple[Any, str]:
+    def press(self, _asked: int, _cancelled: int, name: str | None, address: str | None) -> tuple[Any, str]:
         """Start a study of the present model in place of the one of another model, or cancel it."""
-        *_, names, address = values
         kind, _, button = str(ctx.triggered_id).partition("-")
-        names: _Names = dict(names or {})
-        before = self.tasks.find(names.get(kind, ""))
+        before = self.tasks.find(name or "")
         if button == "cancel":
             if before is not None:
                 before.cancel()
-            return names, ""
+            return name, ""
         try:
             session = Session.read(address or "")
             if before is not None and before.session != studied(session):
                 before.cancel()
-            names[kind] = self.tasks.start(kind, session)
+            return self.tasks.start(kind, session), ""
         except ContactLearnError as error:
             return no_update, str(error)
-        return names, ""
 
-    def follow(self, _: int | None, names: _Names | None) -> tuple[Any, ...]:
+    def follow(self, _: int | None, *names: str | None) -> tuple[Any, ...]:
         """Show how far the studies of this page are, and what they have found so far."""
-        tasks = {kind: self.tasks.find((names or {}).get(kind, "")) for kind in STUDIES}
+        tasks = {kind: self.tasks.find(name or "") for kind, name in zip(STUDIES, names, strict=True)}
         running = any(task is not None and task.status is RunStatus.RUNNING for task in tasks.values())
         shown = [part for kind in STUDIES for part in self._controls(tasks[kind])]
         curve, learned = tasks["curve"], tasks["learned"]
@@ -70,7 +68,7 @@ class Studying:
         rows = no_update if learned is None else self._rows(learned)
         return not running, curves or no_update, not curves, rows, *shown
 
-    def _controls(self, task: Task | None) -> tuple[Any, ...]:
+    def _controls(self, task: StudyRun | None) -> tuple[Any, ...]:
         """Bar, its value, the button that cancels, and what is said."""
         if task is None:
             return True, "0", True, ""
@@ -78,7 +76,7 @@ class Studying:
         value = 0.0 if step is None else step.done / max(step.total, 1)
         return not running, f"{value:.3f}", not running, self._said(task)
 
-    def _said(self, task: Task) -> str:
+    def _said(self, task: StudyRun) -> str:
         title, step = model_title(task.session), task.step
         if task.trouble:
             return task.trouble
@@ -93,7 +91,7 @@ class Studying:
         }
         return said[task.status]
 
-    def _rows(self, task: Task) -> Any:
+    def _rows(self, task: StudyRun) -> Any:
         """The learned models so far, on the scale of the laws."""
         if task.step is None:
             return []
@@ -103,7 +101,7 @@ class Studying:
         return compare.learned_bars(errors, model_title(task.session), len(self.models.split(task.session).pool), most)
 
 
-def _curves(task: Task) -> list[dict[str, Any]]:
+def _curves(task: StudyRun) -> list[dict[str, Any]]:
     """The learning curve so far, as the page draws it; empty before there is any."""
     style, curves = plotly_style(task.session.law), [] if task.step is None else task.step.errors.items()
     labels = {True: f"{law_label(task.session.law)} alone", False: "The model"}

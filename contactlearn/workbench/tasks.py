@@ -23,7 +23,7 @@ from contactlearn.workbench.studies import STUDIES, Step
 _KEPT = 100
 
 
-class Task:
+class StudyRun:
     """A study in a process of its own; `step` is the last one, `trouble` the error that ended it."""
 
     def __init__(self, kind: str, session: Session) -> None:
@@ -76,11 +76,11 @@ class Task:
         self.ended = time.monotonic()
 
 
-class Tasks:
+class StudyRuns:
     """The studies of a server."""
 
     def __init__(self, models: Models) -> None:
-        self._models, self._tasks, self._lock = models, dict[str, Task](), Lock()
+        self._models, self._tasks, self._lock = models, dict[str, StudyRun](), Lock()
 
     def start(self, kind: str, session: Session) -> str:
         """Start a study of the model of a session, unless it runs or is done; return its name.
@@ -101,10 +101,10 @@ class Tasks:
             ended = [key for key, task in self._tasks.items() if task.status is not RunStatus.RUNNING]
             for key in (name, *ended[: max(0, len(ended) - _KEPT)]):
                 self._tasks.pop(key, None)
-            self._tasks[name] = Task(kind, session)
+            self._tasks[name] = StudyRun(kind, session)
         return name
 
-    def find(self, name: str) -> Task | None:
+    def find(self, name: str) -> StudyRun | None:
         """Return the study of a name, if it is known."""
         return self._tasks.get(name)
 

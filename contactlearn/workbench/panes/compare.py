@@ -12,7 +12,7 @@ from contactlearn.evaluation.metrics import Interval
 from contactlearn.report.text import brief_interval, law_label
 from contactlearn.report.text.names import model_label
 from contactlearn.workbench.models import Compared, Fitted
-from contactlearn.workbench.panes.parts import bar, bars, button, figure, note, progress
+from contactlearn.workbench.panes.parts import bar, bars, button, figure, note, progress_bar
 
 _HEAD = "Errors on held-out trials. Choose the law on which the model is built."
 _CURVE = "Mean error on the held-out trials against the number of training trials"
@@ -43,7 +43,7 @@ def _study(kind: str, text: str) -> Component:
     """A button that starts a study, its progress, and a button that cancels it."""
     parts: list[Component] = [
         button(f"{kind}-ask", text),
-        progress(f"{kind}-bar", text),
+        progress_bar(f"{kind}-bar", text),
         html.Button("Cancel", id=f"{kind}-cancel", n_clicks=0, type="button", hidden=True),
         html.Span(id=f"{kind}-said", className="note", role="status"),
     ]

@@ -12,6 +12,7 @@ from contactlearn.report.text.stages import correct_setting
 from contactlearn.workbench.panes import compare, fails, hints, missing, model, saved
 from contactlearn.workbench.panes.parts import button, note, press
 from contactlearn.workbench.session import Session
+from contactlearn.workbench.studies import STUDIES
 
 _FIGURES = ("data", "model", "trial", "windows", "curve")
 STORES = (*(f"{name}-sent" for name in _FIGURES), "fitted", "settled", "acted", "done")
@@ -35,7 +36,7 @@ def page_layout(largest: int) -> Component:
         dcc.Location(id="address", refresh=False),
         dcc.Store(id="history", storage_type="session"),
         dcc.Store(id="job", storage_type="session"),
-        dcc.Store(id="studies", storage_type="session"),
+        *(dcc.Store(id=f"{kind}-study", storage_type="session") for kind in STUDIES),
         dcc.Interval(id="clock", interval=1000, disabled=True),
         dcc.Interval(id="study-clock", interval=700, disabled=True),
     ]
@@ -95,7 +96,7 @@ def _bar() -> Component:
     )
 
 
-def notes(found: Sequence[Finding]) -> list[Component]:
+def audit_notes(found: Sequence[Finding]) -> list[Component]:
     """Return what the audit says of sound data."""
     rows = [html.Li(sentence(one.sentence)) for one in found if not one.mistake]
     return [html.Ul(rows)] if rows else []

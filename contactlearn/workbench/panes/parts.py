@@ -23,7 +23,7 @@ def button(identity: str, text: str) -> Component:
     return html.Button(text, id=identity, n_clicks=0, type="button")
 
 
-def progress(identity: str, what: str) -> Component:
+def progress_bar(identity: str, what: str) -> Component:
     """Return a bar from 0 to 1, hidden until something runs."""
     named: dict[str, Any] = {"aria-label": what}
     return html.Progress(id=identity, value="0", max="1", hidden=True, **named)
