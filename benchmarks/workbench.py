@@ -34,11 +34,16 @@ seen.observe(parts, {childList: true, subtree: true});
 box.click();
 """
 _SLIDE = """
-const [done] = arguments, root = document.documentElement, thumb = document.querySelector(".parameter [role=slider]");
+const [done] = arguments, path = () => document.querySelector("#curve-0 .js-line")?.getAttribute("d"), before = path();
+const thumb = [...document.querySelectorAll(".parameter [role=slider]")].find(x => /^c = /.test(x.ariaLabel));
 const began = performance.now();
-const seen = new MutationObserver(() => { seen.disconnect(); done(performance.now() - began); });
-seen.observe(root, {attributeFilter: ["data-shown"]});
-thumb.focus();
+const seen = new MutationObserver(() => {
+  if (!path() || path() === before) return;
+  seen.disconnect();
+  requestAnimationFrame(() => setTimeout(() => done(performance.now() - began)));  // behind the frame that shows it
+});
+seen.observe(document.getElementById("curve-0"), {subtree: true, childList: true, attributes: true});
+thumb.focus({preventScroll: true});
 thumb.dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowRight", bubbles: true}));
 """
 
@@ -55,7 +60,7 @@ def main():
             for seed in range(TICKS // len(MORE)):
                 served.open(f"&seed={seed}")
                 ticks += [tick(browser, name) for name in MORE]
-            slides = [browser.execute_async_script(_SLIDE) for _ in range(TICKS) if time.sleep(0.3) is None]
+            slides = slid(served)
             print(
                 f"{size} trials: up {served.up:.1f} s, first paint {served.paint:.2f} s, figures {served.drawn:.2f} s"
             )
@@ -73,6 +78,14 @@ def tick(browser, name):
     browser.execute_async_script(_TICK, name)
     time.sleep(1.5)  # until the slower parts have followed
     return took
+
+
+def slid(served):
+    """Milliseconds from a key on a slider to the first frame that shows another curve of its effect."""
+    served.browser.set_window_size(1280, 1700)  # the slider and two curves are in view together
+    served.browser.execute_script("document.getElementById('parts').scrollIntoView()")
+    time.sleep(3)
+    return [served.browser.execute_async_script(_SLIDE) for _ in range(TICKS) if time.sleep(1) is None]
 
 
 def refits(served):

@@ -4,7 +4,10 @@ import base64
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 from commands import run
@@ -18,19 +21,25 @@ from contactlearn.data import synthetic, table
 from contactlearn.diagnosis.result import Formula, WrenchComponent
 from contactlearn.effects import EffectId
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.evaluation.partial_residuals import partial_residuals
+from contactlearn.report.text import brief_interval
 from contactlearn.report.text.numbers import error
 from contactlearn.results.folder import read_result
 from contactlearn.workbench import commands, lines
 from contactlearn.workbench.actions import actions_of
 from contactlearn.workbench.arrays import inside, of_model
 from contactlearn.workbench.cache import Cache
-from contactlearn.workbench.jobs import Jobs, RunStatus
+from contactlearn.workbench.jobs import BackgroundRun, Jobs, RunStatus
 from contactlearn.workbench.keeping import Keeping
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.page import Page
+from contactlearn.workbench.panes.model import parts
+from contactlearn.workbench.previews import Previews
 from contactlearn.workbench.promises import Promises
 from contactlearn.workbench.saved import Saved, diagnosed
-from contactlearn.workbench.session import Session, Window
+from contactlearn.workbench.session import Option, Session, Window
+from contactlearn.workbench.studies import learned_steps
+from contactlearn.workbench.tasks import StudyRuns
 
 LINE = "tau = -c*rx*Pn; c = [-1, 1]"
 DRAG = EffectId("side_drag", "linear")
@@ -65,7 +74,10 @@ SESSIONS = {
     "shape": Session(data=("data=table", "data.path=a b.csv", "data.shape={kind:disc,radius:0.02}")),
     "all": Session(
         law="mirtich", effects=(DRAG, EffectId("surface_tilt")), lines=(LINE, "eps = c; c = [-1, 1]"),
-        hand=(("mu", 0.1),), seed=3, trial=12, windows=(Window(variable="v_x", low=-0.1, high=1e-9),),
+        hand=(("mu", 0.1),), options=(
+            Option(effect="side_drag", name="x", value=(0.5,)), Option(effect="side_drag", name="y", value=(-1.0, 2.0)),
+        ),
+        seed=3, trial=12, windows=(Window(variable="v_x", low=-0.1, high=1e-9),),
     ),
 }  # fmt: skip
 
@@ -81,6 +93,8 @@ def test_an_address_is_the_session(session):
     [
         ("?hand.mu=much", "an address holds numbers such as 0.25, got 'much'"),
         ("?hand.mu=nan", "finite numbers alone"),
+        ("?option.side_drag=1", "an option is option.EFFECT.NAME"),
+        ("?option.a.b=inf", "finite numbers alone"),
         ("?seed=-1", "seed is a whole number"),
         ("?trial=x", "trial is a whole number"),
         ("?window=v_x:1", "a window is variable:low:high"),
@@ -210,6 +224,27 @@ def test_a_parameter_moves_by_hand_and_back(session, models):
         models.moved(replace(session, hand=(("nu", 1.0),)))
 
 
+def test_a_slider_that_is_dragged_is_answered_with_what_its_place_would_change(session, models):
+    previews = Previews(models, actions_of(models, Promises(models)))
+    session = session.ticked(DRAG)
+    sent = previews.moved(session.address, "side_drag.c", 0.3)
+    moved = models.moved(session.moved("side_drag.c", 0.3))
+    assert _floats(sent["v_post"]).reshape(-1, 3) == pytest.approx(moved.v_post.numpy(), rel=1e-5, abs=1e-6)
+    partial = partial_residuals(moved.model, models.split(session).impacts, "side_drag")
+    component = ("v_x⁺", "v_y⁺", "ω⁺").index(partial.component)
+    change = _floats(sent["changes"]).reshape(1, -1, 3)[0, :, component]
+    assert change == pytest.approx(partial.explained.numpy(), rel=1e-5, abs=1e-6)
+    _, number, rest = sent["said"]
+    assert number == brief_interval(moved.error)
+    assert "moved by hand" in rest
+    fitted = models.fitted(session).fit.values[2].item()
+    assert "moved by hand" not in previews.moved(session.address, "side_drag.c", fitted)["said"][2]
+
+
+def _floats(text):
+    return np.frombuffer(base64.b64decode(text), "<f4")
+
+
 def test_a_tick_takes_the_most_promising_form(session, models):
     actions = actions_of(models, Promises(models))
     ticked = actions.kinds["ticks"](session, "side_drag", True)
@@ -260,6 +295,94 @@ def test_many_trials_have_no_curves(session, models, monkeypatch):
     fitted, impacts = models.fitted(session.ticked(DRAG)), models.split(session).impacts
     sent = of_model(impacts, fitted.v_post, fitted.v_post, fitted.model)
     assert sent["effects"] == []
+
+
+# Corrections
+
+
+@pytest.fixture(scope="module")
+def turned(tmp_path_factory):
+    """A table whose x points left."""
+    impacts, left = synthetic.load(size=160, seed=3), torch.tensor([-1.0, 1.0, 1.0])
+    path = tmp_path_factory.mktemp("left") / "drops.csv"
+    table.save(impacts.replace(v_pre=impacts.v_pre * left, v_post=impacts.v_post * left, q=impacts.q * left), path)
+    return Session(data=("data=table", f"data.path={path}"), effects=(DRAG,))
+
+
+def test_what_the_audit_recommends_is_applied_and_taken_back(turned, models, drops):
+    page = Page(models, Promises(models), actions_of(models, Promises(models)))
+    _, wrong = page.findings("drawn", turned.address)
+    (button,) = _buttons(wrong)
+    assert getattr(button, "data-press") == "correct"
+    press = {"n": 1, "kind": "correct", "of": getattr(button, "data-of"), "value": None}
+    address, history, *_ = page.act([press], None, turned.address, None)
+    corrected = Session.read(address)
+    assert corrected.corrections == ("mirrored_x",)
+    assert corrected.effects == turned.effects
+    assert models.fitted(corrected).error.mean < 0.1 * models.fitted(turned).error.mean
+    assert "data.correct=[mirrored_x]" in commands.words_of(corrected)
+    assert OmegaConf.create(commands.experiment(corrected)).data.correct == ["mirrored_x"]
+    _, right = page.findings("drawn", address)
+    (button,) = _buttons(right)
+    back = {"n": 2, "kind": getattr(button, "data-press"), "of": "", "value": None}
+    assert page.act([back], 1, address, history)[0] == turned.address
+    assert page.act([{"n": 2, "kind": "undo", "of": "", "value": None}], 1, address, history)[0] == turned.address
+    assert "unknown correction" in page.act([press | {"of": "x]', y"}], None, address, history)[3]
+
+
+def test_data_that_break_a_rule_are_offered_corrected(models, tmp_path):
+    impacts = synthetic.load(size=160, seed=3)
+    down = torch.tensor([1.0, -1.0, 1.0])
+    impacts = impacts.replace(
+        suspect=True, v_pre=impacts.v_pre * down, v_post=impacts.v_post * down, q=impacts.q * down,
+        r=impacts.r * down[:2],
+    )  # fmt: skip
+    table.save(impacts, tmp_path / "down.csv")
+    keeping = Keeping(models, Saved(tmp_path), tmp_path)
+    content = base64.b64encode((tmp_path / "down.csv").read_bytes()).decode()
+    down = Session(data=("data=table", f"data.path={keeping.kept('down.csv', f'data:text/csv;base64,{content}')}"))
+    with pytest.raises(ContactLearnError):
+        models.split(down)
+    (button,) = _buttons(keeping.offered(down))
+    corrected = Session.read(getattr(button, "data-of"))
+    assert corrected.corrections == ("mirrored_y",)
+    assert len(models.split(corrected).impacts) == 160
+
+
+def _buttons(parts):
+    return [one for part in parts for one in part._traverse() if hasattr(one, "data-press")]
+
+
+# Options of effects
+
+
+def test_an_option_is_written_fitted_and_in_the_command(session, models):
+    actions, name = actions_of(models, Promises(models)), "velocity_dependent_restitution"
+    plain = session.ticked(EffectId(name, "power")).ticked(EffectId("location_dependent_friction"))
+    opted = actions.kinds["option"](plain, f"{name}.v_ref", "0.7")
+    opted = actions.kinds["option"](opted, "location_dependent_friction.span", "[−0.05, 0.1]")
+    effects = models.fitted(opted).effects
+    assert effects[name].v_ref == 0.7
+    assert effects["location_dependent_friction"].span == (-0.05, 0.1)
+    assert models.fitted(plain).effects[name].v_ref not in (None, 0.7)
+    assert Session.read(opted.address) == opted
+    assert replace(commands.session_of(commands.words_of(opted)), data=opted.data) == opted
+    assert OmegaConf.create(commands.experiment(opted)).effect[name].v_ref == 0.7
+    assert actions.kinds["option"](opted, f"{name}.v_ref", "").options == opted.options[:1]
+    assert opted.ticked(EffectId(name, "linear")).options == opted.options[:1]  # another form begins anew
+    fields = [str(one.id) for part in parts(opted, models.fitted(opted), models.moved(opted)) for one in _inputs(part)]
+    assert len(fields) == 2
+    for text, said in (("fast", "v_ref is a number"), ("-1", "must be a positive"), ("1, 2", "must be a positive")):
+        with pytest.raises(ContactLearnError, match=said):
+            models.fitted(actions.kinds["option"](plain, f"{name}.v_ref", text))
+    with pytest.raises(ContactLearnError, match="a span must be"):
+        models.fitted(actions.kinds["option"](plain, "location_dependent_friction.span", "3"))
+    with pytest.raises(ContactLearnError, match="has no setting"):
+        models.fitted(actions.kinds["option"](plain, f"{name}.w_ref", "1"))
+
+
+def _inputs(part):
+    return [one for one in part._traverse() if type(one).__name__ == "Input"]
 
 
 # Commands
@@ -338,6 +461,69 @@ def test_a_job_is_cancelled_and_no_more_than_two_run(session, tmp_path):
     assert jobs.find(first.folder.name) is first
 
 
+def test_the_progress_of_a_search_follows_its_stages():
+    process = SimpleNamespace(poll=lambda: None)
+    job, seen = BackgroundRun((), Path("run"), process), []
+    for line in (
+        "mystery drops",
+        "audit: sound",
+        "law: Mirtich",
+        "  law",
+        "frontier: 0.1",
+        "law: again",
+        "results  run",
+    ):
+        job.lines.append(line)
+        seen.append(job.progress)
+    assert seen == sorted(seen)
+    assert (seen[0], seen[-1]) == (0, 1)
+    assert seen[2] < seen[4] < 1
+
+
+# Studies
+
+
+def test_a_study_runs_once_beside_the_server_and_ends_where_the_model_is(session, models):
+    tasks, ticked = StudyRuns(models), session.ticked(DRAG)
+    name = tasks.start("curve", ticked.moved("mu", 0.5))
+    task = tasks.find(name)
+    assert tasks.start("curve", ticked) == name
+    assert tasks.find(name) is task
+    task.wait(120)
+    assert task.status is RunStatus.DONE
+    sizes = [size for size, _ in task.step.errors["model"]]
+    assert sizes == [20, 50, 100, 180]
+    assert task.step.errors["model"][-1][1].mean == pytest.approx(models.fitted(ticked).error.mean, rel=1e-6)
+    assert task.step.errors["alone"][-1][1].mean == pytest.approx(models.alone(session).error.mean, rel=1e-6)
+
+
+def test_a_study_is_cancelled_at_once_and_can_be_started_again(session, models):
+    tasks = StudyRuns(models)
+    first = tasks.find(tasks.start("learned", session))
+    second = tasks.find(tasks.start("curve", session))
+    with pytest.raises(ContactLearnError, match="2 studies are running"):
+        tasks.start("curve", session.ticked(DRAG))
+    for task in (first, second):
+        task.cancel()
+        task.wait(10)
+        assert task.status is RunStatus.CANCELLED
+        assert not task.process.is_alive()
+    again = tasks.find(tasks.start("learned", session))
+    assert again is not first
+    again.cancel()
+
+
+def test_learned_models_are_those_of_the_configuration_around_the_model(session, models, monkeypatch):
+    few = ["analytical", "parameters_identified", "residual_impulse", "x2_impulse"]
+    monkeypatch.setattr("contactlearn.workbench.studies.choices", lambda _: few)
+    steps = list(learned_steps(models, session.ticked(DRAG)))
+    assert [(one.done, one.total, len(one.errors)) for one in steps] == [(0, 2, 0), (1, 2, 1), (2, 2, 2)]
+    around, free = (steps[-1].errors[name][0] for name in ("residual_impulse", "x2_impulse"))
+    assert around[0] == free[0] == len(models.split(session).pool)
+    assert around[1].mean < 1.2 * models.fitted(session.ticked(DRAG)).error.mean < free[1].mean
+    assert len(list(learned_steps(models, session))) == 4  # without effects the third of them is learnt, too
+
+
 @pytest.mark.parametrize("name", ["..", "../..", "/etc", "diagnose/../../x"])
 def test_no_path_leads_out_of_the_runs(name, tmp_path):
     with pytest.raises(ContactLearnError, match="a folder below"):
@@ -366,7 +552,7 @@ def test_numbers_are_written_as_in_the_report(session, models):
     from contactlearn.workbench.panes.model import said
 
     fitted = models.fitted(session)
-    assert error(fitted.error.mean) in str(said(fitted, models.moved(session), fitted, False))
+    assert error(fitted.error.mean) in "".join(said(fitted, models.moved(session), fitted, False))
 
 
 def test_what_was_not_answered_is_done_once_and_what_cannot_be_fitted_is_refused(session, models):

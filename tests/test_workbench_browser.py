@@ -18,7 +18,7 @@ from contactlearn.workbench.server import listen
 SIZE = 200
 MYSTERY = f"&data=mystery&data.seed=7&data.size={SIZE}"
 _CLICKS = """
-const [count, done] = arguments, skipped = /Save run|Search|Experiment|Saved runs|Compare them|Load|Learning/;
+const [count, done] = arguments, skipped = /Save run|Search|Experiment|Saved runs|Compare them|Load|Learn/;
 let random = 1;
 const one = list => list[(random = random * 48271 % 2147483647) % list.length];
 (async () => {
@@ -178,11 +178,20 @@ def test_a_slider_moves_the_curves_and_the_fitted_value_is_a_click_away(browser,
     fitted = text(browser, "said")
     thumb = browser.find_element("css selector", ".parameter [role=slider]")
     assert thumb.get_attribute("aria-label").startswith("μ = ")
+    browser.execute_script("document.getElementById('curve-0').scrollIntoView()")
+    until(browser, "document.getElementById('curve-0').data")
+    residual = browser.execute_script("return get('curve-0').data[4].y")
+    # As a pointer drags, before it lets go; again and again, for a page that has just come may be drawn once more.
+    until(browser, "(preview({of: 'mu', value: 0.5}), document.documentElement.dataset.moving) === 'yes'")
+    until(browser, f"JSON.stringify(get('curve-0').data[4].y) !== {json.dumps(json.dumps(residual))}")
+    assert not browser.find_element("id", "said").is_displayed()
+    assert "hand.mu" not in browser.execute_script("return location.search")
     shown = browser.execute_script("return Number(document.documentElement.dataset.shown)")
+    thumb = browser.find_element("css selector", ".parameter [role=slider]")
     thumb.send_keys(Keys.ARROW_RIGHT * 20)
     until(browser, f"Number(document.documentElement.dataset.shown) > {shown}")
     until(browser, "location.search.includes('hand.mu')")
-    assert "moved by hand" in text(browser, "said")
+    until(browser, "document.getElementById('said').textContent.includes('moved by hand')")
     assert in_width(browser)
     click(browser, "parts", "Fitted value")
     until(browser, "!location.search.includes('hand.mu')")
@@ -198,6 +207,27 @@ def test_a_box_on_the_map_selects_trials(browser, served):
     assert browser.execute_script("return new URLSearchParams(location.search).getAll('window').length") == 2
     click(browser, "fails", "Clear selection")
     until(browser, "!location.search.includes('window')")
+
+
+def test_a_box_is_written_by_keyboard(browser, served):
+    from selenium.webdriver.common.keys import Keys
+
+    opened(browser, served + MYSTERY)
+    until(browser, "document.querySelectorAll('#box input').length === 4")
+    low = browser.find_element("css selector", "#box input")
+    assert low.get_attribute("aria-label") == "|v_t| (m/s), lowest"
+    low.send_keys("0.5" + Keys.ARROW_UP + Keys.ENTER)
+    until(browser, "/trials are selected/.test(document.getElementById('window-said').textContent)")
+    (window,) = browser.execute_script("return new URLSearchParams(location.search).getAll('window')")
+    name, start, end = window.split(":")
+    assert name == "slip_speed"
+    assert 0.5 < float(start) < 1 < float(end)
+    low.send_keys(Keys.BACKSPACE * 9 + Keys.ENTER)
+    until(browser, "!location.search.includes('window')")
+    browser.execute_script("const x = get('map-x'); x.value = 2; x.dispatchEvent(new Event('change'))")
+    label = browser.execute_script("return trials.variables[2].label")
+    assert browser.find_element("css selector", "#box input").get_attribute("aria-label") == f"{label}, lowest"
+    assert not heard(browser)
 
 
 def _event(box):
@@ -218,6 +248,23 @@ def test_a_line_of_mathematics_is_completed_checked_and_added(browser, served):
     line.send_keys(Keys.BACKSPACE * 14 + "n; c = [-1, 1]" + Keys.ENTER)
     until(browser, "document.querySelectorAll('#ladder tr').length === 3")
     assert "τ ← τ" in text(browser, "line-said")
+    assert not heard(browser)
+
+
+def test_learned_models_and_learning_curve_come_beside_the_laws_or_are_cancelled(browser, served):
+    opened(browser, f"{served}&data=synthetic&data.size=60")
+    click(browser, "compare", "Learning curve")
+    until(browser, "!document.getElementById('curve-bar').hidden")
+    click(browser, "compare", "Learned models")
+    until(
+        browser, "document.querySelector('#learned-found tr') !== null", 120
+    )  # the first of them, while others follow
+    browser.execute_script("document.getElementById('learned-cancel').click()")
+    until(browser, "document.getElementById('learned-said').textContent.endsWith('cancelled')")
+    assert browser.execute_script("return document.getElementById('learned-bar').hidden")
+    until(browser, "document.getElementById('curve-bar').hidden", 120)
+    browser.execute_script("document.getElementById('curve').scrollIntoView()")
+    until(browser, "document.querySelector('#curve .main-svg') !== null")
     assert not heard(browser)
 
 

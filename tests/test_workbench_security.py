@@ -134,6 +134,33 @@ def test_the_policy_allows_every_script_of_the_page(client):
     assert "https://" not in page.text
 
 
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [({"Origin": "http://evil.example"}, 403), ({"Sec-Fetch-Site": "same-site"}, 403), ({"Host": "evil.example"}, 403)],
+)
+def test_a_dragged_slider_is_answered_to_the_page_alone(client, stranger, headers, status):
+    asked = {"address": "?data=synthetic&data.size=60", "of": "mu", "value": 0.3}
+    assert client.post("/moved", base_url=HOME, json=asked, headers=headers).status_code == status
+    answer = client.post("/moved", base_url=HOME, json=asked)
+    assert answer.json["said"][0] == "Held-out error "
+    client.delete_cookie(f"contactlearn-{PORT}", domain="127.0.0.1")
+    assert stranger.post("/moved", base_url=HOME, json=asked).status_code == 403
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "x", "[]", "{}", '{"value": "much", "address": "", "of": "mu"}', '{"value": NaN, "address": "", "of": "mu"}',
+        '{"value": 1, "address": "?seed=-1", "of": "mu"}',
+        '{"value": 1, "address": 7, "of": "mu"}', '{"value": true, "address": "", "of": "mu"}',
+        '{"value": 1e999, "address": "", "of": "mu"}', '{"value": 1' + 400 * "0" + ', "address": "", "of": "mu"}',
+    ],
+)  # fmt: skip
+def test_what_is_no_slider_is_refused(client, body):
+    answer = client.post("/moved", base_url=HOME, data=body, content_type="application/json")
+    assert answer.status_code == 400
+
+
 def test_there_is_no_debugger(app, client):
     assert app.server.debug is False
     config = json.loads(

@@ -38,9 +38,9 @@ class AlongFloor:
         """Evaluate the function at x [..., N] in m.
 
         Raises:
-            ContactLearnError: the span is open or empty.
+            ContactLearnError: the span is open, empty, or none.
         """
-        if self.span is None or not self.span[0] < self.span[1]:
+        if not isinstance(self.span, tuple) or len(self.span) != 2 or not self.span[0] < self.span[1]:
             rule = "a span must be [low, high] of x in m with low < high, given or taken by prepare(impacts)"
             raise ContactLearnError(f"{rule}; got {self.span}")
         low, high = self.span

@@ -8,15 +8,16 @@ are against the effect itself, so that the measured values should follow the dia
 Source: Larsen & McCleary 1972, for linear models.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects import State, columns
+from contactlearn.effects import Effect, State, columns
 from contactlearn.effects.formula.symbols import SYMBOLS, of_state
-from contactlearn.impacts import Impacts
+from contactlearn.impacts import Impacts, Prediction
 from contactlearn.model import ContactModel
 from contactlearn.numerics import wrapped
 
@@ -46,17 +47,15 @@ class Partial:
 def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Partial:
     """Compute the partial residuals of the effect `name` of a model on impacts."""
     effect = model.effects[name]
-    others = {key: other for key, other in model.effects.items() if key != name}
-    with_, without = (one.base_prediction(impacts) for one in (model, replace(model, effects=others)))
-    quantity = "velocity" if effect.place == "velocity" else "wrench"
-    explained = with_.wrench - without.wrench if quantity == "wrench" else with_.v_post - without.v_post
+    with_, without = model.base_prediction(impacts), _without(model, impacts, name)
+    quantity = _quantity(effect)
+    explained = _change(effect, with_, without)
     measured = impacts.wrench - without.wrench if quantity == "wrench" else impacts.v_post - without.v_post
     # A larger effect chooses component and variable where the effect is 0: it is drawn as well, as a line at 0.
     values = columns(*effect.values)
     range_ = torch.tensor([p.high - p.low for p in effect.parameters], dtype=values.dtype)
     larger = replace(model, effects={**model.effects, name: effect.at(values + _NUDGE * range_)})
-    would = larger.base_prediction(impacts)
-    would = would.wrench - without.wrench if quantity == "wrench" else would.v_post - without.v_post
+    would = _change(effect, larger.base_prediction(impacts), without)
     shape = explained if (explained != 0).any() else would
     # Medians, because of gross outliers.
     left = (measured - explained).abs().median(0).values
@@ -70,6 +69,30 @@ def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Parti
     if shares[variable] < _PREDICTED and (explained != 0).any():
         against = f"{component} of the effect", unit, explained[:, best]
     return Partial(name, component, unit, *against, measured[:, best], explained[:, best])
+
+
+def changes(model: ContactModel, impacts: Impacts, names: Sequence[str]) -> Float[Tensor, "k n 3"]:
+    """Compute the change that each of the named effects makes, in the quantity of its partial residuals."""
+    whole = model.base_prediction(impacts)
+    found = [_change(model.effects[name], whole, _without(model, impacts, name)) for name in names]
+    return torch.stack(found) if found else torch.zeros(0, len(impacts), 3, dtype=torch.float64)
+
+
+def _without(model: ContactModel, impacts: Impacts, name: str) -> Prediction:
+    """The prediction without an effect, the others unchanged."""
+    others = {key: other for key, other in model.effects.items() if key != name}
+    return replace(model, effects=others).base_prediction(impacts)
+
+
+def _quantity(effect: Effect) -> str:
+    return "velocity" if effect.place == "velocity" else "wrench"
+
+
+def _change(effect: Effect, with_: Prediction, without: Prediction) -> Float[Tensor, "n 3"]:
+    """The change of wrench or v_post, whichever the effect is drawn in."""
+    if _quantity(effect) == "wrench":
+        return with_.wrench - without.wrench
+    return with_.v_post - without.v_post
 
 
 def share_explained(x: Float[Tensor, "n"], y: Float[Tensor, "n"]) -> float:

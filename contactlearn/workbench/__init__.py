@@ -7,8 +7,11 @@
     promises   the error that each effect of the catalogue would leave, from a linearisation
     commands   sessions as command line and experiment file, and back
     jobs       diagnoses in processes of their own, which can be cancelled
+    studies    learning curves and learned models, step by step
+    tasks      studies in processes of their own, which can be cancelled
     saved      run folders below `outputs`
     arrays     numbers for the figures of the page, which are those of the report
+    previews   answers to a slider that is being dragged
     security   refusal of foreign hosts, origins and requests without the token
     panes/     the parts of the page as components
     page       the page and its callbacks

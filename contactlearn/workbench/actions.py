@@ -1,8 +1,9 @@
 """What each control does: a session, the name behind the control and its value to another session.
 
-An action is named by its kind; those of `ticks`, `form`, `slider`, `picked` and `boxed` come with a value.
+An action is named by its kind; those of `ticks`, `form`, `option`, `slider`, `picked` and `boxed` come with a value.
 """
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,6 +15,7 @@ from contactlearn.diagnosis.failure.regions import find_regions
 from contactlearn.diagnosis.failure.variables import variables
 from contactlearn.diagnosis.result import Region
 from contactlearn.effects import EffectId, find_effect
+from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import mass_error
 from contactlearn.impacts import Prediction
 from contactlearn.workbench.cache import Cache
@@ -41,13 +43,16 @@ class Actions:
             "ticks": self.tick,
             "law": lambda session, name, _: replace(session, law=laws.find(name).name, hand=()),
             "form": lambda session, name, form: session.ticked(find_effect(name, str(form)).id),
+            "option": _opted,
             "drop": lambda session, name, _: session.ticked(EffectId(name), False),
             "slider": self.slide,
             "fit": lambda session, name, _: session.moved(name, None),
             "line": self.add_line,
             "unline": _without_line,
+            "correct": lambda session, names, _: session.corrected((*session.corrections, *names.split(","))),
+            "uncorrect": lambda session, _, __: session.corrected(()),
             "adopt": lambda session, address, _: Session.read(address),
-            "alone": lambda session, _, __: replace(session, effects=(), lines=(), hand=()),
+            "alone": lambda session, _, __: replace(session, effects=(), lines=(), options=(), hand=()),
             "unselect": lambda session, _, __: replace(session, windows=()),
             "region": self.select_region,
             "picked": lambda session, _, row: replace(session, trial=int(row)),
@@ -74,7 +79,7 @@ class Actions:
         names = [p.name for p in self.models.fitted(session).fit.parameters]
         if name not in names:  # of a model that has gone
             return session
-        now = self.models.moved(session).values[names.index(name)].item()
+        now = self.models.values(session)[names.index(name)].item()
         return session if abs(value - now) <= _CLOSE * max(1.0, abs(now)) else session.moved(name, float(value))
 
     def add_line(self, session: Session, line: str, _: Any) -> Session:
@@ -110,7 +115,7 @@ class Actions:
     def regions(self, session: Session) -> tuple[Region, ...]:
         """Find the regions in which the model fails."""
         impacts, fitted = self.models.split(session).impacts, self.models.fitted(session)
-        key = (self.models.fingerprint(session), session.seed, session.law, session.effects, session.lines)
+        key = (self.models.fingerprint(session), session.seed, session.model)
         generator = torch.Generator().manual_seed(session.seed)
         return self.regions_found.get(
             key, lambda: find_regions(impacts, fitted.model.predict(impacts), generator=generator)
@@ -132,6 +137,17 @@ class Actions:
 def _without_line(session: Session, place: str, _: Any) -> Session:
     rest = tuple(line for k, line in enumerate(session.lines) if str(k) != place)
     return replace(session, lines=rest, hand=())
+
+
+def _opted(session: Session, of: str, text: str) -> Session:
+    """A constant of an effect as it was written, a number or [low, high]; the default if nothing was."""
+    effect, _, name = of.partition(".")
+    parts = re.split(r"[,;\s]+", text.strip(" []")) if text.strip(" []") else []
+    try:
+        value = tuple(float(part.replace("−", "-")) for part in parts)
+    except ValueError:
+        raise ContactLearnError(f"{name} is a number, or two such as -0.1, 0.1; got {text!r}") from None
+    return session.opted(effect, name, value)
 
 
 def _boxed(session: Session, _: str, windows: list[dict[str, Any]]) -> Session:

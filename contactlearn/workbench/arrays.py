@@ -2,6 +2,7 @@
 
 trials   names, states, outcomes and variables of every trial, once for each data source
 model    v_post of the law alone and of the model, and what each effect changes, with every change of the model
+moved    v_post and what each effect changes, while a slider is dragged
 trial    impulse and reach of every law for the selected trial
 """
 
@@ -15,7 +16,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.diagnosis.failure.variables import Variable
-from contactlearn.evaluation.partial_residuals import partial_residuals
+from contactlearn.evaluation.partial_residuals import changes, partial_residuals
 from contactlearn.impacts import COMPONENTS, Impacts, Prediction
 from contactlearn.laws import Law
 from contactlearn.model import ContactModel
@@ -50,16 +51,29 @@ def of_data(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
 
 def of_model(impacts: Impacts, alone: Tensor, v_post: Tensor, model: ContactModel) -> dict[str, Any]:
     """Return the outcomes [2, N, 3] of the law alone and of the model, and the curves of its effects."""
-    few = list(model.effects)[:_CURVES] if len(impacts) <= _CURVE_TRIALS else []
-    partials = {name: partial_residuals(model, impacts, name) for name in few}
+    partials = {name: partial_residuals(model, impacts, name) for name in _drawn(impacts, model)}
     return {
         "v_post": floats(torch.stack((alone, v_post))),
         "effects": [
-            {"name": name, "label": label(name), "curve": {**curve_content(one), "x": floats(one.x)}}
+            {
+                "name": name,
+                "label": label(name),
+                "curve": {**curve_content(one), "x": floats(one.x), "own": torch.equal(one.x, one.explained)},
+            }
             for name, one in partials.items()
         ],
         "explained": floats(torch.stack([one.explained for one in partials.values()], -1)) if partials else "",
     }
+
+
+def of_moved(impacts: Impacts, v_post: Tensor, model: ContactModel) -> dict[str, Any]:
+    """Return the outcome [N, 3] of a model, and what each effect changes, [K, N, 3]: component and variable stay."""
+    return {"v_post": floats(v_post), "changes": floats(changes(model, impacts, _drawn(impacts, model)))}
+
+
+def _drawn(impacts: Impacts, model: ContactModel) -> list[str]:
+    """The effects whose curves are drawn."""
+    return list(model.effects)[:_CURVES] if len(impacts) <= _CURVE_TRIALS else []
 
 
 def of_trial(impacts: Impacts, row: int, fitted: Mapping[str, Law]) -> dict[str, Any]:

@@ -1,16 +1,13 @@
-"""Callbacks of what takes longer: searches and saved runs in processes of their own, and the learning curve."""
+"""Callbacks of searches and saved runs in processes of their own."""
 
 from typing import Any
 
-from dash import ClientsideFunction, Dash, Input, Output, State, ctx, no_update
+from dash import Dash, Input, Output, State, ctx, no_update
 from dash.development.base_component import Component
 
 from contactlearn.errors import ContactLearnError
-from contactlearn.report.page.trials import bounded, plotly_style
-from contactlearn.report.text import law_label
 from contactlearn.workbench.commands import words_of
 from contactlearn.workbench.jobs import BackgroundRun, Jobs, RunStatus
-from contactlearn.workbench.models import Models
 from contactlearn.workbench.panes import missing
 from contactlearn.workbench.saved import Saved
 from contactlearn.workbench.session import Session
@@ -27,8 +24,8 @@ _WORDS = {
 class Background:
     """The callbacks of jobs."""
 
-    def __init__(self, models: Models, jobs: Jobs, saved: Saved) -> None:
-        self.models, self.jobs, self.saved = models, jobs, saved
+    def __init__(self, jobs: Jobs, saved: Saved) -> None:
+        self.jobs, self.saved = jobs, saved
 
     def register(self, app: Dash) -> None:
         """Connect the callbacks with an app."""
@@ -39,17 +36,10 @@ class Background:
         )(self.press)  # fmt: skip
         app.callback(
             Output("job-said", "children"), Output("job-lines", "children"), Output("job-lines", "hidden"),
-            Output("clock", "disabled"), Output("found", "children"),
+            Output("clock", "disabled"), Output("found", "children"), Output("job-bar", "value"),
+            Output("job-bar", "hidden"), Output("cancel", "hidden"),
             Input("clock", "n_intervals"), Input("job", "data"), State("address", "search"),
         )(self.follow)  # fmt: skip
-        app.callback(
-            Output("curve-sent", "data"), Output("curve-place", "hidden"), Output("curve-said", "children"),
-            Input("ask-curve", "n_clicks"), State("address", "search"), prevent_initial_call=True,
-            running=[(Output("ask-curve", "disabled"), True, False)],
-        )(self.learn)  # fmt: skip
-        app.clientside_callback(
-            ClientsideFunction("workbench", "curve"), Output("curve-drawn", "children"), Input("curve-sent", "data")
-        )
 
     def press(self, *values: Any) -> tuple[Any, Any]:
         """Start a search or the run of the present model, or cancel what is running."""
@@ -69,40 +59,20 @@ class Background:
     def follow(self, _: int | None, name: str | None, address: str | None) -> tuple[Any, ...]:
         """Say where the job of this page stands, and show what it has found once it is done."""
         job = self.jobs.find(name) if name else None
+        still = ("0", True, True)  # no bar, nothing to cancel
         if not name:
-            return "", "", True, True, no_update
+            return "", "", True, True, no_update, *still
         if job is not None and job.status is RunStatus.RUNNING:
-            return self._said(job), "\n".join(list(job.lines)[-_LINES:]), not job.lines, False, no_update
+            lines = "\n".join(list(job.lines)[-_LINES:])
+            return self._said(job), lines, not lines, False, no_update, f"{job.progress:.3f}", False, False
         try:
             run = self.saved.diagnosis(f"diagnose/{name}")
         except ContactLearnError as error:
             said = str(error) if job is None else self._said(job)
             lines = "" if job is None or job.status is RunStatus.CANCELLED else "\n".join(list(job.lines)[-_LINES:])
-            return said, lines, not lines, True, no_update
+            return said, lines, not lines, True, no_update, *still
         found: list[Component] = missing.found_content(run, f"diagnose/{name}", Session.read(address or ""))
-        return f"Written to diagnose/{name}.", "", True, True, found
+        return f"Written to diagnose/{name}.", "", True, True, found, *still
 
     def _said(self, job: BackgroundRun) -> str:
         return f"{_WORDS[job.status]}: {job.folder.name}, {job.seconds:.0f} s"
-
-    def learn(self, _: int, address: str | None) -> tuple[Any, Any, str]:
-        """Compute the learning curve of the law alone and of the model."""
-        try:
-            session = Session.read(address or "")
-            sizes, curves = self.models.learning(session)
-        except ContactLearnError as error:
-            return no_update, no_update, str(error)
-        if not sizes:
-            return no_update, no_update, "There are too few trials for a learning curve."
-        style = plotly_style(session.law) | {"sizes": sizes, "level": False}
-        labels = {"alone": f"{law_label(session.law)} alone", "model": "The model"}
-        sent = [
-            style
-            | {
-                "label": labels[name],
-                "dash": "dot" if name == "alone" else "solid",
-                "intervals": [bounded(x) for x in found],
-            }
-            for name, found in curves.items()
-        ]
-        return sent, False, ""

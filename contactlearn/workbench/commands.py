@@ -5,18 +5,19 @@ Parameters that were moved by hand, the selected trial and the windows of the ma
 """
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from omegaconf import OmegaConf
 
 from contactlearn.app.plain import plain_values
 from contactlearn.cli import compose
-from contactlearn.effects import EffectId, find_effect
+from contactlearn.effects import Effect, EffectId, find_effect, from_settings
 from contactlearn.errors import ContactLearnError
+from contactlearn.numerics import is_number
 from contactlearn.workbench.lines import name_of, overrides, parse
 from contactlearn.workbench.models import STARTS
-from contactlearn.workbench.session import Session
+from contactlearn.workbench.session import Option, Session
 
 
 def session_of(words: Sequence[str]) -> Session:
@@ -33,12 +34,40 @@ def session_of(words: Sequence[str]) -> Session:
             )
     cfg = compose("evaluate", list(words))
     effects: list[EffectId] = []
+    options: list[Option] = []
     for name, entry in cfg.effect.items():
         form = entry.get("form")
-        effects.append(find_effect(str(name), None if form is None else str(form)).id)
+        kind = find_effect(str(name), None if form is None else str(form))
+        effects.append(kind.id)
+        options += _options(kind, plain_values(entry))
     data = tuple(word for word in words if word.startswith("data"))
     kind = cfg.law if isinstance(cfg.law, str) else plain_values(cfg.law)["_target_"]
-    return Session(data=data or Session().data, law=_law_name(kind, words), effects=tuple(effects), seed=cfg.seed)
+    return Session(
+        data=data or Session().data,
+        law=_law_name(kind, words),
+        effects=tuple(effects),
+        options=tuple(sorted(options, key=lambda one: (one.effect, one.name))),
+        seed=cfg.seed,
+    )
+
+
+def _options(kind: type[Effect], settings: Mapping[str, Any]) -> list[Option]:
+    """The options of an effect that are not its own defaults.
+
+    Raises:
+        ContactLearnError: one that is neither a number nor two.
+    """
+    found: list[Option] = []
+    for key, value in from_settings(
+        kind, {k: x for k, x in settings.items() if k not in ("_target_", "form")}
+    ).options.items():
+        if value == kind().options[key]:
+            continue
+        numbers = value if isinstance(value, tuple) else (value,)
+        if not all(map(is_number, numbers)):
+            raise ContactLearnError(f"the workbench takes numbers as options of effects; got {key}={value}")
+        found.append(Option(effect=kind.name, name=key, value=tuple(map(float, numbers))))
+    return found
 
 
 def _law_name(kind: str, words: Sequence[str]) -> str:
@@ -53,9 +82,14 @@ def words_of(session: Session) -> list[str]:
     """Write data, law, effects and lines as the words of a command."""
     words = [*session.data, f"law={session.law}", f"effect=[{','.join(one.name for one in session.effects)}]"]
     words += [f"effect.{one.name}.form={one.form}" for one in session.effects if one.form is not None]
+    words += [f"effect.{one.effect}.{one.name}={_written(one)}" for one in session.options]
     for place, line in enumerate(session.lines):
         words += overrides(line, name_of(place))
     return [*words, f"seed={session.seed}"]
+
+
+def _written(option: Option) -> str:
+    return str(option.setting).replace(" ", "")
 
 
 def command(session: Session) -> str:
@@ -77,6 +111,8 @@ def experiment(session: Session) -> str:
     keys = [word.partition("=")[0] for word in session.data if word.startswith("data.")]
     data = OmegaConf.masked_copy(cfg.data, [key.split(".")[1] for key in keys])
     effects: dict[str, Any] = {one.name: {"form": one.form} for one in session.effects if one.form is not None}
+    for one in session.options:
+        effects.setdefault(one.effect, {})[one.name] = one.setting
     for place, line in enumerate(session.lines):
         output, expression, ranges = parse(line)
         effects[name_of(place)] = {output: expression, "parameters": ranges}

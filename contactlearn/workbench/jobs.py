@@ -19,8 +19,18 @@ from threading import Lock, Thread
 
 from contactlearn.errors import ContactLearnError
 
-_SIDE_BY_SIDE = 2
+SIDE_BY_SIDE = 2
+"""Processes that run at a time."""
 _LINES = 200
+_STAGES = (
+    "audit",
+    "law",
+    "budget",
+    "frontier",
+    "residual",
+    "verdict",
+    "results",
+)  # of a diagnosis, by their first lines
 
 
 class RunStatus(StrEnum):
@@ -58,6 +68,12 @@ class BackgroundRun:
     def seconds(self) -> float:
         """Time that it has taken."""
         return (self.ended or time.monotonic()) - self.began
+
+    @property
+    def progress(self) -> float:
+        """Share of the stages that have been reached."""
+        reached = {line.partition(" ")[0].rstrip(":") for line in list(self.lines)}
+        return max((k for k, stage in enumerate(_STAGES, 1) if stage in reached), default=0) / len(_STAGES)
 
     def follow(self) -> None:
         """Keep the lines that the process prints, until it ends."""
@@ -97,7 +113,7 @@ class Jobs:
             for job in running:
                 if job.words == tuple(words):
                     return job
-            if len(running) >= _SIDE_BY_SIDE:
+            if len(running) >= SIDE_BY_SIDE:
                 raise ContactLearnError(f"{len(running)} diagnoses are running; wait for one, or cancel it")
             folder = self._folder()
             call = [sys.executable, "-m", "contactlearn", "diagnose", *words, f"hydra.run.dir={folder}"]

@@ -4,11 +4,13 @@ import base64
 import binascii
 import hashlib
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from dash import Dash, Input, Output, State, ctx, dcc, html, no_update
 
+from contactlearn.audit.findings import audit
 from contactlearn.data import table
 from contactlearn.data.mystery import reveal
 from contactlearn.errors import ContactLearnError, DataError
@@ -16,10 +18,12 @@ from contactlearn.numerics import written_whole
 from contactlearn.report.text.sealed import account
 from contactlearn.workbench.commands import experiment
 from contactlearn.workbench.models import Models
+from contactlearn.workbench.panes import frame
 from contactlearn.workbench.panes import saved as pane
 from contactlearn.workbench.panes.hints import HINTS
 from contactlearn.workbench.saved import COMPARED, Saved
 from contactlearn.workbench.session import Session
+from contactlearn.workbench.tasks import studied
 
 
 class Keeping:
@@ -38,6 +42,7 @@ class Keeping:
         """Connect the callbacks with an app."""
         app.callback(
             Output("address", "search", allow_duplicate=True), Output("trouble", "children", allow_duplicate=True),
+            Output("mistakes", "children", allow_duplicate=True),
             Input("upload", "contents"), Input("load", "n_clicks"), Input("words", "n_submit"),
             State("upload", "filename"), State("words", "value"), State("address", "search"), prevent_initial_call=True,
         )(self.load)  # fmt: skip
@@ -64,22 +69,35 @@ class Keeping:
             prevent_initial_call=True,
         )(self.reveal)
 
-    def load(self, contents: str | None, *values: Any) -> tuple[Any, str]:
-        """Go to other data: a file that was dropped, or words as on a command line; the model stays."""
+    def load(self, contents: str | None, *values: Any) -> tuple[Any, str, Any]:
+        """Go to other data: a file that was dropped, or words as on a command line; the model stays.
+
+        Data that break a rule of impacts are audited, so that they can be loaded corrected.
+        """
         *_, name, words, address = values
         try:
             session = Session.read(address or "")
             if ctx.triggered_id == "upload":
                 if contents is None or name is None:
-                    return no_update, ""
+                    return no_update, "", no_update
                 data = ("data=table", f"data.path={self.kept(name, contents)}")
             else:
                 data = _words(words or "")
-            other = Session(data=data, law=session.law, effects=session.effects, lines=session.lines, seed=session.seed)
+            other = replace(studied(session), data=data)
+        except ContactLearnError as error:
+            return no_update, str(error), no_update
+        try:
             self.models.split(other)
         except ContactLearnError as error:
-            return no_update, str(error)
-        return other.address or "?", ""
+            return no_update, str(error), self.offered(other)
+        return other.address or "?", "", no_update
+
+    def offered(self, session: Session) -> Any:
+        """What is wrong with data that could not be loaded, if that is all."""
+        try:
+            return frame.mistakes(audit(self.models.suspected(session)), session, loaded=False)
+        except ContactLearnError:
+            return no_update
 
     def kept(self, name: str, contents: str) -> Path:
         """Write a file that was dropped under the hash of its content, once it can be read.
@@ -97,7 +115,7 @@ class Keeping:
             with written_whole(path) as part:
                 part.write_bytes(content)
         try:
-            table.load(path)
+            table.load(path, suspect=True)  # what breaks a rule of impacts may be corrected
         except ContactLearnError as error:
             path.unlink()
             raise DataError(str(error).replace(str(path), name)) from None

@@ -15,11 +15,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn import laws
-from contactlearn.app.loading import Split, split
+from contactlearn.app.loading import Split, load_data, split
 from contactlearn.cli import compose
 from contactlearn.diagnosis.noise import NoiseFloor, noise_floor
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
-from contactlearn.effects import Effect, find_effect
+from contactlearn.effects import Effect, find_effect, from_settings
 from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.evaluation import bounds
 from contactlearn.evaluation.metrics import Interval, bootstrap, mass_error
@@ -36,7 +36,6 @@ STARTS = 4
 """Starts of each fit."""
 _SOURCES, _FITS = 4, 100  # kept
 _RESAMPLES = 1000
-_SUBSETS, _SIZES = 6, (10, 20, 50, 100, 200, 500, 1000)  # of a learning curve
 _NOISE_TRIALS = 600  # at most, from which the noise floor is estimated while one waits
 
 
@@ -93,6 +92,16 @@ class Models:
         """
         return self._splits.get((session.data, _stamp(session.data), session.seed), lambda: self._load(session))
 
+    def suspected(self, session: Session) -> Impacts:
+        """Return the data of a session though they may break the rules of impacts, for the audit.
+
+        Raises:
+            ContactLearnError: data that cannot be read at all.
+        """
+        with self._composing:
+            cfg = compose("evaluate", list(session.data))
+        return load_data(cfg.data, suspect=True)
+
     def fingerprint(self, session: Session) -> str:
         """Return the hash of the data of a session."""
         key = (session.data, _stamp(session.data))
@@ -105,12 +114,26 @@ class Models:
             UnknownNameError: no such law, effect or form.
             ContactLearnError: a line that cannot be read, or too few trials.
         """
-        key = (self.fingerprint(session), session.seed, session.law, session.effects, session.lines)
+        key = (self.fingerprint(session), session.seed, session.model)
         return self._fits.get(key, lambda: _fit(session, self.split(session)))
 
     def alone(self, session: Session, law: str | None = None) -> Fitted:
         """Return a law without effects, that of the session if none is named."""
         return self.fitted(replace(session, law=law or session.law, effects=(), lines=()))
+
+    def values(self, session: Session) -> Float[Tensor, " k"]:
+        """Return the parameters of the model of a session, those that were moved by hand where they were moved to.
+
+        Raises:
+            UnknownNameError: the model has no such parameter.
+        """
+        fit = self.fitted(session).fit
+        values, names = fit.values.clone(), [p.name for p in fit.parameters]
+        for name, value in session.hand:
+            if name not in names:
+                raise UnknownNameError("parameter of this model", name, names)
+            values[names.index(name)] = value
+        return values
 
     def moved(self, session: Session) -> Moved:
         """Return the model of a session with the parameters that were moved by hand.
@@ -118,12 +141,7 @@ class Models:
         Raises:
             UnknownNameError: the model has no such parameter.
         """
-        fitted, data = self.fitted(session), self.split(session)
-        values, names = fitted.fit.values.clone(), [p.name for p in fitted.fit.parameters]
-        for name, value in session.hand:
-            if name not in names:
-                raise UnknownNameError("parameter of this model", name, names)
-            values[names.index(name)] = value
+        fitted, data, values = self.fitted(session), self.split(session), self.values(session)
         model = assemble(fitted.law, fitted.model.effects, values)
         errors = mass_error(data.test, model.predict(data.test))
         return Moved(model=model, values=values, v_post=model.predict(data.impacts).v_post, error=_interval(errors))
@@ -145,29 +163,11 @@ class Models:
             found.append(Compared(name=name, error=held_out(data.test, prediction)))
         return sorted(found, key=lambda one: -one.error.mean)
 
-    def learning(self, session: Session) -> tuple[tuple[int, ...], dict[str, list[Interval]]]:
-        """Return numbers of training trials, and the held-out errors of the law alone and of the model at each.
-
-        Each number is tried on several random subsets, nested in each other.
-        """
-        data, fitted = self.split(session), self.fitted(session)
-        generator = torch.Generator().manual_seed(session.seed)
-        orders = torch.stack([torch.randperm(len(data.pool), generator=generator) for _ in range(_SUBSETS)])
-        least = 2 * len(fitted.fit.parameters) + 8
-        sizes = tuple(size for size in (*_SIZES, len(data.pool)) if least <= size <= len(data.pool))
-        curves: dict[str, list[Interval]] = {"alone": [], "model": []}
-        for name, one in (("alone", self.alone(session)), ("model", fitted)):
-            for size in sizes:
-                rows = orders[:, :size] if size < len(data.pool) else orders[:1]
-                fit = identify_jointly(one.law, one.effects, data.pool, rows, options=FitOptions(starts=STARTS))
-                curves[name].append(_interval(mass_error(data.test, fit.model.predict(data.test))))
-        return sizes, curves
-
     def noise(self, session: Session) -> NoiseFloor:
         """Return the noise floor beneath the model of a session, from some hundred trials."""
         fitted, data = self.fitted(session), self.split(session)
         few = data.impacts[:_NOISE_TRIALS]
-        key = (self.fingerprint(session), session.seed, session.law, session.effects, session.lines)
+        key = (self.fingerprint(session), session.seed, session.model)
         return self._floors.get(
             key, lambda: noise_floor(few, fitted.model, generator=torch.Generator().manual_seed(session.seed))
         )
@@ -188,9 +188,12 @@ def effects_of(session: Session) -> dict[str, Effect]:
 
     Raises:
         UnknownNameError: no such effect or form.
-        ContactLearnError: a line that cannot be read.
+        ContactLearnError: a line that cannot be read, or an option that the effect does not have.
     """
-    found: dict[str, Effect] = {one.name: find_effect(one.name, one.form)() for one in session.effects}
+    found: dict[str, Effect] = {}
+    for one in session.effects:
+        options = {option.name: option.setting for option in session.options if option.effect == one.name}
+        found[one.name] = from_settings(find_effect(one.name, one.form), options)
     return found | {name_of(k): effect_of(line) for k, line in enumerate(session.lines)}
 
 

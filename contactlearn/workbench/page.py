@@ -10,12 +10,12 @@ from collections.abc import Callable
 from threading import Lock
 from typing import Any
 
-from dash import ALL, ClientsideFunction, Dash, Input, Output, State, ctx, html, no_update
+from dash import ALL, ClientsideFunction, Dash, Input, Output, State, html, no_update
 
 from contactlearn.audit.findings import audit
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
 from contactlearn.errors import ContactLearnError, UnknownNameError
-from contactlearn.report.text import effect_label, law_label
+from contactlearn.report.text import law_label
 from contactlearn.workbench import arrays
 from contactlearn.workbench.actions import Actions
 from contactlearn.workbench.cache import Cache
@@ -60,26 +60,26 @@ class Page:
             Output("data-sent", "data"), Output("model-sent", "data"), Output("settled", "data"),
             Input("fitted", "data"), State("data-drawn", "children"), tab,
         )(self.draw)  # fmt: skip
-        app.callback(
-            Output("model-sent", "data", allow_duplicate=True), Output("said", "children", allow_duplicate=True),
-            Input({"set": "slider", "of": ALL}, "drag_value"), State("address", "search"), prevent_initial_call=True,
-        )(self.preview)  # fmt: skip
         app.callback(Output("trial-sent", "data"), Output("windows-sent", "data"), settled)(self.trial)
         app.callback(Output(_LAW, "options"), Output("bounds", "children"), settled)(self.compare)
         app.callback(Output(_TICKS, "options"), settled, tab)(self.missing)
         app.callback(Output("ladder", "children"), settled, tab)(self.ladder)
         app.callback(Output("regions", "children"), settled, tab)(self.regions)
-        app.callback(Output("findings", "children"), Input("data-drawn", "children"), State("address", "search"))(
-            self.findings
-        )
+        app.callback(
+            Output("findings", "children"), Output("mistakes", "children"),
+            Input("data-drawn", "children"), State("address", "search"),
+        )(self.findings)  # fmt: skip
         app.callback(
             Output("completions", "children"),
             Output("line-said", "children"),
             Input("line", "value"),
             State("address", "search"),
         )(self.complete)
-        slider, sink = Input({"set": "slider", "of": ALL}, "value"), Output("slider-drawn", "children")
-        app.clientside_callback(ClientsideFunction("workbench", "slider"), sink, slider)
+        for function, what in (("slider", "value"), ("drag", "drag_value")):
+            drawn = Output(f"{function}-drawn", "children")
+            app.clientside_callback(
+                ClientsideFunction("workbench", function), drawn, Input({"set": "slider", "of": ALL}, what)
+            )
         app.clientside_callback(
             ClientsideFunction("workbench", "done"), Output("done-drawn", "children"), Input("done", "data")
         )
@@ -136,9 +136,10 @@ class Page:
         except ContactLearnError as error:
             return (*[no_update] * 8, str(error))
         names = [one.name for one in session.effects]
+        before, number, after = model.said(fitted, moved, self.models.alone(session), bool(session.hand))
         return (
             f"{data.impacts.source}: {len(data.pool)} trials to fit to, {len(data.test)} held out.",
-            model.said(fitted, moved, self.models.alone(session), bool(session.hand)),
+            [before, html.B(number), after],
             model.parts(session, fitted, moved),
             session.address or "?",
             no_update if set(ticks or []) == set(names) else names,
@@ -167,26 +168,9 @@ class Page:
         """What the figures need of the model."""
         data, moved = self.models.split(session), self.models.moved(session)
         alone = self.models.alone(session)
-        names = [law_label(session.law), model_title(session)]
+        names = [law_label(session.law), model.model_title(session)]
         sent = arrays.of_model(data.impacts, alone.v_post, moved.v_post, moved.model)
         return sent | {"names": names, "count": len(data.impacts), "error": moved.error.mean}
-
-    def preview(self, values: list[Any], address: str | None) -> tuple[Any, Any]:
-        """Show the model with a slider where it is being dragged."""
-        name, value = ctx.triggered_id, ctx.triggered[0]["value"] if ctx.triggered else None
-        if not isinstance(name, dict) or name["set"] != "slider" or value is None:
-            return no_update, no_update
-        try:
-            session = Session.read(address or "")
-            if self.actions.slide(session, name["of"], value) == session:
-                return no_update, no_update
-            session = session.moved(name["of"], float(value))
-            alone = self.models.alone(session)
-            return self._drawn(session), model.said(
-                self.models.fitted(session), self.models.moved(session), alone, True
-            )
-        except ContactLearnError:  # a slider of a model that has gone
-            return no_update, no_update
 
     def trial(self, address: str | None) -> tuple[Any, Any]:
         """The selected trial, and the trials in the windows of the map."""
@@ -209,7 +193,7 @@ class Page:
         session = Session.read(address)
         found, fitted = self.models.compared(session), self.models.fitted(session)
         most = compare.largest(found, fitted)
-        return compare.law_options(found, most), compare.beside(found, fitted, model_title(session), most)
+        return compare.law_options(found, most), compare.beside(found, fitted, model.model_title(session), most)
 
     def missing(self, address: str | None, tab: str) -> Any:
         """What each effect would take off."""
@@ -241,12 +225,13 @@ class Page:
                 return no_update
             return make(Session.read(address))
 
-    def findings(self, drawn: str | None, address: str | None) -> Any:
-        """What the audit says of the data."""
+    def findings(self, drawn: str | None, address: str | None) -> tuple[Any, Any]:
+        """What the audit says of the data, and how they can be corrected."""
         if not drawn:
-            return no_update
-        found = audit(self.models.split(Session.read(address or "")).impacts)
-        return frame.finding_list([one.sentence for one in found])
+            return no_update, no_update
+        session = Session.read(address or "")
+        found = audit(self.models.split(session).impacts)
+        return frame.audit_notes(found), frame.mistakes(found, session)
 
     def complete(self, line: str | None, address: str | None) -> tuple[Any, str]:
         """Completions of a line, and what is wrong with it so far."""
@@ -259,13 +244,3 @@ class Page:
         except ContactLearnError as error:
             return options, str(error)
         return options, effect.equation
-
-
-def model_title(session: Session) -> str:
-    """Name the model of a session."""
-    parts = [
-        law_label(session.law),
-        *map(effect_label, session.effects),
-        *(line.partition(";")[0] for line in session.lines),
-    ]
-    return " + ".join(parts) + (" (by hand)" if session.hand else "")

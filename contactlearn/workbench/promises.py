@@ -55,7 +55,7 @@ class Promises:
         data, fitted = self._models.split(session), self._models.fitted(session)
         part = (self._models.fingerprint(session), session.seed)
         among = self._candidates.get(part, lambda: _candidates(data))
-        key = (*part, session.law, session.effects, session.lines)
+        key = (*part, session.model)
         return self._found.get(key, lambda: _promises(fitted, among, data))
 
 

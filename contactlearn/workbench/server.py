@@ -25,9 +25,12 @@ from contactlearn.workbench.keeping import Keeping
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.page import Page
 from contactlearn.workbench.panes import frame
+from contactlearn.workbench.previews import Previews
 from contactlearn.workbench.promises import Promises
 from contactlearn.workbench.saved import Saved
 from contactlearn.workbench.security import Door, protect
+from contactlearn.workbench.studying import Studying
+from contactlearn.workbench.tasks import StudyRuns
 
 OUTPUTS = Path("outputs")
 _PORTS = range(8765, 8785)
@@ -72,9 +75,11 @@ def make_app(door: Door, models: Models, outputs: Path = OUTPUTS) -> Dash:
     actions = actions_of(models, promises)
     saved = Saved(outputs)
     Page(models, promises, actions).register(app)
-    Background(models, Jobs(outputs), saved).register(app)
+    Background(Jobs(outputs), saved).register(app)
+    Studying(models, StudyRuns(models)).register(app)
     Keeping(models, saved, outputs).register(app)
     _serve_scripts(app)
+    Previews(models, actions).serve(app.server)
     saved.serve(app.server)
     protect(app.server, door, _policy(app))
     return app
@@ -95,7 +100,8 @@ def _serve_scripts(app: Dash) -> None:
         resources.files("contactlearn.report.page") / "templates",
         resources.files("contactlearn.workbench") / "static",
     )
-    parts = (own / "data.js", report / "numbers.js", report / "figures.js", own / "page.js")
+    scripts = (own / name for name in ("sliders.js", "box.js", "page.js"))
+    parts = (own / "data.js", report / "numbers.js", report / "figures.js", *scripts)
     script = "\n".join(part.read_text(encoding="utf-8") for part in parts)
     style = (report / "style.css").read_text(encoding="utf-8") + (own / "page.css").read_text(encoding="utf-8")
     library = (resources.files("plotly") / "package_data" / "plotly.min.js").read_bytes()

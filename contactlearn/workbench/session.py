@@ -4,6 +4,7 @@
     law      name of the law
     effect   effects in the order in which they were ticked, name or name:form
     line     effects as lines of mathematics, see `lines`
+    option.X.Y  option Y of effect X, such as velocity_dependent_restitution.v_ref: a number, or low:high
     hand.X   parameter X, such as mu or side_drag.c, moved by hand; the others keep their fitted values
     seed     of the split into training and held-out trials
     trial    row of the selected trial, counted from 0
@@ -14,14 +15,17 @@ An address holds what differs from the defaults, in this order, so equal session
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from urllib.parse import parse_qsl, urlencode
 
+from contactlearn.audit.corrections import CORRECTIONS
 from contactlearn.effects import EffectId
-from contactlearn.errors import ContactLearnError
+from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.numerics import is_number
 
 _WORD = re.compile(r"data(\.[a-z_0-9]+)*=[^\n$]*")
+_CORRECT = "data.correct="
 _MOST = 20_000  # characters of an address
 
 
@@ -32,6 +36,20 @@ class Window:
     variable: str
     low: float
     high: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Option:
+    """A constant of an effect that is not fitted: a number, or two."""
+
+    effect: str
+    name: str
+    value: tuple[float, ...]
+
+    @property
+    def setting(self) -> float | list[float]:
+        """The value as a configuration holds it."""
+        return self.value[0] if len(self.value) == 1 else list(self.value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +64,7 @@ class Session:
     law: str = "wang_mason"
     effects: tuple[EffectId, ...] = ()
     lines: tuple[str, ...] = ()
+    options: tuple[Option, ...] = ()
     hand: tuple[tuple[str, float], ...] = ()
     seed: int = 0
     trial: int | None = None
@@ -58,7 +77,11 @@ class Session:
         names = [effect.name for effect in self.effects]
         if len(set(names)) < len(names):
             raise ContactLearnError(f"an effect is in the model once, in one form; got {', '.join(names)}")
-        numbers = [x for _, x in self.hand] + [x for one in self.windows for x in (one.low, one.high)]
+        numbers = (
+            [x for one in self.options for x in one.value]
+            + [x for _, x in self.hand]
+            + [x for one in self.windows for x in (one.low, one.high)]
+        )
         if not all(is_number(x) and math.isfinite(x) for x in numbers):
             raise ContactLearnError(f"an address holds finite numbers alone, got {numbers}")
 
@@ -72,11 +95,31 @@ class Session:
         pairs += [("law", self.law)] if self.law != plain.law else []
         pairs += [("effect", str(effect)) for effect in self.effects]
         pairs += [("line", line) for line in self.lines]
+        pairs += [(f"option.{one.effect}.{one.name}", ":".join(map(repr, one.value))) for one in self.options]
         pairs += [(f"hand.{name}", f"{value!r}") for name, value in self.hand]
         pairs += [("seed", str(self.seed))] if self.seed != plain.seed else []
         pairs += [("trial", str(self.trial))] if self.trial is not None else []
         pairs += [("window", f"{one.variable}:{one.low!r}:{one.high!r}") for one in self.windows]
         return f"?{urlencode(pairs)}" if pairs else ""
+
+    @property
+    def corrections(self) -> tuple[str, ...]:
+        """The corrections of the data, by name, in the order in which they are made."""
+        given = [word.partition("=")[2] for word in self.data if word.startswith(_CORRECT)]
+        return tuple(filter(None, (name.strip() for name in given[-1].strip("[]").split(",")))) if given else ()
+
+    def corrected(self, names: Sequence[str]) -> "Session":
+        """Return the session with the data corrected by these corrections and no others.
+
+        Raises:
+            UnknownNameError: no such correction.
+        """
+        for name in names:
+            if name not in CORRECTIONS:
+                raise UnknownNameError("correction", name, CORRECTIONS)
+        words = tuple(word for word in self.data if not word.startswith(_CORRECT))
+        words += (f"{_CORRECT}[{','.join(names)}]",) if names else ()
+        return replace(self, data=words, hand=(), trial=None, windows=())
 
     @classmethod
     def read(cls, address: str) -> "Session":
@@ -96,21 +139,34 @@ class Session:
             law=known.get("law", plain.law),
             effects=tuple(EffectId.parse(value) for key, value in pairs if key == "effect"),
             lines=tuple(value for key, value in pairs if key == "line"),
+            options=tuple(_option(key, value) for key, value in pairs if key.startswith("option.")),
             hand=tuple((key.removeprefix("hand."), _float(value)) for key, value in pairs if key.startswith("hand.")),
             seed=_whole("seed", known.get("seed", "0")),
             trial=_whole("trial", known["trial"]) if "trial" in known else None,
             windows=tuple(_window(value) for key, value in pairs if key == "window"),
         )
 
+    @property
+    def model(self) -> tuple[object, ...]:
+        """Law, effects with their options, and lines: what is fitted."""
+        names = [one.name for one in self.effects]
+        return self.law, self.effects, self.lines, tuple(one for one in self.options if one.effect in names)
+
     def ticked(self, effect: EffectId, on: bool = True) -> "Session":
         """Return the session with an effect in the model, in place of another form of it, or without it."""
         rest = tuple(one for one in self.effects if one.name != effect.name)
-        if not on:
-            return replace(self, effects=rest, hand=())
-        if effect.name in [one.name for one in self.effects]:  # another form keeps the place
+        if on and effect.name in [one.name for one in self.effects]:  # another form keeps the place
             rest = tuple(effect if one.name == effect.name else one for one in self.effects)
-            return replace(self, effects=rest, hand=())
-        return replace(self, effects=(*rest, effect), hand=())
+        elif on:
+            rest = (*rest, effect)
+        options = tuple(one for one in self.options if one.effect != effect.name)
+        return replace(self, effects=rest, options=options, hand=())
+
+    def opted(self, effect: str, name: str, value: tuple[float, ...]) -> "Session":
+        """Return the session with an option of an effect; without it if there is no value."""
+        rest = tuple(one for one in self.options if (one.effect, one.name) != (effect, name))
+        rest += (Option(effect=effect, name=name, value=value),) if value else ()
+        return replace(self, options=tuple(sorted(rest, key=lambda one: (one.effect, one.name))), hand=())
 
     def moved(self, name: str, value: float | None) -> "Session":
         """Return the session with a parameter moved by hand, or at its fitted value if that is None."""
@@ -129,6 +185,13 @@ def _whole(key: str, text: str) -> int:
     if not re.fullmatch(r"\d{1,9}", text):
         raise ContactLearnError(f"{key} is a whole number, 0 or more; got {text!r}")
     return int(text)
+
+
+def _option(key: str, text: str) -> Option:
+    if not re.fullmatch(r"option\.[a-z_0-9]+\.[a-z_0-9]+", key):
+        raise ContactLearnError(f"an option is option.EFFECT.NAME=number, or low:high; got {key!r}")
+    _, effect, name = key.split(".")
+    return Option(effect=effect, name=name, value=tuple(_float(part) for part in text.split(":")))
 
 
 def _window(text: str) -> Window:

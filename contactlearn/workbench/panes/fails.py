@@ -12,8 +12,8 @@ from contactlearn.report.text.stages import NO_REGION, region
 from contactlearn.workbench.panes.parts import figure, note, press
 
 _MAP = (
-    "Error of each trial; draw a box to select trials, click one to see it below. The colours keep the scale of the "
-    "law alone"
+    "Error of each trial; draw a box to select trials, or write its ends below; click one trial to see it. The colours "
+    "keep the scale of the law alone"
 )
 _BODY = "The body at contact: velocities as arrows, spins as arcs, before, after as measured and as predicted"
 _IMPULSES = "Impulse space: admissible impulses, impulse and reach of each law, measured impulse"
@@ -22,6 +22,7 @@ _STEPS = (("worst", "Worst"), ("worse", "Next worse"), ("previous", "Previous"),
 
 def fails_pane() -> Component:
     """Return the pane before anything is known."""
+    named: dict[str, Any] = {"aria-label": "Select trials by numbers"}
     return html.Section(
         [
             html.H2("Where it fails"),
@@ -35,6 +36,7 @@ def fails_pane() -> Component:
                 className="controls",
             ),
             figure("map", _MAP),
+            html.Div(id="box", className="controls", role="group", **named),
             html.P(id="window-said", role="status"),
             html.Div(id="regions"),
             html.H3("The selected trial"),

@@ -6,12 +6,17 @@ from collections.abc import Sequence
 from dash import dcc, html
 from dash.development.base_component import Component
 
+from contactlearn.audit.result import Finding
 from contactlearn.report.text import sentence
+from contactlearn.report.text.stages import correct_setting
 from contactlearn.workbench.panes import compare, fails, hints, missing, model, saved
 from contactlearn.workbench.panes.parts import button, note, press
+from contactlearn.workbench.session import Session
+from contactlearn.workbench.studies import STUDIES
 
-STORES = ("data-sent", "model-sent", "trial-sent", "windows-sent", "curve-sent", "fitted", "settled", "acted", "done")
-SINKS = ("slider-drawn", "done-drawn", "data-drawn", "model-drawn", "trial-drawn", "windows-drawn", "curve-drawn")
+_FIGURES = ("data", "model", "trial", "windows", "curve")
+STORES = (*(f"{name}-sent" for name in _FIGURES), "fitted", "settled", "acted", "done")
+SINKS = (*(f"{name}-drawn" for name in _FIGURES), "slider-drawn", "drag-drawn", "done-drawn")
 _WORDS = (
     "Words as on a command line. The shape of the body, in m, as "
     "data.shape={kind:ellipse,semi_axes:[0.035,0.025]}; without it some effects cannot be decided."
@@ -31,7 +36,9 @@ def page_layout(largest: int) -> Component:
         dcc.Location(id="address", refresh=False),
         dcc.Store(id="history", storage_type="session"),
         dcc.Store(id="job", storage_type="session"),
+        *(dcc.Store(id=f"{kind}-study", storage_type="session") for kind in STUDIES),
         dcc.Interval(id="clock", interval=1000, disabled=True),
+        dcc.Interval(id="study-clock", interval=700, disabled=True),
     ]
     panes = [compare.compare_pane(), fails.fails_pane(), missing.missing_pane(), model.model_pane(), saved.saved_pane()]
     return html.Div([*kept, _head(largest), _bar(), hints.hints_pane(), html.Main(panes, id="main", tabIndex="-1")])
@@ -44,6 +51,7 @@ def _head(largest: int) -> Component:
             html.A("Skip to the panes", href="#main", className="skip"),
             html.H1("contactlearn workbench"),
             html.P(id="source"),
+            html.Div(id="mistakes", role="status"),
             html.Details(
                 [
                     html.Summary("Other data"),
@@ -72,6 +80,7 @@ def _bar() -> Component:
     return html.Div(
         [
             html.Span("…", id="said", role="status"),
+            html.Span(id="said-moving"),
             html.Span(
                 [
                     press("undo", "Undo"),
@@ -87,6 +96,29 @@ def _bar() -> Component:
     )
 
 
-def finding_list(sentences: Sequence[str]) -> list[Component]:
-    """Return what the audit says of the data."""
-    return [html.Ul([html.Li(sentence(one)) for one in sentences])] if sentences else []
+def audit_notes(found: Sequence[Finding]) -> list[Component]:
+    """Return what the audit says of sound data."""
+    rows = [html.Li(sentence(one.sentence)) for one in found if not one.mistake]
+    return [html.Ul(rows)] if rows else []
+
+
+def mistakes(found: Sequence[Finding], session: Session, loaded: bool = True) -> list[Component]:
+    """Return what is wrong with the data, a button that corrects it, and one that takes corrections back.
+
+    Data that could not be loaded as they are, are loaded corrected.
+    """
+    wrong = [one for one in found if one.mistake]
+    names = [one.correction for one in wrong if one.correction]
+    shown: list[Component] = [html.Ul([html.Li(sentence(one.sentence)) for one in wrong])] if wrong else []
+    if names and loaded:
+        way = press("correct", "Correct it", of=",".join(names))
+    elif names:
+        way = press("adopt", "Load it corrected", of=session.corrected([*session.corrections, *names]).address)
+    else:
+        way = None
+    if way is not None:
+        shown.append(html.P([way, " ", html.Code(correct_setting(session.corrections, wrong))]))
+    if session.corrections and loaded:
+        said = f"Corrected: {', '.join(session.corrections)}. "
+        shown.append(html.P([said, press("uncorrect", "As measured", label="Take the corrections back")]))
+    return shown

@@ -12,7 +12,7 @@ from contactlearn.report.text import effect_label, error, headline, label, perce
 from contactlearn.report.text.search import listed_models, model_name, notes, share
 from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.workbench.lines import line_of
-from contactlearn.workbench.panes.parts import bars, button, note, press
+from contactlearn.workbench.panes.parts import bars, button, note, press, progress_bar
 from contactlearn.workbench.promises import Promise
 from contactlearn.workbench.session import Session
 
@@ -37,7 +37,8 @@ def missing_pane() -> Component:
             html.P(
                 [
                     button("search", "Search laws and effects"),
-                    button("cancel", "Cancel"),
+                    progress_bar("job-bar", "Search laws and effects"),
+                    html.Button("Cancel", id="cancel", n_clicks=0, type="button", hidden=True),
                     html.Span(id="job-said", role="status"),
                 ],
                 className="controls",

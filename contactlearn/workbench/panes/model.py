@@ -9,7 +9,7 @@ from dash.development.base_component import Component
 from contactlearn.diagnosis.noise import NoiseFloor
 from contactlearn.effects import Effect, Parameter, catalogue
 from contactlearn.evaluation.metrics import Interval
-from contactlearn.numerics import measured
+from contactlearn.numerics import is_number, measured
 from contactlearn.report.text import brief_interval, effect_label, label, law_label
 from contactlearn.report.text.names import NOISE_SOURCES
 from contactlearn.workbench.lines import EXAMPLE, name_of
@@ -18,6 +18,11 @@ from contactlearn.workbench.panes.parts import bars, note, press
 from contactlearn.workbench.session import Session
 
 _STEPS, _SIGMAS, _LEAST = 400, 25.0, 0.1  # of a slider: steps, reach in standard errors, least share of the range
+_OPTIONS = {
+    "v_ref": "Reference speed (m/s)",
+    "omega_s": "Spin below which it fades (rad/s)",
+    "span": "From x, to x (m)",
+}
 
 
 def model_pane() -> Component:
@@ -25,7 +30,8 @@ def model_pane() -> Component:
     return html.Section(
         [
             html.H2("The model"),
-            html.Div(id="parts"),
+            html.H3("Ladder"),
+            html.Div(id="ladder"),
             html.H3("A line of mathematics"),
             html.P(
                 [
@@ -36,8 +42,7 @@ def model_pane() -> Component:
             ),
             html.Datalist(id="completions"),
             html.P(id="line-said", role="status"),
-            html.H3("Ladder"),
-            html.Div(id="ladder"),
+            html.Div(id="parts"),
             html.Div(id="curves", className="cards"),
         ],
         id="model",
@@ -64,7 +69,11 @@ def parts(session: Session, fitted: Fitted, moved: Moved) -> list[Component]:
         head = html.H3(
             [effect_label(one), " ", press("drop", "Remove", of=one.name, label=f"Remove {effect_label(one)}")]
         )
-        found.append(html.Div([head, *_forms(effect), note(effect.equation), *sliders(one.name)], className="part"))
+        found.append(
+            html.Div(
+                [head, *_forms(effect), *_options(effect), note(effect.equation), *sliders(one.name)], className="part"
+            )
+        )
     for place, line in enumerate(session.lines):
         head = html.H3([html.Code(line), " ", press("unline", "Remove", of=str(place), label=f"Remove {line}")])
         found.append(html.Div([head, *sliders(name_of(place))], className="part"))
@@ -86,13 +95,23 @@ def ladder_bars(session: Session, steps: Sequence[Fitted], floor: NoiseFloor) ->
     ]
 
 
-def said(fitted: Fitted, moved: Moved, alone: Fitted, by_hand: bool) -> list[Component | str]:
-    """Return the error of the model in one line."""
+def model_title(session: Session) -> str:
+    """Name the model of a session."""
+    parts = [
+        law_label(session.law),
+        *map(effect_label, session.effects),
+        *(line.partition(";")[0] for line in session.lines),
+    ]
+    return " + ".join(parts) + (" (by hand)" if session.hand else "")
+
+
+def said(fitted: Fitted, moved: Moved, alone: Fitted, by_hand: bool) -> tuple[str, str, str]:
+    """Return the error of the model in one line: what stands before the number, the number, and what follows it."""
     share = moved.error.mean / alone.error.mean - 1 if alone.error.mean else 0.0
     change = f"{'−' if share < 0 else '+'}{abs(100 * share):.0f}\u00a0%" if fitted is not alone or by_hand else ""
-    found: list[Component | str] = ["Held-out error ", html.B(brief_interval(moved.error))]
-    found += [f", {change} against the law alone"] if change else []
-    return found + ([f"; moved by hand, fitted {brief_interval(fitted.error)}"] if by_hand else [])
+    rest = f", {change} against the law alone" if change else ""
+    rest += f"; moved by hand, fitted {brief_interval(fitted.error)}" if by_hand else ""
+    return "Held-out error ", brief_interval(moved.error), rest
 
 
 def _slider(p: Parameter, best: float, error: float, value: float, by_hand: bool, warning: str) -> Component:
@@ -136,3 +155,18 @@ def _forms(effect: Effect) -> list[Component]:
             id={"set": "form", "of": effect.name}, options=options, value=effect.form, inline=True, className="forms"
         )
     ]
+
+
+def _options(effect: Effect) -> list[Component]:
+    """The constants of an effect that are not fitted, numbers, to be set by hand; empty is the default."""
+    found: list[Component] = []
+    for name, value in effect.options.items():
+        numbers = value if isinstance(value, tuple) else (value,)
+        if not numbers or not all(map(is_number, numbers)):
+            continue
+        text = ", ".join(f"{x:g}" for x in numbers)
+        field = dcc.Input(
+            id={"set": "option", "of": f"{effect.name}.{name}"}, type="text", value=text, autoComplete="off"
+        )
+        found.append(html.Label([f"{_OPTIONS.get(name, label(name))} ", field], className="option"))
+    return found

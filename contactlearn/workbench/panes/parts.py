@@ -23,6 +23,12 @@ def button(identity: str, text: str) -> Component:
     return html.Button(text, id=identity, n_clicks=0, type="button")
 
 
+def progress_bar(identity: str, what: str) -> Component:
+    """Return a bar from 0 to 1, hidden until something runs."""
+    named: dict[str, Any] = {"aria-label": what}
+    return html.Progress(id=identity, value="0", max="1", hidden=True, **named)
+
+
 def figure(identity: str, what: str) -> Component:
     """Return the place of a figure, which the scripts of the report draw."""
     described: dict[str, Any] = {"data-what": what, "aria-label": what}

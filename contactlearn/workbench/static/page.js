@@ -15,20 +15,39 @@ const pending = [];
 let count = 0;
 
 function act(kind, of = "", value = null) {
+  if (kind !== "slider") release();
   pending.push({n: ++count, kind, of, value});
   dash_clientside.set_props("acted", {data: [...pending]});
 }
 
 function redraw(...ids) {
   for (const id of ids) stale.add(id);
-  if (!globalThis.Plotly || !trials || !arrays.v_post) return;
-  for (const id of stale) {
-    const place = get(id);
-    if (!place || !near.has(id) || !place.clientWidth || (needs[id] && !needs[id]())) continue;
-    stale.delete(id);
-    drawn[id]();
-    if (id === "map") listenToMap(place);
-  }
+  while (redrawOne());
+}
+
+// Draw a figure that is near the window and not up to date; false if there is none.
+function redrawOne(among = stale) {
+  if (!globalThis.Plotly || !trials || !arrays.v_post) return false;
+  const ready = id => stale.has(id) && near.has(id) && get(id)?.clientWidth && (!needs[id] || needs[id]());
+  const id = [...among].find(ready);
+  if (!id) return false;
+  stale.delete(id);
+  drawn[id]();
+  if (id === "map") listenToMap(get(id));
+  return true;
+}
+
+// Draw figures one at a time, each behind what else the browser has to do.
+let waiting = false;
+function redrawSoon(...ids) {
+  for (const id of ids) { stale.delete(id); stale.add(id); }
+  if (waiting) return;
+  waiting = true;
+  setTimeout(() => { waiting = false; if (redrawOne()) redrawSoon(); });
+}
+
+function shown() {
+  document.documentElement.dataset.shown = String(Number(document.documentElement.dataset.shown ?? 0) + 1);
 }
 
 // A click selects a trial, a box a window of both variables.
@@ -112,22 +131,24 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
     for (const [id, chosen] of [["map-x", state.across], ["map-y", state.up]]) {
       get(id).replaceChildren(...options.map((text, k) => new Option(text, k, k === chosen, k === chosen)));
     }
+    showBox();
     return sent.source;
   },
   model(sent) {
     if (!sent || !trials || sent.count !== trials.count) return "";
     const outcome = floats(sent.v_post), N = trials.count;
-    arrays.v_post = (model, i, k) => outcome[(model * N + i) * 3 + k];
+    Object.assign(arrays, {outcome, v_post: (model, i, k) => outcome[(model * N + i) * 3 + k]});
     errors = [];
     page.models = sent.names.map(name => ({name, label: name}));
     page.effects = sent.effects.map(one => ({...one, curve: {...one.curve, x: Array.from(floats(one.curve.x))}}));
     const explained = sent.explained && floats(sent.explained), K = sent.effects.length;
     arrays.explained = (i, k) => explained[i * K + k];
-    const curves = showCurves();
+    still();
+    redraw(...showCurves());
+    redrawSoon("map", "picture", "impulse");
     showTrial();
     showWindow();
-    redraw("map", "picture", "impulse", ...curves);
-    document.documentElement.dataset.shown = String(Number(document.documentElement.dataset.shown ?? 0) + 1);
+    shown();
     return String(sent.error);
   },
   trial(sent) {
@@ -147,12 +168,14 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
     while (pending.length && pending[0].n <= number) pending.shift();
     return "";
   },
-  slider(values) {  // only where a person moved it: sliders also come anew
-    const moved = dash_clientside.callback_context.triggered[0];
-    if (moved && touched.of && performance.now() - touched.when < 3000) {
-      const {of} = JSON.parse(moved.prop_id.slice(0, moved.prop_id.lastIndexOf(".")));
-      if (of === touched.of) act("slider", of, moved.value);
-    }
+  slider() {
+    const moved = movedSlider();
+    if (moved) letGo(moved);
+    return "";
+  },
+  drag() {
+    const moved = movedSlider();
+    if (moved) preview(moved);
     return "";
   },
   curve(sent) {
@@ -165,7 +188,9 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
     if (!sent) return "";
     const scale = one => trials?.variables.find(variable => variable.name === one.variable)?.scale ?? 1;
     page.regions = sent.windows.map(one => ({...one, low: one.low / scale(one), high: one.high / scale(one), rows: sent.rows}));
+    page.windows = sent.windows;
     state.region = sent.windows.length ? 0 : -1;
+    showBox();
     if (arrays.v_post) showWindow();
     redraw("map");
     return "";
@@ -176,18 +201,11 @@ function chosenAxes() {
   state.across = Number(get("map-x").value);
   state.up = Number(get("map-y").value);
   state.alone = get("errors-of").value === "alone";
+  showBox();
   redraw("map");
 }
 
-// A slider is named by the line above it.
-function nameSliders() {
-  for (const part of document.querySelectorAll(".parameter")) {
-    part.querySelector("[role=slider]")?.setAttribute("aria-label", part.querySelector(".said span").textContent);
-  }
-}
-
 // Buttons, lists and sliders, wherever they are made.
-const touched = {of: "", when: 0};
 const named = place => JSON.parse(place.closest('[id^="{"]')?.id ?? "{}");
 
 document.addEventListener("click", ({target}) => {
@@ -200,19 +218,11 @@ document.addEventListener("change", ({target}) => {
   const {set, of} = named(target);
   if (set === "ticks") act("ticks", target.value, target.checked);
   if (set === "law") act("law", target.value);
-  if (set === "form") act("form", of, target.value);
+  if (set === "form" || set === "option") act(set, of, target.value);
 });
 document.addEventListener("keydown", ({target, key}) => {
   if (target.id === "line" && key === "Enter") act("line", target.value);
 });
-for (const event of ["pointerdown", "pointermove", "pointerup", "keydown"]) {
-  document.addEventListener(event, ({target, buttons, type}) => {
-    const {set, of} = target.closest?.(".parameter") ? named(target) : {};
-    if (set === "slider" && (type !== "pointermove" || buttons)) Object.assign(touched, {of, when: performance.now()});
-    else if (type === "pointerup" && touched.of) touched.when = performance.now();
-  }, true);
-}
-
 // The page is made by scripts: what it needs is attached once it is there.
 const begun = new MutationObserver(() => {
   if (!get("map")) return;

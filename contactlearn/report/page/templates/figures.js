@@ -259,6 +259,11 @@ function reach(law, i, momentum) {
 
 // Partial residuals of one effect, and the residual of the ticked model.
 function drawCurve(state, k, id = `curve-${k}`) {
+  const {traces, layout} = curveFigure(state, k);
+  return draw(id, traces, {...layout, showlegend: id === `curve-${k}`});
+}
+
+function curveFigure(state, k) {
   const {curve} = page.effects[k], {component, quantity} = curve;
   const on = state.ticked(page.effects[k].name), wrenches = quantity === "wrench";
   const milli = wrenches ? 1000 : 1, unit = `${wrenches ? "m" : ""}${curve.unit}`;
@@ -274,20 +279,20 @@ function drawCurve(state, k, id = `curve-${k}`) {
   const known = values => values.filter(value => value !== null);
   const ends = [share(without, 0.01), share(without, 0.99), ...explained, ...known(rest), 0];
   const low = Math.min(...ends), high = Math.max(...ends), dots = {type: "scatter", mode: "markers", hoverinfo: "skip"};
-  return draw(id, [
+  const traces = [
     {...dots, x, y: without, name: "Trials without it", marker: {size: 3.5, color: color("muted"), opacity: 0.45}},
     {...dots, x, y: explained, name: "Effect, by trial", marker: {size: 3, color: color("red"), opacity: 0.55}},
     {type: "scatter", mode: "lines", x: middle, y: effect, name: "Effect, mean", line: {color: color("red"), width: 2.5, dash: on ? "solid" : "dot"}},
     {type: "scatter", mode: "markers", x: middle, y: mean, name: "Trials, mean of a twentieth", marker: {size: 8, color: color("text")}},
     {type: "scatter", mode: "lines+markers", x: middle, y: rest, name: "Residual of the ticked model, mean",
      line: {color: color("accent"), width: 1.5}, marker: {size: 8, symbol: "square-open", color: color("accent"), line: {width: 2}}},
-  ], {
+  ];
+  return {traces, layout: {
     xaxis: {title: {text: plain(curve.variable + (variableUnit && ` (${variableUnit})`))}, ...(variableUnit === "°" && quarters)},
-    showlegend: id === `curve-${k}`,
     yaxis: {title: {text: plain(`Residual of ${curve.letter} (${unit})`)}, range: [low - 0.05 * (high - low), high + 0.05 * (high - low)]},
     summary: `The effect goes from ${digits(Math.min(...known(effect)))} to ${digits(Math.max(...known(effect)))} ${unit}; the mean residual of the ticked model from ${
       digits(Math.min(...known(rest)))} to ${digits(Math.max(...known(rest)))} ${unit}.`,
-  });
+  }};
 }
 
 // States before impact, and the drops to make next.
