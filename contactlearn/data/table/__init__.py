@@ -33,7 +33,7 @@ import torch
 from torch import Tensor
 
 from contactlearn.data.table import known, sheet
-from contactlearn.data.table.columns import COLUMNS, NAMES, REQUIRED, NamedColumns, name_columns
+from contactlearn.data.table.columns import COLUMNS, NAMES, REQUIRED, name_columns
 from contactlearn.data.table.units import SI, Units
 from contactlearn.errors import DataError
 from contactlearn.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
@@ -183,9 +183,10 @@ def _impacts(
 
 
 def _numbered(cells: sheet.Sheet) -> dict[str, Any]:
-    """Names and order of the rows, for a table that has none."""
+    """Names and order of the rows, those of them that a table has none of."""
     rows = range(cells.first + 1, cells.first + len(cells) + 1)
-    return {"trial": tuple(map(str, rows)), "order": torch.tensor(rows, dtype=torch.float64)}
+    values = {} if "trial" in cells.header else {"trial": tuple(map(str, rows))}
+    return values if "order" in cells.header else values | {"order": torch.tensor(rows, dtype=torch.float64)}
 
 
 def _numbers(cells: sheet.Sheet, column: str, units: Units) -> Tensor:
@@ -221,11 +222,12 @@ def _computed(path: Path, computed: Sequence[str], body: Shape, values: Mapping[
 def _complete(cells: sheet.Sheet) -> tuple[sheet.Sheet, dict[str, Any]]:
     """The rows in which no number is missing, with their numbers for names and order, and the names of the others."""
     values = _numbered(cells)
-    names = cells.names("trial") if "trial" in cells.header else values["trial"]
+    names = values.get("trial") or cells.names("trial")
     bad = cells.missing([column for column in cells.header if column not in NAMES])
     left = sorted({*range(1, len(cells) + 1)} - {*bad})
-    values = {"trial": tuple(names[row - 1] for row in left), "order": values["order"][[row - 1 for row in left]]}
-    return cells.without(bad), values | {"incomplete": tuple(names[row - 1] for row in bad)}
+    values = {name: value[[row - 1 for row in left]] for name, value in values.items() if name == "order"}
+    values |= {"trial": tuple(names[row - 1] for row in left), "incomplete": tuple(names[row - 1] for row in bad)}
+    return cells.without(bad), values
 
 
 def save(impacts: Impacts | Iterable[Impacts], path: str | os.PathLike[str]) -> Path:
