@@ -20,7 +20,7 @@ from contactlearn.identification.shared import SharedFit
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
 
-_DRAWN = 10_000  # trials of a cost surface
+_DRAWN = 5_000  # trials of a cost surface
 
 
 @dataclass(frozen=True, kw_only=True)
