@@ -86,7 +86,8 @@ def evaluation(folder: Path, sizes: list[int]) -> None:
     if len(rows) > 1:
         (few, first), (many, last) = rows[0], rows[-1]
         print(
-            f"slope {math.log(last / first) / math.log(many / few):.3f} over {math.log10(many / few):.1f} decades (0.9–1.1)"
+            f"slope {math.log(last / first) / math.log(many / few):.3f} over {math.log10(many / few):.1f} decades "
+            "(0.9–1.1)"
         )
 
 

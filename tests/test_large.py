@@ -13,6 +13,7 @@ from contactlearn.cli import compose
 from contactlearn.data import blocks as blocks_module
 from contactlearn.data import synthetic, table
 from contactlearn.data.blocks import Blocks, joined, sampled
+from contactlearn.data.stratified import stratified
 from contactlearn.data.table import large
 from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.evaluation import metrics
@@ -59,7 +60,8 @@ def test_blocks_of_a_table_are_the_table(suffix, drops, small_blocks, tmp_path):
     sizes = [len(block) for block in found.read()]
     assert sizes == [37] * 6 + [8]
     whole = joined([*found.read()])
-    assert whole.trial == drops.trial and whole.object == drops.object
+    assert whole.trial == drops.trial
+    assert whole.object == drops.object
     for name in COMPONENTS:
         if getattr(drops, name) is not None:
             assert torch.equal(getattr(whole, name), getattr(drops, name))
@@ -279,8 +281,21 @@ def test_nothing_half_written_is_seen(suffix, drops, tmp_path):
 def test_samples_are_the_same_again_and_of_what_they_are_asked_for():
     among = torch.arange(1000) % 3 > 0
     some = sampled(among, 100)
-    assert some.sum() == 100 and not (some & ~among).any()
+    assert some.sum() == 100
+    assert not (some & ~among).any()
     assert torch.equal(some, sampled(among, 100))
     assert sampled(among, 700) is among
     spread = np.diff(some.nonzero()[:, 0].numpy(), prepend=0)
     assert spread.max() < 100
+
+
+def test_a_stratified_sample_has_what_is_rare(small_blocks):
+    drops = synthetic.load(size=2000, seed=1)
+    drops = drops.replace(object=("common",) * 1990 + ("rare",) * 10)
+    chosen = stratified(Blocks.of(drops), 400)
+    picked = Blocks.of(drops).pick(chosen)
+    assert len(picked) == 400
+    assert picked.object.count("rare") > 5  # 2 of a random sample
+    assert (chosen.unflatten(0, (8, 250)).sum(1) > 25).all()
+    assert torch.equal(chosen, stratified(Blocks.of(drops), 400))
+    assert stratified(Blocks.of(drops), 5000).all()

@@ -194,18 +194,13 @@ def _condition(outer: Tensor, product: Tensor) -> tuple[Tensor, Tensor]:
     return root, solve_triangular(root, product[..., None], upper=False)[..., 0]
 
 
-def _loss(phi: Tensor, z: Tensor, x: Tensor, y: Tensor, weight: Tensor) -> Tensor:
-    """−bound of one process per point in nats; phi [D + 2] is the logarithm of its hyperparameters."""
-    outer, product = _sums(x, y, phi[-1].exp() / weight.square(), z, phi.exp())
-    return _negative_bound(phi, phi, z, outer, product, y, weight)
-
-
 def _negative_bound(
     phi: Tensor, at: Tensor, z: Tensor, outer: Tensor, product: Tensor, y: Tensor, weight: Tensor
 ) -> Tensor:
-    """`_loss` from the sums of `_sums` at hyperparameters `at`, as a function of phi about these.
+    """−bound of one process per point in nats, from the sums of `_sums` at hyperparameters `at`.
 
-    It follows K_zz, s² and σ² where they stand alone and in the sums, but not the length scales in K_zx.
+    phi [D + 2] is the logarithm of its hyperparameters.  The value is right at phi = at; the derivative there is that
+    through K_zz, s² and σ², where they stand alone and in the sums, but not through the length scales in K_zx.
     """
     scale, noise = (phi - at)[-2:].exp()
     turned = solve_triangular(_factor(z, phi.exp()), _factor(z, at.exp()), upper=False)  # 1, but for its derivative
@@ -219,11 +214,14 @@ def _negative_bound(
 
 
 def _loss_and_gradient(phi: Tensor, z: Tensor, x: Tensor, y: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
-    """`_loss` and its derivative in phi, in two passes over the points: one for the sums, one for the length scales."""
+    """−bound of one process per point in nats, and its derivative in phi [D + 2], its hyperparameters' logarithm.
+
+    There are two passes over the points: one for the sums, one for the length scales.
+    """
     theta, noise = phi.exp(), phi[-1].exp() / weight.square()
     free = [part.detach().requires_grad_() for part in (phi, *_sums(x, y, noise, z, theta))]
     with torch.enable_grad():
-        loss = _negative_bound(free[0], phi, z, *free[1:], y, weight)
+        loss = _negative_bound(free[0], phi, z, free[1], free[2], y, weight)
         gradient, by_outer, by_product = torch.autograd.grad(loss, free)
     L = _factor(z, theta)
     left = solve_triangular(L.mT, by_outer + by_outer.mT, upper=True)
@@ -245,7 +243,7 @@ def _sample(y: Tensor) -> Tensor:
 
 
 def _maximise(start: Tensor, few: Tensor, *data: Tensor) -> Minimum:
-    """log hyperparameters [B, D + 2] that minimise `_loss` of data (z, x, y, w) of B processes.
+    """log hyperparameters [B, D + 2] that minimise −bound of data (z, x, y, w) of B processes.
 
     The evidence of the points `few` gives the first curvature.
     """
