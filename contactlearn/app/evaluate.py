@@ -13,7 +13,7 @@ from rich.progress import Progress
 from contactlearn.app import curves, fitting, loading, record, results, settings
 from contactlearn.app.fitting import CostSurface
 from contactlearn.app.laws import compared_laws, given_law, named_laws
-from contactlearn.app.loading import Split, show_split, tracked
+from contactlearn.app.loading import Split, show_split, watched
 from contactlearn.app.means import FITTED, fits_on_disk, lower_train_size
 from contactlearn.app.transfer import transfer
 from contactlearn.errors import DataError
@@ -123,7 +123,7 @@ def _saved(
     sums, count = ErrorSums(held_out.predictions), data.unseen_trials
 
     def predicted() -> Iterator[tuple[Impacts, Mapping[str, Prediction]]]:
-        for impacts in tracked(bar, data.unseen(), count, "held-out trials"):
+        for impacts in watched(bar, data.unseen(), count, "held-out trials"):
             predictions = shown[1] if impacts is shown[0] else compared.predict(impacts)
             sums.add(impacts, predictions)
             yield impacts, predictions

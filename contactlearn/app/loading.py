@@ -204,7 +204,7 @@ def show_split(data: Split) -> None:
         terminal.show_samples(len(data.pool), len(data.test))
 
 
-def tracked(bar: Progress, blocks: Iterator[Impacts], trials: int, what: str) -> Iterator[Impacts]:
+def watched(bar: Progress, blocks: Iterator[Impacts], trials: int, what: str) -> Iterator[Impacts]:
     """Yield blocks of so many trials in all, and say after the first of several how long the others will take."""
     task, begin, done = bar.add_task(what, total=trials), time.monotonic(), 0
     for block in blocks:

@@ -13,7 +13,7 @@ from contactlearn import checkpoint
 from contactlearn.app import fitting, loading, record, results, settings
 from contactlearn.app.fitting import CostSurface
 from contactlearn.app.laws import given_law
-from contactlearn.app.loading import Split, show_split, tracked
+from contactlearn.app.loading import Split, show_split, watched
 from contactlearn.app.means import lower_train_size
 from contactlearn.effects import Effect
 from contactlearn.errors import ContactLearnError
@@ -99,7 +99,7 @@ def train(cfg: DictConfig) -> None:
     with terminal.progress() as bar:
         trained = _trained(cfg, task, data, bar)
         sums = ErrorSums((*trained.models, IRB))
-        for impacts in tracked(bar, data.unseen(), data.unseen_trials, "held-out trials"):
+        for impacts in watched(bar, data.unseen(), data.unseen_trials, "held-out trials"):
             predictions = {name: model.predict(impacts) for name, model in trained.models.items()}
             sums.add(impacts, predictions | {IRB: bounds.irb(impacts)})
     result = _result(cfg, task, data, trained, sums)

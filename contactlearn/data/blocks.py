@@ -108,8 +108,8 @@ def joined(parts: Sequence[Impacts]) -> Impacts:
 
 def _refuse_homonyms(source: str, hashes: np.ndarray, read: Callable[[], Iterator[Impacts]]) -> None:
     """Refuse a trial name that occurs twice; where hashes are equal the names are compared."""
-    ordered = np.sort(hashes)
-    twice = {*ordered[1:][ordered[1:] == ordered[:-1]].tolist()}
+    hashes.sort()
+    twice = {*hashes[1:][hashes[1:] == hashes[:-1]].tolist()}
     seen: dict[str, int] = {}
     row = 0
     for block in read() if twice else ():

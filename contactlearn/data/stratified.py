@@ -2,7 +2,8 @@
 
 Trials are sorted into cells: equal shares of cos θ, sin θ, v_x, v_y and ω before contact, objects, and eighths of the
 sequence; the larger the sample, the finer the shares.  From every cell the same number is drawn, and from cells with
-fewer all, so that rare combinations and objects are there.  One pass picks a random sample that tells the shares, one draws.
+fewer all, so that rare combinations and objects are there.  One pass picks a random sample that tells the shares, one
+draws.
 """
 
 import torch

@@ -110,11 +110,11 @@ def read_blocks(
     path: str | os.PathLike[str],
     rows: int | None,
     *,
-    shape: dict[str, Any] | Shape | None = None,
-    columns: Mapping[str, str | None] | None = None,
-    units: Mapping[str, str] = SI,
-    suspect: bool = False,
     drop_incomplete: bool = False,
+    suspect: bool = False,
+    units: Mapping[str, str] = SI,
+    columns: Mapping[str, str | None] | None = None,
+    shape: dict[str, Any] | Shape | None = None,
 ) -> Iterator[Table]:
     """Impacts from the table file `path`, `rows` at a time, so that the file need not fit in memory.
 
