@@ -34,7 +34,7 @@ def evaluate_all(path: Path) -> None:
     """Print trials, seconds of the processor and peak memory in MB of an evaluation of all impacts of a table."""
     few = made(path.parent, 300)
     evaluated(few)  # imports and first calls
-    before, start, repeats = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time(), 0
+    trials, before, start, repeats = 0, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time(), 0
     while time.process_time() - start < 2:  # a small table several times
         trials = evaluated(path)
         repeats += 1
