@@ -4,6 +4,7 @@ Each message says the rule, the value seen and the likely fix.  `suggest` adds t
 known names when a name is not one of them.
 """
 
+import re
 import unicodedata
 from collections.abc import Iterable
 
@@ -21,6 +22,11 @@ class DataError(ContactLearnError):
     def __init__(self, message: str, *, row: int | None = None, column: str | None = None):
         super().__init__(message)
         self.row, self.column = row, column
+
+    def below(self, rows: int) -> "DataError":
+        """The same error of a row in a block of a table, with `rows` rows above the block."""
+        text = re.sub(r"(?<=[:;f] row )\d+", lambda number: str(int(number[0]) + rows), str(self))
+        return DataError(text, row=self.row and self.row + rows, column=self.column)
 
 
 class UnknownNameError(ContactLearnError):

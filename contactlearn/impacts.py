@@ -14,7 +14,6 @@ holds float64 tensors in SI units; validation happens once, when it is made.
     apparatus                          optional: what is known of it without any impact
 """
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -27,6 +26,8 @@ from torch import Tensor
 from contactlearn import mechanics
 from contactlearn.apparatus import Apparatus
 from contactlearn.errors import DataError, UnknownNameError
+from contactlearn.fingerprint import Fingerprint
+from contactlearn.numerics import random_share
 from contactlearn.shapes import Shape
 
 _PAIRS = ("vx_vx", "vx_vy", "vx_omega", "vy_vy", "vy_omega", "omega_omega")
@@ -233,27 +234,24 @@ class Impacts:
 
     def fingerprint(self) -> str:
         """SHA-256 of the names and numbers, to tell later which data a result came from."""
-        digest = hashlib.sha256(repr((self.trial, self.object)).encode())
-        for name in COMPONENTS:
-            value = getattr(self, name)
-            digest.update(name.encode() + (b"" if value is None else value.contiguous().numpy().tobytes()))
-        for name in COVARIANCES:
-            if (value := getattr(self, name)) is not None:
-                digest.update(name.encode() + value.contiguous().numpy().tobytes())
-        if self.apparatus is not None:
-            digest.update(repr(self.apparatus).encode())
+        digest = Fingerprint()
+        self.add_to(digest)
         return digest.hexdigest()
+
+    def add_to(self, digest: Fingerprint) -> None:
+        """Continue a fingerprint with the names and numbers of these impacts."""
+        digest.add_texts("trial", self.trial)
+        digest.add_texts("object", self.object)
+        for name in (*COMPONENTS, *COVARIANCES):
+            if (value := getattr(self, name)) is not None:
+                digest.add_numbers(name, value)
+        if self.apparatus is not None:
+            digest.set_text("apparatus", repr(self.apparatus))
 
     def split(self, test: float, generator: torch.Generator) -> tuple["Impacts", "Impacts"]:
         """Random (training pool, held-out test) with a share `test` of the trials held out."""
-        held_out = round(test * len(self))
-        if not 0 < held_out < len(self):
-            rest = "train" if held_out else "test"
-            raise DataError(
-                f"{self.source}: cannot hold out a share {test} of {len(self)} trials, for none is left to {rest} on"
-            )
-        order = torch.randperm(len(self), generator=generator)
-        return self[order[held_out:].sort().values], self[order[:held_out].sort().values]
+        held_out = random_share(len(self), test, generator, self.source)
+        return self[~held_out], self[held_out]
 
 
 def measured_impulse(impacts: Impacts, target: str = "momentum") -> Float[Tensor, "n 2"]:

@@ -4,7 +4,7 @@
     wrapped             an angle in (−π, π]
     finite_number       a setting as a finite float, or a DataError that names its rule; `whole` likewise
     is_number, is_whole the same as a test
-    random              float64 random numbers of a generator
+    random              float64 random numbers of a generator; `random_share` some of many trials, to hold them out
     number, measured    a number as text; a value with its standard error and unit as text
     written_whole       a file that appears whole or not at all
 
@@ -21,7 +21,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, TypeGuard
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.errors import DataError
@@ -44,6 +44,21 @@ def wrapped(angle: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
 def random(draw: Callable[..., Tensor], shape: tuple[int, ...], generator: torch.Generator) -> Float[Tensor, "*shape"]:
     """float64 numbers of `torch.rand` or `torch.randn` from a generator."""
     return draw(shape, generator=generator, dtype=torch.float64)
+
+
+def random_share(trials: int, share: float, generator: torch.Generator, source: str) -> Bool[Tensor, "trials"]:
+    """A random share of trials to hold out.
+
+    Raises:
+        DataError: none would be held out, or all.
+    """
+    count = round(share * trials)
+    if not 0 < count < trials:
+        rest = "train" if count else "test"
+        raise DataError(f"{source}: cannot hold out a share {share} of {trials} trials, for none is left to {rest} on")
+    held_out = torch.zeros(trials, dtype=torch.bool)
+    held_out[torch.randperm(trials, generator=generator)[:count]] = True
+    return held_out
 
 
 def is_number(value: Any) -> TypeGuard[float]:

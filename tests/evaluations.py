@@ -5,6 +5,7 @@ import torch
 from contactlearn.app.results import ranked
 from contactlearn.effects import EffectId
 from contactlearn.evaluation.metrics import METRICS, Interval, bootstrap
+from contactlearn.evaluation.sums import ErrorSums
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors
 from contactlearn.results.evaluation import Evaluation, LearningCurve
 from contactlearn.results.held_out import HeldOut
@@ -96,7 +97,9 @@ def evaluation_of(impacts, predictions, laws, config, curves=()):
             for key, metric in METRICS.items()
         }
         table[name] = ModelErrors(**intervals, outside_admissible=0.0)
-    best, differences = ranked(impacts, predictions)
+    sums = ErrorSums(predictions)
+    sums.add(impacts, predictions)
+    best, differences = ranked(sums)
     law = min(laws, key=lambda name: table[name].headline)
     result = Evaluation(
         provenance=provenance(config, impacts.source, len(impacts), impacts.fingerprint()),

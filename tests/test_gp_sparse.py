@@ -40,7 +40,7 @@ def losses(gps: SparseGPs, weight: torch.Tensor | None) -> torch.Tensor:
     (x,), y, z = gps.train_inputs, gps.train_targets, gps.covar_module.inducing_points
     weight = torch.ones_like(y) if weight is None else weight
     pairs = zip(gps.hyperparameters().log(), z, x, y, weight, strict=True)
-    return torch.stack([sparse._loss(*process) for process in pairs])
+    return torch.stack([sparse._loss_and_gradient(*process)[0] for process in pairs])
 
 
 @WEIGHTED
@@ -134,7 +134,7 @@ def test_training_ends_at_the_maximum(fitted):
     theta, z = gps.hyperparameters(), gps.covar_module.inducing_points
     for p, *process, loss in zip(theta.log(), z, *gps.train_inputs, y, w, fit.loss, strict=True):
         for step in (*0.3 * torch.eye(5).double(), *-0.3 * torch.eye(5).double()):
-            assert sparse._loss(p + step, *process) > loss - 1e-4
+            assert sparse._loss_and_gradient(p + step, *process)[0] > loss - 1e-4
     assert (gps.likelihood.noise[:, 0].sqrt() / 0.2 - 1).abs().max() < 0.1
 
 
@@ -206,3 +206,44 @@ def test_inducing_points_are_spread():
     heavy = ones.clone()
     heavy[7] = 3
     torch.testing.assert_close(sparse._spread(x, heavy, theta)[0], x[7])
+
+
+@WEIGHTED
+def test_sums_over_blocks_change_nothing(weighted, monkeypatch):
+    """The loss, its derivative, predictions and left-out errors are those of all points at once."""
+    monkeypatch.setattr(sparse, "INDUCING", 12)
+    x, y, w = problem(weighted=weighted)
+    found = []
+    for block in (100, 13):
+        monkeypatch.setattr(sparse, "_BLOCK", block)
+        gps = SparseGPs(x, y, w)
+        theta, weight = set_hyperparameters(gps), torch.ones_like(y) if w is None else w
+        process = theta[0].log(), gps.covar_module.inducing_points[0], x, y[0], weight[0]
+        found.append((*sparse._loss_and_gradient(*process), *gps.predict(x + 0.1), *gps.leave_one_out()))
+    for one, other in zip(*found, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-9)
+
+
+@WEIGHTED
+def test_the_derivative_is_that_of_the_loss(weighted):
+    x, y, w = problem(weighted=weighted)
+    weight = torch.ones_like(y) if w is None else w
+    phi, data = torch.tensor([0.1, 0.2, -0.3, 0.4, -2.0]).double(), (x[:12], x, y[0], weight[0])
+    _, gradient = sparse._loss_and_gradient(phi, *data)
+    for place, step in enumerate(1e-5 * torch.eye(5).double()):
+        up, down = (sparse._loss_and_gradient(phi + sign * step, *data)[0] for sign in (1, -1))
+        torch.testing.assert_close(gradient[place], (up - down) / 2e-5, rtol=1e-5, atol=1e-7)
+
+
+def test_a_search_that_begins_on_a_sample_ends_at_the_maximum_of_all(monkeypatch):
+    monkeypatch.setattr(sparse, "INDUCING", 12)
+    monkeypatch.setattr(sparse, "_FEW", 30)
+    monkeypatch.setattr(sparse, "_SAMPLE", 60)
+    x, y, w = problem(n=150, weighted=True)
+    gps = SparseGPs(x, y, w)
+    fit = gps.fit()
+    z = gps.covar_module.inducing_points
+    for p, *process in zip(gps.hyperparameters().log(), z, *gps.train_inputs, y, w, strict=True):
+        _, gradient = sparse._loss_and_gradient(p, *process)
+        assert gradient.abs().max() < 0.02
+    assert fit.converged.all()

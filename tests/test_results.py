@@ -21,7 +21,7 @@ from contactlearn.report.page.redraw import has_page, redraw
 from contactlearn.results import folder as run_folder
 from contactlearn.results.estimates import ModelErrors
 from contactlearn.results.evaluation import CurveCalibration, LearningCurve
-from contactlearn.results.held_out import HeldOut
+from contactlearn.results.held_out import HeldOut, save_held_out
 from contactlearn.results.transfer import BodyTransfer, Transfer
 from contactlearn.shapes import make_shape, shape_entries
 
@@ -89,11 +89,15 @@ def small():
     return evaluation_of(impacts, predictions | {"irb": bounds.irb(impacts)}, laws, {})
 
 
+def save(held_out, folder, tables):
+    save_held_out(folder, tables, [held_out.impacts], [(held_out.impacts, held_out.predictions)])
+
+
 @pytest.mark.parametrize("tables", ["parquet", "csv"])
 def test_held_out_trials_are_read_as_they_were_written(small, tables, tmp_path):
     result, held_out = small
     result = dataclasses.replace(result, tables=tables)
-    held_out.save(tmp_path, tables)
+    save(held_out, tmp_path, tables)
     again = HeldOut.load(tmp_path, result)
     assert again.impacts.fingerprint() == held_out.impacts.fingerprint()
     assert again.impacts.shape == held_out.impacts.shape
@@ -105,9 +109,9 @@ def test_held_out_trials_are_read_as_they_were_written(small, tables, tmp_path):
 
 def test_tables_of_other_runs_are_refused(small, tmp_path):
     result, held_out = small
-    held_out.save(tmp_path, "parquet")
+    save(held_out, tmp_path, "parquet")
     other = Prediction(held_out.impacts.v_post[:20], held_out.impacts.wrench[:20])
-    HeldOut(impacts=held_out.impacts[:20], predictions={"irb": other}).save(tmp_path / "other", "parquet")
+    save(HeldOut(impacts=held_out.impacts[:20], predictions={"irb": other}), tmp_path / "other", "parquet")
     shutil.copy(tmp_path / "other" / "predictions.parquet", tmp_path)
     with pytest.raises(DataError, match="are not the held-out ones"):
         HeldOut.load(tmp_path, result)

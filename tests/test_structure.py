@@ -27,7 +27,7 @@ PACKAGE = ROOT / "contactlearn"
 ORDER = (
     ("errors", "lazy"),
     ("numerics", "serialisation"),
-    ("shapes", "mechanics", "apparatus"),
+    ("shapes", "mechanics", "apparatus", "fingerprint"),
     ("impacts",),
     ("noise_weight",),
     ("tracks",),

@@ -1,6 +1,7 @@
 """Compare laws and learned models with the bounds on held-out trials, and draw their learning curves."""
 
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,14 +13,16 @@ from rich.progress import Progress
 from contactlearn.app import curves, fitting, loading, record, results, settings
 from contactlearn.app.fitting import CostSurface
 from contactlearn.app.laws import compared_laws, given_law, named_laws
-from contactlearn.app.loading import Split
+from contactlearn.app.loading import Split, show_split, watched
+from contactlearn.app.means import FITTED, fits_on_disk, lower_train_size
 from contactlearn.app.transfer import transfer
 from contactlearn.errors import DataError
 from contactlearn.evaluation import bounds, metrics
+from contactlearn.evaluation.sums import ErrorSums
 from contactlearn.identification.joint import JointFit
 from contactlearn.identification.per_trial import TrialFit, identify_trials
 from contactlearn.identification.shared import SharedFit
-from contactlearn.impacts import Prediction
+from contactlearn.impacts import Impacts, Prediction
 from contactlearn.learning.curves import Curve
 from contactlearn.model import ContactModel
 from contactlearn.report import terminal
@@ -30,23 +33,26 @@ from contactlearn.report.page.page import write
 from contactlearn.report.tensorboard import Tracker
 from contactlearn.results import folder as run_folder
 from contactlearn.results.evaluation import BEST_POST_HOC, IRB, Evaluation
-from contactlearn.results.held_out import HeldOut
+from contactlearn.results.held_out import HeldOut, save_held_out
 from contactlearn.results.tables import save_curves, save_trial_parameters
 from contactlearn.shapes import shape_entries
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Compared:
-    """Fits to the pool, predictions of the held-out trials by model and bound, and (μ, ε) of single trials by law."""
+    """Fits to the pool, (μ, ε) of single trials by law, and the norm of the bounds."""
 
     fits: tuple[SharedFit, ...]
     joint: Mapping[str, JointFit]
-    predictions: Mapping[str, Prediction]
     trials: Mapping[str, TrialFit]
+    norm: str
 
-    @property
-    def bounds(self) -> dict[str, Prediction]:
-        return {name: self.predictions[name] for name in (BEST_POST_HOC, IRB)}
+    def predict(self, impacts: Impacts) -> dict[str, Prediction]:
+        """What every model and bound says of impacts, by name."""
+        found = {fit.law.name: ContactModel(fit.to_law()).predict(impacts) for fit in self.fits}
+        best, _ = bounds.best_post_hoc(impacts, found, self.norm)
+        found |= {BEST_POST_HOC: best, IRB: bounds.irb(impacts, self.norm)}
+        return found | {name: fit.model.predict(impacts) for name, fit in self.joint.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,63 +72,82 @@ def evaluate(cfg: DictConfig) -> None:
         transfer(cfg)
         return
     folder = results.run_folder()
+    lower_train_size(cfg)
     data = loading.split(cfg, folder)
-    terminal.show_data(data.impacts.source, len(data.pool), len(data.test))
+    show_split(data)
     row = _row(cfg, data)
     with terminal.progress() as bar:
         compared = _compared(cfg, data, bar)
-    result = _result(cfg, data, compared)
-    held_out = HeldOut(impacts=data.test, predictions=compared.predictions)
-    held_out.save(folder, cfg.tables)
+        held_out = HeldOut(impacts=data.test, predictions=compared.predict(data.test))
+        sums = _saved(cfg, data, compared, held_out, folder, bar)
+    result = _result(cfg, data, compared, sums)
     save_trial_parameters(data.impacts, list(compared.trials.values()), folder / f"trial_parameters.{cfg.tables}")
     run_folder.write_result(folder, result)
     _show(cfg, result)
     learned = {}
     if settings.recipes(cfg):
-        result, learned = _with_curves(cfg, data, compared, result, folder)
+        result, learned = _with_curves(cfg, data, held_out, result, folder)
     with terminal.progress() as bar:
         extras = _extras(cfg, data, bar)
-    drawn = _drawn(cfg, data, compared, result, extras, row)
+    drawn = _drawn(cfg, data, compared, held_out, result, extras, row)
     if learned:
-        drawn |= curves.draw_curves(result, learned, data.test, compared.bounds)
+        drawn |= curves.draw_curves(result, learned, data.test, held_out.bounds)
     _record(cfg, folder, data, result, drawn)
     write(folder, of_evaluation(result, held_out))
     terminal.show_folder(folder)
 
 
 def _compared(cfg: DictConfig, data: Split, bar: Progress) -> _Compared:
-    """Fit the laws, and `law` with the effects if there are any, and predict the held-out trials."""
-    pool, test, effects = data.pool, data.test, settings.effects(cfg)
+    """Fit the laws, and `law` with the effects if there are any."""
+    pool, effects = data.pool, settings.effects(cfg)
     laws = compared_laws(cfg)
     fits = tuple(fitting.identify_law(cfg, law, pool, data.generator, bar) for law in laws.values())
-    predictions, joint = {fit.law.name: ContactModel(fit.to_law()).predict(test) for fit in fits}, {}
+    joint: dict[str, JointFit] = {}
     if effects:
         rows = torch.arange(len(pool))
         found = fitting.fit_with_effects(cfg, given_law(cfg), effects, pool, rows, bar)
-        joint = {f"{name} (joint)" if name in predictions else name: fit for name, fit in found.items()}
-    best, _ = bounds.best_post_hoc(test, predictions, cfg.bounds.norm)
-    predictions |= {BEST_POST_HOC: best, IRB: bounds.irb(test, cfg.bounds.norm)}
-    predictions |= {name: fit.model.predict(test) for name, fit in joint.items()}
+        joint = {f"{name} (joint)" if name in laws else name: fit for name, fit in found.items()}
     every = laws | named_laws(cfg, [cfg.figures.parameters])
     trials = {
         name: identify_trials(law, data.impacts, target=cfg.train.target, box=settings.box(cfg))
         for name, law in bar.track(every.items(), description="every trial")
     }
-    return _Compared(fits=fits, joint=joint, predictions=predictions, trials=trials)
+    return _Compared(fits=fits, joint=joint, trials=trials, norm=cfg.bounds.norm)
 
 
-def _result(cfg: DictConfig, data: Split, compared: _Compared) -> Evaluation:
+def _saved(
+    cfg: DictConfig, data: Split, compared: _Compared, held_out: HeldOut, folder: Path, bar: Progress
+) -> ErrorSums:
+    """Predict all held-out trials, block by block, write them to tables, and add up their errors."""
+    shown = data.test, held_out.predictions
+    sums, count = ErrorSums(held_out.predictions), data.unseen_trials
+
+    def predicted() -> Iterator[tuple[Impacts, Mapping[str, Prediction]]]:
+        for impacts in watched(bar, data.unseen(), count, "held-out trials"):
+            predictions = shown[1] if impacts is shown[0] else compared.predict(impacts)
+            sums.add(impacts, predictions)
+            yield impacts, predictions
+
+    if fits_on_disk(folder, count * len(sums.models)):
+        save_held_out(folder, cfg.tables, data.unseen(), predicted())
+    else:
+        deque(predicted(), maxlen=0)
+        save_held_out(folder, cfg.tables, [data.test], [shown])
+    return sums
+
+
+def _result(cfg: DictConfig, data: Split, compared: _Compared, sums: ErrorSums) -> Evaluation:
     """The result without learning curves.
 
     Runs are compared by the law with its effects, else by the law, or by the best one if that is not among them.
     """
-    errors = results.error_table(data.test, compared.predictions, cfg.bootstrap, data.generator)
+    errors = results.error_table(sums, cfg.bootstrap, data.generator)
     joint = {name: results.joint_estimate(fit) for name, fit in compared.joint.items()}
-    best, differences = results.ranked(data.test, compared.predictions)
+    best, differences = results.ranked(sums)
     law, laws = given_law(cfg).name, [fit.law.name for fit in compared.fits]
     law = law if joint or law in laws else min(laws, key=lambda name: errors[name].headline)
     return Evaluation(
-        provenance=results.provenance(data.impacts, cfg),
+        provenance=results.provenance(data.blocks, cfg),
         model=list(joint)[-1] if joint else law,
         law=law,
         effects=results.effect_ids(settings.effects(cfg)),
@@ -147,11 +172,11 @@ def _show(cfg: DictConfig, result: Evaluation) -> None:
 
 
 def _with_curves(
-    cfg: DictConfig, data: Split, compared: _Compared, result: Evaluation, folder: Path
+    cfg: DictConfig, data: Split, held_out: HeldOut, result: Evaluation, folder: Path
 ) -> tuple[Evaluation, dict[str, Curve]]:
     """Add learning curves to the result, write it again and print them; with the curves that are no law's."""
     found, learned = curves.learning_study(cfg, data)
-    levels = curves.mean_errors(data.test, compared.bounds)
+    levels = curves.mean_errors(data.test, held_out.bounds)
     entries = {name: curves.curve_entry(curve, levels, data.generator, cfg.bootstrap) for name, curve in found.items()}
     result = replace(result, learning_curves=entries)
     save_curves(found, folder / f"learning_curves.{cfg.tables}")
@@ -162,7 +187,8 @@ def _with_curves(
 
 def _extras(cfg: DictConfig, data: Split, bar: Progress) -> _Extras:
     # Every k up to 120, and as many of a larger range.
-    sizes = torch.linspace(1, cfg.train.size, min(cfg.train.size, 120)).round().int().tolist()
+    most = min(cfg.train.size, FITTED)
+    sizes = torch.linspace(1, most, min(most, 120)).round().int().tolist()
     (law,) = named_laws(cfg, [cfg.figures.surface]).values()
     repetitions = cfg.figures.repetitions
     widths = cfg.bounds.patch * torch.linspace(0, 1, 25, dtype=torch.float64) ** 2  # dense where the bound falls
@@ -202,14 +228,20 @@ def _record(cfg: DictConfig, folder: Path, data: Split, result: Evaluation, draw
 
 
 def _drawn(
-    cfg: DictConfig, data: Split, compared: _Compared, result: Evaluation, extras: _Extras, row: int | None
+    cfg: DictConfig,
+    data: Split,
+    compared: _Compared,
+    held_out: HeldOut,
+    result: Evaluation,
+    extras: _Extras,
+    row: int | None,
 ) -> dict[str, Figure]:
     """Draw the figures of an evaluation by file name, but for learning curves."""
     test, box, axis = data.test, settings.box(cfg), record.headline_axis(cfg)
     drawn = record.draw_effects(list(compared.joint.values())[-1].model, test) if compared.joint else {}
     laws = {fit.law.name: fit.to_law() for fit in compared.fits}
     headline = metrics.METRICS[metrics.HEADLINE]
-    per_trial = {name: headline.error(test, prediction) for name, prediction in compared.predictions.items()}
+    per_trial = {name: headline.error(test, prediction) for name, prediction in held_out.predictions.items()}
     headlines = record.headline_errors(result.errors)
     intervals = {name: (one.mean, one.low, one.high) for name, one in headlines.items()}
     best = min(laws, key=lambda name: intervals[name])

@@ -11,12 +11,16 @@ from rich.progress import Progress
 from torch import Tensor
 
 from contactlearn.app import settings
+from contactlearn.app.means import FITTED
+from contactlearn.data.blocks import sampled
 from contactlearn.effects import Effect
 from contactlearn.identification import shared
 from contactlearn.identification.joint import JointFit, identify_jointly
 from contactlearn.identification.shared import SharedFit
 from contactlearn.impacts import Impacts
 from contactlearn.laws import Law
+
+_DRAWN = 5_000  # trials of a cost surface
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,11 +53,11 @@ def identify_law(
         pool: the trials to draw subsets from.
         generator: source of the subsets.
         bar: shows the progress.
-        sizes: of the subsets; `train.size` if None.
+        sizes: of the subsets; `train.size` if None, but at most `FITTED`.
         repetitions: number of subsets; `train.repetitions` if None.
         orders: of the pool's trials, the subsets being the first of each; drawn if None.
     """
-    sizes = (cfg.train.size,) if sizes is None else sizes
+    sizes = (min(cfg.train.size, FITTED),) if sizes is None else sizes
     verb = "converging" if len(sizes) > 1 else "identifying"
     return shared.identify(
         law,
@@ -96,8 +100,9 @@ def augmented_name(law: str, effects: Iterable[str]) -> str:
 
 
 def law_surface(cfg: DictConfig, law: Law, pool: Impacts) -> CostSurface:
-    """Evaluate the cost of a law over the whole box, and find its minimum, on the whole pool."""
+    """Evaluate the cost of a law over the whole box, and find its minimum, on the pool or a random sample of it."""
     mu, eps = settings.box(cfg).axes()
+    pool = pool[sampled(torch.ones(len(pool), dtype=torch.bool), _DRAWN)]
     least = shared.identify(
         law, pool, sizes=(len(pool),), repetitions=1, box=settings.box(cfg), target=cfg.train.target
     )

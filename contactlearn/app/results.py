@@ -13,14 +13,16 @@ from omegaconf import DictConfig
 
 import contactlearn
 from contactlearn.app.plain import plain_values
+from contactlearn.data.blocks import Blocks
 from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import Effect, EffectId
 from contactlearn.evaluation import metrics
 from contactlearn.evaluation.metrics import Interval
+from contactlearn.evaluation.sums import ErrorSums
 from contactlearn.identification.joint import JointFit
 from contactlearn.identification.known import known_parameters
 from contactlearn.identification.shared import SharedFit
-from contactlearn.impacts import Impacts, Prediction
+from contactlearn.impacts import Impacts
 from contactlearn.learning.recipe import TARGETS, Recipe
 from contactlearn.regression.features import SPACES
 from contactlearn.regression.regressor import Regressor
@@ -46,11 +48,12 @@ def run_folder() -> Path:
     return Path(HydraConfig.get().runtime.output_dir)
 
 
-def provenance(impacts: Impacts, cfg: DictConfig) -> Provenance:
+def provenance(data: Impacts | Blocks, cfg: DictConfig) -> Provenance:
     """Say which data, code, configuration and command give the result of this run."""
+    blocks = Blocks.of(data) if isinstance(data, Impacts) else data
     packages = {name: version(name) for name in ("torch", "gpytorch", "numpy")}
     return Provenance(
-        data=DataSource(source=impacts.source, trials=len(impacts), sha256=impacts.fingerprint()),
+        data=DataSource(source=blocks.source, trials=blocks.trials, sha256=blocks.sha256),
         versions={"contactlearn": contactlearn.__version__, "python": platform.python_version(), **packages},
         config=plain_values(cfg),
         command=command_line(),
@@ -126,32 +129,27 @@ def process_estimates(recipe: Recipe, regressor: Regressor) -> tuple[ProcessEsti
     return tuple(entries)
 
 
-def error_table(
-    test: Impacts, predictions: Mapping[str, Prediction], resamples: int, generator: torch.Generator
-) -> dict[str, ModelErrors]:
+def error_table(sums: ErrorSums, resamples: int, generator: torch.Generator) -> dict[str, ModelErrors]:
     """Return the errors of every model; all models and metrics have the same resamples of the trials."""
     state = generator.get_state()
     table = {}
-    for name, prediction in predictions.items():
+    for name in sums.models:
         intervals = {}
-        for key, metric in metrics.METRICS.items():
+        for key in metrics.METRICS:
             generator.set_state(state)
-            intervals[key] = metrics.bootstrap(metric.error(test, prediction), generator, resamples)
-        outside = metrics.outside_admissible(test, prediction.wrench[..., :2])
-        table[name] = ModelErrors(**intervals, outside_admissible=outside.double().mean().item())
+            intervals[key] = sums.interval(key, name, generator, resamples)
+        table[name] = ModelErrors(**intervals, outside_admissible=sums.outside_admissible(name))
     return table
 
 
-def ranked(test: Impacts, predictions: Mapping[str, Prediction]) -> tuple[str, dict[str, Interval]]:
+def ranked(sums: ErrorSums) -> tuple[str, dict[str, Interval]]:
     """Compare the models by their mass error on the same trials.
 
     Returns:
         The model with the least mean error, bounds aside; and the error of each other model less that of the best,
         paired by trial, with its interval, the smallest mean first.
     """
-    errors = {
-        name: metrics.mass_error(test, one) for name, one in predictions.items() if name not in (BEST_POST_HOC, IRB)
-    }
-    best, *others = sorted(errors, key=lambda name: errors[name].mean().item())
+    models = [name for name in sums.models if name not in (BEST_POST_HOC, IRB)]
+    best, *others = sorted(models, key=lambda name: sums.mean(metrics.HEADLINE, name))
     generator = torch.Generator().manual_seed(0)
-    return best, {name: metrics.bootstrap(errors[name] - errors[best], generator) for name in others}
+    return best, {name: sums.difference(metrics.HEADLINE, name, best, generator) for name in others}

@@ -13,10 +13,12 @@ from contactlearn import checkpoint
 from contactlearn.app import fitting, loading, record, results, settings
 from contactlearn.app.fitting import CostSurface
 from contactlearn.app.laws import given_law
-from contactlearn.app.loading import Split
+from contactlearn.app.loading import Split, show_split, watched
+from contactlearn.app.means import lower_train_size
 from contactlearn.effects import Effect
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation import bounds, metrics
+from contactlearn.evaluation.sums import ErrorSums
 from contactlearn.identification.joint import JointFit
 from contactlearn.identification.shared import SharedFit
 from contactlearn.impacts import Impacts, Prediction
@@ -30,6 +32,7 @@ from contactlearn.report.figures import quality
 from contactlearn.report.tensorboard import Tracker
 from contactlearn.results import folder as run_folder
 from contactlearn.results.estimates import ProcessEstimate
+from contactlearn.results.evaluation import IRB
 from contactlearn.results.training import Training
 
 CHECKPOINT = "model.pt"
@@ -90,16 +93,20 @@ def train(cfg: DictConfig) -> None:
     """Train the one model of the configuration, save it, and compare its predictions with the held-out trials."""
     settings.check(cfg)
     task, folder = _Task.of(cfg), results.run_folder()
+    lower_train_size(cfg)
     data = loading.split(cfg, folder)
-    terminal.show_data(data.impacts.source, len(data.pool), len(data.test))
+    show_split(data)
     with terminal.progress() as bar:
         trained = _trained(cfg, task, data, bar)
-    predictions = {name: model.predict(data.test) for name, model in trained.models.items()}
-    result = _result(cfg, task, data, trained, predictions)
+        sums = ErrorSums((*trained.models, IRB))
+        for impacts in watched(bar, data.unseen(), data.unseen_trials, "held-out trials"):
+            predictions = {name: model.predict(impacts) for name, model in trained.models.items()}
+            sums.add(impacts, predictions | {IRB: bounds.irb(impacts)})
+    result = _result(cfg, task, data, trained, sums)
     checkpoint.save(trained.model, folder / CHECKPOINT, provenance=asdict(result.provenance))
     run_folder.write_result(folder, result)
     _show(result)
-    _record(cfg, folder, result, trained, _drawn(task, trained, data.test, predictions[trained.name]))
+    _record(cfg, folder, result, trained, _drawn(task, trained, data.test))
     terminal.show_folder(folder)
 
 
@@ -133,14 +140,12 @@ def _identified(cfg: DictConfig, law: Law, data: Split, bar: Progress) -> _Train
     return _Trained(fits=(fit,), joint={}, models={law.name: ContactModel(fit.to_law())}, surface=surface)
 
 
-def _result(
-    cfg: DictConfig, task: _Task, data: Split, trained: _Trained, predictions: Mapping[str, Prediction]
-) -> Training:
-    errors = results.error_table(data.test, predictions, cfg.bootstrap, data.generator)
-    irb = metrics.mass_error(data.test, bounds.irb(data.test))
+def _result(cfg: DictConfig, task: _Task, data: Split, trained: _Trained, sums: ErrorSums) -> Training:
+    errors = results.error_table(sums, cfg.bootstrap, data.generator)
+    del errors[IRB]
     recipe, regressor = task.recipe, trained.regressor
     return Training(
-        provenance=results.provenance(data.impacts, cfg),
+        provenance=results.provenance(data.blocks, cfg),
         model=trained.name,
         learned=None if recipe is None else task.name,
         law=None if task.law is None else task.law.name,
@@ -150,7 +155,7 @@ def _result(
         fits=tuple(map(results.law_estimate, trained.fits)),
         joint={name: results.joint_estimate(fit) for name, fit in trained.joint.items()},
         errors=errors,
-        irb=metrics.bootstrap(irb, data.generator, cfg.bootstrap),
+        irb=sums.interval(metrics.HEADLINE, IRB, data.generator, cfg.bootstrap),
         processes=() if recipe is None or regressor is None else results.process_estimates(recipe, regressor),
         processes_kind=None if regressor is None else regressor.kind,
     )
@@ -193,7 +198,7 @@ def _hyperparameters(processes: Iterable[ProcessEstimate]) -> dict[str, float]:
     return values
 
 
-def _drawn(task: _Task, trained: _Trained, test: Impacts, prediction: Prediction) -> dict[str, Figure]:
+def _drawn(task: _Task, trained: _Trained, test: Impacts) -> dict[str, Figure]:
     """Draw the figures of a training by file name."""
     drawn = {}
     if task.effects:
@@ -201,7 +206,7 @@ def _drawn(task: _Task, trained: _Trained, test: Impacts, prediction: Prediction
     if trained.surface is not None:
         drawn["cost_surface"] = record.draw_cost_surface(trained.surface)
     if task.recipe is not None and trained.regressor is not None:
-        drawn |= _learned_figures(trained.name, task.recipe, trained.regressor, test, prediction)
+        drawn |= _learned_figures(trained.name, task.recipe, trained.regressor, test, trained.model.predict(test))
     return drawn
 
 

@@ -40,10 +40,10 @@ def transfer(cfg: DictConfig) -> None:
     """
     folder = results.run_folder()
     data = loading.split(cfg, folder)
-    terminal.show_data(data.impacts.source, len(data.pool), len(data.test))
+    loading.show_split(data)
     source = data.pool[torch.randperm(len(data.pool), generator=data.generator)[: cfg.train.size]]
     bodies = _bodies(cfg, data)
-    provenance = results.provenance(data.impacts, cfg)
+    provenance = results.provenance(data.blocks, cfg)
     found = {}
     for name, recipe in settings.recipes(cfg).items():
         model, curves = _transferred(cfg, name, recipe, source, bodies, data.generator)

@@ -40,12 +40,13 @@ class Correction:
     """A mistake in the data, described as in a report, and the function that undoes it.
 
     The limits of outliers are an argument of every function; all but `drop_outliers` ignore them.  `apparatus` is what
-    becomes of the knowledge of the apparatus.
+    becomes of the knowledge of the apparatus.  One `of_all` looks at all trials together, and cannot go block by block.
     """
 
     description: str
     function: Callable[[Impacts, OutlierThresholds], Impacts]
     apparatus: known.Known = known.kept
+    of_all: bool = False
 
 
 def correct(
@@ -225,16 +226,24 @@ CORRECTIONS = {
     "millimetres_velocity": Correction("velocities are in mm/s", _scaled(((1e-3, 1e-3, 1), _VELOCITIES))),
     "grams": Correction("the mass is in g", _in_grams),
     "inertia_scaled": Correction(
-        "the moment of inertia is off by the factor that the moment balance of the data asks for", _inertia_scaled
+        "the moment of inertia is off by the factor that the moment balance of the data asks for",
+        _inertia_scaled,
+        of_all=True,
     ),
     "drop_incomplete": Correction(
         "trials of a table in which a number is missing: they are left out as it is read", lambda impacts, _: impacts
     ),
-    "drop_duplicates": Correction("trials occur more than once: the first is kept", _drop_duplicates),
-    "drop_outliers": Correction("gross outliers, which cannot be what was measured", _drop_outliers),
-    "averaged_vx": Correction("v_x before impact varies by no more than its noise: its mean is used", _averaged(0)),
-    "averaged_vy": Correction("v_y before impact varies by no more than its noise: its mean is used", _averaged(1)),
-    "averaged_omega": Correction("ω before impact varies by no more than its noise: its mean is used", _averaged(2)),
-    "ordered_by_time": Correction("the order of the trials is not that of their times", _ordered_by_time),
+    "drop_duplicates": Correction("trials occur more than once: the first is kept", _drop_duplicates, of_all=True),
+    "drop_outliers": Correction("gross outliers, which cannot be what was measured", _drop_outliers, of_all=True),
+    "averaged_vx": Correction(
+        "v_x before impact varies by no more than its noise: its mean is used", _averaged(0), of_all=True
+    ),
+    "averaged_vy": Correction(
+        "v_y before impact varies by no more than its noise: its mean is used", _averaged(1), of_all=True
+    ),
+    "averaged_omega": Correction(
+        "ω before impact varies by no more than its noise: its mean is used", _averaged(2), of_all=True
+    ),
+    "ordered_by_time": Correction("the order of the trials is not that of their times", _ordered_by_time, of_all=True),
 }
 """By name; the order is that in which several are applied where the audit proposes them together."""

@@ -13,12 +13,14 @@ long body or much noise it narrows the spreads above.
 """
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from contactlearn import laws
+from contactlearn.data.blocks import BLOCK
 from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts
 from contactlearn.mechanics import contact_velocity
@@ -83,6 +85,18 @@ def load(
     )
     v_post = ContactModel(true).predict(exact).v_post
     return exact.replace(v_pre=v + noise[:, 0], v_post=v_post + noise[:, 1])
+
+
+def many(size: int, seed: int = 0) -> Iterator[Impacts]:
+    """Yield any number of default drops in blocks; each block has a seed of its own.
+
+    Raises:
+        DataError: a size below 1, or a seed that is no whole number.
+    """
+    for place, first in enumerate(range(0, whole("size", size, 1), BLOCK)):
+        drops = load(size=min(BLOCK, size - first), seed=seed + place)
+        rows = range(first + 1, first + len(drops) + 1)
+        yield drops.replace(trial=tuple(map(str, rows)), order=torch.tensor(rows), source=f"synthetic drops ({seed} …)")
 
 
 def _draw(size: int, body: Shape, sigma: Tensor, generator: torch.Generator) -> tuple[Tensor, ...]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 from torch import Tensor
 
 from contactlearn.errors import ContactLearnError
@@ -126,6 +126,18 @@ class Interval:
         return iter((self.mean, self.low, self.high))
 
 
+BOOTSTRAPPED = 20_000
+"""Trials up to which intervals of means are bootstrapped; the Gaussian limit is then within a percent of its width."""
+
+_DRAWN = 1 << 23  # resampled errors in memory at a time
+
+
+def gaussian_interval(mean: float, variance: float, trials: int, level: float = 0.95) -> Interval:
+    """Return a mean over many trials with the interval in which the central limit theorem expects it."""
+    reach = float(norm.ppf((1 + level) / 2)) * math.sqrt(variance / trials)
+    return Interval(mean, mean - reach, mean + reach)
+
+
 def bootstrap(
     errors: Float[Tensor, "n"] | Float[Tensor, "r n"],
     generator: torch.Generator,
@@ -134,12 +146,18 @@ def bootstrap(
 ) -> Interval:
     """Average the errors of trials [N], or [R, N] of R training subsets, with a percentile bootstrap interval.
 
-    Trials are resampled, and so are subsets, independently of them.
+    Trials are resampled, and so are subsets, independently of them.  For more than `BOOTSTRAPPED` trials [N] the
+    interval is the Gaussian limit of the bootstrap, see `gaussian_interval`.
     """
-    rows = torch.randint(errors.shape[-1], (resamples, errors.shape[-1]), generator=generator)
+    if errors.ndim == 1 and len(errors) > BOOTSTRAPPED:
+        return gaussian_interval(errors.mean().item(), errors.var().item(), len(errors), level)
+    size = errors.shape[-1]
     if errors.ndim == 1:
-        means = errors[rows].mean(-1)
+        blocks = torch.arange(resamples).split(max(1, _DRAWN // size))
+        drawn = (torch.randint(size, (len(block), size), generator=generator) for block in blocks)
+        means = torch.cat([errors[rows].mean(-1) for rows in drawn])
     else:
+        rows = torch.randint(size, (resamples, size), generator=generator)
         subsets = torch.randint(len(errors), (resamples, len(errors)), generator=generator)
         counts = (torch.zeros(resamples, size, dtype=errors.dtype) for size in errors.shape)
         by_subset, by_trial = (

@@ -78,7 +78,11 @@ def _length(x: Tensor) -> Tensor:
 
 def cost_surface(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, *, target: str = "momentum") -> Tensor:
     """Compute C(μ, ε) [len(mu), len(eps)] in N s over all given trials (Fig. 3.3)."""
-    return distances(law, impacts, mu[:, None, None], eps[:, None], target=target).mean(-1)
+    parts = (
+        distances(law, impacts[rows], mu[:, None, None], eps[:, None], target=target).sum(-1)
+        for rows in torch.arange(len(impacts)).split(_TRIALS)
+    )
+    return torch.stack([*parts]).sum(0) / len(impacts)
 
 
 def identify(
@@ -114,19 +118,29 @@ def identify(
     sizes, box = tuple(sizes), box or Box()
     orders = _orders(impacts, sizes, repetitions, orders, generator or torch.Generator().manual_seed(0))
     mu, eps = box.axes()
-    # One evaluation serves every subset: [N, nodes²].
-    grid = distances(law, impacts, mu[:, None, None], eps[:, None], target=target)
-    grid = grid.flatten(0, 1).T.contiguous()
+    # One evaluation serves every subset: [trials that are drawn, nodes²].
+    drawn, rows = orders.unique(return_inverse=True)
+    impacts = impacts if len(drawn) == len(impacts) else impacts[drawn]
+    grid = _grid(law, impacts, mu, eps, target)
     P = measured_impulse(impacts, target)
     found = []
     # Repetitions go in blocks, so that a block's surfaces and searches fit in memory.
-    for block in progress(orders.split(max(1, _BLOCK // (len(sizes) * (sizes[-1] + box.nodes**2 // 8))))):
+    for block in progress(rows.split(max(1, _BLOCK // (len(sizes) * (sizes[-1] + box.nodes**2 // 8))))):
         surfaces = torch.stack([nested_sums(grid, order, sizes) for order in block])
         surfaces = (surfaces / torch.tensor(sizes)[:, None]).unflatten(-1, (box.nodes, box.nodes))
         found.append(_search(_mean_distance(law, impacts, P, block, sizes), surfaces, box, mu, eps))
     x, best, mu_range, eps_range = (torch.cat(parts) for parts in zip(*found, strict=True))
     mu_flat = mu_range[..., 1] - mu_range[..., 0] > 0.1 * (box.mu[1] - box.mu[0])
     return SharedFit(law, sizes, x[..., 0], x[..., 1], best, mu_range, eps_range, mu_flat)
+
+
+def _grid(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, target: str) -> Tensor:
+    """Distances [N, nodes²] at the nodes of μ and ε, a few trials at a time."""
+    grid = torch.empty(len(impacts), len(mu) * len(eps), dtype=torch.float64)
+    for rows in torch.arange(len(impacts)).split(_TRIALS):
+        at = distances(law, impacts[rows], mu[:, None, None], eps[:, None], target=target)
+        grid[rows] = at.flatten(0, 1).T
+    return grid
 
 
 def _orders(
@@ -142,7 +156,8 @@ def _orders(
     if repetitions < 1:
         raise DataError(f"repetitions must be at least 1, got {repetitions}")
     if orders is None:
-        orders = torch.stack([torch.randperm(len(impacts), generator=generator) for _ in range(repetitions)])
+        drawn = (torch.randperm(len(impacts), generator=generator) for _ in range(repetitions))
+        orders = torch.stack([order[: sizes[-1]] for order in drawn])
     if orders.shape[1] < sizes[-1]:
         raise DataError(f"orders must hold the largest size, {sizes[-1]} trials each, got {orders.shape[1]}")
     return orders[:, : sizes[-1]]
@@ -169,4 +184,5 @@ def _search(cost: Cost, surfaces: Tensor, box: Box, mu: Tensor, eps: Tensor) -> 
     return x, best, *ranges_within(cost, surfaces, best, x, mu, eps)
 
 
+_TRIALS = 512  # of which the distances at all nodes are in memory at a time
 _BLOCK = 1 << 17  # elements of a block: repetitions × sizes × (trials + an eighth of the nodes)

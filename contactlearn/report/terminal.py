@@ -41,6 +41,20 @@ def show_data(source: str, pool: int, test: int) -> None:
     say(f"{source}: {pool + test} impacts, {pool} to identify from, {test} held out")
 
 
+def show_samples(pool: int, test: int) -> None:
+    """Print what a random sample of many trials is used for."""
+    say(f"many trials: fits are to {pool} of those, figures and the page show {test}; errors are of all held out")
+
+
+def show_estimate(what: str, trials: int, seconds: float) -> None:
+    """Print how long a pass over many trials will take."""
+    say(
+        f"{what}: {trials}, about {seconds / 60:.0f} min"
+        if seconds > 90
+        else f"{what}: {trials}, about {seconds:.0f} s"
+    )
+
+
 def show_models(
     fits: Sequence[LawEstimate],
     errors: Mapping[str, ModelErrors],

@@ -1,10 +1,17 @@
 """Results by trial as table files, CSV or Parquet, each whole or not at all; predictions are read back exactly."""
 
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import torch
+from jaxtyping import Int
+from torch import Tensor
 
 from contactlearn.errors import DataError
 from contactlearn.evaluation.metrics import CHI_SQUARED_95, METRICS, outside_admissible
@@ -14,22 +21,48 @@ from contactlearn.learning.curves import Curve
 from contactlearn.numerics import written_whole
 
 _V_POST, _WRENCH = COMPONENTS["v_post"], ("P_t", "P_n", "tau")
-_WRITERS = {"parquet": pd.DataFrame.to_parquet, "csv": pd.DataFrame.to_csv}
+_READ = ("trial", "model", *_V_POST, *_WRENCH)
+_ROWS = 1 << 17  # of a table that are read at a time
+
+
+def _write_parquet(frames: Iterator[pd.DataFrame], path: Path) -> None:
+    """Write frames of the same columns, the rows of each as a group."""
+    tables = (pa.Table.from_pandas(frame, preserve_index=False) for frame in frames)
+    first = next(tables)
+    with pq.ParquetWriter(path, first.schema) as file:
+        for table in chain((first,), tables):
+            file.write_table(table)
+
+
+def _write_csv(frames: Iterator[pd.DataFrame], path: Path) -> None:
+    for place, frame in enumerate(frames):
+        frame.to_csv(path, index=False, header=not place, mode="a")
+
+
+_WRITERS = {"parquet": _write_parquet, "csv": _write_csv}
 FORMATS = tuple(_WRITERS)
 """Suffixes of the files that can be written."""
 
 
-def save_predictions(impacts: Impacts, predictions: Mapping[str, Prediction], path: Path) -> None:
-    """Write a row for every trial and model: v_post (m/s, rad/s), wrench (N s, N m s), metrics, admissibility."""
-    frames = []
-    for model, prediction in predictions.items():
-        columns = _names(impacts) | {"model": model}
-        columns |= dict(zip(_V_POST, prediction.v_post.T.tolist(), strict=True))
-        columns |= dict(zip(_WRENCH, prediction.wrench.T.tolist(), strict=True))
-        columns |= {name: metric.error(impacts, prediction).tolist() for name, metric in METRICS.items()}
-        columns["outside_admissible"] = outside_admissible(impacts, prediction.wrench[:, :2]).tolist()
-        frames.append(pd.DataFrame(columns))
-    write_frames(frames, path)
+def save_predictions(predicted: Iterable[tuple[Impacts, Mapping[str, Prediction]]], path: Path) -> None:
+    """Write a row for every trial and model: v_post (m/s, rad/s), wrench (N s, N m s), metrics, admissibility.
+
+    The trials come in blocks; of each block all rows of a model stand together.
+    """
+    frames = (
+        pd.DataFrame(
+            _names(impacts)
+            | {"model": model}
+            | dict(zip(_V_POST, prediction.v_post.T.numpy(), strict=True))
+            | dict(zip(_WRENCH, prediction.wrench.T.numpy(), strict=True))
+            | {name: metric.error(impacts, prediction).numpy() for name, metric in METRICS.items()}
+            | {"outside_admissible": outside_admissible(impacts, prediction.wrench[:, :2]).numpy()}
+        )
+        for impacts, predictions in predicted
+        for model, prediction in predictions.items()
+    )
+    with written_whole(path) as part:
+        _WRITERS[path.suffix.removeprefix(".")](frames, part)
 
 
 def save_trial_parameters(impacts: Impacts, fits: Sequence[TrialFit], path: Path) -> None:
@@ -57,31 +90,51 @@ def save_curves(curves: Mapping[str, Curve], path: Path) -> None:
     write_frames(frames, path)
 
 
-def load_predictions(impacts: Impacts, path: Path) -> dict[str, Prediction]:
-    """Read the predictions of `save_predictions` for the same impacts, exactly as they were, but for covariances.
+def load_predictions(impacts: Impacts, path: Path, rows: Int[Tensor, " n"]) -> dict[str, Prediction]:
+    """Read the predictions of `save_predictions` for some of its trials, exactly as they were, but for covariances.
+
+    Args:
+        impacts: the trials.
+        path: of the file.
+        rows: that the trials were among all of the file, increasing.
 
     Raises:
         DataError: the file cannot be read, lacks a column, or belongs to other trials.
     """
+    found: dict[str, list[pd.DataFrame]] = {}
+    before, kept = defaultdict[str, int](int), rows.numpy()
     try:
-        frame = pd.read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
-        found = {}
-        for model, rows in frame.groupby("model", sort=False):
-            if tuple(rows["trial"].astype(str)) != impacts.trial:
-                raise DataError(f"{path}: the trials of {model} are not the held-out ones; are the files of one run?")
-            v_post, wrench = (torch.tensor(rows[list(part)].to_numpy(float)) for part in (_V_POST, _WRENCH))
-            found[str(model)] = Prediction(v_post, wrench)
+        for frame in _frames(path):
+            for model, part in frame.groupby("model", sort=False):
+                first = before[str(model)]
+                before[str(model)] += len(part)
+                low, high = np.searchsorted(kept, (first, first + len(part)))
+                found.setdefault(str(model), []).append(part.iloc[kept[low:high] - first])
+        return {model: _prediction(impacts, model, pd.concat(parts), path) for model, parts in found.items()}
     except FileNotFoundError:
         raise DataError(f"{path}: no such file; the run is not complete, or was moved without it") from None
     except DataError:
         raise
     except Exception as error:  # a damaged file can break anything
         raise DataError(f"{path}: is no table of predictions, or not all of one: {error}") from None
-    return found
 
 
-def _read_csv(path: Path) -> pd.DataFrame:
-    return pd.read_csv(path, dtype={"trial": str, "model": str}, keep_default_na=False)
+def _prediction(impacts: Impacts, model: str, rows: pd.DataFrame, path: Path) -> Prediction:
+    if tuple(rows["trial"].astype(str)) != impacts.trial:
+        raise DataError(f"{path}: the trials of {model} are not the held-out ones; are the files of one run?")
+    v_post, wrench = (torch.tensor(rows[list(part)].to_numpy(float)) for part in (_V_POST, _WRENCH))
+    return Prediction(v_post, wrench)
+
+
+def _frames(path: Path) -> Iterator[pd.DataFrame]:
+    """The rows of a table of predictions, some at a time."""
+    if path.suffix == ".parquet":
+        with pq.ParquetFile(path) as file:
+            yield from (batch.to_pandas() for batch in file.iter_batches(_ROWS, columns=[*_READ]))
+    else:
+        yield from pd.read_csv(
+            path, dtype={"trial": str, "model": str}, keep_default_na=False, usecols=[*_READ], chunksize=_ROWS
+        )
 
 
 def _names(impacts: Impacts) -> dict[str, tuple[str, ...]]:
@@ -95,4 +148,4 @@ def write_frames(frames: list[pd.DataFrame], path: Path) -> None:
         OSError: it cannot be written.
     """
     with written_whole(path) as part:
-        _WRITERS[path.suffix.removeprefix(".")](pd.concat(frames, ignore_index=True), part, index=False)
+        _WRITERS[path.suffix.removeprefix(".")](iter((pd.concat(frames, ignore_index=True),)), part)

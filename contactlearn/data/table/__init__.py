@@ -23,23 +23,24 @@ number, every name as written.
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from contactlearn.data.table import known, sheet
-from contactlearn.data.table.columns import COLUMNS, NAMES, REQUIRED, NamedColumns, name_columns
+from contactlearn.data.table.columns import COLUMNS, NAMES, REQUIRED, name_columns
 from contactlearn.data.table.units import SI, Units
 from contactlearn.errors import DataError
 from contactlearn.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
 from contactlearn.numerics import written_whole
 from contactlearn.shapes import Shape, contact_point, make_shape
 
-__all__ = ["COLUMNS", "NAMES", "REQUIRED", "Table", "check_suffix", "load", "read", "save"]
+__all__ = ["COLUMNS", "NAMES", "REQUIRED", "Table", "check_suffix", "load", "read", "read_blocks", "save"]
 
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
 _READERS = {".csv": sheet.read_csv, ".parquet": sheet.read_parquet}
@@ -99,50 +100,98 @@ def read(
             without the header), the line of a CSV file, the file's column, the value as written and a fix.
         UnknownNameError: a shape, column, quantity or unit that does not exist.
     """
+    (table,) = read_blocks(
+        path, None, shape=shape, columns=columns, units=units, suspect=suspect, drop_incomplete=drop_incomplete
+    )
+    return table
+
+
+def read_blocks(
+    path: str | os.PathLike[str],
+    rows: int | None,
+    *,
+    drop_incomplete: bool = False,
+    suspect: bool = False,
+    units: Mapping[str, str] = SI,
+    columns: Mapping[str, str | None] | None = None,
+    shape: dict[str, Any] | Shape | None = None,
+) -> Iterator[Table]:
+    """Impacts from the table file `path`, `rows` at a time, so that the file need not fit in memory.
+
+    Names are unique in each block alone.  The other arguments and the errors are those of `read`; with rows=None there
+    is one block.
+    """
     path, body, stated = Path(path), make_shape(shape), Units(units)
-    named = name_columns(_cells(path), columns, shaped=body is not None)
-    cells = named.cells
-    values: dict[str, Any] = {}
-    if drop_incomplete:
-        cells, values = _complete(path, cells)
-    values |= {name: cells.names(name) for name in NAMES if name in cells.header}
-    for field, names in COMPONENTS.items():
-        if names[0] in cells.header:
-            stacked = torch.stack([_numbers(cells, name, stated) for name in names], -1)
-            values[field] = stacked[:, 0] if len(names) == 1 else stacked
-    values |= {
-        field: _covariance(cells, names, stated) for field, names in COVARIANCES.items() if names[0] in cells.header
-    }
-    if body is not None:
-        values |= _computed(named, body, values)
-    try:
-        impacts = Impacts(**values, shape=body, source=str(path), suspect=suspect, apparatus=known.apparatus_of(cells))
-    except DataError as error:
-        if error.row is None:
-            raise
-        raise DataError(f"{error}{cells.place(error.row, error.column)}", row=error.row) from None
-    return Table(impacts=impacts, unused=named.unused, computed=named.computed)
+    read, left = 0, False
+    for cells in _sheets(path, rows):
+        named = name_columns(cells, columns, shaped=body is not None)
+        kept, values = _complete(named.cells) if drop_incomplete else (named.cells, _numbered(named.cells))
+        read += len(cells)
+        if len(kept):
+            left = True
+            impacts = _impacts(kept, values, named.computed, body, stated, suspect=suspect)
+            yield Table(impacts=impacts, unused=named.unused, computed=named.computed)
+    if not left:
+        raise DataError(f"{path}: each of {read} rows has an empty cell, or one that is not a number")
 
 
-def _cells(path: Path) -> sheet.Sheet:
-    """The cells of a file, under its own names."""
+def _sheets(path: Path, rows: int | None) -> Iterator[sheet.Sheet]:
+    """The cells of a file, under its own names, `rows` at a time."""
     if path.is_dir():
         raise DataError(f"{path}: is a directory; give the path of a .csv or .parquet file")
     reader = _READERS[_suffix(path)]
     if not path.exists():
         raise DataError(f"{path}: no such file; check the path (relative to {Path.cwd()})")
     try:
-        cells = reader(path)
+        for cells in reader(path, rows):
+            if not len(cells):
+                raise DataError(f"{path}: has a header but no impacts; at least one row is needed")
+            yield cells
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error}") from error
-    if not cells.columns or not cells.columns[0]:
-        raise DataError(f"{path}: has a header but no impacts; at least one row is needed")
-    return cells
+
+
+def _impacts(
+    cells: sheet.Sheet,
+    values: dict[str, Any],
+    computed: Sequence[str],
+    body: Shape | None,
+    units: Units,
+    *,
+    suspect: bool,
+) -> Impacts:
+    """The impacts in cells under our names, besides the values that are known already."""
+    values |= {name: cells.names(name) for name in NAMES if name in cells.header}
+    for field, names in COMPONENTS.items():
+        if names[0] in cells.header:
+            stacked = torch.stack([_numbers(cells, name, units) for name in names], -1)
+            values[field] = stacked[:, 0] if len(names) == 1 else stacked
+    values |= {
+        field: _covariance(cells, names, units) for field, names in COVARIANCES.items() if names[0] in cells.header
+    }
+    if body is not None:
+        values |= _computed(cells.path, computed, body, values)
+    source, apparatus = str(cells.path), known.apparatus_of(cells)
+    try:
+        return Impacts(**values, shape=body, source=source, suspect=suspect, apparatus=apparatus)
+    except DataError as error:
+        if error.row is None:
+            raise
+        place = cells.place(error.row, error.column)
+        below = error.below(cells.first)
+        raise DataError(f"{below}{place}", row=below.row) from None
+
+
+def _numbered(cells: sheet.Sheet) -> dict[str, Any]:
+    """Names and order of the rows, those of them that a table has none of."""
+    rows = range(cells.first + 1, cells.first + len(cells) + 1)
+    values = {} if "trial" in cells.header else {"trial": tuple(map(str, rows))}
+    return values if "order" in cells.header else values | {"order": torch.tensor(rows, dtype=torch.float64)}
 
 
 def _numbers(cells: sheet.Sheet, column: str, units: Units) -> Tensor:
     """The numbers [N] of a column in SI."""
-    return torch.tensor(cells.numbers(column, units.text(column), units.factor(column)), dtype=torch.float64)
+    return torch.from_numpy(cells.numbers(column, units.text(column), units.factor(column)))
 
 
 def _covariance(cells: sheet.Sheet, columns: Sequence[str], units: Units) -> Tensor:
@@ -154,61 +203,66 @@ def _covariance(cells: sheet.Sheet, columns: Sequence[str], units: Units) -> Ten
     return whole
 
 
-def _computed(named: NamedColumns, body: Shape, values: Mapping[str, Tensor]) -> dict[str, Tensor]:
+def _computed(path: Path, computed: Sequence[str], body: Shape, values: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """The fields that the body's shape gives: where it touches the floor, and its inertia at uniform density."""
     found: dict[str, Tensor] = {}
-    if "r" in named.computed:
+    if "r" in computed:
         theta = values["q"][:, 2]
         if (turned := theta.abs().median().item()) > _TURNED:
             raise DataError(
-                f"{named.cells.path}: rx, ry are computed from theta, which is {turned:.3g} rad in the median: "
+                f"{path}: rx, ry are computed from theta, which is {turned:.3g} rad in the median: "
                 "is it in degrees? say data.units.angle=deg, otherwise take whole turns off"
             )
         found["r"] = contact_point(body, theta)
-    if "inertia" in named.computed:
+    if "inertia" in computed:
         found["inertia"] = values["mass"] * body.gyration_squared()
     return found
 
 
-def _complete(path: Path, cells: sheet.Sheet) -> tuple[sheet.Sheet, dict[str, Any]]:
+def _complete(cells: sheet.Sheet) -> tuple[sheet.Sheet, dict[str, Any]]:
     """The rows in which no number is missing, with their numbers for names and order, and the names of the others."""
-    rows = range(1, len(cells.columns[0]) + 1)
-    names = cells.names("trial") if "trial" in cells.header else tuple(map(str, rows))
+    values = _numbered(cells)
+    names = values.get("trial") or cells.names("trial")
     bad = cells.missing([column for column in cells.header if column not in NAMES])
-    left = [row for row in rows if row not in {*bad}]
-    if not left:
-        raise DataError(f"{path}: each of {len(rows)} rows has an empty cell, or one that is not a number")
-    values = {"trial": tuple(names[row - 1] for row in left), "order": torch.tensor(left, dtype=torch.float64)}
-    return cells.without(bad), values | {"incomplete": tuple(names[row - 1] for row in bad)}
+    left = sorted({*range(1, len(cells) + 1)} - {*bad})
+    values = {name: value[[row - 1 for row in left]] for name, value in values.items() if name == "order"}
+    values |= {"trial": tuple(names[row - 1] for row in left), "incomplete": tuple(names[row - 1] for row in bad)}
+    return cells.without(bad), values
 
 
-def save(impacts: Impacts, path: str | os.PathLike[str]) -> Path:
+def save(impacts: Impacts | Iterable[Impacts], path: str | os.PathLike[str]) -> Path:
     """Write impacts to a .csv or .parquet file that `load` reads back exactly; the shape is not saved.
 
-    The file appears whole or not at all.
+    The file appears whole or not at all.  Impacts in blocks of the same fields are written block by block.
 
     Raises:
         DataError: another suffix, or the file cannot be written.
     """
     path = Path(path)
     write = _WRITERS[_suffix(path)]
-    columns: dict[str, list[Any]] = {name: list(getattr(impacts, name)) for name in NAMES}
-    for field, names in COMPONENTS.items():
-        value = getattr(impacts, field)
-        if value is not None:
-            columns |= zip(names, value.reshape(len(impacts), -1).T.tolist(), strict=True)
-    for field, names in COVARIANCES.items():
-        value = getattr(impacts, field)
-        if value is not None:
-            columns |= zip(names, value[:, *UPPER].T.tolist(), strict=True)
-    if impacts.apparatus is not None:
-        columns |= known.columns_of(impacts.apparatus, len(impacts))
+    blocks = [impacts] if isinstance(impacts, Impacts) else impacts
     try:
         with written_whole(path) as part:
-            write(columns, part)
+            write(map(_columns, blocks), part)
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error}") from error
     return path
+
+
+def _columns(impacts: Impacts) -> sheet.Columns:
+    """Impacts as columns of a table."""
+    columns: dict[str, Sequence[Any] | np.ndarray] = {name: getattr(impacts, name) for name in NAMES}
+    for field, names in COMPONENTS.items():
+        value = getattr(impacts, field)
+        if value is not None:
+            columns |= zip(names, value.reshape(len(impacts), -1).T.numpy(), strict=True)
+    for field, names in COVARIANCES.items():
+        value = getattr(impacts, field)
+        if value is not None:
+            columns |= zip(names, value[:, *UPPER].T.numpy(), strict=True)
+    if impacts.apparatus is not None:
+        columns |= known.columns_of(impacts.apparatus, len(impacts))
+    return columns
 
 
 def check_suffix(path: Path) -> None:

@@ -9,7 +9,7 @@ Where the body's shape is known, `rx, ry` may be left out, and `inertia` as well
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 from contactlearn.data.table import known
@@ -63,7 +63,9 @@ def name_columns(cells: Sheet, mapped: Mapping[str, str | None] | None, *, shape
     _refuse_incomplete(cells, [*ours])
     place = cells.header.index
     columns = [cells.columns[place(name)] for name in ours.values()]
-    return NamedColumns(cells=Sheet(cells.path, [*ours], columns, cells.lines, ours), unused=unused, computed=computed)
+    return NamedColumns(
+        cells=replace(cells, header=[*ours], columns=columns, written=ours), unused=unused, computed=computed
+    )
 
 
 def _checked(cells: Sheet, mapped: Mapping[str, str | None] | None) -> dict[str, str | None]:

@@ -3,7 +3,6 @@
 A column survives whatever is done to a table: a row is dropped, another program saves it, it becomes CSV.
 """
 
-from collections.abc import Sequence
 from dataclasses import fields
 
 from contactlearn.apparatus import Apparatus, Measured
@@ -44,13 +43,14 @@ def apparatus_of(cells: Sheet) -> Apparatus | None:
 
 def _one(cells: Sheet, column: str, unit: str, least: float = float("-inf")) -> float:
     """The number of a column, the same in every row."""
-    values: Sequence[float] = cells.numbers(column, unit)
-    for row, value in enumerate(values, 1):
-        if value != values[0] or value < least:
-            rule = f"must be at least {least:g}" if value < least else "must be the same in every row"
-            raise DataError(
-                f"{cells.path}: row {row}, column {column}: {rule}, got {value:g} after {values[0]:g}; tables of two "
-                "apparatus are two tables, or one without these columns",
-                row=row,
-            )
-    return values[0]
+    values = cells.numbers(column, unit)
+    bad = ((values != values[0]) | (values < least)).nonzero()[0]
+    if len(bad):
+        row, value = cells.first + int(bad[0]) + 1, values[bad[0]]
+        rule = f"must be at least {least:g}" if value < least else "must be the same in every row"
+        raise DataError(
+            f"{cells.path}: row {row}, column {column}: {rule}, got {value:g} after {values[0]:g}; tables of two "
+            "apparatus are two tables, or one without these columns",
+            row=row,
+        )
+    return float(values[0])

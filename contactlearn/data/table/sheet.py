@@ -3,69 +3,103 @@
 CSV goes through the standard library's reader, in strict mode: it knows the line of every row,
 and neither pads, drops nor guesses.  Parquet goes through pyarrow.  A cell stays text (CSV) or a
 plain value (Parquet) until `numbers` or `names` asks for it, so that every error can name it.
+Both come in blocks of rows, so that a file need not fit in memory.
 """
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from jaxtyping import Float
 
 from contactlearn.errors import DataError
 
 _LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does"
+Cells = list[Any] | np.ndarray
+"""One column: raw cells, or the plain numbers of a Parquet column without an empty cell."""
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """Header and columns of raw cells.
+    """Header and columns of raw cells: the rows of a file after the `first` ones.
 
     `lines` are the rows' lines in a CSV file, `written` the file's names of columns by those of the header.
     """
 
     path: Path
     header: list[str]
-    columns: list[list[Any]]
+    columns: list[Cells]
     lines: list[int] | None = None
     written: Mapping[str, str] = field(default_factory=dict[str, str])
+    first: int = 0
 
-    def numbers(self, column: str, unit: str, factor: float = 1.0) -> list[float]:
+    def __len__(self) -> int:
+        return len(self.columns[0]) if self.columns else 0
+
+    def numbers(self, column: str, unit: str, factor: float = 1.0) -> Float[np.ndarray, " n"]:
         """The column as finite numbers times a factor; DataError names the first cell that is not one, as written."""
+        cells = self.columns[self.header.index(column)]
+        if (plain := _plain_numbers(cells)) is not None:
+            return factor * plain
         values = []
-        for row, cell in enumerate(self.columns[self.header.index(column)], 1):
+        for row, cell in enumerate(cells):
             try:
-                values.append(factor * _number(cell))
+                values.append(factor * _number(cell.item() if isinstance(cell, np.generic) else cell))
             except ValueError as error:
-                place = f"row {row}" + (f" (line {self.lines[row - 1]})" if self.lines else "")
+                place = f"row {self.first + row + 1}" + (f" (line {self.lines[row]})" if self.lines else "")
                 rule = f"must be a finite number in {unit}; {error}"
                 name = self.written.get(column, column)
-                raise DataError(f"{self.path}: {place}, column {name}: {rule}", row=row) from None
-        return values
+                raise DataError(f"{self.path}: {place}, column {name}: {rule}", row=self.first + row + 1) from None
+        return np.array(values, float)
 
     def place(self, row: int, column: str | None) -> str:
-        """Where a row (from 1) is in a CSV file, and what is written in one of our columns there."""
+        """Where a row (of the sheet, from 1) is in a CSV file, and what is written in one of our columns there."""
         place = "" if self.lines is None else f"; line {self.lines[row - 1]} of the file"
         if column not in self.header:
             return place
         cell = self.columns[self.header.index(column)][row - 1]
+        cell = cell.item() if isinstance(cell, np.generic) else cell
         return f"{place}; column {self.written.get(column, column)} has {cell!r} there"
 
     def missing(self, columns: Sequence[str]) -> list[int]:
-        """Rows, counted from 1, in which a number of these columns is missing: an empty cell, or no finite number."""
-        cells = [self.columns[self.header.index(column)] for column in columns]
-        return [row for row, values in enumerate(zip(*cells, strict=True), 1) if any(map(_is_missing, values))]
+        """Rows of the sheet, from 1, in which a number of these columns is missing: empty, or no finite number."""
+        bad = np.zeros(len(self), bool)
+        for cells in (self.columns[self.header.index(column)] for column in columns):
+            if _plain_numbers(cells) is None:
+                bad |= np.fromiter(map(_is_missing, cells), bool, len(self))
+        return (bad.nonzero()[0] + 1).tolist()
 
     def without(self, rows: Sequence[int]) -> "Sheet":
-        """Return the sheet without some rows, counted from 1."""
-        left = [k for k in range(len(self.columns[0])) if k + 1 not in {*rows}]
+        """Return the sheet without some rows of it, counted from 1."""
+        dropped = {*rows}
+        left = [k for k in range(len(self)) if k + 1 not in dropped]
         lines = None if self.lines is None else [self.lines[k] for k in left]
-        return replace(self, columns=[[cells[k] for k in left] for cells in self.columns], lines=lines)
+        columns = [cells[left] if isinstance(cells, np.ndarray) else [cells[k] for k in left] for cells in self.columns]
+        return replace(self, columns=columns, lines=lines)
 
     def names(self, column: str) -> tuple[str, ...]:
         """The column as text, exactly as written."""
         return tuple("" if cell is None else str(cell) for cell in self.columns[self.header.index(column)])
+
+
+def _plain_numbers(cells: Cells) -> Float[np.ndarray, " n"] | None:
+    """The numbers of a column with nothing else in it, as `_number` reads them; None for any other."""
+    if isinstance(cells, np.ndarray):
+        values = cells.astype(float)
+    else:
+        try:
+            if "_" in "".join(cells):
+                return None
+            values = np.fromiter(map(float, cells), float, len(cells))
+        except (TypeError, ValueError):  # not text, or no number: `_number` knows
+            return None
+    return values if np.isfinite(values).all() else None
 
 
 def _is_empty(cell: Any) -> bool:
@@ -75,7 +109,7 @@ def _is_empty(cell: Any) -> bool:
 def _is_missing(cell: Any) -> bool:
     """Whether a cell is empty or reads as not-a-number or infinity; other text is a mistake, and no missing number."""
     try:
-        return _is_empty(cell) or (isinstance(cell, str | float) and not math.isfinite(float(cell)))
+        return _is_empty(cell) or (isinstance(cell, str | float | np.floating) and not math.isfinite(float(cell)))
     except ValueError:
         return False
 
@@ -99,55 +133,101 @@ def _number(cell: Any) -> float:
     return value
 
 
-def read_csv(path: Path) -> Sheet:
-    """Cells of a comma-separated UTF-8 file; rows that are blank throughout are passed over."""
+def read_csv(path: Path, rows: int | None) -> Iterator[Sheet]:
+    """Cells of a comma-separated UTF-8 file; rows that are blank throughout are passed over.
+
+    Args:
+        path: the file.
+        rows: in each sheet; None for one sheet of all of them.
+
+    Raises:
+        DataError: the file is not CSV, has no header, or rows of another length than that.
+    """
+    written = _csv_rows(path)
+    header = [name.strip() for _, cells in islice(written, 1) for name in cells]
+    if not header:
+        raise DataError(f"{path}: the file is empty; its first line must name the columns")
+    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
+        rule = "columns must be separated by commas, not by semicolons or tabs"
+        raise DataError(f"{path}: {rule}; save it as comma-separated CSV with decimal points")
+    first = 0
+    while (block := [*islice(written, rows)]) or not first:
+        for row, (line, cells) in enumerate(block, first + 1):
+            if len(cells) != len(header):
+                hint = "a decimal comma?" if len(cells) > len(header) else "a missing comma, or a truncated file?"
+                seen = f"{len(cells)} cells where the header has {len(header)}; {hint}"
+                raise DataError(f"{path}: row {row} (line {line}) has {seen}", row=row)
+        columns: list[Cells] = [[cells[i] for _, cells in block] for i in range(len(header))]
+        yield Sheet(path, header, columns, [line for line, _ in block], first=first)
+        first += len(block)
+        if not block:
+            return
+
+
+def _csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line and cells of every row that is not blank."""
     with path.open(newline="", encoding="utf-8-sig") as file:  # -sig: spreadsheets write a byte-order mark
         reader = csv.reader(file, strict=True)
         try:
-            rows = [(reader.line_num, cells) for cells in reader if any(map(str.strip, cells))]
+            yield from ((reader.line_num, cells) for cells in reader if any(map(str.strip, cells)))
         except UnicodeDecodeError:
             raise DataError(f"{path}: must be UTF-8 text; save it as 'CSV UTF-8'") from None
         except csv.Error as error:
             raise DataError(f"{path}: line {reader.line_num} is not CSV: {error}; check its quotes") from None
-    if not rows:
-        raise DataError(f"{path}: the file is empty; its first line must name the columns")
-    header = [name.strip() for name in rows[0][1]]
-    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-        rule = "columns must be separated by commas, not by semicolons or tabs"
-        raise DataError(f"{path}: {rule}; save it as comma-separated CSV with decimal points")
-    for row, (line, cells) in enumerate(rows[1:], 1):
-        if len(cells) != len(header):
-            hint = "a decimal comma?" if len(cells) > len(header) else "a missing comma, or a truncated file?"
-            seen = f"{len(cells)} cells where the header has {len(header)}; {hint}"
-            raise DataError(f"{path}: row {row} (line {line}) has {seen}", row=row)
-    columns = [[cells[i] for _, cells in rows[1:]] for i in range(len(header))]
-    return Sheet(path, header, columns, [line for line, _ in rows[1:]])
 
 
-def read_parquet(path: Path) -> Sheet:
-    """Cells of a Parquet file; its page checksums are verified where it has them."""
+def read_parquet(path: Path, rows: int | None) -> Iterator[Sheet]:
+    """Cells of a Parquet file, in sheets of `rows` or in one; its page checksums are verified where it has them.
+
+    Raises:
+        DataError: the file is not Parquet, or damaged.
+    """
     from pyarrow import parquet
 
+    first = 0
     try:
         # Not read_table: that one also makes columns out of folder names such as mass=1.
         with parquet.ParquetFile(path, page_checksum_verification=True) as file:
-            table = file.read()
-        return Sheet(path, table.column_names, [column.to_pylist() for column in table.columns])
+            whole = rows is None or file.metadata.num_rows <= rows
+            for block in [file.read()] if whole else file.iter_batches(rows):
+                yield Sheet(path, block.schema.names, [_cells(column) for column in block.columns], first=first)
+                first += len(block)
+    except DataError:
+        raise
     except Exception as error:  # a damaged file can break the library anywhere
         raise DataError(f"{path}: is not a readable Parquet file ({error}); write or copy it again") from error
 
 
-def write_csv(columns: dict[str, list[Any]], path: Path) -> None:
-    """Write a new CSV file; a float is written as its repr, which reads back exactly."""
+def _cells(column: Any) -> Cells:
+    """The cells of an Arrow column."""
+    from pyarrow import types
+
+    if (types.is_floating(column.type) or types.is_integer(column.type)) and not column.null_count:
+        return column.to_numpy()
+    return column.to_pylist()
+
+
+Columns = Mapping[str, Sequence[Any] | np.ndarray]
+
+
+def write_csv(blocks: Iterable[Columns], path: Path) -> None:
+    """Write a new CSV file of blocks of rows; a float is written as its repr, which reads back exactly."""
     with path.open("x", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(zip(*columns.values(), strict=True))
+        for place, columns in enumerate(blocks):
+            if not place:
+                writer.writerow(columns)
+            plain = [cells.tolist() if isinstance(cells, np.ndarray) else cells for cells in columns.values()]
+            writer.writerows(zip(*plain, strict=True))
 
 
-def write_parquet(columns: dict[str, list[Any]], path: Path) -> None:
-    """Write a Parquet file with page checksums."""
+def write_parquet(blocks: Iterable[Columns], path: Path) -> None:
+    """Write a Parquet file of blocks of rows, with page checksums; there is at least one block."""
     import pyarrow
     from pyarrow import parquet
 
-    parquet.write_table(pyarrow.table(columns), path, write_page_checksum=True)
+    tables = (pyarrow.table(dict(columns)) for columns in blocks)
+    first = next(tables)
+    with parquet.ParquetWriter(path, first.schema, write_page_checksum=True) as file:
+        for block in chain((first,), tables):
+            file.write_table(block)

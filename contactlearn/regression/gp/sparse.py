@@ -13,9 +13,14 @@ The inducing points are training points, chosen once: the next is where f is lea
 with the hyperparameters of an exact process on a few trials (Burt, Rasmussen & van der Wilk 2020).  Moving
 them by gradient gained at most 0.002 nats a point for five times the work.  Data almost without noise need
 more of them: there the bound explains as noise what 200 cannot follow.
+
+The points enter the bound by two sums alone, A Λ⁻¹ Aᵀ and A Λ⁻¹ y with Q = Aᵀ A, which are taken over blocks of
+points, so that no matrix of M rows and n columns is ever in memory.  Of more than 20 000 points a random sample
+gives the inducing points, and where the search over all of them begins.
 """
 
 import math
+from collections.abc import Iterator
 
 import gpytorch
 import torch
@@ -23,7 +28,6 @@ from gpytorch.distributions import MultivariateNormal
 from gpytorch.kernels import InducingPointKernel, RBFKernel, ScaleKernel
 from jaxtyping import Float
 from torch import Tensor
-from torch.func import grad_and_value
 from torch.linalg import cholesky_ex, solve_triangular
 
 from contactlearn.regression.gp.bfgs import Minimum, minimise
@@ -34,6 +38,8 @@ INDUCING = 200
 """Inducing points M of a process; all training points where these are fewer."""
 
 _FEW = 500  # random training points, on which exact processes find where the search begins
+_SAMPLE = 20_000  # random training points, of which the inducing points are, and on which the search begins
+_BLOCK = 1 << 14  # points whose features are in memory at a time
 _JITTER = 1e-10  # relative, on the diagonal of K_zz: long length scales leave it singular to rounding
 _TOLERANCE = 3e-5  # nats a point
 
@@ -47,6 +53,7 @@ class SparseGPs(gpytorch.models.ExactGP):
         kernel = ScaleKernel(RBFKernel(ard_num_dims=x.shape[-1], batch_shape=batch), batch_shape=batch)
         self.covar_module = InducingPointKernel(kernel, x[..., :INDUCING, :].clone(), self.likelihood)
         self.covar_module.inducing_points.requires_grad_(False)
+        self._known: tuple[Tensor, Tensor, Tensor, Tensor] | None = None
         self.to(y)
 
     def forward(self, x: Tensor) -> MultivariateNormal:
@@ -68,7 +75,11 @@ class SparseGPs(gpytorch.models.ExactGP):
             first.fit(prior=False)
             like = first
         start = like.hyperparameters().reshape(len(y), -1)
-        z = torch.stack([_spread(*process) for process in zip(x, weight, start, strict=True)])
+        some = _sample(y)
+        z = torch.stack([_spread(*process) for process in zip(x[:, some], weight[:, some], start, strict=True)])
+        if len(some) < y.shape[-1]:
+            first = torch.arange(_FEW).to(some)
+            start = _maximise(start.log(), first, z, x[:, some], y[:, some], weight[:, some]).x.exp()
         found = _maximise(start.log(), few, z, x, y, weight)
         kernel, theta = self.covar_module.base_kernel, found.x.exp().unflatten(0, batch)
         self.covar_module.inducing_points.data = z.unflatten(0, batch)
@@ -109,14 +120,27 @@ class SparseGPs(gpytorch.models.ExactGP):
 
     def _posterior(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Mean of f at x [..., N, D], and its variance inside and outside the span of the inducing points."""
+        root, target = self._conditioned()
         theta, z = self.hyperparameters(), self.covar_module.inducing_points
-        (points,) = self.train_inputs
-        train = _project(points, z, theta)
-        root, target = _condition(train, self.train_targets, self.likelihood.variance())
-        features = _project(x, z, theta)
-        half = solve_triangular(root, features, upper=False)
-        outside = (theta[..., -2, None] - features.square().sum(-2)).clamp_min(0)
-        return (half.mT @ target[..., None])[..., 0], half.square().sum(-2), outside
+        factor = _factor(z, theta)
+        blocks = []
+        for part in x.split(_BLOCK, -2):
+            features = solve_triangular(factor, _kernel(z, part, theta), upper=False)
+            half = solve_triangular(root, features, upper=False)
+            outside = (theta[..., -2, None] - features.square().sum(-2)).clamp_min(0)
+            blocks.append(((half.mT @ target[..., None])[..., 0], half.square().sum(-2), outside))
+        mean, inside, outside = (torch.cat(parts, -1) for parts in zip(*blocks, strict=True))
+        return mean, inside, outside
+
+    def _conditioned(self) -> tuple[Tensor, Tensor]:
+        """R and R⁻¹ Σ aᵢyᵢ/λᵢ of `_condition`, kept until the hyperparameters or the inducing points change."""
+        theta, z = self.hyperparameters(), self.covar_module.inducing_points.detach()
+        known = self._known
+        if known is None or not (torch.equal(known[0], theta) and torch.equal(known[1], z)):
+            (x,), y = self.train_inputs, self.train_targets
+            variance = self.likelihood.variance().expand(y.shape)
+            known = self._known = theta, z.clone(), *_condition(*_sums(x, y, variance, z, theta))
+        return known[2:]
 
 
 def _spread(x: Tensor, weight: Tensor, theta: Tensor) -> Tensor:
@@ -139,30 +163,87 @@ def _kernel(a: Tensor, b: Tensor, theta: Tensor) -> Tensor:
     return theta[..., -2, None, None] * (a @ b.mT - half).exp()
 
 
-def _project(x: Tensor, z: Tensor, theta: Tensor) -> Tensor:
-    """A = L⁻¹ K_zx [..., M, n] with K_zz = L Lᵀ, so that Q = Aᵀ A; nan where there is no L."""
+def _factor(z: Tensor, theta: Tensor) -> Tensor:
+    """L [..., M, M] with K_zz = L Lᵀ; nan where there is none."""
     L, info = cholesky_ex(_kernel(z, z, theta) * (1 + _JITTER * torch.eye(z.shape[-2]).to(z)))
-    return solve_triangular(L.masked_fill(info[..., None, None] > 0, torch.nan), _kernel(z, x, theta), upper=False)
+    return L.masked_fill(info[..., None, None] > 0, torch.nan)
 
 
-def _condition(A: Tensor, y: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
-    """R [..., M, M] with R Rᵀ = 1 + A Λ⁻¹ Aᵀ, and R⁻¹ A Λ⁻¹ y [..., M]; `noise` is the diagonal of Λ."""
-    A, y = A / noise.sqrt()[..., None, :], y / noise.sqrt()
-    root = cholesky_ex(torch.eye(A.shape[-2]).to(A) + A @ A.mT).L
-    return root, solve_triangular(root, A @ y[..., None], upper=False)[..., 0]
+def _project(x: Tensor, z: Tensor, theta: Tensor) -> Tensor:
+    """A = L⁻¹ K_zx [..., M, n], so that Q = Aᵀ A."""
+    return solve_triangular(_factor(z, theta), _kernel(z, x, theta), upper=False)
 
 
-def _loss(phi: Tensor, z: Tensor, x: Tensor, y: Tensor, weight: Tensor) -> Tensor:
-    """−bound of one process per point in nats; phi [D + 2] is the logarithm of its hyperparameters."""
-    theta = phi.exp()
-    A, noise = _project(x, z, theta), theta[-1] / weight.square()
-    root, target = _condition(A, y, noise)
-    points = (y.square() + theta[-2] - A.square().sum(0)) / noise + (2 * math.pi * noise).log()
-    return (0.5 * (points.sum() - target.square().sum()) + root.diagonal().log().sum()) / len(y)
+def _sums(x: Tensor, y: Tensor, noise: Tensor, z: Tensor, theta: Tensor) -> tuple[Tensor, Tensor]:
+    """A Λ⁻¹ Aᵀ [..., M, M] and A Λ⁻¹ y [..., M], summed over blocks of points; `noise` [..., n] is that of Λ."""
+    outer, product = 0.0, 0.0
+    for points, values, variance in _blocks(x, y, noise):
+        A, values = _project(points, z, theta) / variance.sqrt()[..., None, :], values / variance.sqrt()
+        outer, product = outer + A @ A.mT, product + (A @ values[..., None])[..., 0]
+    return torch.as_tensor(outer), torch.as_tensor(product)
+
+
+def _blocks(x: Tensor, *values: Tensor) -> Iterator[tuple[Tensor, ...]]:
+    """Blocks of points x [..., n, D] with their values [..., n]."""
+    return zip(x.split(_BLOCK, -2), *(part.split(_BLOCK, -1) for part in values), strict=True)
+
+
+def _condition(outer: Tensor, product: Tensor) -> tuple[Tensor, Tensor]:
+    """R [..., M, M] with R Rᵀ = 1 + A Λ⁻¹ Aᵀ, and R⁻¹ A Λ⁻¹ y [..., M]."""
+    root = cholesky_ex(torch.eye(outer.shape[-1]).to(outer) + outer).L
+    return root, solve_triangular(root, product[..., None], upper=False)[..., 0]
+
+
+def _negative_bound(
+    phi: Tensor, at: Tensor, z: Tensor, outer: Tensor, product: Tensor, y: Tensor, weight: Tensor
+) -> Tensor:
+    """−bound of one process per point in nats, from the sums of `_sums` at hyperparameters `at`.
+
+    phi [D + 2] is the logarithm of its hyperparameters.  The value is right at phi = at; the derivative there is that
+    through K_zz, s² and σ², where they stand alone and in the sums, but not through the length scales in K_zx.
+    """
+    scale, noise = (phi - at)[-2:].exp()
+    turned = solve_triangular(_factor(z, phi.exp()), _factor(z, at.exp()), upper=False)  # 1, but for its derivative
+    outer = scale.square() / noise * turned @ outer @ turned.mT
+    product = scale / noise * turned @ product
+    root, target = _condition(outer, product)
+    squares, weights = (weight * y).square().sum(), weight.square().sum()
+    own = (squares + phi[-2].exp() * weights) / phi[-1].exp() - outer.trace()
+    own = own + len(y) * (math.log(2 * math.pi) + phi[-1]) - 2 * weight.log().sum()
+    return (0.5 * (own - target.square().sum()) + root.diagonal().log().sum()) / len(y)
+
+
+def _loss_and_gradient(phi: Tensor, z: Tensor, x: Tensor, y: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
+    """−bound of one process per point in nats, and its derivative in phi [D + 2], its hyperparameters' logarithm.
+
+    There are two passes over the points: one for the sums, one for the length scales.
+    """
+    theta, noise = phi.exp(), phi[-1].exp() / weight.square()
+    free = [part.detach().requires_grad_() for part in (phi, *_sums(x, y, noise, z, theta))]
+    with torch.enable_grad():
+        loss = _negative_bound(free[0], phi, z, free[1], free[2], y, weight)
+        gradient, by_outer, by_product = torch.autograd.grad(loss, free)
+    L = _factor(z, theta)
+    left = solve_triangular(L.mT, by_outer + by_outer.mT, upper=True)
+    H = solve_triangular(L, left, upper=False, left=False)  # by K_zx Λ⁻¹ K_xz
+    h = solve_triangular(L.mT, by_product[:, None], upper=True)
+    for points, values, variance in _blocks(x, y, noise):
+        K = _kernel(z, points, theta)
+        W = (H @ K).addmm_(h, values[None]).mul_(K).div_(variance)
+        squared = W.sum(1) @ z.square() - 2 * (z * (W @ points)).sum(0) + W.sum(0) @ points.square()
+        gradient[:-2] += squared / theta[:-2].square()
+    return loss.detach(), gradient
+
+
+def _sample(y: Tensor) -> Tensor:
+    """Points that stand for all: all of them, in order, or a random sample."""
+    n = y.shape[-1]
+    every = torch.arange(n) if n <= _SAMPLE else torch.randperm(n, generator=torch.Generator().manual_seed(0))
+    return every[:_SAMPLE].to(y.device)
 
 
 def _maximise(start: Tensor, few: Tensor, *data: Tensor) -> Minimum:
-    """log hyperparameters [B, D + 2] that minimise `_loss` of data (z, x, y, w) of B processes.
+    """log hyperparameters [B, D + 2] that minimise −bound of data (z, x, y, w) of B processes.
 
     The evidence of the points `few` gives the first curvature.
     """
@@ -170,8 +251,8 @@ def _maximise(start: Tensor, few: Tensor, *data: Tensor) -> Minimum:
     curvature = [evidence(start, torch.arange(len(start), device=start.device), True)[2]]
 
     def objective(phi: Tensor, which: Tensor, _: bool) -> tuple[Tensor, Tensor, Tensor | None]:
-        found = [grad_and_value(_loss)(p, *(part[i] for part in data)) for p, i in zip(phi, which, strict=True)]
-        gradient, value = map(torch.stack, zip(*found, strict=True))
+        found = [_loss_and_gradient(p, *(part[i] for part in data)) for p, i in zip(phi, which, strict=True)]
+        value, gradient = map(torch.stack, zip(*found, strict=True))
         return value, gradient, curvature.pop() if curvature else None  # the updates know more after one round
 
     bounds = torch.tensor([LENGTH] * (start.shape[1] - 2) + [SCALE, NOISE]).to(start).log()

@@ -19,8 +19,8 @@ _COLOR = st.CONTRAST[1]
 def effect_curve(partial: Partial, title: str | None = None) -> Figure:
     """Draw the measured residuals without the effect, their mean along the variable, and the effect's own change.
 
-    A dot is a trial.  Impulses and moments are in mN s and mN m s.  The axis leaves out the outermost percent
-    of the residuals on each side, unless the effect goes there.
+    A dot is a trial; many trials are drawn as their density.  Impulses and moments are in mN s and mN m s.  The axis
+    leaves out the outermost percent of the residuals on each side, unless the effect goes there.
 
     Args:
         partial: residuals with and without the effect.
@@ -66,13 +66,17 @@ class _Shown:
 def _draw(axes: Axes, shown: _Shown) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.axhline(0, color=st.DARK, linewidth=0.6)
-    axes.plot(
-        shown.x, shown.measured, ".", color=st.tint(st.DARK, 0.35), markersize=2.5, rasterized=True, label="Trials",
-        zorder=1,
-    )  # fmt: skip
-    axes.plot(
-        shown.x, shown.explained, ".", color=st.tint(_COLOR, 0.7), markersize=2, label="Effect, by trial", zorder=2
-    )
+    if len(shown.x) > st.MANY:
+        seen = (shown.measured >= shown.limits()[0]) & (shown.measured <= shown.limits()[1])
+        st.draw_density(axes, shown.x[seen], shown.measured[seen], st.DARK).set_label("Trials, density")
+    else:
+        axes.plot(
+            shown.x, shown.measured, ".", color=st.tint(st.DARK, 0.35), markersize=2.5, rasterized=True, label="Trials",
+            zorder=1,
+        )  # fmt: skip
+        axes.plot(
+            shown.x, shown.explained, ".", color=st.tint(_COLOR, 0.7), markersize=2, label="Effect, by trial", zorder=2
+        )
     label = "Trials, mean of a twentieth"
     axes.plot(shown.middle, shown.mean, "o", color=st.DARK, markersize=3.5, label=label, zorder=4)
     axes.plot(shown.middle, shown.curve, color=_COLOR, linewidth=1.6, label="Effect, mean", zorder=3)

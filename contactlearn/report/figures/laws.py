@@ -116,7 +116,7 @@ def trial_parameters(fit: TrialFit, impacts: Impacts, *, box: Box | None = None)
     """Draw the best parameters of each trial, the error that remains, and their distributions (Fig. 3.6).
 
     A trial that leaves μ undetermined is drawn as the interval of μ with the same error, and is not in
-    the histogram of μ.
+    the histogram of μ.  Of many trials the density of those that determine μ is drawn.
 
     Args:
         fit: of these impacts.
@@ -132,7 +132,10 @@ def trial_parameters(fit: TrialFit, impacts: Impacts, *, box: Box | None = None)
     figure = st.new_figure(st.PAGE, 3.2)
     left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=(1.4, 1))[0]
     axes = st.name_axes(left.subplots(), fit.law.mu_axis, _EPS)
-    _draw_trials(left, axes, shown)
+    if len(shown.mu) > st.MANY:
+        _draw_density(left, axes, shown, st.law_style(fit.law.name).color)
+    else:
+        _draw_trials(left, axes, shown)
     axes.set_title(f"{_title(fit.law)}, {len(impacts)} trials")
     upper, lower = right.subplots(2, 1)
     color, open_ = st.law_style(fit.law.name).color, shown.undetermined
@@ -183,6 +186,14 @@ def _draw_trials(figure: SubFigure, axes: Axes, shown: _Scatter) -> None:
         label = f"Trial that leaves μ undetermined (up to {shown.high[open_].max():.2g})"
         handles[label] = Line2D([], [], linewidth=0.6, color=st.DARK)
     figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=2)
+
+
+def _draw_density(figure: SubFigure, axes: Axes, shown: _Scatter, color: str) -> None:
+    """How many of the trials that determine μ lie in each cell of μ and ε."""
+    cells = st.draw_density(axes, shown.mu[~shown.undetermined], shown.eps[~shown.undetermined], color)
+    _limit_axes(axes, shown)
+    bar = figure.colorbar(cells, ax=axes, pad=0.02)
+    st.name_axes(bar.ax, y="Trials that determine μ (count)")
 
 
 def _limit_axes(axes: Axes, shown: _Scatter) -> None:

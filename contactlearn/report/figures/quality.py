@@ -27,7 +27,7 @@ def predicted_against_measured(
 
     Args:
         measured, predicted: (v_x, v_y, ω) in m/s and rad/s.
-        std: standard deviations of the predictions, drawn as ± 1.96 of them.
+        std: standard deviations of the predictions, drawn as ± 1.96 of them; not where the density of many trials is.
 
     Raises:
         ContactLearnError: no trials, or shapes that differ.
@@ -47,11 +47,14 @@ def predicted_against_measured(
 
 def _draw_component(axes: Axes, x: np.ndarray, y: np.ndarray, std: np.ndarray | None, unit: str) -> None:
     """One component as measured (x) and as predicted (y), with R² and the rms error above."""
-    if std is not None:
+    if len(x) > st.MANY:
+        st.draw_density(axes, x, y, st.CONTRAST[0]).set_label("Trials, density")
+    elif std is not None:
         reach, color = 1.96 * std, st.tint(st.CONTRAST[0], 0.3)
         axes.vlines(x, y - reach, y + reach, color=color, linewidth=0.6, label="± 1.96 standard deviations")
     axes.axline((0, 0), slope=1, color=st.DARK, linewidth=0.8, label="Predicted = measured")
-    axes.plot(x, y, "o", color=st.CONTRAST[0], markersize=2, markeredgewidth=0, label="Trial")
+    if len(x) <= st.MANY:
+        axes.plot(x, y, "o", color=st.CONTRAST[0], markersize=2, markeredgewidth=0, label="Trial")
     low, high = min(x.min(), y.min()), max(x.max(), y.max())
     ends = low - 0.05 * (high - low) - 1e-3, high + 0.05 * (high - low) + 1e-3
     axes.set(xlim=ends, ylim=ends, title=f"{_r2(x, y)}, rms {np.sqrt(np.mean((y - x) ** 2)):.3g} {unit}")

@@ -17,7 +17,8 @@ import numpy as np
 import torch
 from jaxtyping import Float, Real, Shaped
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, get_font
 from torch import Tensor
@@ -36,6 +37,8 @@ MILLI = 1e3
 DARK = "#222222"
 MAP = "cividis"
 """Colours of a quantity: dark blue to yellow, uniform to the eye and in grey."""
+MANY = 5000
+"""Points from which on their density is drawn."""
 CONTRAST = ("#004488", "#BB5566", "#DDAA33")
 """Colours of what is neither law nor model (Tol, 2021): blue, red and yellow, dark to light in grey."""
 
@@ -208,6 +211,12 @@ def draw_line(
         x, y, color=style.color, linestyle=style.linestyle, marker=style.marker, markersize=6,
         markeredgecolor="white", markeredgewidth=0.4, label=plain(style.label, 30), markevery=markevery,
     )  # fmt: skip
+
+
+def draw_density(axes: Axes, x: np.ndarray, y: np.ndarray, color: str) -> PolyCollection:
+    """Draw how many of many points lie in each cell, on a logarithmic scale from a light tint to the colour."""
+    shades = LinearSegmentedColormap.from_list("density", (tint(color, 0.15), to_rgb(color)))
+    return axes.hexbin(x, y, gridsize=60, bins="log", mincnt=1, cmap=shades, linewidths=0, zorder=1)
 
 
 def array(x: Shaped[Tensor, "*shape"] | Sequence[float]) -> Float[np.ndarray, "*shape"]:

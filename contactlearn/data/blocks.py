@@ -1,0 +1,123 @@
+"""Measurements that need not fit in memory: impacts in blocks, which are read as often as they are asked for.
+
+    Blocks.of(impacts)        impacts that are in memory
+    Blocks.survey(…, read)    those of a file: a first reading checks and counts the rows
+    blocks.pick(sampled(…))   a random sample of them in memory
+
+Everything that is computed trial by trial goes over the blocks; what is fitted, drawn or shown has a sample.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool
+from torch import Tensor
+
+from contactlearn.errors import DataError
+from contactlearn.fingerprint import Fingerprint
+from contactlearn.impacts import COMPONENTS, COVARIANCES, Impacts
+
+BLOCK = 1 << 15
+"""Trials of a block: few enough that what is computed from them is a few hundred megabytes."""
+LARGE = 50_000
+"""Trials from which on data are read in blocks."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Blocks:
+    """Impacts of a source in blocks of the same fields; `read` begins anew at each call.
+
+    Args:
+        source: in words.
+        trials: of all blocks.
+        sha256: of all names and numbers, see `Impacts.fingerprint`.
+        read: the blocks, in order.
+    """
+
+    source: str
+    trials: int
+    sha256: str
+    read: Callable[[], Iterator[Impacts]]
+
+    @classmethod
+    def of(cls, impacts: Impacts) -> "Blocks":
+        """Return impacts in memory: in one block, or if they are many in several."""
+        size = len(impacts)
+        step = size if size <= LARGE else BLOCK
+
+        def read() -> Iterator[Impacts]:
+            for first in range(0, size, step):
+                yield impacts if step == size else impacts[first : first + step]
+
+        return cls(source=impacts.source, trials=size, sha256=impacts.fingerprint(), read=read)
+
+    @classmethod
+    def survey(cls, read: Callable[[], Iterator[Impacts]]) -> "Blocks":
+        """Read all blocks once.
+
+        Raises:
+            DataError: what `read` raises, no trials, or a trial name that occurs twice.
+        """
+        digest, names, source = Fingerprint(), list[np.ndarray](), ""
+        for block in read():
+            block.add_to(digest)
+            names.append(np.fromiter(map(hash, block.trial), np.int64, len(block)))
+            source = block.source
+        hashes = np.concatenate(names)
+        _refuse_homonyms(source, hashes, read)
+        return cls(source=source, trials=len(hashes), sha256=digest.hexdigest(), read=read)
+
+    def where(self, chosen: Bool[Tensor, " n"]) -> Iterator[Impacts]:
+        """Yield the chosen trials, in order, block by block."""
+        first = 0
+        for block in self.read():
+            part = chosen[first : first + len(block)]
+            first += len(block)
+            if part.any():
+                yield block if part.all() else block[part]
+
+    def pick(self, chosen: Bool[Tensor, " n"]) -> Impacts:
+        """Return the chosen trials, in order, in memory."""
+        return joined([*self.where(chosen)])
+
+
+def sampled(trials: Bool[Tensor, " n"], most: int) -> Bool[Tensor, " n"]:
+    """Choose `most` of the trials at random, always the same ones; all of them if they are no more."""
+    rows = trials.nonzero()[:, 0]
+    if len(rows) <= most:
+        return trials
+    few = torch.zeros_like(trials)
+    few[rows[torch.randperm(len(rows), generator=torch.Generator().manual_seed(0))[:most]]] = True
+    return few
+
+
+def joined(parts: Sequence[Impacts]) -> Impacts:
+    """Return impacts of the same fields one after the other."""
+    if len(parts) == 1:
+        return parts[0]
+    values = {
+        name: torch.cat([getattr(part, name) for part in parts])
+        for name in (*COMPONENTS, *COVARIANCES)
+        if getattr(parts[0], name) is not None
+    }
+    names = {field: tuple(name for part in parts for name in getattr(part, field)) for field in ("trial", "object")}
+    return parts[0].replace(**values, **names)
+
+
+def _refuse_homonyms(source: str, hashes: np.ndarray, read: Callable[[], Iterator[Impacts]]) -> None:
+    """Refuse a trial name that occurs twice; where hashes are equal the names are compared."""
+    hashes.sort()
+    twice = {*hashes[1:][hashes[1:] == hashes[:-1]].tolist()}
+    seen: dict[str, int] = {}
+    row = 0
+    for block in read() if twice else ():
+        for name in block.trial:
+            row += 1
+            if hash(name) in twice and seen.setdefault(name, row) != row:
+                raise DataError(
+                    f"{source}: trial names must be unique; row {row}, column trial repeats {name!r} of row "
+                    f"{seen[name]} (leave one of them out)",
+                    row=row,
+                )
