@@ -122,7 +122,9 @@ def test_a_family_of_ones_own_is_known_by_its_forms(forgotten):
 
 def test_a_form_may_join_a_family_of_another_package(forgotten):
     """It comes after those that are declared with the family, and so is never the default."""
-    turbulent = type("Turbulent", (SpinDamping,), {"form": "turbulent", "wrench": lambda self, state, wrench: wrench})
+    turbulent = dataclass(frozen=True, eq=False)(
+        type("Turbulent", (SpinDamping,), {"form": "turbulent", "wrench": lambda self, state, wrench: wrench})
+    )
     assert find_effect("spin_damping", "turbulent") is turbulent
     assert find_effect("spin_damping").form == "after"
 

@@ -263,6 +263,15 @@ def test_trials_are_stepped_through_by_their_errors(session, models):
     assert actions.trial(replace(session, trial=10**8)) == len(order) - 1
 
 
+def test_the_same_numbers_of_a_body_without_a_shape_promise_nothing_that_needs_it(session):
+    models = Models()
+    promises = Promises(models)
+    shape = "data.shape={kind:ellipse,semi_axes:[0.04,0.02]}"
+    shaped = {one.effect.name for one in promises.of(replace(session, data=(*session.data, shape)))}
+    assert "shape_error" in shaped
+    assert "shape_error" not in {one.effect.name for one in promises.of(session)}
+
+
 def test_a_changed_file_is_read_again(session, models, tmp_path):
     path = tmp_path / "drops.csv"
     table.save(synthetic.load(size=100, seed=1), path)

@@ -252,7 +252,8 @@ def test_a_line_of_mathematics_is_completed_checked_and_added(browser, served):
 
 
 def test_learned_models_and_learning_curve_come_beside_the_laws_or_are_cancelled(browser, served):
-    opened(browser, f"{served}&data=synthetic&data.size=60")
+    seed = browser.execute_script("return innerWidth")  # what was computed before is shown at once
+    opened(browser, f"{served}&data=synthetic&data.size=60&data.seed={seed}")
     click(browser, "compare", "Learning curve")
     until(browser, "!document.getElementById('curve-bar').hidden")
     click(browser, "compare", "Learned models")

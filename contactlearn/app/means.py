@@ -18,9 +18,9 @@ _WRITTEN = 110.0  # bytes on disk a prediction of one model
 
 
 def lower_train_size(cfg: DictConfig) -> None:
-    """Lower `train.size` to what memory allows, and say so."""
+    """Lower `train.size`, where it is given, to what memory allows, and say so."""
     asked, free = cfg.train.size, available_memory()
-    if free is not None and asked * _TRAINED > free / 2:
+    if asked is not None and free is not None and asked * _TRAINED > free / 2:
         most = int(free / 2 / _TRAINED)
         terminal.say(
             f"train.size={asked} would take about {asked * _TRAINED / GIB:.1f} GiB of memory, and {free / GIB:.1f} are "

@@ -103,9 +103,13 @@ class Models:
         return load_data(cfg.data, suspect=True)
 
     def fingerprint(self, session: Session) -> str:
-        """Return the hash of the data of a session."""
-        key = (session.data, _stamp(session.data))
-        return self._hashes.get(key, lambda: self.split(session).impacts.fingerprint())
+        """Return the hash of the data of a session, and the body's shape, which the data alone do not have."""
+
+        def known() -> str:
+            impacts = self.split(session).impacts
+            return f"{impacts.fingerprint()} {impacts.shape}"
+
+        return self._hashes.get((session.data, _stamp(session.data)), known)
 
     def fitted(self, session: Session) -> Fitted:
         """Return the model of a session, fitted.

@@ -29,7 +29,7 @@ Points = tuple[tuple[int, Interval], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
+class StudyStep:
     """How far a study is: models trained, of how many, and their errors by name."""
 
     done: int
@@ -37,7 +37,7 @@ class Step:
     errors: Mapping[str, Points]
 
 
-def curve_steps(models: Models, session: Session) -> Iterator[Step]:
+def curve_steps(models: Models, session: Session) -> Iterator[StudyStep]:
     """Fit the law alone and the model to several random subsets of each size, nested in each other."""
     data, fitted = models.split(session), models.fitted(session)
     orders = nested_orders(len(data.pool), _SUBSETS, torch.Generator().manual_seed(session.seed))
@@ -45,28 +45,28 @@ def curve_steps(models: Models, session: Session) -> Iterator[Step]:
     sizes = [size for size in (*_SIZES, len(data.pool)) if least <= size <= len(data.pool)]
     found: dict[str, Points] = {ALONE: (), MODEL: ()}
     for done, size in enumerate(sizes):
-        yield Step(done=done, total=len(sizes), errors=dict(found))
+        yield StudyStep(done=done, total=len(sizes), errors=dict(found))
         rows = orders[:, :size] if size < len(data.pool) else orders[:1]
         for name, one in ((ALONE, models.alone(session)), (MODEL, fitted)):
             fit = identify_jointly(one.law, one.effects, data.pool, rows, options=FitOptions(starts=STARTS))
             found[name] += ((size, held_out(data.test, fit.model.predict(data.test))),)
-    yield Step(done=len(sizes), total=len(sizes), errors=found)
+    yield StudyStep(done=len(sizes), total=len(sizes), errors=found)
 
 
-def learned_steps(models: Models, session: Session) -> Iterator[Step]:
+def learned_steps(models: Models, session: Session) -> Iterator[StudyStep]:
     """Train every learned model on the training part, those with a law around the model of the session."""
     data, fitted = models.split(session), models.fitted(session)
     names = ",".join(choices(Path(CONFIGS, "model")))
     recipes = recipes_around(compose("evaluate", [*words_of(session), f"model=[{names}]"]))
     found: dict[str, Points] = {}
     for done, (name, recipe) in enumerate(recipes.items()):
-        yield Step(done=done, total=len(recipes), errors=dict(found))
+        yield StudyStep(done=done, total=len(recipes), errors=dict(found))
         model = learn(recipe, data.pool, torch.arange(len(data.pool)), fitted.model if recipe.law else None)
         found[name] = ((len(data.pool), held_out(data.test, model.predict(data.test))),)
-    yield Step(done=len(recipes), total=len(recipes), errors=found)
+    yield StudyStep(done=len(recipes), total=len(recipes), errors=found)
 
 
-STUDIES: Mapping[str, Callable[[Models, Session], Iterator[Step]]] = {
+STUDIES: Mapping[str, Callable[[Models, Session], Iterator[StudyStep]]] = {
     "curve": curve_steps,
     "learned": learned_steps,
 }

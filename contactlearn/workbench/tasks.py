@@ -18,7 +18,7 @@ from contactlearn.errors import ContactLearnError
 from contactlearn.workbench.jobs import SIDE_BY_SIDE, RunStatus
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.session import Session
-from contactlearn.workbench.studies import STUDIES, Step
+from contactlearn.workbench.studies import STUDIES, StudyStep
 
 _KEPT = 100
 
@@ -31,7 +31,7 @@ class StudyRun:
         context = get_context("spawn")
         self._receiver, sender = context.Pipe(duplex=False)
         self.session, self.began, self.ended = session, time.monotonic(), 0.0
-        self.step: Step | None = None
+        self.step: StudyStep | None = None
         self.trouble, self.cancelled = "", False
         self.process = context.Process(target=_work, args=(kind, session, sender), daemon=True)
         self.process.start()
@@ -67,8 +67,8 @@ class StudyRun:
     def _follow(self) -> None:
         with contextlib.suppress(EOFError):
             while True:
-                said: Step | str = self._receiver.recv()
-                if isinstance(said, Step):
+                said: StudyStep | str = self._receiver.recv()
+                if isinstance(said, StudyStep):
                     self.step = said
                 else:
                     self.trouble = said

@@ -186,8 +186,8 @@ def read_parquet(path: Path, rows: int | None) -> Iterator[Sheet]:
 
     first = 0
     try:
-        # Not read_table: that one also makes columns out of folder names such as mass=1.
-        with parquet.ParquetFile(path, page_checksum_verification=True) as file:
+        # Not read_table: that one also makes columns out of folder names such as mass=1.  A buffer would keep the file.
+        with parquet.ParquetFile(path, page_checksum_verification=True, pre_buffer=False) as file:
             whole = rows is None or file.metadata.num_rows <= rows
             for block in [file.read()] if whole else file.iter_batches(rows):
                 yield Sheet(path, block.schema.names, [_cells(column) for column in block.columns], first=first)
