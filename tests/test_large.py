@@ -4,9 +4,11 @@ import tracemalloc
 
 import numpy as np
 import pandas as pd
+import pyarrow
 import pytest
 import torch
 from commands import run
+from pyarrow import parquet
 
 from contactlearn.app import loading
 from contactlearn.cli import compose
@@ -15,6 +17,7 @@ from contactlearn.data import synthetic, table
 from contactlearn.data.blocks import Blocks, joined, sampled
 from contactlearn.data.stratified import stratified
 from contactlearn.data.table import large
+from contactlearn.data.table.sheet import read_parquet
 from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.evaluation import metrics
 from contactlearn.evaluation.sums import ErrorSums
@@ -237,6 +240,20 @@ def test_memory_does_not_grow_with_the_table(tmp_path, monkeypatch):
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[2] < 2 * peaks[1]
+
+
+def test_a_parquet_file_is_not_kept_while_it_is_read(tmp_path):
+    """Arrow's memory, which Python does not trace: a buffer of what is read would hold all row groups in the end."""
+    path = tmp_path / "numbers.parquet"
+    numbers = torch.randn(400_000, generator=torch.Generator().manual_seed(0), dtype=torch.float64).numpy()
+    parquet.write_table(
+        pyarrow.table({name: numbers for name in "abc"}), path, row_group_size=10_000, use_dictionary=False
+    )
+    before, held = pyarrow.total_allocated_bytes(), []
+    for _ in read_parquet(path, 10_000):
+        held.append(pyarrow.total_allocated_bytes() - before)
+    assert len(held) == 40
+    assert max(held) < 0.2 * path.stat().st_size
 
 
 def test_a_training_larger_than_memory_is_made_smaller(drops, tmp_path, monkeypatch):
