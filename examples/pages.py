@@ -1,6 +1,7 @@
 """Examples as pages: their prose, their code, what it printed, and their figures.
 
     python examples/find_hidden_effect.py --trials=200   one example as a script; figures go into outputs/examples
+    python examples/pages.py examples/as_pages           the pages of the site, made again after a change
     python examples/pages.py FOLDER                      a Markdown page with PNG figures of each, at its usual size
     python examples/pages.py FOLDER transfer --trials=60 of one, with its settings
 

@@ -55,6 +55,15 @@ def test_an_example_is_a_page(name, pages, tmp_path):
     assert text.count("```python") == text.count("\n```\n") - text.count("```text")
 
 
+@pytest.mark.parametrize("name", SIZES)
+def test_the_page_of_the_site_has_the_code_of_the_example(name, pages):
+    """If not: `python examples/pages.py examples/as_pages NAME`."""
+    text = (EXAMPLES / "as_pages" / name / f"{name}.md").read_text("utf-8")
+    _, *cells = pages._cells((EXAMPLES / f"{name}.py").read_text("utf-8"))
+    assert re.findall(r"```python\n((?:.|\n)*?)\n```", text) == [code.strip() for _, _, code in cells]
+    assert all((EXAMPLES / "as_pages" / name / figure).is_file() for figure in re.findall(r"\((\w+\.png)\)", text))
+
+
 def test_every_example_is_tested(pages):
     scripts = {path.stem for path in EXAMPLES.glob("*.py")} - set(MODULES)
     assert scripts == set(SIZES) == set(pages.NAMES)
