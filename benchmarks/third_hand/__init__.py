@@ -15,5 +15,5 @@
     judge      what a diagnosis said, and its score
     run        the command
 
-All but the last three need NumPy alone.  World axes: x right, y up, floor below; SI units.
+All but the last two need NumPy alone.  World axes: x right, y up, floor below; SI units.
 """

@@ -147,7 +147,7 @@ def happen(scene: Scene, seed: int, n: int | None = None) -> Table:
     rng, n = np.random.default_rng(seed), n or scene.n
     drops = drawn(scene, n, rng)
     n = min(n, len(drops["vx"]))
-    record = _unbroken(scene, drops, n)
+    record, _ = simulate(scene, unbroken(scene, drops, n), scene.effects)
     after, before = scene.noise.errors(np.stack([record[name] for name in AFTER], 1), rng)
     columns = {name: record[name] for name in COLUMNS}
     for i, (first, second) in enumerate(zip(BEFORE, AFTER, strict=True)):
@@ -158,15 +158,14 @@ def happen(scene: Scene, seed: int, n: int | None = None) -> Table:
     return Table(columns, [scene.bodies[i].name for i in record["ib"]])
 
 
-def _unbroken(scene: Scene, drops: State, n: int) -> State:
+def unbroken(scene: Scene, drops: State, n: int) -> State:
     """The first n drops, those that break physics replaced by later ones; their places in the order close up."""
     chosen, spare = {name: value[:n] for name, value in drops.items()}, n
     for _ in range(30):
-        record, state = simulate(scene, chosen, scene.effects)
-        wrong = broken(state)
+        wrong = broken(simulate(scene, chosen, scene.effects)[1])
         if not wrong.any():
             break
         more = slice(spare, spare + int(wrong.sum()))
         spare += int(wrong.sum())
         chosen = {name: np.r_[value[~wrong], drops[name][more]] for name, value in chosen.items()}
-    return record
+    return chosen
