@@ -13,6 +13,16 @@ sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
 from second_nature import path
 from third_hand import judge, laws, meanings, nature, sets
 
+MEANS = (
+    27.9021, 27.9285, 19.5938, 37.1879, 21.8505, 33.3434, 39.1261, 35.0005,
+    18.7306, 24.8766, 38.9685, 9.2999, 34.8554, 31.8947, 11.1796, 45.5192,
+    19.6765, 32.0936, 35.8653, 23.5079, 21.8678, 12.9605, 9.7948, 37.4446,
+    9.5194, 55.4710, 27.1316, 31.9117, 28.2300, 32.4083, 6.1757, 8.7142,
+    36.3934, 37.2962, 33.7214, 29.7182, 61.6371, 54.3102, 31.4795, 35.6485,
+    21.8665, 25.4422, 34.5314, 12.8112, 29.8169, 31.5218, 34.9827, 43.8864,
+)  # fmt: skip
+"""Of |v_x| + |v_y| + |ω| after impact, of the sets in order, from the files in which the author handed them over."""
+
 NEEDS_MORE = ("judge.py", "run.py")
 
 
@@ -48,6 +58,13 @@ def test_a_set_is_what_it_was(tmp_path):
     assert [float(number) for number in first] == pytest.approx(expected, rel=1e-4)
     sets.write(sets.draw("06"), tmp_path / "again.csv")
     assert (tmp_path / "again.csv").read_text("utf-8").splitlines() == lines
+
+
+@pytest.mark.parametrize(("name", "mean"), list(zip(sets.SETS, MEANS, strict=True)))
+def test_every_set_is_what_it_was(name, mean):
+    columns = sets.draw(name).columns
+    speeds = sum(np.abs(columns[after]) for after in nature.AFTER)
+    assert speeds.mean() == pytest.approx(mean, abs=1e-4)
 
 
 @pytest.mark.parametrize("name", sets.SETS)
