@@ -36,7 +36,8 @@ def share(answers: Sequence[bool]) -> str:
     return f"{sum(answers)}/{len(answers)} ({100 * low:.0f}–{100 * high:.0f} %)"
 
 
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table of Markdown."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
 
@@ -56,7 +57,7 @@ def by_group(said: Sequence[Said], scores: Sequence[Score]) -> str:
         points, seconds = [p for _, p in groups[name]], [one.seconds for one, _ in groups[name]]
         cells = [share(_answers(points, question)) for question in QUESTIONS]
         rows.append([name, str(len(points)), *cells, f"{median(seconds):.1f} ({max(seconds):.1f})"])
-    return _table(["group", "sets", *QUESTIONS.values(), "seconds, median (max)"], rows)
+    return table(["group", "sets", *QUESTIONS.values(), "seconds, median (max)"], rows)
 
 
 CRITERIA = (
@@ -81,7 +82,7 @@ def criteria(said: Sequence[Said], scores: Sequence[Score]) -> str:
         answers = [first for n, s, first in cases if holds(n, s)]
         met = "" if asked is None or not answers else ("yes" if sum(answers) / len(answers) >= asked else "no")
         rows.append([words, "" if asked is None else f"{100 * asked:.0f} %", share(answers), met])
-    return _table(["first name right", "asked for", "measured", "met"], rows)
+    return table(["first name right", "asked for", "measured", "met"], rows)
 
 
 def reliability(said: Iterable[Said], scores: Iterable[Score]) -> str:
@@ -99,7 +100,7 @@ def reliability_of(names: Iterable[tuple[float, bool]]) -> str:
         [f"{k / 10:.1f}–{(k + 1) / 10:.1f}", f"{sum(c for c, _ in b) / len(b):.3f}", share([r for _, r in b])]
         for k, b in sorted(bins.items())
     ]
-    return _table(["confidence", "mean", "right"], rows)
+    return table(["confidence", "mean", "right"], rows)
 
 
 def wrong(said: Sequence[Said], scores: Sequence[Score]) -> str:
@@ -114,4 +115,4 @@ def wrong(said: Sequence[Said], scores: Sequence[Score]) -> str:
             forms, heard = "; ".join(one.truth["forms"]), f"{' + '.join(one.forms) or 'nothing'} ({one.physics})"
             size = str(one.n), f"{one.truth['share']:.2f}"
             rows.append([one.name, *size, hidden, forms, heard, ", ".join(bad)])
-    return _table(["set", "n", "share", "hidden", "form", "said", "wrong"], rows)
+    return table(["set", "n", "share", "hidden", "form", "said", "wrong"], rows)
