@@ -16,7 +16,7 @@ export CONTACTLEARN_DATA
 .PHONY: demo quick style test test-all bench docs versions release clean
 
 demo: .venv/installed
-	$(PY) evaluate.py
+	@$(PY) evaluate.py
 
 quick: .venv/ready
 	$(PY) -m ruff check -q .
@@ -58,14 +58,14 @@ release: .venv/ready
 	@echo "First of all, once: the packages of requirements.lock are installed into .venv. PyTorch, NumPy, SciPy, matplotlib and"
 	@echo "others are a download of 380 MB with PyTorch for the CPU (some GB where pip takes the one with CUDA), and take a few minutes."
 	@echo "The demo simulates its drops: no data are downloaded."
-	$(PYTHON) -m venv .venv
-	$(PIP) -c requirements.lock -e .
-	touch $@
+	@$(PYTHON) -m venv .venv
+	@$(PIP) -q -c requirements.lock -e .
+	@touch $@
 
 .venv/ready: .venv/installed
 	@echo "Once: the tools of the tests are installed beside it, among them MuJoCo, scikit-learn, Dash, ruff and pyright, 130 MB more."
-	$(PIP) -c requirements.lock -e '.[test]'
-	touch $@
+	@$(PIP) -q -c requirements.lock -e '.[test]'
+	@touch $@
 
 clean:
 	rm -rf .venv outputs multirun site .sphinx dist

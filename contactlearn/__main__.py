@@ -78,7 +78,7 @@ def _configured(command: str, *overrides: str) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="contactlearn", description="Learn rigid-body contact from measurements.")
-    add = parser.add_subparsers(required=True, metavar="COMMAND").add_parser
+    add = parser.add_subparsers(required=True, metavar="COMMAND ARGUMENT").add_parser
     for command, summary in _CONFIGURED.items():
         add(command, help=f"{summary}; {command} --help lists its settings")
     _add_audit(add)
@@ -239,7 +239,8 @@ def _impacts(options: argparse.Namespace) -> str:
     from contactlearn.app.impacts import write_impacts
     from contactlearn.cli import compose
 
-    data = compose("evaluate", ["data=tracks", *(f"data.{word}" for word in options.overrides)]).data
+    words = [f"data.{word.removeprefix('data.')}" for word in options.overrides]  # as the other commands have them, too
+    data = compose("evaluate", ["data=tracks", *words]).data
     data.path = options.path
     return write_impacts(data, Path(options.out))
 

@@ -60,11 +60,23 @@ def check_settings(cfg: DictConfig, command: str) -> None:
 def explained(error: Exception, command: str) -> str:
     """Return Hydra's message on a command line in one line; on a setting that does not exist with the nearest one."""
     refused = _REFUSED.search(str(error))
+    own = refused and re.fullmatch(r"(effect|candidate)\.(\w+)(\..+)?", refused[1])
+    if own and f"Key {own[2]!r} is not in struct" in str(error.__cause__):
+        return _not_there(*own.group(0, 1, 2))
     if refused:
         known = _declared(command) | {f"data.{key}" for key in _data_keys()}
         elsewhere = f"{refused[1]} is a setting of other choices, not of these; --help lists all settings"
         return elsewhere if refused[1] in known else str(_unknown(refused[1], known))
     return " ".join(str(error).partition("Config search path")[0].split())
+
+
+def _not_there(key: str, group: str, name: str) -> str:
+    """Say how an effect comes into a model whose settings were given, but not the effect."""
+    known = choices(Path(CONFIGS, "effect"))
+    if group == "effect" and name in known:
+        return f"{key} is a setting of an effect that is not in the model; add effect=[{name}]"
+    near = suggest(name, known) if group == "effect" else ""
+    return f"{key}: no {group} is called {name!r}{near}; one of your own is added with a plus, +{key}=…"
 
 
 def _unknown(key: str, known: set[str]) -> ContactLearnError:

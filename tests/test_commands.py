@@ -216,6 +216,12 @@ def test_help(script):
     assert "threads: 1" in printed
 
 
+def test_every_command_has_its_summary_beside_it():
+    printed = run_alone("-m", "contactlearn", "--help")
+    described = re.findall(r"^    (\w+) +\w", printed, re.MULTILINE)
+    assert len(described) == 10, printed
+
+
 @pytest.mark.parametrize("name", ["train", "evaluate", "diagnose"])
 def test_help_is_that_of_hydra(name):
     """Which takes twice as long; any other flag leaves it to Hydra."""
@@ -329,6 +335,11 @@ MISSPELT = {
     "effect, after a plus": ("+effect=[spin_dampin]", "unknown effect 'spin_dampin', did you mean 'spin_damping'?"),
     "experiment": ("experiment=fazeli", "unknown experiment 'fazeli', did you mean 'fazeli2017'?"),
     "experiment, after a plus": ("+experiment=fazeli", "unknown experiment 'fazeli', did you mean 'fazeli2017'?"),
+    "setting of an effect": ("effect.spin_damping.c=1", "not in the model; add effect=[spin_damping]"),
+    "own effect without a plus": (
+        "effect.wind.vx_post=u",
+        "no effect is called 'wind'; one of your own is added with a plus, +effect.wind.vx_post=…",
+    ),
     "launcher": ("hydra/launcher=basik", "Could not find 'hydra/launcher/basik'"),
 }
 
@@ -343,6 +354,11 @@ def test_misspelt_settings_are_refused(word, message, several, tmp_path):
     printed = run(command, *["-m"] * several, word, place, status=1 if fails_as_a_job else 2)
     assert message in printed
     assert fails_as_a_job or (len(printed.splitlines()) == 1 and not (tmp_path / "a").exists())
+
+
+def test_a_misspelt_setting_of_an_effect_that_is_there_is_unknown():
+    printed = run("train.py", "effect=[spin_damping]", "effect.spin_damping.fom=during", status=2)
+    assert "unknown setting 'effect.spin_damping.fom'" in printed
 
 
 @pytest.mark.parametrize("word", ["data.sise=3", "+sise=3"])

@@ -4,6 +4,7 @@ import gc
 import json
 import re
 import sys
+from itertools import product
 
 import pytest
 from commands import run
@@ -133,3 +134,18 @@ def test_a_finished_sweep_shows_its_runs(tmp_path):
     assert re.search(r"train.size +mass error +95 %(.|\n)*\n *10 +0\.\d+ +0\.\d+–.*\n *20 +0\.\d+ ", first), first
     assert f"compare  python -m contactlearn report {tmp_path}" in first
     assert "Held-out errors of the sweep" in run("train.py", *words)
+
+
+def test_a_finished_sweep_names_the_laws_and_effects_in_which_it_differs(tmp_path):
+    words = ("-m", *SMALL, "law=mirtich,whittaker", "effect=[],[spin_damping]", f"hydra.sweep.dir={tmp_path}")
+    table = run("train.py", *words).partition("Held-out errors of the sweep")[2]
+    rows = [tuple(line.split()[:2]) for line in table.splitlines() if re.search(r"\d–\d", line)]
+    assert re.search(r"law +effects +mass error", table)
+    assert sorted(rows) == list(product(("mirtich", "whittaker"), ("none", "spin_damping:after")))
+
+
+def test_ones_own_class_is_a_candidate_under_its_own_name(own, tmp_path):
+    """An imported class is in the catalogue, which is no other effect of that name."""
+    own(EFFECT.format(above=DECORATED, returned="wrench", more=""))
+    words = ("data.size=24", "seconds=1", "+candidate.mine._target_=own.Mine", f"hydra.run.dir={tmp_path / 'run'}")
+    assert "verdict:" in run("diagnose.py", *words)

@@ -180,7 +180,7 @@ def test_null_says_that_the_file_has_none(tmp_path, drops):
     found = table.read(path, shape=SHAPE, columns={"inertia": None, "time": None})
     assert found.unused == ("inertia", "tme")
     torch.testing.assert_close(found.impacts.inertia, drops.inertia, rtol=ROUNDING, atol=0)
-    with pytest.raises(DataError, match=r"'tme', did you mean 'time'\?; data.columns=\{time: tme\}.*\{time: null\}"):
+    with pytest.raises(DataError, match=r"'tme', did you mean 'time'\?; 'data.columns=\{time: tme\}.*\{time: null\}"):
         table.read(path)
 
 
@@ -192,6 +192,20 @@ BAD_HEADER = {
         {"vx": "v_x", "omega": "spin"},
         SHAPE,
         ["'v_x', did you mean 'vx'?", "missing column omega", "not used: 'spin'", "data.columns={vx: v_x, omega: …}"],
+    ),
+    "names of their own": (
+        {"mass": "m_g", "x": "pos_x", "y": "pos_y", "rx": None, "ry": None},
+        None,
+        [
+            "'data.columns={mass: …, rx: …, ry: …, x: …, y: …}' says",
+            "not used: 'm_g', 'pos_x', 'pos_y'",
+            "data.shape={kind: …}, from which rx, ry are computed",
+        ],
+    ),
+    "two near one": (
+        {"vx": "v_x", "vy": None, "omega_post": "_omega_post", "omega": "omega_pre"},
+        SHAPE,
+        ["data.columns={vx: v_x, omega: omega_pre, omega_post: _omega_post, vy: …}'"],
     ),
     "capitals": ({"trial": "Trial"}, None, ["unknown column 'Trial', did you mean 'trial'?"]),
 }

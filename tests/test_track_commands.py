@@ -135,7 +135,7 @@ def test_the_command_writes_impacts_and_refusals(tmp_path, plain):
     (tmp_path / "in" / "9_broken.csv").write_text("time,x\n1,2\n")
     shape = f"shape={{kind: ellipse, semi_axes: {list(SEMI_AXES)}}}"
     out = tmp_path / "out.parquet"
-    told = run("contactlearn", "impacts", str(tmp_path / "in"), "-o", str(out), f"mass={MASS}", shape)
+    told = run("contactlearn", "impacts", str(tmp_path / "in"), "-o", str(out), f"data.mass={MASS}", shape)  # or mass=
     impacts = table.load(out, shape=SHAPE)
     assert torch.equal(impacts.v_pre_cov, found.impacts.v_pre_cov)
     assert impacts.trial == found.impacts.trial
@@ -146,6 +146,7 @@ def test_the_command_writes_impacts_and_refusals(tmp_path, plain):
         "were refused",
         "left out",
         "9_broken.csv: has no column",
+        "'data.columns={time: t, position: [px, py], angle: phi}' says which",
     ):
         assert fragment in told
     refused = pd.read_csv(tmp_path / "out.refused.csv")

@@ -105,8 +105,8 @@ def _record(cfg: DictConfig, folder: Path, result: DiagnosisRun, figures: Mappin
 def _candidates(cfg: DictConfig, effects: Mapping[str, Effect]) -> dict[EffectId, Effect]:
     """The catalogue and the configuration's own, under names that nothing else has."""
     known, own = all_candidates(), settings.effects(cfg, "candidate")
-    for name in own:
-        if name in effects or name in catalogue():
+    for name, effect in own.items():  # a class that was imported is in the catalogue under its own name
+        if name in effects or (name in catalogue() and type(effect) not in catalogue()[name]):
             raise ContactLearnError(f"candidate.{name} has the name of another effect; give it one of its own")
     return known | {EffectId(name, effect.form): effect for name, effect in own.items()}
 

@@ -10,7 +10,8 @@ Where the body's shape is known, `rx, ry` may be left out, and `inertia` as well
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
+from difflib import SequenceMatcher
+from itertools import product
 
 from contactlearn.data.table import known
 from contactlearn.data.table.sheet import Sheet
@@ -24,6 +25,7 @@ COMPUTED = {"inertia": ("inertia",), "r": ("rx", "ry")}
 """Columns, by the field that they fill, that a known shape may replace."""
 
 _NEAR, _SLIP = 0.5, 0.85  # similarity to a needed, and to any other column's name, from which on a name is a slip of it
+_APART = 0.75  # to a needed name that begins with another letter: m_g is not omega, pos_x is not vy_post
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +59,7 @@ def name_columns(cells: Sheet, mapped: Mapping[str, str | None] | None, *, shape
     spared = {column for field in computed if shaped for column in COMPUTED[field]}
     needed = [column for column in REQUIRED if column not in ours and column not in spared]
     free = [column for column in COLUMNS if column not in ours and column not in names]
-    slips = {name: near for name in unused if (near := _slip(name, needed, free))}
+    slips = _slips(unused, needed, free)
     if slips or needed:
         raise DataError(f"{cells.path}: {_missing(slips, needed, unused, computed)}")
     _refuse_incomplete(cells, [*ours])
@@ -95,10 +97,19 @@ def _refuse_repeated(cells: Sheet, names: Sequence[str]) -> None:
             raise DataError(f"{cells.path}: data.columns uses {name!r} {count} times; a column fills one of ours")
 
 
-def _slip(name: str, needed: Sequence[str], free: Sequence[str]) -> str | None:
-    """The missing column that a name is a slip of; of one that is needed it may be less near."""
-    near = get_close_matches(name, needed, 1, _NEAR) or get_close_matches(name.lower(), free, 1, _SLIP)
-    return near[0] if near else None
+def _slips(unused: Sequence[str], needed: Sequence[str], free: Sequence[str]) -> dict[str, str]:
+    """The missing column that each name is a slip of, the nearest pairs first and each column once."""
+    near: list[tuple[float, str, str]] = []
+    for name, column in product(unused, free):
+        least = _SLIP if column not in needed else _NEAR if name[:1].lower() == column[0] else _APART
+        pair = SequenceMatcher(None, column, name.lower())
+        if pair.real_quick_ratio() >= least and pair.quick_ratio() >= least and pair.ratio() >= least:
+            near.append((pair.ratio(), name, column))
+    found: dict[str, str] = {}
+    for _, name, column in sorted(near, key=lambda one: (one[2] not in needed, -one[0])):
+        if name not in found and column not in found.values():
+            found[name] = column
+    return {name: found[name] for name in unused if name in found}
 
 
 def _missing(slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[str], computed: Sequence[str]) -> str:
@@ -110,11 +121,11 @@ def _missing(slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[s
     said += [f"not used: {', '.join(others)}"] if lacking and others else []
     if unused:
         mapped = [f"{near}: {name}" for name, near in slips.items()] + [f"{column}: …" for column in lacking]
-        said.append(f"data.columns={{{', '.join(mapped)}}} says which columns of the file these are")
+        said.append(f"'data.columns={{{', '.join(mapped)}}}' says which columns of the file these are")
     if slips and not {*slips.values()} & {*needed}:
         said.append(f"or {{{next(iter(slips.values()))}: null}} that it has none")
-    if lacking and {*lacking} <= {column for field in computed for column in COMPUTED[field]}:
-        said.append("or state the body's shape, data.shape={kind: …}, from which it is computed")
+    if given := [column for field in computed for column in COMPUTED[field] if column in lacking]:
+        said.append(f"or state the body's shape, data.shape={{kind: …}}, from which {', '.join(given)} are computed")
     plain = [column for column in COLUMNS if not column.startswith(("cov_", "apparatus_"))]
     said.append(f"needed: {', '.join(REQUIRED)}; known: {', '.join(plain)}, cov_…, apparatus_… (docs/tables.md)")
     return "; ".join(said)

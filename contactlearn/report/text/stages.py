@@ -83,7 +83,7 @@ def laws(law: str, fits: Sequence[LawFit]) -> str:
 
 def law_changed(law: str) -> str:
     """Say that another law replaces the first choice."""
-    return f"With the missing effects {law_label(law)} has the least held-out error and replaces the first choice."
+    return f"With effects to choose from, {law_label(law)} has the least held-out error and replaces the first choice."
 
 
 def left_out(candidates: Sequence[EffectId]) -> str:

@@ -123,7 +123,7 @@ def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
             known = [str(column) for column in table.columns]
             raise DataError(
                 f"{path}: has no column {name!r}{suggest(name, known)}; it has {', '.join(known)} "
-                "(data.columns names them)"
+                "('data.columns={time: t, position: [px, py], angle: phi}' says which are which)"
             )
     if layout.time not in table.columns:
         layout.times(0, str(path))
