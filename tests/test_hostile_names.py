@@ -1,5 +1,6 @@
 """Names that come from others are text and nothing else: in the terminal, events, results, pages and names of files."""
 
+import contextlib
 import csv
 import json
 import re
@@ -66,8 +67,8 @@ def run(tmp_path_factory) -> tuple[Path, str]:
     words += ["figures.parameters=whittaker", f"hydra.run.dir={root / 'run'}"]
     monkeypatch, said = pytest.MonkeyPatch(), StringIO()
     monkeypatch.setattr(sys, "argv", ["evaluate.py", *words])
-    monkeypatch.setattr("contactlearn.report.terminal._console.file", said)
-    cli.evaluate()
+    with contextlib.redirect_stdout(said):
+        cli.evaluate()
     monkeypatch.undo()
     return root, said.getvalue()
 
