@@ -116,6 +116,10 @@ def _resolved(cfg: DictConfig, name: Any) -> Any:
 
 def _check_hydra(cfg: DictConfig, words: Sequence[str]) -> None:
     """Refuse what Hydra itself would run."""
+    if not OmegaConf.is_config(cfg.hydra):
+        raise ContactLearnError(
+            f"hydra holds Hydra's own settings, and cannot be {cfg.hydra!r}; set one, as hydra.run.dir"
+        )
     hydra = {"hydra": OmegaConf.to_container(cfg.hydra, resolve=False)}
     for key, target in _targets(hydra, ""):
         if not target.startswith(_PLUGINS) and not _named(target, words):

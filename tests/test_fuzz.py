@@ -34,6 +34,7 @@ FOUND = {
     "a choice of nothing": ("overrides", lambda _: b"diagnose\ndata=table\ndata.path=a.csv\nlaw=null"),
     "a list under the name of a package": ("overrides", lambda _: b"evaluate\n+effect@mine.parameters.c=[-1,1]"),
     "a null in place of a part": ("overrides", lambda _: b"evaluate\nfit=null"),
+    "a text in place of Hydra's part": ("overrides", lambda _: b"evaluate\n++hydra="),
     "a number in place of effects": ("overrides", lambda _: b"evaluate\n++candidate=3\n++limits=[1]"),
 }
 
