@@ -15,7 +15,6 @@ from contactlearn.cli import compose
 from contactlearn.data import blocks as blocks_module
 from contactlearn.data import synthetic, table
 from contactlearn.data.blocks import Blocks, joined, sampled
-from contactlearn.data.stratified import stratified
 from contactlearn.data.table import large
 from contactlearn.data.table.sheet import read_parquet
 from contactlearn.errors import ContactLearnError, DataError
@@ -304,15 +303,3 @@ def test_samples_are_the_same_again_and_of_what_they_are_asked_for():
     assert sampled(among, 700) is among
     spread = np.diff(some.nonzero()[:, 0].numpy(), prepend=0)
     assert spread.max() < 100
-
-
-def test_a_stratified_sample_has_what_is_rare(small_blocks):
-    drops = synthetic.load(size=2000, seed=1)
-    drops = drops.replace(object=("common",) * 1990 + ("rare",) * 10)
-    chosen = stratified(Blocks.of(drops), 400)
-    picked = Blocks.of(drops).pick(chosen)
-    assert len(picked) == 400
-    assert picked.object.count("rare") > 5  # 2 of a random sample
-    assert (chosen.unflatten(0, (8, 250)).sum(1) > 25).all()
-    assert torch.equal(chosen, stratified(Blocks.of(drops), 400))
-    assert stratified(Blocks.of(drops), 5000).all()
