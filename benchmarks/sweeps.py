@@ -23,6 +23,7 @@ from contactlearn.serialisation import to_json
 from studies.sweeps import JOBS, content, ended, nothing_half_written, started, survive
 
 ROOT = Path(__file__).parent.parent
+CORES = {"short": (800, 300), "long": (2400, 1200)}  # trials and training trials of a job
 
 
 def timed(folder, *words, status=0):
@@ -65,17 +66,22 @@ def _made(folder, words, count):
 
 
 def cores(folder, jobs):
-    """One process after the other against all cores, in turn, twice each."""
+    """One process after the other against all cores, in turn, twice each; for short jobs and for long ones."""
     if importlib.util.find_spec("hydra_plugins.hydra_joblib_launcher") is None:
         print("cores    left out: needs contactlearn[joblib]")
         return
-    words = ("data.size=800", "model=residual_wrench", "train.size=300", f"seed=range({jobs})")
-    times = {"basic": [], "joblib": []}
-    for turn in range(2):
-        for launcher, found in times.items():
-            found.append(timed(folder / f"{launcher}{turn}", *words, f"hydra/launcher={launcher}")[0])
-    one, all_ = (min(found) for found in times.values())
-    print(f"cores    {jobs} jobs: {one:.0f} s one by one, {all_:.0f} s on all cores, {one / all_:.2f} times (≥ 1.8)")
+    for kind, (trials, trained) in CORES.items():
+        words = ("model=residual_wrench", f"data.size={trials}", f"train.size={trained}", f"seed=range({jobs})")
+        times = {"basic": [], "joblib": []}
+        for turn in range(2):
+            for launcher, found in times.items():
+                where = folder / f"{kind}-{launcher}{turn}"
+                found.append(timed(where, *words, f"hydra/launcher={launcher}")[0])
+        one, all_ = (min(found) for found in times.values())
+        print(
+            f"cores    {jobs} {kind} jobs of {one / jobs:.1f} s: {one:.0f} s one by one, {all_:.0f} s on all cores, "
+            f"{one / all_:.2f} times (≥ 1.8)"
+        )
 
 
 def kills(folder, count):

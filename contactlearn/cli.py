@@ -4,6 +4,7 @@ Nothing heavy is imported before a configuration is complete, so `--help` is fas
 """
 
 import functools
+import gc
 import logging
 import os
 import sys
@@ -12,6 +13,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 from string import Template
+from types import ModuleType
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -50,6 +52,26 @@ def _run(job: Callable[[DictConfig], None], cfg: DictConfig) -> None:
         if HydraConfig.get().mode == RunMode.MULTIRUN:  # the sweep lists it at its end
             raise
         _end(f"error: {error}", 2)
+    if HydraConfig.get().mode == RunMode.MULTIRUN:
+        _settle()
+
+
+@functools.cache
+def _settle() -> None:
+    """After the first job of a sweep, let collections of garbage pass over what it has loaded; joblib makes many."""
+    gc.collect()
+    gc.freeze()
+
+
+@functools.cache
+def _app() -> ModuleType:
+    """Load the commands without collections of garbage, each of which would pass over all that is loaded so far."""
+    gc.disable()
+    try:
+        from contactlearn import app
+    finally:
+        gc.enable()
+    return app
 
 
 def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
@@ -117,25 +139,19 @@ def _help(config_name: str, overrides: list[str]) -> str:
 @_command
 def train(cfg: DictConfig) -> None:
     """Train one model."""
-    from contactlearn import app
-
-    _run(app.train, cfg)
+    _run(_app().train, cfg)
 
 
 @_command
 def evaluate(cfg: DictConfig) -> None:
     """Compare laws and learned models with the bounds."""
-    from contactlearn import app
-
-    _run(app.evaluate, cfg)
+    _run(_app().evaluate, cfg)
 
 
 @_command
 def diagnose(cfg: DictConfig) -> None:
     """Find out which physical effect is missing."""
-    from contactlearn import app
-
-    _run(app.diagnose, cfg)
+    _run(_app().diagnose, cfg)
 
 
 def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool = False) -> DictConfig:

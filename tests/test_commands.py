@@ -16,6 +16,7 @@ from contactlearn.app.results import called
 from contactlearn.configuration import check_settings
 from contactlearn.data import synthetic, table
 from contactlearn.evaluation import metrics
+from contactlearn.learning import curves
 
 CURVES = ("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10,20,500]", "curves.seeds=3", "workers=2")
 FIGURES = (
@@ -319,6 +320,34 @@ def test_one_repetition_has_no_spread(tmp_path):
 def test_a_law_alone_has_no_learning_curve(tmp_path):
     run("evaluate.py", *SMALL[:5], "model=analytical", f"hydra.run.dir={tmp_path}")
     assert json.loads((tmp_path / "results.json").read_text())["learning_curves"] == {}
+
+
+def test_a_stopped_evaluation_goes_on_behind_what_was_trained(tmp_path, monkeypatch):
+    command = ("evaluate.py", *SMALL[:5], "model=x1_wrench", "curves.sizes=[10,20]", "curves.seeds=2", "workers=1")
+    sizes, train = [], curves._train_one
+
+    def stopped(key, size, *rest):
+        if sizes:
+            raise KeyboardInterrupt
+        sizes.append(size)
+        return train(key, size, *rest)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(curves, "_train_one", stopped)
+        run(*command, cwd=tmp_path, status=130)
+    (kept,) = tmp_path.glob("outputs/*/.parts/*/*/*.npz")
+    assert kept.stem == "20"
+
+    def last(key, size, *rest):
+        sizes.append(size)
+        return train(key, size, *rest)
+
+    monkeypatch.setattr(curves, "_train_one", last)
+    run(*command, cwd=tmp_path)
+    assert sizes == [20, 10]
+    assert not list(tmp_path.glob("outputs/*/.parts"))
+    (done,) = tmp_path.glob("outputs/*/*/done.json")
+    assert json.loads((done.parent / "results.json").read_text())["learning_curves"]["x1_wrench"]["sizes"] == [10, 20]
 
 
 MISSPELT = {

@@ -6,6 +6,7 @@ import pytest
 import torch
 from diagnoses import ERROR, made_up, provenance_of
 
+from contactlearn.app.parts import forget
 from contactlearn.audit.consistency import repeated
 from contactlearn.data import mystery, synthetic
 from contactlearn.diagnosis.observer import Observer
@@ -13,7 +14,6 @@ from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis, Limit, Record, Verdict
 from contactlearn.diagnosis.sampling.confirmation import confirm
 from contactlearn.diagnosis.sampling.draw import space_filling
-from contactlearn.diagnosis.sampling.kept import forget
 from contactlearn.diagnosis.sampling.rounds import Rounds
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.stages import Study

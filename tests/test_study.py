@@ -58,10 +58,41 @@ def test_laws_are_identified_on_the_same_subsets(drops, curves):
 def test_more_processes_change_nothing(drops, curves):
     pool, test = drops
     orders, fits, _, alone = curves
-    pair = study.learning_curves(RECIPES, pool, test, orders, (10, 30), bases(fits), workers=2)
+    pair = study.learning_curves(RECIPES, pool, test, orders, (10, 30), bases(fits), work=study.Work(processes=2))
     for name, curve in alone.items():
         assert pair[name].sizes == curve.sizes
         torch.testing.assert_close(pair[name].density.distance, curve.density.distance, rtol=1e-6, atol=1e-9)
+
+
+def test_curves_that_were_stopped_go_on_behind_what_was_trained(drops, curves, tmp_path, monkeypatch):
+    pool, test = drops
+    orders, fits, _, undisturbed = curves
+    trained, whole = [], study._train_one
+
+    def counted(key, size, *rest):
+        if len(trained) == 3:
+            raise KeyboardInterrupt
+        trained.append((*key, size))
+        return whole(key, size, *rest)
+
+    def again():
+        return study.learning_curves(RECIPES, pool, test, orders, (10, 30), bases(fits), work=study.Work(kept=tmp_path))
+
+    monkeypatch.setattr(study, "_train_one", counted)
+    with pytest.raises(KeyboardInterrupt):
+        again()
+    assert trained == [("wrench", 30), ("residual", 30), ("wrench", 10)]
+    del trained[:]
+    found = again()
+    assert trained == [("residual", 10)]
+    for name, curve in undisturbed.items():
+        assert (found[name].sizes, found[name].kinds) == (curve.sizes, curve.kinds)
+        assert found[name].converged == curve.converged
+        assert torch.equal(found[name].density.distance, curve.density.distance)
+        assert all(torch.equal(found[name].errors[metric], error) for metric, error in curve.errors.items())
+    (tmp_path / "wrench" / "10.npz").write_bytes(b"half of a file")  # what cannot be read is trained again
+    again()
+    assert trained == [("residual", 10), ("wrench", 10)]
 
 
 def test_transfer_learns_the_correction(drops):

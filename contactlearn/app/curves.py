@@ -1,6 +1,7 @@
 """The learning curves of an evaluation: every learned model, at every size, from every seed's subset."""
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import torch
 from matplotlib.figure import Figure
@@ -29,8 +30,8 @@ from contactlearn.results.evaluation import CurveCalibration, Evaluation, Learni
 Bases = Mapping[str, Mapping[int, Law | ContactModel]]
 
 
-def learning_study(cfg: DictConfig, data: Split) -> tuple[dict[str, Curve], list[str]]:
-    """Identify the laws and train the learned models on every subset.
+def learning_study(cfg: DictConfig, data: Split, kept: Path) -> tuple[dict[str, Curve], list[str]]:
+    """Identify the laws and train the learned models on every subset; `kept` is the folder of finished trainings.
 
     Returns:
         The curves by model, and the names of those that are no law alone.
@@ -53,8 +54,11 @@ def learning_study(cfg: DictConfig, data: Split) -> tuple[dict[str, Curve], list
             bases,
             impulse=cfg.train.target,
             box=settings.box(cfg),
-            workers=fitting.workers(cfg),
-            progress=lambda done, total: bar.track(done, total, description="learned models"),
+            work=study.Work(
+                processes=fitting.workers(cfg),
+                kept=kept,
+                progress=lambda done, total: bar.track(done, total, description="learned models"),
+            ),
         )
     curves |= learned
     return curves, [name for name in curves if name not in compared_laws(cfg)]

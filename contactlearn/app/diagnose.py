@@ -4,7 +4,6 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import cast
 
 from hydra.core.hydra_config import HydraConfig
 from matplotlib.figure import Figure
@@ -13,9 +12,9 @@ from rich.progress import Progress
 
 from contactlearn.app import fitting, loading, record, results, settings
 from contactlearn.app.laws import chosen_law, named_laws
+from contactlearn.app.parts import forget, parts_folder
 from contactlearn.diagnosis import pipeline
 from contactlearn.diagnosis.result import Diagnosis
-from contactlearn.diagnosis.sampling.kept import forget
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS, all_candidates
 from contactlearn.effects import Effect, EffectId, catalogue
 from contactlearn.errors import ContactLearnError
@@ -29,7 +28,6 @@ from contactlearn.report.tensorboard import Tracker
 from contactlearn.report.text import base_label, headline, rung_label
 from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.results.folder import write_result
-from contactlearn.sweeps.identity import job_identity
 from contactlearn.sweeps.resources import available_memory
 
 
@@ -39,7 +37,7 @@ def diagnose(cfg: DictConfig) -> None:
     folder = results.run_folder()
     impacts = loading.load_data(cfg.data, suspect=True, folder=folder)
     report.show_start(impacts)
-    parts = _parts(cfg, folder)
+    parts = parts_folder(cfg)
     with terminal.progress() as bar:
         found = _found(cfg, impacts, bar, parts)
     command = _command(cfg, found)
@@ -52,16 +50,6 @@ def diagnose(cfg: DictConfig) -> None:
     write_page(folder, found, result.provenance, use=command if found.missing else "")
     forget(parts)
     terminal.show_folder(folder)
-
-
-def _parts(cfg: DictConfig, folder: Path) -> Path:
-    """Where finished subsamples of a large table are kept until all is done: known by what the result depends on.
-
-    They are beside the folder of the run, since the same command later has another one, unless that has a given name.
-    """
-    hydra = cast(DictConfig, HydraConfig.get())
-    named = any(word.startswith("hydra.run.dir=") for word in hydra.overrides.hydra)
-    return (folder if named else folder.parent) / ".parts" / job_identity(cfg, hydra).job
 
 
 def _found(cfg: DictConfig, impacts: Impacts, bar: Progress, parts: Path) -> Diagnosis:

@@ -15,6 +15,7 @@ from contactlearn.app.fitting import CostSurface
 from contactlearn.app.laws import compared_laws, given_law, named_laws
 from contactlearn.app.loading import Split, show_split, watched
 from contactlearn.app.means import FITTED, fits_on_disk, lower_train_size
+from contactlearn.app.parts import forget, parts_folder
 from contactlearn.app.transfer import transfer
 from contactlearn.errors import DataError
 from contactlearn.evaluation import bounds, metrics
@@ -175,13 +176,15 @@ def _with_curves(
     cfg: DictConfig, data: Split, held_out: HeldOut, result: Evaluation, folder: Path
 ) -> tuple[Evaluation, dict[str, Curve]]:
     """Add learning curves to the result, write it again and print them; with the curves that are no law's."""
-    found, learned = curves.learning_study(cfg, data)
+    parts = parts_folder(cfg)
+    found, learned = curves.learning_study(cfg, data, parts)
     levels = curves.mean_errors(data.test, held_out.bounds)
     entries = {name: curves.curve_entry(curve, levels, data.generator, cfg.bootstrap) for name, curve in found.items()}
     result = replace(result, learning_curves=entries)
     save_curves(found, folder / f"learning_curves.{cfg.tables}")
     run_folder.write_result(folder, result)
     terminal.show_curves({name: entries[name] for name in learned})
+    forget(parts)
     return result, {name: found[name] for name in learned}
 
 

@@ -11,6 +11,7 @@ from contactlearn import checkpoint
 from contactlearn.app import fitting, loading, record, results, settings
 from contactlearn.app.laws import given_law
 from contactlearn.app.loading import Split
+from contactlearn.app.parts import forget, parts_folder
 from contactlearn.app.plain import plain_values
 from contactlearn.evaluation import metrics
 from contactlearn.evaluation.metrics import Interval
@@ -44,9 +45,9 @@ def transfer(cfg: DictConfig) -> None:
     source = data.pool[torch.randperm(len(data.pool), generator=data.generator)[: cfg.train.size]]
     bodies = _bodies(cfg, data)
     provenance = results.provenance(data.blocks, cfg)
-    found = {}
+    found, parts = {}, parts_folder(cfg)
     for name, recipe in settings.recipes(cfg).items():
-        model, curves = _transferred(cfg, name, recipe, source, bodies, data.generator)
+        model, curves = _transferred(cfg, name, recipe, source, bodies, data.generator, parts / name)
         checkpoint.save(model, folder / f"{name}.pt", provenance=asdict(provenance))
         found[name] = {
             body: BodyTransfer(**{way: _intervals(cfg, ways[way], data.generator) for way in _ORDER})
@@ -57,6 +58,7 @@ def transfer(cfg: DictConfig) -> None:
     for name, entries in found.items():
         terminal.show_transfer(name, entries, result.sizes)
     _record(cfg, folder, result)
+    forget(parts)
     terminal.show_folder(folder)
 
 
@@ -70,7 +72,7 @@ def _bodies(cfg: DictConfig, data: Split) -> Bodies:
 
 
 def _transferred(
-    cfg: DictConfig, name: str, recipe: Recipe, source: Impacts, bodies: Bodies, generator: torch.Generator
+    cfg: DictConfig, name: str, recipe: Recipe, source: Impacts, bodies: Bodies, generator: torch.Generator, kept: Path
 ) -> tuple[ContactModel, dict[str, dict[str, Curve]]]:
     """Train one model, and compute its curves by body and way."""
     with terminal.progress() as bar:
@@ -83,8 +85,11 @@ def _transferred(
             generator,
             impulse=cfg.train.target,
             box=settings.box(cfg),
-            workers=fitting.workers(cfg),
-            progress=lambda done, total: bar.track(done, total, description=f"transfer of {name}"),
+            work=study.Work(
+                processes=fitting.workers(cfg),
+                kept=kept,
+                progress=lambda done, total: bar.track(done, total, description=f"transfer of {name}"),
+            ),
         )
 
 

@@ -5,10 +5,11 @@ are nested along a curve and the same for every model.  Laws are identified and 
 the subset alone; all seeds of a model at one size are one batch.
 """
 
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
@@ -23,6 +24,7 @@ from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.identification.shared import Box, SharedFit, identify
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
+from contactlearn.learning.kept import Trained, load_trained, save_trained
 from contactlearn.learning.recipe import Recipe, learn
 from contactlearn.model import RESIDUALS, ContactModel
 
@@ -30,14 +32,21 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trained:
-    """One model trained on subsets of one size, for the held-out trials."""
+class Work:
+    """How many trainings are gone through.
 
-    key: Hashable  # of the curve
-    size: int
-    prediction: Prediction
-    kind: str  # of the processes
-    converged: float  # share of the processes whose training converged
+    Args:
+        processes: side by side; 1 trains in this one.
+        kept: folder of finished trainings, which are not trained again; of the same trials, recipes and options.
+        progress: takes the trained models, one by one, and their number, so that a bar can show them.
+    """
+
+    processes: int = 1
+    kept: Path | None = None
+    progress: Callable[[Iterable[Trained], int], Iterable[Trained]] = lambda done, total: done
+
+
+_ALONE = Work()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,8 +148,7 @@ def learning_curves(
     *,
     impulse: str = "momentum",
     box: Box | None = None,
-    workers: int = 1,
-    progress: Callable[[Iterable[Trained], int], Iterable[Trained]] = lambda done, total: done,
+    work: Work = _ALONE,
 ) -> dict[str, Curve]:
     """Train models on every subset, and compute their curves.
 
@@ -152,20 +160,38 @@ def learning_curves(
         bases: by law and size, the law that a recipe names as identified on these subsets, see `law_at`, with its
             effects if it has any.
         impulse, box: see `learning.learn`.
-        workers: processes side by side; 1 trains in this one.
-        progress: takes the trained models, one by one, and their number, so that a bar can show them.
+        work: how the trainings are gone through.
     """
     tasks = []
     for size in sorted(sizes, reverse=True):  # the longest first
         for name, recipe in recipes.items():
             base = bases[recipe.law.name][size] if recipe.law else None
-            tasks.append((name, size, recipe, pool, test, orders[:, :size], base, impulse, box))
-    found = list(progress(run(_train_one, tasks, workers), len(tasks)))
-    return {name: _curve(test, [one for one in found if one.key == name]) for name in recipes}
+            tasks.append(((name,), size, recipe, pool, test, orders[:, :size], base, impulse, box))
+    found = list(_trained(tasks, work))
+    return {name: _curve(test, [one for one in found if one.key == (name,)]) for name in recipes}
+
+
+def _trained(tasks: Sequence[tuple[Any, ...]], work: Work) -> Iterable[Trained]:
+    """Train the models of the tasks, but for those that are kept; keep each that is finished."""
+
+    def every() -> Iterator[Trained]:
+        missing = []
+        for task in tasks:
+            held = load_trained(work.kept, *task[:2]) if work.kept is not None else None
+            if held is None:
+                missing.append(task)
+            else:
+                yield held
+        for trained in run(_train_one, missing, work.processes):
+            if work.kept is not None:
+                save_trained(work.kept, trained)
+            yield trained
+
+    return work.progress(every(), len(tasks))
 
 
 def _train_one(
-    key: Hashable,
+    key: tuple[str, ...],
     size: int,
     recipe: Recipe,
     pool: Impacts,
@@ -198,8 +224,7 @@ def transfer_curves(
     *,
     impulse: str = "momentum",
     box: Box | None = None,
-    workers: int = 1,
-    progress: Callable[[Iterable[Trained], int], Iterable[Trained]] = lambda done, total: done,
+    work: Work = _ALONE,
 ) -> tuple[ContactModel, dict[str, dict[str, Curve]]]:
     """Train a model on one body, and compute its curves on others.
 
@@ -210,7 +235,7 @@ def transfer_curves(
         sizes: numbers of trials of the other body, increasing.
         seeds: random subsets at each size.
         generator: source of the subsets.
-        impulse, box, workers, progress: see `learning_curves`.
+        impulse, box, work: see `learning_curves`.
 
     Returns:
         The model, and by body the curves `zero_shot` (the model as it is; one size, 0), `prior` (the
@@ -236,7 +261,7 @@ def transfer_curves(
             common = pool, test, orders[:, :size]
             tasks.append(((body, "prior"), size, correction, *common, model, impulse, box))
             tasks.append(((body, "scratch"), size, recipe, *common, fit and law_at(fit, size), impulse, box))
-    found = list(progress(run(_train_one, tasks, workers), len(tasks)))
+    found = list(_trained(tasks, work))
     for body, (_, test) in bodies.items():
         for way in ("prior", "scratch"):
             curves[body][way] = _curve(test, [one for one in found if one.key == (body, way)])

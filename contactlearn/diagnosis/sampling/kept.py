@@ -4,7 +4,7 @@ Each has a folder named by its number of trials: the files of its record, and di
 What cannot be read is made again.
 """
 
-import shutil
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,9 +24,10 @@ def keep(folder: Path, found: Diagnosis, trials: int) -> None:
     """
     assert found.record is not None
     part = folder / str(trials)
-    found.record.save(part, {})
-    with written_whole(part / _RESULT) as path:
-        path.write_text(found.to_json(), encoding="utf-8")
+    with suppress(FileNotFoundError):  # the same command beside this one has ended, and removed the folder
+        found.record.save(part, {})
+        with written_whole(part / _RESULT) as path:
+            path.write_text(found.to_json(), encoding="utf-8")
 
 
 def read_kept(folder: Path, trials: int) -> Diagnosis | None:
@@ -37,10 +38,3 @@ def read_kept(folder: Path, trials: int) -> Diagnosis | None:
         return replace(found, record=Record.load(part))
     except (OSError, ContactLearnError):
         return None
-
-
-def forget(folder: Path) -> None:
-    """Remove all subsamples, and the folder above theirs if nothing else is in it."""
-    shutil.rmtree(folder, ignore_errors=True)
-    if folder.parent.is_dir() and not any(folder.parent.iterdir()):
-        folder.parent.rmdir()
