@@ -27,7 +27,7 @@ from contactlearn.tracks.hull import Centre, MarkerHull, hull_of_markers, marker
 from contactlearn.tracks.impacts import impacts_of, moment_imbalance
 from contactlearn.tracks.readers import read, recording_files
 from contactlearn.tracks.readers.layout import Layout
-from contactlearn.tracks.result import Found, Hit, Refusal
+from contactlearn.tracks.result import REASONS, Found, Hit, Refusal
 from contactlearn.tracks.survey import Progress, Survey, TrackOptions, sample, survey, tracked
 from contactlearn.tracks.track import Array, Recording
 
@@ -181,7 +181,9 @@ def find_impacts(
     found = replace(found, frame=replace(found.frame, clues=(*found.frame.clues, clue)))
     if not found.contacts:
         counts = _counts(found.refusals)
-        raise DataError(f"{path}: no contact between two free flights in {found.recordings} recordings; {counts}")
+        raise DataError(
+            f"{path}: no contact between two free flights in {found.recordings} recordings; refused: {counts}"
+        )
     limits = options.thresholds.floor
     floor = find_floor(found.contacts, known, found.rests, lean=found.frame.lean, limits=limits)
     contacts, refusals = off_the_floor(found.contacts, known, floor, limits)
@@ -222,8 +224,8 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
 
 
 def _counts(refusals: Sequence[Refusal]) -> str:
-    reasons = [refusal.reason.value for refusal in refusals]
-    return ", ".join(f"{reason} {reasons.count(reason)}" for reason in dict.fromkeys(reasons)) or "nothing was refused"
+    reasons = [REASONS[refusal.reason] for refusal in refusals]
+    return ", ".join(f"{reason} ({reasons.count(reason)})" for reason in dict.fromkeys(reasons)) or "nothing"
 
 
 def _angles(

@@ -22,6 +22,19 @@ class Reason(StrEnum):
     NOT_READ = "not_read"
 
 
+REASONS = {
+    Reason.DOUBLE_HIT: "several hits",
+    Reason.SLIDING: "sliding or rolling",
+    Reason.REST: "at rest",
+    Reason.TOO_FEW_FRAMES: "too few frames",
+    Reason.LOST_FRAMES: "frames lost at the wrong moment",
+    Reason.HAND_OR_WALL: "a hand or a wall",
+    Reason.OUT_OF_PLANE: "out of the plane",
+    Reason.NOT_READ: "could not be read",
+}
+"""Reasons of refusals as a person writes them."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Refusal:
     """A recording, or a part of it, that is no impact.

@@ -25,6 +25,7 @@ COMPUTED = {"inertia": ("inertia",), "r": ("rx", "ry")}
 """Columns, by the field that they fill, that a known shape may replace."""
 
 _NEAR, _SLIP = 0.5, 0.85  # similarity to a needed, and to any other column's name, from which on a name is a slip of it
+_FEW = 4  # missing columns up to which all that are known are listed
 _APART = 0.75  # to a needed name that begins with another letter: m_g is not omega, pos_x is not vy_post
 
 
@@ -116,7 +117,9 @@ def _missing(slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[s
     """Say which columns are missing, which look like them, and how to name them."""
     lacking = [column for column in needed if column not in slips.values()]
     said = [f"unknown column {name!r}, did you mean {near!r}?" for name, near in slips.items()]
-    said += [f"missing column {', '.join(lacking)}"] if lacking else []
+    few = len(lacking) <= _FEW or not unused
+    counted = ", ".join(lacking) if few else f"names, {len(lacking)} of {len(REQUIRED)} that are needed"
+    said += [f"missing column {counted}"] if lacking else []
     others = [repr(name) for name in unused if name not in slips]
     said += [f"not used: {', '.join(others)}"] if lacking and others else []
     if unused:
@@ -127,7 +130,8 @@ def _missing(slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[s
     if given := [column for field in computed for column in COMPUTED[field] if column in lacking]:
         said.append(f"or state the body's shape, data.shape={{kind: …}}, from which {', '.join(given)} are computed")
     plain = [column for column in COLUMNS if not column.startswith(("cov_", "apparatus_"))]
-    said.append(f"needed: {', '.join(REQUIRED)}; known: {', '.join(plain)}, cov_…, apparatus_… (docs/tables.md)")
+    every = f"needed: {', '.join(REQUIRED)}; known: {', '.join(plain)}, cov_…, apparatus_… (docs/tables.md)"
+    said.append(every if few else "columns that may come beside them: docs/tables.md")
     return "; ".join(said)
 
 

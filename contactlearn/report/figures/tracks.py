@@ -17,9 +17,8 @@ from matplotlib.figure import Figure
 from contactlearn.mechanics import rotate
 from contactlearn.numerics import measured
 from contactlearn.report.figures import style as st
-from contactlearn.report.text.tracks import REASONS
 from contactlearn.shapes import Shape
-from contactlearn.tracks.result import Found, Hit
+from contactlearn.tracks.result import REASONS, Found, Hit
 from contactlearn.tracks.track import Array, turn
 
 _BLUE, _RED, _YELLOW = st.CONTRAST

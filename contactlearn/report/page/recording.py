@@ -13,9 +13,9 @@ from jaxtyping import Float, Int
 from contactlearn.numerics import measured
 from contactlearn.report.page.trials import digits
 from contactlearn.report.text.numbers import number, percent
-from contactlearn.report.text.tracks import REASONS, refusal_number
+from contactlearn.report.text.tracks import refusal_number
 from contactlearn.tracks.flight import Flight, Indices
-from contactlearn.tracks.result import Found, Hit, Reason, Refusal
+from contactlearn.tracks.result import REASONS, Found, Hit, Reason, Refusal
 from contactlearn.tracks.track import Array, Track, turn
 
 FRAMES = 1500

@@ -21,8 +21,8 @@ from contactlearn.report.page.recording import of_recording
 from contactlearn.report.page.sketches import sketch
 from contactlearn.report.page.trials import digits
 from contactlearn.report.text.numbers import number, percent
-from contactlearn.report.text.tracks import REASONS, refusals_by_reason, tracks_facts, tracks_headline
-from contactlearn.tracks.result import Found, Reason
+from contactlearn.report.text.tracks import refusals_by_reason, tracks_facts, tracks_headline
+from contactlearn.tracks.result import REASONS, Found, Reason
 
 RECORDINGS = "recordings.html"
 """The page's name in a run folder."""

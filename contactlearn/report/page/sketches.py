@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from contactlearn.report.text.numbers import number
-from contactlearn.report.text.tracks import REASONS, refusal_number
-from contactlearn.tracks.result import Found, Reason, Refusal
+from contactlearn.report.text.tracks import refusal_number
+from contactlearn.tracks.result import REASONS, Found, Reason, Refusal
 from contactlearn.tracks.track import Array
 
 WIDTH, HEIGHT = 200, 70

@@ -12,19 +12,7 @@ from contactlearn.data.tracks import Tracked
 from contactlearn.mechanics import GRAVITY
 from contactlearn.report.text.numbers import number
 from contactlearn.tracks.frame import Clue
-from contactlearn.tracks.result import Reason, Refusal
-
-REASONS = {
-    Reason.DOUBLE_HIT: "several hits",
-    Reason.SLIDING: "sliding or rolling",
-    Reason.REST: "at rest",
-    Reason.TOO_FEW_FRAMES: "too few frames",
-    Reason.LOST_FRAMES: "frames lost at the wrong moment",
-    Reason.HAND_OR_WALL: "a hand or a wall",
-    Reason.OUT_OF_PLANE: "out of the plane",
-    Reason.NOT_READ: "could not be read",
-}
-"""Reasons of refusals as a person writes them."""
+from contactlearn.tracks.result import REASONS, Reason, Refusal
 
 
 def tracks_summary(found: Tracked, out: Path, refused: Path) -> list[str]:
