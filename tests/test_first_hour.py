@@ -14,6 +14,7 @@ from contactlearn import ContactModel, Recipe, diagnose, identify, identify_join
 from contactlearn.data import synthetic, table
 from contactlearn.effects import find_effect, named_effects
 from contactlearn.errors import ContactLearnError, UnknownNameError
+from contactlearn.report import terminal
 
 SMALL = ("data.size=60", "train.size=20", "train.repetitions=2", "bootstrap=20")
 EFFECT = '''
@@ -149,3 +150,14 @@ def test_ones_own_class_is_a_candidate_under_its_own_name(own, tmp_path):
     own(EFFECT.format(above=DECORATED, returned="wrench", more=""))
     words = ("data.size=24", "seconds=1", "+candidate.mine._target_=own.Mine", f"hydra.run.dir={tmp_path / 'run'}")
     assert "verdict:" in run("diagnose.py", *words)
+
+
+def test_long_steps_are_named_where_no_bar_is_seen(capsys, monkeypatch):
+    def steps():
+        with terminal.progress() as bar:
+            assert list(bar.track(range(3), description="fitting mirtich")) == [0, 1, 2]
+        return capsys.readouterr().out.split("\n")[:-1]
+
+    assert "fitting mirtich …" not in steps()
+    monkeypatch.setattr(terminal, "_LONG", -1.0)
+    assert steps().count("fitting mirtich …") == 1

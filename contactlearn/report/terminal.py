@@ -2,14 +2,16 @@
 
 import math
 import shlex
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
+from typing import TypeVar
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -21,6 +23,8 @@ from contactlearn.results.evaluation import LearningCurve
 from contactlearn.results.transfer import BodyTransfer
 
 _console = Console()
+_Item = TypeVar("_Item")
+_LONG = 5.0  # s after which a step is named where no bar is seen
 _MANY = 20  # trials from which on standard errors cover what they should
 _SHORT = {"mass_error": "mass error", "normalised_velocity_error": "velocity/speed", "velocity_error": "velocity"}
 
@@ -30,10 +34,30 @@ def say(line: str) -> None:
     _console.print(Text(harmless(line.replace("\u00a0", " "))), soft_wrap=True)
 
 
+class _ProgressOrLines(Progress):
+    """A display that disappears when it is done; where there is no terminal, a line for each step that takes long."""
+
+    def track(
+        self,
+        sequence: Iterable[_Item],
+        total: float | None = None,
+        completed: int = 0,
+        task_id: TaskID | None = None,
+        description: str = "Working...",
+        update_period: float = 0.1,
+    ) -> Iterable[_Item]:
+        silent, began = not self.console.is_terminal, time.monotonic()
+        for item in super().track(sequence, total, completed, task_id, description, update_period):
+            yield item
+            if silent and time.monotonic() - began > _LONG:
+                say(f"{description} …")
+                silent = False
+
+
 def progress() -> Progress:
-    """A progress display; on a terminal it disappears when it is done."""
+    """A progress display."""
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    return Progress(*columns, console=_console, transient=True)
+    return _ProgressOrLines(*columns, console=_console, transient=True)
 
 
 def show_data(source: str, pool: int, test: int) -> None:
