@@ -17,7 +17,7 @@ from contactlearn.configuration import check_settings
 from contactlearn.data import synthetic, table
 from contactlearn.evaluation import metrics
 
-CURVES = ("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10,20,500]", "curves.seeds=3", "workers=2")
+CURVES = ("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10,20,500]", "curves.seeds=3", "workers=1")
 FIGURES = (
     "energy_ellipse",
     "cost_surface",
