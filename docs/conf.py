@@ -4,11 +4,14 @@ The source folder is the repository, so that a link that works between two files
 one ends the build.  Nothing is loaded from elsewhere: no web fonts, no scripts of others; search works from the disk.
 """
 
+import gc
 import re
 from pathlib import Path
 from typing import Any
 
 import contactlearn
+
+gc.set_threshold(100_000, 20, 50)  # the trees of all pages are kept: looking through them for garbage took a fifth of the time
 
 project = "contactlearn"
 copyright = "the contactlearn authors, MIT licence"

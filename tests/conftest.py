@@ -1,6 +1,5 @@
 """Fixtures that several test files share, the order of the files, and the inner loop `--quick`."""
 
-import gc
 import os
 
 import hypothesis
@@ -34,12 +33,6 @@ def pytest_collection_modifyitems(config, items):
         chosen = list(quick.kept(items, quick.changed()))
         config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
         items[:] = chosen
-
-
-def pytest_collection_finish():
-    """What is imported by now stays, so that no collection of garbage looks through it again."""
-    gc.collect()
-    gc.freeze()
 
 
 @pytest.fixture(scope="session")
