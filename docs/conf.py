@@ -11,7 +11,9 @@ from typing import Any
 
 import contactlearn
 
-gc.set_threshold(100_000, 20, 50)  # the trees of all pages are kept: looking through them for garbage took a fifth of the time
+gc.set_threshold(
+    100_000, 20, 50
+)  # the trees of all pages are kept: looking through them for garbage took a fifth of the time
 
 project = "contactlearn"
 copyright = "the contactlearn authors, MIT licence"

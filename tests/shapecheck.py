@@ -1,9 +1,9 @@
 """Shapes of tensors, checked at every call while testing: what `Float[Tensor, "*batch n 3"]` says must hold.
 
 A call costs about a third more, too much for all tests, so test_shapes runs some commands as
-`python tests/shapecheck.py train.py … -- diagnose.py …`.  `install` makes jaxtyping wrap every function and dataclass of the package
-as it is imported.  Arrays alone are checked: the other annotations are pyright's, and tests pass wrong values on
-purpose to see them refused.
+`python tests/shapecheck.py train.py … -- diagnose.py …`.  `install` makes jaxtyping wrap every function and dataclass
+of the package as it is imported.  Arrays alone are checked: the other annotations are pyright's, and tests pass wrong
+values on purpose to see them refused.
 """
 
 import itertools

@@ -30,7 +30,7 @@ COMMANDS = {
         *("evaluate.py", *SMALL[:5], "laws=[wang_mason,drumwright_shell]", "effect=[side_drag]", "tables=csv"),
         *("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10]", "curves.seeds=2", "workers=1"),
     ),
-    "diagnose": ("diagnose.py", "data.size=60", "law=wang_mason"),
+    "diagnose": ("diagnose.py", "data.size=40", "law=wang_mason"),
 }
 
 
@@ -49,7 +49,7 @@ def test_other_annotations_are_left_alone():
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """A folder of runs by the names of their commands, and what these printed: all in one process, which is slow to begin."""
+    """A folder of runs by the names of their commands, and what these printed, in one process: it is slow to begin."""
     folder = tmp_path_factory.mktemp("runs")
     words = [word for name, command in COMMANDS.items() for word in ("--", *command, f"hydra.run.dir={folder / name}")]
     return folder, run_alone("tests/shapecheck.py", *words)
