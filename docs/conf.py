@@ -11,9 +11,8 @@ from typing import Any
 
 import contactlearn
 
-gc.set_threshold(
-    100_000, 20, 50
-)  # the trees of all pages are kept: looking through them for garbage took a fifth of the time
+# The trees of all pages are kept: looking through them for garbage took a tenth of the time.
+gc.set_threshold(100_000, 20, 50)
 
 project = "contactlearn"
 copyright = "the contactlearn authors, MIT licence"
