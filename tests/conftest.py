@@ -22,8 +22,10 @@ hypothesis.settings.load_profile("suite")
 
 # The files that take longest begin: a worker that takes one of them last would be waited for.
 LONGEST = (
-    "test_workbench_browser.py", "test_diagnosis.py", "test_sweeps.py", "test_audit.py", "test_examples.py",
-    "test_second_nature.py", "test_search.py", "test_mystery.py", "test_tracks_mujoco.py", "test_equivalents.py",
+    "test_workbench_browser.py", "test_diagnosis.py", "test_sweeps.py", "test_site.py", "test_examples.py",
+    "test_docs.py", "test_commands.py", "test_shapes.py", "test_report_page.py", "test_law_commands.py",
+    "test_workbench.py", "test_learning.py", "test_second_nature.py", "test_mystery.py", "test_effects.py",
+    "test_audit.py", "test_search.py", "test_tracks_mujoco.py", "test_equivalents.py",
 )  # fmt: skip
 
 
