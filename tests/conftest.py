@@ -1,6 +1,7 @@
 """Fixtures that several test files share, the order of the files, and the inner loop `--quick`."""
 
 import os
+import sys
 
 import hypothesis
 import pytest
@@ -10,6 +11,10 @@ import torch
 from contactlearn.data import ellipse_drops as source
 from contactlearn.errors import DataError
 
+# Machines that forbid compiled files, as images of containers do, would have each process of the tests compile the
+# package and rewrite the assertions again, which takes longer than many a test.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 torch.set_num_threads(1)  # the suite runs in parallel processes
 # On a busy machine making an example takes long; that is no fault of the test.
 hypothesis.settings.register_profile("suite", suppress_health_check=[hypothesis.HealthCheck.too_slow])
@@ -17,8 +22,10 @@ hypothesis.settings.load_profile("suite")
 
 # The files that take longest begin: a worker that takes one of them last would be waited for.
 LONGEST = (
-    "test_workbench_browser.py", "test_diagnosis.py", "test_sweeps.py", "test_audit.py", "test_examples.py",
-    "test_second_nature.py", "test_search.py", "test_mystery.py", "test_tracks_mujoco.py", "test_equivalents.py",
+    "test_workbench_browser.py", "test_diagnosis.py", "test_sweeps.py", "test_site.py", "test_examples.py",
+    "test_docs.py", "test_commands.py", "test_shapes.py", "test_report_page.py", "test_law_commands.py",
+    "test_workbench.py", "test_learning.py", "test_second_nature.py", "test_mystery.py", "test_effects.py",
+    "test_audit.py", "test_search.py", "test_tracks_mujoco.py", "test_equivalents.py",
 )  # fmt: skip
 
 

@@ -66,10 +66,10 @@ def test_a_parameter_for_every_few_trials_is_refused():
 
 def test_ones_own_candidate_is_found_from_the_command_line(tmp_path):
     """The printed command takes it into the model, and the held-out error falls."""
-    drops = synthetic.load(size=250, velocity_noise=0, spin_noise=0)
+    drops = synthetic.load(size=150, velocity_noise=0, spin_noise=0)
     mine = formula({"c": [-0.02, 0.02]}, tau="c*Pn*sin(3*theta)")
     model = assemble(find("wang_mason"), {"mine": mine}, torch.tensor((0.12, 0.55, 0.004), dtype=torch.float64))
-    noise = torch.randn(250, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    noise = torch.randn(150, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     v_post = model.predict(drops).v_post + noise * torch.tensor((0.01, 0.01, 0.5))
     table.save(drops.replace(v_post=v_post), tmp_path / "drops.csv")
     words = [
@@ -118,7 +118,14 @@ def test_limits_and_settings_reach_the_experiment_and_the_command(tmp_path):
     assert "limit of an experiment" in said
     assert "v_y" in said
     assert "limits.v_y must be [low, high]" in run("diagnose.py", "data.size=60", "+limits.v_y=-3", status=2)
-    words = ("data=mystery", "data.seed=11", "data.size=80", f"data.folder={tmp_path}", "fit.noise=[0.01,0.01,0.4]")
-    run("diagnose.py", *words, "law=wang_mason", "+limits.v_y=[-3,-1]", f"hydra.run.dir={tmp_path / 'found'}")
+    words = ("data=mystery", "data.seed=11", "data.size=40", f"data.folder={tmp_path}", "fit.noise=[0.01,0.01,0.4]")
+    run(
+        "diagnose.py",
+        *words,
+        "seconds=1",
+        "law=wang_mason",
+        "+limits.v_y=[-3,-1]",
+        f"hydra.run.dir={tmp_path / 'found'}",
+    )
     result = run_folder.read_result(tmp_path / "found" / "diagnosis.json")
     assert "fit.noise=[0.01,0.01,0.4]" in shlex.split(result.use)

@@ -18,7 +18,7 @@ from contactlearn.data import synthetic, table
 from contactlearn.evaluation import metrics
 from contactlearn.learning import curves
 
-CURVES = ("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10,20,500]", "curves.seeds=3", "workers=2")
+CURVES = ("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10,20,500]", "curves.seeds=3", "workers=1")
 FIGURES = (
     "energy_ellipse",
     "cost_surface",

@@ -13,7 +13,7 @@ SIZES = {
     "paper_figures": ("--trials=80", "--repetitions=2", "--size=30", "--seeds=2", "--largest=20"),
     "find_hidden_effect": ("--trials=80", "--hidden=side_drag"),
     "own_csv": ("--trials=60",),
-    "tracks_to_effect": ("--recordings=16",),
+    "tracks_to_effect": ("--recordings=10",),
     "own_effect_and_law": ("--trials=80",),
     "two_bodies": ("--trials=40",),
     "transfer": ("--trials=24", "--seeds=2"),

@@ -68,7 +68,7 @@ def test_a_law_of_ones_own_takes_part_in_an_evaluation(package, tmp_path):
 
 
 def test_a_law_of_ones_own_takes_part_in_a_diagnosis(package, tmp_path):
-    printed = run("diagnose.py", "data.size=100", *CHOSEN, f"hydra.run.dir={tmp_path / 'run'}")
+    printed = run("diagnose.py", "data.size=40", "seconds=1", *CHOSEN, f"hydra.run.dir={tmp_path / 'run'}")
     assert "bumpy_floor" in printed
     found = results(tmp_path / "run", "diagnosis.json")
     assert found["diagnosis"]["law"] == "bumpy_floor"

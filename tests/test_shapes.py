@@ -30,7 +30,7 @@ COMMANDS = {
         *("evaluate.py", *SMALL[:5], "laws=[wang_mason,drumwright_shell]", "effect=[side_drag]", "tables=csv"),
         *("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10]", "curves.seeds=2", "workers=1"),
     ),
-    "diagnose": ("diagnose.py", "data.size=60", "law=wang_mason"),
+    "diagnose": ("diagnose.py", "data.size=40", "law=wang_mason"),
 }
 
 
@@ -47,7 +47,15 @@ def test_other_annotations_are_left_alone():
     assert shapecheck.arrays(half) is half
 
 
-@pytest.mark.parametrize("words", COMMANDS.values(), ids=COMMANDS)
-def test_commands_keep_to_the_shapes(words, tmp_path):
-    printed = run_alone("tests/shapecheck.py", *words, f"hydra.run.dir={tmp_path}")
-    assert str(tmp_path) in printed
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """A folder of runs by the names of their commands, and what these printed, in one process: it is slow to begin."""
+    folder = tmp_path_factory.mktemp("runs")
+    words = [word for name, command in COMMANDS.items() for word in ("--", *command, f"hydra.run.dir={folder / name}")]
+    return folder, run_alone("tests/shapecheck.py", *words)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_commands_keep_to_the_shapes(name, runs):
+    folder, printed = runs
+    assert str(folder / name) in printed

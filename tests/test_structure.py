@@ -224,6 +224,7 @@ PATTERNS = {
 }
 
 
+@cache
 def _code(path: Path) -> list[tuple[int, str]]:
     """Lines of code, without comments, docstrings, imports and blanks, each with its number."""
     text = path.read_text(encoding="utf-8")

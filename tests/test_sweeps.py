@@ -12,6 +12,7 @@ from unittest.mock import patch
 
 import pytest
 from commands import TRAIN, run
+from forked import Forked
 from repetitions import repeated
 
 from contactlearn import cli
@@ -250,9 +251,9 @@ def test_killed_at_random_moments(kills, undisturbed, tmp_path):
 
     Fifty kills are in benchmarks/sweeps.py.
     """
-    hits, lost = survive(tmp_path, kills=kills, longest=7)
+    hits, lost = survive(tmp_path, kills=kills, longest=3, start=Forked)
     assert (hits, lost) == (kills, [])
-    status, printed = ended(started(tmp_path, *JOBS))
+    status, printed = ended(Forked(tmp_path, *JOBS))
     assert status == 0, printed
     assert content(tmp_path) == content(undisturbed)
 
@@ -280,7 +281,7 @@ def test_a_half_written_marker_is_no_marker(undisturbed, tmp_path):
 
 
 def test_interrupted_by_hand(tmp_path):
-    """Ctrl-C is one line and status 130, and the same command goes on."""
+    """Ctrl-C is one line and status 130, and the same command goes on; a process that nothing was loaded for."""
     sweep = started(tmp_path, *JOBS)
     while not finished(tmp_path) and sweep.poll() is None:
         time.sleep(0.02)
@@ -297,7 +298,7 @@ def test_interrupted_by_hand(tmp_path):
 
 def test_two_processes_on_one_sweep(undisturbed, tmp_path):
     """They share the jobs; each is run once, and both end with all of them."""
-    both = [started(tmp_path, *JOBS) for _ in range(2)]
+    both = [Forked(tmp_path, *JOBS) for _ in range(2)]
     printed = []
     for sweep in both:
         status, text = ended(sweep)

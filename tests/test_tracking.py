@@ -41,7 +41,7 @@ COMMANDS = {
     "evaluate_with": ("evaluate.py", *SMALL, "effect=[side_drag]", "laws=[whittaker]"),
     "transfer": ("evaluate.py", "experiment=transfer", "model=[x1_wrench]", "data.size=60", "train.size=30",
                  "transfer.sizes=[4,8]", "transfer.seeds=2", "bootstrap=50", "~transfer.bodies.rod", "workers=1"),
-    "diagnose": ("diagnose.py", "data=mystery", "data.seed=11", "data.size=150", "law=wang_mason"),
+    "diagnose": ("diagnose.py", "data=mystery", "data.seed=11", "data.size=100", "law=wang_mason"),
 }  # fmt: skip
 
 
@@ -186,7 +186,7 @@ def test_runs_say_what_they_were_made_with(runs):
         "evaluate": ("evaluate", "wang_mason", "analytical", 20, []),
         "evaluate_with": ("evaluate", "wang_mason", "analytical", 60, ["side_drag"]),
         "transfer": ("evaluate", "drumwright_shell", "x1_wrench", 30, []),
-        "diagnose": ("diagnose", "wang_mason", "analytical", 150, missing),
+        "diagnose": ("diagnose", "wang_mason", "analytical", 100, missing),
     }
     for name, (*told, effects) in expected.items():
         assert [made[name][key] for key in ("command", "law", "model", "train_size")] == told, name

@@ -251,7 +251,16 @@ def test_a_line_of_mathematics_is_completed_checked_and_added(browser, served):
     assert not heard(browser)
 
 
-def test_learned_models_and_learning_curve_come_beside_the_laws_or_are_cancelled(browser, served):
+@pytest.mark.nightly
+def test_studies_come_beside_the_laws_or_are_cancelled_at_each_width(browser, served):
+    studies_come_and_are_cancelled(browser, served)
+
+
+def test_learned_models_and_learning_curve_come_beside_the_laws_or_are_cancelled(wide, served):
+    studies_come_and_are_cancelled(wide, served)
+
+
+def studies_come_and_are_cancelled(browser, served):
     seed = browser.execute_script("return innerWidth")  # what was computed before is shown at once
     opened(browser, f"{served}&data=synthetic&data.size=60&data.seed={seed}")
     click(browser, "compare", "Learning curve")
@@ -296,7 +305,7 @@ def test_the_hints_lead_to_the_truth(browser, served):
     until(browser, "document.getElementById('hints').hidden")
 
 
-@pytest.mark.parametrize("count", repeated(200, 1000))
+@pytest.mark.parametrize("count", repeated(100, 1000))
 def test_random_clicks_do_no_harm(count, wide, served):
     opened(wide, served + MYSTERY)
     assert wide.execute_async_script(_CLICKS, count) == count

@@ -72,18 +72,18 @@ def nothing_half_written(folder):
     assert all(read_done(path.parent) is not None for path in Path(folder).glob("*/done.json"))
 
 
-def survive(folder, kills, longest, seed=0, words=JOBS):
+def survive(folder, kills, longest, seed=0, words=JOBS, start=started):
     """Kill a sweep at random moments and go on each time; kills that hit it, and what was lost, which must be none."""
     moments = random.Random(seed)
     hits, lost = 0, []
     before = {}
-    start = time.monotonic()
-    while hits < kills and time.monotonic() - start < 1500:
+    begun = time.monotonic()
+    while hits < kills and time.monotonic() - begun < 1500:
         if len(before) == COUNT:  # begin anew: there is nothing left to kill
             before = {}
             for path in Path(folder).iterdir():
                 subprocess.run(["rm", "-rf", str(path)], check=True)
-        hits += killed(started(folder, *words), moments.uniform(0.5, longest))
+        hits += killed(start(folder, *words), moments.uniform(0.5, longest))
         nothing_half_written(folder)
         now = finished(folder)
         lost += [name for name, when in before.items() if now.get(name) != when]

@@ -12,6 +12,7 @@ Each form of a family is a class and has a test class of its own.
 """
 
 import math
+from functools import cache
 
 import torch
 from jaxtyping import Float
@@ -33,6 +34,18 @@ ROUNDING = 1e-10  # relative to 1 m/s and 10 rad/s: a few operations more or les
 DIFFERENCES = 1e-3  # of a difference with a step of 1e-6 of the range
 
 
+@cache
+def _drops(shape: Shape | None) -> Impacts:
+    """The drops of `EffectContract.impacts`, which every test asks for several times."""
+    drops = synthetic.load(size=N, shape=shape, velocity_noise=0, spin_noise=0, seed=5)
+    drops = drops.replace(object=tuple(("first", "second", "third")[k % 3] for k in range(N)))
+    generator = torch.Generator().manual_seed(6)
+    v = drops.v_pre * (0.5 + torch.rand(N, 1, generator=generator, dtype=torch.float64))
+    v[::2, 0] *= -1
+    steep = v[:, 1] + drops.r[:, 0] * v[:, 2] < -0.1
+    return drops[steep].replace(v_pre=v[steep])
+
+
 class EffectContract:
     """Inherit, and set `effect` to an instance; `law` is the law that it acts around.
 
@@ -45,13 +58,7 @@ class EffectContract:
 
     def impacts(self) -> Impacts:
         """Drops of three objects alike from both sides and from different heights, in a sequence."""
-        drops = synthetic.load(size=N, shape=self.shape, velocity_noise=0, spin_noise=0, seed=5)
-        drops = drops.replace(object=tuple(("first", "second", "third")[k % 3] for k in range(N)))
-        generator = torch.Generator().manual_seed(6)
-        v = drops.v_pre * (0.5 + torch.rand(N, 1, generator=generator, dtype=torch.float64))
-        v[::2, 0] *= -1
-        steep = v[:, 1] + drops.r[:, 0] * v[:, 2] < -0.1
-        return drops[steep].replace(v_pre=v[steep])
+        return _drops(self.shape)
 
     def predict(
         self,
