@@ -17,6 +17,7 @@ from torch.utils.backend_registration import _setup_privateuseone_for_python_bac
 
 NAME = "twin"
 _FROM_PYTHON = (torch.tensor, torch.as_tensor)
+_INDEXING = (torch.Tensor.__getitem__, torch.Tensor.__setitem__)
 _COPIES = ("aten::copy_", "aten::_copy_from", "aten::_to_copy")
 _INDEXED = ("aten::index", "aten::index_put", "aten::index_put_", "aten::_index_put_impl_")
 
@@ -88,6 +89,8 @@ class _FromPython(TorchFunctionMode):
         if function in _FROM_PYTHON and not isinstance(args[0], torch.Tensor) and kwargs.get("device") is not None:
             device = kwargs.pop("device")
             return function(*args, **kwargs).to(device)
+        if function in _INDEXING and isinstance(args[1], list):
+            return function(args[0], torch.tensor(args[1]), *args[2:])
         return function(*args, **kwargs)
 
 

@@ -147,7 +147,7 @@ def _learn_parameters(
     theta = observed = shared.expand(*rows.shape, 2)
     regressor = None
     for _ in range(_ROUNDS):
-        theta = torch.minimum(torch.maximum(theta, box.low), box.high)
+        theta = torch.minimum(torch.maximum(theta, box.low.to(theta)), box.high.to(theta))
         everywhere = _everywhere(theta, rows, len(impacts))
         G = _at(wrench_per_parameter(law, impacts, everywhere, effects)[..., :2, :], rows, 2)
         error = _at(P - predict_with(law, impacts, everywhere, effects).wrench[..., :2], rows)
