@@ -171,16 +171,16 @@ def test_effects(kind, drops, device):
     middle = [p.start + (p.high - p.start) / 4 for p in effect.parameters]
 
     def computed(drops):
-        plain = ContactModel(ROUTH.at(0.2, 0.5), effects={"it": effect.at(middle)}).predict(drops)
+        model = ContactModel(ROUTH.at(0.2, 0.5), effects={"it": effect.at(middle)})
         theta = torch.tensor([[0.2, 0.5, *middle], [0.1, 0.6, *middle]], dtype=torch.float64).to(drops.mass)
         batch = assemble(ROUTH, {"it": effect}, theta)
         own = [torch.full_like(drops.mass, value).requires_grad_() for value in middle]
         outcome = resolve(ROUTH, {"it": effect.at(own)}, State.of(drops), 0.2, 0.5)
         return (
-            plain,
+            model.predict(drops),
             batch.predict(drops),
             derivative(outcome.v_post, own),
-            partial_residuals(ContactModel(ROUTH.at(0.2, 0.5), effects={"it": effect.at(middle)}), drops, "it"),
+            partial_residuals(moved(model, drops.mass.device), drops, "it"),
             changes(batch, drops, ["it"]),
         )
 
