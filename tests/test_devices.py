@@ -385,6 +385,15 @@ def test_a_gpu_that_is_not_there_is_one_clear_line(monkeypatch, tmp_path):
     assert devices.find("auto") == torch.device("cpu")
 
 
+def test_a_full_gpu_is_one_clear_line(monkeypatch, tmp_path):
+    def full(*_, **__):
+        raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB.")
+
+    monkeypatch.setattr(bounds, "irb", full)
+    printed = run("train.py", *SMALL, f"hydra.run.dir={tmp_path / 'a'}", status=2)
+    assert printed.splitlines()[-1] == "error: the GPU's memory ran out; use fewer trials, or device=cpu"
+
+
 def test_auto_takes_the_gpu_that_is_there(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     assert [devices.find(name).type for name in devices.NAMES] == ["cuda", "cpu", "cuda"]

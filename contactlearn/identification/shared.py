@@ -78,7 +78,6 @@ def _length(x: Tensor) -> Tensor:
 
 def cost_surface(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, *, target: str = "momentum") -> Tensor:
     """Compute C(μ, ε) [len(mu), len(eps)] in N s over all given trials (Fig. 3.3)."""
-    mu, eps = mu.to(impacts.mass), eps.to(impacts.mass)
     parts = (
         distances(law, impacts[rows], mu[:, None, None], eps[:, None], target=target).sum(-1)
         for rows in torch.arange(len(impacts)).split(_TRIALS)
