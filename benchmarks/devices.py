@@ -69,7 +69,10 @@ def works(quick: bool) -> dict[str, Work]:
             lambda drops: identify_jointly(law, effects, drops).values,
             (drops,),
         ),
-        "the same, 20 subsets of 100": (lambda *given: identify_jointly(law, effects, *given).values, (drops, subsets)),
+        f"the same, 20 subsets of {subsets.shape[1]}": (
+            lambda *given: identify_jointly(law, effects, *given).values,
+            (drops, subsets),
+        ),
         f"IRB bound of {many} trials": (lambda drops: bounds.irb(drops).v_post, (synthetic.load(size=many),)),
     }
     for n in (30,) if quick else (100, 450):

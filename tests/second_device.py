@@ -81,8 +81,8 @@ def _goes_along(op, args, away: list[torch.Tensor]) -> bool:
     return pointwise and all(x.dim() == 0 for x in away)
 
 
-class _FromPython(TorchFunctionMode):
-    """Numbers of Python come to the device by way of the CPU, for PyTorch knows no other way to a foreign one."""
+class _BeforeDispatch(TorchFunctionMode):
+    """What does not get as far as dispatch: numbers and lists of Python come by way of the CPU, and `x.data = y`."""
 
     def __torch_function__(self, function, types, args=(), kwargs=None):
         kwargs = dict(kwargs or {})
@@ -91,6 +91,8 @@ class _FromPython(TorchFunctionMode):
             return function(*args, **kwargs).to(device)
         if function in _INDEXING and isinstance(args[1], list):
             return function(args[0], torch.tensor(args[1]), *args[2:])
+        if function == torch.Tensor.data.__set__ and isinstance(args[0], Twin):
+            args[0].raw = args[1].raw
         return function(*args, **kwargs)
 
 
@@ -105,5 +107,5 @@ def second_device() -> Iterator[torch.device]:
         _LIBRARY.append(torch.library.Library("_", "IMPL"))
         _LIBRARY[0].fallback(_compute, "PrivateUse1")
     # Backward passes in this thread: one that ends with the process must not hold tensors of Python.
-    with _FromPython(), torch.autograd.set_multithreading_enabled(False):
+    with _BeforeDispatch(), torch.autograd.set_multithreading_enabled(False):
         yield torch.device(NAME)
