@@ -18,6 +18,7 @@ _PACKAGE = Path(__file__).parent
 CONFIGS = next(str(path) for path in (_PACKAGE / "configs", _PACKAGE.parent / "configs") if path.is_dir())
 """Beside the package in a checkout, inside it where it is installed."""
 _OPEN = ("data", "law", "model", "effect", "candidate", "limits", "reference", "transfer.bodies")
+_COMMANDS = ("train", "evaluate", "diagnose")
 _REFUSED = re.compile(r"Could not (?:override|append to config|delete from config)[^']*'([^']+)'")
 
 
@@ -80,6 +81,11 @@ def _not_there(key: str, group: str, name: str) -> str:
 
 
 def _unknown(key: str, known: set[str]) -> ContactLearnError:
+    others = [f"{command}.py" for command in _COMMANDS if key in _declared(command)]
+    if others:
+        return ContactLearnError(
+            f"{key} is a setting of {' and '.join(others)} alone; --help lists all of this command"
+        )
     last = {name.rpartition(".")[2]: name for name in known}
     near = suggest(key, known) or suggest(last.get(key.rpartition(".")[2], ""), known)
     return ContactLearnError(f"unknown setting {key!r}{near}; --help lists all settings")

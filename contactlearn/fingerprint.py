@@ -16,7 +16,7 @@ class Fingerprint:
 
     def add_numbers(self, field: str, values: Tensor) -> None:
         """Continue a field with numbers."""
-        self._digests[field].update(values.contiguous().numpy().data)
+        self._digests[field].update(values.cpu().contiguous().numpy().data)
 
     def add_texts(self, field: str, texts: Iterable[str]) -> None:
         """Continue a field with texts."""

@@ -1,7 +1,8 @@
 """Impacts: an immutable batch of measured planar impacts.  Prediction: what a model says of one.
 
 Everything downstream of the data sources takes an `Impacts` and nothing reads a file again.  It
-holds float64 tensors in SI units; validation happens once, when it is made.
+holds float64 tensors in SI units, all on one device (`contactlearn.devices` moves them); validation happens once, when
+it is made.
 
     mass, inertia      [N]     kg, kg m²   about the centre of mass
     r                  [N, 2]  m           contact point minus centre of mass, world axes
@@ -96,27 +97,26 @@ class Impacts:
 
     def __post_init__(self) -> None:
         n = len(self.mass)
-        if self.order is None:  # left out
-            object.__setattr__(self, "order", torch.arange(1, n + 1))
         for name, columns in COMPONENTS.items():
-            value = getattr(self, name)
-            if value is None and name in OPTIONAL:
-                continue
-            value = torch.as_tensor(value, dtype=torch.float64)
-            value = value.clone(memory_format=torch.contiguous_format)  # the caller may overwrite theirs
-            wanted = (n,) if len(columns) == 1 else (n, len(columns))
-            if value.shape != wanted:
-                raise DataError(f"{name} must have shape {wanted}, got {tuple(value.shape)}")
-            object.__setattr__(self, name, value)
+            if getattr(self, name) is not None or name not in OPTIONAL:
+                self._take(name, (n,) if len(columns) == 1 else (n, len(columns)))
+        if self.order is None:  # left out
+            object.__setattr__(self, "order", torch.arange(1, n + 1).to(self.mass))
         for name in COVARIANCES:
             if getattr(self, name) is not None:
-                value = torch.as_tensor(getattr(self, name), dtype=torch.float64)
-                if value.shape != (n, 3, 3):
-                    raise DataError(f"{name} must have shape {(n, 3, 3)}, got {tuple(value.shape)}")
-                object.__setattr__(self, name, value.clone(memory_format=torch.contiguous_format))
+                self._take(name, (n, 3, 3))
         object.__setattr__(self, "trial", tuple(map(str, self.trial)) or tuple(str(i + 1) for i in range(n)))
         object.__setattr__(self, "object", tuple(map(str, self.object)) or ("body",) * n)
         self._validate()
+
+    def _take(self, name: str, shape: tuple[int, ...]) -> None:
+        """Take a copy of a field, since the caller may overwrite theirs."""
+        value = torch.as_tensor(getattr(self, name), dtype=torch.float64)
+        if value.shape != shape:
+            raise DataError(f"{name} must have shape {shape}, got {tuple(value.shape)}")
+        object.__setattr__(self, name, value.clone(memory_format=torch.contiguous_format))
+        if value.device != self.mass.device:
+            raise DataError(f"{name} must be on {self.mass.device} as mass is, got {value.device}; move all or none")
 
     def _validate(self) -> None:
         n = len(self)
@@ -203,8 +203,8 @@ class Impacts:
 
     def __getitem__(self, rows: Int[Tensor, "k"] | Bool[Tensor, "n"] | Sequence[int] | slice) -> "Impacts":
         """The trials at `rows` (indices, a boolean mask or a slice), in that order."""
-        index = torch.arange(len(self))[rows if isinstance(rows, slice) else torch.as_tensor(rows)]
-        picked = index.tolist()
+        index = torch.arange(len(self))[rows if isinstance(rows, slice) else torch.as_tensor(rows).cpu()]
+        picked, index = index.tolist(), index.to(self.mass.device)
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         for name in (*COMPONENTS, *COVARIANCES):
             if values[name] is not None:

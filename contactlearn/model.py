@@ -177,7 +177,7 @@ def resolve(
     state = measured
     for effect in at["state"]:
         state = effect.state(state)
-    mu, eps = (torch.as_tensor(x, dtype=torch.float64) for x in (mu, eps))
+    mu, eps = (torch.as_tensor(x, dtype=torch.float64, device=measured.mass.device) for x in (mu, eps))
     for effect in at["law"]:
         mu, eps = effect.law(state, mu, eps)
     if at["law"]:
@@ -218,7 +218,7 @@ def wrench_per_parameter(
 def derivative(outcome: Tensor, parameters: Sequence[Tensor]) -> Tensor:
     """Derivative [..., N, D, K] of outcomes [..., N, D] in parameters [..., N] of their own impacts alone."""
     size = outcome.shape[-1]
-    each = torch.eye(size, dtype=outcome.dtype).expand(*outcome.shape[:-1], size, size).movedim(-2, 0)
+    each = torch.eye(size).to(outcome).expand(*outcome.shape[:-1], size, size).movedim(-2, 0)
     rows = torch.autograd.grad(outcome, parameters, each, is_grads_batched=True, allow_unused=True)
     flat = [outcome.new_zeros(size, *p.shape) if row is None else row for row, p in zip(rows, parameters, strict=True)]
     return torch.stack(flat, -1).movedim(0, -2)

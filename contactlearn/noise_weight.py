@@ -25,7 +25,7 @@ def noise_weight(impacts: Impacts, target: str) -> Float[Tensor, "n o"] | None:
         return None
     covariance = torch.stack(stated).sum(0)
     if target != "velocity":
-        step = torch.eye(3, dtype=torch.float64)[:, None].expand(3, len(impacts), 3)
+        step = torch.eye(3).to(covariance)[:, None].expand(3, len(impacts), 3)
         slope = mechanics.measured_wrench(impacts.mass, impacts.inertia, impacts.r, torch.zeros_like(step), step)
         slope = slope.permute(1, 2, 0)  # of the wrench in the change of velocity
         covariance = slope @ covariance @ slope.mT

@@ -26,7 +26,7 @@ PACKAGE = ROOT / "contactlearn"
 # From the measurements to what is shown.  A module may import those on its own or an earlier line.
 ORDER = (
     ("errors", "lazy"),
-    ("numerics", "serialisation"),
+    ("numerics", "serialisation", "devices"),
     ("shapes", "mechanics", "apparatus", "fingerprint"),
     ("impacts",),
     ("noise_weight",),

@@ -83,6 +83,7 @@ def test_what_a_job_depends_on(tmp_path):
     words = ("data=table", f"data.path={table}")
     base = identity("train", *words)
     assert identity("train", *words, "threads=2").job == base.job
+    assert identity("train", *words, "device=auto").job == base.job
     assert identity("train", *words, "seed=1").job != base.job
     assert identity("evaluate", *words).job != base.job
     table.write_text("b")

@@ -12,6 +12,7 @@ from torch import Tensor
 from contactlearn.app import fitting, settings
 from contactlearn.app.laws import compared_laws, given_law
 from contactlearn.app.loading import Split
+from contactlearn.devices import moved
 from contactlearn.errors import DataError
 from contactlearn.evaluation import metrics
 from contactlearn.evaluation.metrics import Interval
@@ -43,12 +44,13 @@ def learning_study(cfg: DictConfig, data: Split, kept: Path) -> tuple[dict[str, 
     terminal.show_left_out([name for name in settings.recipes(cfg) if name not in recipes])
     terminal.show_sizes(sizes, cfg.curves.sizes, cfg.curves.seeds, len(data.pool))
     orders = study.nested_orders(len(data.pool), cfg.curves.seeds, data.generator)
+    pool, test = moved((data.pool, data.test), settings.device(cfg))
     with terminal.progress() as bar:
-        bases, curves = _law_curves(cfg, recipes, data, orders, sizes, bar)
+        bases, curves = _law_curves(cfg, recipes, pool, test, orders, sizes, bar)
         learned = study.learning_curves(
             recipes,
-            data.pool,
-            data.test,
+            pool,
+            test,
             orders,
             sizes,
             bases,
@@ -60,7 +62,7 @@ def learning_study(cfg: DictConfig, data: Split, kept: Path) -> tuple[dict[str, 
                 progress=lambda done, total: bar.track(done, total, description="learned models"),
             ),
         )
-    curves |= learned
+    curves = moved(curves | learned, "cpu")
     return curves, [name for name in curves if name not in compared_laws(cfg)]
 
 
@@ -73,24 +75,26 @@ def _sizes(cfg: DictConfig, pool: Impacts) -> list[int]:
 
 
 def _law_curves(
-    cfg: DictConfig, recipes: Mapping[str, Recipe], data: Split, orders: Tensor, sizes: list[int], bar: Progress
+    cfg: DictConfig,
+    recipes: Mapping[str, Recipe],
+    pool: Impacts,
+    test: Impacts,
+    orders: Tensor,
+    sizes: list[int],
+    bar: Progress,
 ) -> tuple[Bases, dict[str, Curve]]:
     """Laws on every subset, by name and size, and the curves of those that are shown; effects are around `law`."""
     law, laws, effects = given_law(cfg), compared_laws(cfg), settings.effects(cfg)
     needed = laws | {r.law.name: r.law for r in recipes.values() if r.law}
     every = bar.track(needed.values(), description="laws on every subset")
-    fits, curves = study.law_curves(
-        every, data.pool, data.test, orders, sizes, target=cfg.train.target, box=settings.box(cfg)
-    )
+    fits, curves = study.law_curves(every, pool, test, orders, sizes, target=cfg.train.target, box=settings.box(cfg))
     bases: dict[str, Mapping[int, Law | ContactModel]] = {
         name: {size: study.law_at(fit, size) for size in sizes} for name, fit in fits.items()
     }
     shown = {name: curves[name] for name in laws}
     if effects:
         every = bar.track(sizes, description=f"{law.name} and its effects on every subset")
-        bases[law.name], curve = study.joint_curve(
-            law, effects, data.pool, data.test, orders, every, settings.fit_options(cfg)
-        )
+        bases[law.name], curve = study.joint_curve(law, effects, pool, test, orders, every, settings.fit_options(cfg))
         shown[fitting.augmented_name(law.name, effects)] = curve
     return bases, shown
 

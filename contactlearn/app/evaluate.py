@@ -17,6 +17,7 @@ from contactlearn.app.loading import Split, show_split, watched
 from contactlearn.app.means import FITTED, fits_on_disk, lower_train_size
 from contactlearn.app.parts import forget, parts_folder
 from contactlearn.app.transfer import transfer
+from contactlearn.devices import moved
 from contactlearn.errors import DataError
 from contactlearn.evaluation import bounds, metrics
 from contactlearn.evaluation.sums import ErrorSums
@@ -41,19 +42,21 @@ from contactlearn.shapes import shape_entries
 
 @dataclass(frozen=True, kw_only=True)
 class _Compared:
-    """Fits to the pool, (μ, ε) of single trials by law, and the norm of the bounds."""
+    """Fits to the pool, (μ, ε) of single trials by law, the norm of the bounds, and the device that computes them."""
 
     fits: tuple[SharedFit, ...]
     joint: Mapping[str, JointFit]
     trials: Mapping[str, TrialFit]
     norm: str
+    device: torch.device
 
-    def predict(self, impacts: Impacts) -> dict[str, Prediction]:
-        """What every model and bound says of impacts, by name."""
+    def predict(self, trials: Impacts) -> dict[str, Prediction]:
+        """What every model and bound says of impacts, by name; computed on the device, and taken back."""
+        impacts = moved(trials, self.device)
         found = {fit.law.name: ContactModel(fit.to_law()).predict(impacts) for fit in self.fits}
         best, _ = bounds.best_post_hoc(impacts, found, self.norm)
         found |= {BEST_POST_HOC: best, IRB: bounds.irb(impacts, self.norm)}
-        return found | {name: fit.model.predict(impacts) for name, fit in self.joint.items()}
+        return moved(found | {name: fit.model.predict(impacts) for name, fit in self.joint.items()}, "cpu")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,12 +78,13 @@ def evaluate(cfg: DictConfig) -> None:
     folder = results.run_folder()
     lower_train_size(cfg)
     data = loading.split(cfg, folder)
-    show_split(data)
+    show_split(data, settings.device(cfg))
     row = _row(cfg, data)
     with terminal.progress() as bar:
         compared = _compared(cfg, data, bar)
         held_out = HeldOut(impacts=data.test, predictions=compared.predict(data.test))
         sums = _saved(cfg, data, compared, held_out, folder, bar)
+    compared = moved(compared, "cpu")
     result = _result(cfg, data, compared, sums)
     save_trial_parameters(data.impacts, list(compared.trials.values()), folder / f"trial_parameters.{cfg.tables}")
     run_folder.write_result(folder, result)
@@ -100,7 +104,8 @@ def evaluate(cfg: DictConfig) -> None:
 
 def _compared(cfg: DictConfig, data: Split, bar: Progress) -> _Compared:
     """Fit the laws, and `law` with the effects if there are any."""
-    pool, effects = data.pool, settings.effects(cfg)
+    device, effects = settings.device(cfg), settings.effects(cfg)
+    pool, impacts = moved(data.pool, device), moved(data.impacts, device)
     laws = compared_laws(cfg)
     fits = tuple(fitting.identify_law(cfg, law, pool, data.generator, bar) for law in laws.values())
     joint: dict[str, JointFit] = {}
@@ -110,10 +115,10 @@ def _compared(cfg: DictConfig, data: Split, bar: Progress) -> _Compared:
         joint = {f"{name} (joint)" if name in laws else name: fit for name, fit in found.items()}
     every = laws | named_laws(cfg, [cfg.figures.parameters])
     trials = {
-        name: identify_trials(law, data.impacts, target=cfg.train.target, box=settings.box(cfg))
+        name: identify_trials(law, impacts, target=cfg.train.target, box=settings.box(cfg))
         for name, law in bar.track(every.items(), description="every trial")
     }
-    return _Compared(fits=fits, joint=joint, trials=trials, norm=cfg.bounds.norm)
+    return _Compared(fits=fits, joint=joint, trials=trials, norm=cfg.bounds.norm, device=device)
 
 
 def _saved(
@@ -196,15 +201,15 @@ def _extras(cfg: DictConfig, data: Split, bar: Progress) -> _Extras:
     repetitions = cfg.figures.repetitions
     widths = cfg.bounds.patch * torch.linspace(0, 1, 25, dtype=torch.float64) ** 2  # dense where the bound falls
     headline = metrics.METRICS[metrics.HEADLINE]
-    patched = headline.error(data.test, bounds.irb(data.test, cfg.bounds.norm, patch=widths[:, None]))
-    return _Extras(
-        convergence=fitting.identify_law(
-            cfg, law, data.pool, data.generator, bar, sizes=sizes, repetitions=repetitions
-        ),
-        surface=fitting.law_surface(cfg, law, data.pool),
+    pool, test = moved(data.pool, settings.device(cfg)), moved(data.test, settings.device(cfg))
+    patched = headline.error(test, bounds.irb(test, cfg.bounds.norm, patch=widths[:, None]))
+    found = _Extras(
+        convergence=fitting.identify_law(cfg, law, pool, data.generator, bar, sizes=sizes, repetitions=repetitions),
+        surface=fitting.law_surface(cfg, law, pool),
         widths=widths,
         patched=torch.tensor([list(metrics.bootstrap(error, data.generator, cfg.bootstrap)) for error in patched]),
     )
+    return moved(found, "cpu")
 
 
 def _record(cfg: DictConfig, folder: Path, data: Split, result: Evaluation, drawn: Mapping[str, Figure]) -> None:

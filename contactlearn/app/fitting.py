@@ -111,7 +111,10 @@ def law_surface(cfg: DictConfig, law: Law, pool: Impacts) -> CostSurface:
 
 
 def workers(cfg: DictConfig) -> int:
-    """Return the number of processes to train in: as asked for, or one for each core that this process may use."""
-    if cfg.workers is not None:
-        return cfg.workers
+    """Return the number of processes to train in: as asked for, or one for each core that this process may use.
+
+    On a GPU it is one, this process itself.
+    """
+    if cfg.workers is not None or settings.device(cfg).type != "cpu":
+        return cfg.workers or 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
+import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, read_write
@@ -75,7 +76,7 @@ def _failing_well(folder: Path, began: bool) -> Generator[None]:
             remove_if_empty(folder)
         if sweeping or (began and folder.exists()):
             fail(folder, Failed(reason=said, traceback="" if meant else traceback.format_exc()))
-        if meant or not (sweeping or isinstance(error, OSError | MemoryError)):
+        if meant or not (sweeping or isinstance(error, OSError | MemoryError | torch.OutOfMemoryError)):
             raise
         raise ContactLearnError(said) from error
 
@@ -88,6 +89,8 @@ def reason(error: BaseException) -> str:
         return f"{where}{error.strerror}" + (f"; {fix}" if fix else "")
     if isinstance(error, MemoryError):
         return "memory ran out; use fewer trials, or fewer jobs at a time"
+    if isinstance(error, torch.OutOfMemoryError):
+        return "the GPU's memory ran out; use fewer trials, or device=cpu"
     first = (str(error).strip() or "no words").splitlines()[0]
     return f"{type(error).__name__}: {first}"
 

@@ -28,6 +28,7 @@ from contactlearn.data.blocks import BLOCK, Blocks, sampled
 from contactlearn.data.table import Table
 from contactlearn.data.table.large import blocks_of, is_large
 from contactlearn.data.tracks import Tracked
+from contactlearn.devices import described
 from contactlearn.errors import ContactLearnError, DataError, suggest
 from contactlearn.evaluation.sums import refuse_rest
 from contactlearn.impacts import Impacts
@@ -207,12 +208,14 @@ def split(cfg: DictConfig, folder: Path | None = None) -> Split:
     return Split(blocks=blocks, held_out=held_out, impacts=impacts, pool=pool, test=test, generator=generator)
 
 
-def show_split(data: Split) -> None:
-    """Print the source of the data, the sizes of the split, and of the samples of many trials."""
+def show_split(data: Split, device: torch.device) -> None:
+    """Print the source of the data, the sizes of the split and of the samples of many trials, and a GPU."""
     trials, unseen = data.blocks.trials, data.unseen_trials
     terminal.show_data(data.blocks.source, trials - unseen, unseen)
     if len(data.impacts) < trials:
         terminal.show_samples(len(data.pool), len(data.test))
+    if device.type != "cpu":
+        terminal.say(f"computed on {described(device)}")
 
 
 def watched(bar: Progress, blocks: Iterator[Impacts], trials: int, what: str) -> Iterator[Impacts]:

@@ -115,6 +115,7 @@ def log_card(
         **verdict,
         "Data": f"{data.source}, {data.trials} impacts",
         "SHA-256 of the data": data.sha256,
+        "Device": provenance.device,
         "Versions": ", ".join(f"{name} {number}" for name, number in provenance.versions.items()),
     }
     parts = [line.strip().removeprefix("+ ").partition(": ") for equation in equations for line in equation.split("\n")]

@@ -12,6 +12,8 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 import contactlearn
+from contactlearn import devices
+from contactlearn.app import settings
 from contactlearn.app.plain import plain_values
 from contactlearn.data.blocks import Blocks
 from contactlearn.diagnosis.result.effects import FittedParameter
@@ -57,6 +59,7 @@ def provenance(data: Impacts | Blocks, cfg: DictConfig) -> Provenance:
         versions={"contactlearn": contactlearn.__version__, "python": platform.python_version(), **packages},
         config=plain_values(cfg),
         command=command_line(),
+        device=devices.described(settings.device(cfg)),
     )
 
 

@@ -6,8 +6,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
+import torch
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
+from contactlearn import devices
 from contactlearn.app.job import reason
 from contactlearn.app.laws import law_of, named_laws
 from contactlearn.app.plain import plain_values
@@ -106,6 +108,7 @@ def check(cfg: DictConfig) -> None:
         accept, rule = _pair("[low, high], such as [-3, -1]")
         if not accept(ends):
             raise ContactLearnError(f"limits.{name} must be {rule}, got {ends!r}")
+    device(cfg)
     fit_options(cfg)
     if "law" in cfg:
         drawn = [cfg.figures[part] for part in ("surface", "parameters")] if "figures" in cfg else []
@@ -131,6 +134,19 @@ def _check_parts(cfg: DictConfig) -> None:
         for name in (entries or ()) if part in _NAMING else ():
             if not _NAME.fullmatch(str(name)):
                 raise ContactLearnError(f"a name in {part} has 1 to 60 letters, digits, blanks, _ and -, got {name!r}")
+
+
+def device(cfg: DictConfig) -> torch.device:
+    """Return the device to compute on; the CPU for commands that know no other.
+
+    Raises:
+        UnknownNameError: no such device.
+        ContactLearnError: a GPU that is not there, or processes side by side on one.
+    """
+    found = devices.find(str(cfg.get("device", "cpu")))
+    if found.type != "cpu" and (cfg.get("workers") or 1) > 1:
+        raise ContactLearnError(f"workers={cfg.workers} is for the CPU; with device={cfg.device} use workers=1")
+    return found
 
 
 def box(cfg: DictConfig) -> Box:

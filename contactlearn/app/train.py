@@ -15,6 +15,7 @@ from contactlearn.app.fitting import CostSurface
 from contactlearn.app.laws import given_law
 from contactlearn.app.loading import Split, show_split, watched
 from contactlearn.app.means import lower_train_size
+from contactlearn.devices import moved
 from contactlearn.effects import Effect
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation import bounds, metrics
@@ -95,13 +96,16 @@ def train(cfg: DictConfig) -> None:
     task, folder = _Task.of(cfg), results.run_folder()
     lower_train_size(cfg)
     data = loading.split(cfg, folder)
-    show_split(data)
+    show_split(data, settings.device(cfg))
+    device = settings.device(cfg)
     with terminal.progress() as bar:
-        trained = _trained(cfg, task, data, bar)
+        trained = _trained(cfg, task, moved(data.pool, device), data.generator, bar)
         sums = ErrorSums((*trained.models, IRB))
-        for impacts in watched(bar, data.unseen(), data.unseen_trials, "held-out trials"):
+        for block in watched(bar, data.unseen(), data.unseen_trials, "held-out trials"):
+            impacts = moved(block, device)
             predictions = {name: model.predict(impacts) for name, model in trained.models.items()}
             sums.add(impacts, predictions | {IRB: bounds.irb(impacts)})
+    trained = moved(trained, "cpu")
     result = _result(cfg, task, data, trained, sums)
     checkpoint.save(trained.model, folder / CHECKPOINT, provenance=asdict(result.provenance))
     run_folder.write_result(folder, result)
@@ -110,12 +114,12 @@ def train(cfg: DictConfig) -> None:
     terminal.show_folder(folder)
 
 
-def _trained(cfg: DictConfig, task: _Task, data: Split, bar: Progress) -> _Trained:
+def _trained(cfg: DictConfig, task: _Task, pool: Impacts, generator: torch.Generator, bar: Progress) -> _Trained:
     """Fit the law, with its effects if there are any, and train the learned model on top."""
-    pool, law, recipe = data.pool, task.law, task.recipe
+    law, recipe = task.law, task.recipe
     if law is not None and recipe is None and not task.effects:
-        return _identified(cfg, law, data, bar)
-    rows = torch.randperm(len(pool), generator=data.generator)[: cfg.train.size]
+        return _identified(cfg, law, pool, generator, bar)
+    rows = torch.randperm(len(pool), generator=generator)[: cfg.train.size]
     fits: tuple[SharedFit, ...] = ()
     joint: dict[str, JointFit] = {}
     base: Law | ContactModel | None = None
@@ -123,7 +127,7 @@ def _trained(cfg: DictConfig, task: _Task, data: Split, bar: Progress) -> _Train
         joint = fitting.fit_with_effects(cfg, law, task.effects, pool, rows, bar)
         base = list(joint.values())[-1].model
     elif law is not None:
-        fits = (fitting.identify_law(cfg, law, pool, data.generator, bar, orders=rows[None]),)
+        fits = (fitting.identify_law(cfg, law, pool, generator, bar, orders=rows[None]),)
         base = fits[0].to_law()
     models = {name: fit.model for name, fit in joint.items()}  # a law alone is not shown beside the model on it
     if recipe is not None:
@@ -133,10 +137,10 @@ def _trained(cfg: DictConfig, task: _Task, data: Split, bar: Progress) -> _Train
     return _Trained(fits=fits, joint=joint, models=models, surface=None)
 
 
-def _identified(cfg: DictConfig, law: Law, data: Split, bar: Progress) -> _Trained:
+def _identified(cfg: DictConfig, law: Law, pool: Impacts, generator: torch.Generator, bar: Progress) -> _Trained:
     """Identify a law alone, and evaluate its cost surface."""
-    fit = fitting.identify_law(cfg, law, data.pool, data.generator, bar)
-    surface = fitting.law_surface(cfg, law, data.pool)
+    fit = fitting.identify_law(cfg, law, pool, generator, bar)
+    surface = fitting.law_surface(cfg, law, pool)
     return _Trained(fits=(fit,), joint={}, models={law.name: ContactModel(fit.to_law())}, surface=surface)
 
 

@@ -13,6 +13,7 @@ from contactlearn.app.laws import given_law
 from contactlearn.app.loading import Split
 from contactlearn.app.parts import forget, parts_folder
 from contactlearn.app.plain import plain_values
+from contactlearn.devices import moved
 from contactlearn.evaluation import metrics
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.impacts import Impacts
@@ -41,7 +42,7 @@ def transfer(cfg: DictConfig) -> None:
     """
     folder = results.run_folder()
     data = loading.split(cfg, folder)
-    loading.show_split(data)
+    loading.show_split(data, settings.device(cfg))
     source = data.pool[torch.randperm(len(data.pool), generator=data.generator)[: cfg.train.size]]
     bodies = _bodies(cfg, data)
     provenance = results.provenance(data.blocks, cfg)
@@ -75,8 +76,9 @@ def _transferred(
     cfg: DictConfig, name: str, recipe: Recipe, source: Impacts, bodies: Bodies, generator: torch.Generator, kept: Path
 ) -> tuple[ContactModel, dict[str, dict[str, Curve]]]:
     """Train one model, and compute its curves by body and way."""
+    source, bodies = moved((source, bodies), settings.device(cfg))
     with terminal.progress() as bar:
-        return study.transfer_curves(
+        found = study.transfer_curves(
             recipe,
             source,
             bodies,
@@ -91,6 +93,7 @@ def _transferred(
                 progress=lambda done, total: bar.track(done, total, description=f"transfer of {name}"),
             ),
         )
+    return moved(found, "cpu")
 
 
 def _intervals(cfg: DictConfig, curve: Curve, generator: torch.Generator) -> tuple[Interval, ...]:

@@ -31,7 +31,8 @@ class AlongFloor:
         """Return the functions with the span of the impacts where it is open, rounded outwards to 0.1 mm."""
         if self.span is not None:
             return self
-        low, high = impacts.q[:, 0].quantile(torch.tensor((0.05, 0.95), dtype=torch.float64)).tolist()
+        x = impacts.q[:, 0]
+        low, high = x.quantile(torch.tensor((0.05, 0.95), dtype=x.dtype, device=x.device)).tolist()
         return replace(self, span=(round(low - 5e-5, 4), round(high + 5e-5, 4)))
 
     def change(self, x: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:

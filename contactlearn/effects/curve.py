@@ -103,7 +103,7 @@ class ArmCurve(Spline):
 
 def _spread(values: Float[Tensor, "..."]) -> Knots:
     """Knots at quantiles of values, or evenly spaced where these are too few."""
-    knots = values.flatten().quantile(torch.tensor(_QUANTILES, dtype=values.dtype)).tolist()
+    knots = values.flatten().quantile(torch.tensor(_QUANTILES, dtype=values.dtype, device=values.device)).tolist()
     if knots[0] == knots[-1]:  # a variable that does not vary
         knots = [knots[0] - 0.5, *knots[1:-1], knots[0] + 0.5]
     return _separate(knots)
@@ -111,7 +111,7 @@ def _spread(values: Float[Tensor, "..."]) -> Knots:
 
 def _from_rest(sizes: Float[Tensor, "..."]) -> Knots:
     """Knots at 0 and at quantiles of values that are not negative."""
-    knots = sizes.flatten().quantile(torch.tensor(_FROM_REST, dtype=sizes.dtype)).tolist()
+    knots = sizes.flatten().quantile(torch.tensor(_FROM_REST, dtype=sizes.dtype, device=sizes.device)).tolist()
     return _separate([0.0, *knots[:-1], knots[-1] or 1.0])
 
 
@@ -127,15 +127,16 @@ def _separate(knots: list[float]) -> Knots:
 
 def _shapes(u: Float[Tensor, "... n"], knots: Knots, zero: float) -> Float[Tensor, "... n 3"]:
     """S_k at u [..., N], which are 0 at u = `zero`."""
-    rises, origin = _rises(knots, zero)
+    rises, origin = _rises(knots, zero, u.device)
     return (_truncated(u, knots) - origin) @ rises
 
 
 @lru_cache(maxsize=256)
-def _rises(knots: Knots, zero: float) -> tuple[Float[Tensor, "3 3"], Float[Tensor, "3"]]:
+def _rises(knots: Knots, zero: float, device: torch.device) -> tuple[Float[Tensor, "3 3"], Float[Tensor, "3"]]:
     """The matrix from truncated powers to S_k, and the powers at `zero`."""
     at_knots = _truncated(torch.tensor(knots, dtype=torch.float64), knots)
-    return torch.linalg.inv(at_knots.diff(dim=0)), _truncated(torch.tensor(zero, dtype=torch.float64), knots)
+    origin = _truncated(torch.tensor(zero, dtype=torch.float64), knots)
+    return torch.linalg.inv(at_knots.diff(dim=0)).to(device), origin.to(device)
 
 
 def _truncated(u: Float[Tensor, "*batch"], knots: Knots) -> Float[Tensor, "*batch 3"]:

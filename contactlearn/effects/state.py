@@ -56,7 +56,8 @@ class State:
     def of(cls, impacts: Impacts, rows: Int[Tensor, "... n"] | slice = slice(None)) -> "State":
         """Return the measured state of all impacts, or of those at `rows` [..., n]."""
         mass, inertia, r, q, v_pre, order = (getattr(impacts, name)[rows] for name in _MEASURED)
-        return cls(mass, inertia, r, q, v_pre, order, impacts.shape, body=_body_codes(impacts.object)[rows])
+        body = _body_codes(impacts.object).to(impacts.mass.device)[rows]
+        return cls(mass, inertia, r, q, v_pre, order, impacts.shape, body=body)
 
     def __getitem__(self, which: Tensor | slice | tuple[slice, slice]) -> "State":
         """Return the measured state of some of the trials, or of some of the leading axes."""
@@ -188,7 +189,7 @@ def _rounding(shape: Polygon, theta: Float[Tensor, "... n"], radius: Tensor | fl
 
     The corner's centre lies at −ρ (a + b)/(1 + a·b) from the vertex, a and b the outward normals of its sides.
     """
-    corners = torch.tensor(shape.vertices, dtype=theta.dtype)
+    corners = torch.tensor(shape.vertices, dtype=theta.dtype, device=theta.device)
     x, y = (corners.roll(-1, 0) - corners).unbind(-1)
     around = (corners[:, 0] * y - corners[:, 1] * x).sum().sign()  # 1 if counter-clockwise
     after = (

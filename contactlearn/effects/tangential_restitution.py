@@ -122,7 +122,8 @@ class SpringRebound(TangentialRestitution):
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         P_t, P_n, tau = wrench.unbind(-1)
-        mu, eps, resilience, compliance = torch.broadcast_tensors(*state.coefficients, self.s, self.c, P_n)[:4]
+        given = (torch.as_tensor(x).to(P_n) for x in (*state.coefficients, self.s, self.c))
+        mu, eps, resilience, compliance = torch.broadcast_tensors(*given, P_n)[:4]
         both = torch.stack((resilience, torch.zeros_like(resilience)))
         (yields_t, rigid_t), (yields_n, rigid_n) = _followed(contact_of(state), (mu, eps), both, compliance)
         return columns(P_t + (yields_t - rigid_t), P_n + (yields_n - rigid_n), tau)

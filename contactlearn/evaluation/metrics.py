@@ -100,8 +100,8 @@ CHI_SQUARED_95 = 7.8147279
 def calibration(distance: Float[Tensor, "k"]) -> tuple[Float[Tensor, "levels"], Float[Tensor, "levels"]]:
     """Return nominal levels [L], and the shares [L] of squared distances [K] inside the ellipsoids of those levels."""
     levels = torch.linspace(0.02, 0.98, 49, dtype=distance.dtype)
-    radii = torch.from_numpy(chi2.ppf(levels.numpy(), 3))
-    return levels, torch.searchsorted(distance.sort().values, radii, right=True) / len(distance)
+    radii = torch.from_numpy(chi2.ppf(levels.numpy(), 3)).to(distance.device)
+    return levels.to(distance.device), torch.searchsorted(distance.sort().values, radii, right=True) / len(distance)
 
 
 def covered(impacts: Impacts, prediction: Prediction) -> Bool[Tensor, "*batch n 3"]:
@@ -151,7 +151,7 @@ def bootstrap(
     """
     if errors.ndim == 1 and len(errors) > BOOTSTRAPPED:
         return gaussian_interval(errors.mean().item(), errors.var().item(), len(errors), level)
-    size = errors.shape[-1]
+    errors, size = errors.cpu(), errors.shape[-1]
     if errors.ndim == 1:
         blocks = torch.arange(resamples).split(max(1, _DRAWN // size))
         drawn = (torch.randint(size, (len(block), size), generator=generator) for block in blocks)

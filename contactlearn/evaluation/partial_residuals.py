@@ -53,7 +53,7 @@ def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Parti
     measured = impacts.wrench - without.wrench if quantity == "wrench" else impacts.v_post - without.v_post
     # A larger effect chooses component and variable where the effect is 0: it is drawn as well, as a line at 0.
     values = columns(*effect.values)
-    range_ = torch.tensor([p.high - p.low for p in effect.parameters], dtype=values.dtype)
+    range_ = torch.tensor([p.high - p.low for p in effect.parameters], dtype=values.dtype, device=values.device)
     larger = replace(model, effects={**model.effects, name: effect.at(values + _NUDGE * range_)})
     would = _change(effect, larger.base_prediction(impacts), without)
     shape = explained if (explained != 0).any() else would
@@ -75,7 +75,7 @@ def changes(model: ContactModel, impacts: Impacts, names: Sequence[str]) -> Floa
     """Compute the change that each of the named effects makes, in the quantity of its partial residuals."""
     whole = model.base_prediction(impacts)
     found = [_change(model.effects[name], whole, _without(model, impacts, name)) for name in names]
-    return torch.stack(found) if found else torch.zeros(0, len(impacts), 3, dtype=torch.float64)
+    return torch.stack(found) if found else impacts.v_post.new_zeros(0, len(impacts), 3)
 
 
 def _without(model: ContactModel, impacts: Impacts, name: str) -> Prediction:

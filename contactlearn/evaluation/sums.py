@@ -18,7 +18,7 @@ from contactlearn.impacts import Impacts, Prediction
 
 
 class ErrorSums:
-    """Errors by model and metric of the trials that were added; all models predict the same trials.
+    """Errors by model and metric of the trials that were added, on the CPU; all models predict the same trials.
 
     Args:
         models: their names.
@@ -39,9 +39,9 @@ class ErrorSums:
         refuse_rest(impacts)
         chosen = [predictions[name] for name in self.models]
         for name, metric in METRICS.items():
-            self._moments[name].add(torch.stack([metric.error(impacts, one) for one in chosen]))
+            self._moments[name].add(torch.stack([metric.error(impacts, one) for one in chosen]).cpu())
         outside = [metrics.outside_admissible(impacts, one.wrench[..., :2]).sum() for one in chosen]
-        self._outside += torch.stack(outside)
+        self._outside += torch.stack(outside).cpu()
         self.trials += len(impacts)
 
     def mean(self, metric: str, model: str) -> float:

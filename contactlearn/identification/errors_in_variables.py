@@ -79,12 +79,12 @@ def _corrected(observed: JointProblem, problem: JointProblem, noise: Tensor, the
     residual = observed.measured - outcome - _times(J, seen - last)
     pull = torch.cholesky_solve(residual[..., None], factor)
     step = seen + _times(before @ J.mT, pull[..., 0]) - last
-    tried = last + torch.tensor(_STEPS, dtype=step.dtype)[:, None, None, None] * step
+    tried = last + torch.tensor(_STEPS).to(step)[:, None, None, None] * step
     missed = observed.measured - observed.outcome(tried, theta[:, None])
     moved = ((tried - seen) / noise[0]).nan_to_num(0.0)  # 0/0 where v_pre is exact
     apart = (moved.square() + (missed / noise[1]).square()).sum(-1, keepdim=True).nan_to_num(torch.inf)
     latent = tried.gather(0, apart.argmin(0, keepdim=True).expand(1, *step.shape))[0]
-    eye = torch.eye(3, dtype=J.dtype).expand_as(J)
+    eye = torch.eye(3).to(J).expand_as(J)
     return replace(
         observed,
         state=observed.state.replace(v_pre=latent),

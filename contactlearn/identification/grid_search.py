@@ -52,8 +52,7 @@ class Box:
 
 def nested_sums(grid: Tensor, order: Tensor, sizes: tuple[int, ...]) -> Tensor:
     """Sum the rows of `grid` over the first k trials of `order`, for every size k: [S, nodes²]."""
-    ends = torch.tensor((0, *sizes))
-    pieces = torch.stack([grid[order[a:b]].sum(0) for a, b in pairwise(ends)])
+    pieces = torch.stack([grid[order[a:b]].sum(0) for a, b in pairwise((0, *sizes))])
     return pieces.cumsum(0)
 
 
@@ -70,11 +69,12 @@ def lowest_nodes(surfaces: Tensor, minima: int, nodes: int) -> Tensor:
 
 def finer(cost: Cost, x: Tensor, box: Box, keep: int) -> Tensor:
     """Find the best points [keep, B, S, 2] of 7 × 7 grids that reach from each x [K, B, S, 2] to its neighbours."""
-    offsets = torch.linspace(-1, 1, 7, dtype=torch.float64) / (box.nodes - 1)
-    offsets = torch.cartesian_prod(offsets, offsets)[:, None, None] * (box.high - box.low)
+    low, high = box.low.to(x), box.high.to(x)
+    offsets = torch.linspace(-1, 1, 7, dtype=x.dtype, device=x.device) / (box.nodes - 1)
+    offsets = torch.cartesian_prod(offsets, offsets)[:, None, None] * (high - low)
     found = []
     for centre in x:
-        around = torch.minimum(torch.maximum(centre + offsets, box.low), box.high)
+        around = torch.minimum(torch.maximum(centre + offsets, low), high)
         value, which = cost(around).min(0)
         found.append((value, _pick(around, which)))
     values, points = (torch.stack(parts) for parts in zip(*found, strict=True))
@@ -88,8 +88,8 @@ def pattern_search(cost: Cost, x: Tensor, box: Box, tolerance: float = 1e-6) -> 
     Each round tries twelve points around x, at first one grid spacing away, and nearer after a round without
     improvement.  The pattern turns from round to round, so that it can follow a valley or a jump at any angle.
     """
-    low, high = box.low, box.high
-    clock = 2 * torch.pi / 12 * torch.arange(12, dtype=torch.float64).view(12, *(1,) * (x.ndim - 1))
+    low, high = box.low.to(x), box.high.to(x)
+    clock = 2 * torch.pi / 12 * torch.arange(12, dtype=x.dtype, device=x.device).view(12, *(1,) * (x.ndim - 1))
     spacing = 1 / (box.nodes - 1)
     step = torch.full_like(x[..., 0], spacing)
     best = cost(x)

@@ -7,7 +7,7 @@ the noise of the velocities is known, `errors_in_variables` estimates the states
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import torch
@@ -188,7 +188,7 @@ def identify_jointly(
         DataError: fewer trials than K parameters need, (K + 12) // 3 + 1; or an effect needs a shape, which is unknown.
     """
     law, effects = named(law), {name: effect.prepare(impacts) for name, effect in named_effects(effects).items()}
-    rows = torch.arange(len(impacts)) if rows is None else rows
+    rows = (torch.arange(len(impacts)) if rows is None else rows).to(impacts.mass.device)
     parameters = named_parameters(effects, options.box, impacts)
     least = (len(parameters) + 2 * _SCATTER) // 3 + 1
     if rows.shape[-1] < least:
@@ -228,7 +228,7 @@ def linearise(
     options: FitOptions = FitOptions(),
 ) -> Linearisation:
     """Linearise the residual of a law with effects about parameters [K]; the options are those of a fit."""
-    rows = torch.arange(len(impacts))[None]
+    rows = torch.arange(len(impacts), device=impacts.mass.device)[None]
     parameters = named_parameters(effects, Box(), impacts)
     problem, noise = _observed(law, effects, impacts, rows, parameters, options)
     if noise is not None:
@@ -279,11 +279,12 @@ def _observed(
 ) -> tuple[JointProblem, Tensor | None]:
     """Return the problem of rows [B, n] at measured v_pre, and the noise [2, 3] before and after if v_pre has one."""
     options = options.known(impacts)
-    after = None if options.noise is None else torch.tensor(options.noise, dtype=torch.float64)
+    deviations = partial(torch.tensor, dtype=torch.float64, device=impacts.mass.device)
+    after = None if options.noise is None else deviations(options.noise)
     problem = JointProblem.of(law, effects, impacts, rows, parameters, options.target, after)
     if after is None:
         return problem, None
-    before = after if options.noise_before is None else torch.tensor(options.noise_before, dtype=torch.float64)
+    before = after if options.noise_before is None else deviations(options.noise_before)
     before = before * (impacts.v_pre != impacts.v_pre[0]).any(0)
     return problem, torch.stack((before, after)) if before.any() else None
 

@@ -100,9 +100,9 @@ class _Problem:
 
     def starts(self, nodes: int = 16) -> tuple[Tensor, Tensor]:
         """Eight starts a trial: μ and ε [8, N]."""
-        low, high = self.box.mu
-        mu = low + torch.linspace(0, 1, nodes, dtype=torch.float64) ** 2 * (high - low)
-        eps = torch.linspace(*self.box.eps, nodes, dtype=torch.float64)[:, None]
+        (low, high), line = self.box.mu, torch.linspace(0, 1, nodes, dtype=torch.float64).to(self.P)
+        mu = low + line**2 * (high - low)
+        eps = torch.linspace(*self.box.eps, nodes, dtype=torch.float64).to(self.P)[:, None]
         # Few values of μ at a time, so that the temporaries stay in cache; the step that follows makes up for
         # the coarser grid of ε.
         blocks = [self.cost(block, eps[::3]).min(1).indices for block in mu[:, None, None].split(4)]
@@ -171,9 +171,9 @@ def _edge_of_sticking(
     """Best (cost, μ, ε) [N] on the curve of the largest μ that still slides, where P̂ may jump."""
     low, high = problem.box.eps
     centre, half = torch.full_like(cost, 0.5 * (low + high)), 0.5 * (high - low)
-    best = cost, mu, eps
+    best, line = (cost, mu, eps), torch.linspace(-1, 1, nodes, dtype=torch.float64).to(cost)[:, None]
     while half > 1e-9:
-        eps = (centre + half * torch.linspace(-1, 1, nodes, dtype=torch.float64)[:, None]).clamp(low, high)
+        eps = (centre + half * line).clamp(low, high)
         mu = ((1 - 1e-12) * _slope(*problem.impulse(problem.box.mu[1], eps))).clamp(*problem.box.mu)
         found = _lowest(problem.cost(mu, eps), mu, eps)
         best = _lower(found, best)
@@ -195,7 +195,7 @@ def _shrinking_grid(
     Each is a quarter as wide as the last, but three times as wide where its best point is on the border, since a kink
     is a narrow, oblique valley.
     """
-    offsets = torch.linspace(-1, 1, 9, dtype=torch.float64)
+    offsets = torch.linspace(-1, 1, 9, dtype=torch.float64).to(mu)
     offset_mu, offset_eps = torch.cartesian_prod(offsets, offsets)[:, :, None].unbind(1)
     border = torch.maximum(offset_mu.abs(), offset_eps.abs())
     half = torch.full_like(cost, widest)
@@ -216,14 +216,14 @@ def _mu_interval(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, nodes
     # An allowance on the square of the error, so that a smooth minimum above zero has no width either.
     limit = cost + 1e-14 * _dot(problem.P.T, problem.P.T)
     ends = mu.expand(2, -1).clone()  # as good as the optimum, towards the lower and the upper bound
-    bounds = torch.tensor(problem.box.mu, dtype=torch.float64)[:, None]
+    bounds = torch.tensor(problem.box.mu, dtype=torch.float64).to(mu)[:, None]
     # Most trials determine μ, which one probe on each side shows.
     probe = ends + (bounds - ends).clamp(-1e-5, 1e-5)
     open_ = (_best_in_eps(problem, probe, eps, steps=3)[0] <= limit) & (ends != bounds)
     side, rows = open_.nonzero(as_tuple=True)
     problem, limit, eps = problem[rows], limit[rows], eps[rows]
     good, bad = ends[open_], bounds[side, 0]
-    fraction = torch.linspace(0, 1, nodes + 2, dtype=torch.float64)[:, None]
+    fraction = torch.linspace(0, 1, nodes + 2, dtype=torch.float64).to(mu)[:, None]
     width = 1.0
     while width > 1e-7:
         mu = torch.lerp(good, bad, fraction)  # [nodes + 2, pairs], the first is good

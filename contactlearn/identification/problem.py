@@ -68,10 +68,11 @@ class JointProblem:
         whitening = None
         if noise is not None:
             target, whitening = "velocity", torch.diag(1 / noise).expand(*rows.shape, 3, 3)
+        device = impacts.mass.device
         measured = (impacts.v_post if target == "velocity" else impacts.wrench)[rows]
-        limits = torch.tensor([(p.low, p.high, p.start) for p in parameters], dtype=torch.float64)
+        limits = torch.tensor([(p.low, p.high, p.start) for p in parameters], dtype=torch.float64, device=device)
         low, high, start = limits.T
-        nuisance = torch.tensor([p.vanishing is None for p in parameters])
+        nuisance = torch.tensor([p.vanishing is None for p in parameters], device=device)
         reach = torch.where(nuisance, high - low, (high - low) / 3)
         return cls(law, effects, State.of(impacts, rows), measured, whitening, target, low, high, start, reach)
 

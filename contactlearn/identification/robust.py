@@ -105,18 +105,19 @@ def search(
         theta = _starts(problem, starts).reshape(-1, problem.low.shape[0])  # [S B, K]
     else:
         theta, starts = start.expand(B, -1).clamp(problem.low, problem.high), 1
-    which = torch.arange(B).repeat(starts)
+    every = torch.arange(B, device=theta.device)
+    which = every.repeat(starts)
     size = problem[which].residual(theta[:, None]).square().median(-2).values
     scatter = torch.diag_embed(torch.where(size.isfinite(), size, 1.0) + 1e-12)
     if starts > 2:
         theta, scatter, loss, _ = _descend(problem[which], theta, scatter, _HALVING, tolerance)
         kept = loss.view(starts, B).argsort(0)[: starts // 2]  # [S/2, B]
-        kept = (kept * B + torch.arange(B)).flatten()
+        kept = (kept * B + every).flatten()
         which, theta, scatter = which[kept], theta[kept], scatter[kept]
     theta, scatter, loss, converged = _descend(problem[which], theta, scatter, _ROUNDS, tolerance)
     loss = loss.view(-1, B)
     least, best = loss.min(0)
-    chosen = best * B + torch.arange(B)
+    chosen = best * B + every
     agreement = (loss <= least + 1e-4).double().mean(0)
     return theta[chosen], scatter[chosen], least, agreement, converged[chosen]
 
@@ -125,6 +126,7 @@ def _starts(problem: Problem, starts: int) -> Tensor:
     """Starts [S, B, K]: two nodes of (μ, ε) with the initial parameters of the effects, then with others in reach."""
     few, low, high, start = problem.thinned(300), problem.low, problem.high, problem.start
     nodes = torch.linspace(0, 1, 15, dtype=torch.float64)[1:-1] ** torch.tensor([[2.0], [1.0]])  # denser at small μ
+    nodes = nodes.to(low)
     grid = torch.cartesian_prod(*(low[:2, None] + nodes * (high - low)[:2, None]))
     theta = torch.cat((grid, start[2:].expand(len(grid), -1)), -1)
     residual = few.residual(theta[:, None, None, :])  # [G, B, n, 3]
@@ -138,10 +140,10 @@ def _starts(problem: Problem, starts: int) -> Tensor:
     second = torch.where(far, cost, torch.inf).argmin(0)
     B, K = cost.shape[1], len(low)
     points = start.expand(starts, B, K).clone()
-    points[..., :2] = grid[torch.stack((best, second))[torch.arange(starts) % 2]]
+    points[..., :2] = grid[torch.stack((best, second))[torch.arange(starts, device=grid.device) % 2]]
     if K > 2 and starts > 2:
         sobol = torch.quasirandom.SobolEngine(K - 2, scramble=True, seed=0).draw(starts - 2, dtype=torch.float64)
-        points[2:, :, 2:] = start[2:] + (sobol[:, None] - 0.5) * problem.reach[2:]
+        points[2:, :, 2:] = start[2:] + (sobol.to(start)[:, None] - 0.5) * problem.reach[2:]
     return points.clamp(low, high)
 
 
@@ -154,10 +156,10 @@ def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int, tole
         theta.clone(),
         scatter.clone(),
         theta.new_full(theta.shape[:1], torch.inf),
-        torch.zeros(len(theta), dtype=torch.bool),
+        torch.zeros_like(theta[:, 0], dtype=torch.bool),
     ]
-    active, damping = torch.arange(len(theta)), theta.new_full(theta.shape[:1], 1e-3)
-    calm = torch.zeros(len(theta), dtype=torch.long)
+    active, damping = torch.arange(len(theta), device=theta.device), theta.new_full(theta.shape[:1], 1e-3)
+    dampings, calm = _DAMPING.to(theta), torch.zeros_like(active)
     for _ in range(rounds):
         residual, slope = problem.linearised(theta)
         scatter = _scattered(problem, residual, scatter, 3)
@@ -168,7 +170,7 @@ def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int, tole
         new, pick = losses.min(0)
         better = new < loss
         theta = torch.where(better[:, None], _picked(tried, pick), theta)
-        damping = damping * torch.where(better, _DAMPING[pick], 100.0)
+        damping = damping * torch.where(better, dampings[pick], 100.0)
         calm = torch.where(loss - new.minimum(loss) < tolerance, calm + 1 + (promised < tolerance), 0)
         done = (calm >= 2) | (damping > 1e10)
         for whole, part in zip(result, (theta, scatter, new.minimum(loss), done), strict=True):
@@ -198,7 +200,7 @@ def _steps(
     newton = _observed(curvature, each, _weight(_distance(residual, scatter)))
     held = ((theta <= problem.low) & (gradient > 0)) | ((theta >= problem.high) & (gradient < 0))
     curvature = torch.stack((newton, curvature, curvature)).masked_fill(held[:, :, None] | held[:, None, :], 0.0)
-    dampings = (_DAMPING[:, None] * damping)[..., None] * curvature.diagonal(dim1=-2, dim2=-1)
+    dampings = (_DAMPING.to(damping)[:, None] * damping)[..., None] * curvature.diagonal(dim1=-2, dim2=-1)
     damped = curvature + torch.diag_embed(dampings + torch.where(held, 1.0, 1e-8))
     gradient = gradient.masked_fill(held, 0.0)
     step = -torch.linalg.solve(damped, gradient[..., None])[..., 0]
@@ -288,7 +290,7 @@ def _scattered(problem: Problem, residual: Tensor, scatter: Tensor, steps: int) 
         weighted = _weight(_distance(residual, scatter))[..., None] * residual
         scatter = (residual.mT @ weighted) / residual.shape[-2]
         if problem.scaled:
-            scatter = scatter.diagonal(dim1=-2, dim2=-1).mean(-1)[..., None, None] * torch.eye(3, dtype=residual.dtype)
+            scatter = scatter.diagonal(dim1=-2, dim2=-1).mean(-1)[..., None, None] * torch.eye(3).to(residual)
         # A component that is fitted exactly keeps a little scatter, so that nothing is divided by 0.
         scatter = scatter + 1e-12 * torch.diag_embed(residual.square().mean(-2) + 1e-12)
     return scatter

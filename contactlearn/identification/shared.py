@@ -117,17 +117,17 @@ def identify(
     law = named(law)
     sizes, box = tuple(sizes), box or Box()
     orders = _orders(impacts, sizes, repetitions, orders, generator or torch.Generator().manual_seed(0))
-    mu, eps = box.axes()
+    mu, eps = (axis.to(impacts.mass) for axis in box.axes())
     # One evaluation serves every subset: [trials that are drawn, nodes²].
     drawn, rows = orders.unique(return_inverse=True)
     impacts = impacts if len(drawn) == len(impacts) else impacts[drawn]
-    grid = _grid(law, impacts, mu, eps, target)
+    grid, rows, count = _grid(law, impacts, mu, eps, target), rows.to(mu.device), torch.tensor(sizes).to(mu)
     P = measured_impulse(impacts, target)
     found = []
     # Repetitions go in blocks, so that a block's surfaces and searches fit in memory.
     for block in progress(rows.split(max(1, _BLOCK // (len(sizes) * (sizes[-1] + box.nodes**2 // 8))))):
         surfaces = torch.stack([nested_sums(grid, order, sizes) for order in block])
-        surfaces = (surfaces / torch.tensor(sizes)[:, None]).unflatten(-1, (box.nodes, box.nodes))
+        surfaces = (surfaces / count[:, None]).unflatten(-1, (box.nodes, box.nodes))
         found.append(_search(_mean_distance(law, impacts, P, block, sizes), surfaces, box, mu, eps))
     x, best, mu_range, eps_range = (torch.cat(parts) for parts in zip(*found, strict=True))
     mu_flat = mu_range[..., 1] - mu_range[..., 0] > 0.1 * (box.mu[1] - box.mu[0])
@@ -136,7 +136,7 @@ def identify(
 
 def _grid(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, target: str) -> Tensor:
     """Distances [N, nodes²] at the nodes of μ and ε, a few trials at a time."""
-    grid = torch.empty(len(impacts), len(mu) * len(eps), dtype=torch.float64)
+    grid = mu.new_empty(len(impacts), len(mu) * len(eps))
     for rows in torch.arange(len(impacts)).split(_TRIALS):
         at = distances(law, impacts[rows], mu[:, None, None], eps[:, None], target=target)
         grid[rows] = at.flatten(0, 1).T
@@ -165,7 +165,7 @@ def _orders(
 
 def _mean_distance(law: Law, impacts: Impacts, P: Tensor, block: Tensor, sizes: tuple[int, ...]) -> Cost:
     """Mean distance [..., B, S] of a block's subsets as a function of the parameters [..., B, S, 2]."""
-    member = torch.arange(sizes[-1]) < torch.tensor(sizes)[:, None]
+    member = torch.arange(sizes[-1], device=P.device) < torch.tensor(sizes, device=P.device)[:, None]
     W, v_c, measured = impacts.W[block][:, None], impacts.v_c[block][:, None], P[block][:, None]
 
     def cost(x: Tensor) -> Tensor:

@@ -17,6 +17,7 @@ from jaxtyping import Int
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
+from contactlearn.devices import moved
 from contactlearn.effects import Effect
 from contactlearn.errors import DataError
 from contactlearn.evaluation import metrics
@@ -181,7 +182,7 @@ def _trained(tasks: Sequence[tuple[Any, ...]], work: Work) -> Iterable[Trained]:
             if held is None:
                 missing.append(task)
             else:
-                yield held
+                yield moved(held, task[4].v_post.device)  # with the held-out trials
         for trained in run(_train_one, missing, work.processes):
             if work.kept is not None:
                 save_trained(work.kept, trained)

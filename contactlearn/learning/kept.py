@@ -11,6 +11,7 @@ from zipfile import BadZipFile
 import numpy as np
 import torch
 
+from contactlearn.devices import moved
 from contactlearn.impacts import Prediction
 from contactlearn.numerics import written_whole
 
@@ -32,7 +33,7 @@ def save_trained(folder: Path, trained: Trained) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    said = trained.prediction
+    said = moved(trained.prediction, "cpu")
     arrays = {"v_post": said.v_post.numpy(), "wrench": said.wrench.numpy()}
     arrays |= {"kind": np.array(trained.kind), "converged": np.array(trained.converged)}
     if said.covariance is not None:

@@ -96,6 +96,7 @@ def learn(
         DataError: fewer than two training trials.
         ContactLearnError: a base that is not the recipe's.
     """
+    rows = rows.to(impacts.mass.device)
     expected = f"the law {recipe.law.name}" if recipe.law else "nothing, or a model"
     if not isinstance(base, ContactModel) and type(base) is not type(recipe.law):
         raise ContactLearnError(f"the recipe builds on {expected}, got {base}")
@@ -141,12 +142,12 @@ def _learn_parameters(
     parameters are taken as independent.
     """
     law, effects = base.law, base.effects
-    shared = torch.atleast_2d(torch.stack(torch.broadcast_tensors(*law.coefficients), -1))  # [..., 1, 2]
+    shared = torch.atleast_2d(torch.stack(torch.broadcast_tensors(*law.coefficients), -1)).to(P)  # [..., 1, 2]
     outputs = Standardisation(shared, torch.full_like(shared, _PRIOR_SPREAD))
     theta = observed = shared.expand(*rows.shape, 2)
     regressor = None
     for _ in range(_ROUNDS):
-        theta = torch.minimum(torch.maximum(theta, box.low), box.high)
+        theta = torch.minimum(torch.maximum(theta, box.low.to(theta)), box.high.to(theta))
         everywhere = _everywhere(theta, rows, len(impacts))
         G = _at(wrench_per_parameter(law, impacts, everywhere, effects)[..., :2, :], rows, 2)
         error = _at(P - predict_with(law, impacts, everywhere, effects).wrench[..., :2], rows)

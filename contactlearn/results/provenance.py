@@ -33,9 +33,11 @@ class Provenance:
         versions: of this program, Python and the libraries that compute, by name.
         config: the composed configuration, resolved.
         command: the line that was typed.
+        device: that computed it, a GPU with its name.
     """
 
     data: DataSource
     versions: Mapping[str, str] = field(default_factory=dict)
     config: Mapping[str, Any] = field(default_factory=dict)
     command: str = ""
+    device: str = "cpu"

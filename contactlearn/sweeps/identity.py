@@ -1,8 +1,9 @@
 """What the result of a job depends on: resolved configuration, data files and code, as digests.
 
-Two jobs with the same digest give the same result.  `threads` and `workers` say how a job is computed, and are left
-out.  Data are known by the content of the files that a configuration names under `path`; simulated data by their
-settings; classes of other packages by the file that defines them.
+Two jobs with the same digest give the same result, but for rounding.  `threads`, `workers` and `device` say how a job
+is computed, and are left out: `device=auto` may mean another one on the machine where a sweep goes on.  Data are known
+by the content of the files that a configuration names under `path`; simulated data by their settings; classes of other
+packages by the file that defines them.
 """
 
 import hashlib
@@ -23,7 +24,7 @@ from contactlearn.results.state import Done
 
 DIGITS = 12
 """Of a digest in the name of a folder."""
-_HOW = ("threads", "workers")
+_HOW = ("threads", "workers", "device")
 _CHANGING = re.compile(r"\$\{(?!oc\.)\w+:")  # a resolver that may give something else the next time
 _ENVIRONMENT = re.compile(r"\$\{oc\.env:(\w+)")
 

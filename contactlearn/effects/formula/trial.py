@@ -41,7 +41,8 @@ def check_on(effect: Tried, impacts: Impacts) -> None:
             is not finite at the start.
     """
     state, so_far = _measured(impacts, effect.place)
-    start = torch.tensor([[p.start] for p in effect.parameters], dtype=torch.float64).repeat(1, len(impacts))
+    start = torch.tensor([[p.start] for p in effect.parameters], dtype=torch.float64).to(impacts.mass)
+    start = start.repeat(1, len(impacts))
     with torch.enable_grad():
         tried = effect.at([value.requires_grad_() for value in start.unbind()])
         parameters = [torch.as_tensor(value) for value in tried.current]

@@ -107,13 +107,14 @@ class ExactGPs(gpytorch.models.ExactGP):
             part.unflatten(0, (-1, B)) for part in (found.value, found.x, found.converged, found.evaluations)
         )
         best = value.nan_to_num(torch.inf).argmin(0)
-        value, x, converged = (part[best, torch.arange(B)] for part in (value, x, converged))
+        each = torch.arange(B, device=best.device)
+        value, x, converged = (part[best, each] for part in (value, x, converged))
         theta = x.exp().unflatten(0, y.shape[:-1])
         self.covar_module.base_kernel.lengthscale = theta[..., None, :D]
         self.covar_module.outputscale = theta[..., D]
         self.likelihood.noise = theta[..., D + 1 :]
         self.eval()
-        history = found.history.unflatten(1, (-1, B))[:, best, torch.arange(B)].unflatten(1, y.shape[:-1])
+        history = found.history.unflatten(1, (-1, B))[:, best, each].unflatten(1, y.shape[:-1])
         value, converged, evaluations = (
             part.unflatten(0, y.shape[:-1]) for part in (value, converged, evaluations.sum(0))
         )

@@ -136,7 +136,7 @@ class SparseGPs(gpytorch.models.ExactGP):
         """R and R⁻¹ Σ aᵢyᵢ/λᵢ of `_condition`, kept until the hyperparameters or the inducing points change."""
         theta, z = self.hyperparameters(), self.covar_module.inducing_points.detach()
         known = self._known
-        if known is None or not (torch.equal(known[0], theta) and torch.equal(known[1], z)):
+        if known is None or known[0].device != theta.device or not (known[0].equal(theta) and known[1].equal(z)):
             (x,), y = self.train_inputs, self.train_targets
             variance = self.likelihood.variance().expand(y.shape)
             known = self._known = theta, z.clone(), *_condition(*_sums(x, y, variance, z, theta))
