@@ -1,6 +1,6 @@
 """How often is something said of the sequence of the trials, where it tells nothing and where it tells something?
 
-    python benchmarks/sequences.py --keep sequences.jsonl [--null 400] [--planted 12] [--table]
+    python benchmarks/sequences.py --keep sequences.jsonl [--null 400] [--planted 4] [--table]
 
 Null sets have independent or correlated errors, other effects in the fitted model, one that it lacks, and inputs that
 follow the sequence.  Planted ones have a friction or restitution that follows it.  The true model is fitted, and asked
@@ -53,11 +53,11 @@ def planted(count: int) -> Iterable[Case]:
             for k in range(count):
                 yield {
                     "seed": 50_000 + 1000 * i + 100 * j + k,
-                    "size": SIZES[k % 4],
-                    "design": DESIGNS[(k // 4) % 2],
-                    "errors": "before" if k % 3 == 2 else "iid",
+                    "size": SIZES[(i + k) % 4],
+                    "design": DESIGNS[(i + k) % 2],
+                    "errors": ("iid", "before")[(j + k) % 2],
                     "follows": follows,
-                    "coefficient": ("mu", "eps")[(k // 2) % 2],
+                    "coefficient": ("mu", "eps")[(j + k // 2) % 2],
                     "strength": strength,
                 }
 
@@ -138,7 +138,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--keep", type=Path, required=True, help="file of finished sets, one JSON line each")
     parser.add_argument("--null", type=int, default=400)
-    parser.add_argument("--planted", type=int, default=12)
+    parser.add_argument("--planted", type=int, default=4)
     parser.add_argument("--table", action="store_true", help="only print the tables of what is kept")
     options = parser.parse_args()
     torch.set_num_threads(1)

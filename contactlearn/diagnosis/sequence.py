@@ -107,7 +107,7 @@ def _chance(white: Float[Tensor, "n 3"]) -> float:
     spread = window_spread(flipped - flipped.mean(1, keepdim=True))
     spread = torch.cat((spread / spread.mean(0), (spread / spread.mean(0)).mean(-1, keepdim=True)), -1)
     excess = ((spread - spread[1:].mean(0)) / spread[1:].std(0).clamp_min(1e-12)).flatten(1).amax(1)
-    return p_value(excess)
+    return exceedance(excess)
 
 
 def random_signs(trials: int) -> Float[Tensor, "flips n"]:
@@ -125,7 +125,7 @@ def window_spread(flipped: Float[Tensor, "flips n c"]) -> Float[Tensor, "flips w
     return torch.stack([(last - first).square().sum(1) / total for last, first in windows], 1)
 
 
-def p_value(statistic: Float[Tensor, " flips"]) -> float:
+def exceedance(statistic: Float[Tensor, " flips"]) -> float:
     """Compute the probability of the first, the measured one, among those with random signs."""
     return ((statistic[1:] >= statistic[0]).sum().item() + 1) / len(statistic)
 

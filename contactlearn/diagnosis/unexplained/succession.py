@@ -19,7 +19,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.diagnosis.result.remainder import Coefficient, Past
-from contactlearn.diagnosis.sequence import p_value, random_signs, window_spread
+from contactlearn.diagnosis.sequence import exceedance, random_signs, window_spread
 from contactlearn.diagnosis.unexplained.scores import Scores
 from contactlearn.effects import State
 from contactlearn.impacts import Impacts, Prediction
@@ -81,7 +81,7 @@ def suspects(
     parts = [_statistics(scores, told, some) for some in signs.split(size)]
     spread, peak, frequency, memory = (torch.cat(part) for part in zip(*parts, strict=True))
     surprise = torch.cat((_of_sums(spread), _of_maxima(peak), _of_normals(memory)), 1).nan_to_num(0.0)  # no scores
-    chance = p_value(surprise.amax(1))
+    chance = exceedance(surprise.amax(1))
     enough = surprise[1:].amax(1).quantile(1 - level).item()
     names = [*_sequential(scores, spread.shape[1] // 2, frequency[0]), *_historical(history)]
     found = [
