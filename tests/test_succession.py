@@ -7,9 +7,10 @@ import pytest
 import torch
 from diagnoses import remainder
 
-from contactlearn import laws
+from contactlearn import diagnose, laws
 from contactlearn.data import synthetic
-from contactlearn.diagnosis.result import Coefficient, Past, Succession
+from contactlearn.diagnosis.result import Coefficient, Diagnosis, Past, Succession, Verdict
+from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.followed import find_succession
 from contactlearn.diagnosis.unexplained.scores import Scores
@@ -18,7 +19,7 @@ from contactlearn.effects import State
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.model import ContactModel, predict_with
-from contactlearn.report.text import stages
+from contactlearn.report.text import headline, stages
 from contactlearn.report.text.sequence import follows
 
 LAW = laws.find("wang_mason").at(0.25, 0.55)
@@ -86,7 +87,7 @@ def test_false_statements_are_as_rare_as_the_level():
     ids=["friction that is wiped", "restitution that remembers"],
 )
 def test_a_coefficient_that_follows_the_sequence_is_found(change, coefficient, followed):
-    drops, fit = fitted(400, 1, **change)
+    drops, fit = fitted(300, 1, **change)
     found = find_succession(drops, fit, FitOptions())
     assert found is not None
     assert found.coefficient is coefficient
@@ -112,8 +113,8 @@ def test_a_measurement_that_wanders_is_no_coefficient():
             rows.append(0.9 * rows[-1] + math.sqrt(1 - 0.81) * step)
         return torch.stack(rows)
 
-    for seed in range(4):
-        drops, fit = fitted(300, 10 * seed, errors=wandering)
+    for seed in range(2):
+        drops, fit = fitted(160, 10 * seed, errors=wandering)
         found = find_succession(drops, fit, FitOptions())
         assert found is None or not found.large
 
@@ -155,6 +156,18 @@ def test_the_level_decides():
     history = histories(drops, fit.model.predict(drops))
     assert suspects(scores, history, thresholds.sequence.level / 2)[1] == ()
     assert suspects(scores, history, always.sequence.level / 2)[1]
+
+
+@pytest.mark.parametrize("sets", [{"friction": sawtooth}, {}], ids=["friction that is wiped", "nothing"])
+def test_a_diagnosis_calls_it_unknown_and_says_what_follows(sets):
+    drops, _ = fitted(300, 1, **sets)
+    few = {key: effect for key, effect in all_candidates().items() if key.name in ("spin_damping", "parameter_drift")}
+    found = diagnose(drops, "wang_mason", candidates=few)
+    assert found.remainder is not None
+    assert found.verdict is (Verdict.UNKNOWN if sets else Verdict.NONE)
+    assert (found.remainder.succession is not None) == bool(sets)
+    assert ("friction changes along the sequence" in headline(found)) == bool(sets)
+    assert Diagnosis.from_json(found.to_json()) == found
 
 
 def test_it_is_said_in_words():

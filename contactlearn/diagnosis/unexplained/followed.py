@@ -6,8 +6,8 @@ law with the coefficients so predicted is tested on the trials held out, and so 
 alike for every impact.  Where these do better, the measurement follows the order, and nothing is said of it here.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float
@@ -30,7 +30,6 @@ _STRETCH = 560  # trials that are learnt from and held out, at most: as many as 
 _TRIED = 4  # suspects, the most surprising ones
 _PLACES = 4.0  # trials in the unit of length of processes over the place, whose lengths begin at 7 and at 49 trials
 _TELLING = 0.02  # of the mean information of a trial, below which it does not tell of a coefficient
-_SEQUENTIAL = (Past.ORDER, Past.PERIOD)
 
 
 def find_succession(
@@ -141,25 +140,27 @@ class _Learning:
         return value, _PLACES * length if suspect.follows is Past.ORDER else suspect.trials
 
 
-def _best(learning: _Learning, found: Iterable[Suspect]) -> tuple[Coefficient | None, Suspect, Interval, float] | None:
-    """What takes most of the error away; None where nothing does, or the velocities follow the order alike."""
-    tried = []
+def _best(learning: _Learning, found: Sequence[Suspect]) -> tuple[Coefficient | None, Suspect, Interval, float] | None:
+    """What takes most of the error away; None where nothing does, or where velocities that drift take more."""
+    drift = learning.alike(replace(found[0], follows=Past.ORDER))[0]
+    tried: list[tuple[Coefficient | None, Suspect, Interval, float]] = []
     for one in found:
-        alike, scale = learning.alike(one)
-        if one.coefficient is None:
-            tried.append((None, one, alike, scale))
-            continue
-        share, own = learning.by_coefficient(one, one.coefficient)
-        if share.mean >= alike.mean:
-            tried.append((one.coefficient, one, share, own))
-        elif one.follows not in _SEQUENTIAL:
+        alike, scale = (drift, 0.0) if one.follows is Past.ORDER else learning.alike(one)
+        if one.coefficient is not None:
+            share, own = learning.by_coefficient(one, one.coefficient)
+            if share.mean >= alike.mean:
+                tried.append((one.coefficient, one, share, own))
+                continue
+        if one.follows not in (Past.ORDER, Past.PERIOD) and one.trials == 1:
             tried.append((None, one, alike, scale))
     best = max(tried, key=lambda one: one[2].mean, default=None)
-    return best if best is not None and best[2].low > 0 else None
+    return best if best is not None and best[2].low > 0 and best[2].mean >= drift.mean else None
 
 
 def _inputs(suspect: Suspect) -> Float[Tensor, "n d"]:
     """Inputs of a process over what is followed."""
     if suspect.follows is Past.PERIOD:
         return torch.stack((suspect.values.cos(), suspect.values.sin()), -1)
-    return suspect.values[:, None] / (_PLACES if suspect.follows is Past.ORDER else 1.0)
+    if suspect.follows is Past.ORDER:
+        return torch.arange(len(suspect.values), dtype=torch.float64)[:, None] / _PLACES
+    return suspect.values[:, None]

@@ -2,7 +2,7 @@
 
     order      sums of neighbouring scores over windows of 2, 4, 8 … trials spread more than their signs allow
     period     the largest power of a periodogram of the scores
-    history    scores, or residuals, that correlate with a quantity of the previous impact, or of the last few
+    history    scores that correlate with quantities of the impact before, or of the last few; residuals with the former
 
 Each statistic is written as its surprise, −log of its probability as the flipped signs show it; the largest surprise of
 all is compared with those of the same residuals with random signs.  So the level is that of all of them together, exact
@@ -11,7 +11,7 @@ Sources: as of `sequence`; Wilson & Hilferty 1931 and Gumbel 1958 for the tails.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import torch
@@ -109,7 +109,10 @@ def _told(scores: Scores, history: Mapping[tuple[Past, float], Tensor]) -> Float
     """Terms of the sums of scores and residuals times each quantity, by trial."""
     alike = torch.eye(3, dtype=torch.float64).expand(len(scores), 3, 3)
     kinds = torch.cat((scores.slope, alike), -1)  # μ, ε, and the three velocities
-    columns = [scores.free(values[:, None, None] * kinds) for values in history.values()]
+    columns = [
+        scores.free(values[:, None, None] * kinds[..., : len(_kinds(trials))])
+        for (_, trials), values in history.items()
+    ]
     return (torch.cat(columns, -1) * scores.residual[..., None]).sum(1) if columns else scores.residual[:, :0]
 
 
@@ -152,11 +155,15 @@ def _sequential(scores: Scores, widths: int, frequency: Float[Tensor, "2"]) -> I
 
 
 def _historical(history: Mapping[tuple[Past, float], Tensor]) -> Iterator[_Name]:
-    """Quantities of earlier impacts, each for both coefficients and the three velocities."""
+    """Quantities of earlier impacts, each for all that may follow it."""
     for (name, trials), values in history.items():
-        kinds: Sequence[Coefficient | None] = (*_COEFFICIENTS, None, None, None)
-        for kind in kinds:
+        for kind in _kinds(trials):
             yield kind, name, trials, values
+
+
+def _kinds(trials: float) -> tuple[Coefficient | None, ...]:
+    """What may follow so many impacts: coefficients; and of one impact, which no drift resembles, three velocities."""
+    return (*_COEFFICIENTS, None, None, None) if trials == 1 else _COEFFICIENTS
 
 
 def _remembered(x: Float[Tensor, " n"], decay: float) -> Float[Tensor, " n"]:
