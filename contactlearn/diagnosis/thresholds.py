@@ -96,6 +96,9 @@ class SequenceThresholds:
     level: float = 0.01
     """Probability of any statement where trials are independent: half of it for measurements that drift, half for
     coefficients that follow the sequence (row sequence.level)."""
+    share: float = 0.05
+    """Share of the model's error that a coefficient that follows the sequence must take away for the verdict `unknown`;
+    less than of processes, since the level bounds false statements already (row sequence.share)."""
 
 
 @dataclass(frozen=True, kw_only=True)

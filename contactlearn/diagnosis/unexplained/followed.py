@@ -56,14 +56,13 @@ def find_succession(
     if best is None:
         return None
     coefficient, suspect, share, scale = best
-    limits = thresholds.remainder
     return Succession(
         coefficient=coefficient,
         follows=suspect.follows,
         trials=scale,
         p_value=chance,
         share=share,
-        large=share.mean > limits.share and share.low > limits.certain_share,
+        large=share.mean > thresholds.sequence.share,
     )
 
 
