@@ -33,6 +33,7 @@ from studies import (
     rivals,
     samples,
     search,
+    sequences,
 )
 from studies.memory import memory
 from studies.study import AllThresholds, Row, paths, replaced
@@ -49,6 +50,7 @@ ROWS: tuple[Row, ...] = (
     *descriptions.ROWS,
     *fits.ROWS,
     *samples.ROWS,
+    *sequences.ROWS,
 )
 STUDIES = {row.study.name: row.study for row in ROWS}
 

@@ -12,9 +12,11 @@ from contactlearn.diagnosis.search.candidates import follows_order
 from contactlearn.diagnosis.search.pool import ScoredFit, Spec
 from contactlearn.diagnosis.search.selection import Selection
 from contactlearn.diagnosis.sequence import Dependence, blocks, dependence, drift_kind
+from contactlearn.diagnosis.thresholds import SequenceThresholds
 from contactlearn.diagnosis.validation import Folds
 from contactlearn.effects import EffectId
-from contactlearn.identification.joint import linearise
+from contactlearn.identification.joint import FitOptions, JointFit, linearise
+from contactlearn.impacts import Impacts
 
 _FOLDS = 5
 
@@ -25,15 +27,20 @@ def ordered_candidates(selection: Selection) -> set[EffectId]:
     return {key for key, effect in candidates.items() if follows_order(effect, impacts)}
 
 
-def measurement_drift(selection: Selection) -> Dependence | None:
+def measurement_drift(selection: Selection, thresholds: SequenceThresholds) -> Dependence | None:
     """Find the dependence of the measurement along the sequence; None without any, or where a parameter drifts."""
-    model, impacts = _without_order(selection), selection.impacts
-    residual = impacts.v_post - model.fit.model.predict(impacts).v_post
-    found = dependence(residual, impacts.order, model.fit.inliers)
+    return drifts(_without_order(selection).fit, selection.impacts, selection.pool.options, thresholds)
+
+
+def drifts(fit: JointFit, impacts: Impacts, options: FitOptions, thresholds: SequenceThresholds) -> Dependence | None:
+    """Find the dependence of the measurement in the residual of a fitted model; None without any, or of a parameter."""
+    model = fit.model
+    residual = impacts.v_post - model.predict(impacts).v_post
+    found = dependence(residual, impacts.order, fit.inliers, thresholds.level / 2)
     if found is None:
         return None
-    law, unit = selection.pool.laws[model.spec.law], torch.eye(3, dtype=torch.float64)
-    about = linearise(law, model.effects, impacts, model.fit.values, unit, options=selection.pool.options)
+    unit = torch.eye(3, dtype=torch.float64)
+    about = linearise(model.law, model.effects, impacts, fit.values, unit, options=options)
     kind = drift_kind(residual, -about.slope[..., :2].nan_to_num(), impacts.order)
     return found if kind == "measurement" else None
 

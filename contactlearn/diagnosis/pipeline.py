@@ -151,7 +151,7 @@ def _searched(
     chosen = law or study.laws[min(fits, key=lambda fit: fit.error).name]
     study.observer.laws(chosen.name, fits)
     searched = search_effects(study, chosen, fits, law is None, impacts, folds)
-    drift = measurement_drift(searched.selection)
+    drift = measurement_drift(searched.selection, study.thresholds.sequence)
     rest = study if drift is None else study.without_order(ordered_candidates(searched.selection))
     if drift is None or not rest.candidates:
         return study, searched, ()
@@ -276,6 +276,6 @@ def _physics(
 ) -> Verdict:
     """The verdict about the corrected data: unknown where much is predictable, or a better law is known."""
     better = clearly_better(laws, rest.budget.named.mean, thresholds)
-    if rest.learned.remainder.large or better is not None:
+    if rest.learned.remainder.unknown or better is not None:
         return Verdict.UNKNOWN
     return Verdict.EFFECTS if missing else Verdict.NONE

@@ -22,7 +22,8 @@ from torch import Tensor
 from contactlearn.errors import DataError
 from contactlearn.numerics import MAD_SCALE, Z_95
 
-_SIGNS = 499  # random ones; the least p-value is 1/500
+SIGNS = 499
+"""Random signs of all trials; the least p-value is 1/500."""
 _CLIP = 2.5  # robust standard deviations beyond which a residual counts no more
 _FEWEST = 20  # trials below which nothing is said
 _LAGS = 60  # of the autocorrelation at most, and no more than a quarter of the trials
@@ -58,7 +59,7 @@ def dependence(
     residual: Float[Tensor, "n 3"],
     order: Float[Tensor, " n"],
     inliers: Bool[Tensor, " n"] | None = None,
-    level: float = 0.01,
+    level: float = 0.005,
 ) -> Dependence | None:
     """Test whether residuals depend on their place in the sequence; None where independence is not refuted.
 
@@ -73,8 +74,8 @@ def dependence(
     if len(rows) < _FEWEST:
         return None
     white, scale = _winsorised(residual[rows])
-    p_value = _p_value(white)
-    if p_value > level:
+    chance = _chance(white)
+    if chance > level:
         return None
     lags = torch.arange(1, min(_LAGS, len(rows) // 4) + 1)
     correlation = torch.stack([(white[k:] * white[:-k]).sum(0) for k in lags.tolist()]) / white.square().sum(0)
@@ -82,7 +83,7 @@ def dependence(
     first, error = correlation[0].mean().item(), Z_95 / math.sqrt(3 * len(rows))
     v_x, v_y, omega = (scale * (shares * white.var(0)).sqrt()).tolist()
     return Dependence(
-        p_value=p_value,
+        p_value=chance,
         correlation=first,
         interval=(first - error, first + error),
         time_scale=time_scale,
@@ -100,20 +101,33 @@ def _winsorised(residual: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n 3"], F
     return white - white.mean(0), scale
 
 
-def _p_value(white: Float[Tensor, "n 3"]) -> float:
+def _chance(white: Float[Tensor, "n 3"]) -> float:
     """Probability of so large an excess over all windows and components under random signs."""
-    n = len(white)
-    signs = torch.randint(0, 2, (_SIGNS, n, 1), generator=torch.Generator().manual_seed(0)).to(white.dtype)
-    flipped = torch.cat((white[None], (2 * signs - 1) * white))
-    flipped = flipped - flipped.mean(1, keepdim=True)
-    sums = torch.cat((torch.zeros_like(flipped[:, :1]), flipped.cumsum(1)), 1)
-    widths = [2**k for k in range(1, int(math.log2(n / 3)) + 1)]
-    windows = ((sums[:, w :: max(1, w // 4)], sums[:, : -w : max(1, w // 4)]) for w in widths)
-    total = flipped.square().sum(1)  # the mean is a part of it, which the random signs change
-    spread = torch.stack([(last - first).square().sum(1) / total for last, first in windows], 1)  # [flips, widths, 3]
+    flipped = random_signs(len(white))[..., None] * white
+    spread = window_spread(flipped - flipped.mean(1, keepdim=True))
     spread = torch.cat((spread / spread.mean(0), (spread / spread.mean(0)).mean(-1, keepdim=True)), -1)
     excess = ((spread - spread[1:].mean(0)) / spread[1:].std(0).clamp_min(1e-12)).flatten(1).amax(1)
-    return ((excess[1:] >= excess[0]).sum().item() + 1) / (_SIGNS + 1)
+    return exceedance(excess)
+
+
+def random_signs(trials: int) -> Float[Tensor, "flips n"]:
+    """Return signs of all trials, 1 in the first row and the same random ones for every call in all others."""
+    signs = torch.randint(0, 2, (SIGNS, trials), generator=torch.Generator().manual_seed(0)).to(torch.float64)
+    return torch.cat((torch.ones_like(signs[:1]), 2 * signs - 1))
+
+
+def window_spread(flipped: Float[Tensor, "flips n c"]) -> Float[Tensor, "flips widths c"]:
+    """Compute mean squares of sums over windows of 2, 4, 8 … trials, in those of a trial and up to a factor."""
+    sums = torch.cat((torch.zeros_like(flipped[:, :1]), flipped.cumsum(1)), 1)
+    widths = [2**k for k in range(1, int(math.log2(flipped.shape[1] / 3)) + 1)]
+    windows = ((sums[:, w :: max(1, w // 4)], sums[:, : -w : max(1, w // 4)]) for w in widths)
+    total = flipped.square().sum(1)  # the mean is a part of it, which the random signs change
+    return torch.stack([(last - first).square().sum(1) / total for last, first in windows], 1)
+
+
+def exceedance(statistic: Float[Tensor, " flips"]) -> float:
+    """Compute the probability of the first, the measured one, among those with random signs."""
+    return ((statistic[1:] >= statistic[0]).sum().item() + 1) / len(statistic)
 
 
 def _decay(

@@ -90,6 +90,18 @@ class RemainderThresholds:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SequenceThresholds:
+    """Limits beyond which something is said to depend on the sequence of the trials."""
+
+    level: float = 0.01
+    """Probability of any statement where trials are independent: half of it for measurements that drift, half for
+    coefficients that follow the sequence (row sequence.level)."""
+    share: float = 0.05
+    """Share of the model's error that a coefficient that follows the sequence must take away for the verdict `unknown`;
+    less than of processes, since the level bounds false statements already (row sequence.share)."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class FormulaThresholds:
     """Limits beyond which a formula is offered."""
 
@@ -144,6 +156,8 @@ class Thresholds:
     """Of effects that cannot be told from missing ones."""
     remainder: RemainderThresholds = field(default_factory=RemainderThresholds)
     """Of the predictable part of the residual."""
+    sequence: SequenceThresholds = field(default_factory=SequenceThresholds)
+    """Of what depends on the sequence of the trials."""
     formulas: FormulaThresholds = field(default_factory=FormulaThresholds)
     """Of formulas for it."""
     noise: NoiseThresholds = field(default_factory=NoiseThresholds)

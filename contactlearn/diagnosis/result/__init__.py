@@ -28,9 +28,12 @@ from contactlearn.diagnosis.result.effects import (
 )
 from contactlearn.diagnosis.result.regions import Improvement, Region
 from contactlearn.diagnosis.result.remainder import (
+    Coefficient,
     ComponentTest,
     Formula,
+    Past,
     Remainder,
+    Succession,
     VariableShare,
     WrenchComponent,
 )
@@ -44,11 +47,11 @@ from contactlearn.laws import Law, find
 from contactlearn.serialisation import from_json, to_json
 
 __all__ = [
-    "Answer", "Choices", "ComponentTest", "Confirmation", "Diagnosis", "Drop", "ErrorBudget", "ErrorLimits",
-    "ErrorMap", "ErrorShares", "Evidence", "Experiment", "FailingRegion", "Finding", "FittedParameter", "Formula",
-    "FrontierModel", "Improvement", "LawFit", "Limit", "MissingEffect", "NoiseSource", "PlausibleModel", "Record",
-    "Region", "Remainder", "Rival", "Rung", "RungKind", "Sample", "Separation", "VariableShare", "Verdict",
-    "WrenchComponent",
+    "Answer", "Choices", "Coefficient", "ComponentTest", "Confirmation", "Diagnosis", "Drop", "ErrorBudget",
+    "ErrorLimits", "ErrorMap", "ErrorShares", "Evidence", "Experiment", "FailingRegion", "Finding", "FittedParameter",
+    "Formula", "FrontierModel", "Improvement", "LawFit", "Limit", "MissingEffect", "NoiseSource", "Past",
+    "PlausibleModel", "Record", "Region", "Remainder", "Rival", "Rung", "RungKind", "Sample", "Separation",
+    "Succession", "VariableShare", "Verdict", "WrenchComponent",
 ]  # fmt: skip
 
 

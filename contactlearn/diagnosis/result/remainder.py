@@ -43,13 +43,59 @@ class VariableShare:
     share: float
 
 
+class Coefficient(StrEnum):
+    """A coefficient of the law: friction μ or restitution ε."""
+
+    FRICTION = "mu"
+    RESTITUTION = "eps"
+
+
+class Past(StrEnum):
+    """What a trial may depend on that is no part of its own state: its place in the sequence, or impacts before it.
+
+    Impulses are those that the model predicts; slip, spin and tangential impulse count with their signs, their sizes
+    without.
+    """
+
+    ORDER = "order"
+    PERIOD = "period"
+    NORMAL_SPEED = "normal_speed"
+    NORMAL_IMPULSE = "normal_impulse"
+    SLIP = "slip"
+    SLIP_SPEED = "slip_speed"
+    SPIN = "spin"
+    SPIN_RATE = "spin_rate"
+    TANGENTIAL_IMPULSE = "tangential_impulse"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Succession:
+    """A dependence of what remains on the sequence of the trials, which no effect of the model explains.
+
+    Args:
+        coefficient: of the law, which varies from trial to trial; None where it is told in the velocities alone.
+        follows: what it follows.
+        trials: over which neighbours resemble each other, of the period, or impacts that are remembered.
+        p_value: of independence, over all coefficients, times scales, periods and quantities of earlier impacts.
+        share: of the held-out error that is taken away by a coefficient that follows it.
+        large: whether that share is so high that something unknown must be missing.
+    """
+
+    coefficient: Coefficient | None
+    follows: Past
+    trials: float
+    p_value: float
+    share: Interval
+    large: bool
+
+
 @dataclass(frozen=True, kw_only=True)
 class Remainder:
     """The part of the model's held-out error that Gaussian processes on its residual take away.
 
     `share` is the relative fall of the mean error, at or below 0 where there is nothing to learn; `components` are
     the named ones, by their reduction of the error; `variables` the symbols that they depend on; `large` whether the
-    share is so high that something unknown must be missing.
+    share is so high that something unknown must be missing; `succession` what the sequence of the trials tells besides.
     """
 
     share: Interval
@@ -57,11 +103,22 @@ class Remainder:
     components: tuple[WrenchComponent, ...]
     variables: tuple[VariableShare, ...]
     tested: tuple[ComponentTest, ...]
+    succession: Succession | None = None
 
     @property
     def found(self) -> bool:
-        """Whether the residual is predictable beyond chance."""
+        """Whether the residual is predictable beyond chance, from the state or from the sequence."""
+        return self.learnt or self.succession is not None
+
+    @property
+    def learnt(self) -> bool:
+        """Whether Gaussian processes of the state and the order predict a part of it beyond chance."""
         return bool(self.components) and self.share.low > 0
+
+    @property
+    def unknown(self) -> bool:
+        """Whether so much is predictable that something unknown must be missing."""
+        return self.large or (self.succession is not None and self.succession.large)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -97,7 +97,7 @@ def _noise(
     noise: Sequence[float] | None,
 ) -> Interval | None:
     """The noise floor of trials outside the subsample; a model that misses something does not tell it."""
-    if found.remainder is not None and found.remainder.large:
+    if found.remainder is not None and found.remainder.unknown:
         return None
     others = outside.nonzero()[:, 0]
     some = impacts[others[torch.randperm(len(others), generator=generator)[:_NEIGHBOURS]].sort().values]

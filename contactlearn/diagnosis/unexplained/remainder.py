@@ -89,7 +89,7 @@ def learn_remainder(
     error = learned.error(*_COMPONENTS)
     before = mass_error(impacts, base).where(error.isfinite(), torch.nan)
     counted = inliers & error.isfinite()
-    share = _share(before[counted], error[counted], generator)
+    share = fall(before[counted], error[counted], generator)
     large = share.mean > thresholds.share and share.low > thresholds.certain_share
     tested = [_tested(learned, residual, name, before, counted, thresholds) for name in _COMPONENTS]
     most = max(tested, key=lambda one: one.error_reduction)
@@ -187,8 +187,8 @@ def _r_squared(
     return gain.mean().item(), (gain.std() / math.sqrt(len(gain))).item()
 
 
-def _share(before: Float[Tensor, " n"], error: Float[Tensor, " n"], generator: torch.Generator) -> Interval:
-    """Relative fall of the mean error with its 95 % paired bootstrap interval."""
+def fall(before: Float[Tensor, " n"], error: Float[Tensor, " n"], generator: torch.Generator) -> Interval:
+    """Compute the relative fall of the mean error with its 95 % paired bootstrap interval."""
     before, error = before + _ROUNDING, error + _ROUNDING
     rows = torch.randint(len(before), (_RESAMPLES, len(before)), generator=generator)
     falls = 1 - error[rows].mean(-1) / before[rows].mean(-1)

@@ -95,8 +95,10 @@ def experiment_content(experiment: Experiment) -> dict[str, Any]:
 
 def residual_content(left: Remainder, formulas: Sequence[Formula]) -> dict[str, Any]:
     """Return the predictable part of the residual by component and variable, and formulas for it."""
+    first, *others = stages.residual(left)
+    sequential = others[-1:] if left.succession is not None else []
     return {
-        "said": stages.residual(left)[0],
+        "said": " ".join((first, *sequential)),
         "components": [
             {
                 "name": WRENCH[one.component],

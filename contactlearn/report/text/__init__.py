@@ -3,6 +3,7 @@
     numbers      errors, shares, comparisons
     names        laws, models, effects, rungs and components as a person writes them
     stages       the result of each stage of a diagnosis in a sentence
+    sequence     what remains and follows the sequence of the trials
     samples      the subsamples of a large table, and the test on all of it
     search       error against number of effects, and models that the data cannot tell apart
     verdict      the conclusion of a diagnosis in one line, and the numbers behind it

@@ -42,6 +42,7 @@ from contactlearn.report.text.numbers import (
     spaced,
     times,
 )
+from contactlearn.report.text.sequence import succession
 
 CONSISTENT = "Nothing contradicts planar rigid impacts; the trials are too few to judge units and axes."
 NO_REGION = "No region has a clearly higher error than the rest."
@@ -194,15 +195,14 @@ def drop(found: Drop, experiment: Experiment) -> str:
 
 
 def residual(found: Remainder) -> list[str]:
-    """Say how much Gaussian processes predict of the residual, in which components, by which variables."""
-    if not found.found:
-        return [NOT_PREDICTABLE]
-    components = listed(WRENCH[name] for name in found.components)
-    said = [f"{residual_share(found)}, in {components}."]
-    if found.variables:
+    """Say how much Gaussian processes predict of the residual, by which variables, and what follows the sequence."""
+    said = [NOT_PREDICTABLE]
+    if found.learnt:
+        said = [f"{residual_share(found)}, in {listed(WRENCH[name] for name in found.components)}."]
+    if found.learnt and found.variables:
         shares = listed(f"{SYMBOLS[one.symbol].letter} ({percent(one.share)})" for one in found.variables)
         said.append(f"The predicted residual depends on {shares}.")
-    return said
+    return said + ([] if found.succession is None else [f"{opened(succession(found.succession))}."])
 
 
 def residual_share(found: Remainder) -> str:

@@ -8,6 +8,7 @@ from contactlearn.numerics import measured
 from contactlearn.report.text import stages
 from contactlearn.report.text.names import base_label, effect_label, listed, opened, sentence, shortened
 from contactlearn.report.text.numbers import compared, error, interval, percent
+from contactlearn.report.text.sequence import follows
 
 VERDICTS = {
     Verdict.EFFECTS: "effects are missing",
@@ -52,15 +53,23 @@ def _finding(found: Diagnosis, law: str, effects: str) -> str:
         if found.better_law is not None:
             return f"{law} is not the law of these data: {stages.better_law(found)}{known}"
         if effects and found.budget is not None and found.budget.shares.explained > found.budget.shares.unexplained:
-            rest = "and something unknown besides: no effect of the catalogue explains the rest"
-            return f"{opened(effects)} {verb} missing from {law}{_rivals(found.missing)}, {rest}."
-        return f"An unknown effect is missing from {law}: no effect of the catalogue explains its error.{known}"
+            rest = _unexplained(found, "no effect of the catalogue explains the rest")
+            known = f"{opened(effects)} {verb} missing from {law}{_rivals(found.missing)}"
+            return f"{known}, and something unknown besides: {rest}."
+        rest = _unexplained(found, "no effect of the catalogue explains its error")
+        return f"An unknown effect is missing from {law}: {rest}.{known}"
     if effects:
         rest = "; no known effect explains the predictable part of the residual" if predictable else ""
         return f"{opened(effects)} {verb} missing from {law}{_rivals(found.missing)}{rest}."
     if predictable:
         return f"No known effect is missing from {law}, but a small part of its residual is predictable."
     return f"These data show no effect that is missing from {law}."
+
+
+def _unexplained(found: Diagnosis, said: str) -> str:
+    """What is unknown: that which follows the sequence of the trials where that is large, and else what is said."""
+    follower = None if found.remainder is None else found.remainder.succession
+    return f"{follows(follower)}, and {said}" if follower is not None and follower.large else said
 
 
 def _rivals(missing: Sequence[MissingEffect]) -> str:

@@ -1,0 +1,248 @@
+"""Studies of what depends on the sequence of the trials: drops whose coefficients follow it, or whose errors do."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from contactlearn import laws
+from contactlearn.data import synthetic
+from contactlearn.diagnosis.result import Succession
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.followed import find_succession
+from contactlearn.effects import Effect, State, find_effect
+from contactlearn.identification.joint import FitOptions, JointFit, identify_jointly
+from contactlearn.impacts import Impacts
+from contactlearn.model import predict_with
+from contactlearn.numerics import random as drawn
+from contactlearn.shapes import Ellipse
+from studies.cases import between, random
+from studies.study import Row, Study, each
+
+LAWS = ("wang_mason", "mirtich", "anitescu_potra_poisson")
+NAMED: Mapping[str, tuple[float, ...]] = {
+    "spin_damping": (0.15,),
+    "directional_friction": (0.3,),
+    "parameter_drift": (0.15,),
+    "surface_tilt": (0.02,),
+}
+"""Effects that are in nature and in the fitted model."""
+
+Follows = Callable[[State, Tensor, torch.Generator], Tensor]
+"""Values [n] that a coefficient follows, from the states, the predicted wrench [n, 3], and a source of chance."""
+
+
+def _standard(x: Tensor) -> Tensor:
+    return (x - x.mean()) / x.std()
+
+
+def _before(x: Tensor) -> Tensor:
+    return torch.cat((x.mean()[None], x[:-1]))
+
+
+def _sawtooth(state: State, wrench: Tensor, generator: torch.Generator) -> Tensor:
+    period = int(torch.randint(7, 60, (), generator=generator))
+    return (state.order + torch.randint(period, (), generator=generator)).remainder(period)
+
+
+def _sine(state: State, wrench: Tensor, generator: torch.Generator) -> Tensor:
+    turns = 2 * math.pi / (5 + 55 * drawn(torch.rand, (1,), generator))
+    return (turns * state.order + 6 * drawn(torch.rand, (1,), generator)).sin()
+
+
+def _walk(state: State, wrench: Tensor, generator: torch.Generator) -> Tensor:
+    steps, keep = drawn(torch.randn, (len(state.order),), generator), 0.7 + 0.27 * torch.rand((), generator=generator)
+    values = [steps[0]]
+    for step in steps[1:]:
+        values.append(keep * values[-1] + (1 - keep**2).sqrt() * step)
+    return torch.stack(values)
+
+
+def _changed(state: State, wrench: Tensor, generator: torch.Generator) -> Tensor:
+    """A surface that is changed every 20 trials or so, each worse or better by chance."""
+    lots = drawn(torch.rand, (len(state.order),), generator)
+    return drawn(torch.randn, (len(lots),), generator)[(lots < 0.05).cumsum(0)]
+
+
+def _heated(state: State, wrench: Tensor, generator: torch.Generator) -> Tensor:
+    """Warmed by every impact, and cooling."""
+    warm, values = torch.zeros(()), []
+    for heat in wrench[:, 1].square() / wrench[:, 1].square().mean():
+        values.append(warm)
+        warm = 0.75 * warm + heat
+    return torch.stack(values).to(torch.float64)
+
+
+FOLLOWS: Mapping[str, Follows] = {
+    "sawtooth": _sawtooth,
+    "sine": _sine,
+    "walk": _walk,
+    "changed": _changed,
+    "last speed": lambda state, wrench, generator: _before(state.v_n.abs()),
+    "last slip": lambda state, wrench, generator: _before(state.v_t),
+    "last spin rate": lambda state, wrench, generator: _before(state.omega.abs()),
+    "heated": _heated,
+}
+"""What a coefficient may follow."""
+
+ERRORS = ("iid", "heavy", "ar1", "weak ar1", "wander", "hetero", "before")
+"""Errors of measurement; `before` are errors of v_pre as large as those of v_post."""
+DESIGNS = ("drops", "throws", "ascending", "turned")
+"""How bodies are thrown: dropped, thrown to both sides, ever faster, each orientation many times in a row."""
+
+
+class Drops(NamedTuple):
+    """Drops with the true model fitted to them."""
+
+    impacts: Impacts
+    fit: JointFit
+
+
+def made(
+    seed: int,
+    *,
+    size: int = 300,
+    design: str = "throws",
+    errors: str = "iid",
+    follows: str = "",
+    coefficient: str = "mu",
+    strength: float = 1.0,
+    named: str = "",
+    missed: float = 0.0,
+) -> Drops:
+    """Make drops and fit the true model, without what follows the sequence.
+
+    Args:
+        seed: of everything.
+        size: trials.
+        design: of `DESIGNS`.
+        errors: of `ERRORS`.
+        follows: of `FOLLOWS`; nothing if empty.
+        coefficient: mu or eps.
+        strength: size of what follows the sequence, in standard deviations of the noise.
+        named: of `NAMED`, in nature and in the model; nothing if empty.
+        missed: size of a restitution over orientation that the model lacks, likewise.
+    """
+    generator = random(seed)
+    law, mu, eps = laws.find(LAWS[seed % len(LAWS)]), between(0.12, 0.4, seed), between(0.35, 0.75, seed + 1)
+    impacts = _thrown(design, size, generator)
+    effects = {named: _at(named, impacts)} if named else {}
+    coefficients = torch.tensor((mu, eps), dtype=torch.float64).repeat(size, 1)
+    base = predict_with(law, impacts, coefficients, effects)
+    noise = between(0.015, 0.06, seed + 2) * torch.tensor((1.0, 1.0, 15.0), dtype=torch.float64)
+    if follows:
+        change = _standard(FOLLOWS[follows](State.of(impacts), base.wrench, generator))
+        coefficients = _scaled(impacts, law, effects, coefficients, coefficient, change, strength, noise)
+    if missed:
+        change = _standard((2 * State.of(impacts).theta).cos())
+        coefficients = _scaled(impacts, law, effects, coefficients, "eps", change, missed, noise)
+    exact = predict_with(law, impacts, coefficients, effects).v_post
+    after = _errors(errors, exact, generator) * noise
+    before = drawn(torch.randn, (size, 3), generator) * noise if errors == "before" else torch.zeros(size, 3)
+    impacts = impacts.replace(v_pre=impacts.v_pre + before, v_post=exact + after, suspect=True)
+    impacts = impacts[impacts.v_c[:, 1] < -0.01].replace(suspect=False)
+    fitted = {named: find_effect(named)()} if named else {}
+    return Drops(impacts, identify_jointly(law, fitted, impacts, options=FitOptions(starts=4)))
+
+
+def _at(name: str, impacts: Impacts) -> Effect:
+    values = torch.tensor(NAMED[name], dtype=torch.float64)
+    effect = find_effect(name)().prepare(impacts)
+    return effect.at(values)
+
+
+def _thrown(design: str, size: int, generator: torch.Generator) -> Impacts:
+    """States before impact; outcomes are still to be made."""
+    seed = int(torch.randint(2**31, (), generator=generator))
+    kinds = {"drops": Ellipse((0.035, 0.025)), "turned": Ellipse((0.05, 0.03))}
+    impacts = synthetic.load(
+        3 * size, "wang_mason", 0.2, 0.5, kinds.get(design), velocity_noise=0.0, spin_noise=0.0, seed=seed
+    )
+    if design == "drops":
+        return impacts[:size]
+    speed = 1 + 2.5 * drawn(torch.rand, (3 * size,), generator)
+    if design == "ascending":
+        speed = speed.sort().values
+    down = math.radians(25) + math.radians(50) * drawn(torch.rand, (3 * size,), generator)
+    side = 2.0 * torch.randint(0, 2, (3 * size,), generator=generator) - 1
+    spin = 9 * drawn(torch.randn, (3 * size,), generator)
+    v_pre = torch.stack((side * speed * down.cos(), -speed * down.sin(), spin), -1)
+    impacts = impacts.replace(v_pre=v_pre, v_post=v_pre, suspect=True)
+    if design == "turned":
+        impacts = impacts[(impacts.q[:, 2] / (math.pi / 6)).round().argsort(stable=True)]
+    impacts = impacts[impacts.v_c[:, 1] < -0.2]
+    kept = torch.linspace(0, len(impacts) - 1, size).round().long()
+    order = torch.arange(1, size + 1)
+    return impacts[kept].replace(order=order, trial=tuple(map(str, order.tolist())), suspect=False)
+
+
+def _scaled(
+    impacts: Impacts, law: Any, effects: Mapping[str, Effect], at: Tensor, name: str, change: Tensor, size: float,
+    noise: Tensor,
+) -> Tensor:  # fmt: skip
+    """Coefficients [n, 2] of which one changes v_post by `size` standard deviations of the noise."""
+    k, before = ("mu", "eps").index(name), predict_with(law, impacts, at, effects).v_post
+    low, high = 0.0, 0.6
+    moved = at.clone()
+    for _ in range(30):
+        middle = (low + high) / 2
+        moved[:, k] = (at[:, k] + middle * change).clamp(0.01, 2.0 if k == 0 else 0.98)
+        off = (predict_with(law, impacts, moved, effects).v_post - before) / noise
+        low, high = (middle, high) if off.square().mean().sqrt() < size else (low, middle)
+    return moved
+
+
+def _errors(kind: str, exact: Tensor, generator: torch.Generator) -> Tensor:
+    """Standardised errors [n, 3]."""
+    z = drawn(torch.randn, tuple(exact.shape), generator)
+    if kind == "heavy":
+        z = z / drawn(torch.randn, (len(z), 4), generator).square().mean(-1, keepdim=True).sqrt() / math.sqrt(2)
+    if kind in ("ar1", "weak ar1"):
+        keep = 0.5 + 0.45 * torch.rand((), generator=generator, dtype=torch.float64)
+        rows = [z[0]]
+        for step in z[1:]:
+            rows.append(keep * rows[-1] + (1 - keep**2).sqrt() * step)
+        share = 1.0 if kind == "ar1" else 0.15
+        z = math.sqrt(share) * torch.stack(rows) + math.sqrt(1 - share) * drawn(torch.randn, tuple(z.shape), generator)
+    if kind == "wander":
+        slow = drawn(torch.randn, tuple(z.shape), generator).cumsum(0)
+        z = 0.5 * (slow - slow.mean(0)) / slow.std(0) + 0.87 * z
+    if kind == "hetero":
+        z = z * (0.3 + exact.norm(dim=-1, keepdim=True) / exact.norm(dim=-1).mean())
+    return z
+
+
+def succession(drops: Drops, thresholds: Thresholds) -> Succession | None:
+    """What the diagnosis says of the sequence."""
+    return find_succession(drops.impacts, drops.fit, FitOptions(), thresholds)
+
+
+def _studied(kind: str, seed: int) -> Drops:
+    """Drops whose errors are of a kind, or with a faint sawtooth or memory."""
+    if kind in FOLLOWS:
+        return made(
+            seed, follows=kind, coefficient=("mu", "eps")[seed % 2], strength=between(0.25, 1.0, seed), size=200
+        )
+    return made(seed, errors=kind, design=DESIGNS[seed % len(DESIGNS)], size=200)
+
+
+def _said(drops: Drops, thresholds: Thresholds) -> bool:
+    """Whether a coefficient is said to follow the sequence."""
+    return succession(drops, thresholds) is not None
+
+
+def _large(drops: Drops, thresholds: Thresholds) -> bool:
+    """Whether so much of the error follows the sequence that something unknown is missing."""
+    found = succession(drops, thresholds)
+    return found is not None and found.large
+
+
+_NULL, _PLANTED = each(8, "iid", "heavy", "before"), each(6, "sawtooth", "last speed", "walk")
+SEQUENCE = Study(name="sequence", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_said)
+UNKNOWN = Study(name="unknown in the sequence", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_large)
+ROWS = (
+    Row(field="sequence.level", values=(0.004, 0.01, 0.05, 0.2), study=SEQUENCE),
+    Row(field="sequence.share", values=(0.0, 0.05, 0.1, 0.2), study=UNKNOWN),
+)

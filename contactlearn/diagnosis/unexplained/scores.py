@@ -1,0 +1,98 @@
+"""Scores: what each trial says about the law's coefficients, in the sequence of the trials.
+
+    g_k = s_kᵀ e_k,    s_k = ∂v_post/∂(μ, ε) of trial k,  e_k its residual, both whitened, times the root of its weight
+
+A coefficient that varies along the sequence makes neighbouring scores alike where residuals are not, for the derivative
+changes its sign with the slip.  A trial that tells nothing of a coefficient (it sticks: ∂/∂μ = 0) has a score of 0.
+What any parameter of the model could change is projected out of residuals and derivatives, and so are coefficients that
+depend smoothly on the trial's own state, since inputs may follow the sequence too.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+from torch.nn.functional import one_hot
+
+from contactlearn.effects import State
+from contactlearn.identification.joint import FitOptions, JointFit, linearise
+from contactlearn.impacts import Impacts
+
+_MANY = 100  # trials from which on the trial's own state is projected out
+_ROUNDING = 1e-9  # standard deviations of the residual in the unit of a parameter
+_BODIES = 10  # at most, that have coefficients of their own
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Trials in their sequence: `rows` of the impacts, and whitened, weighted residuals and derivatives in (μ, ε).
+
+    `reach` is an orthonormal basis of q changes that are projected out.
+    """
+
+    rows: Int[Tensor, " n"]
+    residual: Float[Tensor, "n 3"]
+    slope: Float[Tensor, "n 3 2"]
+    reach: Float[Tensor, "n 3 q"]
+
+    @classmethod
+    def of(cls, impacts: Impacts, fit: JointFit, options: FitOptions) -> "Scores":
+        """Linearise a fitted model about its parameters."""
+        rows, model = impacts.order.argsort(stable=True), fit.model
+        about = linearise(model.law, model.effects, impacts, fit.values, fit.scatter, options=options)
+        root = (about.weight * fit.inliers).sqrt()[rows]
+        residual = root[:, None] * about.residual[rows].nan_to_num(0.0, 0.0, 0.0)
+        slopes = -root[:, None, None] * about.slope[rows].nan_to_num(0.0, 0.0, 0.0)
+        slopes = torch.where(slopes.abs() > _ROUNDING, slopes, 0.0)
+        slope, constant = slopes[..., :2], root[:, None, None] * torch.eye(3, dtype=slopes.dtype)
+        own = (slope[..., None] * _own_state(impacts[rows])[:, None, None]).flatten(2)
+        reach = _orthonormal(torch.cat((slopes, constant, own), -1))
+        return cls(rows, residual - _projected(reach, residual[..., None])[..., 0], slope, reach)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def flipped(self, signs: Float[Tensor, "flips n"]) -> Float[Tensor, "flips n 2"]:
+        """Compute the scores [flips, n, 2] of residuals with other signs, projected again."""
+        each = (self.slope * self.residual[..., None]).sum(1)
+        found = signs @ (self.reach * self.residual[..., None]).sum(1)  # [flips, q]
+        back = torch.einsum("ncp,ncq->qnp", self.slope, self.reach)
+        return signs[..., None] * each - torch.einsum("fq,qnp->fnp", found, back)
+
+    def free(self, columns: Float[Tensor, "n 3 k"]) -> Float[Tensor, "n 3 k"]:
+        """Return changes without what is projected out."""
+        return columns - _projected(self.reach, columns)
+
+
+def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
+    """Standardised variables of the trials' own state before impact; none of few trials."""
+    if len(impacts) < _MANY:
+        return torch.zeros(len(impacts), 0, dtype=torch.float64)
+    state = State.of(impacts)
+    theta, bodies = state.theta, {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
+    told = [
+        state.v_n,
+        state.v_t,
+        state.v_t.abs(),
+        state.omega,
+        state.x,
+        *(f(k * theta) for f in (torch.sin, torch.cos) for k in (1, 2)),
+    ]
+    if 1 < len(bodies) <= _BODIES:
+        told += one_hot(torch.tensor([bodies[name] for name in impacts.object])).to(torch.float64).unbind(-1)
+    columns = torch.stack(told, -1)
+    return (columns - columns.mean(0)) / columns.std(0).clamp_min(1e-12)
+
+
+def _orthonormal(columns: Float[Tensor, "n 3 k"]) -> Float[Tensor, "n 3 q"]:
+    """An orthonormal basis of the span of columns."""
+    flat = columns.flatten(0, 1)
+    span, size, _ = torch.linalg.svd(flat / flat.norm(dim=0).clamp_min(1e-300), full_matrices=False)
+    return span[:, size > 1e-6 * size.max()].unflatten(0, (-1, 3))
+
+
+def _projected(reach: Float[Tensor, "n 3 q"], columns: Float[Tensor, "n 3 k"]) -> Float[Tensor, "n 3 k"]:
+    """The part of columns in the span of an orthonormal basis."""
+    flat = reach.flatten(0, 1)
+    return (flat @ (flat.mT @ columns.flatten(0, 1))).unflatten(0, (-1, 3))

@@ -1,0 +1,34 @@
+"""What remains and follows the sequence of the trials, in words."""
+
+from contactlearn.diagnosis.result import Coefficient, Past, Succession
+from contactlearn.numerics import number
+from contactlearn.report.text.numbers import p_value, share_interval
+
+_COEFFICIENTS = {Coefficient.FRICTION: "friction", Coefficient.RESTITUTION: "restitution", None: "the outcome"}
+_QUANTITIES = {
+    Past.NORMAL_SPEED: "normal speed",
+    Past.NORMAL_IMPULSE: "normal impulse",
+    Past.SLIP: "slip, by its direction",
+    Past.SLIP_SPEED: "speed of slip",
+    Past.SPIN: "spin, by its direction",
+    Past.SPIN_RATE: "rate of spin",
+    Past.TANGENTIAL_IMPULSE: "tangential impulse, by its direction",
+}
+
+
+def follows(found: Succession) -> str:
+    """Say which coefficient follows what, in a clause."""
+    coefficient = _COEFFICIENTS[found.coefficient]
+    if found.follows is Past.ORDER:
+        return f"{coefficient} changes along the sequence, alike over about {number(found.trials, 2)} trials"
+    if found.follows is Past.PERIOD:
+        return f"{coefficient} changes along the sequence, again every {number(found.trials, 3)} trials"
+    if found.trials == 1:
+        return f"{coefficient} depends on the previous impact's {_QUANTITIES[found.follows]}"
+    return f"{coefficient} depends on the last {number(found.trials, 1)} impacts' {_QUANTITIES[found.follows]}"
+
+
+def succession(found: Succession) -> str:
+    """Say the same with its certainty and its size, without a full stop."""
+    size = f"to follow it reduces the held-out error by {share_interval(found.share)}"
+    return f"{follows(found)} ({p_value(found.p_value)}); none of the known effects explains it, and {size}"

@@ -1,0 +1,191 @@
+"""What remains and follows the sequence: false statements, power, what is followed, and what is said."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from diagnoses import remainder
+
+from contactlearn import diagnose, laws
+from contactlearn.data import synthetic
+from contactlearn.diagnosis.result import Coefficient, Diagnosis, Past, Succession, Verdict
+from contactlearn.diagnosis.search.candidates import all_candidates
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.followed import find_succession
+from contactlearn.diagnosis.unexplained.scores import Scores
+from contactlearn.diagnosis.unexplained.succession import histories, suspects
+from contactlearn.effects import State
+from contactlearn.evaluation.metrics import Interval
+from contactlearn.identification.joint import FitOptions, identify_jointly
+from contactlearn.model import ContactModel, predict_with
+from contactlearn.report.text import headline, stages
+from contactlearn.report.text.sequence import follows
+
+LAW = laws.find("wang_mason").at(0.25, 0.55)
+NOISE = torch.tensor([0.02, 0.02, 0.6], dtype=torch.float64)
+
+
+def normal(*shape, seed):
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+def thrown(n, seed):
+    """Bodies thrown to both sides at many speeds, without outcomes."""
+    drops = synthetic.load(n, seed=seed, velocity_noise=0.0, spin_noise=0.0)
+    speeds = torch.rand(n, 2, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    side = normal(n, seed=seed + 1).sign()
+    v_pre = torch.stack((side * (0.3 + 2 * speeds[:, 0]), -0.8 - 2 * speeds[:, 1], drops.v_pre[:, 2] / 2), -1)
+    drops = drops.replace(v_pre=v_pre, suspect=True)
+    drops = drops[drops.v_c[:, 1] < -0.2]
+    return drops.replace(order=torch.arange(1, len(drops) + 1), suspect=False)
+
+
+def fitted(n, seed, friction=None, restitution=None, errors=None):
+    """Drops whose coefficients change by functions of the drops, and the law fitted to them."""
+    drops = thrown(n, seed)
+    values = torch.stack([x.expand(len(drops)) for x in LAW.coefficients], -1).clone()
+    for k, change in enumerate((friction, restitution)):
+        if change is not None:
+            values[:, k] += change(drops)
+    noise = normal(len(drops), 3, seed=seed + 2) if errors is None else errors(len(drops), seed)
+    drops = drops.replace(v_post=predict_with(LAW, drops, values).v_post + NOISE * noise)
+    return drops, identify_jointly(LAW, {}, drops)
+
+
+def sawtooth(drops):
+    return -0.12 * (drops.order.remainder(17) / 17 - 0.5)
+
+
+def after_fast(drops):
+    v_n = State.of(drops).v_n.abs()
+    return -0.06 * torch.cat((v_n.new_zeros(1), v_n[:-1] - v_n.mean()))
+
+
+def test_false_statements_are_as_rare_as_the_level():
+    """Heavy tails and a scatter that differs from trial to trial; three standard deviations of a count."""
+
+    def rough(n, seed):
+        tails = normal(n, 4, seed=seed + 3).square().mean(-1, keepdim=True).sqrt()
+        return normal(n, 3, seed=seed + 4) / tails * (0.5 * normal(n, 1, seed=seed + 5)).exp()
+
+    runs, level, chances = 60, 0.1, []
+    for seed in range(runs):
+        drops, fit = fitted(140, 100 * seed, errors=rough)
+        scores = Scores.of(drops, fit, FitOptions())
+        chances.append(suspects(scores, histories(drops, fit.model.predict(drops)), level)[0])
+    assert sum(p <= level for p in chances) <= runs * level + 3 * math.sqrt(runs * level * (1 - level))
+    assert sum(chances) / runs > 0.35
+
+
+@pytest.mark.parametrize(
+    ("change", "coefficient", "followed"),
+    [
+        ({"friction": sawtooth}, Coefficient.FRICTION, {Past.PERIOD, Past.ORDER}),
+        ({"restitution": after_fast}, Coefficient.RESTITUTION, {Past.NORMAL_SPEED, Past.NORMAL_IMPULSE}),
+    ],
+    ids=["friction that is wiped", "restitution that remembers"],
+)
+def test_a_coefficient_that_follows_the_sequence_is_found(change, coefficient, followed):
+    drops, fit = fitted(300, 1, **change)
+    found = find_succession(drops, fit, FitOptions())
+    assert found is not None
+    assert found.coefficient is coefficient
+    assert found.follows in followed
+    assert found.large
+    if found.follows is Past.PERIOD:
+        assert found.trials == pytest.approx(17, abs=0.5)
+    mixed = torch.randperm(len(drops), generator=torch.Generator().manual_seed(0))
+    shuffled = drops[mixed]
+    again = find_succession(shuffled, identify_jointly(LAW, {}, shuffled), FitOptions())
+    assert again is not None  # the order counts, and not the rows
+    assert (again.coefficient, again.follows) == (found.coefficient, found.follows)
+    lost = drops.replace(order=drops.order[mixed])
+    assert find_succession(lost, identify_jointly(LAW, {}, lost), FitOptions()) is None
+
+
+def test_a_measurement_that_wanders_is_no_coefficient():
+    """Added to the velocities alike, whatever the impact."""
+
+    def wandering(n, seed):
+        rows = [normal(3, seed=seed)]
+        for step in normal(n - 1, 3, seed=seed + 9):
+            rows.append(0.9 * rows[-1] + math.sqrt(1 - 0.81) * step)
+        return torch.stack(rows)
+
+    for seed in range(2):
+        drops, fit = fitted(160, 10 * seed, errors=wandering)
+        found = find_succession(drops, fit, FitOptions())
+        assert found is None or not found.large
+
+
+def test_trials_that_stick_tell_nothing_of_friction():
+    drops = thrown(200, 3)
+    slow = drops.replace(v_pre=drops.v_pre * torch.tensor([0.01, 1.0, 0.01]), suspect=True)
+    slow = slow[slow.v_c[:, 1] < -0.2].replace(suspect=False)
+    grip = laws.find("wang_mason").at(5.0, 0.5)
+    slow = slow.replace(v_post=ContactModel(grip).predict(slow).v_post + NOISE * normal(len(slow), 3, seed=0))
+    scores = Scores.of(slow, identify_jointly(grip, {}, slow), FitOptions())
+    assert (scores.slope[..., 0] == 0).all()
+    chance, found = suspects(scores, {}, 0.01)
+    assert chance > 0.01
+    assert not found
+
+
+def test_of_few_trials_nothing_is_said():
+    drops, fit = fitted(60, 4)
+    assert find_succession(drops[:30], fit, FitOptions()) is None
+
+
+def test_a_gap_in_the_sequence_hides_the_trial_before():
+    drops = thrown(60, 5)
+    order = drops.order + (drops.order > 30) * 50
+    gone = drops.replace(order=order)
+    known = histories(drops, ContactModel(LAW).predict(drops))[Past.NORMAL_SPEED, 1.0]
+    hidden = histories(gone, ContactModel(LAW).predict(gone))[Past.NORMAL_SPEED, 1.0]
+    after = int((drops.order <= 30).sum())
+    assert hidden[after] == 0 != known[after]
+    assert torch.equal(hidden[after + 1 :], known[after + 1 :])
+
+
+def test_the_level_decides():
+    drops, fit = fitted(150, 6)
+    thresholds = Thresholds()
+    always = replace(thresholds, sequence=replace(thresholds.sequence, level=2.0))
+    scores = Scores.of(drops, fit, FitOptions())
+    history = histories(drops, fit.model.predict(drops))
+    assert suspects(scores, history, thresholds.sequence.level / 2)[1] == ()
+    assert suspects(scores, history, always.sequence.level / 2)[1]
+
+
+@pytest.mark.parametrize("sets", [{"friction": sawtooth}, {}], ids=["friction that is wiped", "nothing"])
+def test_a_diagnosis_calls_it_unknown_and_says_what_follows(sets):
+    drops, _ = fitted(300, 1, **sets)
+    few = {key: effect for key, effect in all_candidates().items() if key.name in ("spin_damping", "parameter_drift")}
+    found = diagnose(drops, "wang_mason", candidates=few)
+    assert found.remainder is not None
+    assert found.verdict is (Verdict.UNKNOWN if sets else Verdict.NONE)
+    assert (found.remainder.succession is not None) == bool(sets)
+    assert ("friction changes along the sequence" in headline(found)) == bool(sets)
+    assert Diagnosis.from_json(found.to_json()) == found
+
+
+def test_it_is_said_in_words():
+    found = Succession(
+        coefficient=Coefficient.RESTITUTION,
+        follows=Past.NORMAL_SPEED,
+        trials=1.0,
+        p_value=0.002,
+        share=Interval(0.2, 0.15, 0.25),
+        large=True,
+    )
+    assert follows(found) == "restitution depends on the previous impact's normal speed"
+    period = replace(found, coefficient=Coefficient.FRICTION, follows=Past.PERIOD, trials=23.04)
+    assert follows(period) == "friction changes along the sequence, again every 23 trials"
+    left = replace(remainder(Interval(0.01, -0.01, 0.03)), succession=found)
+    assert left.found
+    assert left.unknown
+    assert not left.learnt
+    said = stages.residual(left)
+    assert said[0] == stages.NOT_PREDICTABLE
+    assert "none of the known effects explains it" in said[-1]
