@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import torch
 from jaxtyping import Bool, Float
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 from torch import Tensor
 
 from contactlearn.audit.result import Evidence, Finding
@@ -44,7 +44,7 @@ def outliers_of(
     weight = torch.ones_like(residual) if weight is None else weight
     centre, scatter, freedom = _fitted(weight * residual)
     distance = _distance(weight * residual - centre, scatter)
-    chance = torch.from_numpy(fisher.sf((distance / 3).numpy(), 3, freedom))
+    chance = torch.from_numpy(fdtrc(3, freedom, (distance / 3).numpy()))
     far = chance * len(impacts) < thresholds.false_outliers
     flips = _flipped(impacts, predict)
     gains = torch.stack([_gain(distance, _distance(weight * one - centre, scatter), freedom) for one in flips.values()])

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtri  # scipy.stats takes half a second to load
 from torch import Tensor
 
 from contactlearn.errors import ContactLearnError
@@ -100,7 +100,7 @@ CHI_SQUARED_95 = 7.8147279
 def calibration(distance: Float[Tensor, "k"]) -> tuple[Float[Tensor, "levels"], Float[Tensor, "levels"]]:
     """Return nominal levels [L], and the shares [L] of squared distances [K] inside the ellipsoids of those levels."""
     levels = torch.linspace(0.02, 0.98, 49, dtype=distance.dtype)
-    radii = torch.from_numpy(chi2.ppf(levels.numpy(), 3)).to(distance.device)
+    radii = torch.from_numpy(chdtri(3, 1 - levels.numpy())).to(distance.device)
     return levels.to(distance.device), torch.searchsorted(distance.sort().values, radii, right=True) / len(distance)
 
 
@@ -134,7 +134,7 @@ _DRAWN = 1 << 23  # resampled errors in memory at a time
 
 def gaussian_interval(mean: float, variance: float, trials: int, level: float = 0.95) -> Interval:
     """Return a mean over many trials with the interval in which the central limit theorem expects it."""
-    reach = float(norm.ppf((1 + level) / 2)) * math.sqrt(variance / trials)
+    reach = float(ndtri((1 + level) / 2)) * math.sqrt(variance / trials)
     return Interval(mean, mean - reach, mean + reach)
 
 

@@ -21,9 +21,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import pandas as pd
 import torch
 from jaxtyping import Bool, Float
-from scipy.stats import rankdata
 from torch import Tensor
 
 from contactlearn.diagnosis.failure.variables import Grid, variables
@@ -159,7 +159,7 @@ def _search(
 def _ranks(errors: Float[Tensor, " n"], within: Bool[Tensor, " n"]) -> Float[Tensor, " n"]:
     """Ranks of the errors among those within, 0 for the others and on the average; ties share theirs."""
     ranks = torch.zeros_like(errors)
-    ranks[within] = torch.from_numpy(rankdata(errors[within].numpy()))
+    ranks[within] = torch.from_numpy(pd.Series(errors[within].numpy()).rank().to_numpy(copy=True))
     return torch.where(within, ranks - (within.sum() + 1) / 2, 0.0)
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
-from scipy.stats import norm
+from scipy.special import ndtri
 from torch import Tensor
 
 from contactlearn.diagnosis.result.remainder import WrenchComponent
@@ -109,7 +109,7 @@ class Library:
         others = self.columns[:, [k for k in which if k != last]]
         own = own - others @ (others.T @ own)
         sigmas = (own @ y).abs() / (own * residual).norm().clamp_min(1e-300)  # White's standard error
-        return sigmas.item() > norm.isf(_CHANCE / 2 / len(self.terms))
+        return sigmas.item() > -ndtri(_CHANCE / 2 / len(self.terms))
 
     def coefficients(self, terms: Sequence[str], y: Float[Tensor, " n"]) -> Float[Tensor, " t"]:
         """Fit the coefficients of terms, in their own units, by least squares."""

@@ -18,7 +18,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
-from scipy.stats import gaussian_kde
 from torch import Tensor
 
 from contactlearn.errors import ContactLearnError
@@ -243,6 +242,8 @@ def _density(errors: np.ndarray, x: np.ndarray) -> np.ndarray:
     std, middle = errors.std(), np.subtract(*np.percentile(errors, (75, 25))) / 1.349
     if std <= 1e-9 * errors.max():
         return (np.arange(len(x)) == np.searchsorted(x, errors[0])) / (x[1] - x[0])
+    from scipy.stats import gaussian_kde  # takes half a second to load
+
     kernel = gaussian_kde(errors, 0.9 * min(1, middle / std or 1) * len(errors) ** -0.2)
     return kernel(x) + kernel(-x)
 
