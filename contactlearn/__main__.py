@@ -16,7 +16,7 @@ import argparse
 import sys
 from collections.abc import Callable
 
-from contactlearn.errors import ContactLearnError, harmless
+from contactlearn.errors import ContactLearnError, harmless, installing
 
 _REPORT = """Of one run of evaluate or diagnose: write its report.html again, from the run folder alone, without the
 data source and without a fit.  Of several runs, or of a folder above some: write one self-contained page that opens
@@ -258,7 +258,7 @@ def _workbench(options: argparse.Namespace) -> str:
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("dash", "flask"):
             raise
-        raise ContactLearnError("the workbench needs Dash: pip install 'contactlearn[workbench]'") from None
+        raise ContactLearnError(f"the workbench needs Dash: {installing('workbench')}") from None
     serve(options.overrides, host=options.host, port=options.port, browser=not options.no_browser)
     return "closed; every address works again after the next start, and the runs are in outputs"
 

@@ -58,8 +58,10 @@ def _run(job: Callable[[DictConfig], None], cfg: DictConfig) -> None:
 
 @functools.cache
 def _settle() -> None:
-    """After the first job of a sweep, let collections of garbage pass over what it has loaded; joblib makes many."""
-    gc.collect()
+    """After the first job of a sweep, let collections of garbage pass over what it has loaded; joblib makes many.
+
+    None is made here: Ctrl-C in the midst of one can be lost.
+    """
     gc.freeze()
 
 

@@ -32,6 +32,8 @@ def find(name: str) -> torch.device:
         UnknownNameError: no such device.
         ContactLearnError: there is no GPU, or this build of PyTorch cannot use it.
     """
+    if str(name).lower() in ("gpu", "cuda:0"):
+        raise ContactLearnError(f"unknown device {name!r}, did you mean 'cuda'?; known: {', '.join(NAMES)}")
     if name not in NAMES:
         raise UnknownNameError("device", name, NAMES)
     there = name != "cpu" and torch.cuda.is_available()

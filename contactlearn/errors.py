@@ -49,6 +49,11 @@ def suggest(name: str, known: Iterable[str]) -> str:
     return f", did you mean {near[0]!r}?" if near else ""
 
 
+def installing(extra: str) -> str:
+    """Return how an optional part is installed, in words."""
+    return f"pip install 'contactlearn[{extra}]', or '.[{extra}]' in a checkout"
+
+
 def harmless(text: str) -> str:
     """Return text as a terminal may be given it: characters that steer one, and invisible ones, become "?".
 

@@ -13,6 +13,7 @@ from commands import run
 from omegaconf import OmegaConf
 
 from contactlearn import cli
+from contactlearn.errors import installing
 from contactlearn.sweeps.resources import GIB, jobs_at_a_time
 from contactlearn.sweeps.sweep import _limit
 
@@ -120,7 +121,7 @@ def test_a_launcher_that_is_not_there_is_named(launcher, tmp_path):
         words = ("-m", *JOBS, f"hydra/launcher={launcher}", f"hydra.sweep.dir={tmp_path}")
         printed = run("train.py", *words, status=2)
     extra = launcher if launcher in ("joblib", "ray") else "slurm"
-    assert printed.splitlines()[-1].endswith(f"is not installed: pip install 'contactlearn[{extra}]'")
+    assert printed.splitlines()[-1].endswith(f"is not installed: {installing(extra)}")
 
 
 def test_what_slurm_is_asked_for():

@@ -219,4 +219,7 @@ def test_wrong_words_are_one_error_line(capsys):
 def test_without_dash_the_command_says_what_to_install():
     start = "from contactlearn.__main__ import main; sys.exit(main(['workbench']) - 2)"
     said = run_alone("-c", f"import sys; sys.modules['dash'] = None; {start}")
-    assert said == "error: the workbench needs Dash: pip install 'contactlearn[workbench]'\n"
+    assert (
+        said
+        == "error: the workbench needs Dash: pip install 'contactlearn[workbench]', or '.[workbench]' in a checkout\n"
+    )

@@ -20,6 +20,7 @@ from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import Law
 from contactlearn.learning import curves as study
 from contactlearn.learning.curves import Curve
+from contactlearn.learning.kept import kept_trainings
 from contactlearn.learning.recipe import Recipe
 from contactlearn.model import ContactModel
 from contactlearn.report import terminal
@@ -43,6 +44,7 @@ def learning_study(cfg: DictConfig, data: Split, kept: Path) -> tuple[dict[str, 
     recipes, sizes = settings.recipes_around(cfg), _sizes(cfg, data.pool)
     terminal.show_left_out([name for name in settings.recipes(cfg) if name not in recipes])
     terminal.show_sizes(sizes, cfg.curves.sizes, cfg.curves.seeds, len(data.pool))
+    terminal.show_kept(kept_trainings(kept))
     orders = study.nested_orders(len(data.pool), cfg.curves.seeds, data.generator)
     pool, test = moved((data.pool, data.test), settings.device(cfg))
     with terminal.progress() as bar:

@@ -78,7 +78,7 @@ def evaluate(cfg: DictConfig) -> None:
     folder = results.run_folder()
     lower_train_size(cfg)
     data = loading.split(cfg, folder)
-    show_split(data, settings.device(cfg))
+    show_split(data, cfg.device, settings.device(cfg))
     row = _row(cfg, data)
     with terminal.progress() as bar:
         compared = _compared(cfg, data, bar)

@@ -208,14 +208,14 @@ def split(cfg: DictConfig, folder: Path | None = None) -> Split:
     return Split(blocks=blocks, held_out=held_out, impacts=impacts, pool=pool, test=test, generator=generator)
 
 
-def show_split(data: Split, device: torch.device) -> None:
-    """Print the source of the data, the sizes of the split and of the samples of many trials, and a GPU."""
+def show_split(data: Split, asked: str, device: torch.device) -> None:
+    """Print the source of the data, the sizes of split and samples, and where a device was asked for, which it is."""
     trials, unseen = data.blocks.trials, data.unseen_trials
     terminal.show_data(data.blocks.source, trials - unseen, unseen)
     if len(data.impacts) < trials:
         terminal.show_samples(len(data.pool), len(data.test))
-    if device.type != "cpu":
-        terminal.say(f"computed on {described(device)}")
+    if asked != "cpu":
+        terminal.say(f"device={asked}: computed on {described(device)}")
 
 
 def watched(bar: Progress, blocks: Iterator[Impacts], trials: int, what: str) -> Iterator[Impacts]:

@@ -96,7 +96,7 @@ def train(cfg: DictConfig) -> None:
     task, folder = _Task.of(cfg), results.run_folder()
     lower_train_size(cfg)
     data = loading.split(cfg, folder)
-    show_split(data, settings.device(cfg))
+    show_split(data, cfg.device, settings.device(cfg))
     device = settings.device(cfg)
     with terminal.progress() as bar:
         trained = _trained(cfg, task, moved(data.pool, device), data.generator, bar)

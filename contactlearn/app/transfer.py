@@ -19,6 +19,7 @@ from contactlearn.evaluation.metrics import Interval
 from contactlearn.impacts import Impacts
 from contactlearn.learning import curves as study
 from contactlearn.learning.curves import Curve
+from contactlearn.learning.kept import kept_trainings
 from contactlearn.learning.recipe import Recipe
 from contactlearn.model import ContactModel
 from contactlearn.report import terminal
@@ -42,11 +43,12 @@ def transfer(cfg: DictConfig) -> None:
     """
     folder = results.run_folder()
     data = loading.split(cfg, folder)
-    loading.show_split(data, settings.device(cfg))
+    loading.show_split(data, cfg.device, settings.device(cfg))
     source = data.pool[torch.randperm(len(data.pool), generator=data.generator)[: cfg.train.size]]
     bodies = _bodies(cfg, data)
     provenance = results.provenance(data.blocks, cfg)
     found, parts = {}, parts_folder(cfg)
+    terminal.show_kept(kept_trainings(parts))
     for name, recipe in settings.recipes(cfg).items():
         model, curves = _transferred(cfg, name, recipe, source, bodies, data.generator, parts / name)
         checkpoint.save(model, folder / f"{name}.pt", provenance=asdict(provenance))

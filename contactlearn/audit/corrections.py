@@ -199,7 +199,7 @@ CORRECTIONS = {
         known.without("slope", "orientation"),
     ),
     "mirrored_x": Correction(
-        "x points left in positions and velocities, but not in θ, ω and the contact point",
+        "x points left in positions and velocities, but not in θ, ω and the contact point, or θ and ω are clockwise",
         _scaled(((-1, 1, 1), (*_POSES, *_VELOCITIES))),
         known.mirrored_x,
     ),

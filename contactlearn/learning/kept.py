@@ -58,5 +58,10 @@ def load_trained(folder: Path, key: tuple[str, ...], size: int) -> Trained | Non
     return Trained(key=key, size=size, prediction=prediction, kind=kind, converged=converged)
 
 
+def kept_trainings(folder: Path) -> int:
+    """Count the trainings in a folder and below it."""
+    return sum(1 for _ in folder.rglob("*.npz"))
+
+
 def _path(folder: Path, key: tuple[str, ...], size: int) -> Path:
     return folder / "-".join(key) / f"{size}.npz"

@@ -79,6 +79,12 @@ def show_estimate(what: str, trials: int, seconds: float) -> None:
     )
 
 
+def show_kept(trainings: int) -> None:
+    """Print how many trainings an earlier call of the same command has finished, if any."""
+    if trainings:
+        say(f"{trainings} trainings were finished before by the same command, and are taken over")
+
+
 def show_models(
     fits: Sequence[LawEstimate],
     errors: Mapping[str, ModelErrors],

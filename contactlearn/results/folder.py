@@ -16,7 +16,7 @@ from contactlearn.numerics import written_whole
 from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.results.evaluation import Evaluation
 from contactlearn.results.provenance import RunKind
-from contactlearn.results.state import DONE, LOCK, read_failed, unfinished
+from contactlearn.results.state import DONE, LOCK, is_held, read_failed, unfinished
 from contactlearn.results.training import Training
 from contactlearn.results.transfer import Transfer
 from contactlearn.serialisation import LARGEST_FILE, from_json, to_json
@@ -83,7 +83,11 @@ def read_result(path: Path) -> Result:
     if path.name not in FILES:
         if (failed := read_failed(path)) is not None:
             raise ContactLearnError(f"failed: {failed.reason}")
-        raise ContactLearnError("has neither results.json nor diagnosis.json: the run failed, goes on, or was stopped")
+        if is_held(path):
+            raise ContactLearnError("is still running")
+        if unfinished(path):
+            raise ContactLearnError("was stopped before its end; the same command again makes a whole run")
+        raise ContactLearnError("has neither results.json nor diagnosis.json: the run failed or was stopped")
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise ContactLearnError(f"is larger than {LARGEST_FILE >> 20} MiB")

@@ -11,7 +11,7 @@ from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, open_dict
 
 from contactlearn.configuration import check_settings
-from contactlearn.errors import ContactLearnError, harmless
+from contactlearn.errors import ContactLearnError, harmless, installing
 from contactlearn.sweeps.jobs import Job, Plan, planned
 from contactlearn.sweeps.resources import GIB, jobs_at_a_time
 from contactlearn.sweeps.rounds import Launch, Outcome, run_jobs
@@ -81,9 +81,7 @@ def _launcher(config: DictConfig, context: HydraContext, task: TaskFunction, gig
         extra = next((extra for word, extra in _EXTRAS.items() if word in target), None)
         if extra is None:
             raise
-        raise ContactLearnError(
-            f"{target.rpartition('.')[2]} is not installed: pip install 'contactlearn[{extra}]'"
-        ) from error
+        raise ContactLearnError(f"{target.rpartition('.')[2]} is not installed: {installing(extra)}") from error
     side_by_side = not target.endswith("BasicLauncher") and "workers" in config
     launched: list[Job] = []
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.data.mujoco.bench import STEPS, Bench
-from contactlearn.errors import ContactLearnError, DataError
+from contactlearn.errors import ContactLearnError, DataError, installing
 from contactlearn.mechanics import contact_velocity, rotate
 from contactlearn.numerics import random
 from contactlearn.shapes import Ellipse, contact_point
@@ -106,6 +106,6 @@ def engine() -> tuple[Any, Any]:
         from mujoco import rollout
     except ImportError as error:
         raise ContactLearnError(
-            f"drops by MuJoCo need the engine ({error}); install it with: pip install 'contactlearn[mujoco]'"
+            f"drops by MuJoCo need the engine ({error}); install it with: {installing('mujoco')}"
         ) from None
     return mujoco, rollout

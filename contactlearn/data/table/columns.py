@@ -102,7 +102,8 @@ def _slips(unused: Sequence[str], needed: Sequence[str], free: Sequence[str]) ->
     """The missing column that each name is a slip of, the nearest pairs first and each column once."""
     near: list[tuple[float, str, str]] = []
     for name, column in product(unused, free):
-        least = _SLIP if column not in needed else _NEAR if name[:1].lower() == column[0] else _APART
+        apart = _APART if column.endswith("_post") or name[:1].lower() != column[0] else _NEAR  # v_x_pre is not vx_post
+        least = apart if column in needed else _SLIP
         pair = SequenceMatcher(None, column, name.lower())
         if pair.real_quick_ratio() >= least and pair.quick_ratio() >= least and pair.ratio() >= least:
             near.append((pair.ratio(), name, column))

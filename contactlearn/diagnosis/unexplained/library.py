@@ -22,7 +22,7 @@ from contactlearn.diagnosis.thresholds import FormulaThresholds
 from contactlearn.effects import State
 from contactlearn.effects.formula.expression import Expression
 from contactlearn.effects.formula.symbols import OUTPUTS, symbols
-from contactlearn.errors import ContactLearnError
+from contactlearn.errors import ContactLearnError, installing
 from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel, wrench_per_parameter
 
@@ -158,6 +158,6 @@ def _pursuit() -> type:
         from sklearn.linear_model import OrthogonalMatchingPursuit
     except ImportError as error:
         raise ContactLearnError(
-            "formulas for what remains need scikit-learn, which is not installed: pip install 'contactlearn[formulas]'"
+            f"formulas for what remains need scikit-learn, which is not installed: {installing('formulas')}"
         ) from error
     return OrthogonalMatchingPursuit

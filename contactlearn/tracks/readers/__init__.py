@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
 
-from contactlearn.errors import ContactLearnError, DataError
+from contactlearn.errors import ContactLearnError, DataError, installing
 from contactlearn.tracks.readers.layout import Layout
 from contactlearn.tracks.track import Recording
 
@@ -54,7 +54,7 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataErro
         if (error.name or "").startswith("contactlearn"):
             raise
         raise ContactLearnError(
-            f"{path}: files with suffix {path.suffix} need {error.name}: pip install 'contactlearn[tracks]'"
+            f"{path}: files with suffix {path.suffix} need {error.name}: {installing('tracks')}"
         ) from None
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
