@@ -1,6 +1,7 @@
-"""Thirty sets by somebody who knew the literature alone.
+"""Thirty sets with hidden physics, half of the unknown one along the sequence of the trials.
 
-They were asked for after the test of the sequence was finished; nothing was changed for them.
+They are by somebody who knew the literature alone, of whom thirty tables were asked after the test of the sequence was
+finished; nothing was changed for them.
 
     bodies          outlines and contact points
     laboratory      throws, impacts with what is changed in them, and noise

@@ -1,4 +1,4 @@
-"""Effects that the package's catalogue has, in forms of its page of physics: (laboratory, amplitude) → change."""
+"""Effects of the package's catalogue, after its own formulas: (laboratory, amplitude) → change."""
 
 import numpy as np
 
