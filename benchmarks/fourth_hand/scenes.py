@@ -137,7 +137,7 @@ _BOTH = [
         Throw(sideways=(-1.5, -1.1, -0.8, 0.8, 1.1, 1.5), vy=(-2.8, -0.5), omega=(-5, 5)),
         Noise(0.006, 0.06, degrees=6),
         Hidden("tangential restitution", known.tangential_restitution, 0.9, 0.05),
-        Hidden("friction falls by a step with |v_n v_t|", state.flash, 1.2, 0.01),
+        Hidden("friction falls by a step with slip and load", state.flash, 1.2, 0.01),
     ),
     _scene(
         bodies.regular(0.22, 5, 0.043, 0.1),
