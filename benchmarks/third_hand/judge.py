@@ -1,15 +1,19 @@
 """What a diagnosis said of a set, and its score."""
 
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import torch
 from threadpoolctl import threadpool_limits
 
 from contactlearn import diagnose
 from contactlearn.data import table
+from contactlearn.diagnosis.result import Diagnosis, Succession
+from contactlearn.report.text.sequence import follows
 from second_nature.judge import matches
 from third_hand import sets
 from third_hand.meanings import CORRECTIONS, MEANINGS, TWINS
@@ -29,26 +33,35 @@ class Said:
     simpler: list[str] | None = None
     """Names of the model with fewer effects that does nearly as well; None where there is none."""
     corrections: list[str] = field(default_factory=list)
+    succession: dict[str, Any] | None = None
+    """What follows the sequence of the trials, by `coefficient`, `follows`, `trials`, `share` and its `words`."""
     seconds: float = 0.0
     error: str = ""
 
 
 def ask(name: str, seconds: float) -> dict:
     """Read the file of a set and write down what the diagnosis says of it, within so many seconds."""
-    torch.set_num_threads(1)
-    bodies = sets.SETS[name].bodies
-    with threadpool_limits(1), TemporaryDirectory() as folder:
-        path, start = Path(folder, f"{name}.csv"), time.perf_counter()
+    with TemporaryDirectory() as folder:
+        path = Path(folder, f"{name}.csv")
         sets.write(sets.draw(name), path)
+        return hear(path, sets.SETS[name].bodies, seconds)
+
+
+def hear(path: Path, bodies: Sequence[Any], seconds: float, columns: Mapping[str, str] | None = None) -> dict:
+    """Diagnose the file of a set, with the outline where there is one body and the columns that have other names."""
+    torch.set_num_threads(1)
+    name, start = path.stem, time.perf_counter()
+    with threadpool_limits(1):
         try:
-            impacts = table.load(path, shape=bodies[0].shape if len(bodies) == 1 else None, suspect=True)
+            shape = bodies[0].shape if len(bodies) == 1 else None
+            impacts = table.load(path, columns=columns, shape=shape, suspect=True)
             answer = written(name, diagnose(impacts, seconds=seconds))
         except Exception as problem:  # a diagnosis that fails is a wrong answer, and the others go on
             answer = Said(name=name, verdict="failed", error=f"{type(problem).__name__}: {problem}")
         return asdict(answer) | {"seconds": time.perf_counter() - start}
 
 
-def written(name: str, found) -> Said:
+def written(name: str, found: Diagnosis) -> Said:
     """The answer in words."""
     return Said(
         name=name,
@@ -59,7 +72,20 @@ def written(name: str, found) -> Said:
         rivals=[[rival.effect.name for rival in one.rivals] for one in found.missing],
         simpler=None if found.simpler is None else [one.name for one in found.simpler.effects],
         corrections=[str(one) for one in found.corrections],
+        succession=None if found.remainder is None else _succession(found.remainder.succession),
     )
+
+
+def _succession(found: Succession | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {
+        "coefficient": found.coefficient,
+        "follows": found.follows,
+        "trials": found.trials,
+        "share": found.share.mean,
+        "words": follows(found),
+    }
 
 
 @dataclass(frozen=True, kw_only=True)

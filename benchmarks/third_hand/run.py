@@ -9,8 +9,9 @@ tables of such a file without asking anything; --write puts the 48 tables into a
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import ModuleType
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -21,6 +22,7 @@ from third_hand import sets
 from third_hand.judge import Said, Score, ask, hidden_names, score
 
 KINDS = ("single", "pair", "triple", "nothing", "unknown", "confounded", "measurement")
+Ask = Callable[[str, float], dict]
 QUESTIONS = {
     "first": "first name",
     "exact": "exact set",
@@ -78,7 +80,7 @@ def read(path: Path | None) -> dict[str, Said]:
     return {one.name: one for one in (Said(**json.loads(line)) for line in lines)}
 
 
-def finish(waiting: Sequence[str], said: dict[str, Said], options: argparse.Namespace) -> None:
+def finish(waiting: Sequence[str], said: dict[str, Said], ask: Ask, options: argparse.Namespace) -> None:
     """Ask about the waiting sets, and keep each answer at once."""
     for name in track(waiting, description="sets", disable=not waiting):
         line = ask(name, options.seconds)
@@ -88,9 +90,9 @@ def finish(waiting: Sequence[str], said: dict[str, Said], options: argparse.Name
                 file.write(json.dumps(line) + "\n")
 
 
-def main() -> None:
-    """Ask about the sets that are not in the file yet, then print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def command(words: str, sets: ModuleType, ask: Ask, report: Callable[[Sequence[Said]], str]) -> None:
+    """Ask about the sets that are not in the file yet, then print the report."""
+    parser = argparse.ArgumentParser(description=words, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--keep", type=Path, help="file of finished sets, one JSON line each")
     parser.add_argument("--only", default="", help="numbers of some sets, with commas")
     parser.add_argument("--seconds", type=float, default=60.0, help="limit of each diagnosis")
@@ -106,13 +108,16 @@ def main() -> None:
             sets.write(sets.draw(name), options.write / f"{name}.csv")
         return
     said = read(options.keep)
-    finish([] if options.table else [name for name in names if name not in said], said, options)
+    finish([] if options.table else [name for name in names if name not in said], said, ask, options)
     finished = [said[name] for name in names if name in said]
-    finished.sort(key=lambda one: (KINDS.index(sets.SETS[one.name].kind), one.name))
-    print(
-        "\n\n".join([by_kind(finished), confidences(finished), wrong(finished)]) if finished else "no set is finished"
-    )
+    print(report(finished) if finished else "no set is finished")
+
+
+def tables(said: Sequence[Said]) -> str:
+    """All tables."""
+    ordered = sorted(said, key=lambda one: (KINDS.index(sets.SETS[one.name].kind), one.name))
+    return "\n\n".join([by_kind(ordered), confidences(ordered), wrong(ordered)])
 
 
 if __name__ == "__main__":
-    main()
+    command(__doc__, sets, ask, tables)
