@@ -241,7 +241,7 @@ def test_what_is_no_run_is_named_with_the_reason(mixed, capsys):
     page, runs, skipped = mixed
     assert len(runs) == 5
     assert "is not JSON, or was cut off" in skipped["cut (diagnosis.json)"]
-    assert "the run failed, goes on, or was stopped" in skipped["failed"]
+    assert "the run failed or was stopped" in skipped["failed"]
     assert "<strong>failed</strong>: has neither" in page.read_text()
     assert main(["report", str(page.parent)]) == 0
     printed = capsys.readouterr().out

@@ -76,7 +76,7 @@ def test_the_page_has_the_same_runs(mixed):
 def test_what_is_not_finished_is_left_out_with_the_reason(mixed):
     _, frame, skipped = mixed
     assert skipped["failed"] == "failed: no luck"
-    assert "goes on, or was stopped" in skipped["half"]
+    assert "was stopped before its end" in skipped["half"]
     assert frame.mass_error.min() > 0.001
 
 
