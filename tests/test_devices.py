@@ -232,7 +232,9 @@ def test_errors(drops, device):
 # --- Identification -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("target", ["momentum", "least_squares", "contact"])
+@pytest.mark.parametrize(
+    "target", ["momentum", *(pytest.param(name, marks=pytest.mark.nightly) for name in ("least_squares", "contact"))]
+)
 def test_shared_parameters(target, drops, device):
     orders = nested_orders(60, 3, torch.Generator().manual_seed(0))
 
