@@ -10,6 +10,7 @@ from contactlearn.audit.result import Finding
 from contactlearn.diagnosis.observer import Task
 from contactlearn.diagnosis.result import (
     Drop,
+    ErrorShares,
     Experiment,
     FittedParameter,
     Formula,
@@ -152,6 +153,25 @@ def test_the_headline_without_effects(found):
     assert unknown.startswith("An unknown effect is missing from Wang–Mason: no effect of the catalogue explains")
     given = replace(bare, given=(DRAG,))
     assert headline(given).endswith("from Wang–Mason with side drag (linear).")
+
+
+def test_something_unknown_has_its_size(found):
+    shares = ErrorShares(noise=0.0016, explained=0.9947, unexplained=0.0037, beyond_rigid=0.0)
+
+    def said(unexplained):
+        budget = replace(found.budget, shares=replace(shares, unexplained=unexplained))
+        return plain(headline(replace(found, physics=Verdict.UNKNOWN, budget=budget)))
+
+    assert "and something unknown besides, 0.4 % of the law's error: no effect" in said(0.0037)
+    assert "besides, 12 % of the law's error:" in said(0.123)
+    assert "besides, less than 0.1 % of the law's error:" in said(0.0002)
+    assert "besides: no effect" in said(0.0)  # noise alone is as large
+    text = plain(stages.shares(replace(found.budget, shares=shares)))
+    assert "99 % is explained by the effects, <1 % is noise and <1 % is unexplained." in text
+    whole = replace(shares, explained=0.998, noise=0.0, unexplained=0.002)
+    assert "over 99 % is explained by the effects, 0 % is noise and <1 %" in plain(
+        stages.shares(replace(found.budget, shares=whole))
+    )
 
 
 def test_one_sentence_supports_the_headline(found):

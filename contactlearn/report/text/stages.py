@@ -37,6 +37,7 @@ from contactlearn.report.text.numbers import (
     error,
     interval,
     p_value,
+    part,
     percent,
     share_interval,
     spaced,
@@ -235,12 +236,12 @@ def shares(budget: ErrorBudget) -> str:
     """Divide the error of the law into explained, noise and unexplained, beside the reach of rigid contact."""
     parts = budget.shares
     said = (
-        f"Of the law's error {percent(parts.explained)} is explained by the effects, {percent(min(1.0, parts.noise))} "
-        f"is noise and {percent(parts.unexplained)} is unexplained"
+        f"Of the law's error {part(parts.explained)} is explained by the effects, {part(min(1.0, parts.noise))} "
+        f"is noise and {part(parts.unexplained)} is unexplained"
     )
     if not parts.beyond_rigid:
         return f"{said}."
-    return f"{said}; {percent(parts.beyond_rigid)} more than noise is out of reach of any rigid point contact."
+    return f"{said}; {part(parts.beyond_rigid)} more than noise is out of reach of any rigid point contact."
 
 
 def misfit(found: Diagnosis, thresholds: NoiseThresholds = NoiseThresholds()) -> str:  # noqa: B008  # frozen
