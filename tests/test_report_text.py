@@ -18,6 +18,7 @@ from contactlearn.diagnosis.result import (
     Improvement,
     LawFit,
     NoiseSource,
+    PlausibleModel,
     Region,
     Rival,
     Rung,
@@ -283,6 +284,22 @@ def test_a_model_with_fewer_effects_that_does_nearly_as_well_is_named(found):
     for clear in (with_frontier((0.2, ()), (0.111, (tilt,)), both), replace(near, missing=())):
         assert clear.simpler is None
         assert not search.simpler(clear)
+
+
+def test_the_chosen_model_is_listed_first_whatever_its_share(found):
+    effects = tuple(one.effect for one in found.missing)
+    laws = ("mirtich", "whittaker", "routh", "ap_newton", "ap_poisson")
+    others = tuple(PlausibleModel(law=law, effects=effects, share=0.19) for law in laws)
+    chosen = PlausibleModel(law="wang_mason", effects=effects[::-1], share=0.004)
+    many = replace(found, models=(*others, chosen))
+    assert search.listed_models(many) == (chosen, *others[:4])
+    assert search.listed_name(many, chosen).endswith("surface tilt (computed) (chosen)")
+    assert not search.listed_name(many, others[0]).endswith("(chosen)")
+    assert plain(search.share(chosen)) == "<1 %"
+    alone = replace(found, models=(replace(chosen, share=1.0),))
+    assert [search.listed_name(alone, one) for one in search.listed_models(alone)] == [
+        "Wang–Mason + spin damping (after) + surface tilt (computed)"
+    ]
 
 
 def test_a_law_that_does_better_alone_is_named(found):

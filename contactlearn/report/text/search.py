@@ -25,8 +25,21 @@ def share(model: PlausibleModel) -> str:
 
 
 def listed_models(found: Diagnosis) -> tuple[PlausibleModel, ...]:
-    """Return the models that are worth a line: the likeliest ones."""
-    return tuple(model for model in found.models[:_SHOWN] if model.share >= _LEAST)
+    """Return the models that are worth a line: the chosen one, and then the likeliest others."""
+    chosen = [model for model in found.models if _is_chosen(found, model)]
+    others = [model for model in found.models if model not in chosen and model.share >= _LEAST]
+    return (*chosen, *others[: _SHOWN - len(chosen)])
+
+
+def listed_name(found: Diagnosis, model: PlausibleModel) -> str:
+    """Name a model of the list, and say which is the chosen one where there are others."""
+    name = model_name(model.law, model.effects)
+    return f"{name} (chosen)" if len(found.models) > 1 and _is_chosen(found, model) else name
+
+
+def _is_chosen(found: Diagnosis, model: PlausibleModel) -> bool:
+    """Whether a model is that of the verdict, which need not have the largest share of belief."""
+    return model.law == found.law and {*model.effects} == {one.effect for one in found.missing}
 
 
 def equal_laws(found: Diagnosis) -> str:
