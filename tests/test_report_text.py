@@ -302,6 +302,12 @@ def test_the_chosen_model_is_listed_first_whatever_its_share(found):
     ]
 
 
+def test_candidates_of_ones_own_that_nothing_asks_for_are_told(found):
+    assert "not wanted" not in " ".join(search.notes(found))
+    asked = replace(found, unwanted=(EffectId("kick"), EffectId("wind")))
+    assert "Asked and not wanted: kick and wind." in search.notes(asked)
+
+
 def test_a_law_that_does_better_alone_is_named(found):
     better = LawFit(name="mirtich", variant="textbook", error=0.05, mu=0.1, eps=0.5)
     unknown = replace(found, physics=Verdict.UNKNOWN, laws=(better,))

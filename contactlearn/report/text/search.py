@@ -62,6 +62,11 @@ def confidences(found: Diagnosis) -> str:
     return f"The probability that a name is right, from planted data: {names}."
 
 
+def unwanted(found: Diagnosis) -> str:
+    """Name the candidates of one's own that the data do not ask for; empty where there are none."""
+    return f"Asked and not wanted: {listed(map(effect_label, found.unwanted))}." if found.unwanted else ""
+
+
 def simpler(found: Diagnosis) -> str:
     """Say which model with fewer effects does nearly as well; empty where none does."""
     model = found.simpler
@@ -79,7 +84,7 @@ def simpler(found: Diagnosis) -> str:
 
 def notes(found: Diagnosis) -> list[str]:
     """List what else is to be said of the search."""
-    said = (confidences(found), simpler(found), equal_laws(found), "" if found.complete else _STOPPED)
+    said = (confidences(found), unwanted(found), simpler(found), equal_laws(found), "" if found.complete else _STOPPED)
     return [note for note in said if note]
 
 
