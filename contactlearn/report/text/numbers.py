@@ -34,7 +34,7 @@ def percent(x: float, decimals: int = 0) -> str:
     return f"{100 * x:.{decimals}f}\u00a0%".replace("-", "−")
 
 
-def part(x: float) -> str:
+def share_of_whole(x: float) -> str:
     """Write a share of a whole in percent; neither does a small one read as nothing nor a large one as all of it."""
     if 0 < x < _ROUNDED:
         return "<1\u00a0%"

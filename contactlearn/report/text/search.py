@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from contactlearn.diagnosis.result import Diagnosis, FrontierModel, PlausibleModel
 from contactlearn.effects import EffectId
 from contactlearn.report.text.names import effect_label, law_label, listed
-from contactlearn.report.text.numbers import compared, error, part, percent
+from contactlearn.report.text.numbers import compared, error, percent, share_of_whole
 from contactlearn.report.text.verdict import confidence
 
 _SHOWN = 5
@@ -21,7 +21,7 @@ def model_name(law: str, effects: Sequence[EffectId]) -> str:
 
 def share(model: PlausibleModel) -> str:
     """Write the share of a model in percent; a share that rounds to all of it is not all of it if others exist."""
-    return part(model.share)
+    return share_of_whole(model.share)
 
 
 def listed_models(found: Diagnosis) -> tuple[PlausibleModel, ...]:

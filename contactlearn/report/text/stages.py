@@ -37,9 +37,9 @@ from contactlearn.report.text.numbers import (
     error,
     interval,
     p_value,
-    part,
     percent,
     share_interval,
+    share_of_whole,
     spaced,
     times,
 )
@@ -235,13 +235,11 @@ def noise(budget: ErrorBudget) -> str:
 def shares(budget: ErrorBudget) -> str:
     """Divide the error of the law into explained, noise and unexplained, beside the reach of rigid contact."""
     parts = budget.shares
-    said = (
-        f"Of the law's error {part(parts.explained)} is explained by the effects, {part(min(1.0, parts.noise))} "
-        f"is noise and {part(parts.unexplained)} is unexplained"
-    )
+    explained, floor, left = map(share_of_whole, (parts.explained, min(1.0, parts.noise), parts.unexplained))
+    said = f"Of the law's error {explained} is explained by the effects, {floor} is noise and {left} is unexplained"
     if not parts.beyond_rigid:
         return f"{said}."
-    return f"{said}; {part(parts.beyond_rigid)} more than noise is out of reach of any rigid point contact."
+    return f"{said}; {share_of_whole(parts.beyond_rigid)} more than noise is out of reach of any rigid point contact."
 
 
 def misfit(found: Diagnosis, thresholds: NoiseThresholds = NoiseThresholds()) -> str:  # noqa: B008  # frozen
