@@ -144,6 +144,16 @@ def test_the_statement_of_consistency_has_the_coefficients():
     assert "hardly tested" in note.sentence
 
 
+def test_coefficients_that_are_not_1_are_not_said_to_close():
+    """A wind after contact: nothing is wrong in columns or units, and still the balance is not that of the contact."""
+    calm = synthetic.load(size=300, seed=1)
+    (note,) = audit(calm.replace(v_post=calm.v_post + torch.tensor([0.2, 0.0, 0.0]), suspect=True))
+    assert (note.name, note.mistake) == ("consistent", False)
+    assert note.value("b_measured") < 0.5
+    assert "closes" not in note.sentence
+    assert "but its coefficients are not 1 (noise of the velocities, an inertia that is off" in note.sentence
+
+
 def test_a_correction_that_changes_no_coefficient_does_not_cite_them():
     (finding,) = audit(corrupt(drops(), "degrees_theta"))
     assert "as read and" not in finding.sentence

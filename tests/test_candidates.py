@@ -11,6 +11,7 @@ from told import Told
 
 from contactlearn.data import synthetic, table
 from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.effects import Effect, EffectId, catalogue, find_effect, parameter
 from contactlearn.effects.formula.effect import formula
@@ -81,6 +82,7 @@ def test_ones_own_candidate_is_found_from_the_command_line(tmp_path):
     run("diagnose.py", *words, *own, "law=wang_mason", f"hydra.run.dir={tmp_path / 'found'}")
     result = run_folder.read_result(tmp_path / "found" / "diagnosis.json")
     assert result.diagnosis.effects == ("mine",)
+    assert not result.diagnosis.unwanted
     command = shlex.split(result.use)
     assert '+effect.mine.tau="c*Pn*sin(3*theta)"' in command
     run(
@@ -103,14 +105,16 @@ def test_a_candidate_with_the_name_of_another_effect_is_refused():
     assert "candidate.surface_tilt has the name of another effect" in said
 
 
-def test_what_is_left_out_is_said():
+def test_what_is_left_out_and_what_is_not_wanted_is_said():
     terms = {f"c{k}": [-1, 1] for k in range(8)}
     many = formula(terms, tau=" + ".join(f"{c}*Pn*rx*sin({k}*order)" for k, c in enumerate(terms, 1)))
     told = Told()
-    candidates = {EffectId("many"): many, EffectId("tilt"): find_effect("surface_tilt")()}
-    diagnose(synthetic.load(size=60), find("wang_mason"), candidates=candidates,
-             observer=told)  # fmt: skip
+    candidates = {EffectId("many"): many, EffectId("surface_tilt", "computed"): find_effect("surface_tilt")()}
+    candidates[EffectId("wind")] = formula({"u": [-0.5, 0.5]}, vx_post="u")
+    found = diagnose(synthetic.load(size=60), find("wang_mason"), candidates=candidates, observer=told)
     assert told["left_out"] == [EffectId("many")]
+    assert found.unwanted == (EffectId("wind"),)  # tilt is of the catalogue, and nothing asked about the many
+    assert Diagnosis.from_json(found.to_json()).unwanted == found.unwanted
 
 
 def test_limits_and_settings_reach_the_experiment_and_the_command(tmp_path):

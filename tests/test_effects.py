@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from contactlearn.data import synthetic
 from contactlearn.effects import Effect, EffectId, catalogue, find_effect, forms_of, from_settings, parameter
 from contactlearn.effects.spin_damping import SpinDamping
 from contactlearn.errors import ContactLearnError, UnknownNameError
@@ -185,3 +186,14 @@ def test_an_identity_is_its_name_and_form():
 def test_text_that_is_no_identity_is_refused(text):
     with pytest.raises(ContactLearnError, match="without a colon"):
         EffectId.parse(text)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if "v_ref" in kind().options], ids=lambda kind: str(kind.id))
+def test_the_equation_says_the_reference_speed(kind):
+    """What ε or μ means hangs on it."""
+    impacts = synthetic.load(size=20, seed=0)
+    speed = impacts.v_c[:, kind.component].abs().median().item()
+    assert kind().equation == kind.formula
+    formula, _, said = kind().prepare(impacts).equation.rpartition(" at v_ref = ")
+    assert formula == kind.formula
+    assert float(said.removesuffix(" m/s")) == pytest.approx(speed, rel=0.05)  # two digits

@@ -10,6 +10,7 @@ from contactlearn.audit.result import Finding
 from contactlearn.diagnosis.observer import Task
 from contactlearn.diagnosis.result import (
     Drop,
+    ErrorShares,
     Experiment,
     FittedParameter,
     Formula,
@@ -17,6 +18,7 @@ from contactlearn.diagnosis.result import (
     Improvement,
     LawFit,
     NoiseSource,
+    PlausibleModel,
     Region,
     Rival,
     Rung,
@@ -154,6 +156,25 @@ def test_the_headline_without_effects(found):
     assert headline(given).endswith("from Wang–Mason with side drag (linear).")
 
 
+def test_something_unknown_has_its_size(found):
+    shares = ErrorShares(noise=0.0016, explained=0.9947, unexplained=0.0037, beyond_rigid=0.0)
+
+    def said(unexplained):
+        budget = replace(found.budget, shares=replace(shares, unexplained=unexplained))
+        return plain(headline(replace(found, physics=Verdict.UNKNOWN, budget=budget)))
+
+    assert "and something unknown besides, 0.4 % of the law's error: no effect" in said(0.0037)
+    assert "besides, 12 % of the law's error:" in said(0.123)
+    assert "besides, less than 0.1 % of the law's error:" in said(0.0002)
+    assert "besides: no effect" in said(0.0)  # noise alone is as large
+    text = plain(stages.shares(replace(found.budget, shares=shares)))
+    assert "99 % is explained by the effects, <1 % is noise and <1 % is unexplained." in text
+    whole = replace(shares, explained=0.998, noise=0.0, unexplained=0.002)
+    assert "over 99 % is explained by the effects, 0 % is noise and <1 %" in plain(
+        stages.shares(replace(found.budget, shares=whole))
+    )
+
+
 def test_one_sentence_supports_the_headline(found):
     first, second = (replace(one, confidence=x) for one, x in zip(found.missing, (0.9987, 0.62), strict=True))
     said = plain(support(replace(found, missing=(first, second))))
@@ -263,6 +284,28 @@ def test_a_model_with_fewer_effects_that_does_nearly_as_well_is_named(found):
     for clear in (with_frontier((0.2, ()), (0.111, (tilt,)), both), replace(near, missing=())):
         assert clear.simpler is None
         assert not search.simpler(clear)
+
+
+def test_the_chosen_model_is_listed_first_whatever_its_share(found):
+    effects = tuple(one.effect for one in found.missing)
+    laws = ("mirtich", "whittaker", "routh", "ap_newton", "ap_poisson")
+    others = tuple(PlausibleModel(law=law, effects=effects, share=0.19) for law in laws)
+    chosen = PlausibleModel(law="wang_mason", effects=effects[::-1], share=0.004)
+    many = replace(found, models=(*others, chosen))
+    assert search.listed_models(many) == (chosen, *others[:4])
+    assert search.listed_name(many, chosen).endswith("surface tilt (computed) (chosen)")
+    assert not search.listed_name(many, others[0]).endswith("(chosen)")
+    assert plain(search.share(chosen)) == "<1 %"
+    alone = replace(found, models=(replace(chosen, share=1.0),))
+    assert [search.listed_name(alone, one) for one in search.listed_models(alone)] == [
+        "Wang–Mason + spin damping (after) + surface tilt (computed)"
+    ]
+
+
+def test_candidates_of_ones_own_that_nothing_asks_for_are_told(found):
+    assert "not wanted" not in " ".join(search.notes(found))
+    asked = replace(found, unwanted=(EffectId("kick"), EffectId("wind")))
+    assert "Asked and not wanted: kick and wind." in search.notes(asked)
 
 
 def test_a_law_that_does_better_alone_is_named(found):

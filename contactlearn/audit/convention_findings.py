@@ -149,7 +149,16 @@ def balance_findings(
 def consistent_note(impacts: Impacts, thresholds: AuditThresholds) -> Finding:
     """Say that nothing contradicts planar rigid impacts, with the moment balance that was measured."""
     fit = balance(impacts)
-    closes = "closes" if fit.tested <= thresholds.tested_balance else "is hardly tested by these data"
+    limit = thresholds.open_balance
+    if fit.tested > thresholds.tested_balance:
+        closes = "is hardly tested by these data"
+    elif any(low > 1 + limit or high < 1 - limit for _, low, high in fit.terms.values()):
+        closes = (
+            "is within what noise and physics can do, but its coefficients are not 1 (noise of the velocities, an "
+            "inertia that is off, or something after contact would do this)"
+        )
+    else:
+        closes = "closes"
     sentence = (
         "the measurements are consistent with planar rigid impacts: columns, units, axes, order, energy and contact "
         f"points; the moment balance {closes}: I Δω = a r_x P_n − b r_y P_t gives {fit}"

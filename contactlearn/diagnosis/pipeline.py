@@ -42,7 +42,7 @@ from contactlearn.diagnosis.result import (
 )
 from contactlearn.diagnosis.sampling.rounds import Rounds
 from contactlearn.diagnosis.search.calibration import calibrated
-from contactlearn.diagnosis.search.candidates import all_candidates, all_laws
+from contactlearn.diagnosis.search.candidates import all_candidates, all_laws, of_ones_own
 from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
 from contactlearn.diagnosis.search.selection import Selection, validated
 from contactlearn.diagnosis.stages import (
@@ -207,6 +207,7 @@ def _assembled(
         formulas=rest.formulas,
         choices=chosen.choices,
         models=_plausible(selection),
+        unwanted=_unwanted(selection, missing),
         frontier=_frontier(study, selection),
         complete=selection.complete,
         thresholds=study.thresholds,
@@ -257,6 +258,13 @@ def _plausible(selection: Selection) -> tuple[PlausibleModel, ...]:
         PlausibleModel(law=one.model.spec.law, effects=tuple(sorted(one.model.spec.effects)), share=one.share)
         for one in selection.plausible
     )
+
+
+def _unwanted(selection: Selection, missing: Sequence[MissingEffect]) -> tuple[EffectId, ...]:
+    """The user's own candidates that the data do not ask for: in no plausible model, and no rival of an effect."""
+    wanted = {effect for one in selection.plausible for effect in one.model.spec.effects} | selection.spec.effects
+    wanted |= {rival.effect for one in missing for rival in one.rivals}
+    return tuple(key for key in of_ones_own(selection.pool.candidates) if key not in wanted)
 
 
 def _frontier(study: Study, selection: Selection) -> tuple[FrontierModel, ...]:

@@ -15,7 +15,13 @@ class SpeedReference:
     """
 
     component: ClassVar[int]
+    formula: ClassVar[str]
     v_ref: float | None = None  # m/s; None: the median of the measurements
+
+    @property
+    def equation(self) -> str:
+        """The formula, and v_ref once it is known."""
+        return self.formula if self.v_ref is None else f"{self.formula} at v_ref = {self.v_ref} m/s"
 
     def prepare(self, impacts: Impacts) -> Self:
         """Return the effect with v_ref taken from the impacts where it is open."""

@@ -110,7 +110,7 @@ def _show_search(found: Diagnosis) -> None:
     for model in found.frontier:
         say(f"frontier: {search.frontier_line(model)}")
     for model in search.listed_models(found):
-        say(f"model: {search.share(model)}  {search.model_name(model.law, model.effects)}")
+        say(f"model: {search.share(model)}  {search.listed_name(found, model)}")
     for note in search.notes(found):
         say(f"note: {note}")
 

@@ -167,6 +167,7 @@ class Diagnosis:
         formulas: for it, the best first.
         choices: every subset of the missing effects.
         models: laws with effects that the data cannot tell from the chosen model, it among them, by their shares.
+        unwanted: candidates of one's own that were tested, and are in no plausible model and no rival.
         frontier: the best model with each number of effects, from none on.
         complete: whether the search came to its own end; if not, its time was up.
         sample: the trials of a large table that all this is about, and the test on all others; None where all are.
@@ -191,6 +192,7 @@ class Diagnosis:
     formulas: tuple[Formula, ...] = ()
     choices: Choices | None = None
     models: tuple[PlausibleModel, ...] = ()
+    unwanted: tuple[EffectId, ...] = ()
     frontier: tuple[FrontierModel, ...] = ()
     complete: bool = True
     sample: Sample | None = None

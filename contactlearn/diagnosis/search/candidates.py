@@ -4,7 +4,7 @@ An effect is refused if it could explain anything: with a parameter for every fe
 takes from the outcomes it is to predict.  Effects that need a body's shape are left out where that is not known.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import torch
 from jaxtyping import Float
@@ -31,6 +31,13 @@ def all_candidates() -> dict[EffectId, Effect]:
 def all_laws() -> list[Law]:
     """Return the textbook laws of the paper, and Routh's path with Newton's restitution, which it leaves out."""
     return [find(name) for name in SEARCHED_LAWS]
+
+
+def of_ones_own(candidates: Iterable[EffectId]) -> tuple[EffectId, ...]:
+    """Keep the candidates that do not come with this package: classes of another one, and lines of mathematics."""
+    kinds = catalogue()
+    shipped = {name for name, forms in kinds.items() if forms[0].__module__.startswith("contactlearn.effects.")}
+    return tuple(key for key in candidates if key.name not in shipped)
 
 
 def usable(

@@ -132,7 +132,7 @@ def _search(found: Diagnosis) -> dict[str, Any]:
     return {
         "frontier": [{"name": search.model_name(m.law, m.effects), **bounded(m.error)} for m in found.frontier],
         "plausible": [
-            {"name": search.model_name(m.law, m.effects), "share": search.share(m)} for m in search.listed_models(found)
+            {"name": search.listed_name(found, m), "share": search.share(m)} for m in search.listed_models(found)
         ],
         "search_notes": search.notes(found),
     }

@@ -8,6 +8,7 @@ from contactlearn.numerics import number
 
 _SMALL = 1e-3  # errors below it are written with two significant digits
 _PERCENT = 0.01  # difference below which a percentage has a decimal
+_ROUNDED = 0.005  # of a whole, below which a share rounds to 0 %
 _TIMES = 2.0  # ratio from which on a comparison is a factor and no percentage
 
 
@@ -33,6 +34,18 @@ def percent(x: float, decimals: int = 0) -> str:
     return f"{100 * x:.{decimals}f}\u00a0%".replace("-", "−")
 
 
+def share_of_whole(x: float) -> str:
+    """Write a share of a whole in percent; neither does a small one read as nothing nor a large one as all of it."""
+    if 0 < x < _ROUNDED:
+        return "<1\u00a0%"
+    return "over 99\u00a0%" if 1 - _ROUNDED <= x < 1 else percent(x)
+
+
+def fine_percent(x: float) -> str:
+    """Write a share in percent, with a decimal below 1 %."""
+    return percent(x, 0 if x >= _PERCENT else 1)
+
+
 def share_interval(x: Interval) -> str:
     """Write a share with its 95 % interval: 40 % (30 % to 50 %)."""
     return f"{percent(x.mean)} ({percent(x.low)} to {percent(x.high)})"
@@ -45,8 +58,7 @@ def compared(x: float, y: float) -> str:
     word, ratio = ("less", y / x) if x <= y else ("more", x / y)
     if ratio >= _TIMES:
         return f"{times(ratio)} {word}"
-    share = abs(x - y) / y
-    return f"{percent(share, 0 if share >= _PERCENT else 1)} {word}"
+    return f"{fine_percent(abs(x - y) / y)} {word}"
 
 
 def times(ratio: float) -> str:

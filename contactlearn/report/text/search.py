@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from contactlearn.diagnosis.result import Diagnosis, FrontierModel, PlausibleModel
 from contactlearn.effects import EffectId
 from contactlearn.report.text.names import effect_label, law_label, listed
-from contactlearn.report.text.numbers import compared, error, percent
+from contactlearn.report.text.numbers import compared, error, percent, share_of_whole
 from contactlearn.report.text.verdict import confidence
 
 _SHOWN = 5
@@ -21,12 +21,25 @@ def model_name(law: str, effects: Sequence[EffectId]) -> str:
 
 def share(model: PlausibleModel) -> str:
     """Write the share of a model in percent; a share that rounds to all of it is not all of it if others exist."""
-    return "over 99%" if 0.995 <= model.share < 1 else percent(model.share)
+    return share_of_whole(model.share)
 
 
 def listed_models(found: Diagnosis) -> tuple[PlausibleModel, ...]:
-    """Return the models that are worth a line: the likeliest ones."""
-    return tuple(model for model in found.models[:_SHOWN] if model.share >= _LEAST)
+    """Return the models that are worth a line: the chosen one, and then the likeliest others."""
+    chosen = [model for model in found.models if _is_chosen(found, model)]
+    others = [model for model in found.models if model not in chosen and model.share >= _LEAST]
+    return (*chosen, *others[: _SHOWN - len(chosen)])
+
+
+def listed_name(found: Diagnosis, model: PlausibleModel) -> str:
+    """Name a model of the list, and say which is the chosen one where there are others."""
+    name = model_name(model.law, model.effects)
+    return f"{name} (chosen)" if len(found.models) > 1 and _is_chosen(found, model) else name
+
+
+def _is_chosen(found: Diagnosis, model: PlausibleModel) -> bool:
+    """Whether a model is that of the verdict, which need not have the largest share of belief."""
+    return model.law == found.law and {*model.effects} == {one.effect for one in found.missing}
 
 
 def equal_laws(found: Diagnosis) -> str:
@@ -49,6 +62,11 @@ def confidences(found: Diagnosis) -> str:
     return f"The probability that a name is right, from planted data: {names}."
 
 
+def unwanted(found: Diagnosis) -> str:
+    """Name the candidates of one's own that the data do not ask for; empty where there are none."""
+    return f"Asked and not wanted: {listed(map(effect_label, found.unwanted))}." if found.unwanted else ""
+
+
 def simpler(found: Diagnosis) -> str:
     """Say which model with fewer effects does nearly as well; empty where none does."""
     model = found.simpler
@@ -66,7 +84,7 @@ def simpler(found: Diagnosis) -> str:
 
 def notes(found: Diagnosis) -> list[str]:
     """List what else is to be said of the search."""
-    said = (confidences(found), simpler(found), equal_laws(found), "" if found.complete else _STOPPED)
+    said = (confidences(found), unwanted(found), simpler(found), equal_laws(found), "" if found.complete else _STOPPED)
     return [note for note in said if note]
 
 

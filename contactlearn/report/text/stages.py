@@ -39,6 +39,7 @@ from contactlearn.report.text.numbers import (
     p_value,
     percent,
     share_interval,
+    share_of_whole,
     spaced,
     times,
 )
@@ -234,13 +235,11 @@ def noise(budget: ErrorBudget) -> str:
 def shares(budget: ErrorBudget) -> str:
     """Divide the error of the law into explained, noise and unexplained, beside the reach of rigid contact."""
     parts = budget.shares
-    said = (
-        f"Of the law's error {percent(parts.explained)} is explained by the effects, {percent(min(1.0, parts.noise))} "
-        f"is noise and {percent(parts.unexplained)} is unexplained"
-    )
+    explained, floor, left = map(share_of_whole, (parts.explained, min(1.0, parts.noise), parts.unexplained))
+    said = f"Of the law's error {explained} is explained by the effects, {floor} is noise and {left} is unexplained"
     if not parts.beyond_rigid:
         return f"{said}."
-    return f"{said}; {percent(parts.beyond_rigid)} more than noise is out of reach of any rigid point contact."
+    return f"{said}; {share_of_whole(parts.beyond_rigid)} more than noise is out of reach of any rigid point contact."
 
 
 def misfit(found: Diagnosis, thresholds: NoiseThresholds = NoiseThresholds()) -> str:  # noqa: B008  # frozen

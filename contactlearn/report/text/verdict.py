@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from contactlearn.diagnosis.result import Diagnosis, MissingEffect, RungKind, Verdict
+from contactlearn.diagnosis.result import Diagnosis, ErrorShares, MissingEffect, RungKind, Verdict
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.numerics import measured
 from contactlearn.report.text import stages
 from contactlearn.report.text.names import base_label, effect_label, listed, opened, sentence, shortened
-from contactlearn.report.text.numbers import compared, error, interval, percent
+from contactlearn.report.text.numbers import compared, error, fine_percent, interval, percent
 from contactlearn.report.text.sequence import follows
 
 VERDICTS = {
@@ -19,6 +19,7 @@ VERDICTS = {
 """Each verdict in a clause."""
 
 _RIVALS = 2  # that a headline names
+_TINY = 0.001  # of the law's error, below which a headline gives no size
 
 
 def conclusion(verdict: Verdict, physics: Verdict | None, corrections: Sequence[str] = ()) -> str:
@@ -55,7 +56,7 @@ def _finding(found: Diagnosis, law: str, effects: str) -> str:
         if effects and found.budget is not None and found.budget.shares.explained > found.budget.shares.unexplained:
             rest = _unexplained(found, "no effect of the catalogue explains the rest")
             known = f"{opened(effects)} {verb} missing from {law}{_rivals(found.missing)}"
-            return f"{known}, and something unknown besides: {rest}."
+            return f"{known}, and something unknown besides{_size_of(found.budget.shares)}: {rest}."
         rest = _unexplained(found, "no effect of the catalogue explains its error")
         return f"An unknown effect is missing from {law}: {rest}.{known}"
     if effects:
@@ -64,6 +65,14 @@ def _finding(found: Diagnosis, law: str, effects: str) -> str:
     if predictable:
         return f"No known effect is missing from {law}, but a small part of its residual is predictable."
     return f"These data show no effect that is missing from {law}."
+
+
+def _size_of(shares: ErrorShares) -> str:
+    """The unexplained part, behind its mention; empty where noise alone is as large as what is left."""
+    if not shares.unexplained:
+        return ""
+    size = fine_percent(shares.unexplained) if shares.unexplained >= _TINY else f"less than {percent(_TINY, 1)}"
+    return f", {size} of the law's error"
 
 
 def _unexplained(found: Diagnosis, said: str) -> str:
