@@ -22,6 +22,7 @@ from contactlearn.tracks.result import Reason
 SHAPE = Ellipse(SEMI_AXES)
 PLAIN = Camera(frames=220)
 GENERIC = {"columns": {"quaternion": ["q1", "q2", "q3", "q4"]}}
+DEGREES = replace(PLAIN, degrees=True)
 TILTED = tuple(map(tuple, np.asarray(AXES["y_up"]) @ ((0.94, 0, 0.342), (0, 1, 0), (-0.342, 0, 0.94))))
 
 
@@ -85,10 +86,12 @@ def test_conventions_are_found(tmp_path, plain, camera, settings):
         (replace(PLAIN, axes=AXES["image"]), {"up": "y"}, ["data.up", "is up -y?"]),
         (PLAIN, {"up": "z"}, ["no such axis"]),
         (replace(PLAIN, axes=TILTED, order="xyzw"), GENERIC | {"order": "wxyz"}, ["data.order=wxyz", "with xyzw"]),
-        (PLAIN, {"sense": "mirrored"}, ["in which unit", "data.angle"]),
+        (PLAIN, {"sense": "mirrored"}, ["contradict data.sense=mirrored:", "with data.angle=rad and data.sense=as"]),
+        (DEGREES, {"angle": "rad", "sense": "mirrored"}, ["contradict data.angle=rad and data.sense=mirrored:"]),
+        (DEGREES, {"angle": "rad"}, ["contradict data.angle=rad:", "with data.angle=deg and data.sense=as_read"]),
         (replace(PLAIN, frames=30), {}, ["data.unit|no contact|angles are measured"]),
     ],
-    ids=["frame rate", "frame rate and unit", "unit", "up", "axis", "order", "sense", "no contacts"],
+    ids=["rate", "rate and unit", "unit", "up", "axis", "order", "sense", "angle and sense", "angle", "none"],
 )  # fmt: skip
 def test_wrong_conventions_are_caught(tmp_path, camera, settings, fragments):
     folder(tmp_path, camera)
