@@ -151,7 +151,7 @@ def test_the_command_writes_impacts_and_refusals(tmp_path, plain):
         "were refused",
         "left out",
         "9_broken.csv: has no column",
-        "'data.columns={time: t, position: [px, py], angle: phi}' says which",
+        "('columns={time: t, position: [px, py], angle: phi}' says which",
     ):
         assert fragment in told
     refused = pd.read_csv(tmp_path / "out.refused.csv")
@@ -162,10 +162,15 @@ def test_the_command_writes_impacts_and_refusals(tmp_path, plain):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["-o", "a.csv"], "data.mass must be given"),
+        (["-o", "a.csv"], "error: mass must be given: mass=…"),
         (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "colour=red"], "colour"),
         (["-o", "a.txt", "mass=1", "shape={kind: disc, radius: 1}"], "a table is a .csv or .parquet file"),
-        (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "unit=inch"], "data.unit 'inch'"),
+        (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "unit=inch"], "unknown unit 'inch'"),
+        (
+            ["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "units=mm"],
+            "choices, not of these, did you mean 'unit'",
+        ),
+        (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "rate=5"], "s by rate=5;"),
         (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "columns={angel: a}"], "did you mean 'angle'"),
     ],
 )

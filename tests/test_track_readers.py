@@ -264,9 +264,10 @@ def test_tum(tmp_path):
     path.write_text("# nothing\n")
     with pytest.raises(DataError, match="holds no frames"):
         list(read(path, Layout()))
-    path.write_text("0 1 2 3\n")
-    with pytest.raises(DataError, match="frame 1 has 4 numbers"):
-        list(read(path, Layout()))
+    for content, message in (("0 1 2 3\n", "frame 1 has 4 words,"), ("it hit the wall at 3 s !\n", "float: 'it'")):
+        path.write_text(content)
+        with pytest.raises(DataError, match=f"is no TUM text, as which \\.txt is read: .*{message}"):
+            list(read(path, Layout()))
 
 
 @pytest.mark.parametrize("dimensions", [2, 3])
