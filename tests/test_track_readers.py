@@ -171,6 +171,9 @@ def test_a_frame_rate_that_contradicts_the_time_stamps_is_refused(tmp_path, rate
         list(read(tmp_path / "a.csv", Layout(rate=rate)))
     (found,) = read(tmp_path / "a.csv", Layout(rate=rate, time=None))
     assert found.time[:2].tolist() == [0, 0.01]
+    (tmp_path / "b.csv").write_text("time,x,y,theta\n0,1,2,3\n,1,2,3\n0.1,1,2,3\n")
+    with pytest.raises(DataError, match="time must grow; it is not a number at frame 2"):
+        list(read(tmp_path / "b.csv", Layout(rate=rate)))
     with pytest.raises(DataError, match=r"has no times; state data.rate"):
         list(read(tmp_path / "a.csv", Layout(time=None)))
 

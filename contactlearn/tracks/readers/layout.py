@@ -72,11 +72,12 @@ class Layout:
         Raises:
             DataError: they are more than 1 % apart.
         """
-        step = mean_step(stamps) if self.rate is not None and len(stamps) > 1 else np.nan
-        if self.rate is not None and abs(step * self.rate - 1) > _APART:
+        if self.rate is None or len(stamps) < 2 or not (np.diff(stamps) > 0).all():  # the last is `Recording`'s error
+            return stamps
+        if abs(mean_step(stamps) * self.rate - 1) > _APART:
             raise DataError(
-                f"{source}: frames are {step:.4g} s apart by their time stamps, and {1 / self.rate:.4g} s by "
-                f"data.rate={self.rate:g}; leave out the wrong one, time stamps by time: null in data.columns"
+                f"{source}: frames are {mean_step(stamps):.4g} s apart by their time stamps, and {1 / self.rate:.4g} s "
+                f"by data.rate={self.rate:g}; leave out the wrong one, time stamps by time: null in data.columns"
             )
         return stamps
 
