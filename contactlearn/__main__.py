@@ -49,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
     except ContactLearnError as error:
         said = str(error).splitlines()[0]
     except (HydraException, OmegaConfBaseException) as error:
-        said = explained(error, "evaluate")  # by which the tools compose their data
+        said = explained(error, "evaluate", vars(options).get("overrides", ()))  # by which the tools compose their data
     else:
         return 0
     print(f"error: {harmless(said)}", file=sys.stderr)
@@ -239,8 +239,8 @@ def _impacts(options: argparse.Namespace) -> str:
     from contactlearn.app.impacts import write_impacts
     from contactlearn.cli import compose
 
-    words = [f"data.{word.removeprefix('data.')}" for word in options.overrides]  # as the other commands have them, too
-    data = compose("evaluate", ["data=tracks", *words]).data
+    options.overrides = ["data=tracks", *(f"data.{word.removeprefix('data.')}" for word in options.overrides)]
+    data = compose("evaluate", options.overrides).data
     data.path = options.path
     return write_impacts(data, Path(options.out))
 

@@ -118,7 +118,7 @@ def _said(error: Exception, command: str) -> str:
     if isinstance(error, ContactLearnError):
         return str(error)
     if isinstance(error, HydraException | OmegaConfBaseException):
-        return explained(error, command)
+        return explained(error, command, sys.argv)
     from contactlearn.app.job import reason
 
     return reason(error)

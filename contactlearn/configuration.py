@@ -5,7 +5,7 @@ What holds entries by name (`effect`, `model` …) is open: each entry is checke
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -58,17 +58,26 @@ def check_settings(cfg: DictConfig, command: str) -> None:
             raise _unknown(key, known)
 
 
-def explained(error: Exception, command: str) -> str:
-    """Return Hydra's message on a command line in one line; on a setting that does not exist with the nearest one."""
+def explained(error: Exception, command: str, words: Sequence[str]) -> str:
+    """Return Hydra's message on the words of a command in one line; on a setting that is not there with the nearest."""
     refused = _REFUSED.search(str(error))
     own = refused and re.fullmatch(r"(effect|candidate)\.(\w+)(\..+)?", refused[1])
     if own and f"Key {own[2]!r} is not in struct" in str(error.__cause__):
         return _not_there(*own.group(0, 1, 2))
     if refused:
         known = _declared(command) | {f"data.{key}" for key in _data_keys()}
-        elsewhere = f"{refused[1]} is a setting of other choices, not of these; --help lists all settings"
+        near = _near_in_source(refused[1], words)
+        elsewhere = f"{refused[1]} is a setting of other choices, not of these{near}; --help lists all settings"
         return elsewhere if refused[1] in known else str(_unknown(refused[1], known))
     return " ".join(str(error).partition("Config search path")[0].split())
+
+
+def _near_in_source(key: str, words: Sequence[str]) -> str:
+    """The nearest setting of the data source that the words choose."""
+    chosen = [word.removeprefix("data=") for word in words if word.startswith("data=")]
+    path = Path(CONFIGS, "data", f"{chosen[-1]}.yaml") if chosen else None
+    known = _content(path) if path is not None and path.exists() else {}
+    return suggest(key.removeprefix("data."), known) if key.startswith("data.") else ""
 
 
 def _not_there(key: str, group: str, name: str) -> str:

@@ -22,6 +22,7 @@ from contactlearn.tracks.result import Reason
 SHAPE = Ellipse(SEMI_AXES)
 PLAIN = Camera(frames=220)
 GENERIC = {"columns": {"quaternion": ["q1", "q2", "q3", "q4"]}}
+DEGREES = replace(PLAIN, degrees=True)
 TILTED = tuple(map(tuple, np.asarray(AXES["y_up"]) @ ((0.94, 0, 0.342), (0, 1, 0), (-0.342, 0, 0.94))))
 
 
@@ -85,10 +86,14 @@ def test_conventions_are_found(tmp_path, plain, camera, settings):
         (replace(PLAIN, axes=AXES["image"]), {"up": "y"}, ["data.up", "is up -y?"]),
         (PLAIN, {"up": "z"}, ["no such axis"]),
         (replace(PLAIN, axes=TILTED, order="xyzw"), GENERIC | {"order": "wxyz"}, ["data.order=wxyz", "with xyzw"]),
-        (PLAIN, {"sense": "mirrored"}, ["in which unit", "data.angle"]),
+        (replace(PLAIN, length=1e3, stated_rate=0.25), {}, ["look like milliseconds", "m/s² in mm;", "data.rate=250"]),
+        (replace(PLAIN, stated_rate=2.5e-4), {"unit": "m"}, ["look like microseconds", "time: null", "data.rate=250"]),
+        (PLAIN, {"sense": "mirrored"}, ["contradict data.sense=mirrored:", "with data.angle=rad and data.sense=as"]),
+        (DEGREES, {"angle": "rad", "sense": "mirrored"}, ["contradict data.angle=rad and data.sense=mirrored:"]),
+        (DEGREES, {"angle": "rad"}, ["contradict data.angle=rad:", "with data.angle=deg and data.sense=as_read"]),
         (replace(PLAIN, frames=30), {}, ["data.unit|no contact|angles are measured"]),
     ],
-    ids=["frame rate", "frame rate and unit", "unit", "up", "axis", "order", "sense", "no contacts"],
+    ids=["rate", "rate and unit", "unit", "up", "axis", "order", "ms", "µs", "sense", "both", "angle", "none"],
 )  # fmt: skip
 def test_wrong_conventions_are_caught(tmp_path, camera, settings, fragments):
     folder(tmp_path, camera)
@@ -146,7 +151,7 @@ def test_the_command_writes_impacts_and_refusals(tmp_path, plain):
         "were refused",
         "left out",
         "9_broken.csv: has no column",
-        "'data.columns={time: t, position: [px, py], angle: phi}' says which",
+        "('columns={time: t, position: [px, py], angle: phi}' says which",
     ):
         assert fragment in told
     refused = pd.read_csv(tmp_path / "out.refused.csv")
@@ -157,10 +162,15 @@ def test_the_command_writes_impacts_and_refusals(tmp_path, plain):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["-o", "a.csv"], "data.mass must be given"),
+        (["-o", "a.csv"], "error: mass must be given: mass=…"),
         (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "colour=red"], "colour"),
         (["-o", "a.txt", "mass=1", "shape={kind: disc, radius: 1}"], "a table is a .csv or .parquet file"),
-        (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "unit=inch"], "data.unit 'inch'"),
+        (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "unit=inch"], "unknown unit 'inch'"),
+        (
+            ["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "units=mm"],
+            "choices, not of these, did you mean 'unit'",
+        ),
+        (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "rate=5"], "s by rate=5;"),
         (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "columns={angel: a}"], "did you mean 'angle'"),
     ],
 )

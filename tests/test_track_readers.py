@@ -157,6 +157,27 @@ def test_a_frame_rate_stands_for_times(tmp_path):
     assert found.seen.tolist() == [True, False, True]
 
 
+@pytest.mark.parametrize("rate", [100, 200.0, 201])
+def test_a_frame_rate_that_contradicts_the_time_stamps_is_refused(tmp_path, rate):
+    """Of 200 frames/s, rounded to ms, with frames that are skipped; without its time stamps the file is taken at it."""
+    stamps = np.delete(np.arange(400) * 0.005, [7, 30, 31, 200]) + 0.2
+    frames = pd.DataFrame({"time": stamps.round(3), "x": 0.0, "y": 0.0, "theta": 0.0})
+    frames.to_csv(tmp_path / "a.csv", index=False)
+    if rate > 100:
+        (found,) = read(tmp_path / "a.csv", Layout(rate=rate))
+        assert found.time[0] == 0.2
+        return
+    with pytest.raises(DataError, match=r"0.005 s apart by their time stamps, and 0.01 s by data.rate=100.*time: null"):
+        list(read(tmp_path / "a.csv", Layout(rate=rate)))
+    (found,) = read(tmp_path / "a.csv", Layout(rate=rate, time=None))
+    assert found.time[:2].tolist() == [0, 0.01]
+    (tmp_path / "b.csv").write_text("time,x,y,theta\n0,1,2,3\n,1,2,3\n0.1,1,2,3\n")
+    with pytest.raises(DataError, match="time must grow; it is not a number at frame 2"):
+        list(read(tmp_path / "b.csv", Layout(rate=rate)))
+    with pytest.raises(DataError, match=r"has no times; state data.rate"):
+        list(read(tmp_path / "a.csv", Layout(time=None)))
+
+
 def test_folders(tmp_path):
     (tmp_path / "inner").mkdir()
     for name in ("b.csv", "inner/a.TUM", "notes.md", ".hidden.csv"):
@@ -246,9 +267,10 @@ def test_tum(tmp_path):
     path.write_text("# nothing\n")
     with pytest.raises(DataError, match="holds no frames"):
         list(read(path, Layout()))
-    path.write_text("0 1 2 3\n")
-    with pytest.raises(DataError, match="frame 1 has 4 numbers"):
-        list(read(path, Layout()))
+    for content, message in (("0 1 2 3\n", "frame 1 has 4 words,"), ("it hit the wall at 3 s !\n", "float: 'it'")):
+        path.write_text(content)
+        with pytest.raises(DataError, match=f"is no TUM text, as which \\.txt is read: .*{message}"):
+            list(read(path, Layout()))
 
 
 @pytest.mark.parametrize("dimensions", [2, 3])

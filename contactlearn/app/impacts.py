@@ -25,6 +25,8 @@ _LONGEST = 60  # characters of a recording's name in the name of a file
 def write_impacts(cfg: DictConfig, out: Path) -> str:
     """Find the impacts of recordings and write them; return what was found, in words.
 
+    Settings are named as this command has them, without `data.`.
+
     Args:
         cfg: the `data` part of a configuration with data=tracks.
         out: a .csv or .parquet file; NAME.refused.csv beside it holds the refusals, NAME.recordings.html shows all.
@@ -33,6 +35,16 @@ def write_impacts(cfg: DictConfig, out: Path) -> str:
         ContactLearnError: a setting is missing.
         DataError: see `contactlearn.data.tracks.find_impacts`; or a file cannot be written.
     """
+    name = rf"(?<![\w./])data\.(?=(?:{'|'.join(map(str, cfg))})\b)"
+    try:
+        return re.sub(name, "", _written(cfg, out))
+    except ContactLearnError as error:
+        error.args = (re.sub(name, "", str(error)),)
+        raise
+
+
+def _written(cfg: DictConfig, out: Path) -> str:
+    """What `write_impacts` does and says, with the names of any other command."""
     for missing in sorted(OmegaConf.missing_keys(cfg)):
         raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data/tracks.yaml")
     table.check_suffix(out)

@@ -19,20 +19,19 @@ from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import Impacts
 from contactlearn.numerics import finite_number, whole
 from contactlearn.shapes import Shape, make_shape
-from contactlearn.tracks.conventions import ANGLES, SENSES, Conventions, find_frame
+from contactlearn.tracks.angles import find_angles
+from contactlearn.tracks.conventions import Conventions, find_frame
 from contactlearn.tracks.detection import FlightOptions
 from contactlearn.tracks.floor import Floor, find_floor, off_the_floor
-from contactlearn.tracks.frame import Clue
 from contactlearn.tracks.hull import Centre, MarkerHull, hull_of_markers, markers_of
-from contactlearn.tracks.impacts import impacts_of, moment_imbalance
+from contactlearn.tracks.impacts import impacts_of
 from contactlearn.tracks.readers import read, recording_files
 from contactlearn.tracks.readers.layout import Layout
-from contactlearn.tracks.result import REASONS, Found, Hit, Refusal
+from contactlearn.tracks.result import REASONS, Found, Refusal
 from contactlearn.tracks.survey import Progress, Survey, TrackOptions, sample, survey, tracked
 from contactlearn.tracks.track import Array, Recording
 
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
-_TELL = 3  # contacts that tell it, at least
 _INSTANT = 1e-6  # s, error of the instants at which flights meet, at least
 
 
@@ -176,7 +175,7 @@ def find_impacts(
         raise DataError("data.centre is of a body without data.shape; a shape has its centre of mass at its origin")
     mass = finite_number("mass", mass, 0, above=True)
     gyration = known.gyration_squared() if inertia is None else finite_number("inertia", inertia, 0, above=True) / mass
-    conventions, clue = _angles(sample(recording_files(path), options.layout), options, known, gyration)
+    conventions, clue = find_angles(sample(recording_files(path), options.layout), options, known, gyration)
     found = survey(path, replace(options, conventions=conventions), progress=progress)
     found = replace(found, frame=replace(found.frame, clues=(*found.frame.clues, clue)))
     if not found.contacts:
@@ -226,43 +225,3 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
 def _counts(refusals: Sequence[Refusal]) -> str:
     reasons = [REASONS[refusal.reason] for refusal in refusals]
     return ", ".join(f"{reason} ({reasons.count(reason)})" for reason in dict.fromkeys(reasons)) or "nothing"
-
-
-def _angles(
-    recordings: Sequence[Recording], options: TrackOptions, shape: Shape, gyration: float
-) -> tuple[Conventions, Clue]:
-    """Unit and sense of the angles, stated or found: the reading that closes the moment balance of a few recordings."""
-    stated = options.conventions
-    asked = ["sense"] * (stated.sense is None)
-    units = [stated.angle]
-    if stated.angle is None and recordings[0].quaternion is None:
-        units, asked = list(ANGLES), ["angle", *asked]
-    left: dict[tuple[str | None, str], float] = {}
-    for unit in units:
-        contacts = _contacts(recordings, replace(options, conventions=replace(stated, angle=unit, sense="as_read")))
-        for sense in [stated.sense] if stated.sense else SENSES:
-            enough = len(contacts) >= _TELL
-            left[unit, sense] = moment_imbalance(contacts, shape, gyration, SENSES[sense]) if enough else math.inf
-    best, *others = sorted(left, key=lambda reading: left[reading])
-    if others and not left[best] <= options.thresholds.frame.reading * left[others[0]]:
-        raise DataError(
-            f"{recordings[0].source}: in which unit and sense angles are measured is not seen: the moment balance of "
-            f"impacts leaves {left[best]:.2f} with one reading and {left[others[0]]:.2f} with another; state "
-            f"{' and '.join(f'data.{name}=…' for name in asked)}"
-        )
-    clue = Clue(
-        convention="angles",
-        value=", ".join(name for name in best if name),
-        stated=not others,
-        quantity="moment balance left over",
-        number=left[best],
-        unit="–",
-    )
-    return replace(stated, angle=best[0], sense=best[1]), clue
-
-
-def _contacts(recordings: Sequence[Recording], options: TrackOptions) -> list[Hit]:
-    """Contacts of a few recordings under some conventions."""
-    frame = find_frame(recordings, options.conventions, options.thresholds.frame)
-    ready = options.in_air(frame)
-    return [contact for recording in recordings for contact in tracked(recording, frame, ready).contacts]

@@ -8,6 +8,7 @@ detection   free flights of a track
 contact     the instant at which two flights meet, and the state there
 events      contacts and refusals of a track
 rests       bodies at rest
+angles      unit and sense of angles: stated or found from the moment balance of the impacts
 floor       the floor that contacts and bodies at rest share
 result      what was found, as types
 """

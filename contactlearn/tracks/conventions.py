@@ -23,7 +23,7 @@ from contactlearn.tracks.frame import Clue, Frame
 from contactlearn.tracks.gravity import Gravity, find_gravity
 from contactlearn.tracks.rotations import body_axes, rotation_axis
 from contactlearn.tracks.thresholds import FrameThresholds
-from contactlearn.tracks.track import Array, Recording
+from contactlearn.tracks.track import Array, Recording, mean_step
 
 UNITS = {"m": 1.0, "dm": 10.0, "cm": 100.0, "mm": 1000.0, "in": 1 / 0.0254, "ft": 1 / 0.3048}
 """Units of length in a metre."""
@@ -31,6 +31,7 @@ ORDERS = ("wxyz", "xyzw")
 ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 SENSES = {"as_read": 1, "mirrored": -1}
+_CLOCKS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 _HALF = 0.5  # of the horizontal spread, up to which an axis of rotation is across the motion all the same
 
 
@@ -74,7 +75,7 @@ def find_frame(
     """
     gravity, first = find_gravity(recordings, stated.drag, limits.drag_sigmas), recordings[0]
     stated = replace(stated, unit=stated.unit or first.unit, order=stated.order or first.order)
-    scale, unit = _unit(gravity, stated.unit, first.source, limits)
+    scale, unit = _unit(gravity, stated.unit, first, limits)
     up, direction = _up(gravity, stated.up, first.source, limits)
     if first.quaternion is None:
         axes = np.stack((_right(np.array((up[1], -up[0]))), up))
@@ -114,14 +115,16 @@ def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:
     return (clue,) if gravity.drag else ()
 
 
-def _unit(gravity: Gravity, stated: str | None, source: str, limits: FrameThresholds) -> tuple[float, Clue]:
+def _unit(gravity: Gravity, stated: str | None, first: Recording, limits: FrameThresholds) -> tuple[float, Clue]:
     """Metres in the unit of length."""
+    source = first.source
     ratios = {name: gravity.size / (GRAVITY * factor) for name, factor in UNITS.items()}
     fits = {name: ratio for name, ratio in ratios.items() if abs(ratio - 1) <= limits.scale}
     allowed = 4 * gravity.error / gravity.size
     if stated is not None and abs(ratios[stated] - 1) > max(limits.scale, allowed):
         ratio = ratios[stated]
         other = next(iter(fits), None)
+        _check_clock(gravity, first, limits)
         hint = (
             f"is the unit {other}?"
             if other
@@ -132,6 +135,7 @@ def _unit(gravity: Gravity, stated: str | None, source: str, limits: FrameThresh
             "(data.unit, data.rate)"
         )
     if stated is None and len(fits) != 1:
+        _check_clock(gravity, first, limits)
         raise DataError(
             f"{source}: gravity is {gravity.size:.4g} ± {gravity.error:.2g} units of length per s², which is "
             f"9.81 m/s² in none of {', '.join(UNITS)}; state data.unit, and check the frame rate (data.rate)"
@@ -142,6 +146,19 @@ def _unit(gravity: Gravity, stated: str | None, source: str, limits: FrameThresh
         convention="unit", value=name, stated=stated is not None, quantity="gravity", number=number, unit="m/s²"
     )
     return 1 / UNITS[name], clue
+
+
+def _check_clock(gravity: Gravity, first: Recording, limits: FrameThresholds) -> None:
+    """Raise where gravity is 9.81 m/s² in a unit of length if time stamps are in thousandths of a second or less."""
+    for clock, factor in _CLOCKS.items():
+        size = gravity.size * factor**2
+        unit = next((name for name, count in UNITS.items() if abs(size / (GRAVITY * count) - 1) <= limits.scale), None)
+        if unit is not None:
+            raise DataError(
+                f"{first.source}: time stamps look like {clock}, with which gravity is "
+                f"{size / UNITS[unit]:.4g} m/s² in {unit}; leave them out (time: null in data.columns), and state "
+                f"data.rate={factor / mean_step(first.time):.4g}"
+            )
 
 
 def _axis(name: str, dimensions: int) -> Array:

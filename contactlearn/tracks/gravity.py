@@ -16,7 +16,7 @@ from contactlearn.errors import DataError
 from contactlearn.tracks.detection import frame_noise
 from contactlearn.tracks.flight import window_blocks, windows
 from contactlearn.tracks.thresholds import FrameThresholds
-from contactlearn.tracks.track import Array, Recording
+from contactlearn.tracks.track import Array, Recording, mean_step
 
 _DURATION = 0.06  # s of a window
 _NARROWEST, _WIDEST = 7, 61  # frames
@@ -102,9 +102,9 @@ def find_gravity(
         if best.sum() >= _FEWEST:
             return _shared(motions, best, drag, drag_sigmas)
     raise DataError(
-        f"{recordings[0].source}: no free flight is seen: no acceleration is common to the recordings; state units, up "
-        "and frame rate (data.unit, data.up, data.rate), and check that the body flies for "
-        f"{_DURATION:g} s or longer"
+        f"{recordings[0].source}: no free flight is seen: no acceleration is common to the recordings; check "
+        f"that frames are {mean_step(recordings[0].time):.4g} s apart (time stamps, data.rate), and that the body "
+        f"flies for {_DURATION:g} s or longer"
     )
 
 

@@ -142,6 +142,12 @@ def continuous(angle: Float[Array, " t"], time: Float[Array, " t"]) -> Float[Arr
     return out
 
 
+def mean_step(time: Float[Array, " t"]) -> float:
+    """Mean time between two frames, as time stamps are: rounded ones do no harm, nor do frames that are skipped."""
+    step = np.diff(time)
+    return float(np.mean(step[step <= 1.5 * np.median(step)]))
+
+
 def turn(angle: Any) -> Any:
     """The angle in rad, in [−π, π)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -98,7 +98,10 @@ def _recording(path: Path, name: str, table: pd.DataFrame, layout: Layout) -> Re
     if len(table) == 0:
         raise DataError(f"{path}: holds no frames")
     place = f"{path}: {name}" if layout.recording in table.columns else str(path)
-    time = _column(place, table, layout.time) if layout.time in table.columns else layout.times(len(table), str(path))
+    if layout.time is not None and layout.time in table.columns:
+        time = layout.checked(_column(place, table, layout.time), place)
+    else:
+        time = layout.times(len(table), str(path))
     if layout.markers:
         markers = np.stack([_columns(place, table, names) for names in layout.markers], 1)
         return pose_of_markers(markers, time, layout.places, name=name, source=str(path))

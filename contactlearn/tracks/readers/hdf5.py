@@ -37,12 +37,12 @@ def _recording(path: Path, name: str, group: Mapping[str, Any], layout: Layout) 
     angle = _values(group, layout.angle, ()) if layout.angle in group else _values(group, "angle", ())
     if position is None or (angle is None and quaternion is None):
         raise DataError(f"{path}: {name}: holds no position with angle or quaternion; it has {', '.join(group)}")
-    time = _values(group, layout.time, ())
+    time = None if layout.time is None else _values(group, layout.time, ())
     named = quaternion is not None and "quaternion" not in group
     return Recording(
         name=name,
         source=str(path),
-        time=layout.times(len(position), str(path)) if time is None else time,
+        time=layout.times(len(position), str(path)) if time is None else layout.checked(time, f"{path}: {name}"),
         position=position,
         angle=None if quaternion is not None else angle,
         quaternion=quaternion,

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from contactlearn.errors import DataError
-from contactlearn.tracks.track import Array, Recording
+from contactlearn.tracks.track import Array, Recording, mean_step
 
 LARGEST = 2**30
 """Bytes of a file that is read as one recording."""
+_APART = 0.01  # relative distance of a stated frame rate from that of the time stamps
 
 
 def _strings(names: Sequence[str]) -> tuple[str, ...]:
@@ -22,8 +23,8 @@ class Layout:
     """Names of columns; of each the first that the file has is taken.
 
     Args:
-        time: of the time in s.
-        rate: frames a second, for files without a column of times.
+        time: of the time in s; None if the frame rate says it.
+        rate: frames a second, for files without a column of times; one that contradicts this column is an error.
         position: of x and y, or of x, y and z.
         angle: of the angle in the plane.
         quaternion: of its four components; the order is read off names that end in w, x, y and z.
@@ -34,7 +35,7 @@ class Layout:
             then those of this body.
     """
 
-    time: str = "time"
+    time: str | None = "time"
     rate: float | None = None
     position: Sequence[str] = ("x", "y", "z")
     angle: str = "theta"
@@ -60,8 +61,25 @@ class Layout:
             DataError: there is none.
         """
         if self.rate is None:
+            if self.time is None:
+                raise DataError(f"{source}: has no times; state data.rate")
             raise DataError(f"{source}: has no column {self.time!r}; name it (data.columns.time), or state data.rate")
         return np.arange(frames) / self.rate
+
+    def checked(self, stamps: Array, source: str) -> Array:
+        """Time stamps, unless the stated frame rate is another one.
+
+        Raises:
+            DataError: they are more than 1 % apart.
+        """
+        if self.rate is None or len(stamps) < 2 or not (np.diff(stamps) > 0).all():  # the last is `Recording`'s error
+            return stamps
+        if abs(mean_step(stamps) * self.rate - 1) > _APART:
+            raise DataError(
+                f"{source}: frames are {mean_step(stamps):.4g} s apart by their time stamps, and {1 / self.rate:.4g} s "
+                f"by data.rate={self.rate:g}; leave out the wrong one, time stamps by time: null in data.columns"
+            )
+        return stamps
 
     def poses(self, path: Path, rows: Sequence[Sequence[float]], order: str) -> Recording:
         """Return the recording of rows of time, position in m and quaternion.

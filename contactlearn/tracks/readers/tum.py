@@ -22,6 +22,11 @@ def read(path: Path, layout: Layout) -> Iterator[Recording]:
     for number, row in enumerate(rows, 1):
         if len(row) != _COLUMNS:
             raise DataError(
-                f"{path}: frame {number} has {len(row)} numbers; a TUM line has {_COLUMNS}: t x y z qx qy qz qw"
+                f"{path}: is no TUM text, as which {path.suffix} is read: frame {number} has {len(row)} words, "
+                f"not the {_COLUMNS} numbers t x y z qx qy qz qw"
             )
-    yield layout.poses(path, [[*map(float, row)] for row in rows], "xyzw")
+    try:
+        frames = [[*map(float, row)] for row in rows]
+    except ValueError as error:
+        raise DataError(f"{path}: is no TUM text, as which {path.suffix} is read: {error}") from None
+    yield layout.poses(path, frames, "xyzw")
