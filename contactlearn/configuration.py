@@ -75,8 +75,8 @@ def explained(error: Exception, command: str, words: Sequence[str]) -> str:
 def _near_in_source(key: str, words: Sequence[str]) -> str:
     """The nearest setting of the data source that the words choose."""
     chosen = [word.removeprefix("data=") for word in words if word.startswith("data=")]
-    path = Path(CONFIGS, "data", f"{chosen[-1]}.yaml") if chosen else None
-    known = _content(path) if path is not None and path.exists() else {}
+    there = chosen and chosen[-1] in choices(Path(CONFIGS, "data"))
+    known = _content(Path(CONFIGS, "data", f"{chosen[-1]}.yaml")) if there else {}
     return suggest(key.removeprefix("data."), known) if key.startswith("data.") else ""
 
 

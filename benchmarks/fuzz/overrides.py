@@ -45,7 +45,7 @@ def read(content: bytes) -> None:
         settings.check(cfg)
         settings.effects(cfg)
     except (HydraException, OmegaConfBaseException) as error:
-        said = explained(error, command)
+        said = explained(error, command, words)
         if not said or "\n" in said:
             raise AssertionError(f"is no line: {said!r}") from error
         raise ContactLearnError(said) from error

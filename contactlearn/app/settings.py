@@ -264,6 +264,8 @@ def _effect(settings: dict[str, Any]) -> Effect:
     kind = subclass(target, Effect)
     try:
         effect = from_settings(kind, settings)
+        if not isinstance(getattr(effect, "formula", None), str):
+            raise ContactLearnError(f'{target} must say what it does, such as formula = "v_x⁺ ← v_x⁺ + u"')
         if not str(target).startswith("contactlearn."):
             _try(effect)
     except ContactLearnError:

@@ -195,15 +195,13 @@ class Effect(ABC):
 
 
 def check_decorated(kind: type[Effect]) -> None:
-    """Refuse a class without its decorator, by which parameters become fields, or without its formula.
+    """Refuse a class without its decorator, by which parameters become fields.
 
     Raises:
-        ContactLearnError: the class is no dataclass, or says no formula.
+        ContactLearnError: the class is no dataclass.
     """
     if "__dataclass_fields__" not in vars(kind):
         raise ContactLearnError(f"class {kind.__name__} must have @dataclass(frozen=True, eq=False) above it")
-    if not isinstance(getattr(kind, "formula", None), str):
-        raise ContactLearnError(f'class {kind.__name__} must say what it does: formula = r"v_x\' = v_x + u", say')
 
 
 def require_shape(effect: str, impacts: Impacts) -> None:
