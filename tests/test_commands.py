@@ -343,7 +343,7 @@ def test_a_stopped_evaluation_goes_on_behind_what_was_trained(tmp_path, monkeypa
         return train(key, size, *rest)
 
     monkeypatch.setattr(curves, "_train_one", last)
-    assert "1 trainings were finished before by the same command" in run(*command, cwd=tmp_path)
+    assert "finished before, and that are taken over: 1\n" in run(*command, cwd=tmp_path)
     assert sizes == [20, 10]
     assert not list(tmp_path.glob("outputs/*/.parts"))
     (done,) = tmp_path.glob("outputs/*/*/done.json")

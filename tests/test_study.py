@@ -12,6 +12,7 @@ from contactlearn.identification.shared import identify
 from contactlearn.impacts import Prediction
 from contactlearn.laws import find
 from contactlearn.learning import curves as study
+from contactlearn.learning.kept import kept_trainings
 from contactlearn.learning.recipe import Recipe, learn
 
 EXACT = 1e-12  # the same operations in another process or order
@@ -90,9 +91,15 @@ def test_curves_that_were_stopped_go_on_behind_what_was_trained(drops, curves, t
         assert found[name].converged == curve.converged
         assert torch.equal(found[name].density.distance, curve.density.distance)
         assert all(torch.equal(found[name].errors[metric], error) for metric, error in curve.errors.items())
-    (tmp_path / "wrench" / "10.npz").write_bytes(b"half of a file")  # what cannot be read is trained again
-    again()
-    assert trained == [("residual", 10), ("wrench", 10)]
+    whole_file = (tmp_path / "wrench" / "10.npz").read_bytes()
+    for damaged in (b"half of a file", b"", whole_file[:200], whole_file[:-30]):  # what cannot be read is trained again
+        del trained[:]
+        (tmp_path / "wrench" / "10.npz").write_bytes(damaged)
+        again()
+        assert trained == [("wrench", 10)]
+    (tmp_path / "wrench" / ".saving-x").mkdir()
+    (tmp_path / "wrench" / ".saving-x" / "30.npz").touch()  # of a process that was killed as it wrote
+    assert kept_trainings(tmp_path) == 4
 
 
 def test_transfer_learns_the_correction(drops):

@@ -3,6 +3,7 @@
 Each is one NumPy file, whole or not there.  What cannot be read is trained again.
 """
 
+import zlib
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,21 +47,21 @@ def save_trained(folder: Path, trained: Trained) -> None:
 def load_trained(folder: Path, key: tuple[str, ...], size: int) -> Trained | None:
     """Read a training; None if it was not finished."""
     try:
-        with np.load(_path(folder, key, size), allow_pickle=False) as held:
+        with _path(folder, key, size).open("rb") as file, np.load(file, allow_pickle=False) as held:
             prediction = Prediction(
                 torch.from_numpy(held["v_post"]),
                 torch.from_numpy(held["wrench"]),
                 torch.from_numpy(held["covariance"]) if "covariance" in held else None,
             )
             kind, converged = str(held["kind"]), float(held["converged"])
-    except (OSError, ValueError, KeyError, TypeError, BadZipFile):
+    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile, zlib.error):
         return None
     return Trained(key=key, size=size, prediction=prediction, kind=kind, converged=converged)
 
 
 def kept_trainings(folder: Path) -> int:
-    """Count the trainings in a folder and below it."""
-    return sum(1 for _ in folder.rglob("*.npz"))
+    """Count the trainings in a folder and below it; those that were being written are in hidden folders."""
+    return sum(not path.parent.name.startswith(".") for path in folder.rglob("*.npz"))
 
 
 def _path(folder: Path, key: tuple[str, ...], size: int) -> Path:

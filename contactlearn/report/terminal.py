@@ -82,7 +82,7 @@ def show_estimate(what: str, trials: int, seconds: float) -> None:
 def show_kept(trainings: int) -> None:
     """Print how many trainings an earlier call of the same command has finished, if any."""
     if trainings:
-        say(f"{trainings} trainings were finished before by the same command, and are taken over")
+        say(f"trainings that the same command has finished before, and that are taken over: {trainings}")
 
 
 def show_models(
