@@ -9,7 +9,8 @@ from scipy.optimize import linprog
 from contactlearn import checkpoint
 from contactlearn.data import synthetic
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
-from contactlearn.effects import State, find_effect
+from contactlearn.effects import State, catalogue, find_effect
+from contactlearn.evaluation.metrics import mass_error
 from contactlearn.identification.joint import assemble, identify_jointly
 from contactlearn.laws import find
 from contactlearn.mechanics import rotate
@@ -253,6 +254,55 @@ def test_friction_over_slip_is_that_of_a_ball_whose_slip_is_followed():
     change = taken - torch.minimum(0.03 * h * steps, first / w_tt)
     assert change.max() > 0.2 * taken.max()
     torch.testing.assert_close(impulse.abs(), taken, atol=0.01 * taken.max().item(), rtol=0.01)
+
+
+# --- Formulas as they stand on paper: of the state before contact, or added to what the law gives -----
+
+
+def on_paper(name, impacts, amount):
+    """Velocities after impact under Routh's law with a formula added by hand."""
+    slip, spin, (x, y) = impacts.v_c[:, 0], impacts.v_pre[:, 2], impacts.r.unbind(-1)
+    mu = {
+        "velocity_dependent_friction": 0.2 + amount * (slip.abs() - 1.0),
+        "directional_friction": 0.2 * (1 + amount * slip.sign()),
+    }.get(name, torch.full_like(slip, 0.2))
+    P_t, P_n, _ = (
+        ContactModel(find("wang_mason").at(mu[None], torch.full_like(mu, 0.6)[None]))
+        .predict(impacts)
+        .wrench[0]
+        .unbind(-1)
+    )
+    moment = {
+        "contact_patch": -amount * x * P_n,
+        "rolling_resistance": -amount * P_n * spin / (spin**2 + 1).sqrt(),
+    }.get(name, torch.zeros_like(x))
+    turn = (x * P_n - y * P_t + moment) / impacts.inertia
+    return impacts.v_pre + torch.stack((P_t / impacts.mass, P_n / impacts.mass, turn), -1)
+
+
+@pytest.mark.parametrize(
+    ("name", "form", "amount"),
+    [
+        ("velocity_dependent_friction", "initial", 0.05),
+        ("directional_friction", "initial", 0.3),
+        ("contact_patch", "after", 0.2),
+        ("rolling_resistance", "before", 0.0005),
+    ],
+)
+def test_a_formula_on_paper_has_its_form(name, form, amount):
+    """It is met where other forms of its effect leave five times as much or more, and its amount is found."""
+    impacts = drops(size=300)
+    thrown = torch.tensor((2.0, 0.0, 10.0)) * torch.randn(300, 3, generator=seeded(2), dtype=torch.float64)
+    impacts = impacts.replace(v_pre=impacts.v_pre + thrown, suspect=True)
+    impacts = impacts.replace(v_post=on_paper(name, impacts, amount))
+    left = {}
+    for kind in catalogue()[name]:
+        fit = identify_jointly(find("wang_mason"), {"it": kind()}, impacts)
+        left[kind.form] = mass_error(impacts, fit.model.predict(impacts)).mean().item()
+    assert left.pop(form) < 0.2 * min(left.values()), left
+    found = identify_jointly(find("wang_mason"), {"it": find_effect(name, form)()}, noisy(impacts, impacts.v_post))
+    if name != "velocity_dependent_friction":  # whose rises depend on the knots
+        assert_found(found, torch.tensor((0.2, 0.6, amount, 0.0)[: len(found.values)], dtype=torch.float64))
 
 
 def test_a_step_is_found_where_it_is():

@@ -9,7 +9,7 @@ from torch import Tensor
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.curve import ArmCurve
 from contactlearn.effects.path import retraced
-from contactlearn.effects.state import State
+from contactlearn.effects.state import State, columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,9 +18,10 @@ class ContactPatch(Effect):
 
         linear    c − k r_x
         curve     c + s(r_x), see `contactlearn.effects.curve`
+        after     c − k r_x, of the impulse that the law gives
 
-    The contact responds while it lasts, so that v_n⁺ stays (`path.retraced`).  It is not a resistance to
-    rolling, which follows the spin (`rolling_resistance`).
+    In the first two the contact responds while it lasts, so that v_n⁺ stays (`path.retraced`).  It is not a
+    resistance to rolling, which follows the spin (`rolling_resistance`).
     """
 
     source = "finite contact area"
@@ -59,3 +60,20 @@ class ContactPatchCurve(ArmCurve, ContactPatch):
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         return retraced(state, wrench, arm=self.c + self.change(self.along(state)))
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPatchAfter(ContactPatch):
+    """The arm is c − k r_x, and its moment is added to what the law gives.
+
+    The contact does not respond to it (`LinearContactPatch`).
+    """
+
+    form = "after"
+    formula = "τ ← τ − k r_x P_n + c P_n"
+    k: Tensor | float = parameter("k", "–", -1.0, 1.0)
+    c: Tensor | float = parameter("c", "m", -0.01, 0.01)
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        P_t, P_n, tau = wrench.unbind(-1)
+        return columns(P_t, P_n, tau + (self.c - self.k * state.r[..., 0]) * P_n)

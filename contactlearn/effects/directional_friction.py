@@ -1,5 +1,6 @@
 """The floor has a grain: it is rougher one way than the other."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 from jaxtyping import Float
@@ -12,18 +13,45 @@ from contactlearn.effects.state import State
 
 @dataclass(frozen=True, eq=False)
 class DirectionalFriction(Effect):
-    """μ (1 + a) against slip to the right and μ (1 − a) against slip to the left, at every instant.
+    """μ (1 + a) against slip to the right and μ (1 − a) against slip to the left.
+
+        instant    of the slip at every instant, which may reverse
+        initial    of the slip before contact
 
     What this changes of Routh's path is added to what the law gives (`path.retraced`).  It is not a tilt of the
     floor, which also acts where the contact sticks at once (`surface_tilt`).
     """
 
-    formula = "μ ← μ (1 + a sign v_t) at every instant"
     source = "surface texture"
     mirror_symmetric = False
     adds_energy = True
+
+    @abstractmethod
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        """Return the wrench under the frictions of both directions."""
+
+
+@dataclass(frozen=True, eq=False)
+class InstantDirectionalFriction(DirectionalFriction):
+    """μ (1 + a sign v_t), with the slip at every instant.  It may reverse (`InitialDirectionalFriction`)."""
+
+    form = "instant"
+    formula = "μ ← μ (1 + a sign v_t) at every instant"
     a: Tensor | float = parameter("a", "–", -0.9, 0.9)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         (mu, _), grain = state.coefficients, self.a * state.v_t.sign()
         return retraced(state, wrench, friction=(mu * (1 + grain), mu * (1 - grain)))
+
+
+@dataclass(frozen=True, eq=False)
+class InitialDirectionalFriction(DirectionalFriction):
+    """μ (1 + a sign v_t), with the slip before contact, also where it reverses (`InstantDirectionalFriction`)."""
+
+    form = "initial"
+    formula = "μ ← μ (1 + a sign v_t), v_t before contact"
+    a: Tensor | float = parameter("a", "–", -0.9, 0.9)
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        (mu, _), grain = state.coefficients, self.a * state.v_t.sign()
+        return retraced(state, wrench, friction=(mu * (1 + grain), mu * (1 + grain)))

@@ -10,7 +10,7 @@ from torch import Tensor
 from contactlearn.effects.base import Effect, known, parameter
 from contactlearn.effects.curve import ArmCurve
 from contactlearn.effects.path import retraced
-from contactlearn.effects.state import State
+from contactlearn.effects.state import State, columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,9 +19,10 @@ class RollingResistance(Effect):
 
         smoothed    c s̄, with the mean sign of the spin
         curve       s(|ω̄|) sign(ω̄), ω̄ the mean of ω and ω⁺, see `contactlearn.effects.curve`
+        before      c sign(ω), with the spin before contact
 
-    The contact responds while it lasts (`path.retraced`).  It is not damping in proportion to the spin and the moment
-    of inertia (`spin_damping`).
+    In the first two the contact responds while it lasts (`path.retraced`).  It is not damping in proportion to the
+    spin and the moment of inertia (`spin_damping`).
     """
 
     source = "Johnson 1985, §8.3"
@@ -34,7 +35,15 @@ class RollingResistance(Effect):
 
 
 @dataclass(frozen=True, eq=False)
-class SmoothedRollingResistance(RollingResistance):
+class _ConstantArm:
+    """Mixin: an arm c in m, half a width, that fades below a spin `omega_s` in rad/s."""
+
+    c: Tensor | float = parameter("c", "m", 0.0, 0.005)
+    omega_s: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedRollingResistance(_ConstantArm, RollingResistance):
     """τ → τ − c P_n s̄, where s̄ is the mean sign of the spin on its way from ω to ω⁺; c is half a width.
 
         s̄ = (ω⁺ + ω) / (√(ω⁺² + ω_s²) + √(ω² + ω_s²)),      the mean of ω/√(ω² + ω_s²)
@@ -45,16 +54,11 @@ class SmoothedRollingResistance(RollingResistance):
 
     form = "smoothed"
     formula = "τ ← τ − c P_n s̄ while the contact lasts, s̄ the mean sign of the spin"
-    c: Tensor | float = parameter("c", "m", 0.0, 0.005)
-    omega_s: float = 1.0  # rad/s below which the moment fades
-
-    def __post_init__(self):
-        super().__post_init__()
-        known(self.omega_s)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         before, after = state.omega, state.v_after(wrench)[..., 2]
-        size = (before.square() + self.omega_s**2).sqrt() + (after.square() + self.omega_s**2).sqrt()
+        fades = known(self.omega_s) ** 2
+        size = (before.square() + fades).sqrt() + (after.square() + fades).sqrt()
         arm = self.c * (before + after) / size
         most = state.inertia * after.abs() / wrench[..., 1].clamp_min(1e-300)
         return retraced(state, wrench, arm=-torch.maximum(torch.minimum(arm, most), -most))
@@ -78,3 +82,20 @@ class RollingResistanceCurve(ArmCurve, RollingResistance):
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         mean = (state.omega + state.v_after(wrench)[..., 2]) / 2
         return retraced(state, wrench, arm=-mean.sign() * self.change(mean.abs()))
+
+
+@dataclass(frozen=True, eq=False)
+class RollingResistanceBefore(_ConstantArm, RollingResistance):
+    """τ → τ − c P_n ω/√(ω² + ω_s²), with the spin ω that the body comes in with.
+
+    The contact does not respond to it, and it goes on where the spin is reversed (`SmoothedRollingResistance`).
+    """
+
+    form = "before"
+    formula = "τ ← τ − c P_n sign(ω), smoothed, ω the spin before contact"
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        P_t, P_n, tau = wrench.unbind(-1)
+        return columns(
+            P_t, P_n, tau - self.c * P_n * state.omega / (state.omega.square() + known(self.omega_s) ** 2).sqrt()
+        )

@@ -24,6 +24,7 @@ class VelocityDependentFriction(Effect):
         viscous    μ + c v
         stribeck   μ (1 + d exp(−v/v_s))      more friction at little slip
         curve      μ + s(v), see `contactlearn.effects.curve`
+        initial    μ + s(|v_t|), of the slip before contact alone, without the average
 
     The slip goes from |v_t| to its `final_slip` and stays longest where it is braked least, dP_n = dv/b(v) with the
     braking b of Routh's path; the average is Simpson's.
@@ -76,6 +77,21 @@ class FrictionOverSlip(CoefficientCurve, VelocityDependentFriction):
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
         return mu + _mean(self.change, state, mu, eps), eps
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionOverInitialSlip(CoefficientCurve, VelocityDependentFriction):
+    """μ → μ + s(|v_t|): one coefficient for the whole contact, as its first slip has it (`FrictionOverSlip`)."""
+
+    form = "initial"
+    formula = "μ ← μ + s(|v_t|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
+    variable, unit = "|v_t|", "m/s"
+
+    def along(self, state: State) -> Float[Tensor, "... n"]:
+        return state.v_t.abs()
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        return mu + self.change(self.along(state)), eps
 
 
 def _mean(
