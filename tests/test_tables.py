@@ -121,6 +121,23 @@ def test_names_may_be_exchanged(tmp_path, drops):
     assert_close(table.load(written(tmp_path / "own.csv", columns), columns={"vx": "vy", "vy": "vx"}), drops)
 
 
+def test_velocities_before_impact_may_be_called_so(tmp_path, drops):
+    """As those after impact are; names that are given or written as ours go first, and covariances keep theirs."""
+    columns = columns_of(drops)
+    before = {f"{name}_pre" if name in ("vx", "vy", "omega") else name: values for name, values in columns.items()}
+    assert_close(table.load(written(tmp_path / "own.csv", before)), drops)
+    turned = before | {"vx_pre": columns["vy"], "vy_pre": columns["vx"]}
+    mapped = {"vx": "vy_pre", "vy": "vx_pre"}
+    assert_close(table.load(written(tmp_path / "own.csv", turned), columns=mapped), drops)
+    both = table.read(written(tmp_path / "own.csv", columns | {"vx_pre": [0.0] * len(drops)}))
+    assert both.unused == ("vx_pre",)
+    assert_close(both.impacts, drops)
+    for name in ("omega_pre", "vx_pre"):
+        part = {key: values for key, values in before.items() if key != name}
+        with pytest.raises(DataError, match=f"missing column {name.removesuffix('_pre')}"):
+            table.load(written(tmp_path / "own.csv", part))
+
+
 def test_errors_tell_the_files_column_and_the_value_as_written(tmp_path, drops):
     names, units = {"vy": "sink rate", "mass": "weight"}, {"length": "mm", "time": "ms", "mass": "g"}
     own = {names.get(name, name): values for name, values in columns_of(drops).items()}
@@ -203,9 +220,9 @@ BAD_HEADER = {
         ],
     ),
     "two near one": (
-        {"vx": "v_x", "vy": None, "omega_post": "_omega_post", "omega": "omega_pre"},
+        {"vx": "v_x", "vy": None, "omega_post": "_omega_post", "omega": "omega_b"},
         SHAPE,
-        ["data.columns={vx: v_x, omega: omega_pre, omega_post: _omega_post, vy: …}'"],
+        ["data.columns={vx: v_x, omega: omega_b, omega_post: _omega_post, vy: …}'"],
     ),
     "capitals": ({"trial": "Trial"}, None, ["unknown column 'Trial', did you mean 'trial'?"]),
 }

@@ -3,6 +3,7 @@
     columns={vx: speed_x}       the file's column speed_x is our vx
     columns={inertia: null}     the file has no inertia, whatever its columns are called
 
+`vx_pre, vy_pre, omega_pre` are understood as `vx, vy, omega` where the file does not have these.
 A column that is unknown and near a missing known one is a slip and refused; other unknown columns are not used.
 Where the body's shape is known, `rx, ry` may be left out, and `inertia` as well.
 """
@@ -21,6 +22,7 @@ from contactlearn.impacts import COMPONENTS, COVARIANCES, OPTIONAL
 NAMES = ("trial", "object")
 COLUMNS = NAMES + tuple(column for columns in (COMPONENTS | COVARIANCES | known.PAIRS).values() for column in columns)
 REQUIRED = tuple(column for field, columns in COMPONENTS.items() if field not in OPTIONAL for column in columns)
+BEFORE = {f"{column}_pre": column for column in COMPONENTS["v_pre"]}
 COMPUTED = {"inertia": ("inertia",), "r": ("rx", "ry")}
 """Columns, by the field that they fill, that a known shape may replace."""
 
@@ -53,6 +55,8 @@ def name_columns(cells: Sheet, mapped: Mapping[str, str | None] | None, *, shape
     names = _checked(cells, mapped)
     taken = {name for name in names.values() if name is not None}
     ours = {name: name for name in cells.header if name in COLUMNS and name not in names and name not in taken}
+    before = {column: name for name, column in BEFORE.items() if name in cells.header and name not in taken}
+    ours |= {column: name for column, name in before.items() if column not in ours and column not in names}
     ours |= {column: name for column, name in names.items() if name is not None}
     _refuse_repeated(cells, [*ours.values()])
     unused = tuple(name for name in cells.header if name not in ours.values())
