@@ -35,6 +35,8 @@ class Said:
     corrections: list[str] = field(default_factory=list)
     succession: dict[str, Any] | None = None
     """What follows the sequence of the trials, by `coefficient`, `follows`, `trials`, `share` and its `words`."""
+    remainder: dict[str, Any] | None = None
+    """All that is said of what remains, as `Remainder` has it."""
     seconds: float = 0.0
     error: str = ""
 
@@ -73,6 +75,7 @@ def written(name: str, found: Diagnosis) -> Said:
         simpler=None if found.simpler is None else [one.name for one in found.simpler.effects],
         corrections=[str(one) for one in found.corrections],
         succession=None if found.remainder is None else _succession(found.remainder.succession),
+        remainder=None if found.remainder is None else asdict(found.remainder),
     )
 
 
