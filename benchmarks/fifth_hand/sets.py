@@ -19,10 +19,11 @@ KINDS = {
     "unknown, of the state": STATE,
     "unknown, along the sequence": SEQUENCE,
 }
-_SEEDED = [(100 * (k + 1) + i, kind) for k, kind in enumerate(KINDS) for i in range(len(KINDS[kind]))]
-_NUMBERS = [f"{number + 1:02d}" for number in np.random.default_rng(_SEED + 7).permutation(len(_SEEDED))]
-_SEEDS, KIND = ({name: one[j] for name, one in sorted(zip(_NUMBERS, _SEEDED, strict=True))} for j in (0, 1))
-"""Kind of the set of each number."""
+_IN_ORDER = [100 * (k + 1) + i for k, scenes in enumerate(KINDS.values()) for i in range(len(scenes))]
+_NUMBERS = [f"{number + 1:02d}" for number in np.random.default_rng(_SEED + 7).permutation(len(_IN_ORDER))]
+_SEEDS = dict(sorted(zip(_NUMBERS, _IN_ORDER, strict=True)))
+KIND = {name: list(KINDS)[seed // 100 - 1] for name, seed in _SEEDS.items()}
+"""Of the set of each number."""
 SETS: dict[str, Scene] = {name: KINDS[KIND[name]][seed % 100] for name, seed in _SEEDS.items()}
 
 
