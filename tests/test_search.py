@@ -204,6 +204,9 @@ def test_a_search_without_time_says_so():
     assert not found.complete
     assert found.models
     assert found.frontier[0].effects == ()
+    assert found.missing == ()  # what is missing is one of those that were not tried
+    assert found.physics == found.verdict == "unfinished"
+    assert "the search ran out of time" in headline(found)
 
 
 def test_a_wrong_law_that_was_given_is_called_wrong():

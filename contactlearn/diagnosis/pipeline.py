@@ -184,7 +184,7 @@ def _assembled(
         laws = [LawFit.of(study.alone(study.laws[fit.name], selection.impacts), fit.error) for fit in laws]
     if missing:
         laws = [replace(fit, error_with_effects=selection.error_around(study.laws[fit.name])) for fit in laws]
-    physics = _physics(missing, rest, laws, study.thresholds)
+    physics = _physics(missing, rest, laws, selection.complete, study.thresholds)
     return Diagnosis(
         verdict=Verdict.BAD_DATA if any(finding.mistake for finding in findings) else physics,
         physics=physics,
@@ -280,10 +280,14 @@ def _frontier(study: Study, selection: Selection) -> tuple[FrontierModel, ...]:
 
 
 def _physics(
-    missing: Sequence[MissingEffect], rest: Unexplained, laws: Sequence[LawFit], thresholds: Thresholds
+    missing: Sequence[MissingEffect], rest: Unexplained, laws: Sequence[LawFit], complete: bool, thresholds: Thresholds
 ) -> Verdict:
-    """The verdict about the corrected data: unknown where much is predictable, or a better law is known."""
-    better = clearly_better(laws, rest.budget.named.mean, thresholds)
-    if rest.learned.remainder.unknown or better is not None:
+    """The verdict about the corrected data: unknown where much is predictable, or a better law is known.
+
+    What is predictable is unknown to a complete search alone.
+    """
+    if clearly_better(laws, rest.budget.named.mean, thresholds) is not None:
         return Verdict.UNKNOWN
+    if rest.learned.remainder.unknown:
+        return Verdict.UNKNOWN if complete else Verdict.UNFINISHED
     return Verdict.EFFECTS if missing else Verdict.NONE

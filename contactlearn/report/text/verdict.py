@@ -14,6 +14,7 @@ VERDICTS = {
     Verdict.EFFECTS: "effects are missing",
     Verdict.NONE: "no missing effect is detectable",
     Verdict.UNKNOWN: "an unknown effect is missing",
+    Verdict.UNFINISHED: "something is missing, and the search ran out of time",
     Verdict.BAD_DATA: "the measurements are inconsistent",
 }
 """Each verdict in a clause."""
@@ -59,6 +60,9 @@ def _finding(found: Diagnosis, law: str, effects: str) -> str:
             return f"{known}, and something unknown besides{_size_of(found.budget.shares)}: {rest}."
         rest = _unexplained(found, "no effect of the catalogue explains its error")
         return f"An unknown effect is missing from {law}: {rest}.{known}"
+    if found.physics == Verdict.UNFINISHED:
+        besides = f"{opened(effects)} {verb} missing from {law}, and something besides" if effects else ""
+        return f"{besides or f'Something is missing from {law}'}; the search ran out of time before it was found."
     if effects:
         rest = "; no known effect explains the predictable part of the residual" if predictable else ""
         return f"{opened(effects)} {verb} missing from {law}{_rivals(found.missing)}{rest}."
