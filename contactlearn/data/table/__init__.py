@@ -64,7 +64,7 @@ class Table:
 
 def load(
     path: str | os.PathLike[str],
-    shape: dict[str, Any] | Shape | None = None,
+    shape: Mapping[str, Any] | Shape | None = None,
     columns: Mapping[str, str | None] | None = None,
     units: Mapping[str, str] = SI,
     *,
@@ -77,7 +77,7 @@ def load(
 def read(
     path: str | os.PathLike[str],
     *,
-    shape: dict[str, Any] | Shape | None = None,
+    shape: Mapping[str, Any] | Shape | None = None,
     columns: Mapping[str, str | None] | None = None,
     units: Mapping[str, str] = SI,
     suspect: bool = False,
@@ -114,7 +114,7 @@ def read_blocks(
     suspect: bool = False,
     units: Mapping[str, str] = SI,
     columns: Mapping[str, str | None] | None = None,
-    shape: dict[str, Any] | Shape | None = None,
+    shape: Mapping[str, Any] | Shape | None = None,
 ) -> Iterator[Table]:
     """Impacts from the table file `path`, `rows` at a time, so that the file need not fit in memory.
 
