@@ -8,7 +8,7 @@ trial's body (`Impacts.body`, `State.body`), in one pass over the few shapes tha
     each_body(shape, body, value)   any other value of a trial that its body's shape gives
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -116,6 +116,20 @@ def complete_shapes(shape: AnyShape | None, names: Sequence[str], source: str) -
             column="object",
         )
     return Shapes.of(shape)
+
+
+def refuse_strangers(shapes: Mapping[str, Shape], names: Collection[str], source: str) -> None:
+    """Refuse shapes of bodies that are none of those with these names: they are slips of the pen.
+
+    Raises:
+        DataError: naming the first of them.
+    """
+    for name in shapes:
+        if name not in names:
+            raise DataError(
+                f"{source}: data.shape.{name} is of no body of the table{suggest(name, names)}; its column object has "
+                f"{', '.join(names)}"
+            )
 
 
 def make_shapes(spec: Mapping[str, Any] | Shape | None) -> AnyShape | None:

@@ -190,6 +190,8 @@ def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:
     entries = dict(spec)
     kind = str(entries.pop("kind", "none"))
     if kind not in KINDS:
+        if any(isinstance(value, Mapping) for value in entries.values()):
+            raise DataError(f"one shape is needed here, {{kind: …}}, for all; got one for each of {', '.join(spec)}")
         raise UnknownNameError("shape kind", kind, KINDS)
     try:
         return KINDS[kind](**{key: _plain(value) for key, value in entries.items()})
