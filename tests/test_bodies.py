@@ -360,3 +360,20 @@ def test_the_audit_command_and_export_take_shapes_by_body(files):
     wrong = SETTING.replace("beech", "beach")
     printed = run("contactlearn", "audit", "both.csv", wrong, cwd=files, status=2)
     assert "'beech' must have a shape, did you mean 'beach'?" in printed
+
+
+def test_the_workbench_takes_shapes_by_body(files):
+    pytest.importorskip("dash")
+    from contactlearn.workbench.arrays import of_data
+    from contactlearn.workbench.models import Models
+    from contactlearn.workbench.session import Session
+
+    session = Session(
+        data=("data=table", f"data.path={files / 'both.csv'}", SETTING), effects=(EffectId("shape_error", None),)
+    )
+    models = Models()
+    impacts, fitted = models.split(session).impacts, models.fitted(session)
+    assert impacts.shape == make_shapes(SPECS)
+    assert [*of_data(impacts, fitted.fit.model.predict(impacts))["outlines"]] == ["oak", "beech"]
+    other = Session(data=(*session.data[:2], SETTING.replace("0.035", "0.036")))
+    assert models.fingerprint(other) != models.fingerprint(session)
