@@ -12,6 +12,7 @@ it is made.
     v_pre_cov, v_post_cov  [N, 3, 3]       optional: covariances of the errors of v_pre and v_post
     order              [N]                 place in the sequence of measurements; 1, 2, 3 … if left out
     trial, object      tuples of N names
+    shape                              optional: that of all bodies, or by object (`contactlearn.bodies`)
     apparatus                          optional: what is known of it without any impact
 """
 
@@ -26,10 +27,10 @@ from torch import Tensor
 
 from contactlearn import mechanics
 from contactlearn.apparatus import Apparatus
+from contactlearn.bodies import AnyShape, body_codes, complete_shapes
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.fingerprint import Fingerprint
 from contactlearn.numerics import random_share
-from contactlearn.shapes import Shape
 
 _PAIRS = ("vx_vx", "vx_vy", "vx_omega", "vy_vy", "vy_omega", "omega_omega")
 _ROUNDING = 1e-9  # of a correlation
@@ -89,7 +90,7 @@ class Impacts:
     order: Float[Tensor, "n"] = field(default=None)  # pyright: ignore[reportAssignmentType]  (filled in below)
     trial: tuple[str, ...] = ()
     object: tuple[str, ...] = ()
-    shape: Shape | None = None
+    shape: AnyShape | None = None
     apparatus: Apparatus | None = field(default=None, kw_only=True)
     source: str = field(default="unnamed", kw_only=True)
     suspect: bool = field(default=False, kw_only=True)
@@ -128,14 +129,13 @@ class Impacts:
             if "" in getattr(self, name):
                 row = getattr(self, name).index("") + 1
                 raise DataError(f"{self.source}: row {row}, column {name}: must have a name, got an empty one", row=row)
+        object.__setattr__(self, "shape", complete_shapes(self.shape, self.object, self.source))
         for name, columns in COMPONENTS.items():
-            value = getattr(self, name)
-            if value is None:
+            if (value := getattr(self, name)) is None:
                 continue
             for column, values in zip(columns, value.reshape(n, -1).unbind(-1), strict=True):
                 self._refuse(~torch.isfinite(values), column, values, "must be a finite number")
-        for column in ("mass", "inertia"):
-            values = getattr(self, column)
+        for column, values in (("mass", self.mass), ("inertia", self.inertia)):
             self._refuse(values <= 0, column, values, "must be positive (kg, kg m²)")
         for name, columns in COVARIANCES.items():
             if getattr(self, name) is not None:
@@ -153,8 +153,7 @@ class Impacts:
     def _refuse_covariance(self, name: str, columns: Sequence[str]) -> None:
         """Refuse what is no covariance, and make it symmetric to the last bit."""
         value: Tensor = getattr(self, name)
-        for k, column in enumerate(columns):
-            i, j = UPPER[0][k], UPPER[1][k]
+        for column, i, j in zip(columns, *UPPER, strict=True):
             both = torch.stack((value[:, i, j], value[:, j, i]), -1)
             self._refuse(~torch.isfinite(both).all(-1), column, value[:, i, j], "must be a finite number")
             size = (value[:, i, i].abs() * value[:, j, j].abs()).sqrt()
@@ -174,13 +173,12 @@ class Impacts:
     def _refuse_homonyms(self) -> None:
         seen: dict[str, int] = {}
         for row, name in enumerate(self.trial, 1):
-            if name in seen:
+            if (first := seen.setdefault(name, row)) != row:
                 raise DataError(
                     f"{self.source}: trial names must be unique; row {row}, column trial repeats {name!r} "
-                    f"of row {seen[name]} (data.correct=[drop_duplicates] drops rows that repeat others)",
+                    f"of row {first} (data.correct=[drop_duplicates] drops rows that repeat others)",
                     row=row,
                 )
-            seen[name] = row
 
     def _refuse(self, bad: Tensor, column: str, values: Tensor, rule: str) -> None:
         if bool(bad.any()):
@@ -216,6 +214,11 @@ class Impacts:
     def replace(self, **changes: Any) -> "Impacts":
         """A copy with some fields changed, validated again."""
         return replace(self, **changes)
+
+    @cached_property
+    def body(self) -> Int[Tensor, "n"]:
+        """Number of each trial's body, `contactlearn.bodies.body_code` of its name."""
+        return body_codes(self.object).to(self.mass.device)
 
     @cached_property
     def W(self) -> Float[Tensor, "n 2 2"]:

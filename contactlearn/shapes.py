@@ -142,6 +142,13 @@ class Polygon:
         corners = torch.tensor(self.vertices, dtype=direction.dtype, device=direction.device)
         return corners[(direction @ corners.T).argmax(-1)]
 
+    def lowest_corners(self, theta: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 2"], Float[Tensor, "n 2"]]:
+        """The lowest vertex and the next at orientations θ [N] in rad, from the centre of mass in world axes, m."""
+        corners = rotate(torch.tensor(self.vertices, dtype=theta.dtype, device=theta.device), theta[:, None])
+        every = torch.arange(len(theta), device=theta.device)
+        first, second = corners[..., 1].topk(2, largest=False).indices.unbind(-1)
+        return corners[every, first], corners[every, second]
+
     def gyration_squared(self) -> float:
         """ρ² = Σ A_k (|p|² + p·q + |q|²) / (6 Σ A_k) over the triangles from the origin to each side (p, q).
 
@@ -183,6 +190,8 @@ def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:
     entries = dict(spec)
     kind = str(entries.pop("kind", "none"))
     if kind not in KINDS:
+        if any(isinstance(value, Mapping) for value in entries.values()):
+            raise DataError(f"one shape is needed here, {{kind: …}}, for all; got one for each of {', '.join(spec)}")
         raise UnknownNameError("shape kind", kind, KINDS)
     try:
         return KINDS[kind](**{key: _plain(value) for key, value in entries.items()})

@@ -1,7 +1,8 @@
 """Compare two bodies.
 
-Are two bodies of one shape made of the same stuff, as far as contact can tell? Their drops go into one table, with a
-column that names the body; a law with its own restitution for each answers with a difference and its standard error.
+Are two bodies made of the same stuff, as far as contact can tell? Their drops go into one table, with a column that
+names the body, and each has its own shape. A law with its own restitution for each answers with a difference and its
+standard error.
 """
 
 import pandas as pd
@@ -16,17 +17,21 @@ from contactlearn.report.figures.comparison import error_comparison
 
 chosen = settings(trials=150, first=0.55, second=0.52)
 
-# Two campaigns of synthetic drops, ε = 0.55 and 0.52 unless the command line says otherwise, under one law with the
-# same friction.
-shape = {"kind": "ellipse", "semi_axes": [0.035, 0.025]}
+# Two campaigns of synthetic drops, of a round and of a slender ellipse, under one law with the same friction; ε = 0.55
+# and 0.52 unless the command line says otherwise.
+shapes = {
+    "oak": {"kind": "ellipse", "semi_axes": [0.035, 0.025]},
+    "beech": {"kind": "ellipse", "semi_axes": [0.045, 0.018]},
+}
 frames = []
 for seed, (body, eps) in enumerate({"oak": chosen.first, "beech": chosen.second}.items()):
-    path = table.save(synthetic.load(size=chosen.trials, eps=eps, seed=seed), chosen.out / f"{body}.csv")
+    drops = synthetic.load(size=chosen.trials, eps=eps, shape=shapes[body], seed=seed)
+    path = table.save(drops, chosen.out / f"{body}.csv")
     frames.append(
         pd.read_csv(path).assign(object=body, trial=lambda frame, body=body: body + frame["trial"].astype(str))
     )
 pd.concat(frames).drop(columns="order").to_csv(chosen.out / "both.csv", index=False)
-impacts = table.load(chosen.out / "both.csv", shape=shape)
+impacts = table.load(chosen.out / "both.csv", shape=shapes)
 print(impacts)
 
 # A model that takes both for one, and one with a restitution and a friction for each, are fitted to one half of the

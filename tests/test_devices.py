@@ -14,6 +14,7 @@ from second_device import second_device
 from torch import Tensor
 
 from contactlearn import checkpoint, devices, laws
+from contactlearn.bodies import lowest
 from contactlearn.data import synthetic
 from contactlearn.devices import moved
 from contactlearn.effects import State, catalogue, find_effect
@@ -182,6 +183,20 @@ def test_effects(kind, drops, device):
             derivative(outcome.v_post, own),
             partial_residuals(moved(model, drops.mass.device), drops, "it"),
             changes(batch, drops, ["it"]),
+        )
+
+    assert_alike(computed(moved(drops, device)), computed(drops), device, CLOSED_FORM)
+
+
+def test_contact_points_of_several_bodies(drops, device):
+    drops = drops.replace(shape={"first": drops.shape, "second": HEXAGON, "third": drops.shape})
+
+    def computed(drops):
+        state = State.of(drops).replace(corner=0.002)
+        return (
+            lowest(drops.shape, drops.body, drops.q[:, 2]),
+            state.lowest(state.theta),
+            HEXAGON.lowest_corners(state.theta),
         )
 
     assert_alike(computed(moved(drops, device)), computed(drops), device, CLOSED_FORM)

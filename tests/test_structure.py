@@ -28,6 +28,7 @@ ORDER = (
     ("errors", "lazy"),
     ("numerics", "serialisation", "devices"),
     ("shapes", "mechanics", "apparatus", "fingerprint"),
+    ("bodies",),
     ("impacts",),
     ("noise_weight",),
     ("tracks",),

@@ -16,7 +16,8 @@ def ask(name: str, seconds: float) -> dict:
         path = Path(folder, f"{name}.csv")
         sets.write(sets.draw(name), path)
         columns = {column.removesuffix("_pre"): column for column in sets.BEFORE}
-        return hear(path, sets.SETS[name].bodies, seconds, columns)
+        outlines = {f"body{k}": body.shape for k, body in enumerate(sets.SETS[name].bodies, 1)}
+        return hear(path, outlines, seconds, columns)
 
 
 @dataclass(frozen=True, kw_only=True)

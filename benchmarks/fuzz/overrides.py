@@ -24,6 +24,7 @@ WORDS = (
     "evaluate\ntrain.size=50\nmodel=[x1_wrench]",
     "train\neffect=[surface_tilt,spin_damping]\neffect.spin_damping.form=during",
     "diagnose\ndata=table\ndata.path=drops.csv\ndata.shape={kind: disc, radius: 0.02}\nlaw=best",
+    "evaluate\ndata=table\ndata.path=drops.csv\ndata.shape={body: {kind: disc, radius: 0.02}}",
     'evaluate\n+effect.mine.tau="-c*rx*Pn"\n+effect.mine.parameters.c=[-1,1]\ntest=0.3\nseed=7',
     "train\nlaw=chatterjee_ruina\nlaw.e_t=0.2\ntrain.mu=[0,1]\n+limits.mu=[-3,-1]",
     "evaluate\nexperiment=fazeli2017\ncurves.sizes=[10,20]\n~transfer.bodies.rod",

@@ -16,10 +16,11 @@ UNITS = ({}, {"length": "mm", "angle": "deg", "time": "ms", "mass": "g", "rotati
 def read(content: bytes) -> None:
     """Read a table as a setting would have it."""
     how = content[0] if content else 0
+    shape = SHAPES[how >> 1 & 3]
     with file(content[1:], ".parquet" if how & 1 else ".csv") as path:
         table.read(
             path,
-            shape=SHAPES[how >> 1 & 3],
+            shape={"body": shape, "oak": SHAPES[1]} if how & 128 else shape,
             columns=NAMES[how >> 3 & 1],
             units=UNITS[how >> 4 & 1],
             suspect=bool(how & 32),
@@ -30,8 +31,9 @@ def read(content: bytes) -> None:
 def seeds() -> list[bytes]:
     """Tables as the program writes them, in both formats and a few variants."""
     found = []
-    for how in (0, 1, 2, 3, 32, 33, 64, 65, 97, 18):
+    for how in (0, 1, 2, 3, 32, 33, 64, 65, 97, 18, 132, 133):
         drops = synthetic.load(size=2, seed=how)
+        drops = drops.replace(object=("body", "oak")) if how & 128 else drops
         suffix = ".parquet" if how & 1 else ".csv"
         with file(b"", suffix) as path:
             path.unlink()

@@ -1,7 +1,7 @@
 """What a diagnosis said of a set, and its score."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -46,16 +46,22 @@ def ask(name: str, seconds: float) -> dict:
     with TemporaryDirectory() as folder:
         path = Path(folder, f"{name}.csv")
         sets.write(sets.draw(name), path)
-        return hear(path, sets.SETS[name].bodies, seconds)
+        return hear(path, {body.name: body.shape for body in sets.SETS[name].bodies}, seconds)
 
 
-def hear(path: Path, bodies: Sequence[Any], seconds: float, columns: Mapping[str, str] | None = None) -> dict:
-    """Diagnose the file of a set, with the outline where there is one body and the columns that have other names."""
+def hear(
+    path: Path, outlines: Mapping[str, dict | None], seconds: float, columns: Mapping[str, str] | None = None
+) -> dict:
+    """Diagnose the file of a set, with the columns that have other names.
+
+    The outlines of its bodies are told where all of them can be, by their names where there are several.
+    """
     torch.set_num_threads(1)
     name, start = path.stem, time.perf_counter()
     with threadpool_limits(1):
         try:
-            shape = bodies[0].shape if len(bodies) == 1 else None
+            (first, *others) = outlines.values()
+            shape = (outlines if others else first) if all(outlines.values()) else None
             impacts = table.load(path, columns=columns, shape=shape, suspect=True)
             answer = written(name, diagnose(impacts, seconds=seconds))
         except Exception as problem:  # a diagnosis that fails is a wrong answer, and the others go on

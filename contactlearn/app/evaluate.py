@@ -17,6 +17,7 @@ from contactlearn.app.loading import Split, show_split, watched
 from contactlearn.app.means import FITTED, fits_on_disk, lower_train_size
 from contactlearn.app.parts import forget, parts_folder
 from contactlearn.app.transfer import transfer
+from contactlearn.bodies import shapes_entries
 from contactlearn.devices import moved
 from contactlearn.errors import DataError
 from contactlearn.evaluation import bounds, metrics
@@ -37,7 +38,6 @@ from contactlearn.results import folder as run_folder
 from contactlearn.results.evaluation import BEST_POST_HOC, IRB, Evaluation
 from contactlearn.results.held_out import HeldOut, save_held_out
 from contactlearn.results.tables import save_curves, save_trial_parameters
-from contactlearn.shapes import shape_entries
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,7 +164,7 @@ def _result(cfg: DictConfig, data: Split, compared: _Compared, sums: ErrorSums) 
         best=best,
         differences=differences,
         tables=cfg.tables,
-        shape=shape_entries(data.test.shape),
+        shape=shapes_entries(data.test.shape),
     )
 
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
+from contactlearn.bodies import AnyShape
 from contactlearn.impacts import Impacts
 from contactlearn.mechanics import contact_velocity
-from contactlearn.shapes import Shape
 
 _FIELDS = ("mass", "inertia", "r", "q", "v_pre", "v_post", "q_post")
 
@@ -28,14 +28,15 @@ class Columns:
     v_pre: Float[Tensor, "*batch n 3"]
     v_post: Float[Tensor, "*batch n 3"]
     q_post: Float[Tensor, "*batch n 3"] | None
-    shape: Shape | None
+    shape: AnyShape | None
+    body: Int[Tensor, " n"]
 
     @classmethod
     def of(cls, impacts: Impacts) -> "Columns":
         """Return the columns of impacts as those of one hypothesis, [1, n]."""
         there = (name for name in _FIELDS if getattr(impacts, name) is not None)
         fields: dict[str, Any] = {"q_post": None} | {name: getattr(impacts, name)[None] for name in there}
-        return cls(**fields, shape=impacts.shape)
+        return cls(**fields, shape=impacts.shape, body=impacts.body)
 
     @property
     def v_c(self) -> Float[Tensor, "*batch n 2"]:

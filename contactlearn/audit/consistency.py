@@ -23,10 +23,11 @@ from torch import Tensor
 
 from contactlearn.audit.columns import Columns
 from contactlearn.audit.thresholds import ConventionThresholds, OutlierThresholds
+from contactlearn.bodies import each_body, lowest, shapes_among
 from contactlearn.impacts import Impacts
-from contactlearn.mechanics import contact_velocity, rotate
+from contactlearn.mechanics import contact_velocity
 from contactlearn.numerics import MAD_SCALE, Z_95
-from contactlearn.shapes import Polygon, contact_point
+from contactlearn.shapes import Polygon, Shape
 
 _BIWEIGHT = 4.685  # robust standard deviations at which the weight is 0: 95 % as efficient as least squares
 
@@ -140,13 +141,15 @@ def _least_residual(impacts: Impacts) -> Float[Tensor, " n"]:
 
     A body that lands nearly flat may touch with the other corner, for which no measurement is to blame.
     """
-    least = torque(impacts).residual.abs()
-    if isinstance(impacts.shape, Polygon):
-        corners = rotate(torch.tensor(impacts.shape.vertices, dtype=torch.float64), impacts.q[:, 2, None])
-        lowest = corners[..., 1].topk(2, largest=False).indices
-        for corner in lowest.unbind(-1):
-            r = corners[torch.arange(len(impacts)), corner]
-            least = least.minimum(torque(impacts.replace(r=r, suspect=True)).residual.abs())
+    least, theta = torque(impacts).residual.abs(), impacts.q[:, 2]
+    if impacts.shape is None or not any(isinstance(one, Polygon) for one in shapes_among(impacts.shape).values()):
+        return least
+
+    def corners(shape: Shape) -> Float[Tensor, "n 4"]:
+        return torch.cat(shape.lowest_corners(theta) if isinstance(shape, Polygon) else (impacts.r, impacts.r), -1)
+
+    for r in each_body(impacts.shape, impacts.body, corners).chunk(2, -1):
+        least = least.minimum(torque(impacts.replace(r=r, suspect=True)).residual.abs())
     return least
 
 
@@ -278,7 +281,7 @@ def contradictions(
         "units": _implausible(impacts, thresholds)[..., None].expand_as(length),
     }
     if impacts.shape is not None:
-        off = (impacts.r - contact_point(impacts.shape, impacts.q[..., 2])).norm(dim=-1)
+        off = (impacts.r - lowest(impacts.shape, impacts.body, impacts.q[..., 2])).norm(dim=-1)
         answers["shape"] = (off / (0.5 * length).clamp_min(1e-300)).clamp_max(1)
     return answers
 

@@ -27,9 +27,9 @@ from contactlearn.audit import known
 from contactlearn.audit.columns import Columns
 from contactlearn.audit.consistency import outliers, repeated, torque
 from contactlearn.audit.thresholds import OutlierThresholds
+from contactlearn.bodies import lowest
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.impacts import Impacts
-from contactlearn.shapes import contact_point
 
 _POSES, _VELOCITIES = ("q", "q_post"), ("v_pre", "v_post")
 _DEGREE = math.pi / 180
@@ -82,7 +82,7 @@ def correct(
     for name in names:
         corrected = CORRECTIONS[name].function(corrected, thresholds)
         if computed_contact and corrected.shape is not None:
-            corrected = corrected.replace(r=contact_point(corrected.shape, corrected.q[:, 2]))
+            corrected = corrected.replace(r=lowest(corrected.shape, corrected.body, corrected.q[:, 2]))
         if corrected.apparatus is not None:
             corrected = corrected.replace(apparatus=CORRECTIONS[name].apparatus(corrected.apparatus))
     return corrected.replace(suspect=impacts.suspect, source=f"{impacts.source} (corrected: {', '.join(names)})")

@@ -38,8 +38,8 @@ from contactlearn.audit.conventions import compare
 from contactlearn.audit.corrections import correct
 from contactlearn.audit.result import Evidence, Finding
 from contactlearn.audit.thresholds import AuditThresholds
+from contactlearn.bodies import body_code, lowest, shapes_among
 from contactlearn.impacts import Impacts
-from contactlearn.shapes import contact_point
 
 _LISTED = 5  # values that a sentence names
 _QUICK = 500  # trials of a quick audit
@@ -227,19 +227,23 @@ def energy_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findi
 
 
 def shape_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
-    """Contact points that are not where the body's shape touches the floor at θ."""
+    """Contact points that are not where the body's shape touches the floor at θ: of all, or of the worst body."""
     if impacts.shape is None:
         return []
-    expected = contact_point(impacts.shape, impacts.q[:, 2])
+    expected = lowest(impacts.shape, impacts.body, impacts.q[:, 2])
     off, length = (impacts.r - expected).norm(dim=-1), impacts.r.norm(dim=-1)
-    median = (off / length).median().item()
+    shapes = shapes_among(impacts.shape)
+    trials = {name: impacts.body == body_code(name) if name else off >= 0 for name in shapes}
+    medians = {name: (off / length)[rows].median().item() for name, rows in trials.items() if rows.any()}
+    worst = max(medians, key=lambda name: medians[name])
+    median, rows = medians[worst], trials[worst]
     if median <= thresholds.contact_point_off:
         return []
-    ratio = (length / expected.norm(dim=-1)).median().item()
+    ratio = (length / expected.norm(dim=-1))[rows].median().item()
     sentence = (
-        f"the contact points are not those of {impacts.shape} at θ: {median:.0%} of |r| off in the median "
-        f"({1e3 * off.median():.3g} mm; |r| is {ratio:.3g} times the shape's); is the shape given in metres, and is θ "
-        "measured from its axes?"
+        f"the contact points{worst and f' of {worst!r}'} are not those of {shapes[worst]} at θ: {median:.0%} of |r| "
+        f"off in the median ({1e3 * off[rows].median():.3g} mm; |r| is {ratio:.3g} times the shape's); is it given in "
+        "metres, and is θ measured from its axes?"
     )
     evidence = (Evidence(quantity="off", value=median), Evidence(quantity="length_ratio", value=ratio))
     return [Finding(name="contact_point_off_shape", sentence=sentence, evidence=evidence)]

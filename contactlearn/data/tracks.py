@@ -15,10 +15,11 @@ from typing import Any
 from jaxtyping import Float
 
 from contactlearn.apparatus import Apparatus, Measured
+from contactlearn.bodies import make_shapes
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.impacts import Impacts
 from contactlearn.numerics import finite_number, whole
-from contactlearn.shapes import Shape, make_shape
+from contactlearn.shapes import Shape
 from contactlearn.tracks.angles import find_angles
 from contactlearn.tracks.conventions import Conventions, find_frame
 from contactlearn.tracks.detection import FlightOptions
@@ -155,7 +156,8 @@ def find_impacts(
     Args:
         path: a file, or a folder with recordings in it and below it.
         mass: of the body in kg.
-        shape: of the body, for `contactlearn.shapes.make_shape`; None is the convex hull of its markers.
+        shape: of the body, or of several by name, of which `options.layout.body` is one, for
+            `contactlearn.bodies.make_shapes`; None is the convex hull of its markers.
         inertia: in kg m² about the centre of mass; None is that of uniform density.
         centre: of mass, in the hull of the markers: "mean" of them, or their weights; None is that of uniform density.
         options: of the search; conventions that they do not state are found.
@@ -165,7 +167,7 @@ def find_impacts(
         DataError: no contact is found, or a convention is neither stated nor found.
         UnknownNameError: a shape that does not exist.
     """
-    path, known, hull = Path(path), make_shape(shape), None
+    path, known, hull = Path(path), _shape_of(options.layout.body, shape), None
     if known is None:
         options, hull = _by_markers(path, options, centre)
         known = hull.shape
@@ -193,6 +195,18 @@ def find_impacts(
     return Tracked(
         path=path, impacts=impacts, survey=found, floor=floor, shape=known, options=options, hull=hull, centre=centre
     )
+
+
+def _shape_of(body: str | None, spec: Mapping[str, Any] | Shape | None) -> Shape | None:
+    """The shape of the body that recordings are of, where shapes of several are stated the one of its name."""
+    shape = make_shapes(spec)
+    if not isinstance(shape, Mapping):
+        return shape
+    if body is None:
+        raise DataError(f"data.body must say which body the recordings are of: data.shape has {', '.join(shape)}")
+    if body not in shape:
+        raise UnknownNameError("data.body among the bodies of data.shape:", body, shape)
+    return shape[body]
 
 
 def _by_markers(path: Path, options: TrackOptions, centre: Centre) -> tuple[TrackOptions, MarkerHull]:

@@ -2,7 +2,7 @@
 
     impacts.parquet    the corrected impacts
     base.pt, model.pt  the law with the given effects, and the full model, as checkpoints
-    record.npz         outcomes of every choice of effects, partial residuals, the body's shape and the data's name
+    record.npz         outcomes of every choice of effects, partial residuals, the shapes of bodies and the data's name
 
 Nothing in these files is ever executed: the arrays hold numbers and text and are read without pickle.
 """
@@ -19,13 +19,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn import checkpoint
+from contactlearn.bodies import make_shapes, shapes_entries
 from contactlearn.data import table
 from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.evaluation.partial_residuals import Partial
 from contactlearn.impacts import Impacts
 from contactlearn.model import ContactModel
 from contactlearn.numerics import written_whole
-from contactlearn.shapes import make_shape, shape_entries
 
 _IMPACTS, _BASE, _MODEL, _ARRAYS = "impacts.parquet", "base.pt", "model.pt", "record.npz"
 _PARTIAL = tuple(field.name for field in fields(Partial))
@@ -75,7 +75,7 @@ class Record:
         table.save(self.impacts, folder / _IMPACTS)
         checkpoint.save(self.base, folder / _BASE, provenance=dict(provenance))
         checkpoint.save(self.model, folder / _MODEL, provenance=dict(provenance))
-        shape = shape_entries(self.impacts.shape)
+        shape = shapes_entries(self.impacts.shape)
         about = {"source": self.impacts.source, "suspect": self.impacts.suspect, "shape": shape}
         arrays = {"about": np.asarray(json.dumps(about)), "outcomes": self.outcomes.numpy()}
         arrays |= {
@@ -99,7 +99,7 @@ class Record:
             about, outcomes = json.loads(str(arrays["about"])), torch.from_numpy(arrays["outcomes"])
             count = sum(name.startswith(f"{_PARTIAL[0]}_") for name in arrays)
             residuals = tuple(_partial(arrays, k) for k in range(count))
-            impacts = table.load(folder / _IMPACTS, make_shape(about["shape"]), suspect=True)
+            impacts = table.load(folder / _IMPACTS, make_shapes(about["shape"]), suspect=True)
             impacts = impacts.replace(source=str(about["source"]), suspect=bool(about["suspect"]))
         except (KeyError, TypeError, ValueError) as error:
             raise DataError(f"{folder / _ARRAYS}: is no record of a diagnosis, or not all of one: {error}") from None

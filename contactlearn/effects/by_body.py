@@ -12,8 +12,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.bodies import body_code
 from contactlearn.effects.base import Parameter
-from contactlearn.effects.state import State, body_code, columns
+from contactlearn.effects.state import State, columns
 from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts
 

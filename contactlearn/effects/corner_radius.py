@@ -13,8 +13,8 @@ class CornerRadius(Effect):
     """The corners of a polygon are arcs of radius ρ_c within its two sides.
 
     The contact point lies ρ_c below the centre of the arc, so r is shorter than to the sharp vertex and moves along the
-    corner with θ.  A body of another shape has no corners, and nothing depends on ρ_c.  It is not a polygon of other
-    sides (`shape_error`).
+    corner with θ.  A body of another shape has no corners, and nothing depends on ρ_c; several polygons
+    have the same ρ_c.  It is not a polygon of other sides (`shape_error`).
     """
 
     formula = "r ← r(θ) of the body with corners of radius ρ_c"

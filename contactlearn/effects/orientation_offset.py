@@ -13,7 +13,8 @@ from contactlearn.effects.state import State
 class OrientationOffset(Effect):
     """θ → θ + δ before the body's shape gives the contact point.
 
-    It is not a tilt of the floor, which also turns the velocities (`surface_tilt`).
+    It is not a tilt of the floor, which also turns the velocities (`surface_tilt`).  Bodies of different shape all have
+    the same δ.
     """
 
     formula = "θ ← θ + δ, r ← r(θ)"

@@ -13,6 +13,7 @@ class ShapeError(Effect):
     """The body is stretched by 1 + s_a and 1 + s_b along its own axes: the semi-axes of an ellipse, the sides of a box.
 
     Its moment of inertia stays (`inertia_error`), and so does its centre of mass (`com_offset`).
+    Bodies of different shape are all stretched by the same shares.
     """
 
     formula = "r ← r(θ) of the body stretched by (1 + s_a, 1 + s_b)"

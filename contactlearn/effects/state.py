@@ -7,21 +7,21 @@ the place `state` change it, and it keeps the changes of frame, so that a veloci
     offset    centre of mass minus the tracked point, m; v_pre is the centre of mass's
 
 `stretch` is the factor on the body's nominal shape along its own axes, `corner` the radius of a polygon's corners in m.
-`body` is a number for the name of each trial's object, `body_code(name)`.
+`body` is a number for the name of each trial's object (`contactlearn.bodies`), by which shapes are told apart.
 
 Once the law's coefficients are known they are in `mu` and `eps`.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
-from zlib import crc32
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from contactlearn import mechanics
+from contactlearn.bodies import AnyShape, each_body
 from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts
 from contactlearn.shapes import Polygon, Shape, contact_point
@@ -43,7 +43,7 @@ class State:
     q: Float[Tensor, "*#batch n 3"]
     v_pre: Float[Tensor, "*#batch n 3"]
     order: Float[Tensor, "*#batch n"]
-    shape: Shape | None = None
+    shape: AnyShape | None = None
     stretch: tuple[Tensor | float, Tensor | float] = (1.0, 1.0)
     tilt: Float[Tensor, "..."] | None = None
     offset: Float[Tensor, "... 2"] | None = None
@@ -56,8 +56,7 @@ class State:
     def of(cls, impacts: Impacts, rows: Int[Tensor, "... n"] | slice = slice(None)) -> "State":
         """Return the measured state of all impacts, or of those at `rows` [..., n]."""
         mass, inertia, r, q, v_pre, order = (getattr(impacts, name)[rows] for name in _MEASURED)
-        body = _body_codes(impacts.object).to(impacts.mass.device)[rows]
-        return cls(mass, inertia, r, q, v_pre, order, impacts.shape, body=body)
+        return cls(mass, inertia, r, q, v_pre, order, impacts.shape, body=impacts.body[rows])
 
     def __getitem__(self, which: Tensor | slice | tuple[slice, slice]) -> "State":
         """Return the measured state of some of the trials, or of some of the leading axes."""
@@ -144,15 +143,19 @@ class State:
         )
 
     def lowest(self, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n 2"]:
-        """Contact point [..., N, 2] of the stretched body at orientation θ [..., N], m.
+        """Contact point [..., N, 2] of each trial's stretched body at orientation θ [..., N], m.
 
         Raises:
             ContactLearnError: the shape is not known.
         """
         if self.shape is None:
             raise ContactLearnError("the contact point of an unknown shape cannot move; give state.replace(shape=…)")
-        sharp = contact_point(self.shape, theta, self.stretch)
-        return sharp + _rounding(self.shape, theta, self.corner) if isinstance(self.shape, Polygon) else sharp
+        return each_body(self.shape, self.body, lambda one: self._lowest(one, theta))
+
+    def _lowest(self, shape: Shape, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n 2"]:
+        """The same of bodies that all have this shape."""
+        sharp = contact_point(shape, theta, self.stretch)
+        return sharp + _rounding(shape, theta, self.corner) if isinstance(shape, Polygon) else sharp
 
     def as_measured(self, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         """Return the velocity of the tracked point in world axes, from that of the centre of mass in contact axes."""
@@ -172,16 +175,6 @@ def columns(*parts: Float[Tensor, "..."]) -> Float[Tensor, "... k"]:
 def perpendicular(vector: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
     """Return ẑ × the vector [..., 2], which is the vector turned counter-clockwise by a right angle."""
     return torch.stack((-vector[..., 1], vector[..., 0]), -1)
-
-
-def body_code(name: str) -> int:
-    """Return the number that stands for the name of an object in `State.body`, the same in every table."""
-    return crc32(name.encode())
-
-
-@lru_cache(maxsize=16)
-def _body_codes(names: tuple[str, ...]) -> Int[Tensor, "n"]:
-    return torch.tensor([body_code(name) for name in names])
 
 
 def _rounding(shape: Polygon, theta: Float[Tensor, "... n"], radius: Tensor | float) -> Float[Tensor, "... n 2"]:

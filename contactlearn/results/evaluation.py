@@ -88,7 +88,7 @@ class Evaluation:
         best: name in `errors` of the model with the least mass error, bounds aside.
         differences: mass error of each other model less that of the best, paired by trial; the smallest first.
         tables: format of the tables beside the file.
-        shape: of the body, as `shapes.make_shape` reads it; None where it is not known.
+        shape: of the bodies, as `bodies.make_shapes` reads it; None where it is not known.
         learning_curves: by model.
     """
 

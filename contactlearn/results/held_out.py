@@ -6,6 +6,7 @@ from pathlib import Path
 
 import torch
 
+from contactlearn.bodies import make_shapes
 from contactlearn.data import table
 from contactlearn.data.blocks import sampled
 from contactlearn.data.table.large import table_blocks
@@ -13,7 +14,6 @@ from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.results.evaluation import BEST_POST_HOC, IRB, Evaluation
 from contactlearn.results.tables import load_predictions, save_predictions
-from contactlearn.shapes import make_shape
 
 _IMPACTS, _PREDICTIONS = "held_out", "predictions"
 
@@ -40,7 +40,7 @@ class HeldOut:
         Raises:
             DataError: a file is missing or damaged, or is that of another run.
         """
-        shape = make_shape(None if result.shape is None else dict(result.shape))
+        shape = make_shapes(result.shape)
         blocks = table_blocks(folder / f"{_IMPACTS}.{result.tables}", shape)
         shown = sampled(torch.ones(blocks.trials, dtype=torch.bool), SHOWN)
         impacts = blocks.pick(shown).replace(source=result.provenance.data.source)

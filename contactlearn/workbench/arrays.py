@@ -22,7 +22,7 @@ from contactlearn.laws import Law
 from contactlearn.model import ContactModel
 from contactlearn.report.figures.style import array
 from contactlearn.report.page.effects import curve_content
-from contactlearn.report.page.trials import axis_content, axis_values, digits, map_variables, of_laws
+from contactlearn.report.page.trials import axis_content, axis_values, digits, map_variables, of_laws, outlines
 from contactlearn.report.text import label
 from contactlearn.workbench.session import Window
 
@@ -42,7 +42,7 @@ def of_data(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
             for name in fields
             for column, values in zip(COMPONENTS[name], getattr(impacts, name).reshape(len(impacts), -1).T, strict=True)
         },
-        "outline": None if impacts.shape is None else digits(impacts.shape.outline(91).T),
+        "outlines": outlines(impacts),
         "variables": [
             axis_content(one) | {"values": floats(axis_values(one))} for one in map_variables(impacts, prediction)
         ],

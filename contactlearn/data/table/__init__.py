@@ -16,9 +16,9 @@
 
 World axes: x right, y up (the floor's normal), theta counter-clockwise.  Columns come in any order.
 Other names are mapped (`columns`), other units and clockwise rotations are stated (`units`), and other
-columns are not used.  A cell is a number or a name, never code.  The body's shape is not a column: it
-is named beside the path, with lengths in m.  What `save` writes, `load` gives back: every bit of every
-number, every name as written.
+columns are not used.  A cell is a number or a name, never code.  The body's shape is not a column: it is named beside
+the path, with lengths in m, or a shape for each name in the column object.  What `save` writes, `load` gives back:
+every bit of every number, every name as written.
 """
 
 import math
@@ -32,13 +32,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from contactlearn.bodies import AnyShape, Shapes, body_codes, each_body, lowest, make_shapes, refuse_strangers
 from contactlearn.data.table import known, sheet
 from contactlearn.data.table.columns import COLUMNS, NAMES, REQUIRED, name_columns
 from contactlearn.data.table.units import SI, Units
 from contactlearn.errors import DataError
 from contactlearn.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
 from contactlearn.numerics import written_whole
-from contactlearn.shapes import Shape, contact_point, make_shape
+from contactlearn.shapes import Shape
 
 __all__ = ["COLUMNS", "NAMES", "REQUIRED", "Table", "check_suffix", "load", "read", "read_blocks", "save"]
 
@@ -64,7 +65,7 @@ class Table:
 
 def load(
     path: str | os.PathLike[str],
-    shape: dict[str, Any] | Shape | None = None,
+    shape: Mapping[str, Any] | Shape | None = None,
     columns: Mapping[str, str | None] | None = None,
     units: Mapping[str, str] = SI,
     *,
@@ -77,7 +78,7 @@ def load(
 def read(
     path: str | os.PathLike[str],
     *,
-    shape: dict[str, Any] | Shape | None = None,
+    shape: Mapping[str, Any] | Shape | None = None,
     columns: Mapping[str, str | None] | None = None,
     units: Mapping[str, str] = SI,
     suspect: bool = False,
@@ -87,7 +88,9 @@ def read(
 
     Args:
         path: a .csv or .parquet file with the columns of the module's table.
-        shape: the body's shape for `shapes.make_shape`, or None where it is not known; lengths in m.
+        shape: of all bodies or of each by its name in the column object, for `bodies.make_shapes`, or None where it is
+            not known; lengths in m.  Names of bodies that the table has none of are refused, but not of `Shapes`, which
+            may be those of a larger table.
         columns: names in the file by those of the module's table, such as {"vx": "speed_x"}; None where the file has
             no such column.
         units: of length, mass, angle and time, and the sense of rotation, see `units.CHOICES`; those left out are SI.
@@ -114,25 +117,39 @@ def read_blocks(
     suspect: bool = False,
     units: Mapping[str, str] = SI,
     columns: Mapping[str, str | None] | None = None,
-    shape: dict[str, Any] | Shape | None = None,
+    shape: Mapping[str, Any] | Shape | None = None,
 ) -> Iterator[Table]:
     """Impacts from the table file `path`, `rows` at a time, so that the file need not fit in memory.
 
     Names are unique in each block alone.  The other arguments and the errors are those of `read`; with rows=None there
     is one block.
     """
-    path, body, stated = Path(path), make_shape(shape), Units(units)
-    read, left = 0, False
+    path, known_shape, stated = Path(path), make_shapes(shape), Units(units)
+    read, left, bodies = 0, False, dict[str, None]()
     for cells in _sheets(path, rows):
-        named = name_columns(cells, columns, shaped=body is not None)
+        named = name_columns(cells, columns, shaped=known_shape is not None)
+        if isinstance(known_shape, Mapping):
+            bodies |= dict.fromkeys(_body_names(named.cells, known_shape))
         kept, values = _complete(named.cells) if drop_incomplete else (named.cells, _numbered(named.cells))
         read += len(cells)
         if len(kept):
             left = True
-            impacts = _impacts(kept, values, named.computed, body, stated, suspect=suspect)
+            impacts = _impacts(kept, values, named.computed, known_shape, stated, suspect=suspect)
             yield Table(impacts=impacts, unused=named.unused, computed=named.computed)
     if not left:
         raise DataError(f"{path}: each of {read} rows has an empty cell, or one that is not a number")
+    if isinstance(known_shape, Mapping) and not isinstance(shape, Shapes):
+        refuse_strangers(known_shape, bodies, str(path))
+
+
+def _body_names(cells: sheet.Sheet, shapes: Mapping[str, Shape]) -> Sequence[str]:
+    """The names of the bodies of a table that has shapes by name."""
+    if "object" not in cells.header:
+        raise DataError(
+            f"{cells.path}: data.shape has shapes of {', '.join(shapes)}, but the table has no column object with "
+            "such names; 'data.columns={object: …}' says which column it is"
+        )
+    return cells.names("object")
 
 
 def _sheets(path: Path, rows: int | None) -> Iterator[sheet.Sheet]:
@@ -155,7 +172,7 @@ def _impacts(
     cells: sheet.Sheet,
     values: dict[str, Any],
     computed: Sequence[str],
-    body: Shape | None,
+    shape: AnyShape | None,
     units: Units,
     *,
     suspect: bool,
@@ -169,11 +186,11 @@ def _impacts(
     values |= {
         field: _covariance(cells, names, units) for field, names in COVARIANCES.items() if names[0] in cells.header
     }
-    if body is not None:
-        values |= _computed(cells.path, computed, body, values)
+    if shape is not None:
+        values |= _computed(cells.path, computed, shape, values)
     source, apparatus = str(cells.path), known.apparatus_of(cells)
     try:
-        return Impacts(**values, shape=body, source=source, suspect=suspect, apparatus=apparatus)
+        return Impacts(**values, shape=shape, source=source, suspect=suspect, apparatus=apparatus)
     except DataError as error:
         if error.row is None:
             raise
@@ -203,9 +220,10 @@ def _covariance(cells: sheet.Sheet, columns: Sequence[str], units: Units) -> Ten
     return whole
 
 
-def _computed(path: Path, computed: Sequence[str], body: Shape, values: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The fields that the body's shape gives: where it touches the floor, and its inertia at uniform density."""
+def _computed(path: Path, computed: Sequence[str], shape: AnyShape, values: Mapping[str, Any]) -> dict[str, Tensor]:
+    """The fields that the shape of each body gives: where it touches the floor, and its inertia at uniform density."""
     found: dict[str, Tensor] = {}
+    body = body_codes(values["object"]) if isinstance(shape, Mapping) else None
     if "r" in computed:
         theta = values["q"][:, 2]
         if (turned := theta.abs().median().item()) > _TURNED:
@@ -213,9 +231,10 @@ def _computed(path: Path, computed: Sequence[str], body: Shape, values: Mapping[
                 f"{path}: rx, ry are computed from theta, which is {turned:.3g} rad in the median: "
                 "is it in degrees? say data.units.angle=deg, otherwise take whole turns off"
             )
-        found["r"] = contact_point(body, theta)
+        found["r"] = lowest(shape, body, theta)
     if "inertia" in computed:
-        found["inertia"] = values["mass"] * body.gyration_squared()
+        mass = values["mass"][:, None]
+        found["inertia"] = each_body(shape, body, lambda one: mass * one.gyration_squared())[:, 0]
     return found
 
 

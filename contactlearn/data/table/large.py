@@ -4,15 +4,15 @@ from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
 
+from contactlearn.bodies import AnyShape
 from contactlearn.data import table
 from contactlearn.data.blocks import BLOCK, LARGE, Blocks
 from contactlearn.data.table import Table
 from contactlearn.errors import DataError
 from contactlearn.impacts import Impacts
-from contactlearn.shapes import Shape
 
 
-def table_blocks(path: Path, shape: Shape | None) -> Blocks:
+def table_blocks(path: Path, shape: AnyShape | None) -> Blocks:
     """Return the impacts of a table file as `table.save` writes it.
 
     Raises:

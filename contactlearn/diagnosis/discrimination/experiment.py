@@ -19,6 +19,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.bodies import lowest
 from contactlearn.diagnosis.discrimination.contest import Contest, Key, contests
 from contactlearn.diagnosis.failure.variables import symmetry
 from contactlearn.diagnosis.result.rivals import Drop, Experiment, Separation
@@ -27,7 +28,6 @@ from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.impacts import Impacts
 from contactlearn.mechanics import contact_velocity
 from contactlearn.model import ContactModel
-from contactlearn.shapes import contact_point
 
 STATES = ("x", "theta", "v_x", "v_y", "omega")
 """The state of a drop, in m, rad, m/s, m/s and rad/s."""
@@ -80,7 +80,8 @@ def next_experiment(
     squared = separations_of(impacts, chosen, rivals, states)
     picked = _picked([*contests(impacts, chosen, rivals, states).values()], _places(states, within), count)
     located = _depends_on_place(impacts, chosen, rivals, states, squared, within)
-    drops = tuple(_drop(states, k, squared[:, k], located) for k in picked)
+    several = len({*impacts.object}) > 1
+    drops = tuple(_drop(states, k, squared[:, k], located=located, named=several) for k in picked)
     at_drops = contests(impacts, chosen, rivals, states[picked])
     separations = tuple(
         Separation(effect=key.effect, rival=key.rival, drops_needed=contest.needed(odds))
@@ -89,11 +90,12 @@ def next_experiment(
     return Experiment(separations=separations, drops=drops)
 
 
-def _drop(states: Impacts, k: int, squared: Float[Tensor, " r"], located: bool) -> Drop:
-    """State k as a result."""
+def _drop(states: Impacts, k: int, squared: Float[Tensor, " r"], *, located: bool, named: bool) -> Drop:
+    """State k as a result, with its place where that matters and the name of its body where there are several."""
     (x, _, theta), (v_x, v_y, omega) = states.q[k].tolist(), states.v_pre[k].tolist()
     differences = tuple(squared.sqrt().tolist())
-    return Drop(theta=theta, v_x=v_x, v_y=v_y, omega=omega, differences=differences, x=x if located else None)
+    place, body = x if located else None, states.object[k] if named else None
+    return Drop(theta=theta, v_x=v_x, v_y=v_y, omega=omega, differences=differences, x=place, body=body)
 
 
 def _depends_on_place(
@@ -147,7 +149,7 @@ def _states(impacts: Impacts, within: Float[Tensor, "5 2"], generator: torch.Gen
     rows = torch.randint(len(impacts), (drawn,), generator=generator)
     r, q, v = impacts.r[rows], impacts.q[rows], state[:, 2:]
     if impacts.shape is not None:
-        r = contact_point(impacts.shape, state[:, 1])
+        r = lowest(impacts.shape, impacts.body[rows], state[:, 1])
         q = torch.stack((state[:, 0], -r[:, 1], state[:, 1]), -1)
     state = torch.cat((q[:, [0, 2]], v), 1)
     good = ((state >= within[:, 0]) & (state <= within[:, 1])).all(-1)
@@ -155,10 +157,10 @@ def _states(impacts: Impacts, within: Float[Tensor, "5 2"], generator: torch.Gen
     if not good.any():
         said = ", ".join(f"{name} in [{low:.3g}, {high:.3g}]" for name, (low, high) in zip(STATES, within, strict=True))
         raise DataError(f"no drop within the limits approaches the floor: {said}; v_y < 0 is downwards")
-    last = impacts.order.max() + 1
+    last, names = impacts.order.max() + 1, tuple(impacts.object[k] for k in rows[good].tolist())
     return Impacts(
         mass=impacts.mass[rows][good], inertia=impacts.inertia[rows][good], r=r[good], q=q[good], v_pre=v[good],
-        v_post=v[good], order=last.expand(int(good.sum())), shape=impacts.shape, source="drops to come",
+        v_post=v[good], order=last.expand(len(names)), object=names, shape=impacts.shape, source="drops to come",
     )  # fmt: skip
 
 

@@ -16,10 +16,11 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import pad
 
+from contactlearn.bodies import AnyShape, shapes_among
 from contactlearn.effects import State
 from contactlearn.impacts import Impacts, Prediction
 from contactlearn.mechanics import contact_velocity
-from contactlearn.shapes import Shape, contact_point
+from contactlearn.shapes import contact_point
 
 MODES = ("predicted to reverse its slip", "predicted to stick", "predicted to slide")
 DIRECTIONS = ("slip to the left (v_t < 0)", "no slip", "slip to the right (v_t > 0)")
@@ -91,15 +92,16 @@ def variables(impacts: Impacts, prediction: Prediction) -> list[Variable]:
     ]
 
 
-def symmetry(shape: Shape | None) -> int:
-    """Count the orientations in one turn in which a body looks the same: 2 for an ellipse; 1 if unknown or a disc."""
-    if shape is None:
-        return 1
+def symmetry(shape: AnyShape | None) -> int:
+    """Count the orientations in one turn in which all bodies look the same: 2 for an ellipse; 1 if unknown or discs."""
+    shapes = shapes_among(shape).values()
     theta = torch.arange(7, dtype=torch.float64) + 0.1234  # any that put no flat side on the floor
-    r = contact_point(shape, theta)
-    turned = {k: contact_point(shape, theta + 2 * math.pi / k) for k in range(2, 13)}
-    same = [k for k, moved in turned.items() if (moved - r).norm() < 1e-6 * r.norm()]
-    return 1 if len(same) == len(turned) else max(same, default=1)
+    folds = range(2, 13)
+    same = set(folds)
+    for one in shapes:
+        r = contact_point(one, theta)
+        same &= {k for k in folds if (contact_point(one, theta + 2 * math.pi / k) - r).norm() < 1e-6 * r.norm()}
+    return 1 if len(same) == len(folds) else max(same, default=1)
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,8 @@ class Separation:
 class Drop:
     """A state before impact in m, rad, m/s, rad/s; `x` is None where no model depends on it.
 
-    `differences` are distances of the model's outcome from each rival's in standard deviations, in the order of
-    `Experiment.separations`.
+    `body` is its name, None where all measurements are of one.  `differences` are distances of the
+    model's outcome from each rival's in standard deviations, in the order of `Experiment.separations`.
     """
 
     theta: float
@@ -42,6 +42,7 @@ class Drop:
     omega: float
     differences: tuple[float, ...]
     x: float | None = None
+    body: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,10 +20,10 @@ from torch import Tensor
 from contactlearn.audit.consistency import balance, contradictions, gross_outliers, kinetic_energy, outliers, torque
 from contactlearn.audit.result import Finding
 from contactlearn.audit.thresholds import AuditThresholds, OutlierThresholds
+from contactlearn.bodies import lowest
 from contactlearn.impacts import Impacts
 from contactlearn.numerics import MAD_SCALE
 from contactlearn.report.figures import style as st
-from contactlearn.shapes import contact_point
 
 _BLUE, _RED, _ = st.CONTRAST
 _ROW = "Trial, in the order read (–)"
@@ -215,7 +215,7 @@ def _energy(figure: Figure, finding: Finding, before: Impacts, after: Impacts, t
 def _shape(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
     sound = before[~outliers(before, thresholds.outliers)]
     assert sound.shape is not None  # the finding is about it
-    expected = contact_point(sound.shape, sound.q[:, 2])
+    expected = lowest(sound.shape, sound.body, sound.q[:, 2])
     panels = figure.subplots(1, 2)
     for axes, letter, given, own in zip(panels, "xy", sound.r.mT * st.MILLI, expected.mT * st.MILLI, strict=True):
         st.name_axes(axes, f"r_{letter} of the shape at θ (mm)", f"r_{letter} measured (mm)")

@@ -87,7 +87,7 @@ def experiment_content(experiment: Experiment) -> dict[str, Any]:
         "rivals": [{"name": separation_label(one), "said": stages.needed_drops(one)} for one in experiment.separations],
         "drops": [
             digits({name: axis.scale * getattr(drop, name) for name, axis in axes.items()}, 3)
-            | {"differences": [digits(difference, 2) for difference in drop.differences]}
+            | {"body": drop.body, "differences": [digits(difference, 2) for difference in drop.differences]}
             for drop in experiment.drops
         ],
     }

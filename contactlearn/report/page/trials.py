@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn import mechanics
+from contactlearn.bodies import shapes_among
 from contactlearn.diagnosis.failure.variables import Variable, variables
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.identification.shared import Box
@@ -28,7 +29,7 @@ _DASHES = {"-": "solid", "--": "dash", "-.": "dashdot"}
 
 
 def of_trials(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
-    """Return names, states, outcomes, the body's outline, and the variables in which the map is drawn.
+    """Return names, states, outcomes, the outlines of bodies, and the variables in which the map is drawn.
 
     Args:
         impacts: of the page.
@@ -45,11 +46,16 @@ def of_trials(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
         "name": list(impacts.trial),
         "object": list(impacts.object),
         **columns,
-        "outline": None if impacts.shape is None else digits(impacts.shape.outline(91).T),
+        "outlines": outlines(impacts),
         "variables": [
             axis_content(one) | {"values": digits(axis_values(one), 4)} for one in map_variables(impacts, prediction)
         ],
     }
+
+
+def outlines(impacts: Impacts) -> dict[str, Any]:
+    """Return the outline of each body by its name, one of all bodies under an empty name, none where unknown."""
+    return {name: digits(one.outline(91).T) for name, one in shapes_among(impacts.shape).items()}
 
 
 def of_laws(impacts: Impacts, fitted: Mapping[str, Law]) -> tuple[list[dict[str, Any]], dict[str, Tensor]]:

@@ -189,7 +189,8 @@ def drop(found: Drop, experiment: Experiment) -> str:
         f"{difference:.1f} from {separation_label(one)}"
         for difference, one in zip(found.differences, experiment.separations, strict=True)
     )
-    return f"A drop at {state}, {speed}: the model differs by {far}, in standard deviations."
+    of = "" if found.body is None else f" of {found.body}"
+    return f"A drop{of} at {state}, {speed}: the model differs by {far}, in standard deviations."
 
 
 # --- The residual and the budget ------------------------------------------------------------------

@@ -156,10 +156,11 @@ function drawPicture(state) {
   const fastest = Math.max(...velocities.map(([, v]) => Math.abs(v[2]))) || 1;
   const traces = [];
   let ends = [[0, 0], com];
-  if (trials.outline) {
+  const body = trials.outlines[""] ?? trials.outlines[trials.object[i]];
+  if (body) {
     const [c, s] = [Math.cos(theta), Math.sin(theta)];
-    const outline = trials.outline[0].map((x, k) => [
-      com[0] + mm * (c * x - s * trials.outline[1][k]), com[1] + mm * (s * x + c * trials.outline[1][k])]);
+    const outline = body[0].map((x, k) => [
+      com[0] + mm * (c * x - s * body[1][k]), com[1] + mm * (s * x + c * body[1][k])]);
     ends = ends.concat(outline);
     traces.push({
       type: "scatter", mode: "lines", x: outline.map(p => p[0]), y: outline.map(p => p[1]), fill: "toself",
