@@ -1,5 +1,6 @@
 """Fixtures that several test files share, the order of the files, and the inner loop `--quick`."""
 
+import gc
 import os
 import sys
 
@@ -7,6 +8,7 @@ import hypothesis
 import pytest
 import quick
 import torch
+from hydra._internal.hydra import Hydra
 
 from contactlearn.data import ellipse_drops as source
 from contactlearn.errors import DataError
@@ -16,6 +18,8 @@ from contactlearn.errors import DataError
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 torch.set_num_threads(1)  # the suite runs in parallel processes
+# What is imported and collected stays: a look through half a million objects for garbage takes as long as many a test.
+gc.set_threshold(50_000, 20, 50)
 # On a busy machine making an example takes long; that is no fault of the test.
 hypothesis.settings.register_profile("suite", suppress_health_check=[hypothesis.HealthCheck.too_slow])
 hypothesis.settings.load_profile("suite")
@@ -40,6 +44,19 @@ def pytest_collection_modifyitems(config, items):
         chosen = list(quick.kept(items, quick.changed()))
         config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
         items[:] = chosen
+
+
+def pytest_collection_finish():
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def composed_once():
+    """Hydra composes each configuration twice, at first to see whether it sets `hydra.mode`, which none here does."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Hydra, "get_mode", lambda *_, **__: None)
+        yield
 
 
 @pytest.fixture(scope="session")
