@@ -354,14 +354,14 @@ def test_learning_curves(drops, device):
 
 # --- Commands -------------------------------------------------------------------------------------------
 
-SMALL = ("data.size=80", "train.size=20", "train.repetitions=4", "bootstrap=50")
+SMALL = ("data.size=50", "train.size=15", "train.repetitions=2", "bootstrap=20")
 COMMANDS = {
     "law": ("train.py", *SMALL, "law=mirtich"),
     "effects": ("train.py", *SMALL, "effect=[spin_damping]", "fit.starts=2"),
     "learned": ("train.py", *SMALL, "model=residual_wrench"),
     "evaluation": (
         "evaluate.py", *SMALL, "effect=[spin_damping]", "fit.starts=2", "figures.repetitions=2", "laws=[whittaker]",
-        "model=[residual_wrench]", "curves.sizes=[10,20]", "curves.seeds=2",
+        "model=[residual_wrench]", "curves.sizes=[10]", "curves.seeds=2",
     ),
     "transfer": (
         "evaluate.py", "experiment=transfer", *SMALL, "model=[x1_wrench]", "transfer.sizes=[10]", "transfer.seeds=2",
