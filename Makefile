@@ -28,14 +28,14 @@ browser:
 	  { timeout 120 apt-get -qq update && DEBIAN_FRONTEND=noninteractive timeout 300 apt-get -qq install -y --no-install-recommends chromium chromium-driver; } </dev/null >/dev/null 2>&1 || \
 	  echo "Chromium could not be installed: the report is not tested in a browser"; fi
 
+STYLE := $(PY) -m ruff check . && $(PY) -m ruff format --check . && $(PY) -m pyright --pythonpath $(PY)
+
 style: .venv/ready
-	$(PY) -m ruff check .
-	$(PY) -m ruff format --check .
-	$(PY) -m pyright --pythonpath $(PY)
+	$(STYLE)
 
 # What style says comes after the tests, beside which it runs: pyright keeps one core busy for a minute.
 test test-all: .venv/ready browser
-	@said=$$(mktemp); $(MAKE) --no-print-directory style >"$$said" 2>&1 & style=$$!; \
+	@said=$$(mktemp); { $(STYLE); } >"$$said" 2>&1 & style=$$!; \
 	$(PY) -m pytest $(if $(filter test-all,$@),-m ""); tested=$$?; \
 	wait $$style; styled=$$?; cat "$$said"; rm "$$said"; exit $$((tested + styled))
 

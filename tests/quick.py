@@ -1,7 +1,8 @@
 """The inner loop, `pytest --quick`: tests of what changed since the last commit, and one of every other file.
 
 A test file counts as changed if git says so, or if it imports a changed module by its own name; of the latter the first
-tests are enough.  Files whose first test is long (browsers, whole diagnoses, processes that are killed) are left to `make test`.
+tests are enough.  Files whose first test is long (browsers, whole diagnoses, processes that are killed) are
+left to `make test`.
 """
 
 import re
