@@ -295,8 +295,15 @@ def test_joint_fit_with_covariances(drops, device):
 # --- Processes ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("limit", [2000, 20], ids=["exact", "sparse"])
-@pytest.mark.parametrize("recipe", RECIPES.values(), ids=RECIPES)
+def exact_and_sparse():
+    """Every recipe with exact processes; with sparse ones nightly, but for a base law and parameters of one."""
+    for name, recipe in RECIPES.items():
+        yield pytest.param(recipe, 2000, id=f"{name}-exact")
+        marks = [] if name in ("wrench", "likelihood") else [pytest.mark.nightly]
+        yield pytest.param(recipe, 20, id=f"{name}-sparse", marks=marks)
+
+
+@pytest.mark.parametrize(("recipe", "limit"), list(exact_and_sparse()))
 def test_learned_models(recipe, limit, drops, device, monkeypatch, tmp_path):
     """What they predict, how sure they are, and the same from a checkpoint; flat optima may be met elsewhere."""
     monkeypatch.setattr(regressor, "EXACT_LIMIT", limit)
