@@ -13,29 +13,31 @@ PIP := $(PY) -m pip install --disable-pip-version-check
 CONTACTLEARN_DATA ?= $(firstword $(abspath $(wildcard data ../data ../shared/data)))
 export CONTACTLEARN_DATA
 
-.PHONY: demo quick style test test-all bench docs versions release clean
+.PHONY: demo quick browser style test test-all bench docs versions release clean
 
 demo: .venv/installed
 	@$(PY) evaluate.py
 
 quick: .venv/ready
 	$(PY) -m ruff check -q .
-	$(PY) -m pytest --quick
+	$(PY) -m pytest --quick -n 2
 
 # The tests open the report in Chromium where there is one; a bare machine that runs CI gets one.
-style: .venv/ready
+browser:
 	@if [ "$$CI" = true ] && [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && ! command -v chromedriver >/dev/null; then \
 	  { timeout 120 apt-get -qq update && DEBIAN_FRONTEND=noninteractive timeout 300 apt-get -qq install -y --no-install-recommends chromium chromium-driver; } </dev/null >/dev/null 2>&1 || \
 	  echo "Chromium could not be installed: the report is not tested in a browser"; fi
-	$(PY) -m ruff check .
-	$(PY) -m ruff format --check .
-	$(PY) -m pyright --pythonpath $(PY)
 
-test: style
-	$(PY) -m pytest
+STYLE := $(PY) -m ruff check . && $(PY) -m ruff format --check . && $(PY) -m pyright --pythonpath $(PY)
 
-test-all: style
-	$(PY) -m pytest -m ""
+style: .venv/ready
+	$(STYLE)
+
+# What style says comes after the tests, beside which it runs: pyright keeps one core busy for a minute.
+test test-all: .venv/ready browser
+	@said=$$(mktemp); { $(STYLE); } >"$$said" 2>&1 & style=$$!; \
+	$(PY) -m pytest $(if $(filter test-all,$@),-m ""); tested=$$?; \
+	wait $$style; styled=$$?; cat "$$said"; rm "$$said"; exit $$((tested + styled))
 
 bench: .venv/ready
 	$(PIP) -q -c requirements.lock -c benchmarks/requirements.lock -e '.[test,bench]'

@@ -1,5 +1,6 @@
 """Fixtures that several test files share, the order of the files, and the inner loop `--quick`."""
 
+import gc
 import os
 import sys
 
@@ -7,6 +8,8 @@ import hypothesis
 import pytest
 import quick
 import torch
+from fontTools.subset import Options
+from hydra._internal.hydra import Hydra
 
 from contactlearn.data import ellipse_drops as source
 from contactlearn.errors import DataError
@@ -16,16 +19,20 @@ from contactlearn.errors import DataError
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 torch.set_num_threads(1)  # the suite runs in parallel processes
+gc.disable()  # until all is collected: it would look through half a million objects again and again
 # On a busy machine making an example takes long; that is no fault of the test.
 hypothesis.settings.register_profile("suite", suppress_health_check=[hypothesis.HealthCheck.too_slow])
 hypothesis.settings.load_profile("suite")
 
 # The files that take longest begin: a worker that takes one of them last would be waited for.
 LONGEST = (
-    "test_workbench_browser.py", "test_diagnosis.py", "test_sweeps.py", "test_site.py", "test_examples.py",
-    "test_docs.py", "test_commands.py", "test_shapes.py", "test_report_page.py", "test_law_commands.py",
-    "test_workbench.py", "test_learning.py", "test_second_nature.py", "test_mystery.py", "test_effects.py",
-    "test_audit.py", "test_search.py", "test_tracks_mujoco.py", "test_equivalents.py",
+    "test_workbench_browser.py", "test_devices.py", "test_commands.py", "test_diagnosis.py", "test_docs.py",
+    "test_examples.py", "test_workbench.py", "test_sweeps.py", "test_site.py", "test_fit.py", "test_learning.py",
+    "test_numerical_faults.py", "test_audit.py", "test_mystery.py", "test_effect_commands.py", "test_rests.py",
+    "test_learning_figures.py", "test_diagnosis_figures.py", "test_shapes.py", "test_law_commands.py",
+    "test_effects.py", "test_search.py", "test_fit_trials.py", "test_succession.py", "test_remainder.py",
+    "test_track_commands.py", "test_report_runs.py", "test_figures.py", "test_tracks_mujoco.py", "test_candidates.py",
+    "test_report_page.py",
 )  # fmt: skip
 
 
@@ -40,6 +47,25 @@ def pytest_collection_modifyitems(config, items):
         chosen = list(quick.kept(items, quick.changed()))
         config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
         items[:] = chosen
+
+
+def pytest_collection_finish():
+    """What is imported and collected stays, and is no longer looked through for garbage."""
+    gc.freeze()
+    gc.enable()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def no_work_in_vain():
+    """What other packages do in this process and no test looks at.
+
+    Hydra composes each configuration twice, at first to see whether it sets `hydra.mode`, which none here does; the
+    PDF of each figure gets its fonts' rules for scripts that nothing here is written in.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Hydra, "get_mode", lambda *_, **__: None)
+        patch.setattr(Options, "_drop_tables_default", [*Options._drop_tables_default, "GDEF", "GPOS", "GSUB"])
+        yield
 
 
 @pytest.fixture(scope="session")

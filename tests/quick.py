@@ -1,7 +1,8 @@
 """The inner loop, `pytest --quick`: tests of what changed since the last commit, and one of every other file.
 
 A test file counts as changed if git says so, or if it imports a changed module by its own name; of the latter the first
-tests are enough.  Files whose first test is long (browsers, processes that are killed) are left to `make test`.
+tests are enough.  Files whose first test is long (browsers, whole diagnoses, processes that are killed) are
+left to `make test`.
 """
 
 import re
@@ -10,7 +11,10 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-LONG = {"test_examples.py", "test_sweeps.py", "test_tracks_mujoco.py", "test_workbench_browser.py"}
+LONG = {
+    "test_diagnosis_result.py", "test_examples.py", "test_launchers.py", "test_report_page.py", "test_spread.py",
+    "test_succession.py", "test_sweeps.py", "test_tracks_mujoco.py", "test_workbench_browser.py",
+}  # fmt: skip
 FIRST = 5  # tests of a file that imports a changed module
 
 

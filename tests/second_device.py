@@ -6,7 +6,7 @@ GPU: a tensor of the CPU beside one of the device, unless it is a number that Py
 `.numpy()`.  It knows nothing of kernels, memory or speed of a real one.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -18,6 +18,7 @@ from torch.utils.backend_registration import _setup_privateuseone_for_python_bac
 NAME = "twin"
 _FROM_PYTHON = (torch.tensor, torch.as_tensor)
 _INDEXING = (torch.Tensor.__getitem__, torch.Tensor.__setitem__)
+_CONTAINERS = (list, tuple, dict)
 _COPIES = ("aten::copy_", "aten::_copy_from", "aten::_to_copy")
 _INDEXED = ("aten::index", "aten::index_put", "aten::index_put_", "aten::_index_put_impl_")
 
@@ -52,19 +53,30 @@ class Twin(torch.Tensor):
 
 def _compute(op, *args, **kwargs):
     """Compute on the CPU what is asked for on the device."""
-    flat, spec = _pytree.tree_flatten((args, kwargs))
+    flat, built = _flat(args, kwargs)
     away = [x for x in flat if isinstance(x, torch.Tensor) and not isinstance(x, Twin)]
     if away and len(away) < sum(isinstance(x, torch.Tensor) for x in flat) and not _goes_along(op, args, away):
         raise RuntimeError(f"Expected all tensors to be on the same device, but found {NAME}:0 and cpu, in {op}")
     raw = [x.raw if isinstance(x, Twin) else torch.device("cpu") if isinstance(x, torch.device) else x for x in flat]
-    own_args, own_kwargs = _pytree.tree_unflatten(raw, spec)
+    own_args, own_kwargs = built(raw)
     result = op(*own_args, **own_kwargs)
     if op._schema.name == "aten::_copy_from":
         return args[1]
     if kwargs.get("device") is not None and torch.device(kwargs["device"]).type == "cpu":
         return result
     known = {id(own): twin for own, twin in zip(raw, flat, strict=True) if isinstance(twin, Twin)}  # changed in place
+    if isinstance(result, torch.Tensor):
+        return known[id(result)] if id(result) in known else Twin(result)
     return _pytree.tree_map_only(torch.Tensor, lambda x: known[id(x)] if id(x) in known else Twin(x), result)
+
+
+def _flat(args, kwargs) -> tuple[list[Any], Callable[[list[Any]], tuple[Any, Any]]]:
+    """What an operation is given as one list, and how to build it again; most are given no lists, which is quick."""
+    flat = [*args, *kwargs.values()]
+    if any(isinstance(x, _CONTAINERS) for x in flat):
+        flat, spec = _pytree.tree_flatten((args, kwargs))
+        return flat, lambda parts: _pytree.tree_unflatten(parts, spec)
+    return flat, lambda parts: (parts[: len(args)], dict(zip(kwargs, parts[len(args) :], strict=True)))
 
 
 def _goes_along(op, args, away: list[torch.Tensor]) -> bool:

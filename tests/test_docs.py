@@ -32,12 +32,16 @@ WITH_BLOCKS = [document for document in DOCUMENTS if list(_blocks(document))]
 
 
 def _commands():
-    """(script, overrides) of every `python train.py …`, evaluate.py and diagnose.py in the documents and the help."""
+    """(script, overrides) of `python train.py …` and the other two in the documents and the help, each once."""
+    seen = set()
     for document in [*DOCUMENTS, *HELP]:
         text = re.sub(r"\s*\\\n\s*", " ", document.read_text("utf-8"))  # a command over several lines
         for line in re.findall(r"python ((?:train|evaluate|diagnose)\.py .*)", text):
-            script, *words = shlex.split(re.split(r"\s{2,}|`|\s#", line)[0])
-            yield pytest.param(script, words, id=f"{document.name}: {script} {' '.join(words)}")
+            command = re.split(r"\s{2,}|`|\s#", line)[0]
+            if command not in seen:
+                seen.add(command)
+                script, *words = shlex.split(command)
+                yield pytest.param(script, words, id=f"{document.name}: {command}")
 
 
 def _pass_contracts(names):

@@ -129,7 +129,7 @@ def test_an_effect_of_another_package_is_in_the_catalogue(tmp_path):
 def test_a_new_effect_of_the_package_is_one_file_and_one_yaml(tmp_path):
     """In a copy of the package that nothing else is changed in."""
     for part in ("contactlearn", "configs"):
-        shutil.copytree(ROOT / part, tmp_path / part, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / part, tmp_path / part)
     shutil.copy(ROOT / "train.py", tmp_path)
     before = {path for path in tmp_path.rglob("*") if path.is_file()}
     (tmp_path / "contactlearn" / "effects" / "spin_loss.py").write_text(OWN.format(name="SpinLoss"))

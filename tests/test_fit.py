@@ -1,5 +1,6 @@
 """Shared identification: planted parameters, brute force over the box, flat directions, and what is refused."""
 
+import itertools
 import math
 
 import numpy as np
@@ -99,11 +100,20 @@ def drops_of(source: str, law: str, variant: str, request):
     return drops.replace(q=drops.q * flip, v_pre=drops.v_pre * flip, v_post=drops.v_post * flip)
 
 
-@pytest.mark.parametrize("source", ["synthetic", "published", "x mirrored"])
-@pytest.mark.parametrize(("law", "variant"), DISTINCT)
+SLOW = ("mirtich", "fazeli2017")  # Newton's iterations
+
+
+def laws_and_sources():
+    """Every law on every kind of drops; of the slow one all but the published are nightly."""
+    for case, source in itertools.product(DISTINCT, ("published", "synthetic", "x mirrored")):
+        marks = [pytest.mark.nightly] if case.values == SLOW and source != "published" else []
+        yield pytest.param(*case.values, source, id=f"{case.id}-{source}", marks=marks)
+
+
+@pytest.mark.parametrize(("law", "variant", "source"), list(laws_and_sources()))
 def test_no_grid_beats_the_cost(law, variant, source, request):
     drops = drops_of(source, law, variant, request)
-    slow = (law, variant) == ("mirtich", "fazeli2017")  # Newton's iterations
+    slow = (law, variant) == SLOW
     subsets = orders(len(drops), 60, 4, seed=3)
     sizes = (3, 8, 20, 60)
     nested = [order[:k] for order in subsets for k in sizes]

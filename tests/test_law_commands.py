@@ -95,7 +95,7 @@ def test_a_package_announces_its_laws(package, tmp_path):
 
 def test_a_new_law_in_the_package_is_one_file_and_one_configuration(tmp_path):
     for part in ("contactlearn", "configs"):
-        shutil.copytree(ROOT / part, tmp_path / part, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / part, tmp_path / part)
     shutil.copy(ROOT / "train.py", tmp_path)
     (tmp_path / "contactlearn" / "laws" / "bumpy_floor.py").write_text(OWN)
     (tmp_path / "configs" / "law" / "bumpy_floor.yaml").write_text(

@@ -122,7 +122,7 @@ def assert_readable(figure) -> None:
 
 
 @pytest.mark.parametrize("build", FIGURES.values(), ids=FIGURES)
-def test_every_figure_is_readable_and_names_its_units(build, tmp_path):
+def test_every_figure_is_readable_and_names_its_units(build):
     figure = build()
     assert figure.get_figwidth() in (3.4, 7.0)
     assert_readable(figure)
@@ -131,7 +131,14 @@ def test_every_figure_is_readable_and_names_its_units(build, tmp_path):
         labels = [getattr(sibling, f"get_{way}label")() for sibling in siblings]
         names = [tick.get_text() for tick in getattr(axes, f"get_{way}ticklabels")()]
         assert any(map(UNIT.search, labels)) or not any(re.search(r"^−?\d", name) for name in names), labels
-    png, pdf = save(figure, tmp_path, "figure")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.nightly] if " " in name else []) for name in FIGURES]
+)
+def test_figures_are_written_as_vectors(name, tmp_path):
+    """One of each kind, and nightly of all data."""
+    png, pdf = save(FIGURES[name](), tmp_path, "figure")
     assert imread(png)[..., :3].std() > 0.05
     for forbidden in (b"/Type3", b"/Subtype /Image"):
         assert forbidden not in pdf.read_bytes()

@@ -21,7 +21,9 @@ Sources: Routh (1860); Keller (1986); Stronge (1990); Johnson, Kendall & Roberts
 from collections.abc import Callable
 from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from contactlearn.errors import DataError
@@ -44,16 +46,19 @@ class ContactState(NamedTuple):
     lever: Callable[[Tensor], Tensor]  # spin [N] in rad/s → moment per normal impulse [N] in m
 
 
+_Numbers = NDArray[np.float64]
+
+
 class _Instant(NamedTuple):
     """Velocities and what has accumulated since first touch, each [N]."""
 
-    v_t: Tensor
-    v_n: Tensor
-    omega: Tensor
-    P_t: Tensor
-    p: Tensor
-    tau: Tensor
-    work: Tensor  # J, of the normal impulse on the body in this phase
+    v_t: _Numbers
+    v_n: _Numbers
+    omega: _Numbers
+    P_t: _Numbers
+    p: _Numbers
+    tau: _Numbers
+    work: _Numbers  # J, of the normal impulse on the body in this phase
 
 
 def collide(contact: ContactState, steps: int = STEPS) -> Tensor:
@@ -66,27 +71,28 @@ def collide(contact: ContactState, steps: int = STEPS) -> Tensor:
     Raises:
         DataError: a contact that does not come to its end, as with numbers that are not finite.
     """
-    v_t, v_n = contact_velocity(contact.r, contact.v).unbind(-1)
-    zero = torch.zeros_like(v_n)
-    start = _Instant(v_t, v_n, contact.v[:, 2], zero, zero, zero, zero)
-    step = -v_n / (inverse_inertia(contact.mass, contact.inertia, contact.r)[:, 1, 1] * steps)
+    v_t, v_n = (value.numpy() for value in contact_velocity(contact.r, contact.v).unbind(-1))
+    zero, eps = np.zeros_like(v_n), contact.eps.numpy()
+    start = _Instant(v_t, v_n, contact.v[:, 2].numpy(), zero, zero, zero, zero)
+    step = -v_n / (inverse_inertia(contact.mass, contact.inertia, contact.r)[:, 1, 1].numpy() * steps)
     middle = _follow(contact, start, step, steps, _until_stopped)
     stored = -middle.work
     if contact.energetic:
 
-        def until_end(now: _Instant, rise: Tensor) -> Tensor:
-            left = (contact.eps**2 * stored - now.work).clamp_min(0)
-            root = (now.v_n**2 + 2 * rise * left).clamp_min(0).sqrt()
-            return 2 * left / (now.v_n + root).clamp_min(torch.finfo(left.dtype).tiny)
+        def until_end(now: _Instant, rise: _Numbers) -> _Numbers:
+            left = np.maximum(eps**2 * stored - now.work, 0)
+            square = torch.from_numpy(np.maximum(now.v_n**2 + 2 * rise * left, 0))
+            root = square.sqrt().numpy()  # NumPy's differs in the last digit, and a seed has its bits
+            return 2 * left / np.maximum(now.v_n + root, np.finfo(np.float64).tiny)
     else:
 
-        def until_end(now: _Instant, rise: Tensor) -> Tensor:
-            return (1 + contact.eps) * middle.p - now.p
+        def until_end(now: _Instant, rise: _Numbers) -> _Numbers:
+            return (1 + eps) * middle.p - now.p
 
     middle = middle._replace(v_n=zero, work=zero)
-    step = contact.eps.clamp_min(1e-6) * middle.p / steps  # not 0, or rounding would keep ε = 0 from its end
+    step = np.maximum(eps, 1e-6) * middle.p / steps  # not 0, or rounding would keep ε = 0 from its end
     end = _follow(contact, middle, step, steps, until_end)
-    wrench = torch.stack((end.P_t, end.p, end.tau), -1)
+    wrench = torch.from_numpy(np.stack((end.P_t, end.p, end.tau), -1))
     return apply_wrench(contact.mass, contact.inertia, contact.r, contact.v, wrench)
 
 
@@ -103,47 +109,58 @@ def part(contact: ContactState, v: Tensor, work: float) -> Tensor:
     return apply_wrench(contact.mass, contact.inertia, contact.r, v, torch.stack((zero, -pull, zero), -1))
 
 
-def _until_stopped(now: _Instant, rise: Tensor) -> Tensor:
+def _until_stopped(now: _Instant, rise: _Numbers) -> _Numbers:
     """Impulse until v_n = 0, at a rise of dv_n/dp."""
-    return torch.where(rise > 0, -now.v_n / rise, torch.inf)
+    return np.where(rise > 0, -now.v_n / rise, np.inf)
 
 
 def _follow(
-    contact: ContactState, now: _Instant, step: Tensor, steps: int, until_end: Callable[[_Instant, Tensor], Tensor]
+    contact: ContactState,
+    now: _Instant,
+    step: _Numbers,
+    steps: int,
+    until_end: Callable[[_Instant, _Numbers], _Numbers],
 ) -> _Instant:
-    """One phase, in steps of about `step` (N s, per trial), to the end that `until_end` gives."""
-    W = inverse_inertia(contact.mass, contact.inertia, contact.r)
+    """One phase, in steps of about `step` (N s, per trial), to the end that `until_end` gives.
+
+    The thousands of operations on few numbers take NumPy a third of the time that they take PyTorch.
+    """
+    W = inverse_inertia(contact.mass, contact.inertia, contact.r).numpy()
     w_tt, w_tn, w_nn = W[:, 0, 0], W[:, 0, 1], W[:, 1, 1]
-    turn_t, turn_n = -contact.r[:, 1] / contact.inertia, contact.r[:, 0] / contact.inertia
-    running = torch.ones_like(step, dtype=torch.bool)
-    for _ in range(50 * steps):
-        lever = contact.lever(now.omega)
-        drive = w_tn + turn_t * lever  # dv_t/dp without friction
-        slips = now.v_t != 0
-        stick = -drive / w_tt
-        mu = contact.friction(torch.where(slips, now.v_t, _TENDENCY * drive.sign()))
-        slope = torch.where(slips, -now.v_t.sign() * mu, stick.clamp(-mu, mu))
-        sticks = ~slips & (stick.abs() <= mu)
-        slip_rate = torch.where(sticks, 0.0, drive + w_tt * slope)
-        rise = w_nn + turn_n * lever + w_tn * slope
-        until_stick = torch.where(slips & (slip_rate * now.v_t < 0), -now.v_t / slip_rate, torch.inf)
-        remaining = until_end(now, rise)
-        # The way is long, and so are the steps, where W is nearly singular or friction drives the body into the floor.
-        event = torch.minimum(until_stick, remaining)
-        far = torch.where(event < torch.inf, event / steps, 0.0)
-        dp = torch.minimum(torch.maximum(step, far), event)
-        ends = remaining <= dp
-        dp = torch.where(running, dp, 0.0)
-        now = _Instant(
-            v_t=torch.where(running & (until_stick <= dp), 0.0, now.v_t + slip_rate * dp),
-            v_n=now.v_n + rise * dp,
-            omega=now.omega + (turn_n + turn_t * slope + lever / contact.inertia) * dp,
-            P_t=now.P_t + slope * dp,
-            p=now.p + dp,
-            tau=now.tau + lever * dp,
-            work=now.work + (now.v_n + 0.5 * rise * dp) * dp,
-        )
-        running = running & ~ends
-        if not bool(running.any()):
-            return now
+    r, inertia = contact.r.numpy(), contact.inertia.numpy()
+    turn_t, turn_n = -r[:, 1] / inertia, r[:, 0] / inertia
+    running = np.ones_like(step, dtype=bool)
+    with np.errstate(all="ignore"):  # what is divided by zero is not taken
+        for _ in range(50 * steps):
+            lever = contact.lever(torch.from_numpy(now.omega)).numpy()
+            drive = w_tn + turn_t * lever  # dv_t/dp without friction
+            slips = now.v_t != 0
+            stick = -drive / w_tt
+            slip = np.where(slips, now.v_t, _TENDENCY * np.sign(drive))
+            mu = contact.friction(torch.from_numpy(slip)).numpy()
+            slope = np.where(slips, -np.sign(now.v_t) * mu, np.minimum(np.maximum(stick, -mu), mu))
+            sticks = ~slips & (np.abs(stick) <= mu)
+            slip_rate = np.where(sticks, 0.0, drive + w_tt * slope)
+            rise = w_nn + turn_n * lever + w_tn * slope
+            until_stick = np.where(slips & (slip_rate * now.v_t < 0), -now.v_t / slip_rate, np.inf)
+            remaining = until_end(now, rise)
+            # The way is long, and so are the steps, where W is nearly singular or friction drives the body into the
+            # floor.
+            event = np.minimum(until_stick, remaining)
+            far = np.where(event < np.inf, event / steps, 0.0)
+            dp = np.minimum(np.maximum(step, far), event)
+            ends = remaining <= dp
+            dp = np.where(running, dp, 0.0)
+            now = _Instant(
+                v_t=np.where(running & (until_stick <= dp), 0.0, now.v_t + slip_rate * dp),
+                v_n=now.v_n + rise * dp,
+                omega=now.omega + (turn_n + turn_t * slope + lever / inertia) * dp,
+                P_t=now.P_t + slope * dp,
+                p=now.p + dp,
+                tau=now.tau + lever * dp,
+                work=now.work + (now.v_n + 0.5 * rise * dp) * dp,
+            )
+            running = running & ~ends
+            if not running.any():
+                return now
     raise DataError(f"{int(running.sum())} simulated contacts do not come to an end: are their numbers finite?")
