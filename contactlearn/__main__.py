@@ -13,12 +13,13 @@ workbench data=…      the whole loop, live in a browser
 """
 
 import argparse
+import re
 import sys
 from collections.abc import Callable
 
 from contactlearn import tools
 from contactlearn.endings import ending_well
-from contactlearn.errors import ContactLearnError, harmless
+from contactlearn.errors import ContactLearnError, harmless, suggest
 
 _REPORT = """Of one run of evaluate or diagnose: write its report.html again, from the run folder alone, without the
 data source and without a fit.  Of several runs, or of a folder above some: write one self-contained page that opens
@@ -66,10 +67,15 @@ def _run_tool(words: list[str]) -> int:
 
 def _parsed(words: list[str]) -> argparse.Namespace:
     """Parse the command line; settings may also follow an option, for which argparse has no word."""
-    parser = _parser()
+    parser, commands = _parser()
+    if words and not words[0].startswith("-") and words[0] not in commands:
+        parser.error(f"no command is called {words[0]!r}{suggest(words[0], commands)}; --help lists all")
     options, settings = parser.parse_known_args(words)
-    if settings and ("overrides" not in options or any(word.startswith("-") or "=" not in word for word in settings)):
-        parser.error(f"unrecognized arguments: {' '.join(settings)}")
+    wrong = [word for word in settings if word.startswith("-") or "=" not in word or "overrides" not in options]
+    if wrong:
+        command = commands[next(word for word in words if word in commands)]
+        known = re.findall(r"(?<!\S)--?[a-z][\w-]*", command.format_help())
+        command.error(f"unknown argument {wrong[0]!r}{suggest(wrong[0], known)}")
     if settings:
         options.overrides = [*options.overrides, *settings]
     return options
@@ -84,9 +90,11 @@ def _configured(command: str, *overrides: str) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    """The parser of all commands, and that of each by name."""
     parser = argparse.ArgumentParser(prog="contactlearn", description="Learn rigid-body contact from measurements.")
-    add = parser.add_subparsers(required=True, metavar="COMMAND ARGUMENT").add_parser
+    commands = parser.add_subparsers(required=True, metavar="COMMAND ARGUMENT")
+    add = commands.add_parser
     for command, summary in _CONFIGURED.items():
         add(command, help=f"{summary}; {command} --help lists its settings")
     _add_audit(add)
@@ -96,7 +104,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_report(add)
     _add_results(add)
     _add_workbench(add)
-    return parser
+    return parser, commands.choices
 
 
 def workbench() -> int:

@@ -5,8 +5,24 @@ Raises:
 """
 
 import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from contactlearn.errors import ContactLearnError, installing
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+
+def _data(command: str, words: Sequence[str]) -> "DictConfig":
+    """The `data` part of the configuration that words compose; a setting of anything else would do nothing."""
+    from contactlearn.cli import compose
+
+    cfg = compose("evaluate", list(words))
+    for word in words:
+        if word.lstrip("+~").partition("=")[0].partition(".")[0] != "data":
+            raise ContactLearnError(f"{command} takes data=… and data.KEY=… alone, got {word}")
+    return cfg.data
 
 
 def run_audit(options: argparse.Namespace) -> str:
@@ -14,13 +30,12 @@ def run_audit(options: argparse.Namespace) -> str:
     from pathlib import Path
 
     from contactlearn.app.audit import audit_text
-    from contactlearn.cli import compose
 
     files = [word for word in options.words if "=" not in word or Path(word).is_file()]
     if len(files) > 1:
         raise ContactLearnError(f"one table is audited at a time, got {', '.join(files)}")
     source = ["data=table"] if files else []
-    cfg = compose("evaluate", [*source, *(word for word in options.words if word not in files)]).data
+    cfg = _data("audit", [*source, *(word for word in options.words if word not in files)])
     if files:
         cfg.path = files[0]
     return audit_text(cfg)
@@ -29,10 +44,9 @@ def run_audit(options: argparse.Namespace) -> str:
 def run_export(options: argparse.Namespace) -> str:
     """Write a data source to a table; say so."""
     from contactlearn.app import load_data
-    from contactlearn.cli import compose
     from contactlearn.data import table
 
-    impacts = load_data(compose("evaluate", options.overrides).data)
+    impacts = load_data(_data("export", options.overrides))
     path = table.save(impacts, options.file)
     return f"{len(impacts)} impacts from {impacts.source} written to {path}"
 

@@ -12,6 +12,7 @@ import torch
 from commands import ROOT, SMALL, TRAIN, run, run_alone
 
 from contactlearn import checkpoint, cli, laws
+from contactlearn.__main__ import main
 from contactlearn.app.results import called
 from contactlearn.configuration import check_settings
 from contactlearn.data import synthetic, table
@@ -417,3 +418,24 @@ def test_every_shipped_setting_is_known(name):
 def test_printed_commands_are_called_as_this_one_was(program, words, monkeypatch):
     monkeypatch.setattr("sys.argv", [program])
     assert called("evaluate") == words
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["resluts", "outputs"], "no command is called 'resluts', did you mean 'results'?"),
+        (["whatever"], "no command is called 'whatever'; --help lists all"),
+        (["workbench", "--prot", "3"], "unknown argument '--prot', did you mean '--port'?"),
+        (["report", "outputs", "--uot", "a.html"], "unknown argument '--uot', did you mean '--out'?"),
+    ],
+)
+def test_misspelt_commands_and_their_options(words, said, capsys):
+    with pytest.raises(SystemExit):
+        main(words)
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [("audit", "data=synthetic"), ("export", "drops.csv")])
+def test_settings_that_would_do_nothing_are_refused(words, tmp_path):
+    printed = run("contactlearn", *words, "device=cuda", cwd=tmp_path, status=2)
+    assert printed == f"error: {words[0]} takes data=… and data.KEY=… alone, got device=cuda\n"
