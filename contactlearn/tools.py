@@ -5,10 +5,11 @@ Raises:
 """
 
 import argparse
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from contactlearn.errors import ContactLearnError, installing
+from contactlearn.errors import ContactLearnError, UnknownNameError, installing
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -55,11 +56,24 @@ def run_impacts(options: argparse.Namespace) -> str:
     """Find the impacts in recordings and write them; return what was found."""
     from pathlib import Path
 
-    from contactlearn.app.impacts import write_impacts
-    from contactlearn.cli import compose
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
 
-    options.overrides = ["data=tracks", *(f"data.{word.removeprefix('data.')}" for word in options.overrides)]
-    data = compose("evaluate", options.overrides).data
+    from contactlearn.app.impacts import own_names, write_impacts
+    from contactlearn.cli import compose
+    from contactlearn.configuration import explained
+
+    every = [*map(str, compose("evaluate", ["data=tracks"]).data)]
+    known = [name for name in every if name not in ("_target_", "path", "correct")]  # which come otherwise, or later
+    words = [re.sub(r"^([+~]*)(data\.)?", r"\1data.", word) for word in options.overrides]
+    for word in words:
+        name = re.split(r"[.=]", word)[1]
+        if name not in known:
+            raise UnknownNameError("setting of impacts", name, known)
+    try:
+        data = compose("evaluate", ["data=tracks", *words]).data
+    except (HydraException, OmegaConfBaseException) as error:
+        raise ContactLearnError(own_names(explained(error, "evaluate", words), every)) from None
     data.path = options.path
     return write_impacts(data, Path(options.out))
 
