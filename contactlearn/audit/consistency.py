@@ -14,7 +14,7 @@ below the body:
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
@@ -167,14 +167,17 @@ def _unlike(impacts: Impacts, values: Float[Tensor, " n"], thresholds: OutlierTh
 class Balance:
     """The moment balance Δω = a r_x P_n / I − b r_y P_t / I, fitted robustly: a = b = 1 for consistent data.
 
-    `a_error` and `b_error` are standard errors, `r_squared` the share of Δω that the fit explains, without outliers,
-    `freedom` the trials that count, less the two coefficients.
+    `a_error` and `b_error` are standard errors, `a_size` and `b_size` the medians of the terms, as shares of that of
+    |Δv| / ρ, `r_squared` the share of Δω that the fit explains, without outliers, `freedom` the trials that count, less
+    the two coefficients.
     """
 
     a: float
     b: float
     a_error: float
     b_error: float
+    a_size: float
+    b_size: float
     r_squared: float
     freedom: float
 
@@ -197,6 +200,23 @@ class Balance:
             off = low - 1 if low > 1 else (1 / high - 1 if 0 < high < 1 else 0.0)
             most = max(most, math.inf if high <= 0 else off)
         return most
+
+    def judged(self, small: float, sure: float) -> "Balance":
+        """Return the balance without coefficients that noise alone may have made.
+
+        Of a term that is all noise nothing is left, whatever its coefficient is: vertical drops without spin.
+
+        Args:
+            small: size of a term up to which it may be noise.
+            sure: standard errors from 0 from which on its coefficient is none of noise.
+        """
+        open_ = {
+            f"{name}_error": math.inf
+            for name in "ab"
+            if getattr(self, f"{name}_size") <= small
+            and abs(getattr(self, name)) <= sure * getattr(self, f"{name}_error")
+        }
+        return replace(self, **open_)
 
     @property
     def tested(self) -> float:
@@ -237,8 +257,9 @@ def balance(impacts: Impacts) -> Balance:
     a_error, b_error = (covariance.diagonal() * residual / freedom).sqrt().tolist()
     r_squared = 1 - residual / (weight * y**2).sum().clamp_min(1e-300)
     a, b = fit.tolist()
-    errors = {"a_error": a_error, "b_error": b_error}
-    return Balance(a=a, b=b, **errors, r_squared=r_squared.item(), freedom=freedom.item())
+    a_size, b_size = (X.abs().median(0).values / terms.scale.median().clamp_min(1e-300)).tolist()
+    more = {"a_error": a_error, "b_error": b_error, "a_size": a_size, "b_size": b_size}
+    return Balance(a=a, b=b, **more, r_squared=r_squared.item(), freedom=freedom.item())
 
 
 def _weighted(
