@@ -8,10 +8,11 @@ import torch
 from corruptions import CORRUPTIONS, corrupt
 from repetitions import repeated
 
-from contactlearn.audit.consistency import balance, contradictions
+from contactlearn.audit.consistency import contradictions
 from contactlearn.audit.conventions import compare
 from contactlearn.audit.corrections import correct
 from contactlearn.audit.findings import Finding, audit
+from contactlearn.audit.moments import balance
 from contactlearn.audit.thresholds import ConventionThresholds
 from contactlearn.data import mujoco, synthetic
 from contactlearn.data.mystery import EFFECTS, UNKNOWN, draw

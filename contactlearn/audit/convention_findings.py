@@ -6,9 +6,10 @@ The moment balance is stated with its two coefficients and their 95 % intervals,
 import math
 from collections.abc import Iterable
 
-from contactlearn.audit.consistency import Balance, balance, contradictions, torque
+from contactlearn.audit.consistency import contradictions, torque
 from contactlearn.audit.conventions import ConventionComparison, Hypothesis, hypothesis_text, wrong_inertia
 from contactlearn.audit.corrections import CORRECTIONS
+from contactlearn.audit.moments import Balance, balance
 from contactlearn.audit.result import Evidence, Finding
 from contactlearn.audit.thresholds import AuditThresholds, ConventionThresholds
 from contactlearn.impacts import Impacts
