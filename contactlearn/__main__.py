@@ -13,10 +13,13 @@ workbench data=…      the whole loop, live in a browser
 """
 
 import argparse
+import re
 import sys
 from collections.abc import Callable
 
-from contactlearn.errors import ContactLearnError, harmless, installing
+from contactlearn import tools
+from contactlearn.endings import ending_well
+from contactlearn.errors import ContactLearnError, harmless, suggest
 
 _REPORT = """Of one run of evaluate or diagnose: write its report.html again, from the run folder alone, without the
 data source and without a fit.  Of several runs, or of a folder above some: write one self-contained page that opens
@@ -38,6 +41,12 @@ def main(arguments: list[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     if words and words[0] in _CONFIGURED:
         return _configured(*words)
+    with ending_well():
+        return _run_tool(words)
+
+
+def _run_tool(words: list[str]) -> int:
+    """Run a command whose arguments argparse parses; return the exit status."""
     options = _parsed(words)
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
@@ -58,10 +67,15 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _parsed(words: list[str]) -> argparse.Namespace:
     """Parse the command line; settings may also follow an option, for which argparse has no word."""
-    parser = _parser()
+    parser, commands = _parser()
+    if words and not words[0].startswith("-") and words[0] not in commands:
+        parser.error(f"no command is called {words[0]!r}{suggest(words[0], commands)}; --help lists all")
     options, settings = parser.parse_known_args(words)
-    if settings and ("overrides" not in options or any(word.startswith("-") or "=" not in word for word in settings)):
-        parser.error(f"unrecognized arguments: {' '.join(settings)}")
+    wrong = [word for word in settings if word.startswith("-") or "=" not in word or "overrides" not in options]
+    if wrong:
+        command = commands[next(word for word in words if word in commands)]
+        known = re.findall(r"(?<!\S)--?[a-z][\w-]*", command.format_help())
+        command.error(f"unknown argument {wrong[0]!r}{suggest(wrong[0], known)}")
     if settings:
         options.overrides = [*options.overrides, *settings]
     return options
@@ -76,9 +90,11 @@ def _configured(command: str, *overrides: str) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    """The parser of all commands, and that of each by name."""
     parser = argparse.ArgumentParser(prog="contactlearn", description="Learn rigid-body contact from measurements.")
-    add = parser.add_subparsers(required=True, metavar="COMMAND ARGUMENT").add_parser
+    commands = parser.add_subparsers(required=True, metavar="COMMAND ARGUMENT")
+    add = commands.add_parser
     for command, summary in _CONFIGURED.items():
         add(command, help=f"{summary}; {command} --help lists its settings")
     _add_audit(add)
@@ -88,7 +104,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_report(add)
     _add_results(add)
     _add_workbench(add)
-    return parser
+    return parser, commands.choices
 
 
 def workbench() -> int:
@@ -110,7 +126,7 @@ def _add_audit(add: Callable[..., argparse.ArgumentParser]) -> None:
         metavar="FILE|key=value",
         help="a .csv or .parquet table, or data=NAME for another source, and their settings, data.KEY=…",
     )
-    audit.set_defaults(run=_audit)
+    audit.set_defaults(run=tools.run_audit)
 
 
 def _add_export(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -124,7 +140,7 @@ def _add_export(add: Callable[..., argparse.ArgumentParser]) -> None:
     export.add_argument(
         "overrides", nargs="*", metavar="key=value", help="data=synthetic|ellipse_drops|mystery|table, data.KEY=…"
     )
-    export.set_defaults(run=_export)
+    export.set_defaults(run=tools.run_export)
 
 
 def _add_impacts(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -140,7 +156,7 @@ def _add_impacts(add: Callable[..., argparse.ArgumentParser]) -> None:
     impacts.add_argument(
         "overrides", nargs="*", metavar="key=value", help="settings of configs/data/tracks.yaml: mass=0.05, unit=mm, …"
     )
-    impacts.set_defaults(run=_impacts)
+    impacts.set_defaults(run=tools.run_impacts)
 
 
 def _add_reveal(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -151,7 +167,7 @@ def _add_reveal(add: Callable[..., argparse.ArgumentParser]) -> None:
         epilog="example: contactlearn reveal outputs/mystery/seed_7",
     )
     reveal.add_argument("folder", metavar="DIR", help="the folder that data=mystery wrote")
-    reveal.set_defaults(run=_reveal)
+    reveal.set_defaults(run=tools.run_reveal)
 
 
 def _add_report(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -175,7 +191,7 @@ def _add_report(add: Callable[..., argparse.ArgumentParser]) -> None:
         help="the page over runs, an .html file, also of a single one (default: report.html in DIR if it is one folder "
         "and no run itself, else ./report.html); it never replaces the page of a run",
     )
-    report.set_defaults(run=_report)
+    report.set_defaults(run=tools.run_report)
 
 
 def _add_results(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -188,7 +204,7 @@ def _add_results(add: Callable[..., argparse.ArgumentParser]) -> None:
     )
     results.add_argument("folders", nargs="+", metavar="DIR", help="a run, a sweep, or any folder above some")
     results.add_argument("-o", "--out", metavar="FILE", required=True, help="a .parquet or .csv file")
-    results.set_defaults(run=_results)
+    results.set_defaults(run=tools.run_results)
 
 
 def _add_workbench(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -204,95 +220,7 @@ def _add_workbench(add: Callable[..., argparse.ArgumentParser]) -> None:
     bench.add_argument("--host", default="127.0.0.1", help="to bind to; the token is asked for everywhere")
     bench.add_argument("--port", type=int, help="to bind to (default: the first free one from 8765; 0: any free one)")
     bench.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
-    bench.set_defaults(run=_workbench)
-
-
-def _audit(options: argparse.Namespace) -> str:
-    from pathlib import Path
-
-    from contactlearn.app.audit import audit_text
-    from contactlearn.cli import compose
-
-    files = [word for word in options.words if "=" not in word or Path(word).is_file()]
-    if len(files) > 1:
-        raise ContactLearnError(f"one table is audited at a time, got {', '.join(files)}")
-    source = ["data=table"] if files else []
-    cfg = compose("evaluate", [*source, *(word for word in options.words if word not in files)]).data
-    if files:
-        cfg.path = files[0]
-    return audit_text(cfg)
-
-
-def _export(options: argparse.Namespace) -> str:
-    from contactlearn.app import load_data
-    from contactlearn.cli import compose
-    from contactlearn.data import table
-
-    impacts = load_data(compose("evaluate", options.overrides).data)
-    path = table.save(impacts, options.file)
-    return f"{len(impacts)} impacts from {impacts.source} written to {path}"
-
-
-def _impacts(options: argparse.Namespace) -> str:
-    from pathlib import Path
-
-    from contactlearn.app.impacts import write_impacts
-    from contactlearn.cli import compose
-
-    options.overrides = ["data=tracks", *(f"data.{word.removeprefix('data.')}" for word in options.overrides)]
-    data = compose("evaluate", options.overrides).data
-    data.path = options.path
-    return write_impacts(data, Path(options.out))
-
-
-def _reveal(options: argparse.Namespace) -> str:
-    from contactlearn.data.mystery import reveal
-    from contactlearn.report.text.sealed import account
-
-    return account(reveal(options.folder))
-
-
-def _workbench(options: argparse.Namespace) -> str:
-    try:
-        from contactlearn.workbench.server import serve
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("dash", "flask"):
-            raise
-        raise ContactLearnError(f"the workbench needs Dash: {installing('workbench')}") from None
-    serve(options.overrides, host=options.host, port=options.port, browser=not options.no_browser)
-    return "closed; every address works again after the next start, and the runs are in outputs"
-
-
-def _report(options: argparse.Namespace) -> str:
-    from pathlib import Path
-
-    from contactlearn.report import terminal
-    from contactlearn.report.page.redraw import has_page, redraw
-    from contactlearn.report.page.runs.page import write_runs
-    from contactlearn.report.page.runs.rows import printable
-
-    if options.out is None and len(options.folders) == 1 and has_page(Path(options.folders[0])):
-        return f"open     {printable(str(redraw(Path(options.folders[0]))))}"
-    with terminal.progress() as bar:
-        page, runs, skipped = write_runs(
-            options.folders, options.out, lambda items, task: bar.track(items, description=task)
-        )
-    lines = [f"left out {name}: {reason}" for name, reason in skipped]
-    counted = f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}"
-    counted += f", {len(skipped)} left out" if skipped else ""
-    return "\n".join([*lines, counted, f"open     {printable(str(page))}"])
-
-
-def _results(options: argparse.Namespace) -> str:
-    from contactlearn.report import terminal
-    from contactlearn.report.results_table import write_table
-
-    with terminal.progress() as bar:
-        frame, skipped = write_table(
-            options.folders, options.out, lambda items, task: bar.track(items, description=task)
-        )
-    lines = [f"left out {name}: {reason}" for name, reason in skipped]
-    return "\n".join([*lines, f"{frame['run'].nunique()} runs, {len(frame)} rows written to {options.out}"])
+    bench.set_defaults(run=tools.run_workbench)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 from string import Template
+from textwrap import fill
 from types import ModuleType
 
 import hydra
@@ -23,15 +24,16 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from contactlearn.configuration import CONFIGS, check_choices, check_settings, choices, explained
+from contactlearn.endings import ending_well
 from contactlearn.errors import ContactLearnError, harmless
 from contactlearn.trust import check_targets, nothing_foreign, readable_words
 
 # Our configurations of launchers have the names of those that their packages bring, whose types they are checked by.
 warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated against ConfigStore schema")
 
+logging.raiseExceptions = False  # a message of Hydra's that nobody reads any more
+
 _FULL = "HYDRA_FULL_ERROR"
-_STOPPED = 130
-"""Exit status after Ctrl-C, as a shell has it."""
 
 
 def _run(job: Callable[[DictConfig], None], cfg: DictConfig) -> None:
@@ -84,7 +86,7 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
     def door() -> None:
         words = sys.argv[1:]
         flags = {word for word in words if word.startswith("-")}
-        with _one_message(job.__name__):
+        with ending_well(), _one_message(job.__name__):
             if not flags & {"--config-dir", "-cd"}:
                 check_choices(words)
             if flags and flags <= {"--help", "-h"}:
@@ -98,13 +100,13 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
 
 @contextmanager
 def _one_message(command: str) -> Generator[None]:
-    """End with one message and status 2 for an error that the user can mend; Ctrl-C with 130."""
+    """End with one message and status 2 for an error that the user can mend."""
     asked = os.environ.get(_FULL)
     os.environ[_FULL] = "1"  # Hydra hands exceptions on, and prints none itself
     try:
         yield
-    except KeyboardInterrupt:
-        _end("stopped; the same command with -m goes on where a sweep was", _STOPPED)
+    except BrokenPipeError:
+        raise
     except (ContactLearnError, HydraException, OmegaConfBaseException, OSError) as error:
         if asked == "1":
             raise
@@ -130,11 +132,12 @@ def _end(message: str, status: int) -> None:
 
 
 def _help(config_name: str, overrides: list[str]) -> str:
-    """What Hydra prints for `--help`, without its search for every group, which takes half of the time."""
+    """What Hydra prints for `--help`, folded, without its search for every group, which takes half of the time."""
     cfg = compose(config_name, overrides, return_hydra_config=True)
     ours = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
     folders = (path for path in sorted(Path(CONFIGS).iterdir()) if path.is_dir() and path.name != "hydra")
-    groups = "".join(f"{folder.name}: {', '.join(choices(folder))}\n" for folder in folders)
+    named = (f"{folder.name}: {', '.join(choices(folder))}" for folder in folders)
+    groups = "".join(fill(line, 79, subsequent_indent="  ") + "\n" for line in named)
     return Template(cfg.hydra.help.template).substitute(CONFIG=OmegaConf.to_yaml(ours), APP_CONFIG_GROUPS=groups)
 
 

@@ -69,7 +69,8 @@ def explained(error: Exception, command: str, words: Sequence[str]) -> str:
         near = _near_in_source(refused[1], words)
         elsewhere = f"{refused[1]} is a setting of other choices, not of these{near}; --help lists all settings"
         return elsewhere if refused[1] in known else str(_unknown(refused[1], known))
-    return " ".join(str(error).partition("Config search path")[0].split())
+    said = " ".join(str(error).partition("Config search path")[0].split())
+    return said + ("; text with brackets stands in double quotes" if "Unknown function" in said else "")
 
 
 def _near_in_source(key: str, words: Sequence[str]) -> str:

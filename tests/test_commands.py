@@ -12,6 +12,7 @@ import torch
 from commands import ROOT, SMALL, TRAIN, run, run_alone
 
 from contactlearn import checkpoint, cli, laws
+from contactlearn.__main__ import main
 from contactlearn.app.results import called
 from contactlearn.configuration import check_settings
 from contactlearn.data import synthetic, table
@@ -225,9 +226,11 @@ def test_every_command_has_its_summary_beside_it():
 
 @pytest.mark.parametrize("name", ["train", "evaluate", "diagnose"])
 def test_help_is_that_of_hydra(name):
-    """Which takes twice as long; any other flag leaves it to Hydra."""
+    """Which takes twice as long, and does not fold its lists of choices; any other flag leaves it to Hydra."""
     words = (f"{name}.py", "--help", "law=mirtich")
-    assert run(*words) == run(*words, f"--config-name={name}")
+    ours = run(*words)
+    assert ours.split() == run(*words, f"--config-name={name}").split()
+    assert all(len(line) < 80 for line in ours.splitlines() if line.startswith(("effect: ", "law: anitescu")))
 
 
 def test_an_installed_package_needs_no_checkout(tmp_path):
@@ -417,3 +420,24 @@ def test_every_shipped_setting_is_known(name):
 def test_printed_commands_are_called_as_this_one_was(program, words, monkeypatch):
     monkeypatch.setattr("sys.argv", [program])
     assert called("evaluate") == words
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["resluts", "outputs"], "no command is called 'resluts', did you mean 'results'?"),
+        (["whatever"], "no command is called 'whatever'; --help lists all"),
+        (["workbench", "--prot", "3"], "unknown argument '--prot', did you mean '--port'?"),
+        (["report", "outputs", "--uot", "a.html"], "unknown argument '--uot', did you mean '--out'?"),
+    ],
+)
+def test_misspelt_commands_and_their_options(words, said, capsys):
+    with pytest.raises(SystemExit):
+        main(words)
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [("audit", "data=synthetic"), ("export", "drops.csv")])
+def test_settings_that_would_do_nothing_are_refused(words, tmp_path):
+    printed = run("contactlearn", *words, "device=cuda", cwd=tmp_path, status=2)
+    assert printed == f"error: {words[0]} takes data=… and data.KEY=… alone, got device=cuda\n"

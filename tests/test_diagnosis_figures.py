@@ -12,9 +12,10 @@ from corruptions import corrupt
 from matplotlib.text import Text
 from test_figures import HOSTILE, assert_fits, visible_axes
 
-from contactlearn.audit.consistency import balance, contradictions, gross_outliers, kinetic_energy, torque
+from contactlearn.audit.consistency import contradictions, gross_outliers, kinetic_energy, torque
 from contactlearn.audit.corrections import CORRECTIONS, correct
 from contactlearn.audit.findings import audit
+from contactlearn.audit.moments import balance
 from contactlearn.audit.result import Finding
 from contactlearn.data import mystery
 from contactlearn.diagnosis.failure.variables import variables

@@ -443,6 +443,27 @@ def test_a_sweep_is_drawn_in_silence(browser, sweep):  # noqa: F811
     assert silent(shown)
 
 
+def test_runs_are_called_by_what_tells_them_apart(browser, tmp_path):  # noqa: F811
+    content = trained()
+    for size in (20, 40):
+        for law in ("wang_mason", "mirtich"):
+            one = changed(content, "provenance", "config", "train", to={"size": size})
+            leave(tmp_path / f"train.size={size},law={law}-90086986c6fb", changed(one, "law", to=law))
+    page, _, _ = write_runs([tmp_path])
+    shown = opened(browser, page)
+    draw_everything(shown)
+    assert until(shown, "document.querySelectorAll('#by-run .ytick title').length === 4")
+    names = shown.execute_script("return document.querySelector('#by-run').layout.yaxis.ticktext")
+    laws = ("mirtich", "wang_mason")
+    assert names in (
+        [f"law {law}, size {size}" for size in (20, 40) for law in laws],  # or where it is narrow
+        [f"{law}, {size}" for size in (20, 40) for law in laws],
+    )
+    told = shown.execute_script("return document.querySelector('#by-run .ytick title').textContent")
+    assert told == "law mirtich\nsize 20\ntrain.size=20,law=mirtich-90086986c6fb"
+    assert silent(shown)
+
+
 def test_sorting(browser, mixed):  # noqa: F811
     shown, names = opened(browser, mixed[0]), [one.name for one in mixed[1]]
     error = {one.name: one.error.mean for one in mixed[1]}
@@ -452,8 +473,8 @@ def test_sorting(browser, mixed):  # noqa: F811
     assert press(shown, "Held-out mass error") == "descending"
     assert order(shown) == sorted(names, key=error.get, reverse=True)
     into_view(shown, "by-run")
-    ticks = "document.querySelector('#by-run').layout.yaxis.ticktext[0]"
-    assert until(shown, f"{ticks}.startsWith({json.dumps(order(shown)[0][:3])}) || {ticks}.startsWith('…')")
+    worst = f"document.querySelector('#by-run .ytick title').textContent.endsWith({json.dumps(order(shown)[0])})"
+    assert until(shown, worst)
     noise = {one.name: one.noise.mean for one in mixed[1] if one.noise}
     for direction in (False, True):  # those without stay at the end
         press(shown, "Noise floor")

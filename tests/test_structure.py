@@ -25,8 +25,8 @@ PACKAGE = ROOT / "contactlearn"
 
 # From the measurements to what is shown.  A module may import those on its own or an earlier line.
 ORDER = (
-    ("errors", "lazy"),
-    ("numerics", "serialisation", "devices"),
+    ("errors", "lazy", "endings"),
+    ("numerics", "serialisation", "devices", "workers"),
     ("shapes", "mechanics", "apparatus", "fingerprint"),
     ("bodies",),
     ("impacts",),
@@ -49,6 +49,7 @@ ORDER = (
     ("app",),
     ("cli",),
     ("workbench",),
+    ("tools",),
     ("__main__",),
 )
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
@@ -296,6 +297,7 @@ KEYWORDS = {
     "contactlearn.laws.base.Law.__init_subclass__",
     "contactlearn.laws.find",
     "contactlearn.regression.gp.exact.WeightedNoise._shaped_noise_covar",
+    "contactlearn.workers.WorkerPool.submit",
 }
 OPTIONS = {
     "contactlearn.effects.formula.effect.formula",

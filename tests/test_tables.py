@@ -3,6 +3,8 @@
 import csv
 import json
 import math
+import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -214,6 +216,7 @@ BAD_HEADER = {
         {"mass": "m_g", "x": "pos_x", "y": "pos_y", "rx": None, "ry": None},
         None,
         [
+            "5 columns are missing, or have other names than ours",
             "'data.columns={mass: …, rx: …, ry: …, x: …, y: …}' says",
             "not used: 'm_g', 'pos_x', 'pos_y'",
             "data.shape={kind: …}, from which rx, ry are computed",
@@ -236,6 +239,16 @@ def test_headers_that_are_refused(tmp_path, drops, renamed, shape, fragments):
         table.load(written(tmp_path / "own.csv", columns), shape)
     for fragment in fragments:
         assert fragment in str(caught.value)
+
+
+def test_names_with_units_are_proposed_as_a_shell_and_hydra_take_them(tmp_path, drops):
+    own = {"theta": "theta (rad)", "omega": "omega [rad/s]", "vx": 'vx"\\', "vy": "vy's", "mass": "mass"}
+    columns = {own.get(name, name): values for name, values in columns_of(drops).items()}
+    path = written(tmp_path / "own.csv", columns)
+    said = run("contactlearn", "audit", str(path), status=2)
+    proposed = shlex.split(re.search(r"; ('data.columns=.*) says which columns", said)[1])
+    assert len(proposed) == 1
+    assert f"{len(drops)} impacts" in run("contactlearn", "audit", str(path), *proposed)
 
 
 BAD_SETTINGS = {

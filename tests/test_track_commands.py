@@ -16,6 +16,7 @@ from contactlearn.data.tracks_synthetic import AXES, MASS, SEMI_AXES, simulate, 
 from contactlearn.data.tracks_synthetic.camera import Camera
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.mechanics import contact_velocity
+from contactlearn.report.figures.tracks import refused_figure
 from contactlearn.shapes import Ellipse
 from contactlearn.tracks.result import Reason
 
@@ -168,15 +169,30 @@ def test_the_command_writes_impacts_and_refusals(tmp_path, plain):
         (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "unit=inch"], "unknown unit 'inch'"),
         (
             ["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "units=mm"],
-            "choices, not of these, did you mean 'unit'",
+            "unknown setting of impacts 'units', did you mean 'unit'?",
         ),
         (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "rate=5"], "s by rate=5;"),
+        (["-o", "a.csv", "+colour=red"], "unknown setting of impacts 'colour'"),
+        (["-o", "a.csv", "mass=1", "correct=[mirrored_x]"], "unknown setting of impacts 'correct'"),
+        (["-o", "a.csv", "columns={time: t (s)}"], "error: Error parsing override 'columns={time: t (s)}'"),
         (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "columns={angel: a}"], "did you mean 'angle'"),
     ],
 )
 def test_the_command_says_what_is_wrong(tmp_path, words, message):
     (tmp_path / "a.csv").write_text("time,x,y,theta\n0,1,2,3\n1,1,2,3\n")
-    assert message in run("contactlearn", "impacts", str(tmp_path / "a.csv"), *words, status=2)
+    said = run("contactlearn", "impacts", str(tmp_path / "a.csv"), *words, status=2)
+    assert message in said
+    assert "data." not in said
+
+
+def test_refusals_name_settings_as_the_command_has_them(tmp_path, plain):
+    folder(tmp_path / "in", size=3)
+    (tmp_path / "in" / "z.csv").write_text("x,y,theta\n1,2,3\n")
+    shape = f"shape={{kind: ellipse, semi_axes: {list(SEMI_AXES)}}}"
+    run("contactlearn", "impacts", str(tmp_path / "in"), "-o", str(tmp_path / "a.csv"), f"mass={MASS}", shape)
+    assert "state rate" in (tmp_path / "a.refused.csv").read_text()
+    for file in ("a.refused.csv", "a.recordings.html"):
+        assert "data.rate" not in (tmp_path / file).read_text()
 
 
 def test_the_sources_compose(tmp_path, plain):
@@ -231,3 +247,11 @@ def test_a_long_file_is_shared_between_processes(tmp_path):
     assert [str(one) for one in shared.survey.refusals] == [str(one) for one in alone.survey.refusals]
     assert shared.survey.recordings == alone.survey.recordings == 19
     assert sum(one.reason is Reason.NOT_READ for one in shared.survey.refusals) == 1
+
+
+@pytest.mark.parametrize(("count", "grid"), [(1, (1, 1)), (2, (1, 2)), (5, (2, 3)), (9, (3, 3))])
+def test_refused_recordings_fill_their_figure(plain, count, grid):
+    figure = refused_figure([*plain[1].again({"0001"})] * count)
+    panels = figure.axes
+    assert panels[0].get_subplotspec().get_gridspec().get_geometry() == grid
+    assert sum(panel.get_visible() for panel in panels) == count

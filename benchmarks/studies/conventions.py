@@ -8,6 +8,7 @@ import torch
 from contactlearn.audit.convention_findings import consistent_note, impossible_findings, inertia_findings
 from contactlearn.audit.conventions import ConventionComparison, compare
 from contactlearn.audit.findings import audit
+from contactlearn.data import synthetic
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.impacts import Impacts
 from contactlearn.shapes import Disc, Ellipse
@@ -246,13 +247,41 @@ def _moments(kind: str, seed: int) -> Impacts:
             moment = a * impacts.r[:, 0] * dv[:, 1] - b * impacts.r[:, 1] * dv[:, 0]
             spin = impacts.v_pre[:, 2] + moment * impacts.mass / impacts.inertia
             return after(impacts, torch.cat((impacts.v_post[:, :2], spin[:, None]), -1))
-        case "smooth":  # hardly any friction, of a disc: no moment at all
-            return textbook(seed, 30, 0.02, 5.0, Disc(0.03))[torch.arange(20)]
+        case "noisy":  # too few trials with too much noise of the spin
+            return textbook(seed, 20, 0.02, between(8.0, 30.0, seed), Disc(0.03))
+        case "vertical":  # a disc without slip and spin: no moment at all
+            return _pushed(_discs(seed, 0.0), level, 0.0)
+        case "slight":  # hardly any friction, and spins off by a factor
+            factor = between(0.4, 0.65, seed)
+            return _pushed(_discs(seed, 0.03), 0.002, factor)
+        case "still":  # spins that answer to no moment, noise apart
+            return _pushed(textbook(seed, 100, 0.0, 0.0, Disc(0.03)), level, 0.0)
     return nature(seed, (kind,))[0]
+
+
+def _discs(seed: int, mu: float) -> Impacts:
+    return synthetic.load(size=100, shape=Disc(0.03), seed=seed, mu=mu, velocity_noise=0.0, spin_noise=0.0)
+
+
+def _pushed(impacts: Impacts, level: float, factor: float) -> Impacts:
+    """Drops without tangential velocity where they have no friction, spins that change by a factor, and noise."""
+    slip = float(bool((impacts.v_post - impacts.v_pre)[:, 0].abs().max() > 1e-9))
+    keep = torch.tensor((slip, 1.0, slip), dtype=torch.float64)
+    change = torch.tensor((1.0, 1.0, factor), dtype=torch.float64) * (impacts.v_post - impacts.v_pre)
+    noise = torch.randn(2, len(impacts), 3, generator=random(len(impacts) + int(1e4 * level))).double()
+    noise = noise * level * torch.tensor((1.0, 1.0, 30.0), dtype=torch.float64)
+    return impacts.replace(
+        v_pre=keep * impacts.v_pre + noise[0], v_post=keep * impacts.v_pre + change + noise[1], suspect=True
+    )
 
 
 def _open(impacts: Impacts, thresholds: Thresholds) -> bool:
     return any(finding.name == "moment_balance_open" for finding in audit(impacts, thresholds.audit))
+
+
+def _unbalanced(impacts: Impacts, thresholds: Thresholds) -> bool:
+    findings = audit(impacts, thresholds.audit)
+    return any(finding.name in ("moment_balance_open", "impossible") for finding in findings)
 
 
 def _doubted(impacts: Impacts, thresholds: Thresholds) -> bool:
@@ -271,7 +300,14 @@ DOUBTED = Study(
     planted=each(16, "uneven"), prepare=_moments, alarm=_doubted,
 )  # fmt: skip
 TESTED = Study(
-    name="tested balance", null=each(8, "clean", "rough"), planted=each(12, "smooth"), prepare=_moments, alarm=_untested
+    name="tested balance", null=each(8, "clean", "rough"), planted=each(12, "noisy"), prepare=_moments, alarm=_untested
+)
+SMALL = Study(
+    name="small moments",
+    null=each(24, "vertical"),
+    planted=each(12, "slight", "still"),
+    prepare=_moments,
+    alarm=_unbalanced,
 )
 
 _C = "audit.conventions."
@@ -307,5 +343,7 @@ ROWS = (
     Row(field="audit.open_balance", values=(0.0, 0.02, 0.05, 0.1, 0.3), study=OPEN),
     Row(field="audit.doubted_balance", values=(0.1, 0.2, 0.4, 0.8, 2.0), study=DOUBTED),
     Row(field="audit.tested_balance", values=(0.02, 0.05, 0.1, 0.2, 0.4), study=TESTED),
+    Row(field="audit.small_moments", values=(0.0, 0.02, 0.05, 0.1, 0.3), study=SMALL),
+    Row(field="audit.sure_moments", values=(0.0, 2.0, 4.0, 20.0, 1000.0), study=SMALL),
     Row(field="audit.reversed_trials", values=(0.1, 0.2, 0.4, 0.6, 0.8), study=IMPOSSIBLE),
 )

@@ -46,8 +46,13 @@ def diagnose(cfg: DictConfig) -> None:
         found.record.save(folder, asdict(result.provenance))
     write_result(folder, result)
     report.show_verdict(found, command)
-    _record(cfg, folder, result, drawn(found, impacts))
-    write_page(folder, found, result.provenance, use=command if found.missing else "")
+    shown = (
+        lambda: _record(cfg, folder, result, drawn(found, impacts)),
+        lambda: write_page(folder, found, result.provenance, use=command if found.missing else ""),
+    )
+    with terminal.progress() as bar:
+        for show in bar.track(shown, description="figures and page"):
+            show()
     forget(parts)
     terminal.show_folder(folder)
 

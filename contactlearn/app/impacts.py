@@ -1,7 +1,8 @@
 """The impacts command: recordings to a table of impacts, and beside it a table of refusals, figures, and a page."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -17,6 +18,7 @@ from contactlearn.report.figures.tracks import contact_figure, refused_figure, r
 from contactlearn.report.page.recordings import write_recordings_page
 from contactlearn.report.text.tracks import tracks_summary
 from contactlearn.tracks.result import Reason, Refusal
+from contactlearn.tracks.survey import Survey
 
 _CONTACTS, _REFUSED = 3, 24  # recordings that are drawn
 _LONGEST = 60  # characters of a recording's name in the name of a file
@@ -35,16 +37,20 @@ def write_impacts(cfg: DictConfig, out: Path) -> str:
         ContactLearnError: a setting is missing.
         DataError: see `contactlearn.data.tracks.find_impacts`; or a file cannot be written.
     """
-    name = rf"(?<![\w./])data\.(?=(?:{'|'.join(map(str, cfg))})\b)"
     try:
-        return re.sub(name, "", _written(cfg, out))
+        return _written(cfg, out)
     except ContactLearnError as error:
-        error.args = (re.sub(name, "", str(error)),)
+        error.args = (own_names(str(error), map(str, cfg)),)
         raise
 
 
+def own_names(text: str, settings: Iterable[str]) -> str:
+    """Return words about settings of data as the command impacts names them, without `data.`."""
+    return re.sub(rf"(?<![\w./])data\.(?=(?:{'|'.join(settings)})\b)", "", text)
+
+
 def _written(cfg: DictConfig, out: Path) -> str:
-    """What `write_impacts` does and says, with the names of any other command."""
+    """What `write_impacts` does and says; errors have the names of any other command."""
     for missing in sorted(OmegaConf.missing_keys(cfg)):
         raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data/tracks.yaml")
     table.check_suffix(out)
@@ -62,12 +68,19 @@ def _written(cfg: DictConfig, out: Path) -> str:
             options=options,
             progress=lambda parts: bar.track(parts, description="searching recordings"),
         )
+    found = replace(found, survey=_renamed(found.survey, cfg))
     table.save(found.impacts, out)
     refused = out.with_name(f"{out.stem}.refused.csv")
     save_refusals(found.survey.refusals, refused)
     figures = draw_recordings(found, out.with_name(f"{out.stem}_figures"))
     page = write_recordings_page(out.with_name(f"{out.stem}.recordings.html"), found)
     return "\n".join([*tracks_summary(found, out, refused), f"figures  {figures}", f"page     {page}"])
+
+
+def _renamed(survey: Survey, cfg: DictConfig) -> Survey:
+    """What recordings hold, with the command's names of settings in the words about what was refused."""
+    refusals = (replace(one, message=own_names(one.message, map(str, cfg))) for one in survey.refusals)
+    return replace(survey, refusals=tuple(refusals))
 
 
 def draw_recordings(found: tracks.Tracked, folder: Path) -> Path:

@@ -2,7 +2,8 @@
 
 result                findings and their evidence, as types
 thresholds            every limit of a finding
-consistency           moment balance, energy, outliers, contradictions of each trial
+consistency           moments, energy, outliers, contradictions of each trial
+moments               the moment balance, fitted
 corrections           named corrections of measurements
 conventions           hypotheses about units and axes, compared
 convention_findings   findings about units, axes and inertia

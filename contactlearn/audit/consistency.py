@@ -14,7 +14,6 @@ below the body:
 """
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
@@ -26,10 +25,8 @@ from contactlearn.audit.thresholds import ConventionThresholds, OutlierThreshold
 from contactlearn.bodies import each_body, lowest, shapes_among
 from contactlearn.impacts import Impacts
 from contactlearn.mechanics import contact_velocity
-from contactlearn.numerics import MAD_SCALE, Z_95
+from contactlearn.numerics import MAD_SCALE
 from contactlearn.shapes import Polygon, Shape
-
-_BIWEIGHT = 4.685  # robust standard deviations at which the weight is 0: 95 % as efficient as least squares
 
 
 class Torque(NamedTuple):
@@ -164,99 +161,6 @@ def _unlike(impacts: Impacts, values: Float[Tensor, " n"], thresholds: OutlierTh
         if far.sum() < thresholds.common * len(same):
             unlike[same] = far
     return unlike
-
-
-@dataclass(frozen=True, kw_only=True)
-class Balance:
-    """The moment balance Δω = a r_x P_n / I − b r_y P_t / I, fitted robustly: a = b = 1 for consistent data.
-
-    `a_error` and `b_error` are standard errors, `r_squared` the share of Δω that the fit explains, without outliers,
-    `freedom` the trials that count, less the two coefficients.
-    """
-
-    a: float
-    b: float
-    a_error: float
-    b_error: float
-    r_squared: float
-    freedom: float
-
-    @property
-    def terms(self) -> dict[str, tuple[float, float, float]]:
-        """By coefficient its value and the ends of its 95 % interval; those that the data leave open are not there."""
-        values = {"a": (self.a, Z_95 * self.a_error), "b": (self.b, Z_95 * self.b_error)}
-        return {name: (x, x - e, x + e) for name, (x, e) in values.items() if e < math.inf}
-
-    @property
-    def imbalance(self) -> float:
-        """Relative amount by which a coefficient differs from 1 at least, with 95 %; infinite for a wrong sign.
-
-        Noise in a moment shrinks its coefficient, to no less than the partial R² of its term (Frisch's bound).
-        """
-        most = 0.0
-        for x, low, high in self.terms.values():
-            noise = self.freedom * ((high - x) / Z_95) ** 2
-            high = high / max(x**2 / (x**2 + noise) if x else 0.0, 1e-6)
-            off = low - 1 if low > 1 else (1 / high - 1 if 0 < high < 1 else 0.0)
-            most = max(most, math.inf if high <= 0 else off)
-        return most
-
-    @property
-    def tested(self) -> float:
-        """Half-width of the narrower interval, the precision to which the data test the balance; infinite if none."""
-        return min((high - x for x, _, high in self.terms.values()), default=math.inf)
-
-    def __str__(self) -> str:
-        numbers = {name: map(_signed, term) for name, term in self.terms.items()}
-        said = " and ".join(f"{name} = {x} [{low}, {high}]" for name, (x, low, high) in numbers.items())
-        return f"{said or 'no coefficient'} (95 %, R² = {self.r_squared:.2f})"
-
-
-def _signed(value: float) -> str:
-    return f"{value:+.2f}" if abs(value) >= 0.095 or value == 0 else f"{value:+.1g}"
-
-
-def balance(impacts: Impacts) -> Balance:
-    """Fit both coefficients of the moment balance by Tukey's biweight, from least absolute deviations.
-
-    A term that is 0 in every trial (r_x of a disc) has the coefficient 0 ± ∞.
-    """
-    terms = torque(impacts)
-    X, y = torch.stack((terms.normal, terms.tangential), -1), terms.spin
-    X = torch.where((X**2).sum(0) > 1e-12 * (terms.scale**2).sum(), X, 0.0)  # r_x of a disc is 0 but for rounding
-    weight = torch.ones_like(y)
-    fit, covariance = _weighted(X, y, weight)
-    size = (y - X @ fit).abs()
-    for step in range(40):
-        if step:
-            fit, covariance = _weighted(X, y, weight)
-            size = (y - X @ fit).abs()
-        spread = (MAD_SCALE * size.median()).clamp_min(1e-9 * y.abs().mean() + 1e-300)
-        weight = (
-            1 / size.clamp_min(spread / 10) if step < 10 else (1 - (size / (_BIWEIGHT * spread)) ** 2).clamp_min(0) ** 2
-        )
-    residual = (weight * size**2).sum()
-    freedom = (weight.sum() - 2).clamp_min(1)
-    a_error, b_error = (covariance.diagonal() * residual / freedom).sqrt().tolist()
-    r_squared = 1 - residual / (weight * y**2).sum().clamp_min(1e-300)
-    a, b = fit.tolist()
-    errors = {"a_error": a_error, "b_error": b_error}
-    return Balance(a=a, b=b, **errors, r_squared=r_squared.item(), freedom=freedom.item())
-
-
-def _weighted(
-    X: Float[Tensor, "n 2"], y: Float[Tensor, " n"], weight: Float[Tensor, " n"]
-) -> tuple[Float[Tensor, "2"], Float[Tensor, "2 2"]]:
-    """Weighted least squares and the inverse of its normal matrix; a column of zeros gets 0 and ∞."""
-    there = (X**2).sum(0) > 1e-12 * (y**2).sum()
-    fit = torch.zeros(2, dtype=y.dtype)
-    inverse = torch.diag(torch.full((2,), math.inf, dtype=y.dtype))
-    if there.any():
-        some = X[:, there]
-        part = torch.linalg.pinv(some.mT @ (weight[:, None] * some), hermitian=True)
-        fit[there] = part @ (some.mT @ (weight * y))
-        inverse[there.nonzero(), there.nonzero().mT] = part
-    return fit, inverse
 
 
 def contradictions(

@@ -6,9 +6,10 @@ The moment balance is stated with its two coefficients and their 95 % intervals,
 import math
 from collections.abc import Iterable
 
-from contactlearn.audit.consistency import Balance, balance, contradictions, torque
+from contactlearn.audit.consistency import contradictions, torque
 from contactlearn.audit.conventions import ConventionComparison, Hypothesis, hypothesis_text, wrong_inertia
 from contactlearn.audit.corrections import CORRECTIONS
+from contactlearn.audit.moments import Balance, balance
 from contactlearn.audit.result import Evidence, Finding
 from contactlearn.audit.thresholds import AuditThresholds, ConventionThresholds
 from contactlearn.impacts import Impacts
@@ -110,6 +111,11 @@ def _with_inertia(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
     return impacts.replace(inertia=factor * impacts.inertia)
 
 
+def _judged(impacts: Impacts, thresholds: AuditThresholds) -> Balance:
+    """The moment balance, without coefficients that these measurements leave open."""
+    return balance(impacts).judged(thresholds.small_moments, thresholds.sure_moments)
+
+
 def balance_findings(
     impacts: Impacts, comparison: ConventionComparison, thresholds: AuditThresholds, *, explained: bool = False
 ) -> list[Finding]:
@@ -119,15 +125,17 @@ def balance_findings(
     another inertia within the reach of an effect would close.  With `explained` other findings account for the
     contradictions, which are then not reported again.
     """
-    fit, balanced = balance(impacts), _with_inertia(impacts, thresholds)
+    fit, balanced = _judged(impacts, thresholds), _with_inertia(impacts, thresholds)
     left = contradictions(balanced, thresholds.conventions)
     means = {question: answer.mean().item() for question, answer in left.items()}
+    if not fit.terms:
+        del means["moment"]
     total, worst = sum(means.values()), max(means, key=lambda question: means[question])
     opened = fit.imbalance > thresholds.open_balance
     contradictory = total > thresholds.conventions.consistent and not explained
     if not opened and not contradictory:
         return []
-    doubted = contradictory or balance(balanced).imbalance > thresholds.doubted_balance
+    doubted = contradictory or _judged(balanced, thresholds).imbalance > thresholds.doubted_balance
     none = f"none of the known mistakes explains it ({comparison.tried} hypotheses compared)"
     if opened:
         sentence = f"the moment balance does not close, and {none}: {_MUST} gives {fit}"
@@ -148,9 +156,11 @@ def balance_findings(
 
 def consistent_note(impacts: Impacts, thresholds: AuditThresholds) -> Finding:
     """Say that nothing contradicts planar rigid impacts, with the moment balance that was measured."""
-    fit = balance(impacts)
+    fit = _judged(impacts, thresholds)
     limit = thresholds.open_balance
-    if fit.tested > thresholds.tested_balance:
+    if not fit.terms:
+        closes = "cannot be judged: there is next to no moment in these data"
+    elif fit.tested > thresholds.tested_balance:
         closes = "is hardly tested by these data"
     elif any(low > 1 + limit or high < 1 - limit for _, low, high in fit.terms.values()):
         closes = (
@@ -161,8 +171,9 @@ def consistent_note(impacts: Impacts, thresholds: AuditThresholds) -> Finding:
         closes = "closes"
     sentence = (
         "the measurements are consistent with planar rigid impacts: columns, units, axes, order, energy and contact "
-        f"points; the moment balance {closes}: I Δω = a r_x P_n − b r_y P_t gives {fit}"
+        f"points; the moment balance {closes}"
     )
+    sentence += f": I Δω = a r_x P_n − b r_y P_t gives {fit}" if fit.terms else ""
     return Finding(name="consistent", sentence=sentence, evidence=(*_balance("measured", fit),), mistake=False)
 
 
@@ -192,7 +203,8 @@ def impossible_findings(comparison: ConventionComparison, thresholds: AuditThres
     share, means, fit = max(0.0, torque(best.impacts).explained.item()), best.means(), best.balance
     moment = best.answers["moment"]
     surely = moment.mean().item() - 2 * moment.std().item() / math.sqrt(len(moment))
-    unbalanced = surely > thresholds.imbalance and share < thresholds.unexplained
+    told = bool(_judged(best.impacts, thresholds).terms)
+    unbalanced = told and surely > thresholds.imbalance and share < thresholds.unexplained
     reasons = {
         f"the moment balance leaves {means['moment']:.0%} of its terms over and explains {share:.0%} of Δω "
         f"(it gives {fit})": unbalanced,

@@ -20,8 +20,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.audit.columns import Columns
-from contactlearn.audit.consistency import Balance, balance, contradictions, torque
+from contactlearn.audit.consistency import contradictions, torque
 from contactlearn.audit.corrections import CORRECTIONS, units_and_axes
+from contactlearn.audit.moments import Balance, balance
 from contactlearn.audit.thresholds import ConventionThresholds, OutlierThresholds
 from contactlearn.impacts import Impacts
 

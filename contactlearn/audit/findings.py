@@ -22,6 +22,7 @@ findings are made on the data as the earlier ones would correct it; nothing is c
 """
 
 import math
+from dataclasses import replace
 
 import torch
 
@@ -67,8 +68,17 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
         sound = correct(sound, ["inertia_scaled"])
     of_trials = _of_trials(sound, thresholds)
     unbalanced = balance_findings(sound, comparison, thresholds, explained=bool(of_trials))
-    findings = [*convention_findings(comparison), *scaled, *unbalanced, *findings, *of_trials]
+    corrected = [*convention_findings(comparison), *scaled]
+    if any(finding.name == "moment_balance_open" and finding.mistake for finding in unbalanced):
+        corrected = [_not_recommended(finding) for finding in corrected]
+    findings = [*corrected, *unbalanced, *findings, *of_trials]
     return (*(findings or [consistent_note(sound, thresholds)]), *notes)
+
+
+def _not_recommended(finding: Finding) -> Finding:
+    """A mistake whose correction leaves the moment balance open: it is no mistake, or not the only one."""
+    sentence = f"{finding.sentence}; the moment balance does not close with this either, so it is not recommended"
+    return replace(finding, sentence=sentence, correction=None)
 
 
 def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> tuple[Finding, ...]:

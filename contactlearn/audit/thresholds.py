@@ -97,6 +97,11 @@ class AuditThresholds:
     tested_balance: float = 0.1
     """Half-width of the 95 % interval of the better known coefficient above which the data hardly test the balance
     (row audit.tested_balance)."""
+    small_moments: float = 0.05
+    """Median of a term of the balance, of |Δv| / ρ, up to which it may be noise alone, of some 5 % of the speeds;
+    friction makes more (row audit.small_moments)."""
+    sure_moments: float = 4.0
+    """Standard errors from 0 from which on the coefficient of such a term is judged (row audit.sure_moments)."""
     reversed_trials: float = 0.4
     """Share of trials with a pulling floor, or without approach, from which on the data are refused
     (row audit.reversed_trials)."""

@@ -6,15 +6,13 @@ the subset alone; all seeds of a model at one size are one batch.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
 from jaxtyping import Int
-from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from contactlearn.devices import moved
@@ -28,6 +26,7 @@ from contactlearn.laws import Law
 from contactlearn.learning.kept import Trained, load_trained, save_trained
 from contactlearn.learning.recipe import Recipe, learn
 from contactlearn.model import RESIDUALS, ContactModel
+from contactlearn.workers import WorkerPool
 
 Result = TypeVar("Result")
 
@@ -274,15 +273,9 @@ def run(job: Callable[..., Result], tasks: Sequence[tuple[Any, ...]], workers: i
     if min(workers, len(tasks)) <= 1:
         yield from (job(*task) for task in tasks)
         return
-    # New processes instead of forked ones: a fork copies the threads' locks, but not the threads.
-    with ProcessPoolExecutor(min(workers, len(tasks)), get_context("spawn"), initializer=_one_thread) as pool:
+    with WorkerPool(min(workers, len(tasks))) as pool:
         futures = [pool.submit(job, *task) for task in tasks]
         yield from (future.result() for future in as_completed(futures))
-
-
-def _one_thread() -> None:
-    torch.set_num_threads(1)
-    threadpool_limits(1)
 
 
 def first_below(curve: Sequence[float], sizes: Sequence[int], reference: float) -> int | None:

@@ -7,8 +7,7 @@ from pathlib import Path
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.report.page.runs.reading import absolute, read_runs
-from contactlearn.report.page.runs.rows import Row
-from contactlearn.report.page.runs.settings import Settings, varying
+from contactlearn.report.page.runs.settings import telling
 from contactlearn.report.terminal import new_table, print_table, say
 
 _MOST = 20  # runs of the table
@@ -27,7 +26,7 @@ def show_sweep(folders: Sequence[Path], place: Path) -> None:
         runs, _ = read_runs(absolute(folders))
     except ContactLearnError:  # none of them has one held-out error
         return
-    settings = [*_parts(runs), *varying(runs)][:_WIDEST]
+    settings = telling(runs)[:_WIDEST]
     errors = [run.error or _NONE for run in runs]
     best = sorted(range(len(runs)), key=lambda k: errors[k].mean)[:_MOST]
     few = f", the {_MOST} of {len(runs)} runs with the least" if len(runs) > _MOST else ""
@@ -44,13 +43,3 @@ def show_sweep(folders: Sequence[Path], place: Path) -> None:
     print_table(table)
     for word, ending in (("report", ""), ("results", " -o results.parquet")):
         say(f"compare  python -m contactlearn {word} {shlex.quote(str(place))}{ending}")
-
-
-def _parts(runs: Sequence[Row]) -> Settings:
-    """Data, law and given effects, where runs differ in them; settings have the rest."""
-    parts: Settings = [
-        ("data", [run.data.source for run in runs]),
-        ("law", [run.law for run in runs]),
-        ("effects", [", ".join(map(str, run.given)) or "none" for run in runs]),
-    ]
-    return [(name, values) for name, values in parts if len(set(values)) > 1]

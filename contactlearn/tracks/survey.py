@@ -4,10 +4,9 @@ A file that cannot be read is refused with its message, and the others go on.  N
 memory at a time; of each the contacts, refusals and rests stay.
 """
 
-import multiprocessing
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
@@ -27,6 +26,7 @@ from contactlearn.tracks.rests import find_rests
 from contactlearn.tracks.result import Found, Hit, Reason, Refusal, Rest
 from contactlearn.tracks.thresholds import TrackThresholds
 from contactlearn.tracks.track import Recording, Track
+from contactlearn.workers import WorkerPool
 
 _SAMPLE = 24  # recordings from which conventions are found
 _MANY = 100  # files from which on they are shared among processes
@@ -195,7 +195,7 @@ def _parts(files: Sequence[Path], frame: Frame, options: TrackOptions, progress:
         yield from map(partial(_searched, frame=frame, options=options), pieces)
     elif len(files) > 1:
         work = partial(_surveyed, frame=frame, options=options)
-        with _pool(options.workers) as pool:
+        with WorkerPool(options.workers) as pool:
             for _, part in zip(progress(files), pool.map(work, files, chunksize=_CHUNK), strict=True):
                 yield part
     else:
@@ -204,14 +204,10 @@ def _parts(files: Sequence[Path], frame: Frame, options: TrackOptions, progress:
         yield from map(work, pieces) if options.workers == 1 else _shared(work, pieces, options.workers)
 
 
-def _pool(workers: int) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
-
-
 def _shared(work: Callable[[_Piece], _Part], pieces: Iterable[_Piece], workers: int) -> Iterator[_Part]:
     """What pieces of a file hold, in their order; no more of them than the processes need are read ahead."""
     waiting = deque[Future[_Part]]()
-    with _pool(workers) as pool:
+    with WorkerPool(workers) as pool:
         for piece in pieces:
             waiting.append(pool.submit(work, piece))
             if len(waiting) > _AHEAD * workers:

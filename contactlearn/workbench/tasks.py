@@ -19,6 +19,7 @@ from contactlearn.workbench.jobs import SIDE_BY_SIDE, RunStatus
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.session import Session
 from contactlearn.workbench.studies import STUDIES, StudyStep
+from contactlearn.workers import without_interrupts
 
 _KEPT = 100
 
@@ -34,7 +35,8 @@ class StudyRun:
         self.step: StudyStep | None = None
         self.trouble, self.cancelled = "", False
         self.process = context.Process(target=_work, args=(kind, session, sender), daemon=True)
-        self.process.start()
+        with without_interrupts():
+            self.process.start()
         sender.close()
         self._reader = Thread(target=self._follow, daemon=True)
         self._reader.start()

@@ -8,6 +8,8 @@ A column that is unknown and near a missing known one is a slip and refused; oth
 Where the body's shape is known, `rx, ry` may be left out, and `inertia` as well.
 """
 
+import re
+import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,6 +29,7 @@ COMPUTED = {"inertia": ("inertia",), "r": ("rx", "ry")}
 """Columns, by the field that they fill, that a known shape may replace."""
 
 _NEAR, _SLIP = 0.5, 0.85  # similarity to a needed, and to any other column's name, from which on a name is a slip of it
+_VALUES = ("null", "true", "false", "nan", "inf")  # words of Hydra's that are no text
 _FEW = 4  # missing columns up to which all that are known are listed
 _APART = 0.75  # to a needed name that begins with another letter: m_g is not omega, pos_x is not vy_post
 
@@ -123,13 +126,14 @@ def _missing(slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[s
     lacking = [column for column in needed if column not in slips.values()]
     said = [f"unknown column {name!r}, did you mean {near!r}?" for name, near in slips.items()]
     few = len(lacking) <= _FEW or not unused
-    counted = ", ".join(lacking) if few else f"names, {len(lacking)} of {len(REQUIRED)} that are needed"
-    said += [f"missing column {counted}"] if lacking else []
+    other = f"{len(lacking)} columns are missing, or have other names than ours"
+    said += [f"missing column {', '.join(lacking)}" if few else other] if lacking else []
     others = [repr(name) for name in unused if name not in slips]
     said += [f"not used: {', '.join(others)}"] if lacking and others else []
     if unused:
-        mapped = [f"{near}: {name}" for name, near in slips.items()] + [f"{column}: …" for column in lacking]
-        said.append(f"'data.columns={{{', '.join(mapped)}}}' says which columns of the file these are")
+        mapped = [f"{near}: {_quoted(name)}" for name, near in slips.items()] + [f"{column}: …" for column in lacking]
+        word = shlex.quote(f"data.columns={{{', '.join(mapped)}}}")
+        said.append(f"{word} says which columns of the file these are")
     if slips and not {*slips.values()} & {*needed}:
         said.append(f"or {{{next(iter(slips.values()))}: null}} that it has none")
     if given := [column for field in computed for column in COMPUTED[field] if column in lacking]:
@@ -138,6 +142,12 @@ def _missing(slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[s
     every = f"needed: {', '.join(REQUIRED)}; known: {', '.join(plain)}, cov_…, apparatus_… (docs/tables.md)"
     said.append(every if few else "columns that may come beside them: docs/tables.md")
     return "; ".join(said)
+
+
+def _quoted(name: str) -> str:
+    """A name as a setting takes it: brackets, as of units, and other signs want quotes."""
+    plain = re.fullmatch(r"[A-Za-z_][\w.-]*( [\w.-]+)*", name, re.ASCII) and name.lower() not in _VALUES
+    return name if plain else '"' + re.sub(r'(\\*)("|$)', lambda m: 2 * m[1] + (m[2] and '\\"'), name) + '"'
 
 
 def _refuse_incomplete(cells: Sheet, ours: Sequence[str]) -> None:

@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 from torch import Tensor
 
-from contactlearn.audit.consistency import balance, contradictions, gross_outliers, kinetic_energy, outliers, torque
+from contactlearn.audit.consistency import contradictions, gross_outliers, kinetic_energy, outliers, torque
+from contactlearn.audit.moments import balance
 from contactlearn.audit.result import Finding
 from contactlearn.audit.thresholds import AuditThresholds, OutlierThresholds
 from contactlearn.bodies import lowest

@@ -68,9 +68,10 @@ def contact_figure(found: Found, contact: Hit, shape: Shape) -> Figure:
 @st.look()
 def refused_figure(founds: Sequence[Found]) -> Figure:
     """Draw the height of each recording over time, its flights dark and the refused parts named."""
-    rows = max(1, math.ceil(len(founds) / _COLUMNS))
-    figure = st.new_figure(st.PAGE, 0.4 + 1.5 * rows)
-    panels = figure.subplots(rows, _COLUMNS, squeeze=False).flatten()
+    rows = math.ceil(len(founds) / _COLUMNS)
+    columns = math.ceil(len(founds) / rows)
+    figure = st.new_figure(max(columns / _COLUMNS * st.PAGE, st.COLUMN), 0.4 + 1.5 * rows)
+    panels = figure.subplots(rows, columns, squeeze=False).flatten()
     for axes in panels[len(founds) :]:
         axes.set_visible(False)
     for axes, found in zip(panels, founds, strict=False):

@@ -2,6 +2,7 @@
 
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -15,7 +16,7 @@ from contactlearn.report.page.page import FILE, render, save
 from contactlearn.report.page.runs.lines import learning_lines
 from contactlearn.report.page.runs.reading import Progress, absolute, read_runs, silent
 from contactlearn.report.page.runs.rows import HASH, LAW, Row, printable
-from contactlearn.report.page.runs.settings import Settings, shared, varying
+from contactlearn.report.page.runs.settings import Settings, shared, telling, varying
 from contactlearn.report.page.trials import digits, plotly_style
 from contactlearn.report.text import effect_label, interval, label, listed
 from contactlearn.results.folder import is_run
@@ -83,11 +84,12 @@ def of_runs(runs: Sequence[Row], skipped: Sequence[tuple[str, str]], folder: Pat
         "runs": [
             {
                 "name": run.name,
+                "traits": traits,
                 **plotly_style(run.law or "no law"),
                 "effects": [effect.name for effect in (*run.given, *run.found)],
                 **_errors(run),
             }
-            for run in runs
+            for run, traits in zip(runs, _traits(runs), strict=True)
         ],
         "curves": learning_lines(runs, settings),
         "_mark": MARK,
@@ -109,6 +111,17 @@ def of_runs(runs: Sequence[Row], skipped: Sequence[tuple[str, str]], folder: Pat
             if run.ladder
         ],
     }
+
+
+def _traits(runs: Sequence[Row]) -> list[list[tuple[str, str]]]:
+    """The settings that tell each run from the others, by the last word of their names; and its name where none do."""
+    settings = [(key.rpartition(".")[2], values) for key, values in telling(runs)]
+    traits = [[(key, x) for key, values in settings if (x := values[k]) is not None] for k in range(len(runs))]
+    times = Counter(map(tuple, traits))
+    return [
+        one if one and times[tuple(one)] == 1 else [*one, ("run", run.name)]
+        for one, run in zip(traits, runs, strict=True)
+    ]
 
 
 def _columns(runs: Sequence[Row], settings: Settings, families: Sequence[str], several: bool) -> list[dict[str, Any]]:

@@ -18,6 +18,17 @@ def varying(runs: Sequence[Row]) -> Settings:
     return [(key, values) for key, values in _settings(runs) if _differ(values)]
 
 
+def telling(runs: Sequence[Row]) -> Settings:
+    """Everything that tells runs apart: data, command, law and given effects first, where runs differ in them."""
+    parts: Settings = [
+        ("data", [run.data.source for run in runs]),
+        ("command", [run.command for run in runs]),
+        ("law", [run.law for run in runs]),
+        ("effects", [", ".join(map(str, run.given)) or "none" for run in runs]),
+    ]
+    return [*((name, values) for name, values in parts if len(set(values)) > 1), *varying(runs)]
+
+
 def shared(runs: Sequence[Row]) -> list[tuple[str, str]]:
     """Settings that are the same wherever they are, by their dotted keys."""
     found = []

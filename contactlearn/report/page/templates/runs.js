@@ -39,9 +39,25 @@ function fit() {
   if (curves) curves.style.height = `${23 + 1.3 * shownLines().length}rem`;
 }
 
+// The settings that tell runs apart; without their names where these do not fit, and then cut in the middle.
+function shortNames(rows, length) {
+  const whole = rows.map(run => run.traits.map(pair => pair.join(" ")).join(", "));
+  if (whole.every(text => text.length <= length)) return whole;
+  const values = rows.map(run => run.traits.map(([, value]) => value).join(", ")), half = length >> 1;
+  return values.map(text => text.length > length ? `${text.slice(0, half)}…${text.slice(half + 1 - length)}` : text);
+}
+
+// Plotly has no hover for the names of an axis.
+function nameTicks(rows) {
+  get("by-run").querySelectorAll(".ytick text").forEach((text, k) => {
+    const title = text.querySelector("title") ?? text.appendChild(document.createElementNS(text.namespaceURI, "title"));
+    title.textContent = [...rows[k].traits.map(pair => pair.join(" ")), rows[k].name].join("\n");
+    text.style.pointerEvents = "all";
+  });
+}
+
 function drawRuns() {
-  const rows = shownRuns().filter(one => one.error), length = narrow() ? 12 : 32;
-  const short = name => name.length > length ? `…${name.slice(1 - length)}` : name;
+  const rows = shownRuns().filter(one => one.error), names = shortNames(rows, narrow() ? 16 : 40);
   const place = new Map(rows.map((run, k) => [run, k]));
   const of = (chosen, value, style) => ({
     type: "scatter", mode: "markers", x: chosen.map(run => value(run).mean), y: chosen.map(run => place.get(run)), hoverinfo: "text",
@@ -64,9 +80,9 @@ function drawRuns() {
   return draw("by-run", [...marks, ...laws], {
     margin: {l: 50, r: 15, t: 35, b: 45},
     xaxis: {title: {text: "Mass error"}, rangemode: "tozero"}, showlegend: true,
-    yaxis: {tickvals: rows.map((_, k) => k), ticktext: rows.map(run => plain(short(run.name))), range: [rows.length - 0.5, -0.5], zeroline: false, showgrid: true},
+    yaxis: {tickvals: rows.map((_, k) => k), ticktext: names.map(plain), range: [rows.length - 0.5, -0.5], zeroline: false, showgrid: true, fixedrange: true},
     summary: rows.length ? `${rows.length} runs, the least of ${least.name} with ${interval(least.error)}; the table has the numbers.` : "No run.",
-  });
+  }).then(() => nameTicks(rows));
 }
 
 // Lines of the runs that are shown, in their order, as many as can be told apart; bounds always.

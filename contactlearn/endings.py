@@ -1,0 +1,57 @@
+"""How a command ends that is stopped from outside: in one line after Ctrl-C or SIGTERM, silently if nobody reads on."""
+
+import os
+import select
+import signal
+import sys
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager
+from types import FrameType
+from typing import NoReturn
+
+_STOPPED = "stopped; the same command goes on where a sweep, learning curves or a large diagnosis was"
+
+
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM: it stops a command as Ctrl-C does, so that its workers end and its locks are freed."""
+
+
+@contextmanager
+def ending_well() -> Generator[None]:
+    """End with one line and the status of a shell for Ctrl-C and SIGTERM, and silently for a closed `| head`.
+
+    The default for a closed pipe, death by SIGPIPE, would also kill a parent that writes to a dead worker.
+
+    Raises:
+        SystemExit: 130 after Ctrl-C, 143 after SIGTERM, 141 where nobody reads the output any more.
+    """
+    alone = threading.current_thread() is threading.main_thread()  # the only one that may set what a signal does
+    before = signal.signal(signal.SIGTERM, _terminate) if alone else None
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+    except KeyboardInterrupt as stop:
+        print(_STOPPED, file=sys.stderr)
+        sys.exit(128 + (signal.SIGTERM if isinstance(stop, _Terminated) else signal.SIGINT))
+    except BrokenPipeError:
+        if not _unread():
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left is flushed at the end
+        sys.exit(128 + signal.SIGPIPE)
+    finally:
+        if alone:
+            signal.signal(signal.SIGTERM, before)
+
+
+def _terminate(number: int, frame: FrameType | None) -> NoReturn:
+    raise _Terminated
+
+
+def _unread() -> bool:
+    """Whether the standard output is a pipe that nobody reads."""
+    ends = select.poll()
+    ends.register(sys.stdout, 0)
+    return any(event & select.POLLERR for _, event in ends.poll(0))

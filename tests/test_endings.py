@@ -1,0 +1,71 @@
+"""Commands that are stopped from outside: one line of theirs, silent workers, and nobody left behind."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+_AT_WORK = """
+import os, signal, time
+from contactlearn.endings import ending_well
+from contactlearn.workers import WorkerPool
+
+def work():
+    print(os.getpid(), signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []), flush=True)
+    time.sleep(60)
+
+if __name__ == "__main__":
+    with ending_well(), WorkerPool(2) as pool:
+        for future in [pool.submit(work) for _ in range(4)]:
+            future.result()
+"""
+
+
+@pytest.mark.parametrize(
+    ("stop", "status"),
+    [
+        (lambda parent: os.killpg(parent, signal.SIGINT), 130),  # Ctrl-C goes to the workers as well
+        (lambda parent: os.kill(parent, signal.SIGTERM), 143),
+        (lambda parent: os.kill(parent, signal.SIGKILL), -signal.SIGKILL),
+    ],
+    ids=["Ctrl-C", "SIGTERM", "SIGKILL"],
+)
+def test_workers_end_silently_with_their_parent(stop, status, tmp_path):
+    (tmp_path / "at_work.py").write_text(_AT_WORK)
+    parent = subprocess.Popen(
+        [sys.executable, "at_work.py"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True, env=os.environ | {"PYTHONPATH": os.getcwd()},
+    )  # fmt: skip
+    workers, deaf = zip(*(parent.stdout.readline().split() for _ in range(2)), strict=True)
+    assert deaf == ("True", "True")  # to Ctrl-C, which their parent answers
+    stop(parent.pid)
+    try:
+        _, said = parent.communicate(timeout=20)  # which all that hold its pipes must have closed, workers among them
+    finally:
+        for worker in map(int, workers):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(worker, signal.SIGKILL)
+    assert parent.returncode == status
+    if status > 0:
+        assert said == "stopped; the same command goes on where a sweep, learning curves or a large diagnosis was\n"
+    else:  # Python's own resource tracker warns of what the killed one did not clean up
+        assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("--help",), ("audit", "--help"), ("train", "--help"), ("train", "-m", "data=synthetic", "train.size=-1,-2")],
+)
+def test_output_that_nobody_reads(words, tmp_path):
+    ours, theirs = os.pipe()
+    os.close(ours)
+    done = subprocess.run(
+        [sys.executable, "-m", "contactlearn", *words], cwd=tmp_path, stdout=theirs, stderr=subprocess.PIPE, text=True,
+        env=os.environ | {"PYTHONPATH": os.getcwd(), "PYTHONUNBUFFERED": ""},
+    )  # fmt: skip
+    os.close(theirs)
+    assert done.returncode == 141
+    assert done.stderr == ""
