@@ -6,6 +6,7 @@ import pickle
 import pandas as pd
 import pytest
 import torch
+from browser import chromium
 from commands import run
 from hypothesis import given
 from hypothesis import strategies as st
@@ -66,9 +67,10 @@ def both(parts):
     return mixed(*parts.values())
 
 
-@pytest.fixture
-def files(parts, both, tmp_path):
+@pytest.fixture(scope="module")
+def files(parts, both, tmp_path_factory):
     """Tables of each body and of both, without what the shape gives."""
+    tmp_path = tmp_path_factory.mktemp("files")
     for name, impacts in {**parts, "both": both}.items():
         path = table.save(impacts, tmp_path / f"{name}.csv")
         pd.read_csv(path).drop(columns=["rx", "ry", "inertia"]).to_csv(path, index=False)
@@ -332,14 +334,34 @@ def test_recordings_are_of_one_of_the_bodies(tmp_path):
 # Commands
 
 
-def test_commands_take_shapes_by_body(files):
+WORDS = ("data=table", "data.path=both.csv", SETTING, "law=wang_mason")
+
+
+@pytest.fixture(scope="module")
+def printed(files):
+    """What a diagnosis into the folder `found` printed."""
+    return run("diagnose.py", *WORDS, "hydra.run.dir=found", cwd=files)
+
+
+def test_the_page_draws_the_body_of_the_trial(files, printed):
+    with chromium(1280) as page:
+        from selenium.webdriver.support.ui import WebDriverWait
+
+        page.get((files / "found" / "report.html").as_uri())
+        page.execute_script("document.getElementById('picture').scrollIntoView()")
+        for name, corners in (("oak", 91), ("beech", 5)):
+            page.execute_script(f"select(trials.object.indexOf('{name}'))")
+            drawn = f"return document.getElementById('picture').data?.[0].x.length === {corners}"
+            WebDriverWait(page, 20, 0.05).until(lambda page, drawn=drawn: page.execute_script(drawn))
+        assert page.get_log("browser") == []
+
+
+def test_commands_take_shapes_by_body(files, printed):
     """Diagnose and evaluate a table of two bodies; pages are drawn again from their folders."""
-    words = ("data=table", "data.path=both.csv", SETTING, "law=wang_mason")
-    printed = run("diagnose.py", *words, "hydra.run.dir=found", cwd=files)
     assert "computed: the inertia from the shape and the mass, at uniform density; rx, ry" in printed
     assert Record.load(files / "found").impacts.shape == make_shapes(SPECS)
     small = ("train.repetitions=2", "figures.repetitions=2", "bootstrap=20", "effect=[shape_error]", "model=[]")
-    run("evaluate.py", *words, *small, "hydra.run.dir=used", cwd=files)
+    run("evaluate.py", *WORDS, *small, "hydra.run.dir=used", cwd=files)
     result = run_folder.read_result(files / "used" / "results.json")
     assert make_shapes(result.shape) == make_shapes(SPECS)
     pages = [files / name / "report.html" for name in ("found", "used")]
