@@ -4,10 +4,10 @@
     period     the largest power of a periodogram of the scores
     history    scores that correlate with quantities of the impact before, or of the last few; residuals with the former
 
-Each statistic is written as its surprise, −log of its probability as the flipped signs show it; the largest surprise of
-all is compared with those of the same residuals with random signs.  So the level is that of all of them together, exact
-for independent symmetric residuals but for the few parameters that were fitted.
-Sources: as of `sequence`; Wilson & Hilferty 1931 and Gumbel 1958 for the tails.
+Each statistic is written as its `surprise`; the largest of all is compared with those of the same residuals with random
+signs.  So the level is that of all of them together, exact for independent symmetric residuals but for the few
+parameters that were fitted.
+Sources: as of `sequence` and `surprise`.
 """
 
 import math
@@ -21,13 +21,13 @@ from torch import Tensor
 from contactlearn.diagnosis.result.remainder import Coefficient, Past
 from contactlearn.diagnosis.sequence import exceedance, random_signs, window_spread
 from contactlearn.diagnosis.unexplained.scores import Scores
+from contactlearn.diagnosis.unexplained.surprise import of_maxima, of_normals, of_sums
 from contactlearn.effects import State
 from contactlearn.impacts import Impacts, Prediction
 
 _DECAYS = (0.0, 0.8)  # of the memory of earlier impacts, from trial to trial: of the last alone, of about five
 _REMEMBERED = 40  # impacts at most
 _NUMBERS = 1_000_000  # of scores with flipped signs at once
-_EULER = 0.5772156649
 _COEFFICIENTS = tuple(Coefficient)
 
 
@@ -80,7 +80,7 @@ def suspects(
     size = max(1, _NUMBERS // len(scores))
     parts = [_statistics(scores, told, some) for some in signs.split(size)]
     spread, peak, frequency, memory = (torch.cat(part) for part in zip(*parts, strict=True))
-    surprise = torch.cat((_of_sums(spread), _of_maxima(peak), _of_normals(memory)), 1).nan_to_num(0.0)  # no scores
+    surprise = torch.cat((of_sums(spread), of_maxima(peak), of_normals(memory)), 1).nan_to_num(0.0)  # no scores
     chance = exceedance(surprise.amax(1))
     enough = surprise[1:].amax(1).quantile(1 - level).item()
     names = [*_sequential(scores, spread.shape[1] // 2, frequency[0]), *_historical(history)]
@@ -114,29 +114,6 @@ def _told(scores: Scores, history: Mapping[tuple[Past, float], Tensor]) -> Float
         for (_, trials), values in history.items()
     ]
     return (torch.cat(columns, -1) * scores.residual[..., None]).sum(1) if columns else scores.residual[:, :0]
-
-
-# --- Surprise: −log probability of a statistic [flips, k], by its own flips ------------------------
-
-
-def _of_sums(spread: Float[Tensor, "flips k"]) -> Float[Tensor, "flips k"]:
-    """Sums of squares, gamma-distributed."""
-    mean, degrees = spread.mean(0), (spread.mean(0) / spread.std(0).clamp_min(1e-300)).square()
-    z = 3 * degrees.sqrt() * ((spread / mean) ** (1 / 3) - 1 + 1 / (9 * degrees))
-    return -torch.special.log_ndtr(-z)
-
-
-def _of_maxima(peak: Float[Tensor, "flips k"]) -> Float[Tensor, "flips k"]:
-    """Maxima of exponential powers, of Gumbel's distribution."""
-    scale = (peak.std(0) * math.sqrt(6) / math.pi).clamp_min(1e-300)
-    reduced = (peak - peak.mean(0)) / scale + _EULER
-    return -torch.log(-torch.expm1(-torch.exp(-reduced)))
-
-
-def _of_normals(sums: Float[Tensor, "flips k"]) -> Float[Tensor, "flips k"]:
-    """Sums with random signs, of either sign."""
-    z = sums / sums.square().mean(0).sqrt().clamp_min(1e-300)
-    return -math.log(2) - torch.special.log_ndtr(-z.abs())
 
 
 # --- Names of the statistics, in their order -------------------------------------------------------
