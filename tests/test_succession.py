@@ -14,7 +14,7 @@ from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.followed import find_succession
 from contactlearn.diagnosis.unexplained.scores import Scores
-from contactlearn.diagnosis.unexplained.succession import histories, suspects
+from contactlearn.diagnosis.unexplained.succession import Memory, histories, suspects
 from contactlearn.effects import State
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.identification.joint import FitOptions, identify_jointly
@@ -72,7 +72,7 @@ def test_false_statements_are_as_rare_as_the_level():
     runs, level, chances = 60, 0.1, []
     for seed in range(runs):
         drops, fit = fitted(140, 100 * seed, errors=rough)
-        scores = Scores.of(drops, fit, FitOptions())
+        scores = Scores.of_sequence(drops, fit, FitOptions())
         chances.append(suspects(scores, histories(drops, fit.model.predict(drops)), level)[0])
     assert sum(p <= level for p in chances) <= runs * level + 3 * math.sqrt(runs * level * (1 - level))
     assert sum(chances) / runs > 0.35
@@ -125,7 +125,7 @@ def test_trials_that_stick_tell_nothing_of_friction():
     slow = slow[slow.v_c[:, 1] < -0.2].replace(suspect=False)
     grip = laws.find("wang_mason").at(5.0, 0.5)
     slow = slow.replace(v_post=ContactModel(grip).predict(slow).v_post + NOISE * normal(len(slow), 3, seed=0))
-    scores = Scores.of(slow, identify_jointly(grip, {}, slow), FitOptions())
+    scores = Scores.of_sequence(slow, identify_jointly(grip, {}, slow), FitOptions())
     assert (scores.slope[..., 0] == 0).all()
     chance, found = suspects(scores, {}, 0.01)
     assert chance > 0.01
@@ -141,8 +141,8 @@ def test_a_gap_in_the_sequence_hides_the_trial_before():
     drops = thrown(60, 5)
     order = drops.order + (drops.order > 30) * 50
     gone = drops.replace(order=order)
-    known = histories(drops, ContactModel(LAW).predict(drops))[Past.NORMAL_SPEED, 1.0]
-    hidden = histories(gone, ContactModel(LAW).predict(gone))[Past.NORMAL_SPEED, 1.0]
+    known = histories(drops, ContactModel(LAW).predict(drops))[Memory(Past.NORMAL_SPEED, 1.0)]
+    hidden = histories(gone, ContactModel(LAW).predict(gone))[Memory(Past.NORMAL_SPEED, 1.0)]
     after = int((drops.order <= 30).sum())
     assert hidden[after] == 0 != known[after]
     assert torch.equal(hidden[after + 1 :], known[after + 1 :])
@@ -152,7 +152,7 @@ def test_the_level_decides():
     drops, fit = fitted(150, 6)
     thresholds = Thresholds()
     always = replace(thresholds, sequence=replace(thresholds.sequence, level=2.0))
-    scores = Scores.of(drops, fit, FitOptions())
+    scores = Scores.of_sequence(drops, fit, FitOptions())
     history = histories(drops, fit.model.predict(drops))
     assert suspects(scores, history, thresholds.sequence.level / 2)[1] == ()
     assert suspects(scores, history, always.sequence.level / 2)[1]

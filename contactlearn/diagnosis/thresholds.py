@@ -102,6 +102,17 @@ class SequenceThresholds:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ModulationThresholds:
+    """Limits beyond which something is said to depend on the state of the trials."""
+
+    level: float = 0.005
+    """Probability of any statement where residuals do not depend on the state (row modulation.level)."""
+    share: float = 0.02
+    """Share of the model's error that it must take away for the verdict `unknown`: as much as an effect must to be
+    worth a name (row modulation.share)."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class FormulaThresholds:
     """Limits beyond which a formula is offered."""
 
@@ -158,6 +169,8 @@ class Thresholds:
     """Of the predictable part of the residual."""
     sequence: SequenceThresholds = field(default_factory=SequenceThresholds)
     """Of what depends on the sequence of the trials."""
+    modulation: ModulationThresholds = field(default_factory=ModulationThresholds)
+    """Of what depends on the state of the trials."""
     formulas: FormulaThresholds = field(default_factory=FormulaThresholds)
     """Of formulas for it."""
     noise: NoiseThresholds = field(default_factory=NoiseThresholds)

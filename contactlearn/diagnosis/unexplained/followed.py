@@ -16,7 +16,7 @@ from contactlearn.diagnosis.result.remainder import Coefficient, Past, Successio
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.learning import Learning, Learnt
 from contactlearn.diagnosis.unexplained.scores import Scores
-from contactlearn.diagnosis.unexplained.succession import Suspect, histories, suspects
+from contactlearn.diagnosis.unexplained.succession import Memory, Suspect, histories, suspects
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.identification.joint import FitOptions, JointFit
 from contactlearn.impacts import Impacts
@@ -40,7 +40,7 @@ def find_succession(
     """
     if len(impacts) < _FEWEST:
         return None
-    scores, model = Scores.of(impacts, fit, options), fit.model
+    scores, model = Scores.of_sequence(impacts, fit, options), fit.model
     ordered = impacts[scores.rows]
     history = histories(ordered, model.base_prediction(ordered))
     chance, found = suspects(scores, history, thresholds.sequence.level / 2)
@@ -56,6 +56,7 @@ def find_succession(
         coefficient=coefficient,
         follows=suspect.follows,
         trials=scale,
+        width=suspect.memory.width,
         p_value=chance,
         share=share,
         large=share.mean > thresholds.sequence.share,
@@ -66,7 +67,7 @@ def _best(
     learning: Learning, stretch: slice, found: Sequence[Suspect]
 ) -> tuple[Coefficient | None, Suspect, Interval, float] | None:
     """What takes most of the error away; None where nothing does, or where velocities that drift take more."""
-    drift = learning.velocities(_inputs(replace(found[0], follows=Past.ORDER))[stretch])
+    drift = learning.velocities(_inputs(replace(found[0], memory=Memory(Past.ORDER, 1.0)))[stretch])
     tried: list[tuple[Coefficient | None, Suspect, Learnt]] = []
     for one in found:
         x = _inputs(one)[stretch]
@@ -76,7 +77,7 @@ def _best(
             if own.share.mean >= alike.share.mean:
                 tried.append((one.coefficient, one, own))
                 continue
-        if one.follows not in (Past.ORDER, Past.PERIOD) and one.trials == 1:
+        if one.follows not in (Past.ORDER, Past.PERIOD) and one.memory.trials == 1:
             tried.append((None, one, alike))
     if not tried:
         return None
@@ -89,7 +90,7 @@ def _best(
 def _scale(suspect: Suspect, learnt: Learnt) -> float:
     """Trials over which neighbours resemble each other, of the period, or that are remembered."""
     if suspect.follows is not Past.ORDER:
-        return suspect.trials
+        return suspect.memory.trials
     return _PLACES * learnt.gps.hyperparameters()[..., 0].log().mean().exp().item()
 
 

@@ -1,13 +1,15 @@
-"""Scores: what each trial says about the law's coefficients, in the sequence of the trials.
+"""Scores: what each trial says about the law's coefficients.
 
     g_k = s_kᵀ e_k,    s_k = ∂v_post/∂(μ, ε) of trial k,  e_k its residual, both whitened, times the root of its weight
 
-A coefficient that varies along the sequence makes neighbouring scores alike where residuals are not, for the derivative
-changes its sign with the slip.  A trial that tells nothing of a coefficient (it sticks: ∂/∂μ = 0) has a score of 0.
-What any parameter of the model could change is projected out of residuals and derivatives, and so are coefficients that
-depend smoothly on the trial's own state, since inputs may follow the sequence too.
+A coefficient that varies makes scores alike where residuals are not, for the derivative changes its sign with the slip.
+A trial that tells nothing of a coefficient (it sticks: ∂/∂μ = 0) has a score of 0.  What any parameter of the model
+could change is projected out of residuals and derivatives.  Inputs may follow the sequence: along it coefficients that
+depend smoothly on the trial's own state are projected out as well, and over the state velocities that drift slowly.
 """
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -20,6 +22,7 @@ from contactlearn.identification.joint import FitOptions, JointFit, linearise
 from contactlearn.impacts import Impacts
 
 _MANY = 100  # trials from which on the trial's own state is projected out
+_SLOW, _TRIALS_A_CURVE = 12, 25  # cosines over the sequence at most, and trials for each
 _ROUNDING = 1e-9  # standard deviations of the residual in the unit of a parameter
 _BODIES = 10  # at most, that have coefficients of their own
 
@@ -37,8 +40,25 @@ class Scores:
     reach: Float[Tensor, "n 3 q"]
 
     @classmethod
-    def of(cls, impacts: Impacts, fit: JointFit, options: FitOptions) -> "Scores":
-        """Linearise a fitted model about its parameters."""
+    def of_sequence(cls, impacts: Impacts, fit: JointFit, options: FitOptions) -> "Scores":
+        """Linearise a fitted model about its parameters, beside coefficients that depend on the state."""
+        return cls._beside(impacts, fit, options, own=_own_state, slow=0)
+
+    @classmethod
+    def of_state(cls, impacts: Impacts, fit: JointFit, options: FitOptions) -> "Scores":
+        """Linearise a fitted model about its parameters, beside velocities that drift alike for every impact."""
+        return cls._beside(impacts, fit, options, own=None, slow=min(_SLOW, len(impacts) // _TRIALS_A_CURVE))
+
+    @classmethod
+    def _beside(
+        cls,
+        impacts: Impacts,
+        fit: JointFit,
+        options: FitOptions,
+        own: Callable[[Impacts], Float[Tensor, "n f"]] | None,
+        slow: int,
+    ) -> "Scores":
+        """Project out the parameters, coefficients over the trials' own state, and cosines over the sequence."""
         rows, model = impacts.order.argsort(stable=True), fit.model
         about = linearise(model.law, model.effects, impacts, fit.values, fit.scatter, options=options)
         root = (about.weight * fit.inliers).sqrt()[rows]
@@ -46,8 +66,10 @@ class Scores:
         slopes = -root[:, None, None] * about.slope[rows].nan_to_num(0.0, 0.0, 0.0)
         slopes = torch.where(slopes.abs() > _ROUNDING, slopes, 0.0)
         slope, constant = slopes[..., :2], root[:, None, None] * torch.eye(3, dtype=slopes.dtype)
-        own = (slope[..., None] * _own_state(impacts[rows])[:, None, None]).flatten(2)
-        reach = _orthonormal(torch.cat((slopes, constant, own), -1))
+        beside = [(constant[..., None] * _cosines(len(rows), slow)[:, None, None]).flatten(2)]
+        if own is not None:
+            beside.append((slope[..., None] * own(impacts[rows])[:, None, None]).flatten(2))
+        reach = _orthonormal(torch.cat((slopes, *beside), -1))
         return cls(rows, residual - _projected(reach, residual[..., None])[..., 0], slope, reach)
 
     def __len__(self) -> int:
@@ -63,6 +85,12 @@ class Scores:
     def free(self, columns: Float[Tensor, "n 3 k"]) -> Float[Tensor, "n 3 k"]:
         """Return changes without what is projected out."""
         return columns - _projected(self.reach, columns)
+
+
+def _cosines(trials: int, most: int) -> Float[Tensor, "n k"]:
+    """1 and cosines over the places in the sequence."""
+    place = (torch.arange(trials, dtype=torch.float64) + 0.5) / trials
+    return (math.pi * place[:, None] * torch.arange(most + 1)).cos()
 
 
 def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
