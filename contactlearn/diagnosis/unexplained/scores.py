@@ -9,7 +9,6 @@ depend smoothly on the trial's own state are projected out as well, and over the
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -17,6 +16,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import one_hot
 
+from contactlearn.diagnosis.unexplained.dilution import diluted
 from contactlearn.effects import State
 from contactlearn.identification.joint import FitOptions, JointFit, linearise
 from contactlearn.impacts import Impacts
@@ -42,12 +42,15 @@ class Scores:
     @classmethod
     def of_sequence(cls, impacts: Impacts, fit: JointFit, options: FitOptions) -> "Scores":
         """Linearise a fitted model about its parameters, beside coefficients that depend on the state."""
-        return cls._beside(impacts, fit, options, own=_own_state, slow=0)
+        alike = torch.eye(3, dtype=torch.float64).expand(len(impacts), 3, 3)
+        return cls._beside(impacts, fit, options, alike, _own_state(impacts))
 
     @classmethod
     def of_state(cls, impacts: Impacts, fit: JointFit, options: FitOptions) -> "Scores":
-        """Linearise a fitted model about its parameters, beside velocities that drift alike for every impact."""
-        return cls._beside(impacts, fit, options, own=None, slow=min(_SLOW, len(impacts) // _TRIALS_A_CURVE))
+        """Linearise a fitted model about its parameters, beside slow drifts of the velocities and errors of v_pre."""
+        slow = _cosines(impacts, min(_SLOW, len(impacts) // _TRIALS_A_CURVE))
+        drifts = (torch.eye(3, dtype=torch.float64)[..., None] * slow[:, None, None]).flatten(2)
+        return cls._beside(impacts, fit, options, torch.cat((drifts, diluted(impacts, fit, options)), -1))
 
     @classmethod
     def _beside(
@@ -55,20 +58,19 @@ class Scores:
         impacts: Impacts,
         fit: JointFit,
         options: FitOptions,
-        own: Callable[[Impacts], Float[Tensor, "n f"]] | None,
-        slow: int,
+        other: Float[Tensor, "n 3 k"],
+        own: Float[Tensor, "n f"] | None = None,
     ) -> "Scores":
-        """Project out the parameters, coefficients over the trials' own state, and cosines over the sequence."""
+        """Project out the parameters, other whitened changes, and coefficients over variables of the trials' own."""
         rows, model = impacts.order.argsort(stable=True), fit.model
         about = linearise(model.law, model.effects, impacts, fit.values, fit.scatter, options=options)
         root = (about.weight * fit.inliers).sqrt()[rows]
         residual = root[:, None] * about.residual[rows].nan_to_num(0.0, 0.0, 0.0)
         slopes = -root[:, None, None] * about.slope[rows].nan_to_num(0.0, 0.0, 0.0)
         slopes = torch.where(slopes.abs() > _ROUNDING, slopes, 0.0)
-        slope, constant = slopes[..., :2], root[:, None, None] * torch.eye(3, dtype=slopes.dtype)
-        beside = [(constant[..., None] * _cosines(len(rows), slow)[:, None, None]).flatten(2)]
+        slope, beside = slopes[..., :2], [root[:, None, None] * other[rows].nan_to_num(0.0, 0.0, 0.0)]
         if own is not None:
-            beside.append((slope[..., None] * own(impacts[rows])[:, None, None]).flatten(2))
+            beside.append((slope[..., None] * own[rows][:, None, None]).flatten(2))
         reach = _orthonormal(torch.cat((slopes, *beside), -1))
         return cls(rows, residual - _projected(reach, residual[..., None])[..., 0], slope, reach)
 
@@ -87,9 +89,9 @@ class Scores:
         return columns - _projected(self.reach, columns)
 
 
-def _cosines(trials: int, most: int) -> Float[Tensor, "n k"]:
+def _cosines(impacts: Impacts, most: int) -> Float[Tensor, "n k"]:
     """1 and cosines over the places in the sequence."""
-    place = (torch.arange(trials, dtype=torch.float64) + 0.5) / trials
+    place = (impacts.order.argsort(stable=True).argsort() + 0.5) / len(impacts)
     return (math.pi * place[:, None] * torch.arange(most + 1)).cos()
 
 
