@@ -38,6 +38,6 @@ _PLANTED = each(6, "direction and angle", "spin with slip", "curtain")
 STATE = Study(name="state", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_said)
 UNKNOWN = Study(name="unknown in the state", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_large)
 ROWS = (
-    Row(field="modulation.level", values=(0.004, 0.01, 0.05, 0.2), study=STATE),
+    Row(field="modulation.level", values=(0.005, 0.01, 0.05, 0.2), study=STATE),
     Row(field="modulation.share", values=(0.0, 0.02, 0.05, 0.1), study=UNKNOWN),
 )

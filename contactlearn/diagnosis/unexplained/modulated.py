@@ -12,9 +12,9 @@ from torch import Tensor
 from contactlearn.diagnosis.result.remainder import Coefficient, Modulation, VariableShare
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.learning import Learning, Learnt
-from contactlearn.diagnosis.unexplained.modulation import Suspect, suspects, variables
+from contactlearn.diagnosis.unexplained.modulation import StateSuspect, state_suspects, state_variables
 from contactlearn.diagnosis.unexplained.scores import Scores
-from contactlearn.diagnosis.unexplained.sobol import shares, total_indices
+from contactlearn.diagnosis.unexplained.sobol import total_indices, variable_shares
 from contactlearn.identification.joint import FitOptions, JointFit
 from contactlearn.impacts import Impacts
 
@@ -56,8 +56,8 @@ def _found(impacts: Impacts, fit: JointFit, options: FitOptions, thresholds: Thr
     """What the state tells of the remainder of one model."""
     scores = Scores.of_state(impacts, fit, options)
     ordered = impacts[scores.rows]
-    among = variables(ordered)
-    chance, found = suspects(scores, among, thresholds.modulation.level)
+    among = state_variables(ordered)
+    chance, found = state_suspects(scores, among, thresholds.modulation.level)
     if not found:
         return None
     rows = torch.randperm(len(ordered), generator=torch.Generator().manual_seed(0))[:_LEARNT].sort().values
@@ -76,9 +76,9 @@ def _found(impacts: Impacts, fit: JointFit, options: FitOptions, thresholds: Thr
     )
 
 
-def _tried(found: Sequence[Suspect]) -> list[Suspect]:
+def _tried(found: Sequence[StateSuspect]) -> list[StateSuspect]:
     """The first suspects of different variables, and for each coefficient of theirs the union of its variables."""
-    first: dict[tuple[Coefficient | None, frozenset[str]], Suspect] = {}
+    first: dict[tuple[Coefficient | None, frozenset[str]], StateSuspect] = {}
     for one in found:
         first.setdefault((one.coefficient, frozenset(one.orders)), one)
     chosen = list(first.values())[:_TRIED]
@@ -88,7 +88,7 @@ def _tried(found: Sequence[Suspect]) -> list[Suspect]:
             if one.coefficient is coefficient and len({*union, *one.orders}) <= _TOGETHER:
                 union |= {name: max(order, union.get(name, 1)) for name, order in one.orders.items()}
         if (coefficient, frozenset(union)) not in {(one.coefficient, frozenset(one.orders)) for one in chosen}:
-            chosen.append(Suspect(coefficient=coefficient, orders=union, surprise=found[0].surprise))
+            chosen.append(StateSuspect(coefficient=coefficient, orders=union, surprise=found[0].surprise))
     return chosen
 
 
@@ -110,4 +110,4 @@ def _variables(
     index = total_indices(learnt.at, learnt.x, groups, torch.Generator().manual_seed(0))
     impacts, outputs = learning.impacts, index.shape[1]
     in_mass = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1).mean(0)
-    return shares(groups, (index * in_mass).sum(1) if outputs == 3 else index[:, 0], least)
+    return variable_shares(groups, (index * in_mass).sum(1) if outputs == 3 else index[:, 0], least)

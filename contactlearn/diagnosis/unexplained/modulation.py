@@ -35,7 +35,7 @@ _KINDS = (*Coefficient, None, None, None)  # that may depend on the state: coeff
 
 
 @dataclass(frozen=True, kw_only=True)
-class Suspect:
+class StateSuspect:
     """What the state seems to tell of a coefficient, or of the velocities where that is None.
 
     Args:
@@ -49,7 +49,7 @@ class Suspect:
     surprise: float
 
 
-def variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
+def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
     """Compute columns of each variable that varies: (cos θ, sin θ), each body alone, the others standardised."""
     state, names = State.of(impacts), list(dict.fromkeys(impacts.object))
     told = {"vn": state.v_n, "vt": state.v_t, "omega": state.omega, PLACE: state.x}
@@ -66,13 +66,13 @@ def variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
     return found
 
 
-def suspects(
+def state_suspects(
     scores: Scores, among: Mapping[str, Float[Tensor, "n c"]], level: float
-) -> tuple[float, tuple[Suspect, ...]]:
+) -> tuple[float, tuple[StateSuspect, ...]]:
     """Compute the p-value of independence, and what refutes it at the level, the most surprising first."""
     signs, groups = random_signs(len(scores)), list(_functions(among))
     alike = torch.eye(3, dtype=torch.float64).expand(len(scores), 3, 3)
-    channels, found, told = torch.cat((scores.slope, alike), -1), list[Suspect](), list[Tensor]()
+    channels, found, told = torch.cat((scores.slope, alike), -1), list[StateSuspect](), list[Tensor]()
     for orders, functions in groups:
         for kind, channel in zip(_KINDS, channels.unbind(-1), strict=True):
             free = scores.free(channel[..., None] * (functions - functions.mean(0))[:, None])
@@ -81,7 +81,7 @@ def suspects(
             each, together = of_normals(sums), of_sums(z.square().sum(1, keepdim=True))
             told.append(torch.cat((each, together), 1).nan_to_num(0.0).amax(1))
             strongest = orders[int(each[0].argmax())]
-            found.append(Suspect(coefficient=kind, orders=strongest, surprise=told[-1][0].item()))
+            found.append(StateSuspect(coefficient=kind, orders=strongest, surprise=told[-1][0].item()))
     surprise = torch.stack(told, 1)
     largest = surprise.amax(1)
     chance, enough = exceedance(largest), largest[1:].quantile(1 - level).item()

@@ -27,7 +27,7 @@ from torch import Tensor
 from contactlearn.diagnosis.result.remainder import ComponentTest, Remainder, VariableShare, WrenchComponent
 from contactlearn.diagnosis.thresholds import RemainderThresholds
 from contactlearn.diagnosis.unexplained.processes import Processes, input_columns
-from contactlearn.diagnosis.unexplained.sobol import shares, total_indices
+from contactlearn.diagnosis.unexplained.sobol import total_indices, variable_shares
 from contactlearn.diagnosis.validation import Folds
 from contactlearn.evaluation.metrics import Interval, mass_error
 from contactlearn.evaluation.partial_residuals import share_explained
@@ -212,7 +212,7 @@ def _variables(
     index = total_indices(lambda x: processes.at(rows, x), processes.x[rows], groups, generator)
     in_mass = torch.stack((impacts.W[:, 0, 0], impacts.W[:, 1, 1], 1 / impacts.inertia), -1).mean(0)
     total = (index * in_mass)[:, [_COMPONENTS.index(name) for name in components]].sum(-1)
-    return shares(groups, total, thresholds.variable_share)
+    return variable_shares(groups, total, thresholds.variable_share)
 
 
 def _groups(impacts: Impacts, follows: float) -> dict[str, list[int]]:

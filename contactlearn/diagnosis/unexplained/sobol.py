@@ -38,7 +38,9 @@ def total_indices(
     return torch.stack(found).unflatten(0, (_PERMUTATIONS, len(groups))).mean(0)
 
 
-def shares(groups: Mapping[str, Sequence[int]], total: Float[Tensor, " g"], least: float) -> tuple[VariableShare, ...]:
+def variable_shares(
+    groups: Mapping[str, Sequence[int]], total: Float[Tensor, " g"], least: float
+) -> tuple[VariableShare, ...]:
     """Return the shares of the variables in their sum, the largest first, without those below the least."""
     each = zip(groups, (total / total.sum().clamp_min(1e-300)).tolist(), strict=True)
     ordered = sorted(each, key=lambda item: -item[1])

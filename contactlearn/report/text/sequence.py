@@ -24,9 +24,9 @@ def follows(found: Succession) -> str:
     if found.follows is Past.PERIOD:
         return f"{coefficient} changes along the sequence, again every {number(found.trials, 3)} trials"
     if found.follows is Past.PLACE:
-        near = f"within {number(1e3 * (found.width or 0.0), 1)} mm"
+        near = f"within {number(1e3 * (found.width or 0.0), 2)} mm"
         return (
-            f"{coefficient} depends on how many of the last {number(found.trials, 2)} impacts were {near} of the place"
+            f"{coefficient} depends on how many of the last {number(found.trials, 3)} impacts were {near} of the place"
         )
     if found.trials == 1:
         return f"{coefficient} depends on the previous impact's {_QUANTITIES[found.follows]}"
