@@ -215,5 +215,5 @@ SEQUENCE = Study(name="sequence", null=_NULL, planted=_PLANTED, prepare=_studied
 UNKNOWN = Study(name="unknown in the sequence", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_large)
 ROWS = (
     Row(field="sequence.level", values=(0.004, 0.01, 0.05, 0.2), study=SEQUENCE),
-    Row(field="sequence.share", values=(0.0, 0.05, 0.1, 0.2), study=UNKNOWN),
+    Row(field="sequence.share", values=(0.0, 0.02, 0.05, 0.2), study=UNKNOWN),
 )
