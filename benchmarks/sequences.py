@@ -24,7 +24,8 @@ from contactlearn.diagnosis.drift import drifts
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.identification.joint import FitOptions
 from second_nature.tables import share, table
-from studies.sequences import DESIGNS, ERRORS, FOLLOWS, NAMED, made, succession
+from studies.follows import FOLLOWS
+from studies.sequences import DESIGNS, ERRORS, NAMED, made, succession
 
 SIZES, STRENGTHS = (150, 300, 500, 800), (0.3, 0.5, 0.75, 1.0, 1.5)
 CORRELATED = ("ar1", "weak ar1", "wander")
@@ -133,9 +134,15 @@ def _named(lines: Sequence[Line]) -> str:
     return f"the right coefficient: {right}\n\n" + table(["follows", "said", "sets"], rows)
 
 
-def main() -> None:
+def asked_all(
+    doc: str | None,
+    nulls: Callable[[int], Iterable[Case]],
+    planted: Callable[[int], Iterable[Case]],
+    asked: Callable[[Case], Line],
+    tables: Callable[[Sequence[Line]], str],
+) -> None:
     """Ask about the sets that are not in the file yet, then print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--keep", type=Path, required=True, help="file of finished sets, one JSON line each")
     parser.add_argument("--null", type=int, default=400)
     parser.add_argument("--planted", type=int, default=4)
@@ -154,4 +161,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    asked_all(__doc__, nulls, planted, asked, tables)

@@ -28,6 +28,7 @@ from studies import (
     flights,
     frames,
     measurements,
+    modulations,
     residuals,
     rests,
     rivals,
@@ -51,6 +52,7 @@ ROWS: tuple[Row, ...] = (
     *fits.ROWS,
     *samples.ROWS,
     *sequences.ROWS,
+    *modulations.ROWS,
 )
 STUDIES = {row.study.name: row.study for row in ROWS}
 

@@ -6,51 +6,21 @@ from dataclasses import replace
 import pytest
 import torch
 from diagnoses import remainder
+from drops import LAW, NOISE, fitted, normal, thrown
 
 from contactlearn import diagnose, laws
-from contactlearn.data import synthetic
 from contactlearn.diagnosis.result import Coefficient, Diagnosis, Past, Succession, Verdict
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.followed import find_succession
 from contactlearn.diagnosis.unexplained.scores import Scores
-from contactlearn.diagnosis.unexplained.succession import histories, suspects
+from contactlearn.diagnosis.unexplained.succession import Memory, histories, suspects
 from contactlearn.effects import State
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.identification.joint import FitOptions, identify_jointly
-from contactlearn.model import ContactModel, predict_with
+from contactlearn.model import ContactModel
 from contactlearn.report.text import headline, stages
 from contactlearn.report.text.sequence import follows
-
-LAW = laws.find("wang_mason").at(0.25, 0.55)
-NOISE = torch.tensor([0.02, 0.02, 0.6], dtype=torch.float64)
-
-
-def normal(*shape, seed):
-    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
-
-
-def thrown(n, seed):
-    """Bodies thrown to both sides at many speeds, without outcomes."""
-    drops = synthetic.load(n, seed=seed, velocity_noise=0.0, spin_noise=0.0)
-    speeds = torch.rand(n, 2, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
-    side = normal(n, seed=seed + 1).sign()
-    v_pre = torch.stack((side * (0.3 + 2 * speeds[:, 0]), -0.8 - 2 * speeds[:, 1], drops.v_pre[:, 2] / 2), -1)
-    drops = drops.replace(v_pre=v_pre, suspect=True)
-    drops = drops[drops.v_c[:, 1] < -0.2]
-    return drops.replace(order=torch.arange(1, len(drops) + 1), suspect=False)
-
-
-def fitted(n, seed, friction=None, restitution=None, errors=None):
-    """Drops whose coefficients change by functions of the drops, and the law fitted to them."""
-    drops = thrown(n, seed)
-    values = torch.stack([x.expand(len(drops)) for x in LAW.coefficients], -1).clone()
-    for k, change in enumerate((friction, restitution)):
-        if change is not None:
-            values[:, k] += change(drops)
-    noise = normal(len(drops), 3, seed=seed + 2) if errors is None else errors(len(drops), seed)
-    drops = drops.replace(v_post=predict_with(LAW, drops, values).v_post + NOISE * noise)
-    return drops, identify_jointly(LAW, {}, drops)
 
 
 def sawtooth(drops):
@@ -72,7 +42,7 @@ def test_false_statements_are_as_rare_as_the_level():
     runs, level, chances = 60, 0.1, []
     for seed in range(runs):
         drops, fit = fitted(140, 100 * seed, errors=rough)
-        scores = Scores.of(drops, fit, FitOptions())
+        scores = Scores.of_sequence(drops, fit, FitOptions())
         chances.append(suspects(scores, histories(drops, fit.model.predict(drops)), level)[0])
     assert sum(p <= level for p in chances) <= runs * level + 3 * math.sqrt(runs * level * (1 - level))
     assert sum(chances) / runs > 0.35
@@ -125,7 +95,7 @@ def test_trials_that_stick_tell_nothing_of_friction():
     slow = slow[slow.v_c[:, 1] < -0.2].replace(suspect=False)
     grip = laws.find("wang_mason").at(5.0, 0.5)
     slow = slow.replace(v_post=ContactModel(grip).predict(slow).v_post + NOISE * normal(len(slow), 3, seed=0))
-    scores = Scores.of(slow, identify_jointly(grip, {}, slow), FitOptions())
+    scores = Scores.of_sequence(slow, identify_jointly(grip, {}, slow), FitOptions())
     assert (scores.slope[..., 0] == 0).all()
     chance, found = suspects(scores, {}, 0.01)
     assert chance > 0.01
@@ -141,8 +111,8 @@ def test_a_gap_in_the_sequence_hides_the_trial_before():
     drops = thrown(60, 5)
     order = drops.order + (drops.order > 30) * 50
     gone = drops.replace(order=order)
-    known = histories(drops, ContactModel(LAW).predict(drops))[Past.NORMAL_SPEED, 1.0]
-    hidden = histories(gone, ContactModel(LAW).predict(gone))[Past.NORMAL_SPEED, 1.0]
+    known = histories(drops, ContactModel(LAW).predict(drops))[Memory(Past.NORMAL_SPEED, 1.0)]
+    hidden = histories(gone, ContactModel(LAW).predict(gone))[Memory(Past.NORMAL_SPEED, 1.0)]
     after = int((drops.order <= 30).sum())
     assert hidden[after] == 0 != known[after]
     assert torch.equal(hidden[after + 1 :], known[after + 1 :])
@@ -152,7 +122,7 @@ def test_the_level_decides():
     drops, fit = fitted(150, 6)
     thresholds = Thresholds()
     always = replace(thresholds, sequence=replace(thresholds.sequence, level=2.0))
-    scores = Scores.of(drops, fit, FitOptions())
+    scores = Scores.of_sequence(drops, fit, FitOptions())
     history = histories(drops, fit.model.predict(drops))
     assert suspects(scores, history, thresholds.sequence.level / 2)[1] == ()
     assert suspects(scores, history, always.sequence.level / 2)[1]
@@ -189,3 +159,35 @@ def test_it_is_said_in_words():
     said = stages.residual(left)
     assert said[0] == stages.NOT_PREDICTABLE
     assert "none of the known effects explains it" in said[-1]
+
+
+def test_a_floor_that_is_dented_where_it_was_hit():
+    """By the last few impacts near the same contact place."""
+
+    def dented(drops):
+        place = drops.q[:, 0] + drops.r[:, 0]
+        near = (-0.5 * ((place[:, None] - place) / 0.013).square()).exp()
+        ago = (drops.order[:, None] - drops.order - 1).clamp_min(0)
+        return -0.15 * (near * 0.9**ago).tril(-1).sum(-1)
+
+    drops, fit = fitted(400, 7, restitution=dented)
+    found = find_succession(drops, fit, FitOptions())
+    assert found is not None
+    assert found.coefficient is Coefficient.RESTITUTION
+    assert found.follows is Past.PLACE
+    assert found.width == pytest.approx(0.013, abs=0.003)
+    assert found.trials == pytest.approx(10)
+    assert follows(replace(found, width=0.0132)) == (
+        "restitution depends on how many of the last 10 impacts were within 13 mm of the place"
+    )
+
+
+def test_earlier_impacts_are_counted_by_their_place():
+    drops = thrown(80, 8)
+    counted = histories(drops, ContactModel(LAW).predict(drops))
+    widest = max((one for one in counted if one.follows is Past.PLACE), key=lambda one: (one.width, one.trials))
+    place = drops.q[:, 0] + drops.r[:, 0]
+    exact = (-0.5 * ((place[:, None] - place) / widest.width).square()).exp().tril(-1).sum(-1)
+    assert torch.corrcoef(torch.stack((exact, counted[widest])))[0, 1] > 0.999
+    alone = drops.replace(q=torch.zeros_like(drops.q), r=drops.r * torch.tensor([0.0, 1.0]))
+    assert not any(one.follows is Past.PLACE for one in histories(alone, ContactModel(LAW).predict(alone)))

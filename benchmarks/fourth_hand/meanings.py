@@ -42,8 +42,8 @@ SEQUENCE: dict[str, Sequence] = {
     "two grippers in turn": Sequence("eps", ("order", "period"), 4),
     # A loss of normal impulse, which restitution tells.
     "suction of a pump that cycles": Sequence("eps", ("order", "period"), 11.7),
-    # By the distance between contact places, which no quantity of earlier impacts tells.
-    "foam dented by hits nearby": Sequence("eps", ()),
+    # By the distance between contact places, which could not be said when these sets were first asked.
+    "foam dented by hits nearby": Sequence("eps", ("place",)),
     # A loss of v_y, which restitution tells; the slip work is friction times slip.
     "charge of earlier slips": Sequence("eps", ("slip_speed", "order")),
     "restitution by day and night": Sequence("eps", ("order", "period"), 720 / 11.3),

@@ -12,7 +12,8 @@ from threadpoolctl import threadpool_limits
 
 from contactlearn import diagnose
 from contactlearn.data import table
-from contactlearn.diagnosis.result import Diagnosis, Succession
+from contactlearn.diagnosis.result import Diagnosis, Modulation, Succession
+from contactlearn.report.text.modulation import depends
 from contactlearn.report.text.sequence import follows
 from second_nature.judge import matches
 from third_hand import sets
@@ -35,6 +36,8 @@ class Said:
     corrections: list[str] = field(default_factory=list)
     succession: dict[str, Any] | None = None
     """What follows the sequence of the trials, by `coefficient`, `follows`, `trials`, `share` and its `words`."""
+    modulation: dict[str, Any] | None = None
+    """What depends on the state of each trial, by `coefficient`, `variables`, `share` and its `words`."""
     remainder: dict[str, Any] | None = None
     """All that is said of what remains, as `Remainder` has it."""
     seconds: float = 0.0
@@ -81,6 +84,7 @@ def written(name: str, found: Diagnosis) -> Said:
         simpler=None if found.simpler is None else [one.name for one in found.simpler.effects],
         corrections=[str(one) for one in found.corrections],
         succession=None if found.remainder is None else _succession(found.remainder.succession),
+        modulation=None if found.remainder is None else _modulation(found.remainder.modulation),
         remainder=None if found.remainder is None else asdict(found.remainder),
     )
 
@@ -94,6 +98,17 @@ def _succession(found: Succession | None) -> dict[str, Any] | None:
         "trials": found.trials,
         "share": found.share.mean,
         "words": follows(found),
+    }
+
+
+def _modulation(found: Modulation | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {
+        "coefficient": found.coefficient,
+        "variables": [one.symbol for one in found.variables],
+        "share": found.share.mean,
+        "words": depends(found),
     }
 
 

@@ -37,6 +37,7 @@ from contactlearn.diagnosis.search.selection import Selection, select
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.followed import find_succession
 from contactlearn.diagnosis.unexplained.formulas import formulas
+from contactlearn.diagnosis.unexplained.modulated import find_modulation
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder, learn_remainder
 from contactlearn.diagnosis.validation import CrossValidation, Folds, ValidatedFit, held_out_error, held_out_interval
 from contactlearn.effects import Effect, EffectId
@@ -223,8 +224,10 @@ def divide_error(study: Study, searched: Searched, rungs: Ladder) -> Unexplained
     impacts, fit = selection.impacts, selection.present.fit
     learned = study.remainder(selection.present, impacts, selection.folds)
     large = learned.remainder.large
-    succession = find_succession(impacts, fit, study.options, study.thresholds) if study.ordered else None
-    learned = replace(learned, remainder=replace(learned.remainder, succession=succession))
+    if study.ordered:
+        succession = find_succession(impacts, fit, study.options, study.thresholds)
+        modulation = find_modulation(impacts, fit, selection.pool.best().fit, study.options, study.thresholds)
+        learned = replace(learned, remainder=replace(learned.remainder, succession=succession, modulation=modulation))
     written = _formulas(study, selection, learned) if large else ()
     floor = noise_floor(
         impacts,

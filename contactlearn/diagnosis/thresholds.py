@@ -96,9 +96,21 @@ class SequenceThresholds:
     level: float = 0.01
     """Probability of any statement where trials are independent: half of it for measurements that drift, half for
     coefficients that follow the sequence (row sequence.level)."""
-    share: float = 0.05
-    """Share of the model's error that a coefficient that follows the sequence must take away for the verdict `unknown`;
-    less than of processes, since the level bounds false statements already (row sequence.share)."""
+    share: float = 0.02
+    """Share of the residual that a coefficient that follows the sequence must take away for the verdict `unknown`: as
+    much as of the error an effect must to be worth a name, since the level bounds false statements (row
+    sequence.share)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModulationThresholds:
+    """Limits beyond which something is said to depend on the state of the trials."""
+
+    level: float = 0.005
+    """Probability of any statement where residuals do not depend on the state (row modulation.level)."""
+    share: float = 0.02
+    """Share of the residual that it must take away for the verdict `unknown`: as much as of the error an effect must to
+    be worth a name, since the level bounds false statements (row modulation.share)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,6 +170,8 @@ class Thresholds:
     """Of the predictable part of the residual."""
     sequence: SequenceThresholds = field(default_factory=SequenceThresholds)
     """Of what depends on the sequence of the trials."""
+    modulation: ModulationThresholds = field(default_factory=ModulationThresholds)
+    """Of what depends on the state of the trials."""
     formulas: FormulaThresholds = field(default_factory=FormulaThresholds)
     """Of formulas for it."""
     noise: NoiseThresholds = field(default_factory=NoiseThresholds)

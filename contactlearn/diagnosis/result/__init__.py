@@ -31,6 +31,7 @@ from contactlearn.diagnosis.result.remainder import (
     Coefficient,
     ComponentTest,
     Formula,
+    Modulation,
     Past,
     Remainder,
     Succession,
@@ -49,7 +50,7 @@ from contactlearn.serialisation import from_json, to_json
 __all__ = [
     "Answer", "Choices", "Coefficient", "ComponentTest", "Confirmation", "Diagnosis", "Drop", "ErrorBudget",
     "ErrorLimits", "ErrorMap", "ErrorShares", "Evidence", "Experiment", "FailingRegion", "Finding", "FittedParameter",
-    "Formula", "FrontierModel", "Improvement", "LawFit", "Limit", "MissingEffect", "NoiseSource", "Past",
+    "Formula", "FrontierModel", "Improvement", "LawFit", "Limit", "MissingEffect", "Modulation", "NoiseSource", "Past",
     "PlausibleModel", "Record", "Region", "Remainder", "Rival", "Rung", "RungKind", "Sample", "Separation",
     "Succession", "VariableShare", "Verdict", "WrenchComponent",
 ]  # fmt: skip

@@ -54,7 +54,7 @@ class Past(StrEnum):
     """What a trial may depend on that is no part of its own state: its place in the sequence, or impacts before it.
 
     Impulses are those that the model predicts; slip, spin and tangential impulse count with their signs, their sizes
-    without.
+    without.  Of a place it is the number of earlier impacts near it.
     """
 
     ORDER = "order"
@@ -66,6 +66,7 @@ class Past(StrEnum):
     SPIN = "spin"
     SPIN_RATE = "spin_rate"
     TANGENTIAL_IMPULSE = "tangential_impulse"
+    PLACE = "place"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,13 +78,34 @@ class Succession:
         follows: what it follows.
         trials: over which neighbours resemble each other, of the period, or impacts that are remembered.
         p_value: of independence, over all coefficients, times scales, periods and quantities of earlier impacts.
-        share: of the held-out error that is taken away by a coefficient that follows it.
+        share: of the held-out residual, in units of its scatter, that is taken away by a coefficient that follows it.
         large: whether that share is so high that something unknown must be missing.
+        width: in m, standard deviation, of a place that earlier impacts were near; None of anything else.
     """
 
     coefficient: Coefficient | None
     follows: Past
     trials: float
+    p_value: float
+    share: Interval
+    large: bool
+    width: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Modulation:
+    """A dependence of what remains on the state of each trial, which no effect of the model explains.
+
+    Args:
+        coefficient: of the law, which varies with the state; None where velocities do, whatever the impact.
+        variables: on which it depends, with their total Sobol indices: symbols, or `object`.
+        p_value: of independence, over all coefficients and functions of one variable or two.
+        share: of the held-out residual, in units of its scatter, that is taken away by such a dependence.
+        large: whether that share is so high that something unknown must be missing.
+    """
+
+    coefficient: Coefficient | None
+    variables: tuple[VariableShare, ...]
     p_value: float
     share: Interval
     large: bool
@@ -95,7 +117,8 @@ class Remainder:
 
     `share` is the relative fall of the mean error, at or below 0 where there is nothing to learn; `components` are
     the named ones, by their reduction of the error; `variables` the symbols that they depend on; `large` whether the
-    share is so high that something unknown must be missing; `succession` what the sequence of the trials tells besides.
+    share is so high that something unknown must be missing; `modulation` and `succession` what the state of each
+    trial and the sequence of the trials tell besides.
     """
 
     share: Interval
@@ -104,11 +127,12 @@ class Remainder:
     variables: tuple[VariableShare, ...]
     tested: tuple[ComponentTest, ...]
     succession: Succession | None = None
+    modulation: Modulation | None = None
 
     @property
     def found(self) -> bool:
         """Whether the residual is predictable beyond chance, from the state or from the sequence."""
-        return self.learnt or self.succession is not None
+        return self.learnt or self.succession is not None or self.modulation is not None
 
     @property
     def learnt(self) -> bool:
@@ -118,7 +142,7 @@ class Remainder:
     @property
     def unknown(self) -> bool:
         """Whether so much is predictable that something unknown must be missing."""
-        return self.large or (self.succession is not None and self.succession.large)
+        return self.large or any(one is not None and one.large for one in (self.succession, self.modulation))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -50,11 +50,10 @@ class Processes:
         gps.fit()
         return cls(x, unit, inputs, outputs, gps)
 
-    def at(self, rows: Int[Tensor, "b m"], x: Float[Tensor, "b k d"] | None = None) -> Float[Tensor, "b k 3"]:
-        """Predict the wrench of the rows, or of other inputs, several for each row, in their units."""
+    def at(self, rows: Int[Tensor, "b m"], x: Float[Tensor, "b m d"] | None = None) -> Float[Tensor, "b m 3"]:
+        """Predict the wrench of the rows, or of other inputs of theirs, in their units."""
         mean = self.gps.mean(self.inputs.apply(self.x[rows] if x is None else x))
-        unit = self.unit[rows].repeat(1, mean.shape[-1] // rows.shape[1], 1)
-        return self.outputs.undo(mean.mT) * unit
+        return self.outputs.undo(mean.mT) * self.unit[rows]
 
 
 def input_columns(impacts: Impacts) -> dict[str, Float[Tensor, "n _"]]:

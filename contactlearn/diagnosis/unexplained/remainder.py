@@ -13,7 +13,7 @@ and goes by its name, so that no impossible state is asked about.  A wrench at t
 cause: a force elsewhere on the body shows as an impulse and a moment.
 The model has few parameters and is fitted to all trials, so that next to nothing of those held out is in it.
 Gross outliers count neither in training nor in the result, but have their `error`.
-Sources: Rasmussen & Williams 2006, for the processes; Jansen 1999, for the index.
+Source: Rasmussen & Williams 2006, for the processes.
 """
 
 import math
@@ -27,6 +27,7 @@ from torch import Tensor
 from contactlearn.diagnosis.result.remainder import ComponentTest, Remainder, VariableShare, WrenchComponent
 from contactlearn.diagnosis.thresholds import RemainderThresholds
 from contactlearn.diagnosis.unexplained.processes import Processes, input_columns
+from contactlearn.diagnosis.unexplained.sobol import total_indices, variable_shares
 from contactlearn.diagnosis.validation import Folds
 from contactlearn.evaluation.metrics import Interval, mass_error
 from contactlearn.evaluation.partial_residuals import share_explained
@@ -37,7 +38,7 @@ from contactlearn.numerics import MAD_SCALE, wrapped
 _COMPONENTS = tuple(WrenchComponent)
 _GROSS = 8.0  # robust standard deviations, or medians, beyond which a residual is left out or curbed
 _TRIALS = 450  # of a fold that are learnt from, at most
-_PERMUTATIONS, _RESAMPLES = 2, 2000
+_RESAMPLES = 2000
 _ROUNDING = 1e-12  # of a mass error
 
 
@@ -206,24 +207,12 @@ def _variables(
     """Shares of the symbols in the prediction of the components, as it counts in the mass error."""
     if not components:
         return ()
-    impacts, folds = learned.impacts, learned.folds
-    groups, size = _groups(impacts, thresholds.follows), folds.held_out.shape[1]
-    x = processes.x[folds.held_out]
-    moved = []
-    for _ in range(_PERMUTATIONS):
-        other = x[:, torch.randperm(size, generator=generator)]
-        for columns in groups.values():
-            changed = x.clone()
-            changed[..., columns] = other[..., columns]
-            moved.append(changed)
-    there = torch.stack([processes.at(folds.held_out, one) for one in moved], 1)  # one by one: they are many times x
-    there = there.unflatten(1, (_PERMUTATIONS, len(groups)))
-    index = (there - learned.wrench[:, None, None]).square().mean((0, 1, 3))
+    impacts, rows = learned.impacts, learned.folds.held_out
+    groups = _groups(impacts, thresholds.follows)
+    index = total_indices(lambda x: processes.at(rows, x), processes.x[rows], groups, generator)
     in_mass = torch.stack((impacts.W[:, 0, 0], impacts.W[:, 1, 1], 1 / impacts.inertia), -1).mean(0)
     total = (index * in_mass)[:, [_COMPONENTS.index(name) for name in components]].sum(-1)
-    shares = dict(zip(groups, (total / total.sum().clamp_min(1e-300)).tolist(), strict=True))
-    ordered = sorted(shares.items(), key=lambda item: -item[1])
-    return tuple(VariableShare(symbol=name, share=x) for name, x in ordered if x >= thresholds.variable_share)
+    return variable_shares(groups, total, thresholds.variable_share)
 
 
 def _groups(impacts: Impacts, follows: float) -> dict[str, list[int]]:

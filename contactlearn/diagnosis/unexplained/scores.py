@@ -1,13 +1,14 @@
-"""Scores: what each trial says about the law's coefficients, in the sequence of the trials.
+"""Scores: what each trial says about the law's coefficients.
 
     g_k = s_kᵀ e_k,    s_k = ∂v_post/∂(μ, ε) of trial k,  e_k its residual, both whitened, times the root of its weight
 
-A coefficient that varies along the sequence makes neighbouring scores alike where residuals are not, for the derivative
-changes its sign with the slip.  A trial that tells nothing of a coefficient (it sticks: ∂/∂μ = 0) has a score of 0.
-What any parameter of the model could change is projected out of residuals and derivatives, and so are coefficients that
-depend smoothly on the trial's own state, since inputs may follow the sequence too.
+A coefficient that varies makes scores alike where residuals are not, for the derivative changes its sign with the slip.
+A trial that tells nothing of a coefficient (it sticks: ∂/∂μ = 0) has a score of 0.  What any parameter of the model
+could change is projected out of residuals and derivatives.  Inputs may follow the sequence: along it coefficients that
+depend smoothly on the trial's own state are projected out as well, and over the state velocities that drift slowly.
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -15,11 +16,13 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import one_hot
 
+from contactlearn.diagnosis.unexplained.dilution import diluted
 from contactlearn.effects import State
 from contactlearn.identification.joint import FitOptions, JointFit, linearise
 from contactlearn.impacts import Impacts
 
 _MANY = 100  # trials from which on the trial's own state is projected out
+_SLOW, _TRIALS_A_CURVE = 12, 25  # cosines over the sequence at most, and trials for each
 _ROUNDING = 1e-9  # standard deviations of the residual in the unit of a parameter
 _BODIES = 10  # at most, that have coefficients of their own
 
@@ -37,17 +40,38 @@ class Scores:
     reach: Float[Tensor, "n 3 q"]
 
     @classmethod
-    def of(cls, impacts: Impacts, fit: JointFit, options: FitOptions) -> "Scores":
-        """Linearise a fitted model about its parameters."""
+    def of_sequence(cls, impacts: Impacts, fit: JointFit, options: FitOptions) -> "Scores":
+        """Linearise a fitted model about its parameters, beside coefficients that depend on the state."""
+        alike = torch.eye(3, dtype=torch.float64).expand(len(impacts), 3, 3)
+        return cls._beside(impacts, fit, options, alike, _own_state(impacts))
+
+    @classmethod
+    def of_state(cls, impacts: Impacts, fit: JointFit, options: FitOptions) -> "Scores":
+        """Linearise a fitted model about its parameters, beside slow drifts of the velocities and errors of v_pre."""
+        slow = _cosines(impacts, min(_SLOW, len(impacts) // _TRIALS_A_CURVE))
+        drifts = (torch.eye(3, dtype=torch.float64)[..., None] * slow[:, None, None]).flatten(2)
+        return cls._beside(impacts, fit, options, torch.cat((drifts, diluted(impacts, fit, options)), -1))
+
+    @classmethod
+    def _beside(
+        cls,
+        impacts: Impacts,
+        fit: JointFit,
+        options: FitOptions,
+        other: Float[Tensor, "n 3 k"],
+        own: Float[Tensor, "n f"] | None = None,
+    ) -> "Scores":
+        """Project out the parameters, other whitened changes, and coefficients over variables of the trials' own."""
         rows, model = impacts.order.argsort(stable=True), fit.model
         about = linearise(model.law, model.effects, impacts, fit.values, fit.scatter, options=options)
         root = (about.weight * fit.inliers).sqrt()[rows]
         residual = root[:, None] * about.residual[rows].nan_to_num(0.0, 0.0, 0.0)
         slopes = -root[:, None, None] * about.slope[rows].nan_to_num(0.0, 0.0, 0.0)
         slopes = torch.where(slopes.abs() > _ROUNDING, slopes, 0.0)
-        slope, constant = slopes[..., :2], root[:, None, None] * torch.eye(3, dtype=slopes.dtype)
-        own = (slope[..., None] * _own_state(impacts[rows])[:, None, None]).flatten(2)
-        reach = _orthonormal(torch.cat((slopes, constant, own), -1))
+        slope, beside = slopes[..., :2], [root[:, None, None] * other[rows].nan_to_num(0.0, 0.0, 0.0)]
+        if own is not None:
+            beside.append((slope[..., None] * own[rows][:, None, None]).flatten(2))
+        reach = _orthonormal(torch.cat((slopes, *beside), -1))
         return cls(rows, residual - _projected(reach, residual[..., None])[..., 0], slope, reach)
 
     def __len__(self) -> int:
@@ -63,6 +87,12 @@ class Scores:
     def free(self, columns: Float[Tensor, "n 3 k"]) -> Float[Tensor, "n 3 k"]:
         """Return changes without what is projected out."""
         return columns - _projected(self.reach, columns)
+
+
+def _cosines(impacts: Impacts, most: int) -> Float[Tensor, "n k"]:
+    """1 and cosines over the places in the sequence."""
+    place = (impacts.order.argsort(stable=True).argsort() + 0.5) / len(impacts)
+    return (math.pi * place[:, None] * torch.arange(most + 1)).cos()
 
 
 def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:

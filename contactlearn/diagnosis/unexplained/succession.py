@@ -3,32 +3,45 @@
     order      sums of neighbouring scores over windows of 2, 4, 8 … trials spread more than their signs allow
     period     the largest power of a periodogram of the scores
     history    scores that correlate with quantities of the impact before, or of the last few; residuals with the former
+    place      scores that correlate with the number of earlier impacts near the same contact place
 
-Each statistic is written as its surprise, −log of its probability as the flipped signs show it; the largest surprise of
-all is compared with those of the same residuals with random signs.  So the level is that of all of them together, exact
-for independent symmetric residuals but for the few parameters that were fitted.
-Sources: as of `sequence`; Wilson & Hilferty 1931 and Gumbel 1958 for the tails.
+Each statistic is written as its `surprise`; the largest of all is compared with those of the same residuals with random
+signs.  So the level is that of all of them together, exact for independent symmetric residuals but for the few
+parameters that were fitted.
+Sources: as of `sequence` and `surprise`.
 """
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn.functional import one_hot
 
 from contactlearn.diagnosis.result.remainder import Coefficient, Past
 from contactlearn.diagnosis.sequence import exceedance, random_signs, window_spread
 from contactlearn.diagnosis.unexplained.scores import Scores
+from contactlearn.diagnosis.unexplained.surprise import of_maxima, of_normals, of_sums
 from contactlearn.effects import State
 from contactlearn.impacts import Impacts, Prediction
 
 _DECAYS = (0.0, 0.8)  # of the memory of earlier impacts, from trial to trial: of the last alone, of about five
 _REMEMBERED = 40  # impacts at most
+_WIDTHS, _BINS = (0.03, 0.12), 128  # of a place, standard deviations in the range of all places; for the range
+_LASTING = (1.0, 0.9)  # of the memory of a place, from trial to trial: of all earlier impacts, of about ten
 _NUMBERS = 1_000_000  # of scores with flipped signs at once
-_EULER = 0.5772156649
 _COEFFICIENTS = tuple(Coefficient)
+
+
+class Memory(NamedTuple):
+    """A quantity of earlier impacts, the number of them that is remembered, and the width of a place in m."""
+
+    follows: Past
+    trials: float
+    width: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,17 +52,21 @@ class Suspect:
     """
 
     coefficient: Coefficient | None
-    follows: Past
-    trials: float
+    memory: Memory
     values: Float[Tensor, " n"]
     surprise: float
 
+    @property
+    def follows(self) -> Past:
+        """What is followed."""
+        return self.memory.follows
 
-def histories(impacts: Impacts, prediction: Prediction) -> dict[tuple[Past, float], Float[Tensor, " n"]]:
-    """Compute standardised quantities of the impacts before each trial, by the number of impacts remembered.
+
+def histories(impacts: Impacts, prediction: Prediction) -> dict[Memory, Float[Tensor, " n"]]:
+    """Compute standardised quantities of the impacts before each trial.
 
     Args:
-        impacts: in their sequence; a gap between two makes the earlier one unknown.
+        impacts: in their sequence; a gap between two makes the earlier one unknown, but for the memory of a place.
         prediction: of them, for the impulses.
     """
     state, wrench = State.of(impacts), prediction.wrench
@@ -64,29 +81,30 @@ def histories(impacts: Impacts, prediction: Prediction) -> dict[tuple[Past, floa
     }
     gaps = impacts.order.diff()
     follows = torch.cat((torch.zeros(1, dtype=torch.bool), gaps <= 1.5 * gaps.median()))
-    return {
-        (name, 1 / (1 - decay)): torch.where(follows, _remembered(x, decay), 0.0)
+    found = {
+        Memory(name, 1 / (1 - decay)): torch.where(follows, _remembered(x, decay), 0.0)
         for decay in _DECAYS
         for name, x in told.items()
         if x.std() > 1e-9 * x.abs().max()
     }
+    return found | _visited(state)
 
 
 def suspects(
-    scores: Scores, history: Mapping[tuple[Past, float], Float[Tensor, " n"]], level: float
+    scores: Scores, history: Mapping[Memory, Float[Tensor, " n"]], level: float
 ) -> tuple[float, tuple[Suspect, ...]]:
     """Compute the p-value of independence, and what refutes it at the level, the most surprising first."""
     signs, told = random_signs(len(scores)), _told(scores, history)
     size = max(1, _NUMBERS // len(scores))
     parts = [_statistics(scores, told, some) for some in signs.split(size)]
     spread, peak, frequency, memory = (torch.cat(part) for part in zip(*parts, strict=True))
-    surprise = torch.cat((_of_sums(spread), _of_maxima(peak), _of_normals(memory)), 1).nan_to_num(0.0)  # no scores
+    surprise = torch.cat((of_sums(spread), of_maxima(peak), of_normals(memory)), 1).nan_to_num(0.0)  # no scores
     chance = exceedance(surprise.amax(1))
     enough = surprise[1:].amax(1).quantile(1 - level).item()
     names = [*_sequential(scores, spread.shape[1] // 2, frequency[0]), *_historical(history)]
     found = [
-        Suspect(coefficient=c, follows=f, trials=t, values=x, surprise=own)
-        for (c, f, t, x), own in zip(names, surprise[0].tolist(), strict=True)
+        Suspect(coefficient=coefficient, memory=memory, values=x, surprise=own)
+        for (coefficient, memory, x), own in zip(names, surprise[0].tolist(), strict=True)
         if own > enough
     ]
     best: dict[tuple[Coefficient | None, Past], Suspect] = {}
@@ -105,43 +123,19 @@ def _statistics(
     return window_spread(flipped).mT.flatten(1), peak, (place + 2) / (2 * n), signs @ told
 
 
-def _told(scores: Scores, history: Mapping[tuple[Past, float], Tensor]) -> Float[Tensor, "n v"]:
+def _told(scores: Scores, history: Mapping[Memory, Tensor]) -> Float[Tensor, "n v"]:
     """Terms of the sums of scores and residuals times each quantity, by trial."""
     alike = torch.eye(3, dtype=torch.float64).expand(len(scores), 3, 3)
     kinds = torch.cat((scores.slope, alike), -1)  # μ, ε, and the three velocities
     columns = [
-        scores.free(values[:, None, None] * kinds[..., : len(_kinds(trials))])
-        for (_, trials), values in history.items()
+        scores.free(values[:, None, None] * kinds[..., : len(_kinds(memory))]) for memory, values in history.items()
     ]
     return (torch.cat(columns, -1) * scores.residual[..., None]).sum(1) if columns else scores.residual[:, :0]
 
 
-# --- Surprise: −log probability of a statistic [flips, k], by its own flips ------------------------
-
-
-def _of_sums(spread: Float[Tensor, "flips k"]) -> Float[Tensor, "flips k"]:
-    """Sums of squares, gamma-distributed."""
-    mean, degrees = spread.mean(0), (spread.mean(0) / spread.std(0).clamp_min(1e-300)).square()
-    z = 3 * degrees.sqrt() * ((spread / mean) ** (1 / 3) - 1 + 1 / (9 * degrees))
-    return -torch.special.log_ndtr(-z)
-
-
-def _of_maxima(peak: Float[Tensor, "flips k"]) -> Float[Tensor, "flips k"]:
-    """Maxima of exponential powers, of Gumbel's distribution."""
-    scale = (peak.std(0) * math.sqrt(6) / math.pi).clamp_min(1e-300)
-    reduced = (peak - peak.mean(0)) / scale + _EULER
-    return -torch.log(-torch.expm1(-torch.exp(-reduced)))
-
-
-def _of_normals(sums: Float[Tensor, "flips k"]) -> Float[Tensor, "flips k"]:
-    """Sums with random signs, of either sign."""
-    z = sums / sums.square().mean(0).sqrt().clamp_min(1e-300)
-    return -math.log(2) - torch.special.log_ndtr(-z.abs())
-
-
 # --- Names of the statistics, in their order -------------------------------------------------------
 
-_Name = tuple[Coefficient | None, Past, float, Tensor]
+_Name = tuple[Coefficient | None, Memory, Tensor]
 
 
 def _sequential(scores: Scores, widths: int, frequency: Float[Tensor, "2"]) -> Iterator[_Name]:
@@ -149,30 +143,59 @@ def _sequential(scores: Scores, widths: int, frequency: Float[Tensor, "2"]) -> I
     place = torch.arange(len(scores), dtype=torch.float64)
     for coefficient in _COEFFICIENTS:
         for k in range(widths):
-            yield coefficient, Past.ORDER, 2.0 ** (k + 1), place
+            yield coefficient, Memory(Past.ORDER, 2.0 ** (k + 1)), place
     for coefficient, f in zip(_COEFFICIENTS, frequency.tolist(), strict=True):
-        yield coefficient, Past.PERIOD, 1 / f, 2 * math.pi * f * place
+        yield coefficient, Memory(Past.PERIOD, 1 / f), 2 * math.pi * f * place
 
 
-def _historical(history: Mapping[tuple[Past, float], Tensor]) -> Iterator[_Name]:
+def _historical(history: Mapping[Memory, Tensor]) -> Iterator[_Name]:
     """Quantities of earlier impacts, each for all that may follow it."""
-    for (name, trials), values in history.items():
-        for kind in _kinds(trials):
-            yield kind, name, trials, values
+    for memory, values in history.items():
+        for kind in _kinds(memory):
+            yield kind, memory, values
 
 
-def _kinds(trials: float) -> tuple[Coefficient | None, ...]:
+def _kinds(memory: Memory) -> tuple[Coefficient | None, ...]:
     """What may follow so many impacts: coefficients; and of one impact, which no drift resembles, three velocities."""
-    return (*_COEFFICIENTS, None, None, None) if trials == 1 else _COEFFICIENTS
+    return (*_COEFFICIENTS, None, None, None) if memory.trials == 1 else _COEFFICIENTS
+
+
+# --- Quantities of earlier impacts -----------------------------------------------------------------
 
 
 def _remembered(x: Float[Tensor, " n"], decay: float) -> Float[Tensor, " n"]:
     """Standardised sum of earlier values, each less by the decay than the one after it."""
-    x = (x - x.mean()) / x.std().clamp_min(1e-300)
+    found = _earlier((x - x.mean()) / x.std().clamp_min(1e-300), decay)
+    return found / found.std().clamp_min(1e-300)
+
+
+def _visited(state: State) -> dict[Memory, Float[Tensor, " n"]]:
+    """Standardised numbers of earlier impacts near the place of each, at several widths; none where all are at one."""
+    place = state.x + state.r[..., 0]
+    low, high = place.quantile(0.01), place.quantile(0.99)
+    found: dict[Memory, Tensor] = {}
+    if not high - low > 1e-9 * place.abs().max():
+        return found
+    each = ((place - low) / (high - low) * _BINS).long().clamp(0, _BINS - 1)
+    apart = (torch.arange(_BINS) - torch.arange(_BINS)[:, None]) / _BINS
+    for decay in _LASTING:
+        there = _earlier(one_hot(each, _BINS).to(torch.float64), decay)
+        for width in _WIDTHS:
+            near = (there * (-0.5 * (apart / width).square()).exp()[each]).sum(1)
+            trials = 1 / (1 - decay) if decay < 1 else float(len(place))
+            memory = Memory(Past.PLACE, trials, width * (high - low).item())
+            found[memory] = (near - near.mean()) / near.std().clamp_min(1e-300)
+    return found
+
+
+def _earlier(x: Float[Tensor, "n *k"], decay: float) -> Float[Tensor, "n *k"]:
+    """Sum of earlier values, each less by the decay than the one after it."""
+    if decay == 1:
+        return x.cumsum(0) - x
     found, weight = torch.zeros_like(x), 1.0
     for lag in range(1, min(_REMEMBERED, len(x))):
         found[lag:] += weight * x[:-lag]
         weight *= decay
         if weight == 0:
             break
-    return found / found.std().clamp_min(1e-300)
+    return found

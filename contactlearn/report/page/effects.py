@@ -95,10 +95,8 @@ def experiment_content(experiment: Experiment) -> dict[str, Any]:
 
 def residual_content(left: Remainder, formulas: Sequence[Formula]) -> dict[str, Any]:
     """Return the predictable part of the residual by component and variable, and formulas for it."""
-    first, *others = stages.residual(left)
-    sequential = others[-1:] if left.succession is not None else []
     return {
-        "said": " ".join((first, *sequential)),
+        "said": " ".join((stages.residual(left)[0], *stages.besides(left))),
         "components": [
             {
                 "name": WRENCH[one.component],

@@ -3,13 +3,16 @@
 from collections.abc import Iterable, Sequence
 
 from contactlearn import laws
-from contactlearn.diagnosis.result import Diagnosis, NoiseSource, Rung, RungKind, WrenchComponent
+from contactlearn.diagnosis.result import Coefficient, Diagnosis, NoiseSource, Rung, RungKind, WrenchComponent
 from contactlearn.effects import EffectId
 from contactlearn.report.text.numbers import spaced
 from contactlearn.results.evaluation import Evaluation
 
 WRENCH = {WrenchComponent.TANGENTIAL: "P_t", WrenchComponent.NORMAL: "P_n", WrenchComponent.MOMENT: "τ"}
 """Components of the wrench."""
+
+COEFFICIENTS = {Coefficient.FRICTION: "friction", Coefficient.RESTITUTION: "restitution", None: "the outcome"}
+"""What varies in a remainder; None where no coefficient does."""
 
 NOISE_SOURCES = {
     NoiseSource.STATED: "from the stated noise",

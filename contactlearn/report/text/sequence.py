@@ -1,10 +1,10 @@
 """What remains and follows the sequence of the trials, in words."""
 
-from contactlearn.diagnosis.result import Coefficient, Past, Succession
+from contactlearn.diagnosis.result import Past, Succession
 from contactlearn.numerics import number
+from contactlearn.report.text.names import COEFFICIENTS
 from contactlearn.report.text.numbers import p_value, share_interval
 
-_COEFFICIENTS = {Coefficient.FRICTION: "friction", Coefficient.RESTITUTION: "restitution", None: "the outcome"}
 _QUANTITIES = {
     Past.NORMAL_SPEED: "normal speed",
     Past.NORMAL_IMPULSE: "normal impulse",
@@ -18,11 +18,16 @@ _QUANTITIES = {
 
 def follows(found: Succession) -> str:
     """Say which coefficient follows what, in a clause."""
-    coefficient = _COEFFICIENTS[found.coefficient]
+    coefficient = COEFFICIENTS[found.coefficient]
     if found.follows is Past.ORDER:
         return f"{coefficient} changes along the sequence, alike over about {number(found.trials, 2)} trials"
     if found.follows is Past.PERIOD:
         return f"{coefficient} changes along the sequence, again every {number(found.trials, 3)} trials"
+    if found.follows is Past.PLACE:
+        near = f"within {number(1e3 * (found.width or 0.0), 2)} mm"
+        return (
+            f"{coefficient} depends on how many of the last {number(found.trials, 3)} impacts were {near} of the place"
+        )
     if found.trials == 1:
         return f"{coefficient} depends on the previous impact's {_QUANTITIES[found.follows]}"
     return f"{coefficient} depends on the last {number(found.trials, 1)} impacts' {_QUANTITIES[found.follows]}"
@@ -30,5 +35,5 @@ def follows(found: Succession) -> str:
 
 def succession(found: Succession) -> str:
     """Say the same with its certainty and its size, without a full stop."""
-    size = f"to follow it reduces the held-out error by {share_interval(found.share)}"
+    size = f"to follow it reduces the held-out residual by {share_interval(found.share)}"
     return f"{follows(found)} ({p_value(found.p_value)}); none of the known effects explains it, and {size}"

@@ -23,6 +23,7 @@ from contactlearn.diagnosis.thresholds import NoiseThresholds
 from contactlearn.effects import EffectId
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.numerics import measured, number
+from contactlearn.report.text.modulation import modulation
 from contactlearn.report.text.names import (
     NOISE_SOURCES,
     WRENCH,
@@ -197,14 +198,21 @@ def drop(found: Drop, experiment: Experiment) -> str:
 
 
 def residual(found: Remainder) -> list[str]:
-    """Say how much Gaussian processes predict of the residual, by which variables, and what follows the sequence."""
+    """Say how much Gaussian processes predict of the residual, by which variables, and what else remains."""
     said = [NOT_PREDICTABLE]
     if found.learnt:
         said = [f"{residual_share(found)}, in {listed(WRENCH[name] for name in found.components)}."]
     if found.learnt and found.variables:
         shares = listed(f"{SYMBOLS[one.symbol].letter} ({percent(one.share)})" for one in found.variables)
         said.append(f"The predicted residual depends on {shares}.")
-    return said + ([] if found.succession is None else [f"{opened(succession(found.succession))}."])
+    return said + besides(found)
+
+
+def besides(found: Remainder) -> list[str]:
+    """Say what else remains: that which depends on the state of each trial, and which follows the sequence."""
+    said = [modulation(found.modulation)] if found.modulation is not None else []
+    said += [succession(found.succession)] if found.succession is not None else []
+    return [f"{opened(one)}." for one in said]
 
 
 def residual_share(found: Remainder) -> str:

@@ -6,6 +6,7 @@ from contactlearn.diagnosis.result import Diagnosis, ErrorShares, MissingEffect,
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.numerics import measured
 from contactlearn.report.text import stages
+from contactlearn.report.text.modulation import depends
 from contactlearn.report.text.names import base_label, effect_label, listed, opened, sentence, shortened
 from contactlearn.report.text.numbers import compared, error, fine_percent, interval, percent
 from contactlearn.report.text.sequence import follows
@@ -80,9 +81,14 @@ def _size_of(shares: ErrorShares) -> str:
 
 
 def _unexplained(found: Diagnosis, said: str) -> str:
-    """What is unknown: that which follows the sequence of the trials where that is large, and else what is said."""
-    follower = None if found.remainder is None else found.remainder.succession
-    return f"{follows(follower)}, and {said}" if follower is not None and follower.large else said
+    """What is unknown: what follows the sequence or depends on the state where that is large, and what is said."""
+    left = found.remainder
+    clauses = []
+    if left is not None and left.succession is not None and left.succession.large:
+        clauses.append(follows(left.succession))
+    if left is not None and left.modulation is not None and left.modulation.large:
+        clauses.append(depends(left.modulation))
+    return listed([*clauses, said])
 
 
 def _rivals(missing: Sequence[MissingEffect]) -> str:

@@ -1,0 +1,113 @@
+"""What the state of each trial explains of a remainder: a coefficient that depends on it.
+
+Variables that the test suspects are the inputs of `learning`, each stretched by the order of its strongest function so
+that a stripe is as wide as a slope.  Of the sets of variables and their union the one that predicts most is taken.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import torch
+from torch import Tensor
+
+from contactlearn.diagnosis.result.remainder import Coefficient, Modulation, VariableShare
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.learning import Learning, Learnt
+from contactlearn.diagnosis.unexplained.modulation import StateSuspect, state_suspects, state_variables
+from contactlearn.diagnosis.unexplained.scores import Scores
+from contactlearn.diagnosis.unexplained.sobol import total_indices, variable_shares
+from contactlearn.identification.joint import FitOptions, JointFit
+from contactlearn.impacts import Impacts
+
+_FEWEST = 40  # trials below which nothing is said
+_LEARNT = 560  # trials that are learnt from and held out, at most
+_TRIED = 3  # suspects, the most surprising ones
+_TOGETHER = 3  # variables of their union, at most
+
+
+def find_modulation(
+    impacts: Impacts,
+    fit: JointFit,
+    best: JointFit,
+    options: FitOptions,
+    thresholds: Thresholds = Thresholds(),
+) -> Modulation | None:
+    """Find what the trials' own state tells of a fitted model's remainder; None where it tells nothing.
+
+    A model has its effects for what they are worth.  What one with more of them does not show is explained by known
+    effects, too small for a name.
+
+    Args:
+        impacts: measurements, whose errors are independent.
+        fit: of a law with effects to all of them.
+        best: of the law and effects with the best score, the same or another one.
+        options: of the fits.
+        thresholds: of the level, and of what is large.
+    """
+    if len(impacts) < _FEWEST:
+        return None
+    found = _found(impacts, fit, options, thresholds)
+    if found is None or torch.equal(best.model.predict(impacts).v_post, fit.model.predict(impacts).v_post):
+        return found
+    rest = _found(impacts, best, options, thresholds)
+    return None if rest is None else found
+
+
+def _found(impacts: Impacts, fit: JointFit, options: FitOptions, thresholds: Thresholds) -> Modulation | None:
+    """What the state tells of the remainder of one model."""
+    scores = Scores.of_state(impacts, fit, options)
+    ordered = impacts[scores.rows]
+    among = state_variables(ordered)
+    chance, found = state_suspects(scores, among, thresholds.modulation.level)
+    if not found:
+        return None
+    rows = torch.randperm(len(ordered), generator=torch.Generator().manual_seed(0))[:_LEARNT].sort().values
+    learning = Learning.of(ordered, fit, scores, rows)
+    inputs = {name: columns[rows] for name, columns in among.items()}
+    tried = [(one, _learnt(learning, one.coefficient, one.orders, inputs)) for one in _tried(found)]
+    most, learnt = max(tried, key=lambda one: one[1].share.mean)
+    if learnt.share.mean <= 0:
+        return None
+    return Modulation(
+        coefficient=most.coefficient,
+        variables=_variables(learning, learnt, most.orders, inputs, thresholds.remainder.variable_share),
+        p_value=chance,
+        share=learnt.share,
+        large=learnt.share.mean > thresholds.modulation.share,
+    )
+
+
+def _tried(found: Sequence[StateSuspect]) -> list[StateSuspect]:
+    """The first suspects of different variables, and for each coefficient of theirs the union of its variables."""
+    first: dict[tuple[Coefficient | None, frozenset[str]], StateSuspect] = {}
+    for one in found:
+        first.setdefault((one.coefficient, frozenset(one.orders)), one)
+    chosen = list(first.values())[:_TRIED]
+    for coefficient in {one.coefficient for one in chosen}:
+        union: dict[str, int] = {}
+        for one in first.values():
+            if one.coefficient is coefficient and len({*union, *one.orders}) <= _TOGETHER:
+                union |= {name: max(order, union.get(name, 1)) for name, order in one.orders.items()}
+        if (coefficient, frozenset(union)) not in {(one.coefficient, frozenset(one.orders)) for one in chosen}:
+            chosen.append(StateSuspect(coefficient=coefficient, orders=union, surprise=found[0].surprise))
+    return chosen
+
+
+def _learnt(
+    learning: Learning, coefficient: Coefficient | None, orders: Mapping[str, int], inputs: Mapping[str, Tensor]
+) -> Learnt:
+    """Let a coefficient, or the velocities, depend on variables."""
+    x = torch.cat([order * inputs[name] for name, order in orders.items()], -1)
+    return learning.velocities(x) if coefficient is None else learning.coefficient(coefficient, x)
+
+
+def _variables(
+    learning: Learning, learnt: Learnt, names: Iterable[str], inputs: Mapping[str, Tensor], least: float
+) -> tuple[VariableShare, ...]:
+    """Shares of the variables in what was learnt, as it counts in the mass error."""
+    groups, at = dict[str, range](), 0
+    for name in names:
+        groups[name], at = range(at, at + inputs[name].shape[1]), at + inputs[name].shape[1]
+    index = total_indices(learnt.at, learnt.x, groups, torch.Generator().manual_seed(0))
+    impacts, outputs = learning.impacts, index.shape[1]
+    in_mass = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1).mean(0)
+    return variable_shares(groups, (index * in_mass).sum(1) if outputs == 3 else index[:, 0], least)

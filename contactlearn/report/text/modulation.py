@@ -1,0 +1,22 @@
+"""What remains and depends on the state of each trial, in words."""
+
+from contactlearn.diagnosis.result import Modulation
+from contactlearn.effects.formula.symbols import SYMBOLS
+from contactlearn.report.text.names import COEFFICIENTS, listed
+from contactlearn.report.text.numbers import p_value, share_interval
+
+
+def depends(found: Modulation) -> str:
+    """Say what acts like a coefficient that depends on which variables, in a clause."""
+    coefficient = COEFFICIENTS[found.coefficient]
+    first, *others = (SYMBOLS[one.symbol].letter if one.symbol in SYMBOLS else "the body" for one in found.variables)
+    on = f"{first} together with {listed(others)}" if others else first
+    if found.coefficient is None:
+        return f"{coefficient} depends on {on} in an unknown way"
+    return f"what remains acts like a {coefficient} that depends on {on}"
+
+
+def modulation(found: Modulation) -> str:
+    """Say the same with its certainty and its size, without a full stop."""
+    size = f"to follow it reduces the held-out residual by {share_interval(found.share)}"
+    return f"{depends(found)} ({p_value(found.p_value)}); none of the known effects explains it, and {size}"

@@ -1,0 +1,38 @@
+"""Drops with noise whose coefficients are functions of the drops, and the law fitted to them."""
+
+import torch
+
+from contactlearn import laws
+from contactlearn.data import synthetic
+from contactlearn.identification.joint import identify_jointly
+from contactlearn.model import predict_with
+
+LAW = laws.find("wang_mason").at(0.25, 0.55)
+NOISE = torch.tensor([0.02, 0.02, 0.6], dtype=torch.float64)
+
+
+def normal(*shape, seed):
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+def thrown(n, seed):
+    """Bodies thrown to both sides at many speeds, without outcomes."""
+    drops = synthetic.load(n, seed=seed, velocity_noise=0.0, spin_noise=0.0)
+    speeds = torch.rand(n, 2, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    side = normal(n, seed=seed + 1).sign()
+    v_pre = torch.stack((side * (0.3 + 2 * speeds[:, 0]), -0.8 - 2 * speeds[:, 1], drops.v_pre[:, 2] / 2), -1)
+    drops = drops.replace(v_pre=v_pre, suspect=True)
+    drops = drops[drops.v_c[:, 1] < -0.2]
+    return drops.replace(order=torch.arange(1, len(drops) + 1), suspect=False)
+
+
+def fitted(n, seed, friction=None, restitution=None, errors=None):
+    """Drops whose coefficients change by functions of the drops, and the law fitted to them."""
+    drops = thrown(n, seed)
+    values = torch.stack([x.expand(len(drops)) for x in LAW.coefficients], -1).clone()
+    for k, change in enumerate((friction, restitution)):
+        if change is not None:
+            values[:, k] += change(drops)
+    noise = normal(len(drops), 3, seed=seed + 2) if errors is None else errors(len(drops), seed)
+    drops = drops.replace(v_post=predict_with(LAW, drops, values).v_post + NOISE * noise)
+    return drops, identify_jointly(LAW, {}, drops)

@@ -1,0 +1,189 @@
+"""What remains and depends on the state of each trial: false statements, power, what is named, and what is said."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from diagnoses import made_up, remainder
+from drops import LAW, NOISE, fitted, normal, thrown
+
+from contactlearn import diagnose
+from contactlearn.diagnosis.result import Coefficient, Diagnosis, Modulation, VariableShare, Verdict
+from contactlearn.diagnosis.search.candidates import all_candidates
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.modulated import find_modulation
+from contactlearn.diagnosis.unexplained.modulation import state_suspects, state_variables
+from contactlearn.diagnosis.unexplained.scores import Scores
+from contactlearn.effects import State, find_effect
+from contactlearn.evaluation.metrics import Interval
+from contactlearn.identification.joint import FitOptions, identify_jointly
+from contactlearn.model import predict_with
+from contactlearn.report.observer import show_verdict
+from contactlearn.report.page.effects import residual_content
+from contactlearn.report.text import headline, stages
+from contactlearn.report.text.modulation import depends
+
+OPTIONS = FitOptions()
+
+
+def asked(drops, fit, best=None, thresholds=None):
+    return find_modulation(drops, fit, fit if best is None else best, OPTIONS, thresholds or Thresholds())
+
+
+def by_direction_and_angle(drops):
+    state = State.of(drops)
+    return 0.1 * state.v_t.sign() * (2 * state.theta).sin()
+
+
+def by_spin_with_slip(drops):
+    state = State.of(drops)
+    return 0.05 * (state.v_t * state.omega).sign()
+
+
+def symbols(found):
+    return {one.symbol for one in found.variables}
+
+
+def test_false_statements_are_as_rare_as_the_level():
+    """Heavy tails and a scatter that differs from trial to trial; three standard deviations of a count."""
+
+    def rough(n, seed):
+        tails = normal(n, 4, seed=seed + 3).square().mean(-1, keepdim=True).sqrt()
+        return normal(n, 3, seed=seed + 4) / tails * (0.5 * normal(n, 1, seed=seed + 5)).exp()
+
+    runs, level, chances = 60, 0.1, []
+    for seed in range(runs):
+        drops, fit = fitted(120, 100 * seed, errors=rough)
+        scores = Scores.of_state(drops, fit, OPTIONS)
+        chances.append(state_suspects(scores, state_variables(drops[scores.rows]), level)[0])
+    assert sum(p <= level for p in chances) <= runs * level + 3 * math.sqrt(runs * level * (1 - level))
+    assert sum(chances) / runs > 0.35
+
+
+@pytest.mark.parametrize(
+    ("change", "coefficient", "named"),
+    [
+        ({"friction": by_direction_and_angle}, Coefficient.FRICTION, {"vt", "theta"}),
+        ({"restitution": by_spin_with_slip}, Coefficient.RESTITUTION, {"vt", "omega"}),
+    ],
+    ids=["direction and angle", "spin with slip"],
+)
+def test_a_product_of_two_inputs_is_found(change, coefficient, named):
+    drops, fit = fitted(300, 1, **change)
+    found = asked(drops, fit)
+    assert found is not None
+    assert found.coefficient is coefficient
+    assert symbols(found) == named
+    assert found.large
+    mixed = torch.randperm(len(drops), generator=torch.Generator().manual_seed(0))
+    lost = drops.replace(q=drops.q[mixed], r=drops.r, v_pre=drops.v_pre, suspect=True)
+    if "theta" in named:  # the angles of other trials tell nothing
+        assert (again := asked(lost, fit)) is None or "theta" not in symbols(again)
+
+
+def test_an_outcome_that_depends_on_the_state_alike_is_no_coefficient():
+    drops, _ = fitted(300, 2)
+    curtain = 0.3 * (drops.q[:, :1] - drops.q[:, 0].median()).clamp_min(0)
+    pushed = drops.replace(v_post=drops.v_post - curtain * torch.tensor((1.0, 0.0, 20.0)))
+    found = asked(pushed, identify_jointly(LAW, {}, pushed))
+    assert found is not None
+    assert found.coefficient is None
+    assert symbols(found) == {"x"}
+
+
+def test_nothing_is_said_of_nothing():
+    drops, fit = fitted(300, 3)
+    assert asked(drops, fit) is None
+    assert asked(drops[:30], fit) is None
+
+
+def test_a_better_model_of_known_effects_explains_it():
+    """An effect that is too small for a name is no unknown physics."""
+    drops = thrown(400, 4)
+    tilted = {"surface_tilt": find_effect("surface_tilt")().prepare(drops).at(torch.tensor([0.03]))}
+    values = torch.stack([x.expand(len(drops)) for x in LAW.coefficients], -1)
+    outcome = predict_with(LAW, drops, values, tilted).v_post
+    drops = drops.replace(v_post=outcome + NOISE * normal(len(drops), 3, seed=4))
+    alone = identify_jointly(LAW, {}, drops)
+    assert asked(drops, alone) is not None
+    assert asked(drops, alone, identify_jointly(LAW, {"surface_tilt": find_effect("surface_tilt")()}, drops)) is None
+
+
+def test_one_of_two_bodies_is_named():
+    drops = thrown(400, 5)
+    second = torch.arange(len(drops)) % 2 == 1
+    names = tuple("egg" if one else "pebble" for one in second.tolist())
+    drops = drops.replace(object=names, mass=torch.where(second, 2.0, 1.0) * drops.mass)
+    values = torch.stack([x.expand(len(drops)) for x in LAW.coefficients], -1).clone()
+    values[:, 1] += 0.08 * second * State.of(drops).theta.cos()
+    drops = drops.replace(v_post=predict_with(LAW, drops, values).v_post + NOISE * normal(len(drops), 3, seed=5))
+    found = asked(drops, identify_jointly(LAW, {}, drops))
+    assert found is not None
+    assert found.coefficient is Coefficient.RESTITUTION
+    assert symbols(found) == {"theta", "object"}
+    assert "θ" in depends(found)
+    assert "the body" in depends(found)
+
+
+def test_errors_of_v_pre_are_no_physics():
+    """Trials that begin alike but for the errors of their measurement."""
+    for seed in range(4):
+        drops = thrown(300, seed)
+        drops = drops.replace(v_pre=torch.tensor((0.8, -2.0, 3.0)).expand(len(drops), 3), suspect=True)
+        values = torch.stack([x.expand(len(drops)) for x in LAW.coefficients], -1)
+        exact = predict_with(LAW, drops, values).v_post
+        measured = drops.v_pre + NOISE * normal(len(drops), 3, seed=10 + seed)
+        drops = drops.replace(v_pre=measured, v_post=exact + NOISE * normal(len(drops), 3, seed=20 + seed))
+        scores = Scores.of_state(drops, identify_jointly(LAW, {}, drops), OPTIONS)
+        assert state_suspects(scores, state_variables(drops[scores.rows]), 0.005)[1] == ()
+
+
+def test_the_thresholds_decide():
+    drops, fit = fitted(300, 1, restitution=by_spin_with_slip)
+    thresholds = Thresholds()
+    more = replace(thresholds, modulation=replace(thresholds.modulation, share=0.9))
+    found = asked(drops, fit, thresholds=more)
+    assert found is not None
+    assert not found.large
+    never = replace(thresholds, modulation=replace(thresholds.modulation, level=0.0))
+    assert asked(drops, fit, thresholds=never) is None
+
+
+@pytest.mark.parametrize("sets", [{"friction": by_direction_and_angle}, {}], ids=["direction and angle", "nothing"])
+def test_a_diagnosis_calls_it_unknown_and_says_what_it_depends_on(sets, capsys):
+    drops, _ = fitted(300, 1, **sets)
+    few = {key: effect for key, effect in all_candidates().items() if key.name in ("spin_damping", "side_drag")}
+    found = diagnose(drops, "wang_mason", candidates=few)
+    show_verdict(found, "")
+    assert found.remainder is not None
+    assert found.verdict is (Verdict.UNKNOWN if sets else Verdict.NONE)
+    assert (found.remainder.modulation is not None) == bool(sets)
+    said = "acts like a friction that depends on"
+    assert (said in headline(found)) == bool(sets)
+    assert (said in capsys.readouterr().out) == bool(sets)
+    assert (said in residual_content(found.remainder, ())["said"]) == bool(sets)
+    assert Diagnosis.from_json(found.to_json()) == found
+
+
+def test_it_is_said_in_words():
+    found = Modulation(
+        coefficient=Coefficient.FRICTION,
+        variables=(VariableShare(symbol="vt", share=0.6), VariableShare(symbol="theta", share=0.4)),
+        p_value=0.002,
+        share=Interval(0.12, 0.08, 0.16),
+        large=True,
+    )
+    assert depends(found) == "what remains acts like a friction that depends on v_t together with θ"
+    outcome = replace(found, coefficient=None, variables=found.variables[:1])
+    assert depends(outcome) == "the outcome depends on v_t in an unknown way"
+    left = replace(remainder(Interval(0.01, -0.01, 0.03)), modulation=found)
+    assert left.found
+    assert left.unknown
+    assert not left.learnt
+    assert "reduces the held-out residual by 12\u00a0%" in stages.residual(left)[-1]
+    besides = replace(
+        made_up(20, next(iter(all_candidates()))), verdict=Verdict.UNKNOWN, physics=Verdict.UNKNOWN, remainder=left
+    )
+    assert "missing as well" in headline(besides)
+    assert "acts like a friction" in headline(besides)
