@@ -55,7 +55,7 @@ def score(said: Said) -> Score:
         return Score(
             unknown=unknown,
             accepted=unknown or (bool(said.effects) and set(said.effects) <= set(right.acceptable)),
-            sentence=coefficient or follows or _of_the_state(right, said.remainder),
+            sentence=coefficient or follows or _of_the_state(right, said),
             both=coefficient and follows if right.follows else None,
         )
     accepted = _accepted(said.name)
@@ -94,9 +94,14 @@ def _of_the_sequence(right: Right, told: dict[str, Any] | None) -> tuple[bool, b
     return told["coefficient"] == right.coefficient, follows
 
 
-def _of_the_state(right: Right, told: dict[str, Any] | None) -> bool:
-    """Whether one of the first two variables of a residual that is predictable is right."""
-    return told is not None and not set(predictable(told)[:2]).isdisjoint(right.variables)
+def _of_the_state(right: Right, said: Said) -> bool:
+    """Whether a coefficient that depends on the state is right, or one of the first two variables that are told."""
+    told = [] if said.remainder is None else predictable(said.remainder)[:2]
+    if said.modulation is not None:
+        told += said.modulation["variables"][:2]
+        if right.coefficient is not None and said.modulation["coefficient"] == right.coefficient:
+            return True
+    return not set(told).isdisjoint(right.variables)
 
 
 def predictable(told: dict[str, Any]) -> list[str]:
