@@ -10,6 +10,7 @@ import quick
 import torch
 from fontTools.subset import Options
 from hydra._internal.hydra import Hydra
+from threadpoolctl import threadpool_limits
 
 from contactlearn.data import ellipse_drops as source
 from contactlearn.errors import DataError
@@ -19,6 +20,8 @@ from contactlearn.errors import DataError
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 torch.set_num_threads(1)  # the suite runs in parallel processes
+threadpool_limits(1)  # the BLAS of NumPy and SciPy: threads that wait for each other compute nothing
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # of processes that the tests start
 gc.disable()  # until all is collected: it would look through half a million objects again and again
 # On a busy machine making an example takes long; that is no fault of the test.
 hypothesis.settings.register_profile("suite", suppress_health_check=[hypothesis.HealthCheck.too_slow])
