@@ -16,7 +16,8 @@ def ask(name: str, seconds: float) -> dict[str, Any]:
     with TemporaryDirectory() as folder:
         path = Path(folder, f"{name}.csv")
         sets.write(sets.draw(name), path)
-        return hear(path, sets.SETS[name].bodies, seconds)
+        outlines = {body: one.shape for body, one in zip("AB", sets.SETS[name].bodies, strict=False)}
+        return hear(path, outlines, seconds)
 
 
 @dataclass(frozen=True, kw_only=True)
