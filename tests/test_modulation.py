@@ -110,6 +110,32 @@ def test_a_better_model_of_known_effects_explains_it():
     assert asked(drops, alone, identify_jointly(LAW, {"surface_tilt": find_effect("surface_tilt")()}, drops)) is None
 
 
+def test_another_form_of_an_effect_of_the_model_is_not_unknown():
+    """Stripes in x are no polynomial of x, but the same dependence; they are unknown to a model without any."""
+
+    def stripes(drops):
+        x = drops.q[:, 0]
+        return 0.12 * (12 * math.pi * (x - x.min()) / (x.max() - x.min())).sin().sign()
+
+    drops, alone = fitted(400, 6, restitution=stripes)
+    found = asked(drops, alone)
+    assert found is not None
+    assert (found.coefficient, symbols(found), found.form_of) == (Coefficient.RESTITUTION, {"x"}, None)
+    assert found.large
+    for name, form_of in (
+        ("location_dependent_restitution", "location_dependent_restitution"),
+        ("location_dependent_friction", None),
+        ("orientation_dependent_restitution", None),
+    ):
+        fit = identify_jointly(LAW, {name: find_effect(name)()}, drops)
+        again = asked(drops, fit)
+        assert again is not None
+        assert (again.coefficient, symbols(again), again.form_of) == (Coefficient.RESTITUTION, {"x"}, form_of)
+        assert again.large == (form_of is None)
+        known = "as location-dependent restitution has it in another form"
+        assert (known in depends(again)) == (form_of is not None)
+
+
 def test_one_of_two_bodies_is_named():
     drops = thrown(400, 5)
     second = torch.arange(len(drops)) % 2 == 1

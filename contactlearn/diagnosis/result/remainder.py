@@ -102,6 +102,8 @@ class Modulation:
         p_value: of independence, over all coefficients and functions of one variable or two.
         share: of the held-out residual, in units of its scatter, that is taken away by such a dependence.
         large: whether that share is so high that something unknown must be missing.
+        form_of: an effect of the model with the same coefficient as a function of the same variable, whose form is not
+            nature's then; it is not unknown.
     """
 
     coefficient: Coefficient | None
@@ -109,6 +111,7 @@ class Modulation:
     p_value: float
     share: Interval
     large: bool
+    form_of: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,8 +15,12 @@ from contactlearn.diagnosis.unexplained.learning import Learning, Learnt
 from contactlearn.diagnosis.unexplained.modulation import StateSuspect, state_suspects, state_variables
 from contactlearn.diagnosis.unexplained.scores import Scores
 from contactlearn.diagnosis.unexplained.sobol import total_indices, variable_shares
+from contactlearn.effects import State
+from contactlearn.effects.formula.symbols import of_state
+from contactlearn.evaluation.partial_residuals import share_explained
 from contactlearn.identification.joint import FitOptions, JointFit
 from contactlearn.impacts import Impacts
+from contactlearn.numerics import wrapped
 
 _FEWEST = 40  # trials below which nothing is said
 _LEARNT = 560  # trials that are learnt from and held out, at most
@@ -67,12 +71,15 @@ def _found(impacts: Impacts, fit: JointFit, options: FitOptions, thresholds: Thr
     most, learnt = max(tried, key=lambda one: one[1].share.mean)
     if learnt.share.mean <= 0:
         return None
+    variables = _variables(learning, learnt, most.orders, inputs, thresholds.remainder.variable_share)
+    form_of = _same_dependence(learning, most.coefficient, variables, thresholds.remainder.follows)
     return Modulation(
         coefficient=most.coefficient,
-        variables=_variables(learning, learnt, most.orders, inputs, thresholds.remainder.variable_share),
+        variables=variables,
         p_value=chance,
         share=learnt.share,
-        large=learnt.share.mean > thresholds.modulation.share,
+        large=form_of is None and learnt.share.mean > thresholds.modulation.share,
+        form_of=form_of,
     )
 
 
@@ -98,6 +105,24 @@ def _learnt(
     """Let a coefficient, or the velocities, depend on variables."""
     x = torch.cat([order * inputs[name] for name, order in orders.items()], -1)
     return learning.velocities(x) if coefficient is None else learning.coefficient(coefficient, x)
+
+
+def _same_dependence(
+    learning: Learning, coefficient: Coefficient | None, variables: Sequence[VariableShare], follows: float
+) -> str | None:
+    """The effect of the model that makes the same coefficient a function of the only variable."""
+    impacts, model = learning.impacts, learning.fit.model
+    values = of_state(State.of(impacts))
+    if coefficient is None or len(variables) != 1 or variables[0].symbol not in values:
+        return None
+    x, k = wrapped(values["theta"]) if variables[0].symbol == "theta" else values[variables[0].symbol], coefficient
+    for name, effect in model.effects.items():
+        if effect.place == "law":
+            before = model.law.coefficients
+            after = effect.law(State.of(impacts), *before)[tuple(Coefficient).index(k)]
+            if share_explained(x, after.expand(len(x))) > follows:
+                return name
+    return None
 
 
 def _variables(

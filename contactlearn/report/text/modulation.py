@@ -2,7 +2,7 @@
 
 from contactlearn.diagnosis.result import Modulation
 from contactlearn.effects.formula.symbols import SYMBOLS
-from contactlearn.report.text.names import COEFFICIENTS, listed
+from contactlearn.report.text.names import COEFFICIENTS, label, listed
 from contactlearn.report.text.numbers import p_value, share_interval
 
 
@@ -13,10 +13,12 @@ def depends(found: Modulation) -> str:
     on = f"{first} together with {listed(others)}" if others else first
     if found.coefficient is None:
         return f"{coefficient} depends on {on} in an unknown way"
-    return f"what remains acts like a {coefficient} that depends on {on}"
+    same = "" if found.form_of is None else f", as {label(found.form_of)} has it in another form"
+    return f"what remains acts like a {coefficient} that depends on {on}{same}"
 
 
 def modulation(found: Modulation) -> str:
     """Say the same with its certainty and its size, without a full stop."""
     size = f"to follow it reduces the held-out residual by {share_interval(found.share)}"
-    return f"{depends(found)} ({p_value(found.p_value)}); none of the known effects explains it, and {size}"
+    known = "none of the known effects explains it, and " if found.form_of is None else ""
+    return f"{depends(found)} ({p_value(found.p_value)}); {known}{size}"
