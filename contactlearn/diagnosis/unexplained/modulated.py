@@ -111,16 +111,16 @@ def _same_dependence(
     learning: Learning, coefficient: Coefficient | None, variables: Sequence[VariableShare], follows: float
 ) -> str | None:
     """The effect of the model that makes the same coefficient a function of the only variable."""
-    impacts, model = learning.impacts, learning.fit.model
-    values = of_state(State.of(impacts))
+    state, model = State.of(learning.impacts), learning.fit.model
+    values = of_state(state)
+    values["theta"] = wrapped(values["theta"])
     if coefficient is None or len(variables) != 1 or variables[0].symbol not in values:
         return None
-    x, k = wrapped(values["theta"]) if variables[0].symbol == "theta" else values[variables[0].symbol], coefficient
+    x, k = values[variables[0].symbol], tuple(Coefficient).index(coefficient)
     for name, effect in model.effects.items():
         if effect.place == "law":
-            before = model.law.coefficients
-            after = effect.law(State.of(impacts), *before)[tuple(Coefficient).index(k)]
-            if share_explained(x, after.expand(len(x))) > follows:
+            changed = effect.law(state, *model.law.coefficients)[k]
+            if share_explained(x, changed.expand(len(x))) > follows:
                 return name
     return None
 
