@@ -1,12 +1,16 @@
 """Studies of what depends on the state of each trial: drops whose coefficients do, or nothing does."""
 
+from itertools import product
+
 from contactlearn.diagnosis.result import Modulation
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.modulated import find_modulation
-from contactlearn.identification.joint import FitOptions
+from contactlearn.diagnosis.unexplained.stand_ins import without_stand_ins
+from contactlearn.effects import find_effect
+from contactlearn.identification.joint import FitOptions, identify_jointly
 from studies.cases import between
 from studies.follows import DEPENDS
-from studies.sequences import DESIGNS, Drops, made
+from studies.sequences import DESIGNS, NAMED, Drops, made
 from studies.study import Row, Study, each
 
 
@@ -33,11 +37,40 @@ def _large(drops: Drops, thresholds: Thresholds) -> bool:
     return found is not None and found.large
 
 
+def _nested(effect: str, follows: str, seed: int) -> Drops:
+    """Drops of which something depends on the state, with the model that has an effect as well, true or not."""
+    named = effect if effect in NAMED else ""
+    drops = made(seed, follows=follows, coefficient=DEPENDS[follows][0], strength=1.5, named=named)
+    fit = identify_jointly(drops.fit.model.law, {effect: find_effect(effect)()}, drops.impacts)
+    return Drops(drops.impacts, fit)
+
+
+def _left_out(drops: Drops, thresholds: Thresholds) -> bool:
+    """Whether the effect is said to stand for what depends on the state."""
+    alone = identify_jointly(drops.fit.model.law, {}, drops.impacts)
+    return without_stand_ins(drops.impacts, (alone, drops.fit), FitOptions(), thresholds.modulation) == 0
+
+
 _NULL = each(8, "iid", "heavy", "before")
 _PLANTED = each(6, "direction and angle", "spin with slip", "curtain")
+_TRUE = ("spin_damping", "directional_friction", "surface_tilt")
+_DEPENDENCES = ("place and angle", "spin with slip", "magnet", "curtain")
+_SOAKED = (
+    ("spin with slip", "slip_dependent_restitution"),
+    ("place and angle", "location_dependent_restitution"),
+    ("magnet", "orientation_dependent_moment"),
+)
 STATE = Study(name="state", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_said)
 UNKNOWN = Study(name="unknown in the state", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_large)
+STAND_INS = Study(
+    name="stand-ins",
+    null=tuple((named, follows, 900 + k) for k, (named, follows) in enumerate(product(_TRUE, _DEPENDENCES))),
+    planted=tuple((name, follows, 930 + k) for k, (follows, name) in enumerate(_SOAKED * 4)),
+    prepare=_nested,
+    alarm=_left_out,
+)
 ROWS = (
     Row(field="modulation.level", values=(0.005, 0.01, 0.05, 0.2), study=STATE),
     Row(field="modulation.share", values=(0.0, 0.02, 0.05, 0.1), study=UNKNOWN),
+    Row(field="modulation.sigmas", values=(0.0, 1.0, 2.0, 4.0, 8.0), study=STAND_INS),
 )

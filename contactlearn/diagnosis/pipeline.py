@@ -4,6 +4,7 @@
     drift        errors that wander with the sequence; then effects over the order are left out, and folds are blocks
     laws         held-out error of each law alone
     selection    a law, the given one or any, with effects of the catalogue: searched together, fitted jointly
+    state        what the state of each trial tells of what remains; effects that only stand for it are left out
     limits       error of the law, of processes that learn all they can, of the best rigid contact
     regions      where the law alone fails, and where the effects help
     ladder       law, each effect, flexible model, noise: held-out errors
@@ -50,6 +51,7 @@ from contactlearn.diagnosis.stages import (
     Searched,
     Study,
     Unexplained,
+    ask_state,
     compare_effects,
     corrected,
     divide_error,
@@ -153,7 +155,9 @@ def _searched(
     searched = search_effects(study, chosen, fits, law is None, impacts, folds)
     drift = measurement_drift(searched.selection, study.thresholds.sequence)
     rest = study if drift is None else study.without_order(ordered_candidates(searched.selection))
-    if drift is None or not rest.candidates:
+    if drift is None:
+        return study, ask_state(study, searched), ()
+    if not rest.candidates:
         return study, searched, ()
     findings = (drift_finding(drift),)
     study.observer.audit(findings)

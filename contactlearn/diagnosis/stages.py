@@ -2,6 +2,7 @@
 
     Study            the question: given effects, candidates, laws, options, and the random source of all stages
     search_effects   the selection around a law, and the failures of that law
+    ask_state        what the state of each trial tells of the remainder, and the effects that only stand for it
     compare_effects  the ladder of the effects, their rivals, and the experiment that separates them
     divide_error     the predictable part of the residual, formulas for it, and the error budget
 
@@ -29,6 +30,7 @@ from contactlearn.diagnosis.result import (
     Finding,
     Formula,
     LawFit,
+    Modulation,
     Region,
 )
 from contactlearn.diagnosis.search.candidates import usable
@@ -39,6 +41,7 @@ from contactlearn.diagnosis.unexplained.followed import find_succession
 from contactlearn.diagnosis.unexplained.formulas import formulas
 from contactlearn.diagnosis.unexplained.modulated import find_modulation
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder, learn_remainder
+from contactlearn.diagnosis.unexplained.stand_ins import without_stand_ins
 from contactlearn.diagnosis.validation import CrossValidation, Folds, ValidatedFit, held_out_error, held_out_interval
 from contactlearn.effects import Effect, EffectId
 from contactlearn.errors import ContactLearnError, DataError
@@ -148,6 +151,17 @@ class Searched:
     notes: tuple[Finding, ...]
     limits: ErrorLimits
     regions: tuple[Region, ...]
+    modulation: Modulation | None = None
+
+    @classmethod
+    def around(
+        cls, study: Study, selection: Selection, notes: tuple[Finding, ...], ceiling: LearnedRemainder | None = None
+    ) -> "Searched":
+        """Find the failures of a selection's law, with the predictable part of its residual if that is known."""
+        if ceiling is None:
+            ceiling = study.remainder(selection.base, selection.impacts, selection.folds)
+        limits, regions = study.failures(selection, ceiling)
+        return cls(selection=selection, notes=notes, limits=limits, regions=regions)
 
 
 def search_effects(
@@ -173,12 +187,33 @@ def search_effects(
         generator=study.generator,
         progress=study.progress(Task.EFFECTS),
     )
-    if notes or selection.law.name != law.name:
-        ceiling = study.remainder(selection.base, impacts, folds)
-    if selection.law.name != law.name:
+    same = selection.law.name == law.name
+    if not same:
         study.observer.law_changed(selection.law.name)
-    limits, regions = study.failures(selection, ceiling)
-    return Searched(selection=selection, notes=notes, limits=limits, regions=regions)
+    return Searched.around(study, selection, notes, ceiling if same and not notes else None)
+
+
+def ask_state(study: Study, searched: Searched) -> Searched:
+    """Find what the state of the trials tells, and choose the model without effects that only stand for it."""
+    selection, impacts = searched.selection, searched.selection.impacts
+    found = find_modulation(impacts, selection.present.fit, selection.pool.best().fit, study.options, study.thresholds)
+    asked = replace(searched, modulation=found)
+    if found is None or not found.large:
+        return asked
+    path = selection.path()
+    fits = [model.fit for model in path]
+    spec = path[without_stand_ins(impacts, fits, study.options, study.thresholds.modulation)].spec
+    if spec == selection.spec:
+        return asked
+    less = selection.at(spec, study.thresholds.selection.window, study.generator)
+    found = find_modulation(impacts, less.present.fit, less.present.fit, study.options, study.thresholds)
+    if found is None or not found.large:
+        return asked
+    found = replace(found, instead_of=tuple(sorted(selection.spec.effects - spec.effects)))
+    if spec.law != selection.spec.law:
+        study.observer.law_changed(spec.law)
+        return replace(Searched.around(study, less, searched.notes), modulation=found)
+    return replace(searched, selection=less, modulation=found)
 
 
 # --- What the effects explain, and what they do not --------------------------------------------
@@ -224,10 +259,9 @@ def divide_error(study: Study, searched: Searched, rungs: Ladder) -> Unexplained
     impacts, fit = selection.impacts, selection.present.fit
     learned = study.remainder(selection.present, impacts, selection.folds)
     large = learned.remainder.large
-    if study.ordered:
-        succession = find_succession(impacts, fit, study.options, study.thresholds)
-        modulation = find_modulation(impacts, fit, selection.pool.best().fit, study.options, study.thresholds)
-        learned = replace(learned, remainder=replace(learned.remainder, succession=succession, modulation=modulation))
+    succession = find_succession(impacts, fit, study.options, study.thresholds) if study.ordered else None
+    told = replace(learned.remainder, succession=succession, modulation=searched.modulation)
+    learned = replace(learned, remainder=told)
     written = _formulas(study, selection, learned) if large else ()
     floor = noise_floor(
         impacts,

@@ -111,6 +111,9 @@ class ModulationThresholds:
     share: float = 0.02
     """Share of the residual that it must take away for the verdict `unknown`: as much as of the error an effect must to
     be worth a name, since the level bounds false statements (row modulation.share)."""
+    sigmas: float = 2.0
+    """Standard errors of the paired difference of held-out residuals that are chance, where models of fewer effects are
+    compared with what the state tells of their remainders (row modulation.sigmas)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from contactlearn.effects import EffectId
 from contactlearn.evaluation.metrics import Interval
 
 
@@ -104,6 +105,7 @@ class Modulation:
         large: whether that share is so high that something unknown must be missing.
         form_of: an effect of the model with the same coefficient as a function of the same variable, whose form is not
             nature's then; it is not unknown.
+        instead_of: effects of a larger model that predicts no better; they would stand for it.
     """
 
     coefficient: Coefficient | None
@@ -112,6 +114,7 @@ class Modulation:
     share: Interval
     large: bool
     form_of: str | None = None
+    instead_of: tuple[EffectId, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

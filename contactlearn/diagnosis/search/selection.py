@@ -87,6 +87,14 @@ class Selection:
         """Fit and validate the chosen model without one of its effects."""
         return self.validated(smaller(self.pool, self.chosen, effect).spec)
 
+    def path(self) -> list[ScoredFit]:
+        """List the best model of each smaller number of effects, and the chosen one."""
+        return [*(_best_of(self.pool, [size]) for size in range(len(self.spec.effects))), self.chosen]
+
+    def at(self, spec: Spec, window: float, generator: torch.Generator) -> "Selection":
+        """Choose another model of the pool."""
+        return _chosen(self.pool, self.folds, spec, self.complete, window, generator)
+
     def error_around(self, law: Law) -> float | None:
         """Compute the mean held-out error of the chosen effects around a law; None if they do not suit it at all."""
         if law.name == self.spec.law:
@@ -135,16 +143,7 @@ def select(
         pool.fitted(Spec(law), starts.get(law))
     complete = _searched(pool, thresholds.most_effects, time.monotonic() + seconds, generator, progress)
     spec = _pruned(pool, folds, pool.best(), thresholds).spec
-    _fit_neighbours(pool, pool.models[spec], thresholds.window)
-    return Selection(
-        pool=pool,
-        folds=folds,
-        spec=spec,
-        base=validated(pool, folds, pool.polished(Spec(spec.law))),
-        present=validated(pool, folds, pool.polished(spec)),
-        plausible=plausible_models(pool, pool.models[spec], thresholds.window, generator),
-        complete=complete,
-    )
+    return _chosen(pool, folds, spec, complete, thresholds.window, generator)
 
 
 def validated(pool: Pool, folds: Folds, model: ScoredFit, scatter: Float[Tensor, "3 3"] | None = None) -> ValidatedFit:
@@ -157,6 +156,22 @@ def smaller(pool: Pool, model: ScoredFit, effect: EffectId) -> ScoredFit:
     """Fit a model without one of its effects."""
     spec = Spec(model.spec.law, model.spec.effects - {effect})
     return pool.fitted(spec, pool.start(spec, model, {}))
+
+
+def _chosen(
+    pool: Pool, folds: Folds, spec: Spec, complete: bool, window: float, generator: torch.Generator
+) -> Selection:
+    """The selection of a model, with its neighbours."""
+    _fit_neighbours(pool, pool.models[spec], window)
+    return Selection(
+        pool=pool,
+        folds=folds,
+        spec=spec,
+        base=validated(pool, folds, pool.polished(Spec(spec.law))),
+        present=validated(pool, folds, pool.polished(spec)),
+        plausible=plausible_models(pool, pool.models[spec], window, generator),
+        complete=complete,
+    )
 
 
 def _searched(

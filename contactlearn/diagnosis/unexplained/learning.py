@@ -20,7 +20,7 @@ from contactlearn.diagnosis.unexplained.scores import Scores
 from contactlearn.diagnosis.validation import Folds, robust_covariance
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.identification.joint import JointFit
-from contactlearn.impacts import Impacts, Prediction
+from contactlearn.impacts import Impacts
 from contactlearn.model import predict_with
 from contactlearn.regression.gp.exact import ExactGPs
 
@@ -31,10 +31,11 @@ _TELLING = 0.02  # of the mean information of a trial, below which it does not t
 class Learnt:
     """The fall of the held-out residual by what was learnt, and the processes of each fold, of one output or three.
 
-    `x` are the inputs of the trials held out, `unit` that of each output.
+    `x` are the inputs of the trials held out, `unit` that of each output, `v_post` the held-out predictions.
     """
 
     share: Interval
+    v_post: Float[Tensor, "n 3"]
     gps: ExactGPs
     x: Float[Tensor, "b m d"]
     unit: Float[Tensor, "b 1 o"]
@@ -75,27 +76,34 @@ class Learning:
         change, learnt = self._learnt(x, self.told[:, k : k + 1], weight, telling)
         values = torch.stack([part.expand(len(self.impacts)) for part in law.coefficients], -1).clone()
         values[:, k] += change[:, 0]
-        return learnt(self._share(predict_with(law, self.impacts, values, self.fit.model.effects)))
+        return self._tested(predict_with(law, self.impacts, values, self.fit.model.effects).v_post, learnt)
 
     def velocities(self, x: Float[Tensor, "n d"]) -> Learnt:
         """Let the velocities after impact depend on the inputs, whatever the impact."""
-        base = self.fit.model.predict(self.impacts)
-        residual = self.impacts.v_post - base.v_post
+        residual = self.impacts.v_post - self.v_post
         change, learnt = self._learnt(x, residual, torch.ones_like(residual), self.inliers)
-        return learnt(self._share(Prediction(base.v_post + change, base.wrench)))
+        return self._tested(self.v_post + change, learnt)
 
-    def _share(self, prediction: Prediction) -> Interval:
-        """The fall of the held-out residual by a prediction."""
-        before, after = (self._error(one) for one in (self.fit.model.predict(self.impacts), prediction))
-        counted = self.inliers & torch.isin(torch.arange(len(before)), self.folds.held_out)
-        return fall(before[counted], after[counted], torch.Generator().manual_seed(0))
+    @property
+    def v_post(self) -> Float[Tensor, "n 3"]:
+        """Predictions of the model alone, in (m/s, m/s, rad/s)."""
+        return self.fit.model.predict(self.impacts).v_post
 
-    def _error(self, prediction: Prediction) -> Float[Tensor, " n"]:
-        """Size of the residual in units of the model's own scatter, in which no component hides another."""
-        base = self.impacts.v_post - self.fit.model.predict(self.impacts).v_post
-        root = torch.linalg.cholesky(robust_covariance(base[self.inliers]))
-        left = self.impacts.v_post - prediction.v_post
-        return torch.linalg.solve_triangular(root, left.mT, upper=False).norm(dim=0)
+    def errors(self, *v_post: Float[Tensor, "n 3"]) -> Float[Tensor, "p m"]:
+        """Compute sizes of the residuals of predictions, of the trials held out that are no gross outliers.
+
+        They are in units of the model's own scatter, in which no component hides another.
+        """
+        counted = self.inliers & torch.isin(torch.arange(len(self.impacts)), self.folds.held_out)
+        base = (self.impacts.v_post - self.v_post)[self.inliers]
+        left = (self.impacts.v_post - torch.stack(v_post))[:, counted]
+        root = torch.linalg.cholesky(robust_covariance(base))
+        return torch.linalg.solve_triangular(root, left.mT, upper=False).norm(dim=1)
+
+    def _tested(self, v_post: Float[Tensor, "n 3"], learnt: Callable[[Interval, Tensor], Learnt]) -> Learnt:
+        """What was learnt with the fall of the held-out residual by it."""
+        before, after = self.errors(self.v_post, v_post)
+        return learnt(fall(before, after, torch.Generator().manual_seed(0)), v_post)
 
     def _learnt(
         self,
@@ -103,7 +111,7 @@ class Learning:
         y: Float[Tensor, "n o"],
         weight: Float[Tensor, "n o"],
         telling: Bool[Tensor, " n"],
-    ) -> tuple[Float[Tensor, "n o"], Callable[[Interval], Learnt]]:
+    ) -> tuple[Float[Tensor, "n o"], Callable[[Interval, Tensor], Learnt]]:
         """Learn y over the inputs; its value on held-out trials."""
         rows = [part[telling[part]] for part in self.folds.fitted]
         size = min(map(len, rows))

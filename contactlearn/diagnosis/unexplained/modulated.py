@@ -5,6 +5,7 @@ that a stripe is as wide as a slope.  Of the sets of variables and their union t
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -28,6 +29,25 @@ _TRIED = 3  # suspects, the most surprising ones
 _TOGETHER = 3  # variables of their union, at most
 
 
+@dataclass(frozen=True, kw_only=True)
+class Modulated:
+    """What the state of the trials tells of a model's remainder, as processes have learnt it.
+
+    Args:
+        learning: the trials.
+        inputs: variables that vary, by their symbols.
+        suspect: the coefficient and its variables.
+        learnt: the held-out prediction with them.
+        p_value: of independence, over all suspects.
+    """
+
+    learning: Learning
+    inputs: Mapping[str, Tensor]
+    suspect: StateSuspect
+    learnt: Learnt
+    p_value: float
+
+
 def find_modulation(
     impacts: Impacts,
     fit: JointFit,
@@ -47,38 +67,48 @@ def find_modulation(
         options: of the fits.
         thresholds: of the level, and of what is large.
     """
+    level = thresholds.modulation.level
+    found = modulated(impacts, fit, options, level, _LEARNT)
+    if found is None or found.learnt.share.mean <= 0:
+        return None
+    if not torch.equal(best.model.predict(impacts).v_post, fit.model.predict(impacts).v_post):
+        rest = modulated(impacts, best, options, level, _LEARNT)
+        if rest is None or rest.learnt.share.mean <= 0:
+            return None
+    return _described(found, thresholds)
+
+
+def modulated(impacts: Impacts, fit: JointFit, options: FitOptions, level: float, trials: int) -> Modulated | None:
+    """Learn what the state tells of the remainder of a model from so many trials; None where it tells nothing."""
     if len(impacts) < _FEWEST:
         return None
-    found = _found(impacts, fit, options, thresholds)
-    if found is None or torch.equal(best.model.predict(impacts).v_post, fit.model.predict(impacts).v_post):
-        return found
-    rest = _found(impacts, best, options, thresholds)
-    return None if rest is None else found
-
-
-def _found(impacts: Impacts, fit: JointFit, options: FitOptions, thresholds: Thresholds) -> Modulation | None:
-    """What the state tells of the remainder of one model."""
     scores = Scores.of_state(impacts, fit, options)
     ordered = impacts[scores.rows]
     among = state_variables(ordered)
-    chance, found = state_suspects(scores, among, thresholds.modulation.level)
+    p_value, found = state_suspects(scores, among, level)
     if not found:
         return None
-    rows = torch.randperm(len(ordered), generator=torch.Generator().manual_seed(0))[:_LEARNT].sort().values
+    rows = torch.randperm(len(ordered), generator=torch.Generator().manual_seed(0))[:trials].sort().values
     learning = Learning.of(ordered, fit, scores, rows)
     inputs = {name: columns[rows] for name, columns in among.items()}
     tried = [(one, _learnt(learning, one.coefficient, one.orders, inputs)) for one in _tried(found)]
-    most, learnt = max(tried, key=lambda one: one[1].share.mean)
-    if learnt.share.mean <= 0:
-        return None
-    variables = _variables(learning, learnt, most.orders, inputs, thresholds.remainder.variable_share)
-    form_of = _same_dependence(learning, most.coefficient, variables, thresholds.remainder.follows)
+    suspect, learnt = max(tried, key=lambda one: one[1].share.mean)
+    return Modulated(learning=learning, inputs=inputs, suspect=suspect, learnt=learnt, p_value=p_value)
+
+
+def _described(found: Modulated, thresholds: Thresholds) -> Modulation:
+    """The result, with its variables and with the effect of the model that has it in another form."""
+    learning, coefficient, share = found.learning, found.suspect.coefficient, found.learnt.share
+    variables = _variables(
+        learning, found.learnt, found.suspect.orders, found.inputs, thresholds.remainder.variable_share
+    )
+    form_of = _same_dependence(learning, coefficient, variables, thresholds.remainder.follows)
     return Modulation(
-        coefficient=most.coefficient,
+        coefficient=coefficient,
         variables=variables,
-        p_value=chance,
-        share=learnt.share,
-        large=form_of is None and learnt.share.mean > thresholds.modulation.share,
+        p_value=found.p_value,
+        share=share,
+        large=form_of is None and share.mean > thresholds.modulation.share,
         form_of=form_of,
     )
 

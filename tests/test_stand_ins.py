@@ -1,0 +1,57 @@
+"""Effects that only stand for something unknown are left out; a true one beside it is not."""
+
+import pytest
+import torch
+from drops import LAW, fitted
+
+from contactlearn import diagnose
+from contactlearn.diagnosis.result import Diagnosis, Verdict
+from contactlearn.diagnosis.search.candidates import all_candidates
+from contactlearn.diagnosis.thresholds import ModulationThresholds
+from contactlearn.diagnosis.unexplained.stand_ins import without_stand_ins
+from contactlearn.effects import State, find_effect
+from contactlearn.identification.joint import FitOptions, identify_jointly
+from contactlearn.report.text import stages
+
+STAND_IN, TRUE = "slip_dependent_restitution", "side_drag"
+
+
+def by_slip_and_angle(drops):
+    state = State.of(drops)
+    return 0.1 * state.v_t.abs() * (1 + (2 * state.theta).sin())
+
+
+def hidden(restitution=by_slip_and_angle):
+    """Drops that lose a tenth of their velocity, and whose restitution rises with slip at some angles."""
+    drops, _ = fitted(300, 1, restitution=restitution)
+    return drops.replace(v_post=drops.v_post * torch.tensor((0.9, 0.9, 1.0), dtype=torch.float64))
+
+
+def models(drops, *sets):
+    return [identify_jointly(LAW, {name: find_effect(name)() for name in names}, drops) for names in sets]
+
+
+@pytest.mark.parametrize(("sets", "chosen"), [(((), (TRUE,)), 1), (((), (TRUE,), (TRUE, STAND_IN)), 1)])
+def test_the_fewest_effects_that_predict_no_worse(sets, chosen):
+    drops = hidden()
+    fits = models(drops, *sets)
+    assert without_stand_ins(drops, fits, FitOptions(), ModulationThresholds()) == chosen
+
+
+def test_nothing_is_left_out_where_the_state_tells_nothing():
+    drops = hidden(restitution=None)
+    fits = models(drops, (TRUE,), (TRUE, "spin_damping"))
+    assert without_stand_ins(drops, fits, FitOptions(), ModulationThresholds()) == 1
+
+
+def test_a_diagnosis_says_what_was_left_out():
+    few = {key: effect for key, effect in all_candidates().items() if key.name in (TRUE, STAND_IN)}
+    found = diagnose(hidden(), "wang_mason", candidates=few)
+    assert found.verdict is Verdict.UNKNOWN
+    assert list(found.effects) == [TRUE]
+    assert found.remainder is not None
+    assert found.remainder.modulation is not None
+    assert [one.name for one in found.remainder.modulation.instead_of] == [STAND_IN]
+    said = "predicts no worse without slip-dependent restitution, which would only stand for it"
+    assert any(said in line for line in stages.residual(found.remainder))
+    assert Diagnosis.from_json(found.to_json()) == found
