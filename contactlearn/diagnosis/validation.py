@@ -155,15 +155,15 @@ def held_out_interval(error: Float[Tensor, " n"], generator: torch.Generator) ->
     return bootstrap(error[error.isfinite()], generator, RESAMPLES)
 
 
-def robust_covariance(residual: Float[Tensor, "n 3"]) -> Float[Tensor, "3 3"]:
-    """Estimate the covariance of residuals by Student's t with 5 degrees of freedom, scaled to be right for Gaussians.
+def robust_covariance(residual: Float[Tensor, "*b n 3"]) -> Float[Tensor, "*b 3 3"]:
+    """Estimate the covariance of the residuals of each model by Student's t with 5 degrees of freedom, scaled to be right for Gaussians.
 
     Source: Lange, Little & Taylor 1989.
     """
-    scatter = torch.diag(residual.square().median(0).values + 1e-12)
+    scatter = torch.diag_embed(residual.square().median(-2).values + 1e-12)
     for _ in range(30):
-        distance = (residual * torch.linalg.solve(scatter, residual.T).T).sum(-1)
-        scatter = residual.T @ (8 / (5 + distance)[:, None] * residual) / len(residual)
+        distance = (residual * torch.linalg.solve(scatter, residual.mT).mT).sum(-1)
+        scatter = residual.mT @ (8 / (5 + distance)[..., None] * residual) / residual.shape[-2]
         scatter = scatter + 1e-12 * torch.eye(3, dtype=residual.dtype)
-    distance = (residual * torch.linalg.solve(scatter, residual.T).T).sum(-1)
-    return scatter * (distance.median() / _CHI_SQUARED_50).clamp_min(1e-6)  # of exact data
+    distance = (residual * torch.linalg.solve(scatter, residual.mT).mT).sum(-1)
+    return scatter * (distance.median(-1).values / _CHI_SQUARED_50).clamp_min(1e-6)[..., None, None]  # of exact data

@@ -2,7 +2,7 @@
 
     grow       from the best models of a size, the most promising ones with one effect more
     exchange   from the best of the new size, those with one of their effects exchanged
-    refine     the best of the new size with forms that a linearisation where they vanish does not know
+    refine     the best of the new size, of several laws, with other forms, which a linearisation where they vanish misjudges
     shrink     from the best of all, those with one effect less, so that no size keeps what only the way there needed
     transfer   the effects of the best model of a size around every other law
 
@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -71,6 +72,7 @@ class Search:
     def __init__(self, pool: Pool, most_effects: int, end: float = math.inf) -> None:
         self.pool, self.most_effects, self.end = pool, most_effects, end
         self.quadratics: dict[Spec, Quadratic] = {}
+        self.refined: set[Spec] = set()
 
     @property
     def late(self) -> bool:
@@ -143,17 +145,21 @@ class Search:
             if size > 1:
                 self._fit(self._predicted(best, _exchanged, _PASSES), best.score)
             if self.models(size)[0] is best:
-                self._refine(best)
+                for model in self._beam(size):
+                    self._refine(model)
                 self._transfer(best)
 
     def _refine(self, model: ScoredFit) -> None:
-        """Fit refining forms of a model's effects that are promising at some values of their parameters."""
+        """Fit other forms of a model's effects that are promising at some values of their parameters."""
+        if model.spec in self.refined:
+            return
+        self.refined.add(model.spec)
         worthwhile = self.pool.score_at(model.spec, model.fit.values) + _DOUBT * len(self.pool.impacts)
         for effect, other in self.pool.siblings(model.spec):
             spec = Spec(model.spec.law, model.spec.effects - {effect} | {other})
             if spec not in self.pool.models and not self.late:
                 tried = [self.pool.start(spec, model, {other: point}) for point in self.pool.spread(other, _TRIED)]
-                scores = [self.pool.score_at(spec, values) for values in tried]
+                scores = self.pool.scores_at(spec, torch.stack(tried))
                 if min(scores) < worthwhile:
                     self.pool.fitted(spec, tried[scores.index(min(scores))])
 

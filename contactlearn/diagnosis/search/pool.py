@@ -125,20 +125,24 @@ class Pool:
 
     def score_at(self, spec: Spec, values: Float[Tensor, " k"]) -> float:
         """Compute the score of a model at some values without a fit; to be compared with others of these alone."""
+        return self.scores_at(spec, values[None])[0]
+
+    def scores_at(self, spec: Spec, values: Float[Tensor, "c k"]) -> list[float]:
+        """Compute the same at several values."""
         effects = self.effects(spec)
-        prediction = assemble(self.laws[spec.law], effects, values).predict(self.impacts)
-        residual = self.impacts.v_post - prediction.v_post
+        v_post = assemble(self.laws[spec.law], effects, values).predict(self.impacts).v_post
+        residual = self.impacts.v_post - v_post
         scatter = robust_covariance(residual)
-        loss = robust_distance(residual, scatter).mean() + 0.5 * scatter.logdet()
-        return self.score(spec, effects, loss.item())
+        loss = robust_distance(residual, scatter).mean(-1) + 0.5 * scatter.logdet()
+        return [self.score(spec, effects, one) for one in loss.tolist()]
 
     def siblings(self, spec: Spec) -> list[tuple[EffectId, EffectId]]:
-        """List each effect of a model with the forms of its family that refine it."""
+        """List each effect of a model with the other forms of its family."""
         return [
             (own, other)
             for own in sorted(spec.effects)
-            for other, effect in self.candidates.items()
-            if other.name == own.name and other != own and effect.refines
+            for other in self.candidates
+            if other.name == own.name and other != own
         ]
 
     def spread(self, effect: EffectId, count: int) -> Float[Tensor, "c k"]:
