@@ -325,3 +325,18 @@ def test_large_bodies_have_large_lengths():
     fit = identify_jointly(LAW, {"it": patch()}, made)
     torch.testing.assert_close(fit.values, torch.tensor((0.2, 0.6, 0.1, 0.03), dtype=torch.float64), atol=1e-4, rtol=0)
     assert identify_jointly(LAW, {"it": patch()}, small).parameters[-1].high == 0.01
+
+
+def test_pressure_behind_the_slip():
+    """Without friction the normal impulse alone acts, at an arm that the sign of the slip decides."""
+    impacts, d, eps = drops(size=50), 0.002, 0.6
+    thrown = torch.tensor((2.0, 0.0, 0.0)) * torch.randn(50, 1, generator=seeded(2), dtype=torch.float64).sign()
+    impacts = impacts.replace(v_pre=impacts.v_pre + thrown, suspect=True)
+    patch = find_effect("contact_patch", "slip")(d, v_s=1e-6)
+    found = ContactModel(find("wang_mason").at(0.0, eps), effects={"it": patch}).predict(impacts).v_post
+    x, (slip, v_n) = impacts.r[:, 0], impacts.v_c.unbind(-1)
+    arm = x - d * slip.sign()
+    P_n = -(1 + eps) * v_n / (1 / impacts.mass + x * arm / impacts.inertia)
+    expected = impacts.v_pre + torch.stack((0 * P_n, P_n / impacts.mass, arm * P_n / impacts.inertia), -1)
+    torch.testing.assert_close(found, expected)
+    assert slip.sign().unique().tolist() == [-1, 1]

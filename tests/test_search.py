@@ -241,3 +241,18 @@ def test_a_measurement_that_drifts_is_called_that():
     assert "measurement_drift" in [finding.name for finding in found.findings]
     assert found.physics == "none"
     assert found.verdict == "bad_data"
+
+
+def test_other_forms_are_tried_where_a_linearisation_has_not_proposed_them():
+    """Around every law of the beam, not only around that of the best model of a size."""
+    states = synthetic.load(size=200, seed=3)
+    nature = ContactModel(find("wang_mason").at(0.3, 0.6), effects={"it": find_effect("tangential_restitution")(0.8)})
+    noise = torch.tensor((0.02, 0.02, 0.6)) * torch.randn(200, 3, generator=torch.Generator().manual_seed(3))
+    impacts = states.replace(v_post=nature.predict(states).v_post + noise)
+    slip, impulse = (EffectId("tangential_restitution", form) for form in ("slip", "impulse"))
+    pool = pooled(impacts, slip, impulse, PATCH, laws=("wang_mason", "mirtich"))
+    for law in pool.laws:
+        pool.fitted(spec(impulse, law=law))
+    Search(pool, 1)._exchange(1)
+    assert {spec(slip), spec(slip, law="mirtich")} <= pool.models.keys()
+    assert pool.best() is pool.models[spec(slip)]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.base import Effect, parameter
+from contactlearn.effects.base import Effect, known, parameter
 from contactlearn.effects.curve import ArmCurve
 from contactlearn.effects.path import retraced
 from contactlearn.effects.state import State, columns
@@ -19,8 +19,9 @@ class ContactPatch(Effect):
         linear    c − k r_x
         curve     c + s(r_x), see `contactlearn.effects.curve`
         after     c − k r_x, of the impulse that the law gives
+        slip      −d sign(v_t), behind the contact point as the slip sees it
 
-    In the first two the contact responds while it lasts, so that v_n⁺ stays (`path.retraced`).  It is not a
+    In all but `after` the contact responds while it lasts, so that v_n⁺ stays (`path.retraced`).  It is not a
     resistance to rolling, which follows the spin (`rolling_resistance`).
     """
 
@@ -77,3 +78,23 @@ class ContactPatchAfter(ContactPatch):
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         P_t, P_n, tau = wrench.unbind(-1)
         return columns(P_t, P_n, tau + (self.c - self.k * state.r[..., 0]) * P_n)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPatchBySlip(ContactPatch):
+    """The arm is −d v_t/√(v_t² + v_s²): the pressure is higher at the trailing edge, or at the leading one for d < 0.
+
+    It goes by the slip before contact and does not turn with it.  It does not follow the lever (`LinearContactPatch`).
+    Source: Cross 2002.
+    """
+
+    form = "slip"
+    formula = "τ ← τ − d sign(v_t) P_n while the contact lasts, smoothed, v_t the slip before contact"
+    source = "Cross 2002"
+    citations = ("cross2002",)
+    mirror_symmetric = True
+    d: Tensor | float = parameter("d", "m", -0.01, 0.01)
+    v_s: float = 0.1
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        return retraced(state, wrench, arm=-self.d * state.v_t / (state.v_t.square() + known(self.v_s) ** 2).sqrt())
