@@ -5,7 +5,7 @@
 Null sets have independent or correlated errors, effects in the fitted model, inputs that follow the sequence, two
 bodies, and throws that are all but alike, so that errors of v_pre are as large as their scatter.  Planted ones have a
 friction, a restitution or an outcome that depends on the state in a way that no effect has.  The true model is fitted,
-and asked as a diagnosis asks it: first whether the measurement drifts, and if not, what depends on the state.
+and asked as a diagnosis asks it: first whether the measurement drifts, then what depends on the state beside it.
 """
 
 import sys
@@ -64,9 +64,9 @@ def planted(count: int) -> Iterable[Case]:
 def asked(case: Case) -> Line:
     """What is said of a set."""
     drops = made(**case)
-    drifting = drifts(drops.fit, drops.impacts, FitOptions(), Thresholds().sequence) is not None
-    found = None if drifting else modulation(drops, Thresholds())
-    said = {"drifts": drifting, "found": None, "variables": [], "p": None, "share": None, "large": False}
+    drift = drifts(drops.fit, drops.impacts, FitOptions(), Thresholds().sequence)
+    found = modulation(drops, Thresholds(), 1 if drift is None else drift.block)
+    said = {"drifts": drift is not None, "found": None, "variables": [], "p": None, "share": None, "large": False}
     if found is not None:
         said |= {
             "found": "velocity" if found.coefficient is None else str(found.coefficient),

@@ -14,9 +14,9 @@ from studies.sequences import DESIGNS, NAMED, Drops, made
 from studies.study import Row, Study, each
 
 
-def modulation(drops: Drops, thresholds: Thresholds) -> Modulation | None:
+def modulation(drops: Drops, thresholds: Thresholds, block: int = 1) -> Modulation | None:
     """What the diagnosis says of the state, where no model is better than the fitted one."""
-    return find_modulation(drops.impacts, drops.fit, drops.fit, FitOptions(), thresholds)
+    return find_modulation(drops.impacts, drops.fit, drops.fit, FitOptions(), thresholds, block)
 
 
 def _studied(kind: str, seed: int) -> Drops:

@@ -162,7 +162,8 @@ def _searched(
     findings = (drift_finding(drift),)
     study.observer.audit(findings)
     folds = blocked_folds(drift, searched.selection, study.generator)
-    return rest, search_effects(rest, chosen, fits, law is None, impacts, folds), findings
+    searched = search_effects(rest, chosen, fits, law is None, impacts, folds)
+    return rest, ask_state(rest, searched, drift.block), findings
 
 
 # --- The result --------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ Each stage is a function of the study and of the results before it.  The generat
 
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -193,27 +194,31 @@ def search_effects(
     return Searched.around(study, selection, notes, ceiling if same and not notes else None)
 
 
-def ask_state(study: Study, searched: Searched) -> Searched:
-    """Find what the state of the trials tells, and choose the model without effects that only stand for it."""
-    selection, impacts = searched.selection, searched.selection.impacts
-    found = find_modulation(impacts, selection.present.fit, selection.pool.best().fit, study.options, study.thresholds)
+def ask_state(study: Study, searched: Searched, block: int = 1) -> Searched:
+    """Find what the state of the trials tells, and choose the model without effects that only stand for it.
+
+    Errors of so many neighbouring trials, a `block`, may resemble each other.
+    """
+    selection, impacts, limits = searched.selection, searched.selection.impacts, study.thresholds
+    ask = partial(find_modulation, impacts, options=study.options, thresholds=limits, block=block)
+    found = ask(selection.present.fit, selection.pool.best().fit)
     asked = replace(searched, modulation=found)
     if found is None or not found.large:
         return asked
     path = selection.path()
-    fits = [model.fit for model in path]
-    spec = path[without_stand_ins(impacts, fits, study.options, study.thresholds.modulation)].spec
+    fewest = without_stand_ins(impacts, [one.fit for one in path], study.options, limits.modulation, block)
+    spec = path[fewest].spec
     if spec == selection.spec:
         return asked
-    less = selection.at(spec, study.thresholds.selection.window, study.generator)
-    found = find_modulation(impacts, less.present.fit, less.present.fit, study.options, study.thresholds)
+    less = selection.at(spec, limits.selection.window, study.generator)
+    found = ask(less.present.fit, less.present.fit)
     if found is None or not found.large:
         return asked
     found = replace(found, instead_of=tuple(sorted(selection.spec.effects - spec.effects)))
-    if spec.law != selection.spec.law:
-        study.observer.law_changed(spec.law)
-        return replace(Searched.around(study, less, searched.notes), modulation=found)
-    return replace(searched, selection=less, modulation=found)
+    if spec.law == selection.spec.law:
+        return replace(searched, selection=less, modulation=found)
+    study.observer.law_changed(spec.law)
+    return replace(Searched.around(study, less, searched.notes), modulation=found)
 
 
 # --- What the effects explain, and what they do not --------------------------------------------

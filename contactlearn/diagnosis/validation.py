@@ -156,7 +156,7 @@ def held_out_interval(error: Float[Tensor, " n"], generator: torch.Generator) ->
 
 
 def robust_covariance(residual: Float[Tensor, "*b n 3"]) -> Float[Tensor, "*b 3 3"]:
-    """Estimate the covariance of the residuals of each model by Student's t with 5 degrees of freedom, scaled to be right for Gaussians.
+    """Estimate the covariance of residuals by Student's t with 5 degrees of freedom, scaled to be right for Gaussians.
 
     Source: Lange, Little & Taylor 1989.
     """

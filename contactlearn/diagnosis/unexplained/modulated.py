@@ -6,6 +6,7 @@ that a stripe is as wide as a slope.  Of the sets of variables and their union t
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -23,7 +24,7 @@ from contactlearn.identification.joint import FitOptions, JointFit
 from contactlearn.impacts import Impacts
 from contactlearn.numerics import wrapped
 
-_FEWEST = 40  # trials below which nothing is said
+_FEWEST = 40  # trials, or blocks of them, below which nothing is said
 _LEARNT = 560  # trials that are learnt from and held out, at most
 _TRIED = 3  # suspects, the most surprising ones
 _TOGETHER = 3  # variables of their union, at most
@@ -54,6 +55,7 @@ def find_modulation(
     best: JointFit,
     options: FitOptions,
     thresholds: Thresholds = Thresholds(),
+    block: int = 1,
 ) -> Modulation | None:
     """Find what the trials' own state tells of a fitted model's remainder; None where it tells nothing.
 
@@ -61,31 +63,34 @@ def find_modulation(
     effects, too small for a name.
 
     Args:
-        impacts: measurements, whose errors are independent.
+        impacts: measurements, in the sequence of their order.
         fit: of a law with effects to all of them.
         best: of the law and effects with the best score, the same or another one.
         options: of the fits.
         thresholds: of the level, and of what is large.
+        block: neighbouring trials whose errors may resemble each other.
     """
-    level = thresholds.modulation.level
-    found = modulated(impacts, fit, options, level, _LEARNT)
+    ask = partial(modulated, impacts, options=options, level=thresholds.modulation.level, trials=_LEARNT, block=block)
+    found = ask(fit)
     if found is None or found.learnt.share.mean <= 0:
         return None
     if not torch.equal(best.model.predict(impacts).v_post, fit.model.predict(impacts).v_post):
-        rest = modulated(impacts, best, options, level, _LEARNT)
+        rest = ask(best)
         if rest is None or rest.learnt.share.mean <= 0:
             return None
     return _described(found, thresholds)
 
 
-def modulated(impacts: Impacts, fit: JointFit, options: FitOptions, level: float, trials: int) -> Modulated | None:
+def modulated(
+    impacts: Impacts, fit: JointFit, options: FitOptions, level: float, trials: int, block: int = 1
+) -> Modulated | None:
     """Learn what the state tells of the remainder of a model from so many trials; None where it tells nothing."""
-    if len(impacts) < _FEWEST:
+    if len(impacts) < _FEWEST * block:
         return None
     scores = Scores.of_state(impacts, fit, options)
     ordered = impacts[scores.rows]
     among = state_variables(ordered)
-    p_value, found = state_suspects(scores, among, level)
+    p_value, found = state_suspects(scores, among, level, block)
     if not found:
         return None
     rows = torch.randperm(len(ordered), generator=torch.Generator().manual_seed(0))[:trials].sort().values

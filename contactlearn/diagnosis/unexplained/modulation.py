@@ -67,10 +67,14 @@ def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
 
 
 def state_suspects(
-    scores: Scores, among: Mapping[str, Float[Tensor, "n c"]], level: float
+    scores: Scores, among: Mapping[str, Float[Tensor, "n c"]], level: float, block: int = 1
 ) -> tuple[float, tuple[StateSuspect, ...]]:
-    """Compute the p-value of independence, and what refutes it at the level, the most surprising first."""
-    signs, groups = random_signs(len(scores)), list(_functions(among))
+    """Compute the p-value of independence, and what refutes it at the level, the most surprising first.
+
+    Residuals of so many neighbouring trials, a `block`, may resemble each other: they have one random sign.
+    """
+    signs = random_signs(math.ceil(len(scores) / block)).repeat_interleave(block, 1)[:, : len(scores)]
+    groups = list(_functions(among))
     alike = torch.eye(3, dtype=torch.float64).expand(len(scores), 3, 3)
     channels, found, told = torch.cat((scores.slope, alike), -1), list[StateSuspect](), list[Tensor]()
     for orders, functions in groups:

@@ -19,20 +19,21 @@ _LEARNT = 300  # trials that are learnt from and held out, at most
 
 
 def without_stand_ins(
-    impacts: Impacts, fits: Sequence[JointFit], options: FitOptions, thresholds: ModulationThresholds
+    impacts: Impacts, fits: Sequence[JointFit], options: FitOptions, thresholds: ModulationThresholds, block: int = 1
 ) -> int:
     """Find the first model that, with what the state tells of its remainder, predicts no worse than any other.
 
     Args:
-        impacts: measurements, whose errors are independent.
+        impacts: measurements.
         fits: of models to all of them, those of fewer effects first; the state tells of the last one's remainder.
         options: of the fits.
         thresholds: of the level, and of differences that are chance.
+        block: neighbouring trials whose errors may resemble each other.
 
     Returns:
         The place of the model; the last one if the state tells of none.
     """
-    found = [modulated(impacts, fit, options, thresholds.level, _LEARNT) for fit in fits]
+    found = [modulated(impacts, fit, options, thresholds.level, _LEARNT, block) for fit in fits]
     told = [(k, one) for k, one in enumerate(found) if one is not None]
     if not told:
         return len(fits) - 1
