@@ -24,7 +24,7 @@ from contactlearn.identification.joint import FitOptions, JointFit
 from contactlearn.impacts import Impacts
 from contactlearn.numerics import wrapped
 
-_FEWEST = 40  # trials, or blocks of them, below which nothing is said
+_FEWEST, _BLOCKS = 40, 20  # trials, and blocks of them, below which nothing is said
 _LEARNT = 560  # trials that are learnt from and held out, at most
 _TRIED = 3  # suspects, the most surprising ones
 _TOGETHER = 3  # variables of their union, at most
@@ -85,7 +85,7 @@ def modulated(
     impacts: Impacts, fit: JointFit, options: FitOptions, level: float, trials: int, block: int = 1
 ) -> Modulated | None:
     """Learn what the state tells of the remainder of a model from so many trials; None where it tells nothing."""
-    if len(impacts) < _FEWEST * block:
+    if len(impacts) < max(_FEWEST, _BLOCKS * block):
         return None
     scores = Scores.of_state(impacts, fit, options)
     ordered = impacts[scores.rows]
