@@ -126,12 +126,17 @@ def listen(host: str, port: int | None, models: Models) -> tuple[ThreadedWSGISer
         ContactLearnError: it cannot be bound.
     """
     for tried in _PORTS if port is None else [port]:
-        with contextlib.suppress(OSError), socket.create_server((host, tried), family=_family(host)) as free:
+        with (
+            contextlib.suppress(OSError, OverflowError),
+            socket.create_server((host, tried), family=_family(host)) as free,
+        ):
             found = free.getsockname()[1]
             break
     else:
         ports = f"port {port}" if port is not None else f"ports {_PORTS[0]} to {_PORTS[-1]}"
-        raise ContactLearnError(f"cannot listen on {host}, {ports}: taken, or not this machine's; try --port 0")
+        raise ContactLearnError(
+            f"cannot listen on {host}, {ports}: taken, no port, or not this machine's; try --port 0"
+        )
     door = Door(host=host, port=found, token=secrets.token_urlsafe(24))
     server = ThreadedWSGIServer(host, found, make_app(door, models).server)
     server.daemon_threads = False  # torch does not survive threads that end with the process: closing waits for them
