@@ -34,6 +34,7 @@ from contactlearn.workbench.tasks import StudyRuns
 
 OUTPUTS = Path("outputs")
 _PORTS = range(8765, 8785)
+_LAST = 65535  # port that there is
 _LARGEST_FILE = 40 << 20  # bytes; base64 makes a third more of it
 _FOREVER = "private, max-age=31536000, immutable"
 _INDEX = """<!DOCTYPE html>
@@ -125,18 +126,15 @@ def listen(host: str, port: int | None, models: Models) -> tuple[ThreadedWSGISer
     Raises:
         ContactLearnError: it cannot be bound.
     """
+    if port is not None and not 0 <= port <= _LAST:
+        raise ContactLearnError(f"a port is a number from 0 to {_LAST}, got {port}")
     for tried in _PORTS if port is None else [port]:
-        with (
-            contextlib.suppress(OSError, OverflowError),
-            socket.create_server((host, tried), family=_family(host)) as free,
-        ):
+        with contextlib.suppress(OSError), socket.create_server((host, tried), family=_family(host)) as free:
             found = free.getsockname()[1]
             break
     else:
         ports = f"port {port}" if port is not None else f"ports {_PORTS[0]} to {_PORTS[-1]}"
-        raise ContactLearnError(
-            f"cannot listen on {host}, {ports}: taken, no port, or not this machine's; try --port 0"
-        )
+        raise ContactLearnError(f"cannot listen on {host}, {ports}: taken, or not this machine's; try --port 0")
     door = Door(host=host, port=found, token=secrets.token_urlsafe(24))
     server = ThreadedWSGIServer(host, found, make_app(door, models).server)
     server.daemon_threads = False  # torch does not survive threads that end with the process: closing waits for them
