@@ -417,7 +417,8 @@ def test_what_spreadsheets_and_instruments_add_is_named(tmp_path, drops):
         (tmp_path / "own.csv").write_text("\n".join(lines), "utf-8")
         with pytest.raises(DataError, match=message):
             table.load(tmp_path / "own.csv")
-    (tmp_path / "own.csv").write_text("\n".join([text[0], text[1].replace(".", "x"), *text[2:]]), "utf-8")
-    with pytest.raises(DataError, match="row 1") as caught:
-        table.load(tmp_path / "own.csv")
-    assert "row of units" not in str(caught.value)
+    commas = {name: [str(value).replace(".", ",") for value in values] for name, values in columns_of(drops).items()}
+    for own in (commas, columns_of(drops) | {"mass": ["heavy"] * 40}):
+        with pytest.raises(DataError, match="row 1") as caught:
+            table.load(written(tmp_path / "own.csv", own))
+        assert "row of units" not in str(caught.value)

@@ -121,8 +121,10 @@ def _is_missing(cell: Any) -> bool:
 
 
 def _is_number(cell: Any) -> bool:
+    """Whether a cell is a finite number, be it with a decimal comma."""
     try:
-        return isinstance(cell, np.generic) or math.isfinite(_number(cell))
+        plain = cell.replace(",", ".") if isinstance(cell, str) else cell
+        return isinstance(cell, np.generic) or math.isfinite(_number(plain))
     except ValueError:
         return False
 
