@@ -17,7 +17,7 @@ import re
 import sys
 from collections.abc import Callable
 
-from contactlearn import tools
+from contactlearn import __version__, tools
 from contactlearn.endings import ending_well
 from contactlearn.errors import ContactLearnError, harmless, suggest
 
@@ -93,6 +93,7 @@ def _configured(command: str, *overrides: str) -> int:
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     """The parser of all commands, and that of each by name."""
     parser = argparse.ArgumentParser(prog="contactlearn", description="Learn rigid-body contact from measurements.")
+    parser.add_argument("--version", action="version", version=f"contactlearn {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND ARGUMENT")
     add = commands.add_parser
     for command, summary in _CONFIGURED.items():

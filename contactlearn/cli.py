@@ -7,6 +7,7 @@ import functools
 import gc
 import logging
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Generator
@@ -33,6 +34,7 @@ warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated
 
 logging.raiseExceptions = False  # a message of Hydra's that nobody reads any more
 
+_WIDTH = 80  # columns of help
 _FULL = "HYDRA_FULL_ERROR"
 
 
@@ -137,8 +139,21 @@ def _help(config_name: str, overrides: list[str]) -> str:
     ours = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
     folders = (path for path in sorted(Path(CONFIGS).iterdir()) if path.is_dir() and path.name != "hydra")
     named = (f"{folder.name}: {', '.join(choices(folder))}" for folder in folders)
-    groups = "".join(fill(line, 79, subsequent_indent="  ") + "\n" for line in named)
-    return Template(cfg.hydra.help.template).substitute(CONFIG=OmegaConf.to_yaml(ours), APP_CONFIG_GROUPS=groups)
+    groups = "".join(fill(line, _WIDTH - 1, subsequent_indent="  ") + "\n" for line in named)
+    template = "\n".join(map(_folded, cfg.hydra.help.template.splitlines()))
+    return Template(template).substitute(CONFIG=OmegaConf.to_yaml(ours), APP_CONFIG_GROUPS=groups)
+
+
+def _folded(line: str) -> str:
+    """A line of help in 80 columns: what stands behind a gap keeps its column; a command to copy stays in one piece."""
+    parts = re.fullmatch(r"( *)(\S.*?)(   *)(\S.*)", line)
+    if len(line) <= _WIDTH or (parts is None and line.lstrip().startswith("python ")):
+        return line
+    indent, first, gap, rest = parts.groups() if parts else (line[: -len(line.lstrip())], "", "", line.lstrip())
+    start = f"{indent}{first}{gap}"
+    if first.startswith("python "):
+        return f"{indent}{first}\n{fill(rest, _WIDTH, initial_indent=6 * ' ', subsequent_indent=6 * ' ')}"
+    return fill(rest, _WIDTH, initial_indent=start, subsequent_indent=" " * len(start), break_on_hyphens=False)
 
 
 @_command

@@ -65,12 +65,22 @@ def explained(error: Exception, command: str, words: Sequence[str]) -> str:
     if own and f"Key {own[2]!r} is not in struct" in str(error.__cause__):
         return _not_there(*own.group(0, 1, 2))
     if refused:
-        known = _declared(command) | {f"data.{key}" for key in _data_keys()}
-        near = _near_in_source(refused[1], words)
-        elsewhere = f"{refused[1]} is a setting of other choices, not of these{near}; --help lists all settings"
-        return elsewhere if refused[1] in known else str(_unknown(refused[1], known))
+        holders, near = _holders(refused[1]), _near_in_source(refused[1], words)
+        if holders or refused[1] in _declared(command):
+            others = f"other choices ({', '.join(holders)})" if holders else "other choices"
+            return f"{refused[1]} is a setting of {others}, not of these{near}; --help lists all settings"
+        return str(_unknown(refused[1], _declared(command) | _data_keys()))
     said = " ".join(str(error).partition("Config search path")[0].split())
-    return said + ("; text with brackets stands in double quotes" if "Unknown function" in said else "")
+    unread = any(sign in said for sign in ("Unknown function", "no viable alternative", "mismatched input"))
+    return said + ('; text with brackets, = or the like stands in double quotes: {x: "x (mm)"}' if unread else "")
+
+
+def _holders(key: str) -> list[str]:
+    """The choices of data and laws that have a setting."""
+    group, _, name = key.partition(".")
+    folder = Path(CONFIGS, group)
+    named = choices(folder) if group in ("data", "law") else []
+    return [f"{group}={choice}" for choice in named if name in _content(folder / f"{choice}.yaml")]
 
 
 def _near_in_source(key: str, words: Sequence[str]) -> str:
@@ -114,7 +124,7 @@ def _declared(command: str) -> set[str]:
 
 @lru_cache
 def _data_keys() -> set[str]:
-    return {str(key) for path in Path(CONFIGS, "data").glob("*.yaml") for key in _content(path)}
+    return {f"data.{key}" for path in Path(CONFIGS, "data").glob("*.yaml") for key in _content(path)}
 
 
 def _content(path: Path) -> dict[str, Any]:

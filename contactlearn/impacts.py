@@ -1,8 +1,7 @@
 """Impacts: an immutable batch of measured planar impacts.  Prediction: what a model says of one.
 
-Everything downstream of the data sources takes an `Impacts` and nothing reads a file again.  It
-holds float64 tensors in SI units, all on one device (`contactlearn.devices` moves them); validation happens once, when
-it is made.
+Everything downstream of the data sources takes an `Impacts` and nothing reads a file again.  It holds float64 tensors
+in SI units, all on one device (`contactlearn.devices` moves them); validation happens once, when it is made.
 
     mass, inertia      [N]     kg, kg m²   about the centre of mass
     r                  [N, 2]  m           contact point minus centre of mass, world axes
@@ -112,7 +111,9 @@ class Impacts:
 
     def _take(self, name: str, shape: tuple[int, ...]) -> None:
         """Take a copy of a field, since the caller may overwrite theirs."""
-        value = torch.as_tensor(getattr(self, name), dtype=torch.float64)
+        given = getattr(self, name)
+        plain = given.to_numpy().copy() if hasattr(given, "to_numpy") else given
+        value = torch.as_tensor(plain, dtype=torch.float64)
         if value.shape != shape:
             raise DataError(f"{name} must have shape {shape}, got {tuple(value.shape)}")
         object.__setattr__(self, name, value.clone(memory_format=torch.contiguous_format))
@@ -199,9 +200,9 @@ class Impacts:
         objects = ", ".join(dict.fromkeys(self.object))
         return f"Impacts({len(self)} trials of {objects}, shape={self.shape}, source={self.source!r})"
 
-    def __getitem__(self, rows: Int[Tensor, "k"] | Bool[Tensor, "n"] | Sequence[int] | slice) -> "Impacts":
-        """The trials at `rows` (indices, a boolean mask or a slice), in that order."""
-        index = torch.arange(len(self))[rows if isinstance(rows, slice) else torch.as_tensor(rows).cpu()]
+    def __getitem__(self, rows: Int[Tensor, "k"] | Bool[Tensor, "n"] | Sequence[int] | int | slice) -> "Impacts":
+        """The trials at `rows` (one index, several, a boolean mask or a slice), in that order."""
+        index = torch.arange(len(self))[rows if isinstance(rows, slice) else torch.as_tensor(rows).cpu()].reshape(-1)
         picked, index = index.tolist(), index.to(self.mass.device)
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         for name in (*COMPONENTS, *COVARIANCES):
@@ -276,8 +277,7 @@ def measured_impulse(impacts: Impacts, target: str = "momentum") -> Float[Tensor
     if target == "least_squares":
         return mechanics.least_squares_impulse(impacts.mass, impacts.inertia, impacts.r, dv)
     if target == "contact":
-        dv_c = mechanics.contact_velocity(impacts.r, dv)
-        return (mechanics.effective_inertia(impacts.W) @ dv_c[..., None])[..., 0]
+        return (mechanics.effective_inertia(impacts.W) @ mechanics.contact_velocity(impacts.r, dv)[..., None])[..., 0]
     raise UnknownNameError("impulse target", target, IMPULSE_TARGETS)
 
 

@@ -19,6 +19,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from contactlearn import mechanics
+from contactlearn.asked import check_impacts
 from contactlearn.effects import PLACES, Effect, State
 from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts, Prediction
@@ -67,6 +68,7 @@ class ContactModel:
         The covariance is that of the processes, carried through the equation of motion (and
         linearly through the law and its effects), plus the noise.
         """
+        check_impacts(impacts)
         if self.parameters is not None:
             mean, variance = self.parameters.predict(impacts)
         elif self.residual is not None:

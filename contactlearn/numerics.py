@@ -50,8 +50,10 @@ def random_share(trials: int, share: float, generator: torch.Generator, source: 
     """A random share of trials to hold out.
 
     Raises:
-        DataError: none would be held out, or all.
+        DataError: none would be held out, or all; or no generator.
     """
+    if not isinstance(generator, torch.Generator):
+        raise DataError(f"a generator is asked for, such as torch.Generator().manual_seed(0), got {generator!r}")
     count = round(share * trials)
     if not 0 < count < trials:
         rest = "train" if count else "test"

@@ -11,6 +11,7 @@ import pytest
 import torch
 from commands import ROOT, SMALL, TRAIN, run, run_alone
 
+import contactlearn
 from contactlearn import checkpoint, cli, laws
 from contactlearn.__main__ import main
 from contactlearn.app.results import called
@@ -230,7 +231,10 @@ def test_help_is_that_of_hydra(name):
     words = (f"{name}.py", "--help", "law=mirtich")
     ours = run(*words)
     assert ours.split() == run(*words, f"--config-name={name}").split()
-    assert all(len(line) < 80 for line in ours.splitlines() if line.startswith(("effect: ", "law: anitescu")))
+    assert all(len(line) <= 80 for line in ours.splitlines() if not line.startswith("  python "))
+    assert all(
+        " " * 3 not in line.strip() for line in ours.splitlines() if line.startswith("  python ") and len(line) > 80
+    )
 
 
 def test_an_installed_package_needs_no_checkout(tmp_path):
@@ -362,7 +366,9 @@ MISSPELT = {
     "without its part": ("+sise=50", "unknown setting 'sise'"),
     "of the data": ("data.sizes=3", "unknown setting 'data.sizes', did you mean 'data.size'?"),
     "of the data, after a plus": ("+data.sizes=3", "did you mean 'size'?"),
-    "of other data": ("data.path=a.csv", "data.path is a setting of other choices"),
+    "of other data": ("data.path=a.csv", "data.path is a setting of other choices (data=table, data=tracks)"),
+    "of another law": ("law.e_t=0.3", "law.e_t is a setting of other choices (law=chatterjee_ruina), not of these"),
+    "a name with brackets": ("+data.columns={vx: v (m)}", 'stands in double quotes: {x: "x (mm)"}'),
     "effect": ("effect=[spin_dampin]", "unknown effect 'spin_dampin', did you mean 'spin_damping'?"),
     "effect, after a plus": ("+effect=[spin_dampin]", "unknown effect 'spin_dampin', did you mean 'spin_damping'?"),
     "experiment": ("experiment=fazeli", "unknown experiment 'fazeli', did you mean 'fazeli2017'?"),
@@ -435,6 +441,12 @@ def test_misspelt_commands_and_their_options(words, said, capsys):
     with pytest.raises(SystemExit):
         main(words)
     assert said in capsys.readouterr().err
+
+
+def test_the_version_is_told(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["--version"])
+    assert capsys.readouterr().out == f"contactlearn {contactlearn.__version__}\n"
 
 
 @pytest.mark.parametrize("words", [("audit", "data=synthetic"), ("export", "drops.csv")])

@@ -30,7 +30,7 @@ ORDER = (
     ("shapes", "mechanics", "apparatus", "fingerprint"),
     ("bodies",),
     ("impacts",),
-    ("noise_weight",),
+    ("noise_weight", "asked"),
     ("tracks",),
     ("laws", "effects"),
     ("regression",),

@@ -398,3 +398,27 @@ def test_the_document_lists_columns_units_and_corrections():
     for column in table.COLUMNS:
         if not column.startswith("apparatus_") and not (column.startswith("cov_") and column.endswith("_post")):
             assert f"`{column}`" in text
+
+
+def test_what_spreadsheets_and_instruments_add_is_named(tmp_path, drops):
+    """Comments, a row of units and the long layout are called so, and not a truncated file or many missing columns."""
+    text = written(tmp_path / "own.csv", columns_of(drops)).read_text("utf-8").splitlines()
+    long = [f"{k},{name},{values[k]}" for k in range(3) for name, values in columns_of(drops).items()]
+    units = ",".join(["-", "body", *["m"] * (text[0].count(",") - 1)])
+    for lines, message in (
+        (["# lab 3, Monday", *text], r"cells where the header has 2; is the first line a comment\? remove it"),
+        ([*text[:4], "# floor cleaned", *text[4:]], r"row 4 \(line 5\) has 1 cells .*; is it a comment\? remove it"),
+        ([text[0], units, *text[1:]], r"row 1 \(line 2\), column .*; a row of units below the header\? remove it"),
+        (
+            ["trial,quantity,value", *long],
+            r"is a long table, with names .* in its column 'quantity'; .*columns='quantity'",
+        ),
+    ):
+        (tmp_path / "own.csv").write_text("\n".join(lines), "utf-8")
+        with pytest.raises(DataError, match=message):
+            table.load(tmp_path / "own.csv")
+    commas = {name: [str(value).replace(".", ",") for value in values] for name, values in columns_of(drops).items()}
+    for own in (commas, columns_of(drops) | {"mass": ["heavy"] * 40}):
+        with pytest.raises(DataError, match="row 1") as caught:
+            table.load(written(tmp_path / "own.csv", own))
+        assert "row of units" not in str(caught.value)

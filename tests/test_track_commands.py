@@ -255,3 +255,19 @@ def test_refused_recordings_fill_their_figure(plain, count, grid):
     panels = figure.axes
     assert panels[0].get_subplotspec().get_gridspec().get_geometry() == grid
     assert sum(panel.get_visible() for panel in panels) == count
+
+
+def test_pixels_have_a_size_in_metres(tmp_path):
+    """The error says how large one is by gravity; y points down, as in an image."""
+    pixel = 0.00048
+    recordings, _ = simulate(6, replace(PLAIN, length=1 / pixel, axes=((1, 0, 0), (0, -1, 0))), seed=3)
+    write_recordings(recordings, tmp_path)
+    with pytest.raises(DataError, match=r"of pixels state .* data\.unit=0\.0004[78]\d+$"):
+        found_in(tmp_path)
+    with pytest.raises(DataError, match=r"gravity is 4\.9\d* m/s² with data\.unit=0\.00024"):
+        found_in(tmp_path, unit=pixel / 2)
+    with pytest.raises(UnknownNameError, match=r"data\.unit '-0\.1'"):
+        found_in(tmp_path, unit=-0.1)
+    found = found_in(tmp_path, unit=pixel)
+    assert found.survey.frame.scale == pytest.approx(pixel)
+    assert (found.impacts.q[:, 1] + found.impacts.r[:, 1]).abs().max() < 1e-3  # on the floor

@@ -204,6 +204,8 @@ def test_the_server_listens_on_this_machine_alone_and_every_token_is_new():
         assert one.token != two.token
         with pytest.raises(ContactLearnError, match=f"cannot listen on 127.0.0.1, port {one.port}"):
             listen("127.0.0.1", one.port, Models())
+        with pytest.raises(ContactLearnError, match="a port is a number from 0 to 65535, got 80800"):
+            listen("127.0.0.1", 80800, Models())
     finally:
         first.server_close()
         second.server_close()

@@ -53,7 +53,7 @@ def check_words(version):
 
 
 def build(folder):
-    """Sdist, and the wheel from it; the wheel's path."""
+    """Sdist and wheel, which the tests hold to each other; the path of the wheel."""
     for target in ("sdist", "wheel"):
         said(sys.executable, "-m", "hatchling", "build", "-t", target, "-d", folder)
     (wheel,), (sdist,) = folder.glob("*.whl"), folder.glob("*.tar.gz")

@@ -3,10 +3,12 @@
     python tools/versions.py                      oldest and newest packages, with every Python that is found
     python tools/versions.py oldest python3.11    one of them
 
-`oldest` holds every package of pyproject.toml to its lower bound; `newest` lets pip choose, and downloads what it then
-needs: for torch that may be gigabytes.  The tests are those of `make quick`.
+`oldest` holds every package that contactlearn itself needs to its lower bound, and leaves those of the tests to pip;
+`newest` lets pip choose all, and downloads what it then needs: for torch that may be gigabytes.  The tests are those of
+`make quick`.
 """
 
+import argparse
 import os
 import re
 import shutil
@@ -16,6 +18,7 @@ import tempfile
 import tomllib
 from pathlib import Path
 
+KINDS = ["oldest", "newest"]
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 
@@ -37,7 +40,8 @@ def tested(which, python):
     """Whether the tests pass in a fresh environment."""
     with tempfile.TemporaryDirectory() as name:
         home = Path(name)
-        subprocess.run([python, "-m", "venv", home], check=True)
+        if subprocess.run([python, "-m", "venv", home], check=False).returncode:
+            return False
         install = [
             home / "bin/python",
             "-m",
@@ -61,9 +65,24 @@ def tested(which, python):
         ).returncode
 
 
+def asked(words):
+    """The kinds of versions and the Pythons of the command line; the command ends where there are none."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kind", nargs="?", choices=KINDS, help="of versions (default: both)")
+    parser.add_argument("python", nargs="*", help="a command or a path (default: every python3.11 and later on PATH)")
+    said = parser.parse_args(words)
+    commands = said.python or pythons()
+    for python in commands:
+        if not shutil.which(python):
+            parser.error(f"{python}: no such command")
+    if not commands:
+        parser.error("no Python 3.11 or later is found; name one: versions.py oldest /path/to/python3.12")
+    return [said.kind] if said.kind else KINDS, commands
+
+
 if __name__ == "__main__":
-    kinds = [sys.argv[1]] if len(sys.argv) > 1 else ["oldest", "newest"]
-    results = {(kind, python): tested(kind, python) for python in sys.argv[2:] or pythons() for kind in kinds}
+    kinds, commands = asked(sys.argv[1:])
+    results = {(kind, python): tested(kind, python) for python in commands for kind in kinds}
     for (kind, python), good in results.items():
         print(f"{'pass' if good else 'FAIL'}  {python} with the {kind} packages")
     sys.exit(not all(results.values()))

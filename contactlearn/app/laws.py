@@ -7,6 +7,7 @@ from typing import Any
 from omegaconf import DictConfig
 
 from contactlearn import laws
+from contactlearn.app.own import in_one_line, try_law
 from contactlearn.app.plain import plain_values
 from contactlearn.app.targets import subclass
 from contactlearn.errors import ContactLearnError
@@ -58,7 +59,7 @@ def law_of(entry: Any, variant: str) -> Law | None:
     A class of the variant `textbook` stands for its family, so that the variant can be chosen beside it.
 
     Raises:
-        ContactLearnError: a `_target_` that is no law.
+        ContactLearnError: a `_target_` that is no law, or one with a slip.
         UnknownNameError: no such law, variant or option.
     """
     if isinstance(entry, DictConfig):
@@ -72,4 +73,8 @@ def law_of(entry: Any, variant: str) -> Law | None:
     if inspect.isabstract(kind):
         raise ContactLearnError(f"_target_={target} has no closed form; a law must define solve(contact, mu, eps)")
     options = {key: tuple(x) if isinstance(x, list) else x for key, x in entry.items() if key != "_target_"}
-    return laws.find(kind.name, variant if kind.variant == "textbook" else kind.variant, **options)
+    with in_one_line(target, kind):
+        law = laws.find(kind.name, variant if kind.variant == "textbook" else kind.variant, **options)
+        if not str(target).startswith("contactlearn."):
+            try_law(law, target)
+    return law

@@ -1,20 +1,17 @@
 """Checks of a composed configuration, before any data is read: a wrong setting costs seconds, not a run."""
 
 import re
-import traceback
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any
 
 import torch
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from contactlearn import devices
-from contactlearn.app.job import reason
 from contactlearn.app.laws import law_of, named_laws
+from contactlearn.app.own import in_one_line, try_effect
 from contactlearn.app.plain import plain_values
 from contactlearn.app.targets import subclass
-from contactlearn.data import synthetic
 from contactlearn.effects import Effect, from_settings
 from contactlearn.effects.formula.effect import formula
 from contactlearn.errors import ContactLearnError, UnknownNameError
@@ -22,9 +19,8 @@ from contactlearn.evaluation import bounds
 from contactlearn.identification.joint import FitOptions
 from contactlearn.identification.shared import Box
 from contactlearn.impacts import IMPULSE_TARGETS
-from contactlearn.laws import PAPER_LAWS, find
+from contactlearn.laws import PAPER_LAWS
 from contactlearn.learning.recipe import Recipe
-from contactlearn.model import ContactModel
 from contactlearn.numerics import is_number, is_whole
 from contactlearn.results.tables import FORMATS
 
@@ -249,28 +245,16 @@ def effects(cfg: DictConfig, part: str = "effect") -> dict[str, Effect]:
     return found
 
 
-def _try(effect: Effect) -> None:
-    """Use an effect on a few drops, unless they are none for it."""
-    drops = synthetic.load(size=5)
-    with suppress(ContactLearnError):
-        ContactModel(find("wang_mason").at(0.2, 0.5), effects={effect.name: effect.prepare(drops)}).predict(drops)
-
-
 def _effect(settings: dict[str, Any]) -> Effect:
     """The effect of a class or of lines of mathematics; that of a foreign class is tried on a few drops."""
     target = settings.pop("_target_", None)
     if target is None:
         return formula(**settings)
     kind = subclass(target, Effect)
-    try:
+    with in_one_line(target, kind):
         effect = from_settings(kind, settings)
         if not isinstance(getattr(effect, "formula", None), str):
             raise ContactLearnError(f'{target} must say what it does, such as formula = "v_x⁺ ← v_x⁺ + u"')
         if not str(target).startswith("contactlearn."):
-            _try(effect)
-    except ContactLearnError:
-        raise
-    except Exception as error:  # whatever code of the user's own may raise
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        raise ContactLearnError(f"{target} fails in {where.name}, line {where.lineno}: {reason(error)}") from error
+            try_effect(effect, target)
     return effect

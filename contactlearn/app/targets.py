@@ -15,6 +15,10 @@ def subclass(target: object, base: type[Base]) -> type[Base]:
         ContactLearnError: the path cannot be imported, or names another thing.
     """
     place, _, name = str(target).rpartition(".")
+    if not place:
+        raise ContactLearnError(
+            f"_target_ must be a class in its module, such as {target}.{base.__name__}, got {target}"
+        )
     try:
         module = import_module(place)
     except Exception as error:

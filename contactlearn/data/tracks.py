@@ -87,7 +87,7 @@ def find(
 
 def track_options(
     *,
-    unit: str | None = None,
+    unit: str | float | None = None,
     up: str | None = None,
     order: str | None = None,
     angle: str | None = None,
@@ -103,7 +103,7 @@ def track_options(
     """Return the options of a search as a configuration states them; what is None is found, or asked for.
 
     Args:
-        unit: of length, one of `conventions.UNITS`.
+        unit: of length, one of `conventions.UNITS`, or its size in m, such as that of a pixel.
         up: the file's axis that points up, such as z or -y.
         order: of quaternions, wxyz or xyzw.
         angle: unit of angles in a plane, rad or deg.

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from contactlearn.asked import check_impacts
 from contactlearn.effects import Effect, Parameter, named_effects
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.identification import errors_in_variables, robust
@@ -187,6 +188,7 @@ def identify_jointly(
     Raises:
         DataError: fewer trials than K parameters need, (K + 12) // 3 + 1; or an effect needs a shape, which is unknown.
     """
+    check_impacts(impacts)
     law, effects = named(law), {name: effect.prepare(impacts) for name, effect in named_effects(effects).items()}
     rows = (torch.arange(len(impacts)) if rows is None else rows).to(impacts.mass.device)
     parameters = named_parameters(effects, options.box, impacts)

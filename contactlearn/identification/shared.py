@@ -21,6 +21,7 @@ import torch
 from jaxtyping import Int
 from torch import Tensor
 
+from contactlearn.asked import check_impacts
 from contactlearn.errors import DataError
 from contactlearn.identification.grid_search import (
     Box,
@@ -114,6 +115,7 @@ def identify(
         DataError: fewer trials than the largest size, or sizes that do not increase.
         UnknownNameError: no such law or target.
     """
+    check_impacts(impacts)
     law = named(law)
     sizes, box = tuple(sizes), box or Box()
     orders = _orders(impacts, sizes, repetitions, orders, generator or torch.Generator().manual_seed(0))

@@ -22,6 +22,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.errors import ContactLearnError
 from contactlearn.laws.contact import Contact, Values
 
 _BLOCK = 1 << 16  # elements evaluated at once: the temporaries of a law then stay in cache
@@ -116,7 +117,15 @@ class Law(ABC):
             out: where to write P, so that repeated sweeps over a large grid reuse their memory; no gradients.
 
         The coefficients broadcast against [..., N]: μ of shape (G, 1) sweeps G values.
+
+        Raises:
+            ContactLearnError: no tensors, or of another shape.
         """
+        if not (isinstance(W, Tensor) and isinstance(v_c, Tensor)) or (*W.shape[-2:], *v_c.shape[-1:]) != (2, 2, 2):
+            seen = " and ".join(f"{type(x).__name__} {list(getattr(x, 'shape', ()))}" for x in (W, v_c))
+            raise ContactLearnError(
+                f"W [..., N, 2, 2] and v_c [..., N, 2] must be tensors, such as impacts.W and impacts.v_c, got {seen}"
+            )
         contact = Contact(W[..., 0, 0], W[..., 0, 1], W[..., 1, 1], v_c[..., 0], v_c[..., 1])
         mu, eps = (torch.as_tensor(x, dtype=W.dtype, device=W.device) for x in (self.mu, self.eps))
         varying = {name: value for name, value in self.options.items() if isinstance(value, Tensor)}

@@ -8,7 +8,7 @@ from contactlearn.report.terminal import say
 from contactlearn.report.text import sentence, stages
 
 _COMPUTED = {
-    "r": "rx, ry from the shape and theta, whose unit and sense data.units states",
+    "r": "rx, ry from the shape and theta (rad and counter-clockwise, unless data.units says otherwise)",
     "inertia": "the inertia from the shape and the mass, at uniform density",
 }
 

@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from contactlearn.errors import DataError, UnknownNameError
 from contactlearn.mechanics import GRAVITY
+from contactlearn.numerics import is_number
 from contactlearn.tracks.frame import Clue, Frame
 from contactlearn.tracks.gravity import Gravity, find_gravity
 from contactlearn.tracks.rotations import body_axes, rotation_axis
@@ -40,7 +41,7 @@ class Conventions:
     """What is stated of the files; None is to be found.
 
     Args:
-        unit: of length, one of `UNITS`.
+        unit: of length, one of `UNITS`, or its size in m, such as that of a pixel.
         up: the file's axis that points up, one of `AXES`.
         order: of a quaternion's components, one of `ORDERS`.
         angle: unit of an angle in the plane, one of `ANGLES`.
@@ -48,7 +49,7 @@ class Conventions:
         drag: linear drag of the air in 1/s.
     """
 
-    unit: str | None = None
+    unit: str | float | None = None
     up: str | None = None
     order: str | None = None
     angle: str | None = None
@@ -59,6 +60,8 @@ class Conventions:
         known = {"unit": UNITS, "up": AXES, "order": ORDERS, "angle": ANGLES, "sense": SENSES}
         for name, names in known.items():
             value = getattr(self, name)
+            if name == "unit" and is_number(value) and value > 0:
+                continue
             if value is not None and value not in names:
                 raise UnknownNameError(f"data.{name}", str(value), names)
 
@@ -115,10 +118,15 @@ def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:
     return (clue,) if gravity.drag else ()
 
 
-def _unit(gravity: Gravity, stated: str | None, first: Recording, limits: FrameThresholds) -> tuple[float, Clue]:
+def _unit(
+    gravity: Gravity, stated: str | float | None, first: Recording, limits: FrameThresholds
+) -> tuple[float, Clue]:
     """Metres in the unit of length."""
     source = first.source
-    ratios = {name: gravity.size / (GRAVITY * factor) for name, factor in UNITS.items()}
+    counts: dict[str | float, float] = {**UNITS}
+    if stated is not None and stated not in counts:
+        counts[stated] = 1 / float(stated)
+    ratios = {name: gravity.size / (GRAVITY * count) for name, count in counts.items()}
     fits = {name: ratio for name, ratio in ratios.items() if abs(ratio - 1) <= limits.scale}
     allowed = 4 * gravity.error / gravity.size
     if stated is not None and abs(ratios[stated] - 1) > max(limits.scale, allowed):
@@ -138,14 +146,20 @@ def _unit(gravity: Gravity, stated: str | None, first: Recording, limits: FrameT
         _check_clock(gravity, first, limits)
         raise DataError(
             f"{source}: gravity is {gravity.size:.4g} ± {gravity.error:.2g} units of length per s², which is "
-            f"9.81 m/s² in none of {', '.join(UNITS)}; state data.unit, and check the frame rate (data.rate)"
+            f"9.81 m/s² in none of {', '.join(UNITS)}; state data.unit, and check the frame rate (data.rate); of "
+            f"pixels state the size of one in m, which these time stamps make data.unit={GRAVITY / gravity.size:.4g}"
         )
     name = stated or next(iter(fits))
     number = ratios[name] * GRAVITY
     clue = Clue(
-        convention="unit", value=name, stated=stated is not None, quantity="gravity", number=number, unit="m/s²"
+        convention="unit",
+        value=str(name) if name in UNITS else f"{name} m",
+        stated=stated is not None,
+        quantity="gravity",
+        number=number,
+        unit="m/s²",
     )
-    return 1 / UNITS[name], clue
+    return 1 / counts[name], clue
 
 
 def _check_clock(gravity: Gravity, first: Recording, limits: FrameThresholds) -> None:

@@ -51,6 +51,10 @@ class Recording:
     order: str | None = None
     markers: Float[Array, "m d"] | None = None
 
+    def __repr__(self) -> str:
+        seconds = self.time[-1] - self.time[0]
+        return f"Recording({self.name!r}, {len(self.time)} frames in {seconds:.3g} s, source={self.source!r})"
+
     def __post_init__(self) -> None:
         frames = len(self.time)
         if frames < _FEWEST:

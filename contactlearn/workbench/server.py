@@ -34,6 +34,7 @@ from contactlearn.workbench.tasks import StudyRuns
 
 OUTPUTS = Path("outputs")
 _PORTS = range(8765, 8785)
+_LAST = 65535  # port that there is
 _LARGEST_FILE = 40 << 20  # bytes; base64 makes a third more of it
 _FOREVER = "private, max-age=31536000, immutable"
 _INDEX = """<!DOCTYPE html>
@@ -125,6 +126,8 @@ def listen(host: str, port: int | None, models: Models) -> tuple[ThreadedWSGISer
     Raises:
         ContactLearnError: it cannot be bound.
     """
+    if port is not None and not 0 <= port <= _LAST:
+        raise ContactLearnError(f"a port is a number from 0 to {_LAST}, got {port}")
     for tried in _PORTS if port is None else [port]:
         with contextlib.suppress(OSError), socket.create_server((host, tried), family=_family(host)) as free:
             found = free.getsockname()[1]

@@ -69,7 +69,7 @@ def name_columns(cells: Sheet, mapped: Mapping[str, str | None] | None, *, shape
     free = [column for column in COLUMNS if column not in ours and column not in names]
     slips = _slips(unused, needed, free)
     if slips or needed:
-        raise DataError(f"{cells.path}: {_missing(slips, needed, unused, computed)}")
+        raise DataError(f"{cells.path}: {_long(cells, needed) or _missing(slips, needed, unused, computed)}")
     _refuse_incomplete(cells, [*ours])
     place = cells.header.index
     columns = [cells.columns[place(name)] for name in ours.values()]
@@ -142,6 +142,17 @@ def _missing(slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[s
     every = f"needed: {', '.join(REQUIRED)}; known: {', '.join(plain)}, cov_…, apparatus_… (docs/tables.md)"
     said.append(every if few else "columns that may come beside them: docs/tables.md")
     return "; ".join(said)
+
+
+def _long(cells: Sheet, needed: Sequence[str]) -> str | None:
+    """Say so of a long table, in which our names stand in cells."""
+    for name, column in zip(cells.header, cells.columns, strict=True):
+        if len({*needed}.intersection(map(str, column[: len(COLUMNS)]))) > 1:
+            return (
+                f"is a long table, with names of quantities in its column {name!r}; a row a trial is needed, as pandas "
+                f"makes it: table.pivot(index='trial', columns={name!r}, values='value')"
+            )
+    return None
 
 
 def _quoted(name: str) -> str:

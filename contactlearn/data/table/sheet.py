@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from contactlearn.errors import DataError
 
+_COMMENT = ("#", "%", "//")
 _LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does"
 Cells = list[Any] | np.ndarray
 """One column: raw cells, or the plain numbers of a Parquet column without an empty cell."""
@@ -53,10 +54,15 @@ class Sheet:
                 values.append(factor * _number(cell.item() if isinstance(cell, np.generic) else cell))
             except ValueError as error:
                 place = f"row {self.first + row + 1}" + (f" (line {self.lines[row]})" if self.lines else "")
-                rule = f"must be a finite number in {unit}; {error}"
+                below = "; a row of units below the header? remove it" if self._is_text(row) else ""
+                rule = f"must be a finite number in {unit}; {error}{below}"
                 name = self.written.get(column, column)
                 raise DataError(f"{self.path}: {place}, column {name}: {rule}", row=self.first + row + 1) from None
         return np.array(values, float)
+
+    def _is_text(self, row: int) -> bool:
+        """Whether a row is the first of the file and has no number, as one of units has none."""
+        return self.first + row == 0 and not any(_is_number(cells[row]) for cells in self.columns)
 
     def place(self, row: int, column: str | None) -> str:
         """Where a row (of the sheet, from 1) is in a CSV file, and what is written in one of our columns there."""
@@ -114,6 +120,15 @@ def _is_missing(cell: Any) -> bool:
         return False
 
 
+def _is_number(cell: Any) -> bool:
+    """Whether a cell is a finite number, be it with a decimal comma."""
+    try:
+        plain = cell.replace(",", ".") if isinstance(cell, str) else cell
+        return isinstance(cell, np.generic) or math.isfinite(_number(plain))
+    except ValueError:
+        return False
+
+
 def _number(cell: Any) -> float:
     """The number in a cell; the message of its ValueError ends a sentence."""
     if _is_empty(cell):
@@ -155,6 +170,8 @@ def read_csv(path: Path, rows: int | None) -> Iterator[Sheet]:
         for row, (line, cells) in enumerate(block, first + 1):
             if len(cells) != len(header):
                 hint = "a decimal comma?" if len(cells) > len(header) else "a missing comma, or a truncated file?"
+                for text, name in ((cells[0], "it"), (header[0], "the first line")):
+                    hint = f"is {name} a comment? remove it" if text.startswith(_COMMENT) else hint
                 seen = f"{len(cells)} cells where the header has {len(header)}; {hint}"
                 raise DataError(f"{path}: row {row} (line {line}) has {seen}", row=row)
         columns: list[Cells] = [[cells[i] for _, cells in block] for i in range(len(header))]

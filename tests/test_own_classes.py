@@ -1,0 +1,121 @@
+"""Laws and effects of a user's own: a slip in them is one line that says what to write, before any work."""
+
+import gc
+from dataclasses import dataclass
+
+import pytest
+import torch
+
+from contactlearn.app.laws import law_of
+from contactlearn.app.own import in_one_line, try_effect, try_law
+from contactlearn.effects import Effect, catalogue, columns, parameter
+from contactlearn.errors import ContactLearnError
+from contactlearn.laws import Law, find, names
+
+SHIPPED = catalogue()
+
+
+@pytest.fixture(autouse=True)
+def forgotten():
+    """Classes are in the catalogue as long as they live."""
+    yield
+    gc.collect()
+
+
+def effect_with(velocity):
+    """An effect with this method."""
+
+    @dataclass(frozen=True, eq=False)
+    class Own(Effect):
+        formula = "own"
+        u: float = parameter("u", "m/s", -0.5, 0.5)
+
+        def velocity(self, state, v_post):
+            return velocity(self.u, v_post)
+
+    return Own()
+
+
+def law_with(solve):
+    """A law with this method."""
+
+    @dataclass(frozen=True)
+    class OwnLaw(Law):
+        def solve(self, contact, mu, eps):
+            return solve(-(1 + eps) * contact.v_n / contact.w_nn)
+
+    return OwnLaw()
+
+
+SLIPS = {
+    "a component": (lambda u, v: v[..., 0] + u, r"must return v_post, a tensor .* got a tensor \[5\] on 5 impacts"),
+    "nothing": (lambda u, v: None, "from velocity, got NoneType"),
+    "if": (lambda u, v: v if u > 0 else v + u, r"line \d+: RuntimeError: Boolean .*torch.where"),
+    "detached": (
+        lambda u, v: columns(v[..., 0] + u.detach(), v[..., 1], v[..., 2]),
+        "depends on u, but has no gradient",
+    ),
+    "rounded": (lambda u, v: columns(v[..., 0] + (9 * u).round(), v[..., 1], v[..., 2]), "depends on u, but has no"),
+    "never vanishes": (lambda u, v: columns(v[..., 0] + u + 0.1, v[..., 1], v[..., 2]), r"at u = 0, but .* by 0\.1"),
+}
+
+
+@pytest.mark.parametrize(("velocity", "said"), SLIPS.values(), ids=SLIPS)
+def test_a_slip_in_an_effect_is_one_line(velocity, said):
+    effect = effect_with(velocity)
+    with (
+        pytest.raises(ContactLearnError, match=rf"^own\.Own .*{said}"),
+        in_one_line("own.Own", type(effect)),
+    ):
+        try_effect(effect, "own.Own")
+
+
+def test_an_effect_without_a_parameter_is_refused():
+    @dataclass(frozen=True, eq=False)
+    class Fixed(Effect):
+        formula = "v_x⁺ ← v_x⁺ + u"
+        u: float = 0.1
+
+        def velocity(self, state, v_post):
+            return v_post
+
+    with pytest.raises(ContactLearnError, match=r"own has no parameter to fit; .* parameter\("):
+        try_effect(Fixed(), "own")
+
+
+def test_no_effect_of_the_catalogue_is_refused():
+    for name, forms in SHIPPED.items():
+        for kind in forms:
+            try_effect(kind(), name)
+
+
+LAWS = {
+    "one tensor": (lambda P: P, r"must return two tensors \(P_t, P_n\) of impulses, got a tensor \[2, 5\]"),
+    "a number": (lambda P: (0.0, P), r"got \(float, a tensor \[2, 5\]\)"),
+    "no numbers": (lambda P: (P.negative().sqrt(), P), "no finite number"),
+    "another name": (lambda P: P.nothing, "fails in .*, line .*: AttributeError"),
+}
+
+
+@pytest.mark.parametrize(("solve", "said"), LAWS.values(), ids=LAWS)
+def test_a_slip_in_a_law_is_one_line(solve, said):
+    law = law_with(solve)
+    with pytest.raises(ContactLearnError, match=said), in_one_line("own.OwnLaw", type(law)):
+        try_law(law, "own.OwnLaw")
+
+
+def test_no_law_is_refused():
+    for name in names():
+        try_law(find(name), name)
+
+
+def test_the_command_tries_a_law_of_ones_own(monkeypatch):
+    law = law_with(lambda P: (torch.zeros_like(P), P / 0))
+    monkeypatch.setitem(globals(), "Mine", type(law))
+    with pytest.raises(ContactLearnError, match=r"Mine\.solve gives an impulse that is no finite number"):
+        law_of({"_target_": f"{__name__}.Mine"}, "textbook")
+
+
+def test_a_module_is_no_class():
+    with pytest.raises(ContactLearnError, match=r"must be a class in its module, such as my_law\.Law, got my_law"):
+        law_of({"_target_": "my_law"}, "textbook")
