@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 import torch
 
-from contactlearn import ContactModel, identify, identify_jointly, laws
+from contactlearn import ContactModel, diagnose, identify, identify_jointly, laws
 from contactlearn.data import synthetic
 from contactlearn.errors import ContactLearnError
 from contactlearn.impacts import Impacts
@@ -17,8 +17,13 @@ LAW = laws.find("wang_mason").at(0.12, 0.55)
 
 @pytest.mark.parametrize(
     "use",
-    [ContactModel(LAW).predict, lambda given: identify(LAW, given), lambda given: identify_jointly(LAW, {}, given)],
-    ids=["predict", "identify", "identify_jointly"],
+    [
+        ContactModel(LAW).predict,
+        lambda given: identify(LAW, given),
+        lambda given: identify_jointly(LAW, {}, given),
+        diagnose,
+    ],
+    ids=["predict", "identify", "identify_jointly", "diagnose"],
 )
 def test_other_things_than_impacts_are_told_the_way(use):
     with pytest.raises(ContactLearnError, match=r"impacts are asked for, got DataFrame; frame\.to_csv.*table\.load"):

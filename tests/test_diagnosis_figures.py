@@ -443,7 +443,7 @@ def test_what_remains_is_the_measured_wrench_without_the_models(components, vari
     assert said == (
         "Gaussian processes on the residual reduce the held-out error by 30 % (20 % to 40 %)"
         if components
-        else "Gaussian processes predict no part of the residual on held-out trials."
+        else "Gaussian processes predict no component of the residual with certainty on held-out trials."
     )
 
 

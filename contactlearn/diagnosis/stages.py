@@ -16,6 +16,7 @@ from pathlib import Path
 
 import torch
 
+from contactlearn.asked import check_impacts
 from contactlearn.audit.averaging import averaged
 from contactlearn.audit.corrections import correct
 from contactlearn.diagnosis.budget import error_budget, error_limits
@@ -69,7 +70,8 @@ class Study:
     ordered: bool = True
 
     def check(self, impacts: Impacts) -> None:
-        """Refuse too few trials, and limits of the set-up that make no sense, before any work is done."""
+        """Refuse what are no impacts, too few trials, and limits that make no sense, before any work is done."""
+        check_impacts(impacts)
         fewest = self.thresholds.fewest_trials
         if len(impacts) < fewest:
             raise DataError(f"{impacts.source}: a diagnosis needs at least {fewest} trials, got {len(impacts)}")

@@ -48,7 +48,7 @@ from contactlearn.report.text.sequence import succession
 
 CONSISTENT = "Nothing contradicts planar rigid impacts; the trials are too few to judge units and axes."
 NO_REGION = "No region has a clearly higher error than the rest."
-NOT_PREDICTABLE = "Gaussian processes predict no part of the residual on held-out trials."
+NOT_PREDICTABLE = "Gaussian processes predict no component of the residual with certainty on held-out trials."
 NO_EFFECT = "No effect of the catalogue reduces the held-out error enough to be named."
 
 
@@ -177,7 +177,7 @@ def needed_drops(found: Separation) -> str:
     pair = f"{effect_label(found.effect)} from {effect_label(found.rival)}"
     if found.drops_needed is None:
         return f"No drops within reach distinguish {pair}."
-    drops = "drop like this distinguishes" if found.drops_needed == 1 else "drops like these distinguish"
+    drops = "drop like the first distinguishes" if found.drops_needed == 1 else "drops like these distinguish"
     return f"About {found.drops_needed} {drops} {pair}."
 
 
