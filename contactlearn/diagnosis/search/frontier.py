@@ -2,7 +2,7 @@
 
     grow       from the best models of a size, the most promising ones with one effect more
     exchange   from the best of the new size, those with one of their effects exchanged
-    refine     the best of the new size, of several laws, with other forms: linearised where they vanish some are misjudged
+    refine     the best of the new size, of several laws, with other forms, which a linearisation may misjudge
     shrink     from the best of all, those with one effect less, so that no size keeps what only the way there needed
     transfer   the effects of the best model of a size around every other law
 
