@@ -8,8 +8,10 @@ import hypothesis
 import pytest
 import quick
 import torch
+from browser import chromium, of_width
 from fontTools.subset import Options
 from hydra._internal.hydra import Hydra
+from repetitions import repeated
 from threadpoolctl import threadpool_limits
 
 from contactlearn.data import ellipse_drops as source
@@ -85,3 +87,22 @@ def ellipse_drops():
     except DataError as error:
         pytest.skip(f"the published drops cannot be had: {error}")
     return source.load(path.parent)
+
+
+@pytest.fixture(scope="session")
+def chrome():
+    """Headless Chromium, one for all tests of a process."""
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.fixture(params=repeated(1280, 360), ids="{}px".format)
+def browser(chrome, request):
+    """Chromium for what a page does, which `make test` asks of a wide window alone."""
+    return of_width(chrome, request.param)
+
+
+@pytest.fixture(params=[1280, 360], ids="{}px".format)
+def browser_of_each_width(chrome, request):
+    """Chromium for how a page looks."""
+    return of_width(chrome, request.param)
