@@ -3,6 +3,7 @@
 from itertools import product
 
 import pytest
+from _pytest.mark import ParameterSet
 
 
 def repeated(first, *others):
@@ -16,9 +17,9 @@ def crossed(*axes):
     It has each value of each axis in some combination.
 
     Args:
-        axes: values, or values by their names; one that is a tuple is of several arguments.
+        axes: values, cases of `pytest.param`, or values by their names; a tuple is of several arguments.
     """
-    named = [axis if isinstance(axis, dict) else {str(value): value for value in axis} for axis in axes]
+    named = [axis if isinstance(axis, dict) else dict(map(_named, axis)) for axis in axes]
     longest = max(map(len, named))
     kept = {tuple([*axis][k % len(axis)] for axis in named) for k in range(longest)}
     found = []
@@ -27,3 +28,7 @@ def crossed(*axes):
         flat = [part for value in values for part in (value if isinstance(value, tuple) else (value,))]
         found.append(pytest.param(*flat, id="-".join(names), marks=() if names in kept else pytest.mark.nightly))
     return found
+
+
+def _named(value):
+    return (value.id, value.values) if isinstance(value, ParameterSet) else (str(value), value)

@@ -10,6 +10,7 @@ import pytest
 import torch
 from corruptions import corrupt
 from matplotlib.text import Text
+from repetitions import repeated
 from test_figures import HOSTILE, assert_fits, visible_axes
 
 from contactlearn.audit.consistency import contradictions, gross_outliers, kinetic_energy, torque
@@ -294,18 +295,25 @@ def test_a_finding_without_correction_shows_the_data_as_read(drops):
     assert len(panels) == 2
 
 
+OF_TRIALS = ("drop_duplicates", "drop_outliers", "ordered_by_time", "swapped_pre_post")
+OF_A_FRAME = [name for name in CORRECTIONS if name not in OF_TRIALS]
+
+
+def corrected_figure(name, drops):
+    """Of a correction, whatever finding names it."""
+    spoilt = drops.replace(suspect=True)
+    finding = Finding(name=name, sentence="a sentence", evidence=(), correction=name)
+    return audit_figure(finding, spoilt, correct(spoilt, [name]))
+
+
 def test_every_correction_of_a_frame_can_be_drawn(drops):
-    """Whatever finding names it."""
-    for name in CORRECTIONS:
-        if name not in ("drop_duplicates", "drop_outliers", "ordered_by_time", "swapped_pre_post"):
-            spoilt = drops.replace(suspect=True)
-            assert_sound(
-                audit_figure(
-                    Finding(name=name, sentence="a sentence", evidence=(), correction=name),
-                    spoilt,
-                    correct(spoilt, [name]),
-                )
-            )
+    for name in OF_A_FRAME:
+        assert corrected_figure(name, drops).axes
+
+
+@pytest.mark.parametrize("name", repeated(*(name for name in OF_A_FRAME if name not in SPOILT)))
+def test_figures_of_corrections_of_a_frame_are_sound(name, drops):
+    assert_sound(corrected_figure(name, drops))
 
 
 # --- Regions ------------------------------------------------------------------------------------

@@ -27,7 +27,6 @@ DISTINCT = [
     for variant in ("textbook", "fazeli2017")
     if variant == "textbook" or name in DIFFER
 ]
-BY_NAME = {case.id: case.values for case in DISTINCT}
 # Laws whose impulse in stick does not depend on μ at all; on Routh's path it does, by way of p_c.
 STICKY = [case for case in DISTINCT if case.values[0] not in ("wang_mason", "wang_mason_newton", "mirtich")]
 
@@ -46,7 +45,7 @@ def orders(n: int, size: int, repetitions: int, seed: int) -> list[torch.Tensor]
 
 
 @pytest.mark.parametrize(
-    ("law", "variant", "mu", "eps"), crossed(BY_NAME, [(0.12, 0.55), (0.03, 0.9), (0.2, 0.1)])
+    ("law", "variant", "mu", "eps"), crossed(DISTINCT, [(0.12, 0.55), (0.03, 0.9), (0.2, 0.1)])
 )
 def test_noiseless_drops_give_back_their_parameters(law, variant, mu, eps):
     drops = synthetic.load(100, law, mu, eps, velocity_noise=0, spin_noise=0, variant=variant)
@@ -105,7 +104,7 @@ def drops_of(source: str, law: str, variant: str, request):
 SLOW = ("mirtich", "fazeli2017")  # Newton's iterations
 
 
-@pytest.mark.parametrize(("law", "variant", "source"), crossed(BY_NAME, ["published", "synthetic", "x mirrored"]))
+@pytest.mark.parametrize(("law", "variant", "source"), crossed(DISTINCT, ["published", "synthetic", "x mirrored"]))
 def test_no_grid_beats_the_cost(law, variant, source, request):
     drops = drops_of(source, law, variant, request)
     slow = (law, variant) == SLOW
