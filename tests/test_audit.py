@@ -342,9 +342,7 @@ def test_clean_synthetic_drops(body, seed):
         assert mistakes(audit(drops(body, seed, size, known))) == []
 
 
-@pytest.mark.parametrize(
-    ("body", "mu", "eps"), crossed([*BODIES], [(0.0, 0.0), (1.5, 1.0), (0.0, 1.0), (1.5, 0.0)])
-)
+@pytest.mark.parametrize(("body", "mu", "eps"), crossed([*BODIES], [(0.0, 0.0), (1.5, 1.0), (0.0, 1.0), (1.5, 0.0)]))
 def test_clean_drops_of_extreme_laws(body, mu, eps):
     for noise in (0, 1, 4):
         options = {"velocity_noise": 0.01 * noise, "spin_noise": 0.5 * noise}

@@ -158,7 +158,7 @@ def line(axes, label: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", SPOILT)
-def test_every_finding_has_a_figure(name, drops, tmp_path):
+def test_every_finding_has_a_figure(name, drops):
     spoilt = SPOILT[name](drops)
     findings = audit(spoilt)
     assert name in [finding.name for finding in findings]
@@ -169,6 +169,12 @@ def test_every_finding_has_a_figure(name, drops, tmp_path):
     figure = figures[f"audit_{name}"]
     (sentence,) = (finding.sentence for finding in findings if finding.name == name)
     assert " ".join(figure.get_suptitle().split()) == sentence
+
+
+@pytest.mark.parametrize("name", repeated(*SPOILT))
+def test_the_figure_of_a_finding_is_written(name, drops, tmp_path):
+    spoilt = SPOILT[name](drops)
+    figure = drawn(refused(audit(spoilt)), spoilt)[f"audit_{name}"]
     png, pdf = st.save(figure, tmp_path, name)
     assert png.read_bytes().startswith(b"\x89PNG")
     assert pdf.read_bytes().startswith(b"%PDF")

@@ -44,9 +44,7 @@ def orders(n: int, size: int, repetitions: int, seed: int) -> list[torch.Tensor]
 # --- Planted parameters -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("law", "variant", "mu", "eps"), crossed(DISTINCT, [(0.12, 0.55), (0.03, 0.9), (0.2, 0.1)])
-)
+@pytest.mark.parametrize(("law", "variant", "mu", "eps"), crossed(DISTINCT, [(0.12, 0.55), (0.03, 0.9), (0.2, 0.1)]))
 def test_noiseless_drops_give_back_their_parameters(law, variant, mu, eps):
     drops = synthetic.load(100, law, mu, eps, velocity_noise=0, spin_noise=0, variant=variant)
     fit = identify(find(law, variant), drops, sizes=(60,), repetitions=3)
