@@ -34,7 +34,7 @@ def run(*arguments, cwd=ROOT, status=0, figures=False, forms=False):
     printed, handlers = io.StringIO(), list(logging.getLogger().handlers)
     try:
         with (
-            contextlib.nullcontext() if figures else patch.object(Figure, "savefig", _save_a_pixel),
+            contextlib.nullcontext() if figures else without_figures(),
             contextlib.nullcontext() if forms or arguments[0] != "diagnose.py" else first_forms(),
             contextlib.chdir(cwd),
             contextlib.redirect_stdout(printed),
@@ -57,6 +57,11 @@ def first_forms():
         patch("contactlearn.app.diagnose.all_candidates", few),
     ):
         yield
+
+
+def without_figures():
+    """The files of figures hold nothing."""
+    return patch.object(Figure, "savefig", _save_a_pixel)
 
 
 def _save_a_pixel(figure, path, **options):

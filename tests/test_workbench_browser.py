@@ -1,17 +1,18 @@
 """The workbench in a browser: the whole loop on hidden physics, two tabs, links, hints, random clicks."""
 
 import json
+import sys
 import threading
 from urllib.parse import urlsplit
 
 import pytest
+import undrawn
 from repetitions import repeated
 
 pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'contactlearn[workbench]'")
 
 from contactlearn.data import mystery
 from contactlearn.results.folder import find_results, read_result
-from contactlearn.workbench.jobs import Jobs
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.server import listen
 
@@ -38,11 +39,10 @@ const one = list => list[(random = random * 48271 % 2147483647) % list.length];
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
-    """The address of a workbench that runs in a folder of its own, and whose diagnoses search for a second."""
+    """The address of a workbench that runs in a folder of its own, and whose diagnoses search and draw little."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("workbench"))
-        start = Jobs.start
-        patch.setattr(Jobs, "start", lambda jobs, words: start(jobs, [*words, "seconds=1"]))
+        patch.setattr("contactlearn.workbench.jobs._COMMAND", (sys.executable, undrawn.__file__, "diagnose"))
         server, door = listen("127.0.0.1", 0, Models())
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
