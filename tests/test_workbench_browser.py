@@ -7,6 +7,7 @@ from urllib.parse import urlsplit
 
 import pytest
 import undrawn
+from browser import of_width
 from repetitions import repeated
 
 pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'contactlearn[workbench]'")
@@ -181,6 +182,15 @@ def test_a_slider_moves_the_curves_and_the_fitted_value_is_a_click_away(browser,
     until(browser, "!location.search.includes('hand.mu')")
     until(browser, f"document.getElementById('said').textContent === {json.dumps(fitted)}")
     assert not heard(browser)
+
+
+def test_nothing_is_wider_than_a_narrow_window(chrome, served):
+    shown = opened(of_width(chrome, 360), f"{served}{MYSTERY}&effect=sampling_delay&hand.mu=0.5")
+    for figure in ("map", "curve-0"):
+        shown.execute_script(f"document.getElementById('{figure}').scrollIntoView()")
+        until(shown, f"document.querySelector('#{figure} .main-svg') !== null")
+    assert in_width(shown)
+    assert not heard(shown)
 
 
 def test_a_box_on_the_map_selects_trials(browser, served):
