@@ -1,7 +1,7 @@
 # make demo       the main job on built-in synthetic drops, no download of data
 # make quick      the inner loop: tests of what changed since the last commit, and one of every other file
 # make test       style, types, and the test suite
-# make test-all   with the long repetitions that `make test` leaves out
+# make test-all   with the repetitions that `make test` leaves out
 # make bench      every benchmark, one after the other
 # make docs       the site, strictly, into site/
 # make versions   the oldest and the newest supported versions, each in an environment of its own

@@ -1,4 +1,4 @@
-"""Headless Chromium for the tests of pages: opened at a width, with its console and its network logged."""
+"""Headless Chromium for the tests of pages, with its console and its network logged, in windows of several widths."""
 
 import shutil
 from contextlib import contextmanager
@@ -12,7 +12,7 @@ _ARGUMENTS = (
 
 
 @contextmanager
-def chromium(width):
+def chromium():
     """The browser; the test is skipped, and says so, where there is none."""
     binary, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if not binary or not driver:
@@ -25,7 +25,12 @@ def chromium(width):
         options.add_argument(f"--{argument}")
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     opened = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
-    opened.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     yield opened
     opened.quit()
+
+
+def of_width(browser, width):
+    """The browser with a window of another width."""
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    return browser

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from contactlearn import cli
 from contactlearn.__main__ import main
+from contactlearn.effects import catalogue
 
 ROOT = Path(__file__).parent.parent
 SMALL = ("data.size=80", "train.size=20", "train.repetitions=4", "figures.repetitions=2", "bootstrap=50", "model=[]")
@@ -24,15 +25,17 @@ PIXEL = base64.b64decode(
 )  # a PNG
 
 
-def run(*arguments, cwd=ROOT, status=0, figures=False):
+def run(*arguments, cwd=ROOT, status=0, figures=False, forms=False):
     """Run `train.py …`, `evaluate.py …`, `diagnose.py …` or `contactlearn …` from `cwd`; its output.
 
-    Figures are built, but their files hold nothing unless asked for: drawing takes longer than everything else.
+    Unless asked for, figures are built, but their files hold nothing, for drawing takes longer than everything else;
+    and a diagnosis has no more than the first form of each effect to search.
     """
     printed, handlers = io.StringIO(), list(logging.getLogger().handlers)
     try:
         with (
-            contextlib.nullcontext() if figures else patch.object(Figure, "savefig", _save_a_pixel),
+            contextlib.nullcontext() if figures else without_figures(),
+            contextlib.nullcontext() if forms or arguments[0] != "diagnose.py" else first_forms(),
             contextlib.chdir(cwd),
             contextlib.redirect_stdout(printed),
             contextlib.redirect_stderr(printed),
@@ -43,6 +46,22 @@ def run(*arguments, cwd=ROOT, status=0, figures=False):
         logging.getLogger().handlers = handlers  # Hydra's write to what is closed now
     assert done == status, printed.getvalue()
     return printed.getvalue()
+
+
+@contextlib.contextmanager
+def first_forms():
+    """Diagnoses search the first form of each effect alone, for tests that are not about the search."""
+    few = lambda: {kinds[0].id: kinds[0]() for kinds in catalogue().values()}  # noqa: E731
+    with (
+        patch("contactlearn.diagnosis.pipeline.all_candidates", few),
+        patch("contactlearn.app.diagnose.all_candidates", few),
+    ):
+        yield
+
+
+def without_figures():
+    """The files of figures hold nothing."""
+    return patch.object(Figure, "savefig", _save_a_pixel)
 
 
 def _save_a_pixel(figure, path, **options):

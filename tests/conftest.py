@@ -8,8 +8,10 @@ import hypothesis
 import pytest
 import quick
 import torch
+from browser import chromium, of_width
 from fontTools.subset import Options
 from hydra._internal.hydra import Hydra
+from repetitions import repeated
 from threadpoolctl import threadpool_limits
 
 from contactlearn.data import ellipse_drops as source
@@ -29,13 +31,14 @@ hypothesis.settings.load_profile("suite")
 
 # The files that take longest begin: a worker that takes one of them last would be waited for.
 LONGEST = (
-    "test_workbench_browser.py", "test_devices.py", "test_commands.py", "test_diagnosis.py", "test_docs.py",
-    "test_examples.py", "test_workbench.py", "test_sweeps.py", "test_site.py", "test_fit.py", "test_learning.py",
-    "test_numerical_faults.py", "test_audit.py", "test_mystery.py", "test_effect_commands.py", "test_rests.py",
-    "test_learning_figures.py", "test_diagnosis_figures.py", "test_shapes.py", "test_law_commands.py",
-    "test_effects.py", "test_search.py", "test_fit_trials.py", "test_succession.py", "test_remainder.py",
-    "test_track_commands.py", "test_report_runs.py", "test_figures.py", "test_tracks_mujoco.py", "test_candidates.py",
-    "test_report_page.py",
+    "test_workbench_browser.py", "test_sweeps.py", "test_commands.py", "test_diagnosis.py", "test_devices.py",
+    "test_report_page.py", "test_workbench.py", "test_site.py", "test_numerical_faults.py", "test_docs.py",
+    "test_audit.py", "test_modulation.py", "test_report_runs.py", "test_recordings_page.py", "test_learning.py",
+    "test_mystery.py", "test_rests.py", "test_fit.py", "test_examples.py", "test_shapes.py", "test_search.py",
+    "test_succession.py", "test_diagnosis_figures.py", "test_tracks_mujoco.py", "test_track_commands.py",
+    "test_laws.py", "test_mujoco_drops.py", "test_large_tables.py", "test_fit_trials.py", "test_apparatus.py",
+    "test_bodies.py", "test_remainder.py", "test_equivalents.py", "test_candidates.py", "test_endings.py",
+    "test_figures.py", "test_effect_commands.py", "test_new_parts.py",
 )  # fmt: skip
 
 
@@ -85,3 +88,22 @@ def ellipse_drops():
     except DataError as error:
         pytest.skip(f"the published drops cannot be had: {error}")
     return source.load(path.parent)
+
+
+@pytest.fixture(scope="session")
+def chrome():
+    """Headless Chromium, one for all tests of a process."""
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.fixture(params=repeated(1280, 360), ids="{}px".format)
+def browser(chrome, request):
+    """Chromium for what a page does, which `make test` asks of a wide window alone."""
+    return of_width(chrome, request.param)
+
+
+@pytest.fixture(params=[1280, 360], ids="{}px".format)
+def browser_of_each_width(chrome, request):
+    """Chromium for how a page looks."""
+    return of_width(chrome, request.param)

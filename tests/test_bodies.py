@@ -6,10 +6,10 @@ import pickle
 import pandas as pd
 import pytest
 import torch
-from browser import chromium
 from commands import run
 from hypothesis import given
 from hypothesis import strategies as st
+from test_report_page import into_view, opened, until
 
 from contactlearn import checkpoint, identify_jointly, laws
 from contactlearn.audit.consistency import gross_outliers
@@ -343,17 +343,13 @@ def printed(files):
     return run("diagnose.py", *WORDS, "hydra.run.dir=found", cwd=files)
 
 
-def test_the_page_draws_the_body_of_the_trial(files, printed):
-    with chromium(1280) as page:
-        from selenium.webdriver.support.ui import WebDriverWait
-
-        page.get((files / "found" / "report.html").as_uri())
-        page.execute_script("document.getElementById('picture').scrollIntoView()")
-        for name, corners in (("oak", 91), ("beech", 5)):
-            page.execute_script(f"select(trials.object.indexOf('{name}'))")
-            drawn = f"return document.getElementById('picture').data?.[0].x.length === {corners}"
-            WebDriverWait(page, 20, 0.05).until(lambda page, drawn=drawn: page.execute_script(drawn))
-        assert page.get_log("browser") == []
+def test_the_page_draws_the_body_of_the_trial(files, printed, browser):
+    shown = opened(browser, files / "found" / "report.html")
+    into_view(shown, "picture")
+    for name, corners in (("oak", 91), ("beech", 5)):
+        shown.execute_script(f"select(trials.object.indexOf('{name}'))")
+        until(shown, f"document.getElementById('picture').data?.[0].x.length === {corners}")
+    assert shown.get_log("browser") == []
 
 
 def test_commands_take_shapes_by_body(files, printed):

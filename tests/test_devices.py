@@ -380,7 +380,7 @@ SMALL = ("data.size=50", "train.size=15", "train.repetitions=2", "bootstrap=20")
 COMMANDS = {
     "law": ("train.py", *SMALL, "law=mirtich"),
     "effects": ("train.py", *SMALL, "effect=[spin_damping]", "fit.starts=2"),
-    "learned": ("train.py", *SMALL, "model=residual_wrench"),
+    "learned": ("train.py", *SMALL, "effect=[spin_damping]", "fit.starts=2", "model=residual_wrench"),
     "evaluation": (
         "evaluate.py", *SMALL, "effect=[spin_damping]", "fit.starts=2", "figures.repetitions=2", "laws=[whittaker]",
         "model=[residual_wrench]", "curves.sizes=[10]", "curves.seeds=2",
@@ -391,7 +391,13 @@ COMMANDS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("words", COMMANDS.values(), ids=COMMANDS)
+PARTS = ("law", "effects")  # that "learned" has as well
+
+
+@pytest.mark.parametrize(
+    "words",
+    [pytest.param(COMMANDS[name], id=name, marks=pytest.mark.nightly if name in PARTS else ()) for name in COMMANDS],
+)
 def test_commands(words, device, tmp_path, monkeypatch):
     """The same results, tables and checkpoints, which say where they were computed."""
     run(*words, "workers=1" if words[0] == "evaluate.py" else "threads=1", f"hydra.run.dir={tmp_path / 'cpu'}")

@@ -26,6 +26,12 @@ from contactlearn.laws import find
 from contactlearn.results import folder as run_folder
 
 
+def alone(truth):
+    """Nature's law, for a diagnosis that compares no others, so that tests are quick."""
+    law = find(truth["law"])
+    return {"law": law, "laws": [law]}
+
+
 def few(*names):
     """Some candidates, so that tests are quick."""
     return {key: effect for key, effect in all_candidates().items() if key.name in names}
@@ -71,7 +77,7 @@ def test_held_out_errors_are_of_trials_that_were_not_fitted_to():
 @pytest.mark.parametrize("name", repeated("location_dependent_restitution", "surface_tilt", "rolling_resistance"))
 def test_a_hidden_effect_is_named(name):
     impacts, truth = mystery.draw(12, effects=[name], size=200)
-    found = diagnose(impacts, find(truth["law"]))
+    found = diagnose(impacts, **alone(truth))
     assert found.verdict == "effects"
     assert found.effects[0] == name
     floor = mass_error(impacts, Prediction(torch.tensor(truth["v_post_from_measured"]), None)).mean()
@@ -94,7 +100,7 @@ def test_copies_of_rows_are_dropped_whatever_they_are_called(tmp_path):
     path = table.save(impacts, tmp_path / "drops.csv")
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines, *lines[5:15]]) + "\n")
-    found = diagnose(table.load(path, impacts.shape, suspect=True), find(truth["law"]), candidates=few("surface_tilt"))
+    found = diagnose(table.load(path, impacts.shape, suspect=True), **alone(truth), candidates=few("surface_tilt"))
     assert [finding.correction for finding in found.findings] == ["drop_duplicates"]
     assert len(found.record.impacts) == 60
     with pytest.raises(DataError, match=r"repeats '5' of row 5 .data.correct=.drop_duplicates. drops"):
@@ -118,7 +124,7 @@ def test_bodies_of_different_mass_do_not_blind_it():
     impacts, truth = mystery.draw(7, effects=["magnetic_pull"], size=150)
     factor = torch.tensor((1.0, 3.0, 10.0), dtype=torch.float64).repeat(50)
     several = impacts.replace(mass=impacts.mass * factor, inertia=impacts.inertia * factor)
-    one, three = (diagnose(d, find(truth["law"]), candidates=few("surface_tilt")) for d in (impacts, several))
+    one, three = (diagnose(d, **alone(truth), candidates=few("surface_tilt")) for d in (impacts, several))
     assert one.verdict == three.verdict == "unknown"
     assert three.remainder.share.mean == pytest.approx(one.remainder.share.mean, abs=0.05)
 
@@ -141,7 +147,7 @@ def test_the_budget_adds_up():
     known = Prediction(torch.tensor(truth["v_post_from_measured"], dtype=torch.float64), impacts.wrench)
     floor = mass_error(impacts, known).mean().item()
     for stated in (None, (noise["v"], noise["v"], noise["omega"])):
-        budget = diagnose(impacts, find(truth["law"]), candidates=few("contact_patch"), noise=stated).budget
+        budget = diagnose(impacts, **alone(truth), candidates=few("contact_patch"), noise=stated).budget
         shares = budget.shares
         assert budget.noise.mean == pytest.approx(floor, rel=0.1)
         assert shares.noise + shares.explained + shares.unexplained == pytest.approx(1, abs=0.03)
@@ -155,14 +161,14 @@ def test_the_budget_adds_up():
 def test_ones_own_effect_is_a_candidate_like_any_other():
     impacts, truth = mystery.draw(3, effects=["spin_damping"], size=150)
     mine = {EffectId("mine"): formula(tau="-c*I*omega_post", parameters={"c": [0, 1]})}
-    found = diagnose(impacts, find(truth["law"]), candidates=mine | few("surface_tilt", "adhesion"))
+    found = diagnose(impacts, **alone(truth), candidates=mine | few("surface_tilt", "adhesion"))
     assert found.effects == ("mine",)
 
 
 def test_what_is_in_the_model_already_is_not_missing():
     impacts, truth = mystery.draw(3, effects=["spin_damping"], size=150)
     given = {"spin_damping": find_effect("spin_damping")()}
-    found = diagnose(impacts, find(truth["law"]), given)
+    found = diagnose(impacts, effects=given, **alone(truth))
     assert found.verdict == "none"
     assert "spin_damping" in found.equation
 
@@ -172,7 +178,7 @@ def test_corrupted_data_are_mended_first_and_then_explained():
     flip = torch.tensor((-1.0, 1.0, 1.0), dtype=torch.float64)
     spoilt = impacts.replace(q=impacts.q * flip, v_pre=impacts.v_pre * flip, v_post=impacts.v_post * flip, suspect=True)
     told = Told()
-    found = diagnose(spoilt, find(truth["law"]), observer=told)
+    found = diagnose(spoilt, **alone(truth), observer=told)
     assert next(iter(told)) == "audit"
     assert found.verdict == "bad_data"
     assert found.corrections == ("mirrored_x",)
@@ -223,7 +229,7 @@ def test_what_is_compared_does_not_change_what_is_found(options):
 
 def test_an_unknown_effect_is_said_to_be_unknown():
     impacts, truth = mystery.draw(7, effects=["magnetic_pull"], size=150)
-    found = diagnose(impacts, find(truth["law"]))
+    found = diagnose(impacts, **alone(truth))
     assert found.verdict == "unknown"
     assert found.remainder.components[0] == "tau"
     assert found.remainder.variables[0].symbol == "theta"

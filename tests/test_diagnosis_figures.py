@@ -10,6 +10,7 @@ import pytest
 import torch
 from corruptions import corrupt
 from matplotlib.text import Text
+from repetitions import repeated
 from test_figures import HOSTILE, assert_fits, visible_axes
 
 from contactlearn.audit.consistency import contradictions, gross_outliers, kinetic_energy, torque
@@ -157,7 +158,7 @@ def line(axes, label: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", SPOILT)
-def test_every_finding_has_a_figure(name, drops, tmp_path):
+def test_every_finding_has_a_figure(name, drops):
     spoilt = SPOILT[name](drops)
     findings = audit(spoilt)
     assert name in [finding.name for finding in findings]
@@ -168,6 +169,12 @@ def test_every_finding_has_a_figure(name, drops, tmp_path):
     figure = figures[f"audit_{name}"]
     (sentence,) = (finding.sentence for finding in findings if finding.name == name)
     assert " ".join(figure.get_suptitle().split()) == sentence
+
+
+@pytest.mark.parametrize("name", repeated(*SPOILT))
+def test_the_figure_of_a_finding_is_written(name, drops, tmp_path):
+    spoilt = SPOILT[name](drops)
+    figure = drawn(refused(audit(spoilt)), spoilt)[f"audit_{name}"]
     png, pdf = st.save(figure, tmp_path, name)
     assert png.read_bytes().startswith(b"\x89PNG")
     assert pdf.read_bytes().startswith(b"%PDF")
@@ -294,18 +301,25 @@ def test_a_finding_without_correction_shows_the_data_as_read(drops):
     assert len(panels) == 2
 
 
+OF_TRIALS = ("drop_duplicates", "drop_outliers", "ordered_by_time", "swapped_pre_post")
+OF_A_FRAME = [name for name in CORRECTIONS if name not in OF_TRIALS]
+
+
+def corrected_figure(name, drops):
+    """Of a correction, whatever finding names it."""
+    spoilt = drops.replace(suspect=True)
+    finding = Finding(name=name, sentence="a sentence", evidence=(), correction=name)
+    return audit_figure(finding, spoilt, correct(spoilt, [name]))
+
+
 def test_every_correction_of_a_frame_can_be_drawn(drops):
-    """Whatever finding names it."""
-    for name in CORRECTIONS:
-        if name not in ("drop_duplicates", "drop_outliers", "ordered_by_time", "swapped_pre_post"):
-            spoilt = drops.replace(suspect=True)
-            assert_sound(
-                audit_figure(
-                    Finding(name=name, sentence="a sentence", evidence=(), correction=name),
-                    spoilt,
-                    correct(spoilt, [name]),
-                )
-            )
+    for name in OF_A_FRAME:
+        assert corrected_figure(name, drops).axes
+
+
+@pytest.mark.parametrize("name", repeated(*(name for name in OF_A_FRAME if name not in SPOILT)))
+def test_figures_of_corrections_of_a_frame_are_sound(name, drops):
+    assert_sound(corrected_figure(name, drops))
 
 
 # --- Regions ------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+from commands import first_forms
 from evaluations import training
 from omegaconf import OmegaConf
 
@@ -58,8 +59,9 @@ def test_python_blocks_run(document, tmp_path, monkeypatch):
     folder.write_result(tmp_path / "outputs" / "train", training())
     monkeypatch.chdir(tmp_path)
     names = {}
-    for code, line in _blocks(document):
-        exec(compile("\n" * line + code, document, "exec"), names)
+    with first_forms():
+        for code, line in _blocks(document):
+            exec(compile("\n" * line + code, document, "exec"), names)
     _pass_contracts(names)
     names.clear()
     gc.collect()  # classes that a block defines are laws and effects until they are gone

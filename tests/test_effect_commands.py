@@ -1,11 +1,12 @@
-"""Effects from the command line: the catalogue, one's own in three ways, sweeps, and a new one in the package."""
+"""Effects from the command line: the catalogue, one's own in three ways, and sweeps."""
 
+import gc
 import json
-import shutil
+import sys
 
 import pytest
 import torch
-from commands import ROOT, SMALL, TRAIN, run, run_alone
+from commands import ROOT, SMALL, TRAIN, run
 
 from contactlearn import checkpoint
 from contactlearn.app import settings
@@ -17,23 +18,6 @@ from contactlearn.laws import find
 
 FAMILY = "contactlearn.effects.spin_damping.SpinDamping"
 FORMULA = ('+effect.mine.tau="-c*I*omega_post"', "+effect.mine.parameters.c=[0,1]")
-OWN = '''
-from dataclasses import dataclass
-
-from contactlearn.effects import Effect, columns, parameter
-
-
-@dataclass(frozen=True, eq=False)
-class {name}(Effect):
-    """The body leaves with less of its spin.  It is not spin_damping, if only by name."""
-
-    formula = "τ ← τ − c I ω⁺"
-    c: float = parameter("c", "–", 0.0, 1.0)
-
-    def wrench(self, state, wrench):
-        P_t, P_n, tau = wrench.unbind(-1)
-        return columns(P_t, P_n, tau - self.c * state.inertia * state.v_after(wrench)[..., 2])
-'''
 
 
 def trained(folder, *arguments, figures=False):
@@ -103,46 +87,15 @@ def test_a_line_of_mathematics_is_the_effect_that_it_spells(tmp_path):
 
 
 def test_a_class_of_ones_own(tmp_path, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(ROOT / "examples"))
-    own = "+effect.cable._target_=cable_torque.CableTorque"
-    printed = run_alone("train.py", *TRAIN, own, f"hydra.run.dir={tmp_path}")
-    results = json.loads((tmp_path / "results.json").read_text())
+    monkeypatch.syspath_prepend(ROOT / "examples")
+    printed, results = trained(tmp_path, "+effect.cable._target_=cable_torque.CableTorque")
     assert "wang_mason + cable" in results["joint"]
     assert "cable: τ ← τ − k sin θ, k = " in printed
+    assert "cable: τ ← τ − k sin θ, k = " in str(checkpoint.load(tmp_path / "model.pt")[0])
+    sys.modules.pop("cable_torque")
+    gc.collect()
     with pytest.raises(DataError, match="unknown effect 'cable_torque'"):
-        checkpoint.load(tmp_path / "model.pt")  # its class has not been imported here
-
-
-def test_an_effect_of_another_package_is_in_the_catalogue(tmp_path):
-    """Announced under the entry point."""
-    shutil.copy(ROOT / "examples" / "cable_torque.py", tmp_path)
-    about = tmp_path / "theirs-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text("[contactlearn.effects]\ncable = cable_torque:CableTorque\n")
-    here = f"import sys; sys.path.append({str(tmp_path)!r})"
-    assert "True" in run_alone(
-        "-c", f"{here}; from contactlearn.effects import catalogue; print('cable_torque' in catalogue())"
-    )
-
-
-def test_a_new_effect_of_the_package_is_one_file_and_one_yaml(tmp_path):
-    """In a copy of the package that nothing else is changed in."""
-    for part in ("contactlearn", "configs"):
-        shutil.copytree(ROOT / part, tmp_path / part)
-    shutil.copy(ROOT / "train.py", tmp_path)
-    before = {path for path in tmp_path.rglob("*") if path.is_file()}
-    (tmp_path / "contactlearn" / "effects" / "spin_loss.py").write_text(OWN.format(name="SpinLoss"))
-    (tmp_path / "configs" / "effect" / "spin_loss.yaml").write_text(
-        "spin_loss:\n  _target_: contactlearn.effects.spin_loss.SpinLoss\n"
-    )
-    folder = tmp_path / "run"
-    run_alone(str(tmp_path / "train.py"), *TRAIN, "effect=[spin_loss]", f"hydra.run.dir={folder}", cwd=tmp_path)
-    results = json.loads((folder / "results.json").read_text())
-    assert "wang_mason + spin_loss" in results["joint"]
-    changed = {path for path in tmp_path.rglob("*") if path.is_file() and "__pycache__" not in str(path)} - before
-    changed = {path for path in changed if folder not in path.parents}
-    assert {path.name for path in changed} == {"spin_loss.py", "spin_loss.yaml"}
+        checkpoint.load(tmp_path / "model.pt")  # its class is not imported any more
 
 
 FORMS = {

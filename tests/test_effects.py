@@ -35,6 +35,7 @@ class TestCatalogue(EffectContract):
         self.effect, self.law, self.shape = kind(), find(law), SHAPES.get(kind.name)
 
 
+@pytest.mark.nightly  # docs/first-effect.md inherits it, too
 def test_the_example_can_inherit_the_contract(tmp_path):
     """In a process of its own, for an effect that has been imported once is in the catalogue."""
     lines = (

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from commands import first_forms
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 MODULES = ("pages", "cable_torque", "smooth_floor")
@@ -45,7 +46,8 @@ def pages(monkeypatch):
 
 @pytest.mark.parametrize("name", SIZES)
 def test_an_example_is_a_page(name, pages, tmp_path):
-    text = pages.page(EXAMPLES / f"{name}.py", tmp_path, *SIZES[name])
+    with first_forms():
+        text = pages.page(EXAMPLES / f"{name}.py", tmp_path, *SIZES[name])
     assert re.search(SAYS[name], text), text
     figures = re.findall(r"!\[.*\]\((.*\.png)\)", text)
     assert figures

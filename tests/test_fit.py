@@ -1,12 +1,12 @@
 """Shared identification: planted parameters, brute force over the box, flat directions, and what is refused."""
 
-import itertools
 import math
 
 import numpy as np
 import pytest
 import torch
 from contacts import impulse
+from repetitions import crossed
 
 from contactlearn.data import synthetic
 from contactlearn.errors import DataError, UnknownNameError
@@ -44,8 +44,7 @@ def orders(n: int, size: int, repetitions: int, seed: int) -> list[torch.Tensor]
 # --- Planted parameters -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("mu", "eps"), [(0.12, 0.55), (0.03, 0.9), (0.2, 0.1)])
-@pytest.mark.parametrize(("law", "variant"), DISTINCT)
+@pytest.mark.parametrize(("law", "variant", "mu", "eps"), crossed(DISTINCT, [(0.12, 0.55), (0.03, 0.9), (0.2, 0.1)]))
 def test_noiseless_drops_give_back_their_parameters(law, variant, mu, eps):
     drops = synthetic.load(100, law, mu, eps, velocity_noise=0, spin_noise=0, variant=variant)
     fit = identify(find(law, variant), drops, sizes=(60,), repetitions=3)
@@ -103,14 +102,7 @@ def drops_of(source: str, law: str, variant: str, request):
 SLOW = ("mirtich", "fazeli2017")  # Newton's iterations
 
 
-def laws_and_sources():
-    """Every law on every kind of drops; of the slow one all but the published are nightly."""
-    for case, source in itertools.product(DISTINCT, ("published", "synthetic", "x mirrored")):
-        marks = [pytest.mark.nightly] if case.values == SLOW and source != "published" else []
-        yield pytest.param(*case.values, source, id=f"{case.id}-{source}", marks=marks)
-
-
-@pytest.mark.parametrize(("law", "variant", "source"), list(laws_and_sources()))
+@pytest.mark.parametrize(("law", "variant", "source"), crossed(DISTINCT, ["published", "synthetic", "x mirrored"]))
 def test_no_grid_beats_the_cost(law, variant, source, request):
     drops = drops_of(source, law, variant, request)
     slow = (law, variant) == SLOW
@@ -126,8 +118,7 @@ def test_no_grid_beats_the_cost(law, variant, source, request):
     assert (fit.cost <= grid * (1 + MISSED) + 1e-6).all()
 
 
-@pytest.mark.parametrize("source", ["published", "x mirrored"])
-@pytest.mark.parametrize("law", sorted(DIFFER))
+@pytest.mark.parametrize(("law", "source"), crossed(sorted(DIFFER), ["published", "x mirrored"]))
 def test_no_grid_beats_the_papers_convention(law, source, request):
     """Eq. (3.1) with the unweighted least-squares impulse and the authors' variants, as for its Table 1."""
     drops = drops_of(source, law, "fazeli2017", request)

@@ -3,6 +3,7 @@
 import pytest
 import torch
 from contacts import impulse, random_bodies
+from repetitions import crossed
 
 from contactlearn import mechanics
 from contactlearn.data import synthetic
@@ -28,6 +29,7 @@ DISTINCT = [
 # Where these stick, the impulse does not depend on μ and the cone |P_t| ≤ μ P_n is all that μ must satisfy.
 NEWTON = [("whittaker", "textbook"), ("whittaker", "fazeli2017"), ("anitescu_potra_newton", "textbook")]
 VISCOUS = ("mirtich", "fazeli2017")  # Newton's iterations: thirty times as slow, and no sticking
+SOURCES = ["published", "x mirrored", "synthetic"]
 SLIDES = [case for case in DISTINCT if case.values != VISCOUS]
 
 
@@ -85,8 +87,7 @@ def best_in_eps(law: str, variant: str, impacts: Impacts, mu: torch.Tensor) -> t
 # --- The global minimum -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("source", ["published", "x mirrored", "synthetic"])
-@pytest.mark.parametrize(("law", "variant"), DISTINCT)
+@pytest.mark.parametrize(("law", "variant", "source"), crossed(DISTINCT, SOURCES))
 def test_no_grid_beats_any_trial(law, variant, source, request):
     slow = (law, variant) == VISCOUS
     drops = drops_of(source, 60 if slow else 300, law, variant, request)
@@ -177,8 +178,7 @@ def test_a_sliding_trial_determines_mu(law, variant):
     torch.testing.assert_close(fit.eps[slides], torch.full_like(fit.eps[slides], 0.55), rtol=0, atol=INTERVAL)
 
 
-@pytest.mark.parametrize("source", ["published", "x mirrored", "synthetic"])
-@pytest.mark.parametrize(("law", "variant"), SLIDES)
+@pytest.mark.parametrize(("law", "variant", "source"), crossed(SLIDES, SOURCES))
 def test_the_error_is_level_on_the_interval_and_rises_beyond_it(law, variant, source, request):
     drops = drops_of(source, 300, law, variant, request)
     fit = identify_trials(find(law, variant), drops)
@@ -200,8 +200,7 @@ def test_the_error_is_level_on_the_interval_and_rises_beyond_it(law, variant, so
             assert (beyond > error[rows] + ALLOWED * scale[rows]).all()
 
 
-@pytest.mark.parametrize("source", ["published", "x mirrored", "synthetic"])
-@pytest.mark.parametrize(("law", "variant"), SLIDES)
+@pytest.mark.parametrize(("law", "variant", "source"), crossed(SLIDES, SOURCES))
 def test_a_smooth_minimum_is_no_interval(law, variant, source, request):
     """Where the error is not 0 it is level to second order; only plateaus count, and these are wide."""
     drops = drops_of(source, 300, law, variant, request)

@@ -4,11 +4,11 @@ import gc
 import json
 import os
 import re
-import shutil
 import sys
 
 import pytest
-from commands import ROOT, SMALL, TRAIN, run, run_alone
+from commands import ROOT, SMALL, TRAIN, run
+from test_new_parts import LAW
 
 from contactlearn import checkpoint, laws
 from contactlearn.app.laws import chosen_law, compared_laws
@@ -16,23 +16,6 @@ from contactlearn.app.settings import check
 from contactlearn.cli import compose
 from contactlearn.errors import ContactLearnError
 
-OWN = '''
-from dataclasses import dataclass
-
-from contactlearn.laws import Law
-
-
-@dataclass(frozen=True)
-class BumpyFloor(Law):
-    """Newton restitution, and a tangential impulse that is a share of sticking's.  It is not Coulomb friction."""
-
-    leaves_cone = True
-    share: float = 1.0
-
-    def solve(self, contact, mu, eps):
-        P_n = -(1 + eps) * contact.v_n / contact.w_nn
-        return -self.share * mu * (contact.v_t + contact.w_tn * P_n) / contact.w_tt, P_n
-'''
 CHOSEN = ("law._target_=bumpy.BumpyFloor", "+law.share=0.5")
 
 
@@ -41,7 +24,7 @@ def package(tmp_path, monkeypatch):
     """A folder with a law on the path of the commands, which is forgotten afterwards."""
     folder = tmp_path / "package"
     folder.mkdir()
-    (folder / "bumpy.py").write_text(OWN)
+    (folder / "bumpy.py").write_text(LAW)
     monkeypatch.syspath_prepend(folder)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(folder), str(ROOT))))
     yield folder
@@ -81,28 +64,6 @@ def test_a_trained_law_of_ones_own_comes_back(package, tmp_path):
     assert "bumpy_floor" in printed
     model, _ = checkpoint.load(tmp_path / "run" / "model.pt")
     assert model.base.share == 0.5
-
-
-def test_a_package_announces_its_laws(package, tmp_path):
-    about = package / "bumpy-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: bumpy\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text("[contactlearn.laws]\nbumpy = bumpy\n")
-    compared = "from contactlearn.app.laws import *; from contactlearn.cli import *; print(*compared_laws(compose({})))"
-    words = "'evaluate', ['laws=[bumpy_floor,mirtich]']"
-    assert run_alone("-c", compared.format(words)).startswith("bumpy_floor mirtich")
-
-
-def test_a_new_law_in_the_package_is_one_file_and_one_configuration(tmp_path):
-    for part in ("contactlearn", "configs"):
-        shutil.copytree(ROOT / part, tmp_path / part)
-    shutil.copy(ROOT / "train.py", tmp_path)
-    (tmp_path / "contactlearn" / "laws" / "bumpy_floor.py").write_text(OWN)
-    (tmp_path / "configs" / "law" / "bumpy_floor.yaml").write_text(
-        "_target_: contactlearn.laws.bumpy_floor.BumpyFloor\nshare: 0.5\n"
-    )
-    words = (*TRAIN, "law=bumpy_floor", f"hydra.run.dir={tmp_path / 'run'}")
-    assert "bumpy_floor" in run_alone(str(tmp_path / "train.py"), *words, cwd=tmp_path)
 
 
 ERRORS = {

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import pytest
 import torch
+from repetitions import crossed
 from scipy.stats import chi2
 from torch import Tensor
 
@@ -185,8 +186,9 @@ PLANTED = {
 STICKING = 0.5  # of μ: hardly a drop slides to the end
 
 
-@pytest.mark.parametrize(("space", "eps"), PLANTED.values(), ids=PLANTED)
-@pytest.mark.parametrize("name", ["wang_mason", "anitescu_potra_newton", "drumwright_shell"])
+@pytest.mark.parametrize(
+    ("name", "space", "eps"), crossed(["wang_mason", "anitescu_potra_newton", "drumwright_shell"], PLANTED)
+)
 def test_planted_restitution_is_found_where_trials_stick(name, space, eps):
     """And friction, which no trial shows, stays where it is shared; a fit of single trials makes it up."""
     (train, _), (test, truth) = (planted(300, name, STICKING, eps, seed) for seed in (1, 2))
@@ -212,8 +214,9 @@ def test_planted_restitution_is_found_where_trials_stick(name, space, eps):
     assert found["parameters_likelihood"] < found["parameters_identified"]
 
 
-@pytest.mark.parametrize(("space", "eps"), PLANTED.values(), ids=PLANTED)
-@pytest.mark.parametrize("name", ["wang_mason", "mirtich", "anitescu_potra_newton", "drumwright_shell"])
+@pytest.mark.parametrize(
+    ("name", "space", "eps"), crossed(["wang_mason", "mirtich", "anitescu_potra_newton", "drumwright_shell"], PLANTED)
+)
 def test_planted_restitution_is_found_where_some_slide(name, space, eps):
     """Those that slide tell μ, those that stick do not unteach it."""
     (train, _), (test, truth) = (planted(300, name, MU, eps, seed) for seed in (1, 2))
@@ -278,8 +281,10 @@ def test_the_95_percent_ellipsoid_holds_95_percent(recipe, pool, test):
     assert 0.90 <= inside.double().mean() <= 0.98
 
 
-@pytest.mark.parametrize("n", [10, 100])
-@pytest.mark.parametrize("name", ["velocity", "wrench", "residual velocity", "residual impulse", "residual wrench"])
+@pytest.mark.parametrize(
+    ("name", "n"),
+    crossed(["velocity", "wrench", "residual velocity", "residual impulse", "residual wrench"], [10, 100]),
+)
 def test_noise_holds_95_percent_of_the_trials_left_out(name, n, pool):
     """The trial of rank ⌈0.95 (n + 1)⌉ is just inside, or inside anyway where the processes know little."""
     recipe, rows = RECIPES[name], subsets(900, n)
@@ -309,8 +314,7 @@ def test_noise_of_the_true_law_is_that_of_the_measurement():
     torch.testing.assert_close(relative, torch.eye(3).double(), rtol=0, atol=0.3)
 
 
-@RECIPE
-@pytest.mark.parametrize("n", [2, 3, 5])
+@pytest.mark.parametrize(("recipe", "n"), crossed(RECIPES, [2, 3, 5]))
 def test_few_trials_are_enough_to_begin(recipe, n, pool, test):
     prediction = trained(recipe, pool, subsets(900, n)).predict(test)
     assert prediction.v_post.isfinite().all()
@@ -329,8 +333,7 @@ def test_drops_without_noise_have_a_density(recipe, exact):
 # --- Subsets, symmetries and who may see what -----------------------------------------------------
 
 
-@RECIPE
-@pytest.mark.parametrize("n", [2, 10, 40])
+@pytest.mark.parametrize(("recipe", "n"), crossed(RECIPES, [2, 10, 40]))
 def test_a_batch_of_subsets_is_a_loop(recipe, n, pool, test):
     rows = subsets(900, n)
     mu, eps = torch.tensor([[0.1], [0.12], [0.15]]).double(), torch.tensor([[0.5], [0.55], [0.6]]).double()

@@ -144,20 +144,41 @@ def test_figures_are_written_as_vectors(name, tmp_path):
         assert forbidden not in pdf.read_bytes()
 
 
-@pytest.mark.parametrize("name", HOSTILE)
-def test_names_are_shown_as_they_are(name):
-    for figure in (
-        curve((name, "x1_wrench")),
-        densities(("irb", name)),
-        covered((name,)),
-        transferred((name,), (name,)),
-    ):
-        assert_readable(figure)
-        legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
-        shown = [text.get_text() for legend in legends for text in legend.get_texts()]
-        assert plain(name, 30) in shown
-    assert_readable(curve(("x1_wrench", "mine"), (name, f"{name} again", "irb")))
-    assert_readable(trained(1, (name,), (name,)))
+NAMED = {
+    "curve": lambda name: curve((name, "x1_wrench")),
+    "densities": lambda name: densities(("irb", name)),
+    "calibration": lambda name: covered((name,)),
+    "transfer": lambda name: transferred((name,), (name,)),
+}
+
+
+def names_in(builders):
+    """Each name in the first of the figures and two that break most in each; the others are nightly."""
+    telling, first = ("two\nlines\t字", "$x$ & $y"), next(iter(builders))
+    assert set(telling) < set(HOSTILE)
+    for name, kind in itertools.product(HOSTILE, builders):
+        marks = () if name in telling or kind == first else pytest.mark.nightly
+        yield pytest.param(name, builders[kind], id=f"{name}-{kind}", marks=marks)
+
+
+@pytest.mark.parametrize(("name", "build"), list(names_in(NAMED)))
+def test_names_are_shown_as_they_are(name, build):
+    figure = build(name)
+    assert_readable(figure)
+    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
+    shown = [text.get_text() for legend in legends for text in legend.get_texts()]
+    assert plain(name, 30) in shown
+
+
+NAMED_BESIDES = {
+    "bounds": lambda name: curve(("x1_wrench", "mine"), (name, f"{name} again", "irb")),
+    "inputs and outputs": lambda name: trained(1, (name,), (name,)),
+}
+
+
+@pytest.mark.parametrize(("name", "build"), list(names_in(NAMED_BESIDES)))
+def test_figures_with_such_names_are_readable(name, build):
+    assert_readable(build(name))
 
 
 # --- Styles -------------------------------------------------------------------------------------

@@ -2,12 +2,14 @@
 
 import inspect
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
 import torch
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
+from repetitions import crossed
 
 from contactlearn.data import mujoco
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
@@ -25,7 +27,9 @@ BALANCE = 0.008  # moment over ρ P_n: the contact point moves while the body tu
 ROUNDING = 1e-9  # relative; a few hundred steps of float64
 
 
+@cache
 def load(**settings) -> Impacts:
+    """Drops without noise; those that several tests look at are simulated once."""
     return mujoco.load(**{"size": 300, **QUIET, **settings})
 
 
@@ -187,17 +191,15 @@ def test_same_seed_same_bits():
     assert first.source == "MuJoCo drops (seed 3)"
 
 
-@pytest.mark.parametrize("kind", mujoco.KINDS)
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"semi_axes": (10, 0.001), "mass": 1e-6, "inertia_error": -1.0},
-        {"semi_axes": (0.001, 0.001), "mass": 1e-6, "mu": 100, "contact_time": 1e-5, "inertia_error": -1.0},
-        {"semi_axes": (10, 10), "mass": 1e3, "mu": 100, "inertia_error": 1.0, "tilt": -0.5},
-        {"com_offset": (-0.035, 0.025), "contact_time": 1e-3, "tilt": 0.5, "eps": 1},
-    ],
-    ids=["thin", "small", "large", "lopsided"],
-)
+ENDS = {
+    "thin": {"semi_axes": (10, 0.001), "mass": 1e-6, "inertia_error": -1.0},
+    "small": {"semi_axes": (0.001, 0.001), "mass": 1e-6, "mu": 100, "contact_time": 1e-5, "inertia_error": -1.0},
+    "large": {"semi_axes": (10, 10), "mass": 1e3, "mu": 100, "inertia_error": 1.0, "tilt": -0.5},
+    "lopsided": {"com_offset": (-0.035, 0.025), "contact_time": 1e-3, "tilt": 0.5, "eps": 1},
+}
+
+
+@pytest.mark.parametrize(("settings", "kind"), crossed(ENDS, mujoco.KINDS))
 def test_the_ends_of_the_ranges_are_simulated(kind, settings, capfd, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)  # where the engine would write its log
     assert len(load(size=20, kind=kind, **settings)) == 20

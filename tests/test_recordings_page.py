@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from commands import run
 from evaluations import provenance
-from test_report_page import HOSTILE, browser, data_of, draw_everything, into_view, opened, silent, until  # noqa: F401
+from test_report_page import HOSTILE, data_of, draw_everything, into_view, opened, silent, until
 
 from contactlearn.app.loading import load_data
 from contactlearn.cli import compose
@@ -187,15 +187,16 @@ def test_the_report_links_to_the_page(source):
 
 
 @pytest.fixture
-def shown(browser, page):  # noqa: F811
+def shown(browser, page):
     return opened(browser, page)
 
 
-def said(browser):  # noqa: F811
+def said(browser):
     return browser.execute_script("return document.getElementById('said').textContent")
 
 
-def test_everything_is_drawn_in_silence(shown):
+def test_everything_is_drawn_in_silence(browser_of_each_width, page):
+    shown = opened(browser_of_each_width, page)
     draw_everything(shown)
     width = shown.execute_script("return [document.documentElement.scrollWidth, document.documentElement.clientWidth]")
     assert width[0] <= width[1]

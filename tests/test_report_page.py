@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 import torch
-from browser import chromium
 from diagnoses import SIX, made_up, provenance_of
 from evaluations import evaluation_of, learning_curve
 
@@ -235,13 +234,6 @@ def test_models_that_cannot_be_told_apart(found):
 # In a browser.
 
 
-@pytest.fixture(scope="module", params=[1280, 360], ids=lambda width: f"{width}px")
-def browser(request):
-    """Headless Chromium of a width, with its console and its network logged."""
-    with chromium(request.param) as opened:
-        yield opened
-
-
 @pytest.fixture
 def shown(browser, page):
     return opened(browser, page)
@@ -284,7 +276,8 @@ def draw_everything(browser):
         into_view(browser, figure)
 
 
-def test_everything_is_drawn_in_silence(shown):
+def test_everything_is_drawn_in_silence(browser_of_each_width, page):
+    shown = opened(browser_of_each_width, page)
     draw_everything(shown)
     width = shown.execute_script("return [document.documentElement.scrollWidth, document.documentElement.clientWidth]")
     assert width[0] <= width[1]

@@ -9,7 +9,7 @@ from urllib.parse import unquote
 import pytest
 from commands import run
 from evaluations import evaluation, learning_curve, provenance, training
-from test_report_page import HOSTILE, browser, data_of, draw_everything, into_view, opened, silent, until  # noqa: F401
+from test_report_page import HOSTILE, data_of, draw_everything, into_view, opened, silent, until
 
 from contactlearn.__main__ import main
 from contactlearn.diagnosis.result import (
@@ -335,18 +335,27 @@ DAMAGED = {
 }
 
 
-@pytest.mark.parametrize(("content", "reason"), DAMAGED.values(), ids=DAMAGED)
-def test_damaged_files_are_left_out(content, reason, tmp_path, capsys):
-    leave(tmp_path / "damaged", content)
-    assert main(["report", str(tmp_path)]) == 2
+@pytest.fixture(scope="module")
+def damaged(tmp_path_factory):
+    """A folder with each of the damaged files beside a good one, the runs of its page, and why others are left out."""
+    folder = tmp_path_factory.mktemp("damaged")
+    for name, (content, _) in DAMAGED.items():
+        leave(folder / name / "run", content)
+    leave(folder / "good", trained())
+    _, runs, skipped = write_runs([folder])
+    return folder, runs, {name.partition("/")[0]: reason for name, reason in skipped}
+
+
+@pytest.mark.parametrize(("name", "reason"), [(name, reason) for name, (_, reason) in DAMAGED.items()], ids=DAMAGED)
+def test_damaged_files_are_left_out(name, reason, damaged, capsys):
+    folder, runs, left_out = damaged
+    assert main(["report", str(folder / name)]) == 2
     printed = capsys.readouterr()
     assert printed.err.startswith("error: no run can be read in")
     assert reason in printed.err
-    assert not list(tmp_path.glob("*.html"))
-    leave(tmp_path / "good", trained())
-    _, runs, skipped = write_runs([tmp_path])
+    assert not list((folder / name).rglob("*.html"))
     assert [one.name for one in runs] == ["good"]
-    assert reason in skipped[0][1]
+    assert reason in left_out[name]
 
 
 def test_not_utf8(tmp_path):
@@ -410,13 +419,13 @@ def test_help(capsys):
 # In a browser.
 
 
-def order(browser):  # noqa: F811
+def order(browser):
     return browser.execute_script(
         "return [...document.querySelectorAll('#runs tbody tr:not([hidden])')].map(one => one.cells[0].textContent)"
     )
 
 
-def press(browser, column):  # noqa: F811
+def press(browser, column):
     """A click on the button of a column; how it is sorted then."""
     return browser.execute_script(
         "const head = [...document.querySelectorAll('#runs thead th')].find(one => one.textContent === arguments[0]);"
@@ -425,8 +434,8 @@ def press(browser, column):  # noqa: F811
     )
 
 
-def test_runs_are_drawn_in_silence(browser, mixed):  # noqa: F811
-    shown = opened(browser, mixed[0])
+def test_runs_are_drawn_in_silence(browser_of_each_width, mixed):
+    shown = opened(browser_of_each_width, mixed[0])
     draw_everything(shown)
     width = shown.execute_script("return [document.documentElement.scrollWidth, document.documentElement.clientWidth]")
     assert width[0] <= width[1]
@@ -436,21 +445,21 @@ def test_runs_are_drawn_in_silence(browser, mixed):  # noqa: F811
     assert silent(shown)
 
 
-def test_a_sweep_is_drawn_in_silence(browser, sweep):  # noqa: F811
+def test_a_sweep_is_drawn_in_silence(browser, sweep):
     shown = opened(browser, sweep[1] / "report.html")
     draw_everything(shown)
     assert shown.execute_script("return document.getElementById('curve').data.length") == 4  # two lines, two bands
     assert silent(shown)
 
 
-def test_runs_are_called_by_what_tells_them_apart(browser, tmp_path):  # noqa: F811
+def test_runs_are_called_by_what_tells_them_apart(browser_of_each_width, tmp_path):
     content = trained()
     for size in (20, 40):
         for law in ("wang_mason", "mirtich"):
             one = changed(content, "provenance", "config", "train", to={"size": size})
             leave(tmp_path / f"train.size={size},law={law}-90086986c6fb", changed(one, "law", to=law))
     page, _, _ = write_runs([tmp_path])
-    shown = opened(browser, page)
+    shown = opened(browser_of_each_width, page)
     draw_everything(shown)
     assert until(shown, "document.querySelectorAll('#by-run .ytick title').length === 4")
     names = shown.execute_script("return document.querySelector('#by-run').layout.yaxis.ticktext")
@@ -464,7 +473,7 @@ def test_runs_are_called_by_what_tells_them_apart(browser, tmp_path):  # noqa: F
     assert silent(shown)
 
 
-def test_sorting(browser, mixed):  # noqa: F811
+def test_sorting(browser, mixed):
     shown, names = opened(browser, mixed[0]), [one.name for one in mixed[1]]
     error = {one.name: one.error.mean for one in mixed[1]}
     assert order(shown) == names
@@ -484,7 +493,7 @@ def test_sorting(browser, mixed):  # noqa: F811
     assert silent(shown)
 
 
-def test_lines_follow_the_table(browser, tmp_path):  # noqa: F811
+def test_lines_follow_the_table(browser, tmp_path):
     """Of 40 lines 30 are drawn, those of the runs that come first; without intervals, or nothing could be seen."""
     for seed in range(40):
         for size in (20, 50):
@@ -508,7 +517,7 @@ def test_lines_follow_the_table(browser, tmp_path):  # noqa: F811
     assert silent(shown)
 
 
-def test_sorting_by_keyboard(browser, mixed):  # noqa: F811
+def test_sorting_by_keyboard(browser, mixed):
     from selenium.webdriver.common.by import By
     from selenium.webdriver.common.keys import Keys
 
@@ -517,7 +526,7 @@ def test_sorting_by_keyboard(browser, mixed):  # noqa: F811
     assert order(shown)[0] == "b10"
 
 
-def test_filtering_by_effect(browser, mixed):  # noqa: F811
+def test_filtering_by_effect(browser, mixed):
     shown = opened(browser, mixed[0])
     has = {one.name: {effect.name for effect in (*one.given, *one.found)} for one in mixed[1]}
     effects = shown.execute_script("return page.effects.map(one => one.name)")

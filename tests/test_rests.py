@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from repetitions import crossed
 
 from contactlearn.apparatus import Measured
 from contactlearn.data import tracks
@@ -185,8 +186,7 @@ def test_a_body_is_still_from_when_on_it_no_longer_rocks():
     assert find_rests(track, [(0.0, 0.05)], sigma, RestThresholds()) == ()
 
 
-@pytest.mark.parametrize("zero", [0.0, 2.5])
-@pytest.mark.parametrize("rolled", [0.0, 0.01], ids=["upright", "rolled"])
+@pytest.mark.parametrize(("rolled", "zero"), crossed({"upright": 0.0, "rolled": 0.01}, [0.0, 2.5]))
 def test_recordings_tell_their_zero_by_bodies_at_rest(tmp_path, zero, rolled):
     """Ellipses that rock to rest; a camera that is rolled sees a floor, a gravity and bodies that lean alike."""
     write_recordings(simulate(10, Camera(), seed=4)[0], tmp_path)

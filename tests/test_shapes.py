@@ -30,7 +30,7 @@ COMMANDS = {
         *("evaluate.py", *SMALL[:5], "laws=[wang_mason,drumwright_shell]", "effect=[side_drag]", "tables=csv"),
         *("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10]", "curves.seeds=2", "workers=1"),
     ),
-    "diagnose": ("diagnose.py", "data.size=40", "law=wang_mason"),
+    "diagnose": ("diagnose.py", "data.size=40", "law=wang_mason", "seconds=1"),
 }
 
 

@@ -10,7 +10,6 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from browser import chromium
 
 import contactlearn
 from contactlearn import effects, laws, testing
@@ -92,18 +91,18 @@ def test_every_public_name_is_in_the_reference(site):
                 assert f"{value.__module__}.{value.__qualname__}" in listed, name
 
 
-@pytest.mark.parametrize("width", [360, 1280])
-def test_the_search_works_from_a_disk(site, width):
-    with chromium(width) as browser:
-        from selenium.webdriver.support.ui import WebDriverWait
+def test_the_search_works_from_a_disk(site, browser_of_each_width):
+    from selenium.webdriver.support.ui import WebDriverWait
 
-        browser.get(f"{(site / 'search.html').as_uri()}?q=tangential+restitution")
-        links = "return [...document.querySelectorAll('ul.search li a')].map(link => link.href)"
-        WebDriverWait(browser, 60).until(lambda b: len(b.execute_script(links)) > 3)
-        assert any("case-study-bounces" in link for link in browser.execute_script(links))
-        assert browser.execute_script("return document.documentElement.scrollWidth") <= width
-        sent = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-        urls = [event["params"]["request"]["url"] for event in sent if event["method"] == "Network.requestWillBeSent"]
-        assert urls
-        assert all(url.startswith(("file:", "data:")) for url in urls)
-        assert not browser.get_log("browser")
+    browser = browser_of_each_width
+    browser.get_log("browser"), browser.get_log("performance")
+    browser.get(f"{(site / 'search.html').as_uri()}?q=tangential+restitution")
+    links = "return [...document.querySelectorAll('ul.search li a')].map(link => link.href)"
+    WebDriverWait(browser, 60).until(lambda b: len(b.execute_script(links)) > 3)
+    assert any("case-study-bounces" in link for link in browser.execute_script(links))
+    assert browser.execute_script("return document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+    sent = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    urls = [event["params"]["request"]["url"] for event in sent if event["method"] == "Network.requestWillBeSent"]
+    assert urls
+    assert all(url.startswith(("file:", "data:")) for url in urls)
+    assert not browser.get_log("browser")

@@ -418,8 +418,8 @@ def test_the_shell_gives_the_same_error(way, session, models, tmp_path):
         (tmp_path / "experiment").mkdir()
         (tmp_path / "experiment" / "session.yaml").write_text(commands.experiment(session))
         words = ["--config-dir", str(tmp_path), "experiment=session"]
-    small = ("train.size=20", "train.repetitions=2", "figures.repetitions=2", "bootstrap=50", "hydra.run.dir=run")
-    run("evaluate.py", *words, *small, cwd=tmp_path)
+    small = ("train.size=20", "train.repetitions=2", "figures.repetitions=2", "bootstrap=50", "laws=[mirtich]")
+    run("evaluate.py", *words, *small, "hydra.run.dir=run", cwd=tmp_path)
     result = read_result(tmp_path / "run" / "results.json")
     assert result.errors[result.model].mass_error.mean == pytest.approx(models.fitted(session).error.mean, rel=1e-9)
 
@@ -433,7 +433,9 @@ def test_the_experiment_file_says_what_it_leaves_out(session):
 # Jobs and saved runs
 
 
-def test_a_diagnosis_runs_beside_the_page_and_is_taken_over(session, models, tmp_path):
+def test_a_diagnosis_runs_beside_the_page_and_is_taken_over(drops, models, tmp_path):
+    (tmp_path / "few.csv").write_text("\n".join(drops.read_text().splitlines()[:101]))
+    session = Session(data=("data=table", f"data.path={tmp_path / 'few.csv'}"))
     jobs, saved = Jobs(tmp_path / "outputs"), Saved(tmp_path / "outputs")
     speed = EffectId("velocity_dependent_restitution", "linear")  # it takes a constant from the data
     words = [*commands.words_of(session.ticked(DRAG).ticked(speed)), "seconds=1"]

@@ -1,11 +1,13 @@
 """The workbench in a browser: the whole loop on hidden physics, two tabs, links, hints, random clicks."""
 
 import json
+import sys
 import threading
 from urllib.parse import urlsplit
 
 import pytest
-from browser import chromium
+import undrawn
+from browser import of_width
 from repetitions import repeated
 
 pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'contactlearn[workbench]'")
@@ -38,9 +40,10 @@ const one = list => list[(random = random * 48271 % 2147483647) % list.length];
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
-    """The address of a workbench that runs in a folder of its own."""
+    """The address of a workbench that runs in a folder of its own, and whose diagnoses search and draw little."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("workbench"))
+        patch.setattr("contactlearn.workbench.jobs._COMMAND", (sys.executable, undrawn.__file__, "diagnose"))
         server, door = listen("127.0.0.1", 0, Models())
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
@@ -50,20 +53,6 @@ def served(tmp_path_factory):
         server.server_close()
 
 
-@pytest.fixture(scope="module", params=[1280, 360], ids=lambda width: f"{width}px")
-def browser(request):
-    with chromium(request.param) as opened:
-        opened.set_script_timeout(280)
-        yield opened
-
-
-@pytest.fixture(scope="module")
-def wide():
-    with chromium(1280) as opened:
-        opened.set_script_timeout(280)
-        yield opened
-
-
 def until(browser, condition, seconds=60):
     from selenium.webdriver.support.ui import WebDriverWait
 
@@ -71,10 +60,14 @@ def until(browser, condition, seconds=60):
 
 
 def opened(browser, address):
-    """The browser with a workbench that is drawn."""
-    browser.get("about:blank")
+    """The browser with a workbench that is drawn; one that a test has left at the address stays."""
+    before, _, session = address.partition("token=")
+    left = browser.current_url == before + session.partition("&")[2]  # the token is no part of it any more
+    if not left:
+        browser.get("about:blank")
     browser.get_log("browser"), browser.get_log("performance")
-    browser.get(address)
+    if not left:
+        browser.get(address)
     until(browser, "document.documentElement.dataset.shown")
     until(browser, "document.querySelectorAll('#ladder tr').length > 1")
     return browser
@@ -110,16 +103,7 @@ def in_width(browser):
     return browser.execute_script("return document.documentElement.scrollWidth <= document.documentElement.clientWidth")
 
 
-@pytest.mark.nightly
-def test_the_whole_loop_at_each_width(browser, served, tmp_path):
-    the_whole_loop(browser, served, tmp_path)
-
-
-def test_the_whole_loop_on_hidden_physics(wide, served, tmp_path):
-    the_whole_loop(wide, served, tmp_path)
-
-
-def the_whole_loop(browser, served, tmp_path):
+def test_the_whole_loop_on_hidden_physics(browser, served, tmp_path):
     """Upload, compare, see where it fails, add what is missing, undo, redo, save."""
     mystery.load(7, size=SIZE, folder=str(tmp_path))
     opened(browser, served)
@@ -165,6 +149,7 @@ def test_a_link_shows_the_same_and_a_wrong_one_says_why(browser, served):
     link = f"{served}{MYSTERY}&law=mirtich&effect=sampling_delay&hand.mu=0.3&trial=4"
     said = text(opened(browser, link), "said")
     assert "moved by hand" in said
+    browser.get("about:blank")
     assert text(opened(browser, link), "said") == said
     assert browser.execute_script("return state.trial") == 4
     browser.get(f"{served}{MYSTERY}&law=mirtisch")
@@ -197,6 +182,15 @@ def test_a_slider_moves_the_curves_and_the_fitted_value_is_a_click_away(browser,
     until(browser, "!location.search.includes('hand.mu')")
     until(browser, f"document.getElementById('said').textContent === {json.dumps(fitted)}")
     assert not heard(browser)
+
+
+def test_nothing_is_wider_than_a_narrow_window(chrome, served):
+    shown = opened(of_width(chrome, 360), f"{served}{MYSTERY}&effect=sampling_delay&hand.mu=0.5")
+    for figure in ("map", "curve-0"):
+        shown.execute_script(f"document.getElementById('{figure}').scrollIntoView()")
+        until(shown, f"document.querySelector('#{figure} .main-svg') !== null")
+    assert in_width(shown)
+    assert not heard(shown)
 
 
 def test_a_box_on_the_map_selects_trials(browser, served):
@@ -236,48 +230,6 @@ def _event(box):
     return {"range": {"x": across, "y": up}}
 
 
-def test_a_line_of_mathematics_is_completed_checked_and_added(browser, served):
-    from selenium.webdriver.common.keys import Keys
-
-    opened(browser, served + MYSTERY)
-    line = browser.find_element("id", "line")
-    line.send_keys("tau = -c*rx*P")
-    until(browser, "document.querySelectorAll('#completions option').length === 2")
-    line.send_keys("m; c = [-1, 1]")
-    until(browser, "document.getElementById('line-said').textContent.includes(\"unknown symbol or parameter 'Pm'\")")
-    line.send_keys(Keys.BACKSPACE * 14 + "n; c = [-1, 1]" + Keys.ENTER)
-    until(browser, "document.querySelectorAll('#ladder tr').length === 3")
-    assert "τ ← τ" in text(browser, "line-said")
-    assert not heard(browser)
-
-
-@pytest.mark.nightly
-def test_studies_come_beside_the_laws_or_are_cancelled_at_each_width(browser, served):
-    studies_come_and_are_cancelled(browser, served)
-
-
-def test_learned_models_and_learning_curve_come_beside_the_laws_or_are_cancelled(wide, served):
-    studies_come_and_are_cancelled(wide, served)
-
-
-def studies_come_and_are_cancelled(browser, served):
-    seed = browser.execute_script("return innerWidth")  # what was computed before is shown at once
-    opened(browser, f"{served}&data=synthetic&data.size=60&data.seed={seed}")
-    click(browser, "compare", "Learning curve")
-    until(browser, "!document.getElementById('curve-bar').hidden")
-    click(browser, "compare", "Learned models")
-    until(
-        browser, "document.querySelector('#learned-found tr') !== null", 120
-    )  # the first of them, while others follow
-    browser.execute_script("document.getElementById('learned-cancel').click()")
-    until(browser, "document.getElementById('learned-said').textContent.endsWith('cancelled')")
-    assert browser.execute_script("return document.getElementById('learned-bar').hidden")
-    until(browser, "document.getElementById('curve-bar').hidden", 120)
-    browser.execute_script("document.getElementById('curve').scrollIntoView()")
-    until(browser, "document.querySelector('#curve .main-svg') !== null")
-    assert not heard(browser)
-
-
 def test_two_tabs_do_not_disturb_each_other(browser, served):
     opened(browser, served + MYSTERY)
     first = browser.current_window_handle
@@ -305,10 +257,43 @@ def test_the_hints_lead_to_the_truth(browser, served):
     until(browser, "document.getElementById('hints').hidden")
 
 
-@pytest.mark.parametrize("count", repeated(50, 1000))
-def test_random_clicks_do_no_harm(count, wide, served):
-    opened(wide, served + MYSTERY)
-    assert wide.execute_async_script(_CLICKS, count) == count
-    click(wide, "fails", "Worst")
-    until(wide, "document.getElementById('said').textContent.startsWith('Held-out error')")
-    assert not heard(wide)
+def test_a_line_of_mathematics_is_completed_checked_and_added(browser, served):
+    from selenium.webdriver.common.keys import Keys
+
+    opened(browser, served + MYSTERY)
+    line = browser.find_element("id", "line")
+    line.send_keys("tau = -c*rx*P")
+    until(browser, "document.querySelectorAll('#completions option').length === 2")
+    line.send_keys("m; c = [-1, 1]")
+    until(browser, "document.getElementById('line-said').textContent.includes(\"unknown symbol or parameter 'Pm'\")")
+    line.send_keys(Keys.BACKSPACE * 14 + "n; c = [-1, 1]" + Keys.ENTER)
+    until(browser, "document.querySelectorAll('#ladder tr').length === 3")
+    assert "τ ← τ" in text(browser, "line-said")
+    assert not heard(browser)
+
+
+def test_learned_models_and_learning_curve_come_beside_the_laws_or_are_cancelled(browser, served):
+    seed = browser.execute_script("return innerWidth")  # what was computed before is shown at once
+    opened(browser, f"{served}&data=synthetic&data.size=60&data.seed={seed}")
+    click(browser, "compare", "Learning curve")
+    until(browser, "!document.getElementById('curve-bar').hidden")
+    click(browser, "compare", "Learned models")
+    until(
+        browser, "document.querySelector('#learned-found tr') !== null", 120
+    )  # the first of them, while others follow
+    browser.execute_script("document.getElementById('learned-cancel').click()")
+    until(browser, "document.getElementById('learned-said').textContent.endsWith('cancelled')")
+    assert browser.execute_script("return document.getElementById('learned-bar').hidden")
+    until(browser, "document.getElementById('curve-bar').hidden", 120)
+    browser.execute_script("document.getElementById('curve').scrollIntoView()")
+    until(browser, "document.querySelector('#curve .main-svg') !== null")
+    assert not heard(browser)
+
+
+@pytest.mark.parametrize("count", repeated(25, 1000))
+def test_random_clicks_do_no_harm(count, browser, served):
+    opened(browser, served + MYSTERY).set_script_timeout(280)
+    assert browser.execute_async_script(_CLICKS, count) == count
+    click(browser, "fails", "Worst")
+    until(browser, "document.getElementById('said').textContent.startsWith('Held-out error')")
+    assert not heard(browser)

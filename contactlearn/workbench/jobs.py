@@ -21,6 +21,7 @@ from contactlearn.errors import ContactLearnError
 
 SIDE_BY_SIDE = 2
 """Processes that run at a time."""
+_COMMAND = (sys.executable, "-m", "contactlearn", "diagnose")
 _LINES = 200
 _STAGES = (
     "audit",
@@ -116,9 +117,8 @@ class Jobs:
             if len(running) >= SIDE_BY_SIDE:
                 raise ContactLearnError(f"{len(running)} diagnoses are running; wait for one, or cancel it")
             folder = self._folder()
-            call = [sys.executable, "-m", "contactlearn", "diagnose", *words, f"hydra.run.dir={folder}"]
             process = subprocess.Popen(
-                call,
+                [*_COMMAND, *words, f"hydra.run.dir={folder}"],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,

@@ -3,10 +3,11 @@
 import base64
 import hashlib
 import json
+from functools import cache
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -40,29 +41,37 @@ def render(content: dict[str, Any], template: str = "report.html.j2", *, scripts
         template: the page's.
         scripts: that come after those of every page.
     """
-    loader = PackageLoader("contactlearn.report.page")
-    templates = _templates(loader)
+    templates = _templates()
+    loader = cast(PackageLoader, templates.loader)
 
     def source(name: str) -> str:
         return loader.get_source(templates, name)[0]
 
-    library = (resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
+    library, hash_of_library = _library()
     script = "".join(source(name) for name in (*_SCRIPTS, *scripts))
     return templates.get_template(template).render(
         content,
         style=Markup(source("style.css")),
         script=Markup(script),
-        hashes=Markup(" ".join(_hash(text) for text in (script, library))),
+        hashes=Markup(f"{_hash(script)} {hash_of_library}"),
         data=Markup(embedded({key: value for key, value in content.items() if key != "block" and key[0] != "_"})),
-        library=compressed(library.encode()),
+        library=library,
         plotly=version("plotly"),
     )
 
 
-def _templates(loader: PackageLoader) -> Environment:
+@cache
+def _library() -> tuple[str, str]:
+    """The library that draws, compressed, and its hash; both take longer than all else of a page."""
+    library = (resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
+    return compressed(library.encode()), _hash(library)
+
+
+@cache
+def _templates() -> Environment:
     """The templates, with the number formats of `report.text` as filters."""
     templates = Environment(
-        loader=loader,
+        loader=PackageLoader("contactlearn.report.page"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -1,0 +1,89 @@
+"""A new law and a new effect: a file and a configuration each in the package, or announced by another package."""
+
+import json
+import shutil
+
+from commands import ROOT, TRAIN, run_alone
+
+LAW = '''
+from dataclasses import dataclass
+
+from contactlearn.laws import Law
+
+
+@dataclass(frozen=True)
+class BumpyFloor(Law):
+    """Newton restitution, and a tangential impulse that is a share of sticking's.  It is not Coulomb friction."""
+
+    leaves_cone = True
+    share: float = 1.0
+
+    def solve(self, contact, mu, eps):
+        P_n = -(1 + eps) * contact.v_n / contact.w_nn
+        return -self.share * mu * (contact.v_t + contact.w_tn * P_n) / contact.w_tt, P_n
+'''
+EFFECT = '''
+from dataclasses import dataclass
+
+from contactlearn.effects import Effect, columns, parameter
+
+
+@dataclass(frozen=True, eq=False)
+class SpinLoss(Effect):
+    """The body leaves with less of its spin.  It is not spin_damping, if only by name."""
+
+    formula = "τ ← τ − c I ω⁺"
+    c: float = parameter("c", "–", 0.0, 1.0)
+
+    def wrench(self, state, wrench):
+        P_t, P_n, tau = wrench.unbind(-1)
+        return columns(P_t, P_n, tau - self.c * state.inertia * state.v_after(wrench)[..., 2])
+'''
+NEW = {
+    "contactlearn/effects/spin_loss.py": EFFECT,
+    "configs/effect/spin_loss.yaml": "spin_loss:\n  _target_: contactlearn.effects.spin_loss.SpinLoss\n",
+    "contactlearn/laws/bumpy_floor.py": LAW,
+    "configs/law/bumpy_floor.yaml": "_target_: contactlearn.laws.bumpy_floor.BumpyFloor\nshare: 0.5\n",
+}
+ENTRIES = "[contactlearn.effects]\nspin_loss = spin_loss:SpinLoss\n[contactlearn.laws]\nbumpy = bumpy\n"
+CATALOGUES = """
+from contactlearn.app.laws import compared_laws
+from contactlearn.cli import compose
+from contactlearn.effects import catalogue
+
+print(*compared_laws(compose('evaluate', ['laws=[bumpy_floor,mirtich]'])), 'spin_loss' in catalogue())
+"""
+
+
+def test_new_parts_of_the_package_are_one_file_and_one_yaml_each(tmp_path):
+    """In a copy of the package that nothing else is changed in."""
+    for part in ("contactlearn", "configs"):
+        shutil.copytree(ROOT / part, tmp_path / part)
+    shutil.copy(ROOT / "train.py", tmp_path)
+    before = set(_files(tmp_path))
+    for path, text in NEW.items():
+        (tmp_path / path).write_text(text)
+    words = (*TRAIN, "law=bumpy_floor", "effect=[spin_loss]", "hydra.run.dir=run")
+    assert "bumpy_floor" in run_alone("train.py", *words, cwd=tmp_path)
+    results = json.loads((tmp_path / "run" / "results.json").read_text())
+    assert "bumpy_floor + spin_loss" in results["joint"]
+    changed = {path for path in _files(tmp_path) if path not in before and not path.startswith("run/")}
+    assert changed == NEW.keys()
+
+
+def _files(folder):
+    """Paths within a folder, but for what Python compiles."""
+    paths = (path for path in folder.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+    return (path.relative_to(folder).as_posix() for path in paths)
+
+
+def test_another_package_announces_laws_and_effects(tmp_path, monkeypatch):
+    """Under the entry points."""
+    (tmp_path / "bumpy.py").write_text(LAW)
+    (tmp_path / "spin_loss.py").write_text(EFFECT)
+    about = tmp_path / "theirs-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(ENTRIES)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{ROOT}")
+    assert run_alone("-c", CATALOGUES) == "bumpy_floor mirtich True\n"

@@ -1,0 +1,11 @@
+"""`python undrawn.py diagnose …`: a command in a process of its own that searches and draws no more than tests need."""
+
+import sys
+
+from commands import first_forms, without_figures
+
+from contactlearn.__main__ import main
+
+if __name__ == "__main__":
+    with first_forms(), without_figures():
+        sys.exit(main(sys.argv[1:]))
