@@ -1,5 +1,7 @@
 """The search over laws and effects: its linearisation, its exchanges, its set of models, and its clock."""
 
+import math
+
 import pytest
 import torch
 
@@ -229,18 +231,36 @@ def test_what_follows_the_order_is_known_by_its_predictions():
     assert not follows_order(formula(eps="c*vn", parameters={"c": [-1, 1]}), drops)
 
 
+def wandering(impacts, memory, seed=1):
+    """The same impacts with errors that wander, alike for all of them; `memory` is the correlation of neighbours."""
+    generator, wander = torch.Generator().manual_seed(seed), torch.zeros(len(impacts), 3, dtype=torch.float64)
+    for k in range(1, len(impacts)):
+        step = torch.randn(3, generator=generator, dtype=torch.float64)
+        wander[k] = memory * wander[k - 1] + math.sqrt(1 - memory**2) * step
+    unit = torch.tensor((0.03, 0.03, 1.0), dtype=torch.float64)
+    return impacts.replace(v_post=impacts.v_post + wander * unit, suspect=True)
+
+
+DRIFTS = [key for key in all_candidates() if key.name == "parameter_drift"]
+
+
 def test_a_measurement_that_drifts_is_called_that():
     """Errors with a memory of ten trials, alike for all impacts: no physics."""
-    impacts = synthetic.load(size=200, seed=3)
-    generator, wander = torch.Generator().manual_seed(1), torch.zeros(200, 3, dtype=torch.float64)
-    for k in range(1, 200):
-        wander[k] = 0.9 * wander[k - 1] + 0.4 * torch.randn(3, generator=generator, dtype=torch.float64)
-    drifting = impacts.replace(v_post=impacts.v_post + wander * torch.tensor((0.03, 0.03, 1.0)), suspect=True)
-    drift = [key for key in all_candidates() if key.name == "parameter_drift"]
-    found = diagnose(drifting, find("wang_mason"), candidates=few(SPIN, *drift))
-    assert "measurement_drift" in [finding.name for finding in found.findings]
+    drifting = wandering(synthetic.load(size=200, seed=3), memory=0.9)
+    found = diagnose(drifting, find("wang_mason"), candidates=few(SPIN, *DRIFTS))
+    (finding,) = (finding for finding in found.findings if finding.name == "measurement_drift")
+    assert "Effects over the order are left out" in finding.sentence
     assert found.physics == "none"
     assert found.verdict == "bad_data"
+
+
+def test_a_restitution_that_drifts_far_slower_is_named_beside_it():
+    drifting = wandering(planted(240, parameter_drift={"c": 0.2}), memory=0.7)
+    found = diagnose(drifting, find("wang_mason"), candidates=few(SPIN, *DRIFTS))
+    (finding,) = (finding for finding in found.findings if finding.name == "measurement_drift")
+    assert "Other effects over the order are left out" in finding.sentence
+    assert found.effects == ("parameter_drift",)
+    assert next(one for one in finding.evidence if one.quantity == "time_scale").value < 5
 
 
 def test_other_forms_are_tried_where_a_linearisation_has_not_proposed_them():

@@ -153,8 +153,8 @@ def _searched(
     chosen = law or study.laws[min(fits, key=lambda fit: fit.error).name]
     study.observer.laws(chosen.name, fits)
     searched = search_effects(study, chosen, fits, law is None, impacts, folds)
-    drift = measurement_drift(searched.selection, study.thresholds.sequence)
-    rest = study if drift is None else study.without_order(ordered_candidates(searched.selection))
+    drift = measurement_drift(searched.selection, study.thresholds, study.generator)
+    rest = study if drift is None else study.without_order(ordered_candidates(searched.selection, drift))
     if drift is None:
         return study, ask_state(study, searched), ()
     if not rest.candidates:
@@ -163,7 +163,7 @@ def _searched(
     study.observer.audit(findings)
     folds = blocked_folds(drift, searched.selection, study.generator)
     searched = search_effects(rest, chosen, fits, law is None, impacts, folds)
-    return rest, ask_state(rest, searched, drift.block), findings
+    return rest, ask_state(rest, searched, drift.found.block), findings
 
 
 # --- The result --------------------------------------------------------------------------------
