@@ -1,4 +1,4 @@
-"""Sixteen tables with nothing hidden; the errors of five follow one another."""
+"""Sixteen tables with nothing hidden; the errors of four follow one another."""
 
 from sixth_hand.bodies import (
     BOX,
