@@ -15,7 +15,7 @@ from contactlearn.effects.registry import catalogue
 from contactlearn.evaluation.metrics import Interval
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
-from fifth_hand import judge, meanings, run, sets
+from fifth_hand import judge, meanings, report, sets
 from third_hand.judge import Said
 
 MEANS = (
@@ -35,7 +35,7 @@ TRIALS = (
     788, 380, 900, 160, 380, 700, 1192, 644, 240, 360, 640, 300,
 )  # fmt: skip
 """Of these files."""
-NEEDS_MORE = ("judge.py", "run.py")
+NEEDS_MORE = ("judge.py", "report.py", "run.py")
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_every_hidden_effect_has_a_meaning():
     unknown = {name for name, kind in sets.KIND.items() if kind.startswith("unknown")}
     assert set().union(*(hidden[name] for name in unknown)) == set(meanings.UNKNOWN)
     known = set().union(*(hidden[name] for name in set(hidden) - unknown))
-    acceptable = {one for name in hidden for one in judge.names(name)}
+    acceptable = {one for name in hidden for one in judge.TRUTH.names(name)}
     assert known | acceptable <= set(catalogue())
     assert all(set(names) <= hidden[name] for name, names in meanings.ACCEPTABLE.items())
     for name in unknown:
@@ -88,7 +88,7 @@ def test_every_hidden_effect_has_a_meaning():
         assert set(right.variables) <= set(SYMBOLS)
         assert set(right.follows) <= set(Past)
     assert list(sets.KIND.values()).count("nothing") == 12
-    assert {kind for kind in sets.KINDS if kind not in run.SUMS} == {"nothing"}
+    assert {kind for kind in sets.KINDS if kind not in report.SUMS} == {"nothing"}
 
 
 def remainder(*symbols, low=0.02):
@@ -104,14 +104,14 @@ def remainder(*symbols, low=0.02):
 
 
 def test_scores_of_nothing():
-    assert judge.score(Said(name="08", verdict="none")) == judge.Score(silent=True, false_unknown=False)
-    assert judge.score(Said(name="08", verdict="unknown")) == judge.Score(silent=False, false_unknown=True)
-    assert not judge.score(Said(name="08", verdict="effects", effects=["adhesion"])).silent
+    assert judge.TRUTH.score(Said(name="08", verdict="none")) == judge.Score(silent=True, false_unknown=False)
+    assert judge.TRUTH.score(Said(name="08", verdict="unknown")) == judge.Score(silent=False, false_unknown=True)
+    assert not judge.TRUTH.score(Said(name="08", verdict="effects", effects=["adhesion"])).silent
 
 
 def test_scores_of_names():
     def ask(name, *effects, **more):
-        said = judge.score(Said(name=name, verdict="effects", effects=list(effects), **more))
+        said = judge.TRUTH.score(Said(name=name, verdict="effects", effects=list(effects), **more))
         return said.first, said.exact, said.inside
 
     assert ask("02", "configuration_dependent_restitution") == (True, True, True)
@@ -122,34 +122,34 @@ def test_scores_of_names():
     pair = ["com_offset", "velocity_dependent_restitution"]
     assert ask("13", *pair, "adhesion", simpler=pair) == (True, False, True)
     assert ask("13") == (False, False, False)
-    assert judge.score(Said(name="13", verdict="unknown", effects=pair)).false_unknown
+    assert judge.TRUTH.score(Said(name="13", verdict="unknown", effects=pair)).false_unknown
 
 
 def test_scores_of_unknown_physics_of_the_state():
     right = Said(name="43", verdict="unknown", remainder=remainder("vx", "theta"))
-    assert judge.score(right) == judge.Score(unknown=True, accepted=True, sentence=True)
+    assert judge.TRUTH.score(right) == judge.Score(unknown=True, accepted=True, sentence=True)
     for wrong in (None, remainder("vx", "x", "theta"), remainder("theta", low=-0.01)):
-        assert not judge.score(replace(right, remainder=wrong)).sentence
+        assert not judge.TRUTH.score(replace(right, remainder=wrong)).sentence
     named = replace(right, verdict="effects", effects=["orientation_dependent_restitution"])
-    assert judge.score(named) == judge.Score(unknown=False, accepted=True, sentence=True)
-    assert not judge.score(replace(named, effects=[*named.effects, "adhesion"])).accepted
-    assert not judge.score(Said(name="43", verdict="none")).accepted
+    assert judge.TRUTH.score(named) == judge.Score(unknown=False, accepted=True, sentence=True)
+    assert not judge.TRUTH.score(replace(named, effects=[*named.effects, "adhesion"])).accepted
+    assert not judge.TRUTH.score(Said(name="43", verdict="none")).accepted
     told = {"coefficient": "eps", "follows": "order", "trials": 4.0, "share": 0.27, "words": "it changes"}
-    assert not judge.score(Said(name="43", verdict="unknown", succession=told)).sentence
+    assert not judge.TRUTH.score(Said(name="43", verdict="unknown", succession=told)).sentence
 
 
 def test_scores_of_unknown_physics_along_the_sequence():
     told = {"coefficient": "mu", "follows": "period", "trials": 46.0, "share": 0.27, "words": "it changes"}
 
     def ask(**changes):
-        said = judge.score(Said(name="55", verdict="none", succession=told | changes))
+        said = judge.TRUTH.score(Said(name="55", verdict="none", succession=told | changes))
         return said.sentence, said.both
 
     assert ask() == (True, True)
     assert ask(coefficient="eps") == (True, False)
     assert ask(trials=94.0) == (True, False)
     assert ask(coefficient="eps", follows="spin") == (False, False)
-    by_order = judge.score(Said(name="55", verdict="none", remainder=remainder("order")))
+    by_order = judge.TRUTH.score(Said(name="55", verdict="none", remainder=remainder("order")))
     assert by_order == judge.Score(unknown=False, accepted=False, sentence=True, both=False)
 
 
@@ -161,7 +161,7 @@ def test_the_tables_show_what_is_wrong():
         Said(name="53", verdict="effects", effects=["adhesion"], forms=["adhesion"], confidence=[0.93]),
         Said(name="43", verdict="effects", effects=["adhesion"], forms=["adhesion"], confidence=[0.81]),
     ]
-    shown = run.tables(said)
+    shown = report.Report(sets, judge.TRUTH).tables(said)
     assert "| nothing | 1 | 1/1" in shown
     assert "| all unknown | 2 |" in shown
     assert "| 0.9–1.0 | 0.930 | 1/1" in shown

@@ -13,9 +13,9 @@ pose with errors, coefficients that scatter, and errors that follow one another 
     nothing, named, unnamed  the tables
     sets            their numbers and their files
     meanings        which names, and which words of what remains, are right for what is hidden
-    judge           the score of an answer
+    judge, report   the score of an answer, and tables of all
     run             the command
 
-All but the last two need NumPy alone.  Laws of impact are those of `third_hand`, outlines those of `fourth_hand`: the
+All but the last three need NumPy alone.  Laws of impact are those of `third_hand`, outlines those of `fourth_hand`: the
 author's own made the same tables to the last digit.  World axes: x right, y up, floor below; SI units.
 """
