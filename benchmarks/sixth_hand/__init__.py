@@ -1,7 +1,8 @@
 """Sixty-four sets with hidden physics: nothing, one effect or several with a name, and unknown physics of two kinds.
 
-They are by somebody who knew the vocabulary and the literature, and named the effects at the end: a third of them by soft contacts of which the laws of impact are the
-limit, bodies as they lie on a desk, four ways to throw them, and formulas with their sources.
+They are by somebody who knew the vocabulary and the literature, and named the effects at the end: a third of them by
+soft contacts of which the laws of impact are the limit, bodies as they lie on a desk, four ways to throw them, and
+formulas with their sources.
 
     bodies          outlines, and the point with which each touches the floor
     throws          how bodies are thrown
