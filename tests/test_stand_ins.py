@@ -11,7 +11,7 @@ from contactlearn.diagnosis.thresholds import ModulationThresholds
 from contactlearn.diagnosis.unexplained.stand_ins import without_stand_ins
 from contactlearn.effects import State, find_effect
 from contactlearn.identification.joint import FitOptions, identify_jointly
-from contactlearn.report.text import stages
+from contactlearn.report.text import search
 
 STAND_IN, TRUE = "slip_dependent_restitution", "side_drag"
 
@@ -52,6 +52,6 @@ def test_a_diagnosis_says_what_was_left_out():
     assert found.remainder is not None
     assert found.remainder.modulation is not None
     assert [one.name for one in found.remainder.modulation.instead_of] == [STAND_IN]
-    said = "predicts no worse without slip-dependent restitution, which would only stand for it"
-    assert any(said in line for line in stages.residual(found.remainder))
+    said = "no model predicts better than the chosen one: slip-dependent restitution (curve) would only stand for it"
+    assert any(said in note for note in search.notes(found))
     assert Diagnosis.from_json(found.to_json()) == found

@@ -18,11 +18,7 @@ def depends(found: Modulation) -> str:
 
 
 def modulation(found: Modulation) -> str:
-    """Say the same with its certainty and its size, and which effects it spares, without a full stop."""
+    """Say the same with its certainty and its size, without a full stop."""
     size = f"to follow it reduces the held-out residual by {share_interval(found.share)}"
     known = "none of the known effects explains it, and " if found.form_of is None else ""
-    said = f"{depends(found)} ({p_value(found.p_value)}); {known}{size}"
-    if not found.instead_of:
-        return said
-    names = listed([label(effect.name) for effect in found.instead_of])
-    return f"{said}; with it the model predicts no worse without {names}, which would only stand for it"
+    return f"{depends(found)} ({p_value(found.p_value)}); {known}{size}"

@@ -62,6 +62,18 @@ def confidences(found: Diagnosis) -> str:
     return f"The probability that a name is right, from planted data: {names}."
 
 
+def stand_ins(found: Diagnosis) -> str:
+    """Say why a larger model was not chosen that has effects for a part each of what is unknown; empty where none."""
+    left = found.remainder
+    if left is None or left.modulation is None or not left.modulation.instead_of:
+        return ""
+    names = listed(map(effect_label, left.modulation.instead_of))
+    return (
+        "With what is unknown learnt besides, no model predicts better than the chosen one: "
+        f"{names} would only stand for it."
+    )
+
+
 def unwanted(found: Diagnosis) -> str:
     """Name the candidates of one's own that the data do not ask for; empty where there are none."""
     return f"Asked and not wanted: {listed(map(effect_label, found.unwanted))}." if found.unwanted else ""
@@ -84,8 +96,9 @@ def simpler(found: Diagnosis) -> str:
 
 def notes(found: Diagnosis) -> list[str]:
     """List what else is to be said of the search."""
-    said = (confidences(found), unwanted(found), simpler(found), equal_laws(found), "" if found.complete else _STOPPED)
-    return [note for note in said if note]
+    said = (confidences, stand_ins, unwanted, simpler, equal_laws)
+    found_out = [*(say(found) for say in said), "" if found.complete else _STOPPED]
+    return [note for note in found_out if note]
 
 
 def frontier_line(model: FrontierModel) -> str:
