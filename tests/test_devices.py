@@ -391,7 +391,7 @@ COMMANDS = {
 }  # fmt: skip
 
 
-PARTS = ("law", "effects")  # that "learned" has as well
+PARTS = ("law", "effects", "learned", "transfer")  # of what "evaluation" has, or what is asked of curves above
 
 
 @pytest.mark.parametrize(

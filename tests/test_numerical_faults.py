@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 import torch
+from repetitions import crossed
 from torch import Tensor
 
 from contactlearn import diagnose, laws
@@ -176,8 +177,7 @@ def numbers(value: Any) -> Iterator[Tensor]:
             yield from numbers(part)
 
 
-@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__)
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize(("fault", "function"), crossed([*FAULTS], {one.__name__: one for one in FUNCTIONS}))
 def test_answers_are_numbers(fault, function):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -194,6 +194,7 @@ SCALES = {
     "1000 t, 1 mm": (1e6 / 0.0364, 1e-3 / 0.03),
     "1 mg, 1 km": (1e-6 / 0.0364, 1e3 / 0.03),
 }
+ALIKE = ("1000 t, 1 mm", "1 mg, 1 km")  # each end of mass and of length is in the others
 
 
 def scaled(drops: Impacts, mass: float, length: float) -> Impacts:
@@ -233,7 +234,10 @@ def as_they_are() -> tuple[Impacts, dict[str, Tensor]]:
     return drops, measures(drops)
 
 
-@pytest.mark.parametrize(("mass", "length"), SCALES.values(), ids=SCALES)
+@pytest.mark.parametrize(
+    ("mass", "length"),
+    [pytest.param(*SCALES[name], id=name, marks=pytest.mark.nightly if name in ALIKE else ()) for name in SCALES],
+)
 def test_mass_and_size_change_nothing_but_units(mass, length):
     drops, expected = as_they_are()
     for name, value in measures(scaled(drops, mass, length), mass, length).items():
