@@ -283,7 +283,7 @@ def test_a_half_written_marker_is_no_marker(undisturbed, tmp_path):
 
 @pytest.mark.parametrize("start", repeated(Forked, started))
 def test_interrupted_by_hand(start, tmp_path):
-    """Ctrl-C is one line and status 130, and the same command goes on; also of a process that nothing was loaded for."""
+    """Ctrl-C is one line and status 130, and the same command goes on; also where nothing was loaded before."""
     sweep = start(tmp_path, *JOBS)
     while not finished(tmp_path) and sweep.poll() is None:
         time.sleep(0.02)
