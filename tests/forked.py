@@ -28,6 +28,9 @@ class Forked:
     def returncode(self):
         return self._process.exitcode
 
+    def poll(self):
+        return self.returncode
+
     def communicate(self, timeout=None):
         self._process.join(timeout)
         if self.returncode is None:

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from repetitions import crossed, repeated
 
 from contactlearn import laws
 from contactlearn.app.fitting import fit_with_effects
@@ -51,8 +52,7 @@ def within(measured, truth, sigmas=4):
     return abs(measured.value - truth) < sigmas * measured.error
 
 
-@pytest.mark.parametrize("drag", [0.0, 0.4])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(("drag", "seed"), crossed([0.0, 0.4], [1, 2, 3]))
 def test_gravity_and_drag_are_measured_within_their_errors(drag, seed):
     found = find_gravity(simulate(12, PLAIN, drag=drag, seed=seed)[0])
     assert abs(found.drag - drag) < 4 * found.drag_error
@@ -147,7 +147,7 @@ def test_a_stated_drag_is_that_of_the_measured_gravity():
     assert abs(found.size - 9.81) < 4 * found.error
 
 
-@pytest.mark.parametrize("seed", [2, 10, 24, 32])
+@pytest.mark.parametrize("seed", repeated(2, 10, 24, 32))
 def test_gravity_of_a_poor_tracker_is_not_chosen_by_its_size(seed):
     """If only windows with a large acceleration were taken it would come out at 10.8 m/s²."""
     camera = replace(PLAIN, noise=4.5e-4)
@@ -312,10 +312,10 @@ def test_what_is_known_after_a_correction_is_what_corrected_contacts_show(name, 
         assert abs(expected.value - seen.value) < 4 * max(expected.error, seen.error)
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-@pytest.mark.parametrize(
-    "known", [None, KNOWN, replace(LEANING, drag=None, orientation=None)], ids=["no", "all", "some"]
-)
+SOME = replace(LEANING, drag=None, orientation=None)
+
+
+@pytest.mark.parametrize(("known", "suffix"), crossed({"no": None, "all": KNOWN, "some": SOME}, [".csv", ".parquet"]))
 def test_tables_carry_what_is_known(tmp_path, suffix, known):
     impacts = synthetic.load(size=7).replace(apparatus=known)
     again = table.load(table.save(impacts, tmp_path / f"drops{suffix}"))

@@ -48,7 +48,11 @@ FITTED = 1e-6
 """Likewise, of what a search ends at: parameters, and what is predicted with them."""
 
 HEXAGON = Polygon(((0.04, 0.0), (0.02, 0.025), (-0.02, 0.025), (-0.04, 0.0), (-0.02, -0.025), (0.02, -0.025)))
-KINDS = [kind for forms in catalogue().values() for kind in forms]
+KINDS = [
+    pytest.param(kind, id=f"{kind.name}-{kind.form or ''}", marks=() if kind is forms[0] else pytest.mark.nightly)
+    for forms in catalogue().values()
+    for kind in forms
+]  # each effect in its first form, and nightly in the others
 LAWS = [kind for family in laws.catalogue().values() for kind in family.values()]
 ROUTH = laws.find("wang_mason")
 RECIPES = {
@@ -162,7 +166,7 @@ def test_laws(kind, drops, device):
     assert_alike(computed(monkey), computed(drops), device, CLOSED_FORM)
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: f"{kind.name}-{kind.form or ''}")
+@pytest.mark.parametrize("kind", KINDS)
 def test_effects(kind, drops, device):
     """Prediction with numbers, with values on the device, and slopes, of the body that shows the effect."""
     shape = HEXAGON if kind.name == "corner_radius" else drops.shape
@@ -285,7 +289,13 @@ JOINT = {
 }
 
 
-@pytest.mark.parametrize(("names", "options"), JOINT.values(), ids=JOINT)
+FEWER = ("no effect", "noise")  # of what the other fits have
+
+
+@pytest.mark.parametrize(
+    ("names", "options"),
+    [pytest.param(*JOINT[name], id=name, marks=pytest.mark.nightly if name in FEWER else ()) for name in JOINT],
+)
 def test_joint_fits(names, options, drops, device):
     def computed(drops, rows):
         fit = identify_jointly(ROUTH, names, drops, rows, options=options)
@@ -311,10 +321,10 @@ def test_joint_fit_with_covariances(drops, device):
 
 
 def exact_and_sparse():
-    """Every recipe with exact processes; with sparse ones nightly, but for a base law and parameters of one."""
+    """Every recipe with exact processes; with sparse ones nightly, but for one."""
     for name, recipe in RECIPES.items():
         yield pytest.param(recipe, 2000, id=f"{name}-exact")
-        marks = [] if name in ("wrench", "likelihood") else [pytest.mark.nightly]
+        marks = [] if name == "likelihood" else [pytest.mark.nightly]
         yield pytest.param(recipe, 20, id=f"{name}-sparse", marks=marks)
 
 
@@ -391,7 +401,7 @@ COMMANDS = {
 }  # fmt: skip
 
 
-PARTS = ("law", "effects")  # that "learned" has as well
+PARTS = ("law", "effects", "learned", "transfer")  # of what "evaluation" has, or what is asked of curves above
 
 
 @pytest.mark.parametrize(

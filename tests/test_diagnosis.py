@@ -107,7 +107,7 @@ def test_copies_of_rows_are_dropped_whatever_they_are_called(tmp_path):
         table.load(path, impacts.shape)
 
 
-@pytest.mark.parametrize("law", ["wang_mason", "mirtich"])
+@pytest.mark.parametrize("law", repeated("wang_mason", "mirtich"))
 def test_exact_data_are_no_trouble(law):
     """Nothing is left by the true law, and a law that is not true is seen to be worse."""
     drops = synthetic.load(size=80, velocity_noise=0, spin_noise=0, law="wang_mason")
@@ -119,6 +119,7 @@ def test_exact_data_are_no_trouble(law):
         assert found.budget.named.mean < 1e-6
 
 
+@pytest.mark.nightly  # masses over twelve decades are among the numerical faults
 def test_bodies_of_different_mass_do_not_blind_it():
     """The same velocities of bodies of 1, 3 and 10 times the mass: what is unknown is as unknown."""
     impacts, truth = mystery.draw(7, effects=["magnetic_pull"], size=150)
@@ -140,22 +141,23 @@ def test_a_law_that_is_given_is_compared_with_the_others():
     assert found.verdict == "unknown"  # for a better model is known
 
 
-def test_the_budget_adds_up():
+@pytest.mark.parametrize("is_stated", repeated(True, False), ids=["stated noise", "estimated noise"])
+def test_the_budget_adds_up(is_stated):
     """Noise, explained and left are the whole error; the floor is what nature's own prediction leaves."""
     impacts, truth = mystery.draw(8, effects=["contact_patch"], size=200)
     noise = truth["noise"]
     known = Prediction(torch.tensor(truth["v_post_from_measured"], dtype=torch.float64), impacts.wrench)
     floor = mass_error(impacts, known).mean().item()
-    for stated in (None, (noise["v"], noise["v"], noise["omega"])):
-        budget = diagnose(impacts, **alone(truth), candidates=few("contact_patch"), noise=stated).budget
-        shares = budget.shares
-        assert budget.noise.mean == pytest.approx(floor, rel=0.1)
-        assert shares.noise + shares.explained + shares.unexplained == pytest.approx(1, abs=0.03)
-        assert shares.explained == pytest.approx(1 - floor / budget.base.mean, abs=0.05)
-        assert budget.named.mean < budget.ceiling.mean < budget.base.mean
-        assert budget.named.mean < budget.bound.mean  # a moment is beyond any point contact
-        assert shares.beyond_rigid > 0.05
-        assert budget.noise_source is (NoiseSource.STATED if stated else NoiseSource.ESTIMATED)
+    stated = (noise["v"], noise["v"], noise["omega"]) if is_stated else None
+    budget = diagnose(impacts, **alone(truth), candidates=few("contact_patch"), noise=stated).budget
+    shares = budget.shares
+    assert budget.noise.mean == pytest.approx(floor, rel=0.1)
+    assert shares.noise + shares.explained + shares.unexplained == pytest.approx(1, abs=0.03)
+    assert shares.explained == pytest.approx(1 - floor / budget.base.mean, abs=0.05)
+    assert budget.named.mean < budget.ceiling.mean < budget.base.mean
+    assert budget.named.mean < budget.bound.mean  # a moment is beyond any point contact
+    assert shares.beyond_rigid > 0.05
+    assert budget.noise_source is (NoiseSource.STATED if stated else NoiseSource.ESTIMATED)
 
 
 def test_ones_own_effect_is_a_candidate_like_any_other():
@@ -178,7 +180,7 @@ def test_corrupted_data_are_mended_first_and_then_explained():
     flip = torch.tensor((-1.0, 1.0, 1.0), dtype=torch.float64)
     spoilt = impacts.replace(q=impacts.q * flip, v_pre=impacts.v_pre * flip, v_post=impacts.v_post * flip, suspect=True)
     told = Told()
-    found = diagnose(spoilt, **alone(truth), observer=told)
+    found = diagnose(spoilt, **alone(truth), candidates=few("side_drag", "surface_tilt", "spin_damping"), observer=told)
     assert next(iter(told)) == "audit"
     assert found.verdict == "bad_data"
     assert found.corrections == ("mirrored_x",)
@@ -220,7 +222,9 @@ def test_the_loop_from_the_command_line(tmp_path):
     assert base - with_ > 0.85 * (base - floor)
 
 
-@pytest.mark.parametrize("options", [{"noise": (0.01, 0.01, 0.4)}, {"target": "wrench"}], ids=["noise", "wrench"])
+@pytest.mark.parametrize(
+    "options", repeated({"noise": (0.01, 0.01, 0.4)}, {"target": "wrench"}), ids=["noise", "wrench"]
+)
 def test_what_is_compared_does_not_change_what_is_found(options):
     impacts, truth = mystery.draw(12, effects=["surface_tilt"], size=250)
     selection = chosen(truth["law"], impacts, few("surface_tilt", "com_offset", "adhesion"), **options)

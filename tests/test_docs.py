@@ -30,6 +30,7 @@ def _blocks(document):
 
 
 WITH_BLOCKS = [document for document in DOCUMENTS if list(_blocks(document))]
+DIAGNOSE = ("diagnosis.md", "how-it-is-tested.md", "reading.md")  # as the blocks of the README do
 
 
 def _commands():
@@ -53,7 +54,13 @@ def _pass_contracts(names):
             getattr(test, method)()
 
 
-@pytest.mark.parametrize("document", WITH_BLOCKS, ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "document",
+    [
+        pytest.param(document, id=document.name, marks=pytest.mark.nightly if document.name in DIAGNOSE else ())
+        for document in WITH_BLOCKS
+    ],
+)
 def test_python_blocks_run(document, tmp_path, monkeypatch):
     """One after the other, in a folder that holds one run and nothing else; so do the contracts that they inherit."""
     folder.write_result(tmp_path / "outputs" / "train", training())

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from repetitions import repeated
 
 _AT_WORK = """
 import os, signal, time
@@ -27,11 +28,10 @@ if __name__ == "__main__":
 @pytest.mark.parametrize(
     ("stop", "status"),
     [
-        (lambda parent: os.killpg(parent, signal.SIGINT), 130),  # Ctrl-C goes to the workers as well
-        (lambda parent: os.kill(parent, signal.SIGTERM), 143),
-        (lambda parent: os.kill(parent, signal.SIGKILL), -signal.SIGKILL),
+        pytest.param(lambda parent: os.killpg(parent, signal.SIGINT), 130, id="Ctrl-C"),  # goes to the workers as well
+        pytest.param(lambda parent: os.kill(parent, signal.SIGTERM), 143, id="SIGTERM", marks=pytest.mark.nightly),
+        pytest.param(lambda parent: os.kill(parent, signal.SIGKILL), -signal.SIGKILL, id="SIGKILL"),
     ],
-    ids=["Ctrl-C", "SIGTERM", "SIGKILL"],
 )
 def test_workers_end_silently_with_their_parent(stop, status, tmp_path):
     (tmp_path / "at_work.py").write_text(_AT_WORK)
@@ -57,7 +57,9 @@ def test_workers_end_silently_with_their_parent(stop, status, tmp_path):
 
 @pytest.mark.parametrize(
     "words",
-    [("--help",), ("audit", "--help"), ("train", "--help"), ("train", "-m", "data=synthetic", "train.size=-1,-2")],
+    repeated(
+        ("train", "-m", "data=synthetic", "train.size=-1,-2"), ("--help",), ("audit", "--help"), ("train", "--help")
+    ),
 )
 def test_output_that_nobody_reads(words, tmp_path):
     ours, theirs = os.pipe()

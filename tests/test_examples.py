@@ -20,6 +20,7 @@ SIZES = {
     "transfer": ("--trials=24", "--seeds=2"),
     "next_experiment": ("--rounds=2",),
 }
+LONGEST = ("paper_figures", "tracks_to_effect", "next_experiment")  # five others are pages in every run of the tests
 SAYS = {
     "paper_figures": r"Wang–Mason +0\.1[12]\d ± .* 0\.5[45]\d ± ",
     "find_hidden_effect": "found:  side drag .* hidden indeed",
@@ -44,7 +45,9 @@ def pages(monkeypatch):
     gc.collect()
 
 
-@pytest.mark.parametrize("name", SIZES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.nightly if name in LONGEST else ()) for name in SIZES]
+)
 def test_an_example_is_a_page(name, pages, tmp_path):
     with first_forms():
         text = pages.page(EXAMPLES / f"{name}.py", tmp_path, *SIZES[name])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from contacts import impulse
-from repetitions import crossed
+from repetitions import crossed, repeated
 
 from contactlearn.data import synthetic
 from contactlearn.errors import DataError, UnknownNameError
@@ -59,7 +59,7 @@ def test_noiseless_drops_give_back_their_parameters(law, variant, mu, eps):
     assert str(ContactModel(found)) == f"{law} ({variant}): μ = {mu:.3f}, ε = {eps:.3f}"
 
 
-@pytest.mark.parametrize("law", ["anitescu_potra_newton", "wang_mason"])
+@pytest.mark.parametrize("law", repeated("wang_mason", "anitescu_potra_newton"))
 def test_scatter_falls_as_one_over_root_k(law):
     sizes = (8, 16, 32, 64)
     drops = synthetic.load(1000, law, 0.12, 0.55)

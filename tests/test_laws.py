@@ -11,6 +11,7 @@ import torch
 from contacts import Contacts, impulse, random_contacts, shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from repetitions import crossed
 
 from contactlearn import mechanics
 from contactlearn.errors import UnknownNameError
@@ -363,8 +364,7 @@ def by_mode(name: str) -> tuple[Contacts, contacts.Integrated]:
     return c, contacts.integrate(c, PATHS[name], "coulomb", 300)
 
 
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("name", PATHS)
+@pytest.mark.parametrize(("name", "mode"), crossed([*PATHS], [*MODES]))
 def test_coulomb_path_against_integration(name, mode):
     c, coarse = by_mode(name)
     ended, turned = MODES[mode]

@@ -124,7 +124,7 @@ def striped():
 
 @pytest.mark.parametrize(
     "name",
-    ["location_dependent_restitution", *repeated("location_dependent_friction", "orientation_dependent_restitution")],
+    repeated("location_dependent_restitution", "location_dependent_friction", "orientation_dependent_restitution"),
 )
 def test_another_form_of_an_effect_of_the_model_is_not_unknown(name, striped):
     """Stripes in x are no polynomial of x, but the same dependence; they are unknown to a model without it."""
@@ -184,7 +184,9 @@ def test_the_thresholds_decide():
     assert asked(drops, fit, thresholds=never) is None
 
 
-@pytest.mark.parametrize("sets", [{"friction": by_direction_and_angle}, {}], ids=["direction and angle", "nothing"])
+@pytest.mark.parametrize(
+    "sets", repeated({"friction": by_direction_and_angle}, {}), ids=["direction and angle", "nothing"]
+)
 def test_a_diagnosis_calls_it_unknown_and_says_what_it_depends_on(sets, capsys):
     drops, _ = fitted(300, 1, **sets)
     few = {key: effect for key, effect in all_candidates().items() if key.name in ("spin_damping", "side_drag")}

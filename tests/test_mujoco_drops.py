@@ -9,7 +9,7 @@ import pytest
 import torch
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
-from repetitions import crossed
+from repetitions import crossed, repeated
 
 from contactlearn.data import mujoco
 from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
@@ -136,7 +136,7 @@ def test_a_tilted_floor():
     assert height.abs().max() < 1e-12
 
 
-@pytest.mark.parametrize("com_offset", [(0.002, 0.0), (0.0, 0.002)])
+@pytest.mark.parametrize("com_offset", repeated((0.002, 0.0), (0.0, 0.002)))
 def test_a_centre_of_mass_beside_the_tracked_centre(com_offset):
     drops = load(com_offset=com_offset)
     shift = torch.tensor(com_offset, dtype=torch.float64).expand(len(drops), 2)

@@ -94,6 +94,7 @@ def test_rigid_springs_tend_to_the_textbook_law():
     assert fine.mean() < 0.4 * coarse.mean()
 
 
+@pytest.mark.nightly  # 6400 steps; that a step is exact without effects is the test of the path
 def test_steps_converge():
     """With friction that follows the slip of the instant the error falls as 1 / steps."""
     world = hidden.forms("velocity_dependent_friction")[0].act(WORLD, a=1.0, v_s=0.4, n=1.0)

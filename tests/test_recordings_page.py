@@ -232,6 +232,7 @@ def test_a_choice_changes_figure_tables_and_address(shown):
     assert said(shown).startswith("0003")
 
 
+@pytest.mark.nightly  # a recording is chosen in the test before
 def test_refused_recordings_are_a_click_away(shown):
     from selenium.webdriver.common.by import By
 

@@ -286,6 +286,7 @@ def test_everything_is_drawn_in_silence(browser_of_each_width, page):
     assert silent(shown)
 
 
+@pytest.mark.nightly  # figures fit the narrow window of the test before
 def test_a_figure_fits_its_place_when_that_changes(shown):
     into_view(shown, "map")
     width = shown.execute_script("return document.documentElement.clientWidth")
@@ -348,6 +349,7 @@ def test_mechanics_of_a_trial(shown, found):
         assert [momentum * x for x in node] == pytest.approx(most.tolist(), abs=2e-3 * momentum)
 
 
+@pytest.mark.nightly  # what is drawn of a trial is the test before
 def test_selecting_a_trial_draws_it(shown, found):
     from selenium.webdriver.common.by import By
     from selenium.webdriver.common.keys import Keys

@@ -452,14 +452,14 @@ def test_a_sweep_is_drawn_in_silence(browser, sweep):
     assert silent(shown)
 
 
-def test_runs_are_called_by_what_tells_them_apart(browser_of_each_width, tmp_path):
+def test_runs_are_called_by_what_tells_them_apart(browser, tmp_path):
     content = trained()
     for size in (20, 40):
         for law in ("wang_mason", "mirtich"):
             one = changed(content, "provenance", "config", "train", to={"size": size})
             leave(tmp_path / f"train.size={size},law={law}-90086986c6fb", changed(one, "law", to=law))
     page, _, _ = write_runs([tmp_path])
-    shown = opened(browser_of_each_width, page)
+    shown = opened(browser, page)
     draw_everything(shown)
     assert until(shown, "document.querySelectorAll('#by-run .ytick title').length === 4")
     names = shown.execute_script("return document.querySelector('#by-run').layout.yaxis.ticktext")
@@ -493,6 +493,7 @@ def test_sorting(browser, mixed):
     assert silent(shown)
 
 
+@pytest.mark.nightly  # the lines are those of the tests without a browser; a sorted table is the test before
 def test_lines_follow_the_table(browser, tmp_path):
     """Of 40 lines 30 are drawn, those of the runs that come first; without intervals, or nothing could be seen."""
     for seed in range(40):
@@ -517,6 +518,7 @@ def test_lines_follow_the_table(browser, tmp_path):
     assert silent(shown)
 
 
+@pytest.mark.nightly  # by the buttons of the test of sorting
 def test_sorting_by_keyboard(browser, mixed):
     from selenium.webdriver.common.by import By
     from selenium.webdriver.common.keys import Keys

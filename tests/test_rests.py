@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from repetitions import crossed
+from repetitions import repeated
 
 from contactlearn.apparatus import Measured
 from contactlearn.data import tracks
@@ -186,7 +186,8 @@ def test_a_body_is_still_from_when_on_it_no_longer_rocks():
     assert find_rests(track, [(0.0, 0.05)], sigma, RestThresholds()) == ()
 
 
-@pytest.mark.parametrize(("rolled", "zero"), crossed({"upright": 0.0, "rolled": 0.01}, [0.0, 2.5]))
+@pytest.mark.parametrize("zero", repeated(2.5, 0.0))
+@pytest.mark.parametrize("rolled", repeated(0.01, 0.0), ids=["rolled", "upright"])
 def test_recordings_tell_their_zero_by_bodies_at_rest(tmp_path, zero, rolled):
     """Ellipses that rock to rest; a camera that is rolled sees a floor, a gravity and bodies that lean alike."""
     write_recordings(simulate(10, Camera(), seed=4)[0], tmp_path)
@@ -207,6 +208,7 @@ def test_recordings_tell_their_zero_by_bodies_at_rest(tmp_path, zero, rolled):
     ) in tracks_facts(found)
 
 
+@pytest.mark.nightly  # test_tracks_mujoco has the engine, and contacts sink into the floor above
 def test_boxes_of_the_engine_tell_slope_and_zero(tmp_path):
     """Contacts sink into the floor by a quarter of a millimetre and more; rests do not."""
     pytest.importorskip("mujoco")

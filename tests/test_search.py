@@ -211,6 +211,7 @@ def test_a_search_without_time_says_so():
     assert "the search ran out of time" in headline(found)
 
 
+@pytest.mark.nightly  # test_diagnosis has a law that is given and wrong, too
 def test_a_wrong_law_that_was_given_is_called_wrong():
     impacts, truth = mystery.draw(5, size=150)
     assert truth["law"] == "mirtich"

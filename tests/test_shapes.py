@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 import shapecheck
 from commands import SMALL, run_alone
+from repetitions import repeated
 
 CASES = {
     "right": ("torch.zeros(4, 2), torch.zeros(4)", True),
@@ -47,15 +48,7 @@ def test_other_annotations_are_left_alone():
     assert shapecheck.arrays(half) is half
 
 
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    """A folder of runs by the names of their commands, and what these printed, in one process: it is slow to begin."""
-    folder = tmp_path_factory.mktemp("runs")
-    words = [word for name, command in COMMANDS.items() for word in ("--", *command, f"hydra.run.dir={folder / name}")]
-    return folder, run_alone("tests/shapecheck.py", *words)
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_commands_keep_to_the_shapes(name, runs):
-    folder, printed = runs
-    assert str(folder / name) in printed
+@pytest.mark.parametrize("name", repeated(*COMMANDS))
+def test_commands_keep_to_the_shapes(name, tmp_path):
+    printed = run_alone("tests/shapecheck.py", "--", *COMMANDS[name], f"hydra.run.dir={tmp_path / name}")
+    assert str(tmp_path / name) in printed

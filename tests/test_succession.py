@@ -130,7 +130,7 @@ def test_the_level_decides():
     assert suspects(scores, history, always.sequence.level / 2)[1]
 
 
-@pytest.mark.parametrize("sets", [{"friction": sawtooth}, {}], ids=["friction that is wiped", "nothing"])
+@pytest.mark.parametrize("sets", repeated({"friction": sawtooth}, {}), ids=["friction that is wiped", "nothing"])
 def test_a_diagnosis_calls_it_unknown_and_says_what_follows(sets):
     drops, _ = fitted(300, 1, **sets)
     few = {key: effect for key, effect in all_candidates().items() if key.name in ("spin_damping", "parameter_drift")}

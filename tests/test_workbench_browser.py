@@ -103,6 +103,7 @@ def in_width(browser):
     return browser.execute_script("return document.documentElement.scrollWidth <= document.documentElement.clientWidth")
 
 
+@pytest.mark.nightly  # each of its steps is a test of test_workbench, and so is a diagnosis beside the page
 def test_the_whole_loop_on_hidden_physics(browser, served, tmp_path):
     """Upload, compare, see where it fails, add what is missing, undo, redo, save."""
     mystery.load(7, size=SIZE, folder=str(tmp_path))
@@ -203,6 +204,7 @@ def test_a_box_on_the_map_selects_trials(browser, served):
     until(browser, "!location.search.includes('window')")
 
 
+@pytest.mark.nightly  # the box is drawn in the test before
 def test_a_box_is_written_by_keyboard(browser, served):
     from selenium.webdriver.common.keys import Keys
 
@@ -230,6 +232,7 @@ def _event(box):
     return {"range": {"x": across, "y": up}}
 
 
+@pytest.mark.nightly  # all that a tab knows is its address, of which the links are a test
 def test_two_tabs_do_not_disturb_each_other(browser, served):
     opened(browser, served + MYSTERY)
     first = browser.current_window_handle
@@ -257,6 +260,7 @@ def test_the_hints_lead_to_the_truth(browser, served):
     until(browser, "document.getElementById('hints').hidden")
 
 
+@pytest.mark.nightly  # test_workbench completes, checks and adds lines
 def test_a_line_of_mathematics_is_completed_checked_and_added(browser, served):
     from selenium.webdriver.common.keys import Keys
 
@@ -272,6 +276,7 @@ def test_a_line_of_mathematics_is_completed_checked_and_added(browser, served):
     assert not heard(browser)
 
 
+@pytest.mark.nightly  # test_workbench has both studies
 def test_learned_models_and_learning_curve_come_beside_the_laws_or_are_cancelled(browser, served):
     seed = browser.execute_script("return innerWidth")  # what was computed before is shown at once
     opened(browser, f"{served}&data=synthetic&data.size=60&data.seed={seed}")
