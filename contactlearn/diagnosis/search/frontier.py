@@ -2,7 +2,7 @@
 
     grow       from the best models of a size, the most promising ones with one effect more
     exchange   from the best of the new size, those with one of their effects exchanged
-    refine     the best of the new size, of several laws, with other forms, which a linearisation may misjudge
+    refine     the best of the new size, of several laws while effects are few, with other forms, which may be misjudged
     shrink     from the best of all, those with one effect less, so that no size keeps what only the way there needed
     transfer   the effects of the best model of a size around every other law
 
@@ -34,6 +34,7 @@ _SAME = 2.0  # nats between laws that agree on the data
 _IDENTICAL = 1e-6  # nats between laws that predict the same
 _FITTED = 4  # sets that are fitted of each expansion
 _DOUBT = 0.02  # nats a trial by which a prediction may be too pessimistic
+_FEW = 2  # effects up to which other forms are tried around several laws, beyond them around the best alone
 _TRIED = 32  # values of the parameters of a form that refines
 _PASSES = 4  # of exchanges within one linearisation
 _WORTH = 0.04  # nats a trial that one effect more must bring for the search to go on
@@ -145,7 +146,7 @@ class Search:
             if size > 1:
                 self._fit(self._predicted(best, _exchanged, _PASSES), best.score)
             if self.models(size)[0] is best:
-                for model in self._beam(size):
+                for model in self._beam(size) if size <= _FEW else (best,):
                     self._refine(model)
                 self._transfer(best)
 
