@@ -13,6 +13,7 @@ from contactlearn.effects import State, find_effect
 from contactlearn.identification.joint import FitOptions, identify_jointly
 from contactlearn.laws import find
 from contactlearn.report.text import search
+from contactlearn.report.text.names import effect_label
 
 STAND_IN, TRUE = "slip_dependent_restitution", "side_drag"
 
@@ -53,7 +54,8 @@ def test_a_diagnosis_says_what_was_left_out():
     assert list(found.effects) == [TRUE]
     assert found.remainder is not None
     assert found.remainder.modulation is not None
-    assert [one.name for one in found.remainder.modulation.instead_of] == [STAND_IN]
-    said = "no model predicts better than the chosen one: slip-dependent restitution (curve) would only stand for it"
+    (left_out,) = found.remainder.modulation.instead_of
+    assert left_out.name == STAND_IN
+    said = f"no model predicts better than the chosen one: {effect_label(left_out)} would only stand for it"
     assert any(said in note for note in search.notes(found))
     assert Diagnosis.from_json(found.to_json()) == found
