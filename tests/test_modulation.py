@@ -173,6 +173,20 @@ def test_errors_of_v_pre_are_no_physics():
         assert state_suspects(scores, state_variables(drops[scores.rows]), 0.005)[1] == ()
 
 
+def test_neighbours_that_resemble_each_other_have_one_sign():
+    """Errors and a place that are the same for eight trials in turn: chance alone, seen as such by signs of blocks."""
+    found = {1: 0, 8: 0}
+    for seed in range(5):
+        drops, _ = fitted(320, seed, errors=lambda n, seed: normal(n, 3, seed=seed)[torch.arange(n) // 8])
+        state = normal(len(drops), 1, seed=seed + 50)[torch.arange(len(drops)) // 8]
+        fit = identify_jointly(LAW, {}, drops)
+        for block in found:
+            scores = Scores.of_state(drops, fit, OPTIONS, block)
+            found[block] += bool(state_suspects(scores, {"x": state}, 0.005, block)[1])
+    assert found[1] >= 4
+    assert found[8] == 0
+
+
 def test_the_thresholds_decide():
     drops, fit = fitted(300, 1, restitution=by_spin_with_slip)
     thresholds = Thresholds()

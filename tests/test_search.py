@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from contactlearn.data import mystery, synthetic
+from contactlearn.diagnosis.drift import lasts_beside
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.search.candidates import all_candidates, follows_order
 from contactlearn.diagnosis.search.frontier import Search
@@ -13,6 +14,7 @@ from contactlearn.diagnosis.search.plausible import inclusion, plausible_models
 from contactlearn.diagnosis.search.pool import Pool, Spec, identities
 from contactlearn.diagnosis.search.quadratic import Group
 from contactlearn.diagnosis.search.selection import _pruned
+from contactlearn.diagnosis.sequence import dependence
 from contactlearn.diagnosis.thresholds import SelectionThresholds
 from contactlearn.diagnosis.validation import Folds
 from contactlearn.effects import EffectId, find_effect
@@ -277,3 +279,15 @@ def test_other_forms_are_tried_where_a_linearisation_has_not_proposed_them():
     Search(pool, 1)._exchange(1)
     assert {spec(slip), spec(slip, law="mirtich")} <= pool.models.keys()
     assert pool.best() is pool.models[spec(slip)]
+
+
+@pytest.mark.parametrize("c", [0.2, 0.0], ids=["a restitution drifts", "nothing does"])
+def test_blocks_that_were_held_out_tell_a_drift_from_what_wanders(c):
+    impacts = wandering(planted(240, parameter_drift={"c": c}), memory=0.7)
+    pool = pooled(impacts, *DRIFTS)
+    whole = pool.best(pool.fitted(spec(effect)) for effect in DRIFTS)
+    residual = impacts.v_post - whole.fit.model.predict(impacts).v_post
+    drift = dependence(residual, impacts.order)
+    generator = torch.Generator().manual_seed(0)
+    assert drift is not None
+    assert lasts_beside(drift, pool, whole, pool.models[Spec("wang_mason")], 2.5, generator) == (c > 0)

@@ -134,7 +134,7 @@ class Pool:
         residual = self.impacts.v_post - v_post
         scatter = robust_covariance(residual)
         loss = robust_distance(residual, scatter).mean(-1) + 0.5 * scatter.logdet()
-        return [self.score(spec, effects, one) for one in loss.tolist()]
+        return [self.score(spec, effects, one) for one in loss.nan_to_num(math.inf).tolist()]
 
     def siblings(self, spec: Spec) -> list[tuple[EffectId, EffectId]]:
         """List each effect of a model with the other forms of its family."""

@@ -87,7 +87,7 @@ def modulated(
     """Learn what the state tells of the remainder of a model from so many trials; None where it tells nothing."""
     if len(impacts) < max(_FEWEST, _BLOCKS * block):
         return None
-    scores = Scores.of_state(impacts, fit, options)
+    scores = Scores.of_state(impacts, fit, options, block)
     ordered = impacts[scores.rows]
     among = state_variables(ordered)
     p_value, found = state_suspects(scores, among, level, block)

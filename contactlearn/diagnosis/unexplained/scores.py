@@ -46,9 +46,12 @@ class Scores:
         return cls._beside(impacts, fit, options, alike, _own_state(impacts))
 
     @classmethod
-    def of_state(cls, impacts: Impacts, fit: JointFit, options: FitOptions) -> "Scores":
-        """Linearise a fitted model about its parameters, beside slow drifts of the velocities and errors of v_pre."""
-        slow = _cosines(impacts, min(_SLOW, len(impacts) // _TRIALS_A_CURVE))
+    def of_state(cls, impacts: Impacts, fit: JointFit, options: FitOptions, block: int = 1) -> "Scores":
+        """Linearise a fitted model about its parameters, beside slow drifts of the velocities and errors of v_pre.
+
+        Where so many neighbouring trials, a `block`, resemble each other, there are fewer drifts, as of fewer trials.
+        """
+        slow = _cosines(impacts, min(_SLOW, len(impacts) // (_TRIALS_A_CURVE * block)))
         drifts = (torch.eye(3, dtype=torch.float64)[..., None] * slow[:, None, None]).flatten(2)
         return cls._beside(impacts, fit, options, torch.cat((drifts, diluted(impacts, fit, options)), -1))
 

@@ -37,7 +37,8 @@ def without_stand_ins(
     told = [(k, one) for k, one in enumerate(found) if one is not None]
     if not told:
         return len(fits) - 1
-    error = told[-1][1].learning.errors(*(one.learnt.v_post for _, one in told))
+    held = [one.learnt.v_post if one.learnt.share.mean > 0 else one.learning.v_post for _, one in told]
+    error = told[-1][1].learning.errors(*held)
     worse = error - error[error.mean(1).argmin()]
     chance = thresholds.sigmas * worse.std(1) / math.sqrt(error.shape[1])
     return next(k for (k, _), enough in zip(told, worse.mean(1) <= chance, strict=True) if enough)

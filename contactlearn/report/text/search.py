@@ -69,7 +69,7 @@ def stand_ins(found: Diagnosis) -> str:
         return ""
     names = listed(map(effect_label, left.modulation.instead_of))
     return (
-        "With what is unknown learnt besides, no model predicts better than the chosen one: "
+        "With what is unknown learnt besides, no model is clearly better than the chosen one: "
         f"{names} would only stand for it."
     )
 
