@@ -25,7 +25,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from contactlearn.configuration import CONFIGS, check_choices, check_settings, choices, explained
-from contactlearn.endings import ending_well
+from contactlearn.endings import ending_well, stopped_afterwards
 from contactlearn.errors import ContactLearnError, harmless
 from contactlearn.trust import check_targets, nothing_foreign, readable_words
 
@@ -182,7 +182,8 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
             file brought.
     """
     check_choices(overrides)
-    with hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)), readable_words():
+    here = hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS))
+    with stopped_afterwards(), here, readable_words():
         cfg = hydra.compose(config_name, overrides, return_hydra_config=return_hydra_config)
     check_settings(cfg, config_name)
     check_targets(cfg, overrides)

@@ -12,6 +12,8 @@ from typing import NoReturn
 
 _STOPPED = "stopped; the same command goes on where a sweep, learning curves or a large diagnosis was"
 
+_STOPS = (signal.SIGINT, signal.SIGTERM)
+
 
 class _Terminated(KeyboardInterrupt):
     """SIGTERM: it stops a command as Ctrl-C does, so that its workers end and its locks are freed."""
@@ -44,6 +46,26 @@ def ending_well() -> Generator[None]:
     finally:
         if alone:
             signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def stopped_afterwards() -> Generator[None]:
+    """Let Ctrl-C and SIGTERM wait for the end of a step that would answer them with another error.
+
+    What OmegaConf tidies up fails where it is interrupted, and that error takes the place of the interruption.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came = list[int]()
+    before = {number: signal.signal(number, lambda number, _: came.append(number)) for number in _STOPS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in came:
+            signal.raise_signal(number)
 
 
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:

@@ -22,6 +22,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from contactlearn.endings import stopped_afterwards
 from contactlearn.errors import ContactLearnError
 
 _GROUPS = ("contactlearn.laws", "contactlearn.effects")
@@ -72,7 +73,7 @@ def nothing_foreign() -> Generator[None]:
         from_shell: bool = True,
         validate_sweep_overrides: bool = True,
     ) -> DictConfig:
-        with readable_words():
+        with stopped_afterwards(), readable_words():
             cfg = load(self, config_name, overrides, run_mode, from_shell, validate_sweep_overrides)
         check_targets(cfg, overrides)
         return cfg

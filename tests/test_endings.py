@@ -9,6 +9,8 @@ import sys
 import pytest
 from repetitions import repeated
 
+from contactlearn.endings import stopped_afterwards
+
 _AT_WORK = """
 import os, signal, time
 from contactlearn.endings import ending_well
@@ -71,3 +73,12 @@ def test_output_that_nobody_reads(words, tmp_path):
     os.close(theirs)
     assert done.returncode == 141
     assert done.stderr == ""
+
+
+def test_a_step_is_stopped_afterwards():
+    done, before = [], signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), stopped_afterwards():  # noqa: PT012 - the step goes on
+        signal.raise_signal(signal.SIGINT)
+        done.append("the rest of it")
+    assert done
+    assert signal.getsignal(signal.SIGINT) is before

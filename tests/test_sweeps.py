@@ -13,6 +13,7 @@ from unittest.mock import patch
 import pytest
 from commands import TRAIN, run
 from forked import Forked
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from repetitions import repeated
 
 from contactlearn import cli
@@ -293,6 +294,25 @@ def test_interrupted_by_hand(start, tmp_path):
     assert printed.splitlines()[-1].startswith("stopped")
     assert "Traceback" not in printed
     nothing_half_written(tmp_path)
+
+
+def test_interrupted_while_a_configuration_is_composed(tmp_path):
+    """Where OmegaConf would answer with an error of its own, which a sweep would take for a broken launcher."""
+    compose, stops = ConfigLoaderImpl._compose_config_from_defaults_list, []
+
+    def interrupted(*arguments, **options):
+        if finished(tmp_path) and not stops:
+            stops.append(signal.SIGINT)
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt as stop:
+                raise TypeError("half of a configuration") from stop
+        return compose(*arguments, **options)
+
+    with patch.object(ConfigLoaderImpl, "_compose_config_from_defaults_list", interrupted):
+        printed = run("train.py", "-m", *SMALL, "train.size=10,20", f"hydra.sweep.dir={tmp_path}", status=130)
+    assert printed.splitlines()[-1].startswith("stopped")
+    assert len(finished(tmp_path)) == 1
 
 
 # Side by side
