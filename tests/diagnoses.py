@@ -22,7 +22,7 @@ from contactlearn.diagnosis.result import (
     WrenchComponent,
 )
 from contactlearn.diagnosis.search.candidates import all_candidates
-from contactlearn.effects import EffectId
+from contactlearn.effects import Effect, EffectId, catalogue
 from contactlearn.evaluation.metrics import Interval
 from contactlearn.evaluation.partial_residuals import partial_residuals
 from contactlearn.impacts import Impacts
@@ -40,6 +40,11 @@ SIX = (
     EffectId("sampling_delay"),
 )
 MOST = 6  # effects in play
+
+
+def few(*names: str) -> dict[EffectId, Effect]:
+    """Candidates for what is not about forms: the first form of each effect, since others take as long again."""
+    return {forms[0].id: forms[0]() for forms in map(catalogue().__getitem__, names)}
 
 
 def provenance_of(impacts: Impacts, command: str = "", **config) -> Provenance:

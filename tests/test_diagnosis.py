@@ -6,6 +6,7 @@ import shlex
 
 import pytest
 import torch
+from diagnoses import few
 from repetitions import repeated
 from test_commands import ROOT, run
 from told import Told
@@ -30,11 +31,6 @@ def alone(truth):
     """Nature's law, for a diagnosis that compares no others, so that tests are quick."""
     law = find(truth["law"])
     return {"law": law, "laws": [law]}
-
-
-def few(*names):
-    """Some candidates, so that tests are quick."""
-    return {key: effect for key, effect in all_candidates().items() if key.name in names}
 
 
 def test_folds_hold_every_trial_out_as_often():
@@ -245,7 +241,8 @@ def test_a_law_that_was_chosen_without_the_effects_is_chosen_again_with_them():
     """Alone, the law of the complementarity problem fits these drops better than the one that is true."""
     impacts, truth = mystery.draw(31, size=200)
     told = Told()
-    found = diagnose(impacts, candidates=few("spin_damping", "adhesion"), observer=told)
+    both = {key: effect for key, effect in all_candidates().items() if key.name in ("spin_damping", "adhesion")}
+    found = diagnose(impacts, candidates=both, observer=told)
     assert found.best_law.name != found.law == truth["law"]
     assert told["law_changed"] == truth["law"]
     assert set(found.effects) == {effect["name"] for effect in truth["effects"]}

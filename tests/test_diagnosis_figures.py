@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from corruptions import corrupt
+from diagnoses import few
 from matplotlib.text import Text
 from repetitions import repeated
 from test_figures import HOSTILE, assert_fits, visible_axes
@@ -32,7 +33,6 @@ from contactlearn.diagnosis.result import (
     Verdict,
     WrenchComponent,
 )
-from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.effects import EffectId
 from contactlearn.evaluation.metrics import Interval, mass_error
 from contactlearn.impacts import Impacts
@@ -56,9 +56,7 @@ def drops() -> Impacts:
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
     impacts, truth = mystery.draw(3, effects=["spin_damping"], size=250)
-    kinds = ("spin_damping", "adhesion")
-    candidates = {effect: kind for effect, kind in all_candidates().items() if effect.name in kinds}
-    return diagnose(impacts, find(truth["law"]), candidates=candidates)
+    return diagnose(impacts, find(truth["law"]), candidates=few("spin_damping", "adhesion"))
 
 
 def refused(findings: tuple[Finding, ...]) -> Diagnosis:

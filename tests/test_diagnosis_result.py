@@ -5,12 +5,12 @@ from dataclasses import fields, is_dataclass, replace
 import numpy as np
 import pytest
 import torch
+from diagnoses import few
 
 from contactlearn.data import mystery
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result import Diagnosis, RungKind, Verdict
-from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.thresholds import RegionThresholds, SelectionThresholds, Thresholds
 from contactlearn.errors import ContactLearnError, DataError
 from contactlearn.evaluation.metrics import bootstrap, mass_error
@@ -25,14 +25,13 @@ def impacts():
 
 
 @pytest.fixture(scope="module")
-def few():
-    kinds = ("surface_tilt", "spin_damping", "side_drag")
-    return {key: effect for key, effect in all_candidates().items() if key.name in kinds}
+def three():
+    return few("surface_tilt", "spin_damping", "side_drag")
 
 
 @pytest.fixture(scope="module")
-def found(impacts, few):
-    return diagnose(impacts, find("wang_mason"), candidates=few)
+def found(impacts, three):
+    return diagnose(impacts, find("wang_mason"), candidates=three)
 
 
 def test_a_diagnosis_is_read_back_equal(found):
@@ -124,12 +123,12 @@ def test_laws_are_made_again(found, impacts):
     assert float(fit.law().mu) == pytest.approx(float(law.mu), abs=1e-4)
 
 
-def test_thresholds_decide(impacts, few):
+def test_thresholds_decide(impacts, three):
     """An effect that would have to halve the error is not named, and a region no worse than the rest not reported."""
     strict = replace(
         Thresholds(), selection=SelectionThresholds(least_gain=0.99), regions=RegionThresholds(ratio=100.0)
     )
-    found = diagnose(impacts, find("wang_mason"), candidates=few, thresholds=strict)
+    found = diagnose(impacts, find("wang_mason"), candidates=three, thresholds=strict)
     assert found.missing == ()
     assert found.regions == ()
     assert found.verdict is Verdict.UNKNOWN  # for the processes still find something

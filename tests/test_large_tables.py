@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from diagnoses import ERROR, made_up, provenance_of
+from diagnoses import ERROR, few, made_up, provenance_of
 
 from contactlearn.app.parts import forget
 from contactlearn.audit.consistency import repeated
@@ -15,7 +15,6 @@ from contactlearn.diagnosis.result import Diagnosis, Limit, Record, Verdict
 from contactlearn.diagnosis.sampling.confirmation import confirm
 from contactlearn.diagnosis.sampling.draw import space_filling
 from contactlearn.diagnosis.sampling.rounds import Rounds
-from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.stages import Study
 from contactlearn.diagnosis.thresholds import SampleThresholds, Thresholds
 from contactlearn.effects import EffectId
@@ -149,14 +148,15 @@ def test_a_stopped_run_goes_on_behind_its_finished_subsamples(many, tmp_path):
 
 def test_a_large_table_is_diagnosed_on_samples():
     impacts, _ = mystery.draw(8, effects=["contact_patch"], size=900)
-    few = {key: effect for key, effect in all_candidates().items() if key.name in ("contact_patch", "side_drag")}
     law, heard = find("wang_mason"), []
 
     class Heard(Observer):
         def step(self, step):
             heard.append((step.trials, step.of))
 
-    found = diagnose(impacts, law, candidates=few, laws=[law], thresholds=SMALL, observer=Heard())
+    found = diagnose(
+        impacts, law, candidates=few("contact_patch", "side_drag"), laws=[law], thresholds=SMALL, observer=Heard()
+    )
     assert found.effects == ("contact_patch",)
     assert heard == [(150, 900), (300, 900)]
     sample = found.sample

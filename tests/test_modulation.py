@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from diagnoses import made_up, remainder
+from diagnoses import few, made_up, remainder
 from drops import LAW, NOISE, fitted, normal, thrown
 from repetitions import repeated
 
@@ -53,7 +53,7 @@ def test_false_statements_are_as_rare_as_the_level():
         tails = normal(n, 4, seed=seed + 3).square().mean(-1, keepdim=True).sqrt()
         return normal(n, 3, seed=seed + 4) / tails * (0.5 * normal(n, 1, seed=seed + 5)).exp()
 
-    runs, level, chances = 60, 0.1, []
+    runs, level, chances = 40, 0.1, []
     for seed in range(runs):
         drops, fit = fitted(120, 100 * seed, errors=rough)
         scores = Scores.of_state(drops, fit, OPTIONS)
@@ -101,7 +101,7 @@ def test_nothing_is_said_of_nothing():
 
 def test_a_better_model_of_known_effects_explains_it():
     """An effect that is too small for a name is no unknown physics."""
-    drops = thrown(400, 4)
+    drops = thrown(250, 4)
     tilted = {"surface_tilt": find_effect("surface_tilt")().prepare(drops).at(torch.tensor([0.03]))}
     values = torch.stack([x.expand(len(drops)) for x in LAW.coefficients], -1)
     outcome = predict_with(LAW, drops, values, tilted).v_post
@@ -202,9 +202,8 @@ def test_the_thresholds_decide():
     "sets", repeated({"friction": by_direction_and_angle}, {}), ids=["direction and angle", "nothing"]
 )
 def test_a_diagnosis_calls_it_unknown_and_says_what_it_depends_on(sets, capsys):
-    drops, _ = fitted(300, 1, **sets)
-    few = {key: effect for key, effect in all_candidates().items() if key.name in ("spin_damping", "side_drag")}
-    found = diagnose(drops, "wang_mason", candidates=few, laws=[laws.find("wang_mason")])
+    drops, _ = fitted(200, 1, **sets)
+    found = diagnose(drops, "wang_mason", candidates=few("spin_damping", "side_drag"), laws=[laws.find("wang_mason")])
     show_verdict(found, "")
     assert found.remainder is not None
     assert found.verdict is (Verdict.UNKNOWN if sets else Verdict.NONE)

@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 import torch
+from diagnoses import few
 from repetitions import crossed, repeated
 from torch import Tensor
 
 from contactlearn import diagnose, laws
 from contactlearn.audit.findings import audit
 from contactlearn.data import synthetic
-from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.effects import find_effect
 from contactlearn.errors import ContactLearnError
 from contactlearn.evaluation import bounds, metrics
@@ -265,10 +265,9 @@ def test_the_diagnosis_names_the_same(scale):
     true = ContactModel(ROUTH.at(0.12, 0.55), effects={"": find_effect("spin_damping")().at([0.4])})
     noise = torch.randn(60, 3, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     drops = drops.replace(v_post=true.predict(drops).v_post + noise * torch.tensor([0.01, 0.01, 0.3]))
-    few = {key: one for key, one in all_candidates().items() if key.name in ("spin_damping", "com_offset", "adhesion")}
-    named = []
+    three, named = few("spin_damping", "com_offset", "adhesion"), []
     for mass, length in ((1.0, 1.0), SCALES[scale]):
-        found = diagnose(scaled(drops, mass, length), ROUTH, candidates=few, laws=[ROUTH])
+        found = diagnose(scaled(drops, mass, length), ROUTH, candidates=three, laws=[ROUTH])
         named.append([one.effect for one in found.missing])
     assert named[0] == named[1]
     assert [one.name for one in named[0]] == ["spin_damping"]
@@ -278,8 +277,9 @@ def test_the_diagnosis_names_the_same(scale):
 def test_a_diagnosis_is_complete(fault):
     """Its JSON holds no number that is none: `to_json` refuses those."""
     drops = copied(FAULTS[fault](), 2, 1e-3)
-    few = {key: one for key, one in all_candidates().items() if key.name in ("spin_damping", "tangential_restitution")}
-    assert diagnose(drops, ROUTH, candidates=few, laws=[ROUTH], seconds=5).to_json()
+    assert diagnose(
+        drops, ROUTH, candidates=few("spin_damping", "tangential_restitution"), laws=[ROUTH], seconds=5
+    ).to_json()
 
 
 @pytest.mark.parametrize("fault", ["one trial", "one trial, repeated"])

@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import pytest
 import torch
-from diagnoses import SIX, made_up, provenance_of
+from diagnoses import SIX, few, made_up, provenance_of
 from evaluations import evaluation_of, learning_curve
 
 from contactlearn.audit.result import Evidence, Finding
 from contactlearn.data import mystery
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis, Record, Verdict
-from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.effects import EffectId
 from contactlearn.evaluation.metrics import mass_error
 from contactlearn.identification.joint import FitOptions, identify_jointly
@@ -40,9 +39,7 @@ def found():
     impacts, _ = mystery.draw(11, effects=["surface_tilt", "spin_damping"], size=120)
     names = (HOSTILE, *impacts.trial[1:])
     impacts = impacts.replace(trial=names, object=(HOSTILE,) * len(impacts), source=HOSTILE)
-    kinds = ("surface_tilt", "spin_damping", "side_drag")
-    candidates = {effect: kind for effect, kind in all_candidates().items() if effect.name in kinds}
-    return diagnose(impacts, find("wang_mason"), candidates=candidates)
+    return diagnose(impacts, find("wang_mason"), candidates=few("surface_tilt", "spin_damping", "side_drag"))
 
 
 def about(impacts):

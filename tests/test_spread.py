@@ -4,12 +4,12 @@ import math
 
 import pytest
 import torch
+from diagnoses import few
 from repetitions import repeated
 
 from contactlearn.audit.corrections import correct
 from contactlearn.data import mystery
 from contactlearn.diagnosis.pipeline import diagnose
-from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.impacts import Impacts
 from contactlearn.laws import find
 from contactlearn.model import ContactModel
@@ -47,7 +47,7 @@ def test_scatter_is_no_effect(size, seed):
 
 def test_what_varies_is_measured():
     """Five times the noise is variation, and mystery drops vary."""
-    tilt = {key: effect for key, effect in all_candidates().items() if key.name == "surface_tilt"}
+    tilt = few("surface_tilt")
     for drops in (alike(0, spread=5.0), mystery.draw(3, effects=[], size=120)[0]):
         assert diagnose(drops, LAW, candidates=tilt, laws=[LAW]).corrections == ()
 

@@ -5,13 +5,12 @@ from dataclasses import replace
 
 import pytest
 import torch
-from diagnoses import remainder
+from diagnoses import few, remainder
 from drops import LAW, NOISE, fitted, normal, thrown
 from repetitions import repeated
 
 from contactlearn import diagnose, laws
 from contactlearn.diagnosis.result import Coefficient, Diagnosis, Past, Succession, Verdict
-from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.followed import find_succession
 from contactlearn.diagnosis.unexplained.scores import Scores
@@ -132,9 +131,10 @@ def test_the_level_decides():
 
 @pytest.mark.parametrize("sets", repeated({"friction": sawtooth}, {}), ids=["friction that is wiped", "nothing"])
 def test_a_diagnosis_calls_it_unknown_and_says_what_follows(sets):
-    drops, _ = fitted(300, 1, **sets)
-    few = {key: effect for key, effect in all_candidates().items() if key.name in ("spin_damping", "parameter_drift")}
-    found = diagnose(drops, "wang_mason", candidates=few, laws=[laws.find("wang_mason")])
+    drops, _ = fitted(200, 1, **sets)
+    found = diagnose(
+        drops, "wang_mason", candidates=few("spin_damping", "parameter_drift"), laws=[laws.find("wang_mason")]
+    )
     assert found.remainder is not None
     assert found.verdict is (Verdict.UNKNOWN if sets else Verdict.NONE)
     assert (found.remainder.succession is not None) == bool(sets)
