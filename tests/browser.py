@@ -34,3 +34,13 @@ def of_width(browser, width):
     size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     return browser
+
+
+def nothing_sticks_out(browser):
+    """Whether a page keeps to the width of its window, and does so once that is as narrow as a telephone."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    fits = "return document.documentElement.scrollWidth <= document.documentElement.clientWidth"
+    wide = browser.execute_script(fits)
+    of_width(browser, 360)
+    return wide and WebDriverWait(browser, 20, 0.05).until(lambda narrow: narrow.execute_script(fits))

@@ -99,11 +99,5 @@ def chrome():
 
 @pytest.fixture(params=repeated(1280, 360), ids="{}px".format)
 def browser(chrome, request):
-    """Chromium for what a page does, which `make test` asks of a wide window alone."""
-    return of_width(chrome, request.param)
-
-
-@pytest.fixture(params=[1280, 360], ids="{}px".format)
-def browser_of_each_width(chrome, request):
-    """Chromium for how a page looks."""
+    """Chromium, in `make test` with a wide window alone."""
     return of_width(chrome, request.param)

@@ -72,7 +72,7 @@ def test_held_out_errors_are_of_trials_that_were_not_fitted_to():
 
 @pytest.mark.parametrize("name", repeated("location_dependent_restitution", "surface_tilt", "rolling_resistance"))
 def test_a_hidden_effect_is_named(name):
-    impacts, truth = mystery.draw(12, effects=[name], size=200)
+    impacts, truth = mystery.draw(12, effects=[name], size=150)
     found = diagnose(impacts, **alone(truth))
     assert found.verdict == "effects"
     assert found.effects[0] == name

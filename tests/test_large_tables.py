@@ -154,9 +154,7 @@ def test_a_large_table_is_diagnosed_on_samples():
         def step(self, step):
             heard.append((step.trials, step.of))
 
-    found = diagnose(
-        impacts, law, candidates=few("contact_patch", "side_drag"), laws=[law], thresholds=SMALL, observer=Heard()
-    )
+    found = diagnose(impacts, law, candidates=few("contact_patch"), laws=[law], thresholds=SMALL, observer=Heard())
     assert found.effects == ("contact_patch",)
     assert heard == [(150, 900), (300, 900)]
     sample = found.sample

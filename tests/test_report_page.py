@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from browser import nothing_sticks_out
 from diagnoses import SIX, few, made_up, provenance_of
 from evaluations import evaluation_of, learning_curve
 
@@ -273,11 +274,10 @@ def draw_everything(browser):
         into_view(browser, figure)
 
 
-def test_everything_is_drawn_in_silence(browser_of_each_width, page):
-    shown = opened(browser_of_each_width, page)
+def test_everything_is_drawn_in_silence(browser, page):
+    shown = opened(browser, page)
     draw_everything(shown)
-    width = shown.execute_script("return [document.documentElement.scrollWidth, document.documentElement.clientWidth]")
-    assert width[0] <= width[1]
+    assert nothing_sticks_out(shown)
     shown.execute_script("dispatchEvent(new Event('beforeprint')); dispatchEvent(new Event('afterprint'))")
     assert shown.execute_script("return document.querySelector('#map').textContent.includes('undefined')") is False
     assert silent(shown)

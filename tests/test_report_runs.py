@@ -7,6 +7,7 @@ import re
 from urllib.parse import unquote
 
 import pytest
+from browser import nothing_sticks_out
 from commands import run
 from evaluations import evaluation, learning_curve, provenance, training
 from test_report_page import HOSTILE, data_of, draw_everything, into_view, opened, silent, until
@@ -434,14 +435,13 @@ def press(browser, column):
     )
 
 
-def test_runs_are_drawn_in_silence(browser_of_each_width, mixed):
-    shown = opened(browser_of_each_width, mixed[0])
+def test_runs_are_drawn_in_silence(browser, mixed):
+    shown = opened(browser, mixed[0])
     draw_everything(shown)
-    width = shown.execute_script("return [document.documentElement.scrollWidth, document.documentElement.clientWidth]")
-    assert width[0] <= width[1]
     assert "5 runs, the least of b10 with 0.1500" in shown.execute_script(
         "return document.getElementById('by-run').getAttribute('aria-label')"
     )
+    assert nothing_sticks_out(shown)
     assert silent(shown)
 
 

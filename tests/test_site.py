@@ -12,6 +12,7 @@ from types import ModuleType
 from typing import NamedTuple
 
 import pytest
+from browser import nothing_sticks_out
 from repetitions import repeated
 
 import contactlearn
@@ -119,15 +120,14 @@ def test_every_public_name_is_in_the_reference(site):
                 assert f"{value.__module__}.{value.__qualname__}" in listed, name
 
 
-def test_the_search_works_from_a_disk(site, browser_of_each_width):
+def test_the_search_works_from_a_disk(site, browser):
     from selenium.webdriver.support.ui import WebDriverWait
 
-    browser = browser_of_each_width
     browser.get_log("browser"), browser.get_log("performance")
     browser.get(f"{(site.folder / 'search.html').as_uri()}?q=restitution")
     links = "return [...document.querySelectorAll('ul.search li a')].map(link => link.href)"
     WebDriverWait(browser, 60).until(lambda b: any(site.found in link for link in b.execute_script(links)))
-    assert browser.execute_script("return document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+    assert nothing_sticks_out(browser)
     sent = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
     urls = [event["params"]["request"]["url"] for event in sent if event["method"] == "Network.requestWillBeSent"]
     assert urls

@@ -49,7 +49,7 @@ def test_nothing_is_left_out_where_the_state_tells_nothing():
 
 def test_a_diagnosis_says_what_was_left_out():
     few = {key: effect for key, effect in all_candidates().items() if key.name in (TRUE, STAND_IN)}
-    found = diagnose(hidden(size=220), "wang_mason", candidates=few, laws=[find("wang_mason")])
+    found = diagnose(hidden(size=180), "wang_mason", candidates=few, laws=[find("wang_mason")])
     assert found.verdict is Verdict.UNKNOWN
     assert list(found.effects) == [TRUE]
     assert found.remainder is not None
