@@ -120,6 +120,7 @@ class Effect(ABC):
     """Name of the family: its class's name in small letters."""
     id: ClassVar[EffectId]
     """Name and form."""
+    _parameters: ClassVar[tuple[Parameter, ...]]  # as `parameters` found them
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]  # every effect is a dataclass
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -157,7 +158,11 @@ class Effect(ABC):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Fitted parameters, in the order of the fields."""
-        return tuple(Parameter(f.name, **f.metadata["parameter"]) for f in fields(self) if "parameter" in f.metadata)
+        kind = type(self)
+        if "_parameters" not in vars(kind):  # asked some hundred times a fit
+            declared = (f for f in fields(kind) if "parameter" in f.metadata)
+            kind._parameters = tuple(Parameter(f.name, **f.metadata["parameter"]) for f in declared)
+        return kind._parameters
 
     @property
     def equation(self) -> str:

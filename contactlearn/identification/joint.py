@@ -250,16 +250,16 @@ def named_parameters(effects: Mapping[str, Effect], box: Box, impacts: Impacts) 
         Parameter("eps", "ε", "–", *box.eps, vanishing=None),
     )
     known = {} if impacts.apparatus is None else dict(impacts.apparatus.parameters())
+    declared = [(name, effect.name, p) for name, effect in effects.items() for p in effect.parameters]
     own: list[Parameter] = []
-    for name, effect in effects.items():
-        for p in suited(effect.parameters, impacts):
-            low, high = p.low, p.high
-            flight = known.get(f"{effect.name}.{p.name}")
-            if flight is not None:
-                within = max(low, flight.range[0]), min(high, flight.range[1])
-                flight = None if within == (low, high) else flight
-                low, high = within
-            own.append(replace(p, name=f"{name}.{p.name}", low=low, high=high, flight=flight))
+    for (name, family, _), p in zip(declared, suited([p for *_, p in declared], impacts), strict=True):
+        low, high = p.low, p.high
+        flight = known.get(f"{family}.{p.name}")
+        if flight is not None:
+            within = max(low, flight.range[0]), min(high, flight.range[1])
+            flight = None if within == (low, high) else flight
+            low, high = within
+        own.append(replace(p, name=f"{name}.{p.name}", low=low, high=high, flight=flight))
     return (*shared, *own)
 
 
