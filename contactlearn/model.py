@@ -104,6 +104,8 @@ class ContactModel:
             lines.append(f"{self.target}({self.residual.space})")
         return ("\n  + " if self.effects else " + ").join(lines) or "no impulse"
 
+    __repr__ = __str__  # tensors say nothing at a prompt
+
     def standard_errors(self) -> list[float | None]:
         """Of μ, ε and the parameters of the effects, the mean over leading axes; None where they are not known."""
         if self.parameter_covariance is None:

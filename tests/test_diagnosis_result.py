@@ -43,6 +43,16 @@ def test_a_diagnosis_is_read_back_equal(found):
         Diagnosis.from_json(text.replace('"verdict": "effects"', '"verdict": "perhaps"'))
 
 
+def test_a_prompt_shows_the_story(found):
+    shown = repr(found)
+    assert shown.startswith("Diagnosis(verdict='effects', law='wang_mason', ")
+    assert all(f"{one.effect} (" in shown for one in found.missing)
+    assert f"error {found.budget.base.mean:.3g} → {found.budget.named.mean:.3g}" in shown
+    fit = repr(identify_jointly("wang_mason", ["side_drag"], found.record.impacts))
+    assert "side_drag" in fit
+    assert fit.count("tensor") == 3  # loss, agreement and whether it converged
+
+
 def test_its_record_is_read_back_to_the_last_bit(found, tmp_path):
     found.record.save(tmp_path, {"made": "by hand"})
     read = Record.load(tmp_path)

@@ -91,6 +91,11 @@ def form_of(parent, name, **own):
     return dataclass(frozen=True, eq=False)(type(f"{name.title()}Gust", (parent,), body))
 
 
+def test_a_parameter_is_a_number():
+    with pytest.raises(ContactLearnError, match="side_drag:linear: c must be a number, got 'a'"):
+        find_effect("side_drag")("a")
+
+
 def test_families_are_abstract_and_forms_final():
     for forms in catalogue().values():
         for kind in forms:

@@ -137,7 +137,11 @@ class Effect(ABC):
     def __post_init__(self) -> None:
         for f in fields(self):
             if "parameter" in f.metadata:
-                object.__setattr__(self, f.name, torch.as_tensor(getattr(self, f.name), dtype=torch.float64))
+                given = getattr(self, f.name)
+                try:
+                    object.__setattr__(self, f.name, torch.as_tensor(given, dtype=torch.float64))
+                except (TypeError, ValueError, RuntimeError) as error:
+                    raise ContactLearnError(f"{self.id}: {f.name} must be a number, got {given!r}") from error
 
     def state(self, state: State) -> State:
         """Return the state as it really is, from the state as it was measured."""

@@ -6,7 +6,7 @@ the noise of the velocities is known, `errors_in_variables` estimates the states
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -94,16 +94,16 @@ class JointFit:
     """
 
     model: ContactModel
-    parameters: tuple[Parameter, ...]
-    values: Tensor
-    covariance: Tensor
-    scatter: Tensor  # robust covariance [..., 3, 3] of the residual, in the target's units squared, or whitened
-    weight: Tensor  # [..., n] of the trials, near 0 for gross outliers and 1 for ordinary ones
-    effective_trials: Tensor  # [..., K] effective number of trials that inform each parameter
+    parameters: tuple[Parameter, ...] = field(repr=False)
+    values: Tensor = field(repr=False)
+    covariance: Tensor = field(repr=False)
+    scatter: Tensor = field(repr=False)  # robust covariance [..., 3, 3] of residuals: target's units², or white
+    weight: Tensor = field(repr=False)  # [..., n] of the trials, near 0 for gross outliers and 1 for ordinary ones
+    effective_trials: Tensor = field(repr=False)  # [..., K] effective number of trials that inform each parameter
     loss: Tensor  # [...] the minimum of the loss, nats a trial
     agreement: Tensor  # [...] share of the starts followed to the end that reached this minimum
     converged: Tensor  # [...] whether the best start converged
-    thresholds: FitThresholds = FitThresholds()
+    thresholds: FitThresholds = field(default_factory=FitThresholds, repr=False)
     alone: "JointFit | None" = None  # to the impacts alone, where flight has measured a parameter
 
     @property

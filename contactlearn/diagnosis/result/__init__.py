@@ -200,6 +200,14 @@ class Diagnosis:
     thresholds: Thresholds = field(default_factory=Thresholds)
     record: Record | None = field(default=None, compare=False, repr=False)
 
+    def __repr__(self) -> str:
+        """Write what a prompt shows, the story in a line; the fields have the rest."""
+        story = [f"verdict={str(self.verdict)!r}", f"law={self.law!r}"]
+        story += [f"{one.effect} ({100 * min(one.confidence, 0.99):.0f} %)" for one in self.missing]
+        if self.budget is not None:
+            story.append(f"error {self.budget.base.mean:.3g} → {self.budget.named.mean:.3g}")
+        return f"Diagnosis({', '.join(story)})"
+
     @property
     def effects(self) -> tuple[str, ...]:
         """Names of the missing effects, without their forms."""
