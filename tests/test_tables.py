@@ -155,6 +155,15 @@ def test_errors_tell_the_files_column_and_the_value_as_written(tmp_path, drops):
             assert fragment in str(caught.value)
 
 
+def test_the_first_missing_number_says_how_many_there_are(tmp_path, drops):
+    columns = columns_of(drops)
+    gaps = [*columns["vx"][:7], "", *columns["vx"][8:20], "nan", *columns["vx"][21:]]
+    with pytest.raises(DataError, match=r"row 8 .*the cell is empty: .*\(2 rows of the column are like this one\)"):
+        table.load(written(tmp_path / "own.csv", columns | {"vx": gaps}))
+    with pytest.raises(DataError, match=r"the cell is empty.*drop_incomplete[^(]*$"):
+        table.load(written(tmp_path / "own.csv", columns | {"vx": [*columns["vx"][:7], "", *columns["vx"][8:]]}))
+
+
 # --- Columns that are not used, or computed -------------------------------------------------------
 
 

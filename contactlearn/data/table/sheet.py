@@ -55,7 +55,9 @@ class Sheet:
             except ValueError as error:
                 place = f"row {self.first + row + 1}" + (f" (line {self.lines[row]})" if self.lines else "")
                 below = "; a row of units below the header? remove it" if self._is_text(row) else ""
-                rule = f"must be a finite number in {unit}; {error}{below}"
+                missing = sum(map(_is_missing, cells)) if _is_missing(cell) else 1
+                others = f" ({missing} rows of the column are like this one)" if missing > 1 else ""
+                rule = f"must be a finite number in {unit}; {error}{below}{others}"
                 name = self.written.get(column, column)
                 raise DataError(f"{self.path}: {place}, column {name}: {rule}", row=self.first + row + 1) from None
         return np.array(values, float)
