@@ -5,3 +5,9 @@ bfgs       minimisation of a batch of small problems in lock step
 exact      exact processes: a GPyTorch module that these two train
 sparse     sparse variational ones, for many trials
 """
+
+import warnings
+
+with warnings.catch_warnings():  # of scripting, which newer versions of torch show to everybody; GPyTorch stands on it
+    warnings.filterwarnings("ignore", message=r".torch\.jit\.\w+. is deprecated")
+    import linear_operator as linear_operator
