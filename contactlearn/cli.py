@@ -182,8 +182,11 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
             file brought.
     """
     check_choices(overrides)
-    here = hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS))
-    with stopped_afterwards(), here, readable_words():
+    with (
+        stopped_afterwards(),
+        hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)),
+        readable_words(),
+    ):
         cfg = hydra.compose(config_name, overrides, return_hydra_config=return_hydra_config)
     check_settings(cfg, config_name)
     check_targets(cfg, overrides)

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from unittest.mock import patch
 
+from diagnoses import few
 from matplotlib.figure import Figure
 
 from contactlearn import cli
@@ -51,10 +52,10 @@ def run(*arguments, cwd=ROOT, status=0, figures=False, forms=False):
 @contextlib.contextmanager
 def first_forms():
     """Diagnoses search the first form of each effect alone, for tests that are not about the search."""
-    few = lambda: {kinds[0].id: kinds[0]() for kinds in catalogue().values()}  # noqa: E731
+    first = lambda: few(*catalogue())  # noqa: E731
     with (
-        patch("contactlearn.diagnosis.pipeline.all_candidates", few),
-        patch("contactlearn.app.diagnose.all_candidates", few),
+        patch("contactlearn.diagnosis.pipeline.all_candidates", first),
+        patch("contactlearn.app.diagnose.all_candidates", first),
     ):
         yield
 

@@ -109,7 +109,7 @@ def test_no_grid_beats_the_cost(law, variant, source, request):
     subsets = orders(len(drops), 60, 4, seed=3)
     sizes = (3, 8, 20, 60)
     nested = [order[:k] for order in subsets for k in sizes]
-    grid = brute_force(law, variant, drops, nested, 80 if slow else 250).view(4, len(sizes))
+    grid = brute_force(law, variant, drops, nested, 80 if slow else 400).view(4, len(sizes))
     for size, least in zip(sizes, grid.T, strict=True):
         allowed = NOT_BEATEN if size >= 20 else MISSED
         fit = identify(find(law, variant), drops, sizes=(size,), repetitions=4, generator=seeded(3))

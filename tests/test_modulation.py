@@ -53,7 +53,7 @@ def test_false_statements_are_as_rare_as_the_level():
         tails = normal(n, 4, seed=seed + 3).square().mean(-1, keepdim=True).sqrt()
         return normal(n, 3, seed=seed + 4) / tails * (0.5 * normal(n, 1, seed=seed + 5)).exp()
 
-    runs, level, chances = 40, 0.1, []
+    runs, level, chances = 60, 0.1, []
     for seed in range(runs):
         drops, fit = fitted(120, 100 * seed, errors=rough)
         scores = Scores.of_state(drops, fit, OPTIONS)

@@ -319,6 +319,12 @@ def test_importing_is_cheap(statement):
     subprocess.run([sys.executable, "-c", f"{statement}\nimport sys\nassert not {heavy}"], check=True, cwd=ROOT)
 
 
+def test_importing_is_quiet():
+    """What other packages warn of each other is not shown to everybody."""
+    words = ("-W", "error::DeprecationWarning", "-W", "error::FutureWarning", "-c", "from contactlearn import diagnose")
+    subprocess.run([sys.executable, *words], check=True, cwd=ROOT)
+
+
 def test_public_names_exist():
     import contactlearn
 
