@@ -21,16 +21,17 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from contactlearn import diagnose, mechanics
+from contactlearn import diagnose
 from contactlearn.data import ellipse_drops
-from contactlearn.diagnosis.validation import Folds
 from contactlearn.effects import Effect
-from contactlearn.evaluation import bounds
-from contactlearn.evaluation.metrics import bootstrap, mass_error
-from contactlearn.identification.joint import identify_jointly
-from contactlearn.impacts import Impacts, Prediction
+from contactlearn.inference.evaluation import bounds
+from contactlearn.inference.evaluation.metrics import bootstrap, mass_error
+from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.validation import Folds
 from contactlearn.laws import find
-from contactlearn.regression.regressor import Regressor
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.models.regressor import Regressor
 
 TRIALS = 450
 
@@ -42,14 +43,16 @@ def rung(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds
     rows = folds.fitted[:, :TRIALS]
     body = impacts.mass, impacts.inertia, impacts.r
     left = impacts.v_post - base.v_post
-    impulse = (mechanics.effective_inertia(impacts.W) @ mechanics.contact_velocity(impacts.r, left)[..., None])[..., 0]
-    wrench = mechanics.measured_wrench(*body, torch.zeros_like(left), left)
+    impulse = (rigid_body.effective_inertia(impacts.W) @ rigid_body.contact_velocity(impacts.r, left)[..., None])[
+        ..., 0
+    ]
+    wrench = rigid_body.measured_wrench(*body, torch.zeros_like(left), left)
     errors = [folds.scores(mass_error(impacts, base))]
     for target in (impulse, wrench):
         values = target.gather(-2, rows[..., None].expand(-1, -1, target.shape[-1]))
         learned, _ = Regressor.fit("state", impacts, rows, values).predict(impacts)
         learned = torch.nn.functional.pad(learned, (0, 3 - learned.shape[-1]))
-        changed = base.v_post + (mechanics.velocity_per_wrench(*body) @ learned[..., None])[..., 0]
+        changed = base.v_post + (rigid_body.velocity_per_wrench(*body) @ learned[..., None])[..., 0]
         errors.append(folds.scores(mass_error(impacts, Prediction(changed, base.wrench + learned))))
     return errors
 

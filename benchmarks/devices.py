@@ -17,15 +17,15 @@ import torch
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
-from contactlearn import devices
-from contactlearn.data import synthetic
-from contactlearn.devices import moved
-from contactlearn.evaluation import bounds
-from contactlearn.identification.joint import identify_jointly
-from contactlearn.identification.per_trial import identify_trials
-from contactlearn.identification.shared import identify
+from contactlearn.core import devices
+from contactlearn.core.devices import moved
+from contactlearn.inference.evaluation import bounds
+from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification.shared import identify
 from contactlearn.laws import PAPER_LAWS, find
-from contactlearn.regression.gp.sparse import SparseGPs
+from contactlearn.models.gp.sparse import SparseGPs
+from contactlearn.simulation import synthetic
 from gp_fits import draw, load, ours
 from joint_fit import measured
 from law_rates import ellipse_contacts

@@ -19,13 +19,13 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from contactlearn.data import synthetic
 from contactlearn.effects import Effect, catalogue, find_effect
-from contactlearn.evaluation.metrics import mass_error
-from contactlearn.identification.joint import FitOptions, assemble, identify_jointly
-from contactlearn.impacts import Impacts
+from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.identification.joint import FitOptions, assemble, identify_jointly
+from contactlearn.inference.learning.curves import run
 from contactlearn.laws import find
-from contactlearn.learning.curves import run
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.simulation import synthetic
 
 MU, EPS, LAW = 0.15, 0.55, "wang_mason"
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)

@@ -32,7 +32,7 @@ from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
-from contactlearn.regression.gp.evidence import LogEvidence
+from contactlearn.models.gp.evidence import LogEvidence
 
 SIZES = (50, 100, 200, 450, 1000)
 BATCH, INPUTS = 30, 5

@@ -42,13 +42,14 @@ from scipy.optimize import minimize as scipy_minimize
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
-from contactlearn.data import ellipse_drops, synthetic
-from contactlearn.errors import DataError
-from contactlearn.impacts import Impacts
-from contactlearn.regression.features import Standardisation, features
-from contactlearn.regression.gp.bfgs import minimise
-from contactlearn.regression.gp.evidence import LogEvidence
-from contactlearn.regression.gp.exact import LENGTH, NOISE, SCALE, STARTS, ExactGPs
+from contactlearn.core.errors import DataError
+from contactlearn.data import ellipse_drops
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.features import Standardisation, features
+from contactlearn.models.gp.bfgs import minimise
+from contactlearn.models.gp.evidence import LogEvidence
+from contactlearn.models.gp.exact import LENGTH, NOISE, SCALE, STARTS, ExactGPs
+from contactlearn.simulation import synthetic
 from gp_evidence import ZeroMeanGP, covariance, set_parameters
 
 SEEDS, HELD_OUT, MORE_STARTS = 10, 500, 10

@@ -33,15 +33,15 @@ from statistics import mean, median
 import torch
 from threadpoolctl import threadpool_limits
 
-from contactlearn.audit.corrections import correct
-from contactlearn.data import mujoco, mystery
-from contactlearn.data.mystery.hidden import RIVALS
+from contactlearn.core.numerics import Z_95
+from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis
-from contactlearn.evaluation.metrics import mass_error
-from contactlearn.impacts import Impacts, Prediction
-from contactlearn.learning.curves import run
-from contactlearn.numerics import Z_95
+from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.learning.curves import run
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.simulation import hidden_effects, mujoco
+from contactlearn.simulation.hidden_effects.hidden import RIVALS
 
 COMPONENTS = {"magnetic_pull": "tau", "elastic_strap": "t", "spin_lift": "n"}
 MUJOCO = {
@@ -70,13 +70,15 @@ def tasks(scale: float) -> list[tuple]:
         for k in range(max(1, round(count * scale))):
             found.append((group, names, seed + k, *among[k % len(among)]))
 
-    for name in mystery.EFFECTS:
+    for name in hidden_effects.EFFECTS:
         add("single", (name,), 100, 4)
-    pairs = [pair for pair in combinations(mystery.EFFECTS, 2) if not any(set(pair) <= group for group in RIVALS)]
+    pairs = [
+        pair for pair in combinations(hidden_effects.EFFECTS, 2) if not any(set(pair) <= group for group in RIVALS)
+    ]
     for k, pair in enumerate(rng.sample(pairs, max(1, round(60 * scale)))):
         found.append(("pair", pair, 200 + k, 500, (1.0, 2.0)[k % 2]))
     add("none", (), 300, 60)
-    for name in mystery.UNKNOWN:
+    for name in hidden_effects.UNKNOWN:
         add("unknown", (name,), 400, 10, kinds[1:])
     for group in RIVALS:
         add("confounded", tuple(sorted(group)), 500, 2, kinds[1:3])
@@ -94,11 +96,13 @@ def one(group: str, names: tuple, seed: int, size: int, noise: float) -> dict:
         options, expected = MUJOCO[names[0]]
         impacts, expected = mujoco.load(size=size, seed=seed, **options), {names[0]: expected}
     elif group == "corrupted":
-        impacts, _ = mystery.draw(seed, effects=[], size=size, noise=noise)
+        impacts, _ = hidden_effects.draw(seed, effects=[], size=size, noise=noise)
         impacts = CORRUPTIONS[names[0]](impacts.replace(suspect=True))
     else:
-        impacts, truth = mystery.draw(seed, effects=list(names), size=size, noise=noise)
-        expected = {effect["name"]: mystery.meant(effect["name"], effect["parameters"]) for effect in truth["effects"]}
+        impacts, truth = hidden_effects.draw(seed, effects=list(names), size=size, noise=noise)
+        expected = {
+            effect["name"]: hidden_effects.meant(effect["name"], effect["parameters"]) for effect in truth["effects"]
+        }
     began = time.perf_counter()
     found = diagnose(impacts)
     seconds = time.perf_counter() - began

@@ -34,10 +34,11 @@ import numpy as np
 import torch
 from scipy.optimize import differential_evolution, minimize
 
-from contactlearn.data import ellipse_drops, synthetic
-from contactlearn.errors import DataError
-from contactlearn.identification.per_trial import identify_trials
+from contactlearn.core.errors import DataError
+from contactlearn.data import ellipse_drops
+from contactlearn.inference.identification.per_trial import identify_trials
 from contactlearn.laws import find
+from contactlearn.simulation import synthetic
 
 BAR = 100
 BOX = ((0.0, 1.0), (0.0, 1.0))

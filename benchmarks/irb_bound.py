@@ -20,11 +20,12 @@ import torch
 from scipy.optimize import minimize
 from scipy.sparse import csc_matrix
 
-from contactlearn import mechanics
-from contactlearn.data import ellipse_drops, synthetic
-from contactlearn.errors import DataError
-from contactlearn.evaluation.bounds import NORMS, distance, irb
-from contactlearn.impacts import Impacts, Prediction
+from contactlearn.core.errors import DataError
+from contactlearn.data import ellipse_drops
+from contactlearn.inference.evaluation.bounds import NORMS, distance, irb
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.simulation import synthetic
 
 BARS = {"irb": 1, "Clarabel, a trial": 60, "SLSQP, a trial": 250}
 """Least ratios to be reached."""
@@ -83,13 +84,13 @@ class Problem:
     def __init__(self, impacts: Impacts, norm: str):
         self.impacts = impacts
         W, v_c = impacts.W, impacts.v_c
-        self.centre = -(mechanics.effective_inertia(W) @ v_c[..., None])[..., 0]
+        self.centre = -(rigid_body.effective_inertia(W) @ v_c[..., None])[..., 0]
         radius = (-(self.centre * v_c).sum(-1)).sqrt()[:, None, None]
         L = torch.linalg.cholesky(W)
         self.axes = radius * torch.linalg.inv(L).mT
         M = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1)
         root = M.sqrt() if norm == "mass" else torch.ones_like(M)
-        Jt = mechanics.contact_jacobian(impacts.r).mT / M[..., None]
+        Jt = rigid_body.contact_jacobian(impacts.r).mT / M[..., None]
         A = root[..., None] * (Jt @ self.axes)
         e = root * (impacts.v_post - impacts.v_pre - (Jt @ self.centre[..., None])[..., 0])
         size = (A.square().sum((-1, -2)) / 2)[:, None]  # so that the objective has a curvature near 1

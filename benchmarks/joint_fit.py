@@ -15,12 +15,12 @@ import numpy as np
 import torch
 from scipy.optimize import least_squares
 
-from contactlearn.data import synthetic
 from contactlearn.effects import State, find_effect
-from contactlearn.identification.joint import assemble, identify_jointly, named_parameters
-from contactlearn.identification.shared import Box
+from contactlearn.inference.identification.joint import assemble, identify_jointly, named_parameters
+from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import find
-from contactlearn.model import derivative, resolve
+from contactlearn.models.contact_model import derivative, resolve
+from contactlearn.simulation import synthetic
 
 torch.set_num_threads(1)
 PLANTED = {

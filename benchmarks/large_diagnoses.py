@@ -16,7 +16,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from contactlearn.data import mystery, table
+from contactlearn.data import table
+from contactlearn.simulation import hidden_effects
 
 ROOT = Path(__file__).parent.parent
 WANTED = {100_000: "≤ 120 s, ≤ 2 GB"}
@@ -52,7 +53,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         for size in options.sizes:
             path, folder = Path(name, f"{size}.parquet"), Path(name, str(size))
-            impacts, truth = mystery.draw(options.seed, size=size)
+            impacts, truth = hidden_effects.draw(options.seed, size=size)
             table.save(impacts, path)
             shape = impacts.shape
             del impacts

@@ -24,7 +24,8 @@ ROOT = Path(__file__).parent.parent
 
 def made(folder: Path, size: int) -> Path:
     """A table of so many drops; written in blocks, and kept for the next call."""
-    from contactlearn.data import synthetic, table
+    from contactlearn.data import table
+    from contactlearn.simulation import synthetic
 
     path = folder / f"drops_{size}.parquet"
     return path if path.exists() else table.save(synthetic.many(size), path)
@@ -46,11 +47,11 @@ def evaluated(path: Path) -> int:
     """Evaluate all impacts of a table, and return how many they are."""
     from contactlearn import laws
     from contactlearn.data.table.large import table_blocks
-    from contactlearn.evaluation import bounds
-    from contactlearn.evaluation.sums import ErrorSums
-    from contactlearn.impacts import Impacts, Prediction
+    from contactlearn.inference.evaluation import bounds
+    from contactlearn.inference.evaluation.sums import ErrorSums
     from contactlearn.laws import PAPER_LAWS
-    from contactlearn.model import ContactModel
+    from contactlearn.mechanics.impacts import Impacts, Prediction
+    from contactlearn.models.contact_model import ContactModel
     from contactlearn.results.tables import save_predictions
 
     models = {name: ContactModel(laws.find(name).at(0.12, 0.55)) for name in PAPER_LAWS}

@@ -25,8 +25,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from contacts import friction_lcp, lemke  # noqa: E402
 
-from contactlearn import mechanics  # noqa: E402
 from contactlearn.laws import catalogue, find  # noqa: E402
+from contactlearn.mechanics import rigid_body  # noqa: E402
 
 try:
     import quadprog
@@ -48,7 +48,7 @@ def ellipse_contacts(n: int, seed: int) -> tuple[torch.Tensor, torch.Tensor]:
     r = np.stack(((a**2 - b**2) * np.sin(theta) * np.cos(theta) / -height, -height), -1)
     v = np.stack((rng.normal(0, 0.5, n), -rng.uniform(1.0, 2.5, n), rng.normal(0, 5, n)), -1)
     mass, r, v = torch.full((n,), mass, dtype=torch.float64), torch.from_numpy(r), torch.from_numpy(v)
-    W, v_c = mechanics.inverse_inertia(mass, mass * (a**2 + b**2) / 4, r), mechanics.contact_velocity(r, v)
+    W, v_c = rigid_body.inverse_inertia(mass, mass * (a**2 + b**2) / 4, r), rigid_body.contact_velocity(r, v)
     v_c[:, 1].clamp_(max=-0.1)
     return W, v_c
 

@@ -22,7 +22,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from contactlearn.data import ellipse_drops
-from contactlearn.regression.features import Standardisation, features
+from contactlearn.models.features import Standardisation, features
 
 SIZES = (10, 20, 50, 100, 150, 200, 300, 450)
 SEEDS = 10

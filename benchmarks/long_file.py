@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from contactlearn.data.tracks_synthetic import simulate
-from contactlearn.tracks.track import Recording
+from contactlearn.data.recordings.track import Recording
+from contactlearn.simulation.recordings import simulate
 
 _NAME = "@" * 8
 

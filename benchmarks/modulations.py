@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from contactlearn.diagnosis.drift import drifts
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.identification.joint import FitOptions
+from contactlearn.inference.identification.joint import FitOptions
 from second_nature.tables import share, table
 from sequences import CORRELATED, SIZES, STRENGTHS, Case, Line, asked_all
 from studies.follows import DEPENDS

@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from contactlearn.diagnosis.drift import drifts
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.identification.joint import FitOptions
+from contactlearn.inference.identification.joint import FitOptions
 from second_nature.tables import share, table
 from studies.follows import FOLLOWS
 from studies.sequences import DESIGNS, ERRORS, NAMED, made, succession

@@ -18,8 +18,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from contactlearn.core.serialisation import to_json
 from contactlearn.results.state import Done, finish, held
-from contactlearn.serialisation import to_json
 from studies.sweeps import JOBS, content, ended, nothing_half_written, started, survive
 
 ROOT = Path(__file__).parent.parent
@@ -51,8 +51,8 @@ def _made(folder, words, count):
     """Markers as finished jobs leave them, for every job of a sweep; the jobs themselves are not run."""
     from omegaconf import OmegaConf
 
-    from contactlearn.cli import compose
-    from contactlearn.sweeps.identity import code_version, typed
+    from contactlearn.cli.hydra_main import compose
+    from contactlearn.cli.sweeps.identity import code_version, typed
 
     cfg = compose("train", [], return_hydra_config=True)
     OmegaConf.set_struct(cfg, False)

@@ -11,11 +11,11 @@ limits are held fixed; what is varied is the measured impulse:
 import torch
 from hydra import compose, initialize_config_dir
 
-from contactlearn.cli import CONFIGS
+from contactlearn.cli.hydra_main import CONFIGS
 from contactlearn.data import ellipse_drops
-from contactlearn.identification.shared import Box, identify
-from contactlearn.impacts import IMPULSE_TARGETS
+from contactlearn.inference.identification.shared import Box, identify
 from contactlearn.laws import find
+from contactlearn.mechanics.impacts import IMPULSE_TARGETS
 
 GRAVITY = 9.81  # m/s²
 

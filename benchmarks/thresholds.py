@@ -20,7 +20,7 @@ import torch
 from rich.progress import track
 from threadpoolctl import threadpool_limits
 
-from contactlearn.learning.curves import run
+from contactlearn.inference.learning.curves import run
 from studies import (
     conventions,
     descriptions,
@@ -174,7 +174,8 @@ class Outcome:
 HEAD = """# Thresholds: false alarms and power
 
 `python benchmarks/thresholds.py` makes this table; its first lines say how. Each row is a field of
-`contactlearn.diagnosis.thresholds.Thresholds`, or below `tracks` of `contactlearn.tracks.thresholds.TrackThresholds`.
+`contactlearn.diagnosis.thresholds.Thresholds`, or below `tracks` of
+`contactlearn.data.recordings.thresholds.TrackThresholds`.
 At each value, the default one bold: false alarms of so many null cases, and right alarms of so many planted ones.
 Planted mistakes and effects are small on purpose, so that some are missed.
 A row that says "not run", or has fewer cases than its study, is still to be decided: `--keep` goes on from there.

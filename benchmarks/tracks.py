@@ -18,18 +18,18 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.numerics import Z_95
+from contactlearn.data.recordings.detection import find_flights
+from contactlearn.data.recordings.events import find_contacts
+from contactlearn.data.recordings.track import Track, continuous, turn
 from contactlearn.data.tracks import Tracked, find_impacts, track_options
-from contactlearn.data.tracks_synthetic import AXES, MASS, SEMI_AXES, simulate, write_recordings
-from contactlearn.data.tracks_synthetic.camera import Camera, TrueContacts
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.effects import find_effect
-from contactlearn.errors import ContactLearnError
-from contactlearn.impacts import Impacts
-from contactlearn.numerics import Z_95
-from contactlearn.shapes import Ellipse, contact_point
-from contactlearn.tracks.detection import find_flights
-from contactlearn.tracks.events import find_contacts
-from contactlearn.tracks.track import Track, continuous, turn
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Ellipse, contact_point
+from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
+from contactlearn.simulation.recordings.camera import Camera, TrueContacts
 
 CHI_3 = 7.815
 PLAIN = Camera()

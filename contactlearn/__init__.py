@@ -10,38 +10,30 @@ from importlib import import_module
 TYPE_CHECKING = False  # a type checker takes it for true; typing takes longer to load than the rest
 if TYPE_CHECKING:
     from contactlearn import (
-        audit,
-        checkpoint,
         data,
         diagnosis,
         effects,
-        errors,
-        evaluation,
-        identification,
-        impacts,
+        inference,
         laws,
-        learning,
         mechanics,
-        model,
-        regression,
+        models,
         report,
         results,
-        shapes,
+        simulation,
         testing,
-        tracks,
     )
-    from contactlearn.citation import cite
+    from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
     from contactlearn.diagnosis.observer import Observer
     from contactlearn.diagnosis.pipeline import diagnose
     from contactlearn.diagnosis.result import Diagnosis
     from contactlearn.diagnosis.thresholds import Thresholds
-    from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-    from contactlearn.identification.joint import identify_jointly
-    from contactlearn.identification.shared import identify
-    from contactlearn.impacts import Impacts, Prediction
+    from contactlearn.inference.identification.joint import identify_jointly
+    from contactlearn.inference.identification.shared import identify
+    from contactlearn.inference.learning.recipe import Recipe, learn
     from contactlearn.laws import Law
-    from contactlearn.learning.recipe import Recipe, learn
-    from contactlearn.model import ContactModel
+    from contactlearn.mechanics.impacts import Impacts, Prediction
+    from contactlearn.models.citation import cite
+    from contactlearn.models.contact_model import ContactModel
 
 __version__ = "0.1.0"
 
@@ -58,50 +50,42 @@ __all__ = [
     "Thresholds",
     "UnknownNameError",
     "__version__",
-    "audit",
-    "checkpoint",
     "cite",
     "data",
     "diagnose",
     "diagnosis",
     "effects",
-    "errors",
-    "evaluation",
-    "identification",
     "identify",
     "identify_jointly",
-    "impacts",
+    "inference",
     "laws",
     "learn",
-    "learning",
     "mechanics",
-    "model",
-    "regression",
+    "models",
     "report",
     "results",
-    "shapes",
+    "simulation",
     "testing",
-    "tracks",
 ]
 
-# Where a public name is defined; tests hold this table and the imports above to each other.
+# The module that defines each public name; tests hold this table and the imports above to each other.
 _HOME = {
-    "ContactLearnError": "errors",
-    "ContactModel": "model",
-    "DataError": "errors",
+    "ContactLearnError": "core.errors",
+    "ContactModel": "models.contact_model",
+    "DataError": "core.errors",
     "Diagnosis": "diagnosis.result",
-    "Impacts": "impacts",
+    "Impacts": "mechanics.impacts",
     "Law": "laws",
     "Observer": "diagnosis.observer",
-    "Prediction": "impacts",
-    "Recipe": "learning.recipe",
+    "Prediction": "mechanics.impacts",
+    "Recipe": "inference.learning.recipe",
     "Thresholds": "diagnosis.thresholds",
-    "cite": "citation",
-    "UnknownNameError": "errors",
+    "UnknownNameError": "core.errors",
+    "cite": "models.citation",
     "diagnose": "diagnosis.pipeline",
-    "identify": "identification.shared",
-    "identify_jointly": "identification.joint",
-    "learn": "learning.recipe",
+    "identify": "inference.identification.shared",
+    "identify_jointly": "inference.identification.joint",
+    "learn": "inference.learning.recipe",
 }
 
 

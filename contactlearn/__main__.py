@@ -17,9 +17,10 @@ import re
 import sys
 from collections.abc import Callable
 
-from contactlearn import __version__, tools
-from contactlearn.endings import ending_well
-from contactlearn.errors import ContactLearnError, harmless, suggest
+from contactlearn import __version__
+from contactlearn.cli import tools
+from contactlearn.core.errors import ContactLearnError, harmless, installing, suggest
+from contactlearn.core.signals import ending_well
 
 _REPORT = """Of one run of evaluate or diagnose: write its report.html again, from the run folder alone, without the
 data source and without a fit.  Of several runs, or of a folder above some: write one self-contained page that opens
@@ -51,7 +52,7 @@ def _run_tool(words: list[str]) -> int:
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
-    from contactlearn.configuration import explained
+    from contactlearn.cli.configuration import explained
 
     try:
         print(harmless(options.run(options)))
@@ -83,10 +84,10 @@ def _parsed(words: list[str]) -> argparse.Namespace:
 
 def _configured(command: str, *overrides: str) -> int:
     """Run a command whose configuration Hydra composes; Hydra reads its overrides from `sys.argv`."""
-    from contactlearn import cli
+    from contactlearn.cli import hydra_main
 
     sys.argv = [f"contactlearn {command}", *overrides]
-    getattr(cli, command)()
+    getattr(hydra_main, command)()
     return 0
 
 
@@ -221,7 +222,19 @@ def _add_workbench(add: Callable[..., argparse.ArgumentParser]) -> None:
     bench.add_argument("--host", default="127.0.0.1", help="to bind to; the token is asked for everywhere")
     bench.add_argument("--port", type=int, help="to bind to (default: the first free one from 8765; 0: any free one)")
     bench.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
-    bench.set_defaults(run=tools.run_workbench)
+    bench.set_defaults(run=_run_workbench)
+
+
+def _run_workbench(options: argparse.Namespace) -> str:
+    """Serve the workbench until it is stopped."""
+    try:
+        from contactlearn.workbench.server import serve
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("dash", "flask"):
+            raise
+        raise ContactLearnError(f"the workbench needs Dash: {installing('workbench')}") from None
+    serve(options.overrides, host=options.host, port=options.port, browser=not options.no_browser)
+    return "closed; every address works again after the next start, and the runs are in outputs"
 
 
 if __name__ == "__main__":

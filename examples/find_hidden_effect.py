@@ -8,13 +8,13 @@ sure it is of the name.
 from pages import settings, show
 
 from contactlearn import diagnose
-from contactlearn.data import mystery
 from contactlearn.report.figures.diagnosis import ladder_figure
 from contactlearn.report.figures.regions import regions_figure
 from contactlearn.report.text import effect_label, headline, sentence
+from contactlearn.simulation import hidden_effects
 
 chosen = settings(trials=300, seed=7, hidden="contact_patch,side_drag")
-impacts, truth = mystery.draw(chosen.seed, size=chosen.trials, effects=chosen.hidden.split(","))
+impacts, truth = hidden_effects.draw(chosen.seed, size=chosen.trials, effects=chosen.hidden.split(","))
 print(impacts)
 
 # One call audits the measurements, compares the laws, finds where the best of them fails, and searches law and effects

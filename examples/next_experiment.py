@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from pages import settings, show
 
 from contactlearn import ContactModel, Impacts, identify_jointly, laws
-from contactlearn.data import synthetic
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment
 from contactlearn.effects import EffectId, find_effect
+from contactlearn.mechanics.shapes import Ellipse, contact_point
 from contactlearn.report.figures import style
-from contactlearn.shapes import Ellipse, contact_point
+from contactlearn.simulation import synthetic
 
 chosen = settings(trials=24, rounds=4, drops=4, damping=0.015, seed=1)
 law, shape = laws.find("wang_mason"), Ellipse((0.035, 0.025))

@@ -10,10 +10,11 @@ import pandas as pd
 from pages import settings, show
 
 from contactlearn import ContactModel, identify_jointly, laws
-from contactlearn.audit.findings import audit
-from contactlearn.data import synthetic, table
-from contactlearn.evaluation.metrics import mass_error
+from contactlearn.data import table
+from contactlearn.data.audit.findings import audit
+from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.report.figures.quality import predicted_against_measured
+from contactlearn.simulation import synthetic
 
 chosen = settings(trials=400)
 

@@ -13,12 +13,12 @@ from pages import settings, show
 from smooth_floor import SmoothFloor
 
 from contactlearn import ContactModel, identify_jointly, laws
-from contactlearn.data import synthetic
 from contactlearn.effects.formula.effect import formula
-from contactlearn.evaluation.metrics import bootstrap, mass_error
-from contactlearn.evaluation.partial_residuals import partial_residuals
+from contactlearn.inference.evaluation.metrics import bootstrap, mass_error
+from contactlearn.inference.evaluation.partial_residuals import partial_residuals
 from contactlearn.report.figures.comparison import error_comparison
 from contactlearn.report.figures.effects import effect_curve
+from contactlearn.simulation import synthetic
 
 chosen = settings(trials=300, torque=0.0002)
 

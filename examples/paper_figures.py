@@ -8,15 +8,16 @@ import torch
 from pages import settings, show
 
 from contactlearn import ContactModel, Recipe, laws
-from contactlearn.data import ellipse_drops, synthetic
-from contactlearn.evaluation import bounds, metrics
-from contactlearn.identification.per_trial import identify_trials
-from contactlearn.identification.shared import Box, cost_surface, identify
-from contactlearn.learning.curves import law_at, learning_curves, nested_orders
+from contactlearn.data import ellipse_drops
+from contactlearn.inference.evaluation import bounds, metrics
+from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification.shared import Box, cost_surface, identify
+from contactlearn.inference.learning.curves import law_at, learning_curves, nested_orders
 from contactlearn.report.figures.comparison import error_comparison
 from contactlearn.report.figures.impulse_space import reachable_impulses
 from contactlearn.report.figures.laws import convergence, cost_map, trial_parameters
 from contactlearn.report.figures.learning import error_densities, learning_curve
+from contactlearn.simulation import synthetic
 
 chosen = settings(data="synthetic", trials=600, repetitions=20, size=120, seeds=3, largest=200)
 published = chosen.data == "ellipse_drops"

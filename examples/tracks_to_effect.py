@@ -10,25 +10,26 @@ from collections import Counter
 from pages import settings, show
 
 from contactlearn import diagnose
-from contactlearn.data import tracks, tracks_synthetic
+from contactlearn.data import tracks
 from contactlearn.effects import find_effect
 from contactlearn.report.figures.diagnosis import ladder_figure
 from contactlearn.report.figures.tracks import contact_figure
 from contactlearn.report.text import effect_label, headline, sentence
+from contactlearn.simulation import recordings
 
 chosen = settings(recordings=100, damping=0.15)
 
 # Recordings of an ellipse that is thrown onto a floor, two seconds each at 250 frames a second, a CSV file each. In
 # their simulation contact takes spin away, τ = −c I ω⁺.
 effect = find_effect("spin_damping")().at([chosen.damping])
-recordings, truth = tracks_synthetic.simulate(chosen.recordings, effects={"spin_damping": effect}, seed=3)
+recordings, truth = recordings.simulate(chosen.recordings, effects={"spin_damping": effect}, seed=3)
 takes = chosen.out / "takes"
-tracks_synthetic.write_recordings(recordings, takes)
+recordings.write_recordings(recordings, takes)
 
 # Nothing is stated but mass and shape: units, axes and the sense of rotation are found from gravity and the moment
 # balance.
-shape = {"kind": "ellipse", "semi_axes": list(tracks_synthetic.SEMI_AXES)}
-found = tracks.find_impacts(takes, mass=tracks_synthetic.MASS, shape=shape)
+shape = {"kind": "ellipse", "semi_axes": list(recordings.SEMI_AXES)}
+found = tracks.find_impacts(takes, mass=recordings.MASS, shape=shape)
 print(f"{len(found.impacts)} impacts of {len(truth.time)} true contacts; refused:")
 for reason, count in Counter(str(refusal.reason) for refusal in found.survey.refusals).most_common():
     print(f"  {count:4d} {reason}")

@@ -8,10 +8,10 @@ import torch
 from pages import settings, show
 
 from contactlearn import Recipe, laws
-from contactlearn.data import synthetic
-from contactlearn.evaluation.metrics import HEADLINE
-from contactlearn.learning.curves import transfer_curves
+from contactlearn.inference.evaluation.metrics import HEADLINE
+from contactlearn.inference.learning.curves import transfer_curves
 from contactlearn.report.figures.learning import transfer_errors
+from contactlearn.simulation import synthetic
 
 chosen = settings(trials=150, seeds=4)
 bodies = {

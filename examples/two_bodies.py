@@ -10,10 +10,11 @@ import torch
 from pages import settings, show
 
 from contactlearn import identify_jointly, laws
-from contactlearn.data import synthetic, table
+from contactlearn.data import table
 from contactlearn.effects import find_effect
-from contactlearn.evaluation.metrics import bootstrap, mass_error
+from contactlearn.inference.evaluation.metrics import bootstrap, mass_error
 from contactlearn.report.figures.comparison import error_comparison
+from contactlearn.simulation import synthetic
 
 chosen = settings(trials=150, first=0.55, second=0.52)
 

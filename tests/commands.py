@@ -12,8 +12,8 @@ from unittest.mock import patch
 from diagnoses import few
 from matplotlib.figure import Figure
 
-from contactlearn import cli
 from contactlearn.__main__ import main
+from contactlearn.cli import hydra_main
 from contactlearn.effects import catalogue
 
 ROOT = Path(__file__).parent.parent
@@ -55,7 +55,7 @@ def first_forms():
     first = lambda: few(*catalogue())  # noqa: E731
     with (
         patch("contactlearn.diagnosis.pipeline.all_candidates", first),
-        patch("contactlearn.app.diagnose.all_candidates", first),
+        patch("contactlearn.cli.commands.diagnose.all_candidates", first),
     ):
         yield
 
@@ -74,7 +74,7 @@ def _done(command, *arguments):
     if command == "contactlearn":
         return main(list(arguments))
     try:
-        getattr(cli, command.removesuffix(".py"))()
+        getattr(hydra_main, command.removesuffix(".py"))()
     except SystemExit as end:
         return end.code
     return 0

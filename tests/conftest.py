@@ -14,8 +14,8 @@ from hydra._internal.hydra import Hydra
 from repetitions import repeated
 from threadpoolctl import threadpool_limits
 
+from contactlearn.core.errors import DataError
 from contactlearn.data import ellipse_drops as source
-from contactlearn.errors import DataError
 
 # Machines that forbid compiled files, as images of containers do, would have each process of the tests compile the
 # package and rewrite the assertions again, which takes longer than many a test.

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import torch
 
-from contactlearn.impacts import COMPONENTS, Impacts
+from contactlearn.mechanics.impacts import COMPONENTS, Impacts
 
 
 def corrupt(impacts: Impacts, *names: str) -> Impacts:

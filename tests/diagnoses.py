@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import torch
 
-from contactlearn.data import synthetic
 from contactlearn.diagnosis.result import (
     Choices,
     Diagnosis,
@@ -23,12 +22,13 @@ from contactlearn.diagnosis.result import (
 )
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.effects import Effect, EffectId, catalogue
-from contactlearn.evaluation.metrics import Interval
-from contactlearn.evaluation.partial_residuals import partial_residuals
-from contactlearn.impacts import Impacts
+from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.partial_residuals import partial_residuals
 from contactlearn.laws import PAPER_LAWS, find
-from contactlearn.model import ContactModel
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.results.provenance import DataSource, Provenance
+from contactlearn.simulation import synthetic
 
 ERROR = Interval(0.1, 0.09, 0.11)
 SIX = (

@@ -3,9 +3,9 @@
 import torch
 
 from contactlearn import laws
-from contactlearn.data import synthetic
-from contactlearn.identification.joint import identify_jointly
-from contactlearn.model import predict_with
+from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.models.contact_model import predict_with
+from contactlearn.simulation import synthetic
 
 LAW = laws.find("wang_mason").at(0.25, 0.55)
 NOISE = torch.tensor([0.02, 0.02, 0.6], dtype=torch.float64)

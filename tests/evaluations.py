@@ -2,16 +2,16 @@
 
 import torch
 
-from contactlearn.app.results import ranked
+from contactlearn.cli.commands.results import ranked
 from contactlearn.effects import EffectId
-from contactlearn.evaluation.metrics import METRICS, Interval, bootstrap
-from contactlearn.evaluation.sums import ErrorSums
+from contactlearn.inference.evaluation.metrics import METRICS, Interval, bootstrap
+from contactlearn.inference.evaluation.sums import ErrorSums
+from contactlearn.mechanics.shapes import shape_entries
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors
 from contactlearn.results.evaluation import Evaluation, LearningCurve
 from contactlearn.results.held_out import HeldOut
 from contactlearn.results.provenance import DataSource, Provenance
 from contactlearn.results.training import Training
-from contactlearn.shapes import shape_entries
 
 
 def interval(mean):

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from commands import ROOT
 
-from contactlearn import cli
+from contactlearn.cli import hydra_main
 
 _FORKS = get_context("forkserver")
-_FORKS.set_forkserver_preload(["contactlearn.app", "contactlearn.sweeps.rounds", "forked"])
+_FORKS.set_forkserver_preload(["contactlearn.cli.commands", "contactlearn.cli.sweeps.rounds", "forked"])
 
 
 class Forked:
@@ -46,4 +46,4 @@ def _swept(folder, words, printed):
     os.chdir(ROOT)
     sys.stdout = sys.stderr = open(printed, "w", encoding="utf-8")  # noqa: SIM115 - until the process ends
     sys.argv = ["train.py", "-m", *words, f"hydra.sweep.dir={folder}"]
-    cli.train()
+    hydra_main.train()

@@ -11,28 +11,29 @@ import torch
 from repetitions import crossed, repeated
 
 from contactlearn import laws
-from contactlearn.app.fitting import fit_with_effects
-from contactlearn.apparatus import Apparatus, Measured
-from contactlearn.audit.apparatus_findings import apparatus_notes, scale_findings
-from contactlearn.audit.corrections import correct
-from contactlearn.audit.findings import audit
-from contactlearn.audit.thresholds import AuditThresholds
-from contactlearn.cli import compose
-from contactlearn.data import synthetic, table, tracks
-from contactlearn.data.tracks_synthetic import MASS, SEMI_AXES, simulate, write_recordings
-from contactlearn.data.tracks_synthetic.camera import Camera
+from contactlearn.cli.commands.fitting import fit_with_effects
+from contactlearn.cli.hydra_main import compose
+from contactlearn.core.errors import DataError
+from contactlearn.data import table, tracks
+from contactlearn.data.audit.apparatus_findings import apparatus_notes, scale_findings
+from contactlearn.data.audit.corrections import correct
+from contactlearn.data.audit.findings import audit
+from contactlearn.data.audit.thresholds import AuditThresholds
+from contactlearn.data.recordings.conventions import find_frame
+from contactlearn.data.recordings.floor import find_floor
+from contactlearn.data.recordings.gravity import find_gravity
 from contactlearn.effects import find_effect
-from contactlearn.errors import DataError
-from contactlearn.identification.joint import identify_jointly, named_parameters
-from contactlearn.identification.known import known_parameters
-from contactlearn.identification.shared import Box
-from contactlearn.model import ContactModel
+from contactlearn.inference.identification.joint import identify_jointly, named_parameters
+from contactlearn.inference.identification.known import known_parameters
+from contactlearn.inference.identification.shared import Box
+from contactlearn.mechanics.apparatus import Apparatus, Measured
+from contactlearn.mechanics.shapes import Disc, Ellipse, contact_point
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.report import terminal
 from contactlearn.report.text.known import known_sentence
-from contactlearn.shapes import Disc, Ellipse, contact_point
-from contactlearn.tracks.conventions import find_frame
-from contactlearn.tracks.floor import find_floor
-from contactlearn.tracks.gravity import find_gravity
+from contactlearn.simulation import synthetic
+from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate, write_recordings
+from contactlearn.simulation.recordings.camera import Camera
 
 PLAIN = Camera(frames=220)
 ZERO = Measured(value=0.0, error=1e-3)

@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from contactlearn import ContactModel, diagnose, identify, identify_jointly, laws
-from contactlearn.data import synthetic
-from contactlearn.errors import ContactLearnError
-from contactlearn.impacts import Impacts
-from contactlearn.tracks.track import Recording
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.data.recordings.track import Recording
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.simulation import synthetic
 
 DROPS = synthetic.load(size=30)
 LAW = laws.find("wang_mason").at(0.12, 0.55)

@@ -8,16 +8,16 @@ import torch
 from corruptions import CORRUPTIONS, corrupt
 from repetitions import crossed, repeated
 
-from contactlearn.audit.consistency import contradictions
-from contactlearn.audit.conventions import compare
-from contactlearn.audit.corrections import correct
-from contactlearn.audit.findings import Finding, audit
-from contactlearn.audit.moments import balance
-from contactlearn.audit.thresholds import ConventionThresholds
-from contactlearn.data import mujoco, synthetic
-from contactlearn.data.mystery import EFFECTS, UNKNOWN, draw
-from contactlearn.impacts import Impacts
-from contactlearn.shapes import Disc
+from contactlearn.data.audit.consistency import contradictions
+from contactlearn.data.audit.conventions import compare
+from contactlearn.data.audit.corrections import correct
+from contactlearn.data.audit.findings import Finding, audit
+from contactlearn.data.audit.moments import balance
+from contactlearn.data.audit.thresholds import ConventionThresholds
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Disc
+from contactlearn.simulation import mujoco, synthetic
+from contactlearn.simulation.hidden_effects import EFFECTS, UNKNOWN, draw
 
 BODIES = {
     "ellipse": {"kind": "ellipse", "semi_axes": [0.035, 0.025]},

@@ -11,25 +11,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_report_page import into_view, opened, until
 
-from contactlearn import checkpoint, identify_jointly, laws
-from contactlearn.audit.consistency import gross_outliers
-from contactlearn.audit.corrections import correct
-from contactlearn.audit.findings import audit
-from contactlearn.bodies import Shapes, lowest, make_shapes, shapes_entries
-from contactlearn.data import synthetic, table, tracks, tracks_synthetic
+from contactlearn import identify_jointly, laws
+from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.data import table, tracks
+from contactlearn.data.audit.consistency import gross_outliers
+from contactlearn.data.audit.corrections import correct
+from contactlearn.data.audit.findings import audit
 from contactlearn.data.blocks import joined
 from contactlearn.data.table.large import table_blocks
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment
 from contactlearn.diagnosis.failure.variables import symmetry
 from contactlearn.diagnosis.record import Record
 from contactlearn.effects import EffectId, State, columns, find_effect
-from contactlearn.errors import ContactLearnError, DataError
-from contactlearn.identification.joint import assemble
-from contactlearn.impacts import Impacts
-from contactlearn.model import ContactModel
+from contactlearn.inference.identification.joint import assemble
+from contactlearn.mechanics.bodies import Shapes, lowest, make_shapes, shapes_entries
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point
+from contactlearn.models import checkpoint
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.page.trials import outlines
 from contactlearn.results import folder as run_folder
-from contactlearn.shapes import Disc, Ellipse, Polygon, contact_point
+from contactlearn.simulation import recordings, synthetic
 
 OAK = {"kind": "ellipse", "semi_axes": [0.035, 0.025]}
 BEECH = {"kind": "polygon", "vertices": [[0.03, 0.02], [-0.03, 0.02], [-0.03, -0.02], [0.03, -0.02]]}
@@ -319,9 +321,9 @@ def test_drops_to_come_are_of_a_named_body(both):
 
 
 def test_recordings_are_of_one_of_the_bodies(tmp_path):
-    tracks_synthetic.write_recordings(tracks_synthetic.simulate(12)[0], tmp_path)
-    shape = {"oak": dict(OAK, semi_axes=list(tracks_synthetic.SEMI_AXES)), "beech": BEECH}
-    settings = {"mass": tracks_synthetic.MASS, "shape": shape}
+    recordings.write_recordings(recordings.simulate(12)[0], tmp_path)
+    shape = {"oak": dict(OAK, semi_axes=list(recordings.SEMI_AXES)), "beech": BEECH}
+    settings = {"mass": recordings.MASS, "shape": shape}
     found = tracks.find(tmp_path, **settings, body="oak").impacts
     assert found.object[0] == "oak"
     assert found.shape == make_shapes(shape["oak"])

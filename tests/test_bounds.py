@@ -5,7 +5,7 @@ which the measured v_post is reached along a positive combination of their outwa
 the Karush-Kuhn-Tucker conditions, so v* is the optimum, and every branch occurs because it was asked for.
 
 Velocities here are whitened, z = M^½ v / |M^½ v_pre|, so that energy is |z| ≤ 1; the constraints are
-rows a·z ≥ b.  Nothing is shared with `contactlearn.evaluation.bounds`, which works in contact space.
+rows a·z ≥ b.  Nothing is shared with `contactlearn.inference.evaluation.bounds`, which works in contact space.
 """
 
 from typing import NamedTuple
@@ -18,10 +18,10 @@ from contacts import impulse, random_bodies
 from scipy import sparse
 from scipy.optimize import minimize
 
-from contactlearn import mechanics
-from contactlearn.errors import ContactLearnError, UnknownNameError
-from contactlearn.evaluation.bounds import NORMS, best_post_hoc, distance, irb
-from contactlearn.impacts import Impacts, Prediction
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.inference.evaluation.bounds import NORMS, best_post_hoc, distance, irb
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.impacts import Impacts, Prediction
 
 TOLERANCE = 1e-7
 """Relative, in the attained distance: what a cone solver attains that was asked for 1e-12."""
@@ -284,7 +284,7 @@ def test_result_is_admissible(norm):
     p_n, tau = prediction.wrench[..., 1], prediction.wrench[..., 2]
     speed = (M * impacts.v_pre.square()).sum(-1).sqrt()
     energy = (M * prediction.v_post.square()).sum(-1).sqrt()
-    v_n = mechanics.contact_velocity(impacts.r, prediction.v_post)[..., 1]
+    v_n = rigid_body.contact_velocity(impacts.r, prediction.v_post)[..., 1]
     reach = (1 / impacts.mass + impacts.r[:, 0] ** 2 / impacts.inertia).sqrt() * speed  # |v_n| at that energy
     assert (energy <= (1 + TOLERANCE) * speed).all()
     assert (v_n >= -TOLERANCE * reach).all()
@@ -293,7 +293,7 @@ def test_result_is_admissible(norm):
     assert (tau[0] == 0).all()
     torch.testing.assert_close(
         prediction.v_post,
-        mechanics.apply_wrench(impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, prediction.wrench),
+        rigid_body.apply_wrench(impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, prediction.wrench),
     )
 
 

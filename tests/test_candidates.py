@@ -9,16 +9,17 @@ import torch
 from commands import run
 from told import Told
 
-from contactlearn.data import synthetic, table
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.data import table
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.effects import Effect, EffectId, catalogue, find_effect, parameter
 from contactlearn.effects.formula.effect import formula
-from contactlearn.errors import ContactLearnError
-from contactlearn.identification.joint import assemble
+from contactlearn.inference.identification.joint import assemble
 from contactlearn.laws import find
 from contactlearn.results import folder as run_folder
+from contactlearn.simulation import synthetic
 
 
 @dataclass(frozen=True, eq=False)

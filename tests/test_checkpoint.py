@@ -13,15 +13,14 @@ import pytest
 import torch
 from torch import Tensor
 
-from contactlearn import checkpoint
-from contactlearn.data import synthetic
+from contactlearn.core.errors import DataError
 from contactlearn.effects import EffectId, find_effect
-from contactlearn.errors import DataError
+from contactlearn.inference.learning.recipe import TARGETS, Recipe, learn
 from contactlearn.laws import Law, find
-from contactlearn.learning.recipe import TARGETS, Recipe, learn
-from contactlearn.model import ContactModel
-from contactlearn.regression import regressor
-from contactlearn.regression.gp.sparse import SparseGPs
+from contactlearn.models import checkpoint, regressor
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.models.gp.sparse import SparseGPs
+from contactlearn.simulation import synthetic
 
 ROUNDING = 1e-12
 """Relative to the largest value: the same arithmetic, though perhaps in another memory layout."""

@@ -7,13 +7,13 @@ import pytest
 import torch
 
 from contactlearn import ContactModel, cite, laws
-from contactlearn.citation import _references
-from contactlearn.data import synthetic
+from contactlearn.core.errors import UnknownNameError
 from contactlearn.effects import catalogue, find_effect
-from contactlearn.errors import UnknownNameError
-from contactlearn.identification.joint import identify_jointly
+from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.laws import Law
-from contactlearn.learning.recipe import Recipe, learn
+from contactlearn.models.citation import _references
+from contactlearn.simulation import synthetic
 
 
 def _keys(text):

@@ -13,13 +13,16 @@ from commands import ROOT, SMALL, TRAIN, run, run_alone
 from repetitions import crossed, repeated
 
 import contactlearn
-from contactlearn import checkpoint, cli, laws
+from contactlearn import laws
 from contactlearn.__main__ import main
-from contactlearn.app.results import called
-from contactlearn.configuration import check_settings
-from contactlearn.data import synthetic, table
-from contactlearn.evaluation import metrics
-from contactlearn.learning import curves
+from contactlearn.cli import hydra_main
+from contactlearn.cli.commands.results import called
+from contactlearn.cli.configuration import check_settings
+from contactlearn.data import table
+from contactlearn.inference.evaluation import metrics
+from contactlearn.inference.learning import curves
+from contactlearn.models import checkpoint
+from contactlearn.simulation import synthetic
 
 CURVES = ("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10,20,500]", "curves.seeds=3", "workers=1")
 FIGURES = (
@@ -246,7 +249,7 @@ def test_an_installed_package_needs_no_checkout(tmp_path):
         shutil.copytree(ROOT / source, tmp_path / target)
     printed = run_alone("-m", "contactlearn", "train", "--help", cwd=tmp_path)
     assert "data=table data.path=drops.csv" in printed
-    where = run_alone("-c", "from contactlearn import cli; print(cli.CONFIGS)", cwd=tmp_path)
+    where = run_alone("-c", "from contactlearn.cli import hydra_main; print(hydra_main.CONFIGS)", cwd=tmp_path)
     assert where.strip() == str(tmp_path / "contactlearn" / "configs")
 
 
@@ -301,7 +304,7 @@ def test_errors_are_one_message(arguments, message, tmp_path, monkeypatch, capsy
     script, *overrides = arguments
     monkeypatch.setattr(sys, "argv", [script, *overrides, f"hydra.run.dir={tmp_path}"])
     with pytest.raises(SystemExit, match=r"^2$"):
-        getattr(cli, script.removesuffix(".py"))()
+        getattr(hydra_main, script.removesuffix(".py"))()
     printed = capsys.readouterr()
     assert message in printed.err
     assert "Traceback" not in printed.err + printed.out
@@ -314,7 +317,7 @@ def test_outcomes_at_rest_are_refused(tmp_path, monkeypatch, capsys):
     overrides = ["data=table", f"data.path={tmp_path / 'rest.csv'}", "train.size=20", f"hydra.run.dir={tmp_path}"]
     monkeypatch.setattr(sys, "argv", ["train.py", *overrides])
     with pytest.raises(SystemExit, match=r"^2$"):
-        cli.train()
+        hydra_main.train()
     assert "must not be at rest; trial" in capsys.readouterr().err
 
 
@@ -413,8 +416,8 @@ def test_every_shipped_setting_is_known(name):
     """Also those that experiments and entries of open parts bring."""
     extra = {"evaluate": ["experiment=transfer", "+transfer.bodies.mine={size: 3}", "+model.mine={features: x1}"]}
     own = ["+effect.mine.tau='-c*rx*Pn'", "data=table", "data.path=a.csv", "+law.mine=3", *extra.get(name, [])]
-    check_settings(cli.compose(name, own), name)
-    check_settings(cli.compose("evaluate", ["experiment=fazeli2017"]), "evaluate")
+    check_settings(hydra_main.compose(name, own), name)
+    check_settings(hydra_main.compose("evaluate", ["experiment=fazeli2017"]), "evaluate")
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,14 @@ import torch
 from corruptions import CORRUPTIONS, corrupt
 from omegaconf import OmegaConf
 
-from contactlearn.app import load_data
-from contactlearn.audit.consistency import torque
-from contactlearn.audit.corrections import CORRECTIONS, correct
-from contactlearn.audit.findings import audit
-from contactlearn.data import synthetic, table
-from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.impacts import COMPONENTS, Impacts
+from contactlearn.cli.commands import load_data
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.data import table
+from contactlearn.data.audit.consistency import torque
+from contactlearn.data.audit.corrections import CORRECTIONS, correct
+from contactlearn.data.audit.findings import audit
+from contactlearn.mechanics.impacts import COMPONENTS, Impacts
+from contactlearn.simulation import synthetic
 
 ROUNDING = 1e-15  # relative: one multiplication and one division
 
@@ -141,7 +142,7 @@ def test_a_table_that_would_be_refused_is_corrected(tmp_path, drops, name):
 
 
 def test_every_source_can_be_corrected():
-    cfg = OmegaConf.create({"_target_": "contactlearn.data.synthetic.load", "size": 5, "correct": ["mirrored_x"]})
+    cfg = OmegaConf.create({"_target_": "contactlearn.simulation.synthetic.load", "size": 5, "correct": ["mirrored_x"]})
     corrected = load_data(cfg)
     assert_equal(corrected, corrupt(synthetic.load(size=5), "mirrored_x"))
     assert corrected.source.endswith("(corrected: mirrored_x)")
@@ -149,7 +150,7 @@ def test_every_source_can_be_corrected():
 
 
 def test_configured_corrections_must_be_a_list_of_known_names():
-    cfg = OmegaConf.create({"_target_": "contactlearn.data.synthetic.load", "size": 5})
+    cfg = OmegaConf.create({"_target_": "contactlearn.simulation.synthetic.load", "size": 5})
     with pytest.raises(UnknownNameError, match="did you mean 'mirrored_x'"):
         load_data(OmegaConf.merge(cfg, {"correct": ["miror_x"]}))
     with pytest.raises(ContactLearnError, match=r"such as \[mirrored_x\]"):

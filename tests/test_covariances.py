@@ -3,20 +3,21 @@
 import pytest
 import torch
 
-from contactlearn.audit.corrections import correct
-from contactlearn.data import synthetic, table
+from contactlearn.core.errors import DataError
+from contactlearn.data import table
+from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.diagnosis.result import NoiseSource
 from contactlearn.diagnosis.unexplained.processes import Processes
-from contactlearn.errors import DataError
-from contactlearn.evaluation.metrics import mass_error
-from contactlearn.identification.joint import FitOptions, identify_jointly
-from contactlearn.impacts import COVARIANCES, Impacts
+from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.laws import find
-from contactlearn.learning.recipe import Recipe, learn
-from contactlearn.mechanics import measured_wrench
-from contactlearn.model import ContactModel
-from contactlearn.noise_weight import noise_weight
+from contactlearn.mechanics.impacts import COVARIANCES, Impacts
+from contactlearn.mechanics.noise_weight import noise_weight
+from contactlearn.mechanics.rigid_body import measured_wrench
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
 
 V, OMEGA = 0.01, 0.5
 

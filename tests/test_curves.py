@@ -7,15 +7,15 @@ import pytest
 import torch
 from scipy.interpolate import CubicSpline
 
-from contactlearn import checkpoint
-from contactlearn.app import settings
-from contactlearn.cli import compose
-from contactlearn.data import synthetic
+from contactlearn.cli.commands import settings
+from contactlearn.cli.hydra_main import compose
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import State, catalogue, columns, find_effect
 from contactlearn.effects.curve import Spline
-from contactlearn.errors import ContactLearnError
-from contactlearn.identification.joint import assemble, identify_jointly
+from contactlearn.inference.identification.joint import assemble, identify_jointly
 from contactlearn.laws import find
+from contactlearn.models import checkpoint
+from contactlearn.simulation import synthetic
 
 ROUNDING = 1e-12  # relative to a rise of 1
 NOISE = torch.tensor((0.005, 0.005, 0.2), dtype=torch.float64)  # m/s and rad/s

@@ -16,14 +16,15 @@ from hypothesis import strategies as st
 from omegaconf import OmegaConf
 from pyarrow import parquet
 
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.data import ellipse_drops as published
-from contactlearn.data import mujoco, mystery, synthetic, table, tracks, tracks_mujoco, tracks_synthetic
-from contactlearn.data.tracks_synthetic.camera import camera_of
-from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.impacts import COMPONENTS, Impacts
+from contactlearn.data import table, tracks
 from contactlearn.laws import find, names
-from contactlearn.model import ContactModel
-from contactlearn.shapes import Disc, Ellipse, Polygon, contact_point, make_shape
+from contactlearn.mechanics.impacts import COMPONENTS, Impacts
+from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point, make_shape
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import hidden_effects, mujoco, synthetic
+from contactlearn.simulation.recordings.camera import camera_of
 
 CONFIGS = Path(__file__).parents[1] / "configs" / "data"
 ROUNDING = 1e-12  # relative; a few hundred float64 roundings
@@ -683,7 +684,7 @@ def test_synthetic_refuses(options, fragments):
 SOURCES = {
     "ellipse_drops": published,
     "mujoco": mujoco,
-    "mystery": mystery,
+    "mystery": hidden_effects,
     "synthetic": synthetic,
     "table": table,
     "tracks": tracks,

@@ -13,20 +13,19 @@ from commands import run
 from second_device import second_device
 from torch import Tensor
 
-from contactlearn import checkpoint, devices, laws
-from contactlearn.bodies import lowest
-from contactlearn.data import synthetic
-from contactlearn.devices import moved
+from contactlearn import laws
+from contactlearn.core import devices
+from contactlearn.core.devices import moved
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.effects import State, catalogue, find_effect
 from contactlearn.effects.formula.effect import formula
-from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.evaluation import bounds, metrics
-from contactlearn.evaluation.partial_residuals import changes, partial_residuals
-from contactlearn.evaluation.sums import ErrorSums
-from contactlearn.identification.joint import FitOptions, assemble, identify_jointly, linearise
-from contactlearn.identification.per_trial import identify_trials
-from contactlearn.identification.shared import Box, cost_surface, identify
-from contactlearn.learning.curves import (
+from contactlearn.inference.evaluation import bounds, metrics
+from contactlearn.inference.evaluation.partial_residuals import changes, partial_residuals
+from contactlearn.inference.evaluation.sums import ErrorSums
+from contactlearn.inference.identification.joint import FitOptions, assemble, identify_jointly, linearise
+from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification.shared import Box, cost_surface, identify
+from contactlearn.inference.learning.curves import (
     joint_curve,
     law_at,
     law_curves,
@@ -34,12 +33,14 @@ from contactlearn.learning.curves import (
     nested_orders,
     transfer_curves,
 )
-from contactlearn.learning.recipe import Recipe, learn
-from contactlearn.model import ContactModel, derivative, resolve
-from contactlearn.regression import regressor
-from contactlearn.regression.gp import sparse
+from contactlearn.inference.learning.recipe import Recipe, learn
+from contactlearn.mechanics.bodies import lowest
+from contactlearn.mechanics.shapes import Polygon
+from contactlearn.models import checkpoint, regressor
+from contactlearn.models.contact_model import ContactModel, derivative, resolve
+from contactlearn.models.gp import sparse
 from contactlearn.results.folder import read_result
-from contactlearn.shapes import Polygon
+from contactlearn.simulation import synthetic
 
 CLOSED_FORM = 1e-9
 """Relative to the largest number of its kind: closed forms and sums, some roundings apart."""

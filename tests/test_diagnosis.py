@@ -11,20 +11,21 @@ from repetitions import repeated
 from test_commands import ROOT, run
 from told import Told
 
-from contactlearn.data import mystery, synthetic, table
+from contactlearn.core.errors import DataError
+from contactlearn.data import table
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis, NoiseSource
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.search.selection import select
-from contactlearn.diagnosis.validation import Folds
 from contactlearn.effects import EffectId, find_effect
 from contactlearn.effects.formula.effect import formula
-from contactlearn.errors import DataError
-from contactlearn.evaluation.metrics import mass_error
-from contactlearn.identification.joint import FitOptions, identify_jointly
-from contactlearn.impacts import Prediction
+from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.validation import Folds
 from contactlearn.laws import find
+from contactlearn.mechanics.impacts import Prediction
 from contactlearn.results import folder as run_folder
+from contactlearn.simulation import hidden_effects, synthetic
 
 
 def alone(truth):
@@ -72,7 +73,7 @@ def test_held_out_errors_are_of_trials_that_were_not_fitted_to():
 
 @pytest.mark.parametrize("name", repeated("location_dependent_restitution", "surface_tilt", "rolling_resistance"))
 def test_a_hidden_effect_is_named(name):
-    impacts, truth = mystery.draw(12, effects=[name], size=150)
+    impacts, truth = hidden_effects.draw(12, effects=[name], size=150)
     found = diagnose(impacts, **alone(truth))
     assert found.verdict == "effects"
     assert found.effects[0] == name
@@ -84,7 +85,7 @@ def test_a_hidden_effect_is_named(name):
 
 @pytest.mark.parametrize("seed", repeated(40, 41, 42))
 def test_nothing_is_found_where_nothing_is_missing(seed):
-    impacts, _ = mystery.draw(seed, effects=[], size=200)
+    impacts, _ = hidden_effects.draw(seed, effects=[], size=200)
     found = diagnose(impacts)
     assert found.verdict == "none"
     assert found.missing == ()
@@ -92,7 +93,7 @@ def test_nothing_is_found_where_nothing_is_missing(seed):
 
 def test_copies_of_rows_are_dropped_whatever_they_are_called(tmp_path):
     """Also through a file in which they have the names of their originals."""
-    impacts, truth = mystery.draw(5, effects=[], size=60)
+    impacts, truth = hidden_effects.draw(5, effects=[], size=60)
     path = table.save(impacts, tmp_path / "drops.csv")
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines, *lines[5:15]]) + "\n")
@@ -118,7 +119,7 @@ def test_exact_data_are_no_trouble(law):
 @pytest.mark.nightly  # masses over twelve decades are among the numerical faults
 def test_bodies_of_different_mass_do_not_blind_it():
     """The same velocities of bodies of 1, 3 and 10 times the mass: what is unknown is as unknown."""
-    impacts, truth = mystery.draw(7, effects=["magnetic_pull"], size=150)
+    impacts, truth = hidden_effects.draw(7, effects=["magnetic_pull"], size=150)
     factor = torch.tensor((1.0, 3.0, 10.0), dtype=torch.float64).repeat(50)
     several = impacts.replace(mass=impacts.mass * factor, inertia=impacts.inertia * factor)
     one, three = (diagnose(d, **alone(truth), candidates=few("surface_tilt")) for d in (impacts, several))
@@ -140,7 +141,7 @@ def test_a_law_that_is_given_is_compared_with_the_others():
 @pytest.mark.parametrize("is_stated", repeated(True, False), ids=["stated noise", "estimated noise"])
 def test_the_budget_adds_up(is_stated):
     """Noise, explained and left are the whole error; the floor is what nature's own prediction leaves."""
-    impacts, truth = mystery.draw(8, effects=["contact_patch"], size=200)
+    impacts, truth = hidden_effects.draw(8, effects=["contact_patch"], size=200)
     noise = truth["noise"]
     known = Prediction(torch.tensor(truth["v_post_from_measured"], dtype=torch.float64), impacts.wrench)
     floor = mass_error(impacts, known).mean().item()
@@ -157,14 +158,14 @@ def test_the_budget_adds_up(is_stated):
 
 
 def test_ones_own_effect_is_a_candidate_like_any_other():
-    impacts, truth = mystery.draw(3, effects=["spin_damping"], size=150)
+    impacts, truth = hidden_effects.draw(3, effects=["spin_damping"], size=150)
     mine = {EffectId("mine"): formula(tau="-c*I*omega_post", parameters={"c": [0, 1]})}
     found = diagnose(impacts, **alone(truth), candidates=mine | few("surface_tilt", "adhesion"))
     assert found.effects == ("mine",)
 
 
 def test_what_is_in_the_model_already_is_not_missing():
-    impacts, truth = mystery.draw(3, effects=["spin_damping"], size=150)
+    impacts, truth = hidden_effects.draw(3, effects=["spin_damping"], size=150)
     given = {"spin_damping": find_effect("spin_damping")()}
     found = diagnose(impacts, effects=given, **alone(truth))
     assert found.verdict == "none"
@@ -172,7 +173,7 @@ def test_what_is_in_the_model_already_is_not_missing():
 
 
 def test_corrupted_data_are_mended_first_and_then_explained():
-    impacts, truth = mystery.draw(5, effects=["side_drag"], size=150)
+    impacts, truth = hidden_effects.draw(5, effects=["side_drag"], size=150)
     flip = torch.tensor((-1.0, 1.0, 1.0), dtype=torch.float64)
     spoilt = impacts.replace(q=impacts.q * flip, v_pre=impacts.v_pre * flip, v_post=impacts.v_post * flip, suspect=True)
     told = Told()
@@ -184,7 +185,7 @@ def test_corrupted_data_are_mended_first_and_then_explained():
 
 
 def test_data_of_no_impact_are_refused():
-    impacts, _ = mystery.draw(5, effects=[], size=120)
+    impacts, _ = hidden_effects.draw(5, effects=[], size=120)
     order = torch.randperm(120, generator=torch.Generator().manual_seed(0))
     shuffled = impacts.v_post[order] * torch.tensor((1.0, -1.0, 3.0))
     found = diagnose(impacts.replace(v_post=shuffled, suspect=True))
@@ -195,7 +196,7 @@ def test_data_of_no_impact_are_refused():
 
 def test_the_loop_from_the_command_line(tmp_path):
     """Make data, diagnose, evaluate by the printed command as it is: the held-out error falls to near the floor."""
-    impacts, truth = mystery.draw(8, effects=["contact_patch"], size=150)
+    impacts, truth = hidden_effects.draw(8, effects=["contact_patch"], size=150)
     a, b = impacts.shape.semi_axes
     table.save(impacts, tmp_path / "drops.csv")
     shape = f"+data.shape={{kind: ellipse, semi_axes: [{a}, {b}]}}"
@@ -222,13 +223,13 @@ def test_the_loop_from_the_command_line(tmp_path):
     "options", repeated({"noise": (0.01, 0.01, 0.4)}, {"target": "wrench"}), ids=["noise", "wrench"]
 )
 def test_what_is_compared_does_not_change_what_is_found(options):
-    impacts, truth = mystery.draw(12, effects=["surface_tilt"], size=250)
+    impacts, truth = hidden_effects.draw(12, effects=["surface_tilt"], size=250)
     selection = chosen(truth["law"], impacts, few("surface_tilt", "com_offset", "adhesion"), **options)
     assert list(selection.present.effects) == ["surface_tilt"]
 
 
 def test_an_unknown_effect_is_said_to_be_unknown():
-    impacts, truth = mystery.draw(7, effects=["magnetic_pull"], size=150)
+    impacts, truth = hidden_effects.draw(7, effects=["magnetic_pull"], size=150)
     found = diagnose(impacts, **alone(truth))
     assert found.verdict == "unknown"
     assert found.remainder.components[0] == "tau"
@@ -239,7 +240,7 @@ def test_an_unknown_effect_is_said_to_be_unknown():
 
 def test_a_law_that_was_chosen_without_the_effects_is_chosen_again_with_them():
     """Alone, the law of the complementarity problem fits these drops better than the one that is true."""
-    impacts, truth = mystery.draw(31, size=200)
+    impacts, truth = hidden_effects.draw(31, size=200)
     told = Told()
     both = {key: effect for key, effect in all_candidates().items() if key.name in ("spin_damping", "adhesion")}
     found = diagnose(impacts, candidates=both, observer=told)

@@ -14,12 +14,11 @@ from matplotlib.text import Text
 from repetitions import repeated
 from test_figures import HOSTILE, assert_fits, visible_axes
 
-from contactlearn.audit.consistency import contradictions, gross_outliers, kinetic_energy, torque
-from contactlearn.audit.corrections import CORRECTIONS, correct
-from contactlearn.audit.findings import audit
-from contactlearn.audit.moments import balance
-from contactlearn.audit.result import Finding
-from contactlearn.data import mystery
+from contactlearn.data.audit.consistency import contradictions, gross_outliers, kinetic_energy, torque
+from contactlearn.data.audit.corrections import CORRECTIONS, correct
+from contactlearn.data.audit.findings import audit
+from contactlearn.data.audit.moments import balance
+from contactlearn.data.audit.result import Finding
 from contactlearn.diagnosis.failure.variables import variables
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import (
@@ -34,15 +33,16 @@ from contactlearn.diagnosis.result import (
     WrenchComponent,
 )
 from contactlearn.effects import EffectId
-from contactlearn.evaluation.metrics import Interval, mass_error
-from contactlearn.impacts import Impacts
+from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.laws import find
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import contact_point
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import audit_figure
 from contactlearn.report.figures.diagnosis import drawn, ladder_figure
 from contactlearn.report.figures.regions import regions_figure
 from contactlearn.report.figures.residual import residual_figure
-from contactlearn.shapes import contact_point
+from contactlearn.simulation import hidden_effects
 
 UNIT = re.compile(r"\((\$10\^\{-?\d+\}\$ )?(mN m s|mN s|mm|m/s|rad/s|rad|°|kg|m|s|–|count)\)")
 TRIALS = 150
@@ -50,12 +50,12 @@ TRIALS = 150
 
 @pytest.fixture(scope="module")
 def drops() -> Impacts:
-    return mystery.draw(700, effects=[], size=TRIALS)[0]
+    return hidden_effects.draw(700, effects=[], size=TRIALS)[0]
 
 
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
-    impacts, truth = mystery.draw(3, effects=["spin_damping"], size=250)
+    impacts, truth = hidden_effects.draw(3, effects=["spin_damping"], size=250)
     return diagnose(impacts, find(truth["law"]), candidates=few("spin_damping", "adhesion"))
 
 

@@ -7,21 +7,21 @@ import pytest
 import torch
 from diagnoses import few
 
-from contactlearn.data import mystery
+from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result import Diagnosis, RungKind, Verdict
 from contactlearn.diagnosis.thresholds import RegionThresholds, SelectionThresholds, Thresholds
-from contactlearn.errors import ContactLearnError, DataError
-from contactlearn.evaluation.metrics import bootstrap, mass_error
-from contactlearn.identification.joint import identify_jointly
-from contactlearn.impacts import Prediction
+from contactlearn.inference.evaluation.metrics import bootstrap, mass_error
+from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
+from contactlearn.mechanics.impacts import Prediction
+from contactlearn.simulation import hidden_effects
 
 
 @pytest.fixture(scope="module")
 def impacts():
-    return mystery.draw(11, effects=["surface_tilt", "spin_damping"], size=120)[0]
+    return hidden_effects.draw(11, effects=["surface_tilt", "spin_damping"], size=120)[0]
 
 
 @pytest.fixture(scope="module")

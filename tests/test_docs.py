@@ -12,7 +12,7 @@ from evaluations import training
 from omegaconf import OmegaConf
 
 from contactlearn import laws
-from contactlearn.cli import compose
+from contactlearn.cli.hydra_main import compose
 from contactlearn.effects import catalogue
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.results import folder

@@ -8,13 +8,13 @@ import pytest
 import torch
 from commands import ROOT, SMALL, TRAIN, run
 
-from contactlearn import checkpoint
-from contactlearn.app import settings
-from contactlearn.cli import compose
-from contactlearn.data import synthetic
+from contactlearn.cli.commands import settings
+from contactlearn.cli.hydra_main import compose
+from contactlearn.core.errors import DataError
 from contactlearn.effects import EffectId, find_effect
-from contactlearn.errors import DataError
 from contactlearn.laws import find
+from contactlearn.models import checkpoint
+from contactlearn.simulation import synthetic
 
 FAMILY = "contactlearn.effects.spin_damping.SpinDamping"
 FORMULA = ('+effect.mine.tau="-c*I*omega_post"', "+effect.mine.parameters.c=[0,1]")
@@ -143,7 +143,7 @@ def test_what_is_no_effect_is_refused(tmp_path, arguments, message):
 
 
 def test_a_checkpoint_keeps_leading_axes_and_constants(tmp_path):
-    from contactlearn.identification.joint import identify_jointly
+    from contactlearn.inference.identification.joint import identify_jointly
 
     drops = synthetic.load(size=120)
     chosen = {name: find_effect(name)() for name in ("location_dependent_friction", "velocity_dependent_restitution")}

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from contactlearn.data import synthetic
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.effects import Effect, EffectId, catalogue, find_effect, forms_of, from_settings, parameter
 from contactlearn.effects.spin_damping import SpinDamping
-from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.laws import find
-from contactlearn.shapes import Polygon
+from contactlearn.mechanics.shapes import Polygon
+from contactlearn.simulation import synthetic
 from contactlearn.testing import EffectContract
 
 EXAMPLES = Path(__file__).parent.parent / "examples"

@@ -9,13 +9,13 @@ import pytest
 import torch
 from repetitions import repeated
 
-from contactlearn.data import mujoco, mystery, synthetic
 from contactlearn.effects import find_effect
-from contactlearn.evaluation.metrics import mass_error
-from contactlearn.identification.joint import identify_jointly
-from contactlearn.impacts import Prediction
+from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
-from contactlearn.model import ContactModel
+from contactlearn.mechanics.impacts import Prediction
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import hidden_effects, mujoco, synthetic
 
 SIGMAS, SHARE = 4.0, 0.04  # of the standard error, and of the value: nature is stepwise, and forms differ a little
 
@@ -37,9 +37,9 @@ def assert_found(fit, wanted):
 @pytest.mark.parametrize("name", ALIKE)
 @pytest.mark.parametrize("seed", repeated(3, 8))
 def test_parameters_are_natures(name, seed):
-    impacts, truth = mystery.draw(seed, effects=[name], size=400)
+    impacts, truth = hidden_effects.draw(seed, effects=[name], size=400)
     effect = find_effect(name)()
-    wanted = mystery.meant(name, truth["effects"][0]["parameters"])
+    wanted = hidden_effects.meant(name, truth["effects"][0]["parameters"])
     fit = identify_jointly(find(truth["law"]), {name: effect}, impacts)
     assert_found(fit, {f"{name}.{key}": value for key, value in wanted.items()})
 
@@ -48,7 +48,7 @@ def test_parameters_are_natures(name, seed):
 def test_both_ways_of_losing_spin(form, parameter):
     """The first seeds whose nature has the one or the other."""
     marks = {"after": "after contact", "during": "along the contact"}
-    draws = (mystery.draw(seed, effects=["spin_damping"], size=400) for seed in range(20))
+    draws = (hidden_effects.draw(seed, effects=["spin_damping"], size=400) for seed in range(20))
     impacts, truth = next(d for d in draws if d[1]["effects"][0]["form"].startswith(marks[form]))
     c = truth["effects"][0]["parameters"]["c"]
     fit = identify_jointly(find(truth["law"]), {"spin": find_effect("spin_damping", form)()}, impacts)
@@ -88,7 +88,7 @@ def test_an_offset_centre_of_mass_is_rigid_body_kinematics():
 def test_tangential_restitution_goes_most_of_the_way_to_springs(seed, form, way):
     """From the law's error on drops held out to that of nature's own prediction; 73 to 84 %, and without the
     drive of the normal impulse 55 to 75 %; springs that are followed in time 95 to 100 %."""
-    impacts, truth = mystery.draw(seed, effects=["tangential_restitution"], size=500)
+    impacts, truth = hidden_effects.draw(seed, effects=["tangential_restitution"], size=500)
     fitted, test = torch.arange(350), impacts[350:]
     effects = {"tangent": find_effect("tangential_restitution", form)()}
     law, named = (

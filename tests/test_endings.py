@@ -9,12 +9,12 @@ import sys
 import pytest
 from repetitions import repeated
 
-from contactlearn.endings import stopped_afterwards
+from contactlearn.core.signals import stopped_afterwards
 
 _AT_WORK = """
 import os, signal, time
-from contactlearn.endings import ending_well
-from contactlearn.workers import WorkerPool
+from contactlearn.core.signals import ending_well
+from contactlearn.core.workers import WorkerPool
 
 def work():
     print(os.getpid(), signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []), flush=True)

@@ -7,7 +7,8 @@ import torch
 from repetitions import repeated
 
 from contactlearn import laws
-from contactlearn.data import mystery, synthetic
+from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.diagnosis.discrimination.contest import Contest
 from contactlearn.diagnosis.discrimination.experiment import (
     STATES,
@@ -20,14 +21,13 @@ from contactlearn.diagnosis.discrimination.rivals import find_rivals, similarity
 from contactlearn.diagnosis.result.rivals import Experiment
 from contactlearn.diagnosis.search.pool import Pool, Spec
 from contactlearn.diagnosis.search.selection import Selection, select, validated
-from contactlearn.diagnosis.validation import Folds, paired_gain, robust_covariance
 from contactlearn.effects import EffectId, catalogue, find_effect
-from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.identification.joint import FitOptions, identify_jointly
-from contactlearn.impacts import Impacts
-from contactlearn.model import ContactModel
-from contactlearn.serialisation import from_json, to_json
-from contactlearn.shapes import contact_point
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.validation import Folds, paired_gain, robust_covariance
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import contact_point
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import hidden_effects, synthetic
 
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
 POWER, VISCOELASTIC = (EffectId("velocity_dependent_restitution", form) for form in ("power", "kuwabara_kono"))
@@ -138,7 +138,7 @@ def test_forms_of_one_effect_are_not_equivalents_of_each_other():
 
 @pytest.mark.nightly  # drops from many heights and other forms have no equivalents in the tests before
 def test_a_hidden_tilt_has_no_equivalent():
-    impacts, truth = mystery.draw(1, effects=["surface_tilt"], size=500)
+    impacts, truth = hidden_effects.draw(1, effects=["surface_tilt"], size=500)
     assert find_rivals(chosen(truth["law"], impacts)) == {EffectId("surface_tilt", "computed"): ()}
 
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from contactlearn.data import synthetic
+from contactlearn.core.errors import DataError
 from contactlearn.effects import find_effect
-from contactlearn.errors import DataError
-from contactlearn.identification.joint import FitOptions, assemble, identify_jointly, linearise
-from contactlearn.identification.shared import Box
+from contactlearn.inference.identification.joint import FitOptions, assemble, identify_jointly, linearise
+from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import find
+from contactlearn.simulation import synthetic
 
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)  # that of `data.synthetic`
 SEEDS, TRIALS = 20, 600

@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from contactlearn import mechanics
-from contactlearn.data import synthetic
-from contactlearn.errors import UnknownNameError
-from contactlearn.impacts import Impacts
-from contactlearn.regression.features import SPACES, Standardisation, features
-from contactlearn.regression.regressor import Regressor
+from contactlearn.core.errors import UnknownNameError
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.features import SPACES, Standardisation, features
+from contactlearn.models.regressor import Regressor
+from contactlearn.simulation import synthetic
 
 ROUNDING = 1e-9
 """Relative: a few roundings, times the condition number of W, which is up to a thousand for the random bodies."""
@@ -154,10 +154,10 @@ def test_x1_is_a_point_mass_where_nothing_turns():
 
 def test_x2_is_the_impulse_that_stops_the_contact_point(impacts):
     stop = torch.nn.functional.pad(-features("x2", impacts), (0, 1))
-    v = mechanics.apply_wrench(impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, stop)
+    v = rigid_body.apply_wrench(impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, stop)
     # What is left, by the sizes of what was added up.
     size = impacts.v_pre.norm(dim=-1) + impacts.r.norm(dim=-1) * (v - impacts.v_pre).norm(dim=-1) + v.norm(dim=-1)
-    left = mechanics.contact_velocity(impacts.r, v).norm(dim=-1) / size
+    left = rigid_body.contact_velocity(impacts.r, v).norm(dim=-1) / size
     assert left.max() < ROUNDING
 
 

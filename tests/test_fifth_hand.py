@@ -12,7 +12,7 @@ import pytest
 from contactlearn.diagnosis.result import Coefficient, Past, Remainder, VariableShare, WrenchComponent
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.effects.registry import catalogue
-from contactlearn.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import Interval
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
 from fifth_hand import judge, meanings, report, sets

@@ -13,16 +13,17 @@ from matplotlib.colors import to_rgb
 from matplotlib.text import Text
 from scipy.spatial import cKDTree
 
-from contactlearn import laws, mechanics
-from contactlearn.data import synthetic
-from contactlearn.errors import ContactLearnError
-from contactlearn.evaluation import bounds
-from contactlearn.identification import shared as fit
-from contactlearn.identification.per_trial import identify_trials
-from contactlearn.impacts import Impacts
+from contactlearn import laws
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.inference.evaluation import bounds
+from contactlearn.inference.identification import shared as fit
+from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures.reach import areas, reach
 from contactlearn.report.figures.style import LAW_STYLE, law_style, plain
+from contactlearn.simulation import synthetic
 
 UNIT = re.compile(r"\((mN s|mm|s/m|–|count)\)")
 HOSTILE = (
@@ -244,7 +245,7 @@ def test_reach_holds_what_the_law_gives_and_nothing_else(name, variant, drops):
         cells = reach(laws.find(name, variant).at(0.1, 0.5), W, v_c, fit.Box())
         assert (areas(cells) >= -1e-12).all()
         P = impulse(name, drops.W[[row]], drops.v_c[[row]], mu**2, eps, variant=variant)[:, 0].numpy()
-        size = np.ptp(mechanics.energy_ellipse(W, v_c).numpy(), axis=0).max()
+        size = np.ptp(rigid_body.energy_ellipse(W, v_c).numpy(), axis=0).max()
         # Every impulse lies at a cell, and every cell at an impulse of a dense sweep.  Whittaker's P̂ jumps,
         # and there the cells are small: whole cells left out would leave 0.008.
         apart = cKDTree(np.concatenate((cells.reshape(-1, 2), cells.mean(1)))).query(P)[0].max()
@@ -261,7 +262,7 @@ def test_ellipse_shows_measurement_prediction_and_bound(drops):
     expected = (law.impulse(impacts.W, impacts.v_c)[0], impacts.wrench[0, :2], bounds.irb(impacts).wrench[0, :2])
     np.testing.assert_allclose(np.sort(points, 0), np.sort(1e3 * torch.stack(expected).numpy(), 0), rtol=1e-12)
     shaded = torch.from_numpy(axes.patches[0].get_xy() / 1e3)
-    assert mechanics.admissible(impacts.W[0], impacts.v_c[0], shaded, tolerance=1e-9).all()
+    assert rigid_body.admissible(impacts.W[0], impacts.v_c[0], shaded, tolerance=1e-9).all()
     inside = figures.reachable_impulses(drops, 3, {"wang_mason": law})
     assert "IRB bound" not in [text.get_text() for text in inside.legends[0].get_texts()]
 

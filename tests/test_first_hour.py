@@ -11,10 +11,11 @@ from commands import run
 
 import contactlearn
 from contactlearn import ContactModel, Recipe, diagnose, identify, identify_jointly, laws
-from contactlearn.data import synthetic, table
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.data import table
 from contactlearn.effects import find_effect, named_effects
-from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.report import terminal
+from contactlearn.simulation import synthetic
 
 SMALL = ("data.size=60", "train.size=20", "train.repetitions=2", "bootstrap=20")
 EFFECT = '''

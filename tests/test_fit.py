@@ -8,12 +8,12 @@ import torch
 from contacts import impulse
 from repetitions import crossed, repeated
 
-from contactlearn.data import synthetic
-from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.identification.shared import Box, cost_surface, identify
-from contactlearn.impacts import IMPULSE_TARGETS, measured_impulse
+from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.inference.identification.shared import Box, cost_surface, identify
 from contactlearn.laws import find, names
-from contactlearn.model import ContactModel
+from contactlearn.mechanics.impacts import IMPULSE_TARGETS, measured_impulse
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
 
 PLANTED = 1e-4  # of μ and ε found again: the search ends at steps of 1e-6 of the box
 NOT_BEATEN = 1e-7  # of the cost: no grid over the box may find less

@@ -8,17 +8,17 @@ import pytest
 import torch
 
 from contactlearn import effects
-from contactlearn.data import synthetic
+from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.effects import find_effect
 from contactlearn.effects.formula.effect import formula
-from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.evaluation.metrics import mass_error
-from contactlearn.evaluation.partial_residuals import partial_residuals
-from contactlearn.identification.joint import FitOptions, assemble, identify_jointly
-from contactlearn.identification.shared import Box
-from contactlearn.identification.thresholds import FitThresholds
+from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.evaluation.partial_residuals import partial_residuals
+from contactlearn.inference.identification.joint import FitOptions, assemble, identify_jointly
+from contactlearn.inference.identification.shared import Box
+from contactlearn.inference.identification.thresholds import FitThresholds
 from contactlearn.laws import find
-from contactlearn.model import ContactModel
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
 
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
 ROUNDING = 1e-9  # relative: a search that ends at the same optimum on another way

@@ -5,13 +5,13 @@ import torch
 from contacts import impulse, random_bodies
 from repetitions import crossed, repeated
 
-from contactlearn import mechanics
-from contactlearn.data import synthetic
-from contactlearn.errors import UnknownNameError
-from contactlearn.identification.per_trial import identify_trials
-from contactlearn.identification.shared import Box, distances
-from contactlearn.impacts import Impacts
+from contactlearn.core.errors import UnknownNameError
+from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification.shared import Box, distances
 from contactlearn.laws import find, names
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.simulation import synthetic
 
 BEATEN = 1e-9  # N s: a grid may find less than this below ours
 EXACT = 1e-9  # of |P|: error left on drops that obey the law; searches stop at 1e-10
@@ -116,13 +116,13 @@ def test_grids_hardly_ever_win_on_extreme_bodies(law):
     """|r| up to thirty radii of gyration, and impulses far from the law: basins a thousandth of the box wide."""
     n, generator = 1500, seeded(7)
     mass, inertia, r, v = random_bodies(n, seed=7)
-    W, v_c = mechanics.inverse_inertia(mass, inertia, r), mechanics.contact_velocity(r, v)
+    W, v_c = rigid_body.inverse_inertia(mass, inertia, r), rigid_body.contact_velocity(r, v)
     mu, eps = torch.rand((2, n), generator=generator, dtype=torch.float64)
     P = impulse(law, W, v_c, mu**2, eps)
     noise = torch.tensor((0.0, 0.01, 0.1, 0.5), dtype=torch.float64).repeat(n // 4 + 1)[:n, None]
     P += noise * P.norm(dim=-1, keepdim=True) * torch.randn((n, 2), generator=generator, dtype=torch.float64)
     P[::5, 0] *= -1  # friction along the slip, as in the published drops
-    v_post = mechanics.apply_wrench(mass, inertia, r, v, torch.nn.functional.pad(P, (0, 1)))
+    v_post = rigid_body.apply_wrench(mass, inertia, r, v, torch.nn.functional.pad(P, (0, 1)))
     impacts = Impacts(mass, inertia, r, torch.zeros_like(v), v, v_post)
     fit = identify_trials(find(law), impacts)
     lost = fit.error - brute_force(law, "textbook", impacts, Box(), (80, 40, 100)) > 1e-9 * size(impacts)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from contactlearn.mechanics import GRAVITY
-from contactlearn.tracks.events import find_contacts
-from contactlearn.tracks.track import Track
+from contactlearn.data.recordings.events import find_contacts
+from contactlearn.data.recordings.track import Track
+from contactlearn.mechanics.rigid_body import GRAVITY
 
 NOISE = np.array((5e-4, 5e-4, np.radians(1)))  # of a poor tracker, in which a flight of 12 frames is not seen
 RATE, FRAMES = 250.0, 90

@@ -6,16 +6,16 @@ import pytest
 import torch
 from scipy.optimize import linprog
 
-from contactlearn import checkpoint
-from contactlearn.data import synthetic
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.effects import State, catalogue, find_effect
-from contactlearn.evaluation.metrics import mass_error
-from contactlearn.identification.joint import assemble, identify_jointly
+from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.identification.joint import assemble, identify_jointly
 from contactlearn.laws import find
-from contactlearn.mechanics import rotate
-from contactlearn.model import ContactModel
-from contactlearn.shapes import Polygon
+from contactlearn.mechanics.rigid_body import rotate
+from contactlearn.mechanics.shapes import Polygon
+from contactlearn.models import checkpoint
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
 
 ROUNDING = 1e-10  # m/s and rad/s
 NOISE = torch.tensor((0.005, 0.005, 0.2), dtype=torch.float64)  # m/s and rad/s

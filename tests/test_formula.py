@@ -11,8 +11,8 @@ import torch
 from omegaconf import OmegaConf
 from torch import Tensor
 
-from contactlearn import checkpoint, laws
-from contactlearn.data import synthetic
+from contactlearn import laws
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.effects import PLACES, State, catalogue, find_effect
 from contactlearn.effects.configuration_dependent_restitution import QuadraticLeverRestitution
 from contactlearn.effects.formula.effect import WrenchFormula, formula
@@ -20,9 +20,10 @@ from contactlearn.effects.formula.expression import CONSTANTS, FUNCTIONS, MAX_DE
 from contactlearn.effects.formula.symbols import OUTPUTS, SYMBOLS, at_place, of_state, symbols
 from contactlearn.effects.orientation_offset import OrientationOffset
 from contactlearn.effects.spin_damping import SpinDampingAfter
-from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.impacts import Impacts
-from contactlearn.model import ContactModel, resolve
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models import checkpoint
+from contactlearn.models.contact_model import ContactModel, resolve
+from contactlearn.simulation import synthetic
 
 ROUNDING = 1e-12
 """Relative: the same arithmetic in another order."""

@@ -21,10 +21,10 @@ from torch import Tensor
 from torch.autograd.functional import jacobian
 from torch.distributions import MultivariateNormal
 
-from contactlearn.regression.gp import evidence as evidence_module
-from contactlearn.regression.gp.bfgs import minimise
-from contactlearn.regression.gp.evidence import LogEvidence
-from contactlearn.regression.gp.exact import LENGTH, NOISE, SCALE, ExactGPs
+from contactlearn.models.gp import evidence as evidence_module
+from contactlearn.models.gp.bfgs import minimise
+from contactlearn.models.gp.evidence import LogEvidence
+from contactlearn.models.gp.exact import LENGTH, NOISE, SCALE, ExactGPs
 
 TOLERANCE = 1e-9
 """Relative and absolute: what two exact routes leave of double precision at the condition numbers here, up to 1e5."""

@@ -4,10 +4,10 @@ import gpytorch
 import pytest
 import torch
 
-from contactlearn.regression.gp import sparse
-from contactlearn.regression.gp.evidence import LogEvidence
-from contactlearn.regression.gp.exact import ExactGPs
-from contactlearn.regression.gp.sparse import SparseGPs
+from contactlearn.models.gp import sparse
+from contactlearn.models.gp.evidence import LogEvidence
+from contactlearn.models.gp.exact import ExactGPs
+from contactlearn.models.gp.sparse import SparseGPs
 
 JITTER = {"rtol": 1e-6, "atol": 1e-7}  # 1e-10 of s² on the diagonal of K_zz, over σ² of 0.01 and more
 OPTIMA = {"rtol": 1e-5, "atol": 1e-6}  # where a batch of searches and each alone may part: in the last digits

@@ -11,14 +11,15 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from contactlearn import cli
-from contactlearn.app import settings
-from contactlearn.cli import compose
-from contactlearn.data import synthetic, table
-from contactlearn.errors import ContactLearnError, harmless
+from contactlearn.cli import hydra_main
+from contactlearn.cli.commands import settings
+from contactlearn.cli.hydra_main import compose
+from contactlearn.core.errors import ContactLearnError, harmless
+from contactlearn.data import table
 from contactlearn.report.results_table import write_table
 from contactlearn.report.terminal import new_table, print_table, say
 from contactlearn.results.folder import read_result
+from contactlearn.simulation import synthetic
 
 PACKAGE = Path(__file__).parents[1] / "contactlearn"
 HOSTILE = (
@@ -68,7 +69,7 @@ def run(tmp_path_factory) -> tuple[Path, str]:
     monkeypatch, said = pytest.MonkeyPatch(), StringIO()
     monkeypatch.setattr(sys, "argv", ["evaluate.py", *words])
     with contextlib.redirect_stdout(said):
-        cli.evaluate()
+        hydra_main.evaluate()
     monkeypatch.undo()
     return root, said.getvalue()
 

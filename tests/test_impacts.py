@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from contactlearn.data import synthetic
-from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.impacts import COMPONENTS, Impacts, Prediction
-from contactlearn.shapes import Disc, Ellipse, Polygon, contact_point, make_shape
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.mechanics.impacts import COMPONENTS, Impacts, Prediction
+from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point, make_shape
+from contactlearn.simulation import synthetic
 
 ROUNDING = 1e-12  # relative; a few hundred float64 roundings
 POINTS = 400_001

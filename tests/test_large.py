@@ -10,21 +10,22 @@ import torch
 from commands import run
 from pyarrow import parquet
 
-from contactlearn.app import loading
-from contactlearn.cli import compose
+from contactlearn.cli.commands import loading
+from contactlearn.cli.hydra_main import compose
+from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import blocks as blocks_module
-from contactlearn.data import synthetic, table
+from contactlearn.data import table
 from contactlearn.data.blocks import Blocks, joined, sampled
 from contactlearn.data.table import large
 from contactlearn.data.table.sheet import read_parquet
-from contactlearn.errors import ContactLearnError, DataError
-from contactlearn.evaluation import metrics
-from contactlearn.evaluation.sums import ErrorSums
-from contactlearn.impacts import COMPONENTS
+from contactlearn.inference.evaluation import metrics
+from contactlearn.inference.evaluation.sums import ErrorSums
 from contactlearn.laws import find
-from contactlearn.model import ContactModel
+from contactlearn.mechanics.impacts import COMPONENTS
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.results import tables
 from contactlearn.results.tables import load_predictions, save_predictions
+from contactlearn.simulation import synthetic
 
 SUFFIXES = pytest.mark.parametrize("suffix", ["csv", "parquet"])
 ROUNDING = {"rtol": 1e-12, "atol": 1e-12}  # sums in another order
@@ -119,7 +120,7 @@ def test_corrections_go_block_by_block_or_are_made_in_memory(drops, small_blocks
 
     assert len([*loaded("mirrored_x", "mirrored_theta").read()]) == 7
     assert loaded("drop_duplicates").trials == 230
-    monkeypatch.setattr("contactlearn.app.means.available_memory", lambda: 1000.0)
+    monkeypatch.setattr("contactlearn.cli.commands.means.available_memory", lambda: 1000.0)
     with pytest.raises(ContactLearnError, match=r"drop_duplicates\] looks at all trials of .* are free"):
         loaded("drop_duplicates")
 
@@ -128,7 +129,7 @@ def test_corrections_go_block_by_block_or_are_made_in_memory(drops, small_blocks
 
 
 def test_sums_over_blocks_are_the_errors_of_all(drops, monkeypatch):
-    monkeypatch.setattr("contactlearn.evaluation.sums.BOOTSTRAPPED", 100)
+    monkeypatch.setattr("contactlearn.inference.evaluation.sums.BOOTSTRAPPED", 100)
     sums = ErrorSums(models())
     for part, predictions in predicted([drops[:90], drops[90:91], drops[91:]]):
         sums.add(part, predictions)
@@ -191,7 +192,10 @@ def read(path):
 
 
 def test_of_many_trials_a_sample_is_fitted_and_shown(drops, small_blocks, tmp_path, monkeypatch):
-    for name, value in (("contactlearn.app.loading.FITTED", 60), ("contactlearn.app.loading.SHOWN", 30)):
+    for name, value in (
+        ("contactlearn.cli.commands.loading.FITTED", 60),
+        ("contactlearn.cli.commands.loading.SHOWN", 30),
+    ):
         monkeypatch.setattr(name, value)
     monkeypatch.setattr("contactlearn.results.held_out.SHOWN", 30)
     path, folder = table.save(drops, tmp_path / "drops.parquet"), tmp_path / "out"
@@ -223,7 +227,7 @@ def test_memory_does_not_grow_with_the_table(tmp_path, monkeypatch):
     monkeypatch.setattr(blocks_module, "BLOCK", 500)
     monkeypatch.setattr(large, "BLOCK", 500)
     monkeypatch.setattr(large, "LARGE", 500)
-    monkeypatch.setattr("contactlearn.evaluation.sums.BOOTSTRAPPED", 500)
+    monkeypatch.setattr("contactlearn.inference.evaluation.sums.BOOTSTRAPPED", 500)
     peaks = []
     for size in (1000, 1000, 10_000):  # the first call loads what stays
         path = table.save(synthetic.load(size=size), tmp_path / f"{size}.parquet")
@@ -257,7 +261,7 @@ def test_a_parquet_file_is_not_kept_while_it_is_read(tmp_path):
 
 
 def test_a_training_larger_than_memory_is_made_smaller(drops, tmp_path, monkeypatch):
-    monkeypatch.setattr("contactlearn.app.means.available_memory", lambda: 50 * 8000.0)
+    monkeypatch.setattr("contactlearn.cli.commands.means.available_memory", lambda: 50 * 8000.0)
     path = table.save(drops, tmp_path / "drops.parquet")
     words = ("data=table", f"data.path={path}", "train.size=150", "train.repetitions=2", "bootstrap=40")
     assert "50 trials are used" in run("train.py", *words, f"hydra.run.dir={tmp_path / 'out'}")

@@ -6,9 +6,8 @@ import pytest
 import torch
 from diagnoses import ERROR, few, made_up, provenance_of
 
-from contactlearn.app.parts import forget
-from contactlearn.audit.consistency import repeated
-from contactlearn.data import mystery, synthetic
+from contactlearn.cli.commands.parts import forget
+from contactlearn.data.audit.consistency import repeated
 from contactlearn.diagnosis.observer import Observer
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis, Limit, Record, Verdict
@@ -18,13 +17,14 @@ from contactlearn.diagnosis.sampling.rounds import Rounds
 from contactlearn.diagnosis.stages import Study
 from contactlearn.diagnosis.thresholds import SampleThresholds, Thresholds
 from contactlearn.effects import EffectId
-from contactlearn.identification.joint import FitOptions
+from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.laws import find
-from contactlearn.model import ContactModel
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.page.diagnosis import of_diagnosis
 from contactlearn.report.page.page import render
 from contactlearn.report.page.trials import EMBEDDED
 from contactlearn.report.text import samples
+from contactlearn.simulation import hidden_effects, synthetic
 
 SMALL = Thresholds(sample=SampleThresholds(whole=300, first=150, most=600))
 LAW = find("wang_mason").at(0.12, 0.55)
@@ -147,7 +147,7 @@ def test_a_stopped_run_goes_on_behind_its_finished_subsamples(many, tmp_path):
 
 
 def test_a_large_table_is_diagnosed_on_samples():
-    impacts, _ = mystery.draw(8, effects=["contact_patch"], size=900)
+    impacts, _ = hidden_effects.draw(8, effects=["contact_patch"], size=900)
     law, heard = find("wang_mason"), []
 
     class Heard(Observer):

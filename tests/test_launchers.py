@@ -12,10 +12,10 @@ import pytest
 from commands import run
 from omegaconf import OmegaConf
 
-from contactlearn import cli
-from contactlearn.errors import installing
-from contactlearn.sweeps.resources import GIB, jobs_at_a_time
-from contactlearn.sweeps.sweep import _limit
+from contactlearn.cli import hydra_main
+from contactlearn.cli.sweeps.resources import GIB, jobs_at_a_time
+from contactlearn.cli.sweeps.sweep import _limit
+from contactlearn.core.errors import installing
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
 from studies.sweeps import COUNT, JOBS, content, ended, finished, nothing_half_written, started, survive
@@ -126,7 +126,7 @@ def test_a_launcher_that_is_not_there_is_named(launcher, tmp_path):
 
 def test_what_slurm_is_asked_for():
     """One core, the stated memory, a limit of time, and to be queued again."""
-    found = cli.compose(
+    found = hydra_main.compose(
         "train", ["hydra/launcher=submitit_slurm", "hydra.sweeper.gigabytes=3"], return_hydra_config=True
     )
     asked = OmegaConf.to_container(found.hydra.launcher, resolve=False)
@@ -138,12 +138,12 @@ def test_what_slurm_is_asked_for():
 
 def test_what_ray_is_asked_for():
     """On this machine as many jobs as fit; on a cluster the memory of each, where its own settings say nothing else."""
-    own = cli.compose("train", ["hydra/launcher=ray"], return_hydra_config=True).hydra.launcher
+    own = hydra_main.compose("train", ["hydra/launcher=ray"], return_hydra_config=True).hydra.launcher
     _limit(own, gigabytes=2, jobs=64)
     assert own.ray.init.num_cpus == jobs_at_a_time(-1, 2)
     assert "memory" not in own.ray.remote
     words = ["hydra/launcher=ray", "hydra.launcher.ray.init.address=auto"]
-    cluster = cli.compose("train", words, return_hydra_config=True).hydra.launcher
+    cluster = hydra_main.compose("train", words, return_hydra_config=True).hydra.launcher
     _limit(cluster, gigabytes=2, jobs=64)
     assert "num_cpus" not in cluster.ray.init
     assert cluster.ray.remote.memory == 2 * GIB
@@ -154,7 +154,7 @@ def test_slurm_script(tmp_path):
     needs("submitit_local")
     from submitit.slurm.slurm import _make_sbatch_string
 
-    found = cli.compose("train", ["hydra/launcher=submitit_slurm"], return_hydra_config=True)
+    found = hydra_main.compose("train", ["hydra/launcher=submitit_slurm"], return_hydra_config=True)
     own = OmegaConf.to_container(found.hydra.launcher, resolve=False)
     script = _make_sbatch_string(
         command="true", folder=tmp_path, time=own["timeout_min"], mem=f"{found.hydra.launcher.mem_gb}GB",

@@ -10,11 +10,12 @@ import pytest
 from commands import ROOT, SMALL, TRAIN, run
 from test_new_parts import LAW
 
-from contactlearn import checkpoint, laws
-from contactlearn.app.laws import chosen_law, compared_laws
-from contactlearn.app.settings import check
-from contactlearn.cli import compose
-from contactlearn.errors import ContactLearnError
+from contactlearn import laws
+from contactlearn.cli.commands.laws import chosen_law, compared_laws
+from contactlearn.cli.commands.settings import check
+from contactlearn.cli.hydra_main import compose
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.models import checkpoint
 
 CHOSEN = ("law._target_=bumpy.BumpyFloor", "+law.share=0.5")
 

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from repetitions import crossed
 
-from contactlearn import mechanics
-from contactlearn.errors import UnknownNameError
+from contactlearn.core.errors import UnknownNameError
 from contactlearn.laws import PAPER_LAWS, catalogue, find, names
+from contactlearn.mechanics import rigid_body
 from contactlearn.testing import LawContract
 
 ROUNDING = 1e-9  # relative to |M_c v_c|, |v_c| and the incident energy: W is nearly singular for some
@@ -54,13 +54,13 @@ def after(c: Contacts, P: torch.Tensor) -> torch.Tensor:
 
 def momentum(c: Contacts) -> torch.Tensor:
     """|M_c v_c| [...]: the size of the impulse that would stop the contact point."""
-    return (mechanics.effective_inertia(c.W) @ c.v_c[..., None])[..., 0].norm(dim=-1)
+    return (rigid_body.effective_inertia(c.W) @ c.v_c[..., None])[..., 0].norm(dim=-1)
 
 
 def gain(c: Contacts, P: torch.Tensor) -> torch.Tensor:
     """Energy gained [...] relative to the incident one that the contact can reach, ½ v_cᵀ M_c v_c."""
-    incident = 0.5 * (c.v_c * (mechanics.effective_inertia(c.W) @ c.v_c[..., None])[..., 0]).sum(-1)
-    return mechanics.energy_excess(c.W, c.v_c, P) / incident
+    incident = 0.5 * (c.v_c * (rigid_body.effective_inertia(c.W) @ c.v_c[..., None])[..., 0]).sum(-1)
+    return rigid_body.energy_excess(c.W, c.v_c, P) / incident
 
 
 def cone_excess(c: Contacts, P: torch.Tensor) -> torch.Tensor:
@@ -70,7 +70,7 @@ def cone_excess(c: Contacts, P: torch.Tensor) -> torch.Tensor:
 def one_contact(r: tuple, v_c: tuple, mu: float, eps: float, inertia: float = 1.0) -> Contacts:
     """One body of 1 kg, for examples in round numbers."""
     mass, inertia, r, v_c, mu, eps = (torch.tensor([x], dtype=torch.float64) for x in (1.0, inertia, r, v_c, mu, eps))
-    return Contacts(mechanics.inverse_inertia(mass, inertia, r), v_c, mu, eps)
+    return Contacts(rigid_body.inverse_inertia(mass, inertia, r), v_c, mu, eps)
 
 
 def assert_close(P: torch.Tensor, Q: torch.Tensor, c: Contacts, tolerance: float = ROUNDING) -> None:
@@ -139,7 +139,7 @@ def test_paper_variant_gains_energy(name):
     torch.testing.assert_close(evaluate(name, c, "fazeli2017"), torch.tensor([P], dtype=torch.float64))
     assert gain(c, evaluate(name, c, "fazeli2017")).item() == pytest.approx(energy)
     assert (gain(CONTACTS, on_all(name, "fazeli2017")) > ROUNDING).double().mean() > 0.01
-    assert not mechanics.admissible(c.W, c.v_c, evaluate(name, c, "fazeli2017")).any()
+    assert not rigid_body.admissible(c.W, c.v_c, evaluate(name, c, "fazeli2017")).any()
 
 
 def test_paper_whittaker_leaves_the_cone_and_penetrates():

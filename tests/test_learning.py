@@ -12,19 +12,19 @@ from repetitions import crossed
 from scipy.stats import chi2
 from torch import Tensor
 
-from contactlearn import mechanics
-from contactlearn.data import synthetic
-from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.evaluation import metrics
-from contactlearn.identification.per_trial import identify_trials
-from contactlearn.identification.shared import Box
-from contactlearn.impacts import Impacts, Prediction, measured_impulse
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.inference.evaluation import metrics
+from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification.shared import Box
+from contactlearn.inference.learning.recipe import TARGETS, Recipe, learn
 from contactlearn.laws import Law, find
-from contactlearn.learning.recipe import TARGETS, Recipe, learn
-from contactlearn.model import ContactModel, predict_with
-from contactlearn.regression import regressor
-from contactlearn.regression.gp.exact import ExactGPs
-from contactlearn.regression.gp.sparse import SparseGPs
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.impacts import Impacts, Prediction, measured_impulse
+from contactlearn.models import regressor
+from contactlearn.models.contact_model import ContactModel, predict_with
+from contactlearn.models.gp.exact import ExactGPs
+from contactlearn.models.gp.sparse import SparseGPs
+from contactlearn.simulation import synthetic
 
 REPEATED = 1e-6
 """Relative: two roads to one model differ by roundings, times the condition number of the covariance, up to 10⁹."""
@@ -297,7 +297,11 @@ def test_noise_holds_95_percent_of_the_trials_left_out(name, n, pool):
     model = trained(recipe, pool, rows)
     left_out, variance = model.residual.leave_one_out()
     body = pool.mass, pool.inertia, pool.r
-    D = torch.eye(3, dtype=torch.float64) if recipe.target == "velocity" else mechanics.velocity_per_wrench(*body)[rows]
+    D = (
+        torch.eye(3, dtype=torch.float64)
+        if recipe.target == "velocity"
+        else rigid_body.velocity_per_wrench(*body)[rows]
+    )
     D = D[..., : left_out.shape[-1]]
     e = (D @ left_out[..., None])[..., 0]
     if recipe.target == "impulse":  # and the spin that no impulse explains

@@ -9,7 +9,7 @@ import torch
 from matplotlib.image import imread
 from test_figures import HOSTILE, MACHADO, _seen, assert_fits, visible_axes
 
-from contactlearn.errors import ContactLearnError
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.report.figures import learning, quality
 from contactlearn.report.figures.style import (
     BOUNDS,

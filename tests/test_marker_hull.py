@@ -6,14 +6,14 @@ import pytest
 import torch
 
 from contactlearn import laws
+from contactlearn.core.errors import DataError
 from contactlearn.data import tracks
-from contactlearn.data.tracks_synthetic.camera import AXES, Camera, record
-from contactlearn.data.tracks_synthetic.motion import Body, throw
-from contactlearn.errors import DataError
-from contactlearn.model import ContactModel
+from contactlearn.data.recordings.track import turn
+from contactlearn.mechanics.shapes import Polygon, contact_point
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.text.tracks import tracks_facts
-from contactlearn.shapes import Polygon, contact_point
-from contactlearn.tracks.track import turn
+from contactlearn.simulation.recordings.camera import AXES, Camera, record
+from contactlearn.simulation.recordings.motion import Body, throw
 
 NOISE, MASS = 5e-5, 0.05  # m, kg
 KITE = np.array(((0.03, 0.02), (-0.025, 0.028), (-0.035, -0.018), (0.012, -0.026)))  # m

@@ -8,7 +8,7 @@ from contacts import random_bodies, random_contacts
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contactlearn import mechanics
+from contactlearn.mechanics import rigid_body
 
 ROUNDING = 1e-9  # relative: W is nearly singular for some of the random bodies
 PROFILE = settings(derandomize=True, deadline=None, database=None, max_examples=100)
@@ -30,9 +30,9 @@ def weights(bodies=BODIES) -> torch.Tensor:
 
 
 def test_jacobian_gives_the_contact_points_velocity():
-    J = mechanics.contact_jacobian(BODIES.r)
+    J = rigid_body.contact_jacobian(BODIES.r)
     assert J.shape == (N, 2, 3)
-    v_c = mechanics.contact_velocity(BODIES.r, BODIES.v)
+    v_c = rigid_body.contact_velocity(BODIES.r, BODIES.v)
     torch.testing.assert_close((J @ BODIES.v[..., None])[..., 0], v_c)
     torch.testing.assert_close(v_c, CONTACTS.v_c, rtol=1e-6, atol=1e-9)
     # The velocity of a point that turns with the body, by differences of its position.
@@ -45,15 +45,15 @@ def test_jacobian_gives_the_contact_points_velocity():
 
 
 def test_inverse_inertia_is_the_jacobians():
-    W = mechanics.inverse_inertia(BODIES.mass, BODIES.inertia, BODIES.r)
-    J = mechanics.contact_jacobian(BODIES.r)
+    W = rigid_body.inverse_inertia(BODIES.mass, BODIES.inertia, BODIES.r)
+    J = rigid_body.contact_jacobian(BODIES.r)
     torch.testing.assert_close(W, J @ (J.mT / weights()[..., None]))
     torch.testing.assert_close(W, CONTACTS.W)
     assert (torch.linalg.eigvalsh(W) > 0).all()
 
 
 def test_effective_inertia_inverts_it():
-    M_c = mechanics.effective_inertia(CONTACTS.W)
+    M_c = rigid_body.effective_inertia(CONTACTS.W)
     identity = torch.eye(2, dtype=torch.float64).expand(N, 2, 2)
     torch.testing.assert_close(M_c @ CONTACTS.W, identity, rtol=0, atol=ROUNDING)
     torch.testing.assert_close(M_c, M_c.mT, rtol=0, atol=0)
@@ -61,69 +61,71 @@ def test_effective_inertia_inverts_it():
 
 def test_a_central_impact_is_uncoupled():
     two, r = torch.tensor(2.0, dtype=torch.float64), torch.tensor([0.0, -3.0], dtype=torch.float64)
-    W = mechanics.inverse_inertia(two, 4 * two, r)
+    W = rigid_body.inverse_inertia(two, 4 * two, r)
     assert torch.equal(W, torch.tensor([[0.5 + 9 / 8, 0], [0, 0.5]], dtype=torch.float64))
 
 
 def test_measured_wrench_inverts_apply_wrench():
     wrench = wrenches()
-    v_post = mechanics.apply_wrench(*BODIES, wrench)
-    measured = mechanics.measured_wrench(*BODIES, v_post)
+    v_post = rigid_body.apply_wrench(*BODIES, wrench)
+    measured = rigid_body.measured_wrench(*BODIES, v_post)
     # Differences of velocities and of moments lose digits in proportion to these.
     size = (weights() * (BODIES.v.abs() + v_post.abs())).sum(-1, keepdim=True)
     size = size + BODIES.r.norm(dim=-1, keepdim=True) * wrench.norm(dim=-1, keepdim=True)
     assert ((measured - wrench) / size).abs().max() <= 1e-12
-    again = mechanics.apply_wrench(*BODIES, measured)
+    again = rigid_body.apply_wrench(*BODIES, measured)
     torch.testing.assert_close(again, v_post, rtol=ROUNDING, atol=1e-6)
 
 
 def test_wrench_obeys_the_equation_of_motion():
     wrench = wrenches()
-    change = weights() * (mechanics.apply_wrench(*BODIES, wrench) - BODIES.v)
-    J = mechanics.contact_jacobian(BODIES.r)
+    change = weights() * (rigid_body.apply_wrench(*BODIES, wrench) - BODIES.v)
+    J = rigid_body.contact_jacobian(BODIES.r)
     force = (J.mT @ wrench[:, :2, None])[..., 0] + torch.nn.functional.pad(wrench[:, 2:], (2, 0))
     size = (weights() * BODIES.v.abs()).sum(-1, keepdim=True) + force.norm(dim=-1, keepdim=True)
     assert ((change - force) / size).abs().max() <= 1e-12
     # In contact space, without a moment: v_c⁺ = v_c⁻ + W P.
     point = wrench * torch.tensor([1.0, 1.0, 0.0], dtype=torch.float64)
-    v_c = mechanics.contact_velocity(BODIES.r, mechanics.apply_wrench(*BODIES, point))
+    v_c = rigid_body.contact_velocity(BODIES.r, rigid_body.apply_wrench(*BODIES, point))
     expected = CONTACTS.v_c + (CONTACTS.W @ wrench[:, :2, None])[..., 0]
     assert ((v_c - expected).norm(dim=-1) / (expected.norm(dim=-1) + BODIES.v.norm(dim=-1))).max() <= ROUNDING
 
 
 def test_velocity_per_wrench_is_the_derivative():
     """Of `apply_wrench`, in which the velocity is linear; its inverse is that of `measured_wrench`."""
-    A = mechanics.velocity_per_wrench(*BODIES[:3])
+    A = rigid_body.velocity_per_wrench(*BODIES[:3])
     assert A.shape == (N, 3, 3)
     # The effect of each component on its own, from rest.
-    columns = [mechanics.apply_wrench(*BODIES[:3], torch.zeros_like(BODIES.v), unit) for unit in torch.eye(3).double()]
+    columns = [rigid_body.apply_wrench(*BODIES[:3], torch.zeros_like(BODIES.v), unit) for unit in torch.eye(3).double()]
     torch.testing.assert_close(A, torch.stack(columns, -1), rtol=ROUNDING, atol=0)
-    change = mechanics.apply_wrench(*BODIES, wrenches()) - BODIES.v
+    change = rigid_body.apply_wrench(*BODIES, wrenches()) - BODIES.v
     found = (A @ wrenches()[..., None])[..., 0]
     size = BODIES.v.norm(dim=-1, keepdim=True) + found.norm(dim=-1, keepdim=True)
     assert ((change - found) / size).abs().max() <= ROUNDING
     # The velocity of the contact point per impulse is W, and a moment about it turns the body alone.
-    J = mechanics.contact_jacobian(BODIES.r)
+    J = rigid_body.contact_jacobian(BODIES.r)
     torch.testing.assert_close(J @ A[..., :2], CONTACTS.W, rtol=1e-6, atol=ROUNDING)
     assert (A[:, :2, 2] == 0).all()
     for i in range(50):
         body = [part[i] for part in BODIES]
-        measured = torch.autograd.functional.jacobian(lambda v, body=body: mechanics.measured_wrench(*body, v), body[3])
+        measured = torch.autograd.functional.jacobian(
+            lambda v, body=body: rigid_body.measured_wrench(*body, v), body[3]
+        )
         torch.testing.assert_close(measured @ A[i], torch.eye(3).double(), rtol=0, atol=ROUNDING)
 
 
 def test_velocity_per_wrench_of_any_leading_axes():
     bodies = [part[:12].reshape(3, 4, *part.shape[1:]) for part in BODIES[:3]]
-    every = mechanics.velocity_per_wrench(*bodies)
-    assert torch.equal(every.flatten(0, 1), mechanics.velocity_per_wrench(*(part[:12] for part in BODIES[:3])))
-    assert torch.equal(every[1, 2], mechanics.velocity_per_wrench(*(part[6] for part in BODIES[:3])))
+    every = rigid_body.velocity_per_wrench(*bodies)
+    assert torch.equal(every.flatten(0, 1), rigid_body.velocity_per_wrench(*(part[:12] for part in BODIES[:3])))
+    assert torch.equal(every[1, 2], rigid_body.velocity_per_wrench(*(part[6] for part in BODIES[:3])))
 
 
 def test_energy_excess_is_the_kinetic_energy_gained():
     P = wrenches()[:, :2]
-    v_post = mechanics.apply_wrench(*BODIES, torch.nn.functional.pad(P, (0, 1)))
+    v_post = rigid_body.apply_wrench(*BODIES, torch.nn.functional.pad(P, (0, 1)))
     before, after = (0.5 * (weights() * v**2).sum(-1) for v in (BODIES.v, v_post))
-    excess = mechanics.energy_excess(CONTACTS.W, CONTACTS.v_c, P)
+    excess = rigid_body.energy_excess(CONTACTS.W, CONTACTS.v_c, P)
     assert ((excess - (after - before)) / (before + after)).abs().max() <= ROUNDING
 
 
@@ -131,18 +133,18 @@ def test_energy_ellipse_has_no_excess():
     for shape in ((), (50,), (3, 7)):
         index = torch.arange(math.prod(shape)).reshape(shape)
         W, v_c = CONTACTS.W[index], CONTACTS.v_c[index]
-        ellipse = mechanics.energy_ellipse(W, v_c, points=91)
+        ellipse = rigid_body.energy_ellipse(W, v_c, points=91)
         assert ellipse.shape == (*shape, 91, 2)
-        incident = -mechanics.energy_excess(W, v_c, -(mechanics.effective_inertia(W) @ v_c[..., None])[..., 0])
-        excess = mechanics.energy_excess(W[..., None, :, :], v_c[..., None, :], ellipse)
+        incident = -rigid_body.energy_excess(W, v_c, -(rigid_body.effective_inertia(W) @ v_c[..., None])[..., 0])
+        excess = rigid_body.energy_excess(W[..., None, :, :], v_c[..., None, :], ellipse)
         assert (excess / incident[..., None]).abs().max() <= ROUNDING
         torch.testing.assert_close(ellipse[..., 0, :], ellipse[..., -1, :])
 
 
 def test_energy_ellipse_goes_round_and_through_no_impulse():
     W, v_c = CONTACTS.W[:50], CONTACTS.v_c[:50]
-    ellipse = mechanics.energy_ellipse(W, v_c, points=20_001)
-    centre = -(mechanics.effective_inertia(W) @ v_c[..., None])[..., 0]
+    ellipse = rigid_body.energy_ellipse(W, v_c, points=20_001)
+    centre = -(rigid_body.effective_inertia(W) @ v_c[..., None])[..., 0]
     torch.testing.assert_close(ellipse[:, :-1].mean(1), centre, rtol=1e-6, atol=1e-9)
     assert (ellipse.norm(dim=-1).amin(1) / centre.norm(dim=-1)).max() < 0.01
     # Its area is π radius² √det W⁻¹, by the shoelace formula.
@@ -154,8 +156,8 @@ def test_energy_ellipse_goes_round_and_through_no_impulse():
 
 def test_least_squares_impulse_against_lstsq():
     dv = torch.randn(N, 3, generator=torch.Generator().manual_seed(2), dtype=torch.float64) * 3
-    P = mechanics.least_squares_impulse(BODIES.mass, BODIES.inertia, BODIES.r, dv)
-    A = mechanics.contact_jacobian(BODIES.r).mT / weights()[..., None]
+    P = rigid_body.least_squares_impulse(BODIES.mass, BODIES.inertia, BODIES.r, dv)
+    A = rigid_body.contact_jacobian(BODIES.r).mT / weights()[..., None]
     # Scaled columns: P / m, so that the reference is not limited by units.
     A = A * BODIES.mass[:, None, None]
     reference = torch.linalg.lstsq(A, dv[..., None], driver="gelsd").solution[..., 0]
@@ -172,8 +174,8 @@ def test_least_squares_impulse_is_the_momentum_only_without_a_moment():
     bodies = type(BODIES)(*(x[:n] for x in BODIES))
     P = wrenches(n=n) * torch.tensor([1.0, 1.0, 0.0], dtype=torch.float64)
     for tau in (0.0, 0.1):
-        dv = mechanics.apply_wrench(*bodies, P + torch.tensor([0.0, 0.0, tau])) - bodies.v
-        found = mechanics.least_squares_impulse(bodies.mass, bodies.inertia, bodies.r, dv)
+        dv = rigid_body.apply_wrench(*bodies, P + torch.tensor([0.0, 0.0, tau])) - bodies.v
+        found = rigid_body.least_squares_impulse(bodies.mass, bodies.inertia, bodies.r, dv)
         error = (found - P[:, :2]).norm(dim=-1) / P.norm(dim=-1)
         if tau == 0:
             assert error.max() <= 1e-6
@@ -198,7 +200,7 @@ ADMISSIBLE = {
 @pytest.mark.parametrize(("P", "allowed"), ADMISSIBLE.values(), ids=ADMISSIBLE)
 def test_admissible(P, allowed):
     W, v_c = torch.diag(torch.tensor([2.0, 1.0], dtype=torch.float64)), torch.tensor([0.0, -1.0], dtype=torch.float64)
-    assert mechanics.admissible(W, v_c, torch.tensor(P, dtype=torch.float64)).item() is allowed
+    assert rigid_body.admissible(W, v_c, torch.tensor(P, dtype=torch.float64)).item() is allowed
 
 
 def test_admissible_refuses_a_pull_that_nothing_else_refuses():
@@ -206,10 +208,10 @@ def test_admissible_refuses_a_pull_that_nothing_else_refuses():
     W = torch.tensor([[9.0, 8.0], [8.0, 9.0]], dtype=torch.float64)
     v_c = torch.tensor([-4.0, -1.0], dtype=torch.float64)
     P = torch.tensor([0.5, -0.1], dtype=torch.float64)
-    assert mechanics.energy_excess(W, v_c, P) < 0
+    assert rigid_body.energy_excess(W, v_c, P) < 0
     assert v_c[1] + W[1] @ P > 0
-    assert not mechanics.admissible(W, v_c, P)
-    assert mechanics.admissible(W, v_c, P + torch.tensor([0.0, 0.1], dtype=torch.float64))
+    assert not rigid_body.admissible(W, v_c, P)
+    assert rigid_body.admissible(W, v_c, P + torch.tensor([0.0, 0.1], dtype=torch.float64))
 
 
 def test_admissible_is_relative():
@@ -218,27 +220,27 @@ def test_admissible_is_relative():
         W = torch.diag(torch.tensor([2.0, 1.0], dtype=torch.float64)) / mass
         v_c = torch.tensor([0.0, -speed], dtype=torch.float64)
         P = mass * speed * torch.tensor([[0.0, 2.0], [0.0, 2.01], [0.0, 1.0], [0.0, 0.99]], dtype=torch.float64)
-        assert mechanics.admissible(W, v_c, P).tolist() == [True, False, True, False]
-        assert mechanics.admissible(W, v_c, P, tolerance=0.1).all()
+        assert rigid_body.admissible(W, v_c, P).tolist() == [True, False, True, False]
+        assert rigid_body.admissible(W, v_c, P, tolerance=0.1).all()
 
 
 def test_mirror():
     bodies, wrench = BODIES, wrenches()
     r, v = bodies.r * MIRROR[:2], bodies.v * MIRROR
-    W = mechanics.inverse_inertia(bodies.mass, bodies.inertia, r)
-    assert torch.equal(W, MIRROR[:2, None] * mechanics.inverse_inertia(*bodies[:3]) * MIRROR[:2])
-    v_c = mechanics.contact_velocity(r, v)
-    assert torch.equal(v_c, mechanics.contact_velocity(bodies.r, bodies.v) * MIRROR[:2])
-    v_post = mechanics.apply_wrench(*bodies, wrench)
-    assert torch.equal(mechanics.apply_wrench(bodies.mass, bodies.inertia, r, v, wrench * MIRROR), v_post * MIRROR)
-    measured = mechanics.measured_wrench(bodies.mass, bodies.inertia, r, v, v_post * MIRROR)
-    assert torch.equal(measured, mechanics.measured_wrench(*bodies, v_post) * MIRROR)
+    W = rigid_body.inverse_inertia(bodies.mass, bodies.inertia, r)
+    assert torch.equal(W, MIRROR[:2, None] * rigid_body.inverse_inertia(*bodies[:3]) * MIRROR[:2])
+    v_c = rigid_body.contact_velocity(r, v)
+    assert torch.equal(v_c, rigid_body.contact_velocity(bodies.r, bodies.v) * MIRROR[:2])
+    v_post = rigid_body.apply_wrench(*bodies, wrench)
+    assert torch.equal(rigid_body.apply_wrench(bodies.mass, bodies.inertia, r, v, wrench * MIRROR), v_post * MIRROR)
+    measured = rigid_body.measured_wrench(bodies.mass, bodies.inertia, r, v, v_post * MIRROR)
+    assert torch.equal(measured, rigid_body.measured_wrench(*bodies, v_post) * MIRROR)
     dv = v_post - bodies.v
-    found = mechanics.least_squares_impulse(bodies.mass, bodies.inertia, r, dv * MIRROR)
-    assert torch.equal(found, mechanics.least_squares_impulse(*bodies[:3], dv) * MIRROR[:2])
-    excess = mechanics.energy_excess(W, v_c, (wrench * MIRROR)[:, :2])
+    found = rigid_body.least_squares_impulse(bodies.mass, bodies.inertia, r, dv * MIRROR)
+    assert torch.equal(found, rigid_body.least_squares_impulse(*bodies[:3], dv) * MIRROR[:2])
+    excess = rigid_body.energy_excess(W, v_c, (wrench * MIRROR)[:, :2])
     torch.testing.assert_close(
-        excess, mechanics.energy_excess(CONTACTS.W, CONTACTS.v_c, wrench[:, :2]), rtol=1e-6, atol=1e-6
+        excess, rigid_body.energy_excess(CONTACTS.W, CONTACTS.v_c, wrench[:, :2]), rtol=1e-6, atol=1e-6
     )
 
 
@@ -256,10 +258,10 @@ numbers = st.floats(-3, 3)
 def test_any_body(mass, inertia, r, v, wrench):
     """Zeros and equal numbers, which random draws miss: the wrench comes back, the energies balance."""
     mass, inertia, r, v, wrench = (torch.tensor(x, dtype=torch.float64) for x in (mass, inertia, r, v, wrench))
-    v_post = mechanics.apply_wrench(mass, inertia, r, v, wrench)
-    measured = mechanics.measured_wrench(mass, inertia, r, v, v_post)
+    v_post = rigid_body.apply_wrench(mass, inertia, r, v, wrench)
+    measured = rigid_body.measured_wrench(mass, inertia, r, v, v_post)
     torch.testing.assert_close(measured, wrench, rtol=0, atol=1e-11)
     # ΔT = wrench · mean of the contact point's velocities (v_t, v_n, ω).
-    twist = [torch.cat((mechanics.contact_velocity(r, u), u[2:])) for u in (v, v_post)]
+    twist = [torch.cat((rigid_body.contact_velocity(r, u), u[2:])) for u in (v, v_post)]
     gained = 0.5 * (torch.stack((mass, mass, inertia)) * (v_post**2 - v**2)).sum()
     torch.testing.assert_close(gained, wrench @ (twist[0] + twist[1]) / 2, rtol=1e-9, atol=1e-9)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from contactlearn.data import synthetic
-from contactlearn.evaluation import metrics
-from contactlearn.impacts import Prediction
+from contactlearn.inference.evaluation import metrics
 from contactlearn.laws import PAPER_LAWS, find
-from contactlearn.model import ContactModel
+from contactlearn.mechanics.impacts import Prediction
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
 
 EXACT = 1e-13  # relative: a few roundings
 

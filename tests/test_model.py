@@ -12,11 +12,11 @@ from contacts import impulse
 from torch import Tensor
 from torch.autograd.functional import jacobian
 
-from contactlearn import mechanics
-from contactlearn.data import synthetic
-from contactlearn.impacts import Impacts, Prediction
 from contactlearn.laws import find, names
-from contactlearn.model import RESIDUALS, ContactModel, predict_with, wrench_per_parameter
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.models.contact_model import RESIDUALS, ContactModel, predict_with, wrench_per_parameter
+from contactlearn.simulation import synthetic
 
 ROUNDING = 1e-12
 """Relative to the largest number of a column: exact algebra, a few roundings of double precision."""
@@ -156,9 +156,9 @@ def test_velocity_and_wrench_obey_the_equation_of_motion(model, drops):
     prediction = model.predict(drops)
     body = drops.mass, drops.inertia, drops.r, drops.v_pre
     assert_same(prediction, Prediction.from_wrench(drops, prediction.wrench))
-    assert_same(prediction, Prediction(prediction.v_post, mechanics.measured_wrench(*body, prediction.v_post)))
+    assert_same(prediction, Prediction(prediction.v_post, rigid_body.measured_wrench(*body, prediction.v_post)))
     # In the contact's own frame: v_c⁺ = v_c + W P, but for what τ turns.
-    v_c = mechanics.contact_velocity(drops.r, prediction.v_post)
+    v_c = rigid_body.contact_velocity(drops.r, prediction.v_post)
     lever = torch.stack((-drops.r[:, 1], drops.r[:, 0]), -1) / drops.inertia[:, None]
     W_P = (drops.W @ prediction.wrench[..., :2, None])[..., 0] + lever * prediction.wrench[..., 2:]
     assert_close(v_c, drops.v_c + W_P)

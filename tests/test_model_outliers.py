@@ -3,13 +3,13 @@
 import pytest
 import torch
 
-from contactlearn.audit.model_outliers import outliers_of
-from contactlearn.audit.thresholds import OutlierThresholds
-from contactlearn.data import synthetic
-from contactlearn.identification.joint import identify_jointly
-from contactlearn.impacts import Impacts
+from contactlearn.data.audit.model_outliers import outliers_of
+from contactlearn.data.audit.thresholds import OutlierThresholds
+from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
-from contactlearn.model import ContactModel
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
 
 SIZE = torch.tensor([0.02, 0.02, 0.5], dtype=torch.float64)  # of the noise, m/s, m/s, rad/s
 TRUTH = find("mirtich").at(0.15, 0.6)

@@ -17,9 +17,9 @@ from contactlearn.diagnosis.unexplained.modulated import find_modulation
 from contactlearn.diagnosis.unexplained.modulation import state_suspects, state_variables
 from contactlearn.diagnosis.unexplained.scores import Scores
 from contactlearn.effects import State, find_effect
-from contactlearn.evaluation.metrics import Interval
-from contactlearn.identification.joint import FitOptions, identify_jointly
-from contactlearn.model import predict_with
+from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.models.contact_model import predict_with
 from contactlearn.report.observer import show_verdict
 from contactlearn.report.page.effects import residual_content
 from contactlearn.report.text import headline, stages

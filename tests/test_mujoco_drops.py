@@ -11,15 +11,15 @@ from hydra.utils import instantiate
 from omegaconf import OmegaConf
 from repetitions import crossed, repeated
 
-from contactlearn.data import mujoco
-from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.evaluation import metrics
-from contactlearn.identification import shared as fit
-from contactlearn.impacts import Impacts
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.inference.evaluation import metrics
+from contactlearn.inference.identification import shared as fit
 from contactlearn.laws import find
-from contactlearn.mechanics import contact_velocity, energy_excess, rotate
-from contactlearn.model import ContactModel
-from contactlearn.shapes import contact_point
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import contact_velocity, energy_excess, rotate
+from contactlearn.mechanics.shapes import contact_point
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import mujoco
 
 CONFIG = Path(__file__).parents[1] / "configs" / "data" / "mujoco.yaml"
 QUIET = {"velocity_noise": 0.0, "spin_noise": 0.0}
@@ -255,6 +255,6 @@ def test_configuration_says_the_defaults():
     assert config.pop("correct") == []
     defaults = {name: p.default for name, p in inspect.signature(mujoco.load).parameters.items()}
     written = {key: tuple(value) if OmegaConf.is_list(value) else value for key, value in config.items()}
-    assert written.pop("_target_") == "contactlearn.data.mujoco.load"
+    assert written.pop("_target_") == "contactlearn.simulation.mujoco.load"
     assert written == defaults
     assert instantiate(config, size=3).fingerprint() == mujoco.load(size=3).fingerprint()

@@ -21,13 +21,13 @@ from repetitions import repeated
 
 import contactlearn
 from contactlearn.__main__ import main
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.data import table
-from contactlearn.data.mystery import EFFECTS, UNKNOWN, draw, hidden, load, nature, reveal, springs
-from contactlearn.data.mystery.seal import SEALED, TITLE, seal
-from contactlearn.data.mystery.world import States, World
-from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.mechanics import apply_wrench, contact_velocity, measured_wrench
-from contactlearn.shapes import Disc, Ellipse
+from contactlearn.mechanics.rigid_body import apply_wrench, contact_velocity, measured_wrench
+from contactlearn.mechanics.shapes import Disc, Ellipse
+from contactlearn.simulation.hidden_effects import EFFECTS, UNKNOWN, draw, hidden, load, nature, reveal, springs
+from contactlearn.simulation.hidden_effects.seal import SEALED, TITLE, seal
+from contactlearn.simulation.hidden_effects.world import States, World
 
 PACKAGE = Path(contactlearn.__file__).parent
 CONFIG = PACKAGE.parent / "configs" / "data" / "mystery.yaml"

@@ -47,8 +47,8 @@ NEW = {
 }
 ENTRIES = "[contactlearn.effects]\nspin_loss = spin_loss:SpinLoss\n[contactlearn.laws]\nbumpy = bumpy\n"
 CATALOGUES = """
-from contactlearn.app.laws import compared_laws
-from contactlearn.cli import compose
+from contactlearn.cli.commands.laws import compared_laws
+from contactlearn.cli.hydra_main import compose
 from contactlearn.effects import catalogue
 
 print(*compared_laws(compose('evaluate', ['laws=[bumpy_floor,mirtich]'])), 'spin_loss' in catalogue())

@@ -3,14 +3,14 @@
 import pytest
 import torch
 
-from contactlearn.data import synthetic
 from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.diagnosis.result import NoiseSource
-from contactlearn.evaluation.metrics import mass_error
-from contactlearn.identification.joint import identify_jointly
-from contactlearn.impacts import Impacts, Prediction
+from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
-from contactlearn.model import ContactModel
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
 
 TRUE = ContactModel(find("wang_mason").at(0.12, 0.55))
 V, OMEGA = 0.01, 0.5

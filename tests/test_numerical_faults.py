@@ -18,20 +18,20 @@ from repetitions import crossed, repeated
 from torch import Tensor
 
 from contactlearn import diagnose, laws
-from contactlearn.audit.findings import audit
-from contactlearn.data import synthetic
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.data.audit.findings import audit
 from contactlearn.effects import find_effect
-from contactlearn.errors import ContactLearnError
-from contactlearn.evaluation import bounds, metrics
-from contactlearn.evaluation.partial_residuals import partial_residuals
-from contactlearn.identification.joint import FitOptions, identify_jointly
-from contactlearn.identification.per_trial import identify_trials
-from contactlearn.identification.ranges import suited
-from contactlearn.identification.shared import identify
-from contactlearn.impacts import Impacts
-from contactlearn.learning.recipe import Recipe, learn
-from contactlearn.model import ContactModel
-from contactlearn.shapes import Disc, Ellipse
+from contactlearn.inference.evaluation import bounds, metrics
+from contactlearn.inference.evaluation.partial_residuals import partial_residuals
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification.ranges import suited
+from contactlearn.inference.identification.shared import identify
+from contactlearn.inference.learning.recipe import Recipe, learn
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Disc, Ellipse
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
 
 SIZE = 12
 SAME = 1e-6

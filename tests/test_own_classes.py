@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from contactlearn.app.laws import law_of
-from contactlearn.app.own import in_one_line, try_effect, try_law
+from contactlearn.cli.commands.laws import law_of
+from contactlearn.cli.commands.own import in_one_line, try_effect, try_law
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import Effect, catalogue, columns, parameter
-from contactlearn.errors import ContactLearnError
 from contactlearn.laws import Law, find, names
 
 SHIPPED = catalogue()

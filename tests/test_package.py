@@ -122,7 +122,7 @@ def test_quick_takes_what_changed_and_one_of_each_other():
     items = [Item(name, k) for name in ("test_audit.py", "test_shapes.py", "test_sweeps.py") for k in range(8)]
     taken = [
         (item.path.name, item.number)
-        for item in quick.kept(items, {"tests/test_shapes.py", "contactlearn/audit/findings.py"})
+        for item in quick.kept(items, {"tests/test_shapes.py", "contactlearn/data/audit/findings.py"})
     ]
     assert taken.count(("test_audit.py", 0)) == 1
     assert len(taken) == quick.FIRST + 8

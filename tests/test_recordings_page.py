@@ -17,20 +17,20 @@ from commands import run
 from evaluations import provenance
 from test_report_page import HOSTILE, data_of, draw_everything, into_view, opened, silent, until
 
-from contactlearn.app.loading import load_data
-from contactlearn.cli import compose
+from contactlearn.cli.commands.loading import load_data
+from contactlearn.cli.hydra_main import compose
+from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import tracks
-from contactlearn.data.tracks_synthetic import MASS, SEMI_AXES, simulate, write_recordings
-from contactlearn.data.tracks_synthetic.camera import Camera
-from contactlearn.errors import ContactLearnError, DataError
+from contactlearn.data.recordings.result import Reason
+from contactlearn.mechanics.shapes import Ellipse
 from contactlearn.report.figures.tracks import standardised
 from contactlearn.report.page.page import render
 from contactlearn.report.page.recording import FRAMES, of_recording
 from contactlearn.report.page.recordings import MOST, chosen, of_recordings, write_recordings_page
 from contactlearn.report.page.reproduce import reproduced
 from contactlearn.report.text.tracks import tracks_facts, tracks_summary
-from contactlearn.shapes import Ellipse
-from contactlearn.tracks.result import Reason
+from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate, write_recordings
+from contactlearn.simulation.recordings.camera import Camera
 
 SHAPE = Ellipse(SEMI_AXES)
 NAME = "<img src=x onerror=window.hacked=1>&amp;'{{ 7*7 }}"  # that a file may have

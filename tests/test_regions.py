@@ -7,18 +7,18 @@ import torch
 from repetitions import repeated
 from scipy.stats import mannwhitneyu
 
-from contactlearn.data import synthetic
+from contactlearn.core.errors import DataError
+from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.diagnosis.failure.regions import find_regions, improvement_by_region
 from contactlearn.diagnosis.failure.variables import Variable, symmetry, variables
 from contactlearn.diagnosis.result.regions import Region
 from contactlearn.diagnosis.thresholds import RegionThresholds
-from contactlearn.errors import DataError
-from contactlearn.evaluation.metrics import Interval, mass_error
-from contactlearn.impacts import Prediction
+from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.laws import find
-from contactlearn.model import ContactModel
-from contactlearn.serialisation import from_json, to_json
-from contactlearn.shapes import Disc, Ellipse, Polygon
+from contactlearn.mechanics.impacts import Prediction
+from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
 
 MODEL = ContactModel(find("wang_mason").at(0.12, 0.55))  # that of the synthetic drops
 TIMES = 3.0  # by which the planted regions raise what the model leaves

@@ -9,21 +9,21 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from repetitions import repeated
 
 from contactlearn import laws
-from contactlearn.data import mystery
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.diagnosis.result.remainder import Remainder, WrenchComponent
 from contactlearn.diagnosis.thresholds import RemainderThresholds
 from contactlearn.diagnosis.unexplained.formulas import formula_effect, formulas
 from contactlearn.diagnosis.unexplained.library import Library
 from contactlearn.diagnosis.unexplained.remainder import is_clear, learn_remainder
-from contactlearn.diagnosis.validation import Folds
 from contactlearn.effects import find_effect
 from contactlearn.effects.formula.effect import formula
-from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.evaluation.metrics import mass_error
-from contactlearn.identification.joint import identify_jointly
-from contactlearn.mechanics import apply_wrench
-from contactlearn.model import ContactModel
-from contactlearn.serialisation import from_json, to_json
+from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.validation import Folds
+from contactlearn.mechanics.rigid_body import apply_wrench
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import hidden_effects
 
 UNKNOWN = {
     "magnetic_pull": ("tau", {"theta"}, {"cos(3*theta)"}),
@@ -42,7 +42,7 @@ def seeded(seed=0):
 
 def hidden(*effects, seed=1, size=150, fitted=(), **options):
     """Drops, their truth, and the true law fitted to them."""
-    drops, truth = mystery.draw(seed, effects=list(effects), size=size, **options)
+    drops, truth = hidden_effects.draw(seed, effects=list(effects), size=size, **options)
     fit = identify_jointly(laws.find(truth["law"]), {name: find_effect(name)() for name in fitted}, drops)
     return drops, truth, fit
 

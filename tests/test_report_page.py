@@ -10,20 +10,20 @@ from browser import nothing_sticks_out
 from diagnoses import SIX, few, made_up, provenance_of
 from evaluations import evaluation_of, learning_curve
 
-from contactlearn.audit.result import Evidence, Finding
-from contactlearn.data import mystery
+from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis, Record, Verdict
 from contactlearn.effects import EffectId
-from contactlearn.evaluation.metrics import mass_error
-from contactlearn.identification.joint import FitOptions, identify_jointly
-from contactlearn.impacts import Prediction
+from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.laws import PAPER_LAWS, find
-from contactlearn.mechanics import energy_ellipse
+from contactlearn.mechanics.impacts import Prediction
+from contactlearn.mechanics.rigid_body import energy_ellipse
 from contactlearn.report.page.diagnosis import of_diagnosis, write_page
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import embedded, render, write
 from contactlearn.report.page.trials import finely
+from contactlearn.simulation import hidden_effects
 
 HOSTILE = '<script>window.hacked=1</script><img src=x onerror="window.hacked=1">\'{{ 7*7 }}&<b>\u2028'
 COMMAND = "python diagnose.py data=mystery"
@@ -37,7 +37,7 @@ def seeded():
 @pytest.fixture(scope="module")
 def found():
     """A tilt and a damped spin in 120 trials with names that try to be markup."""
-    impacts, _ = mystery.draw(11, effects=["surface_tilt", "spin_damping"], size=120)
+    impacts, _ = hidden_effects.draw(11, effects=["surface_tilt", "spin_damping"], size=120)
     names = (HOSTILE, *impacts.trial[1:])
     impacts = impacts.replace(trial=names, object=(HOSTILE,) * len(impacts), source=HOSTILE)
     return diagnose(impacts, find("wang_mason"), candidates=few("surface_tilt", "spin_damping", "side_drag"))

@@ -13,6 +13,8 @@ from evaluations import evaluation, learning_curve, provenance, training
 from test_report_page import HOSTILE, data_of, draw_everything, into_view, opened, silent, until
 
 from contactlearn.__main__ import main
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.serialisation import to_json
 from contactlearn.diagnosis.result import (
     Diagnosis,
     ErrorBudget,
@@ -25,13 +27,11 @@ from contactlearn.diagnosis.result import (
     Verdict,
 )
 from contactlearn.effects import EffectId
-from contactlearn.errors import ContactLearnError
-from contactlearn.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.figures.style import law_style
 from contactlearn.report.page.runs.page import write_runs
 from contactlearn.report.text import conclusion
 from contactlearn.results.diagnosis import DiagnosisRun
-from contactlearn.serialisation import to_json
 
 METRIC = "mass_error"
 

@@ -6,7 +6,7 @@ import pytest
 from diagnoses import SIX, made_up, missing, remainder
 from evaluations import evaluation, joint_estimate
 
-from contactlearn.audit.result import Finding
+from contactlearn.data.audit.result import Finding
 from contactlearn.diagnosis.observer import Task
 from contactlearn.diagnosis.result import (
     Drop,
@@ -28,7 +28,7 @@ from contactlearn.diagnosis.result import (
     WrenchComponent,
 )
 from contactlearn.effects import EffectId
-from contactlearn.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.observer import TerminalObserver, show_verdict
 from contactlearn.report.text import (
     compared,

@@ -11,19 +11,19 @@ import pytest
 import torch
 from repetitions import repeated
 
-from contactlearn.apparatus import Measured
 from contactlearn.data import tracks
-from contactlearn.data.mujoco.bench import Bench, Hidden
-from contactlearn.data.tracks_mujoco import record_bounces
-from contactlearn.data.tracks_synthetic import MASS, SEMI_AXES, simulate, write_recordings
-from contactlearn.data.tracks_synthetic.camera import Camera
+from contactlearn.data.recordings.floor import find_floor
+from contactlearn.data.recordings.rests import Lying, find_rests
+from contactlearn.data.recordings.result import Rest
+from contactlearn.data.recordings.thresholds import RestThresholds
+from contactlearn.data.recordings.track import Track, turn
+from contactlearn.mechanics.apparatus import Measured
+from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point
 from contactlearn.report.text.tracks import tracks_facts
-from contactlearn.shapes import Disc, Ellipse, Polygon, contact_point
-from contactlearn.tracks.floor import find_floor
-from contactlearn.tracks.rests import Lying, find_rests
-from contactlearn.tracks.result import Rest
-from contactlearn.tracks.thresholds import RestThresholds
-from contactlearn.tracks.track import Track, turn
+from contactlearn.simulation.mujoco.bench import Bench, Hidden
+from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate, write_recordings
+from contactlearn.simulation.recordings.camera import Camera
+from contactlearn.simulation.recordings_mujoco import record_bounces
 
 ELLIPSE, BOX = Ellipse(SEMI_AXES), Polygon(((0.035, 0.025), (-0.035, 0.025), (-0.035, -0.025), (0.035, -0.025)))
 SETS, SLOPE = 100, math.radians(1.5)

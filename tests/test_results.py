@@ -10,20 +10,20 @@ from commands import run
 from evaluations import evaluation, evaluation_of, interval, learning_curve, provenance, training
 
 from contactlearn.__main__ import main
-from contactlearn.data import synthetic
-from contactlearn.errors import ContactLearnError, DataError
-from contactlearn.evaluation import bounds
-from contactlearn.evaluation.metrics import METRICS
-from contactlearn.impacts import Prediction
+from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.inference.evaluation import bounds
+from contactlearn.inference.evaluation.metrics import METRICS
 from contactlearn.laws import find
-from contactlearn.model import ContactModel
+from contactlearn.mechanics.impacts import Prediction
+from contactlearn.mechanics.shapes import make_shape, shape_entries
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.page.redraw import has_page, redraw
 from contactlearn.results import folder as run_folder
 from contactlearn.results.estimates import ModelErrors
 from contactlearn.results.evaluation import CurveCalibration, LearningCurve
 from contactlearn.results.held_out import HeldOut, save_held_out
 from contactlearn.results.transfer import BodyTransfer, Transfer
-from contactlearn.shapes import make_shape, shape_entries
+from contactlearn.simulation import synthetic
 
 CALIBRATION = CurveCalibration(
     processes=("exact",), converged=(1.0,), negative_log_density=(-3.1,), coverage=(0.9,),

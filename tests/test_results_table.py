@@ -9,7 +9,7 @@ from evaluations import evaluation
 from test_report_runs import changed, diagnosed, evaluated, leave, trained
 
 from contactlearn.__main__ import main
-from contactlearn.evaluation.metrics import METRICS
+from contactlearn.inference.evaluation.metrics import METRICS
 from contactlearn.report.page.runs.page import write_runs
 from contactlearn.report.results_table import write_table
 

@@ -5,7 +5,6 @@ import math
 import pytest
 import torch
 
-from contactlearn.data import mystery, synthetic
 from contactlearn.diagnosis.drift import lasts_beside
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.search.candidates import all_candidates, follows_order
@@ -16,13 +15,14 @@ from contactlearn.diagnosis.search.quadratic import Group
 from contactlearn.diagnosis.search.selection import _pruned
 from contactlearn.diagnosis.sequence import dependence
 from contactlearn.diagnosis.thresholds import SelectionThresholds
-from contactlearn.diagnosis.validation import Folds
 from contactlearn.effects import EffectId, find_effect
 from contactlearn.effects.formula.effect import formula
-from contactlearn.identification.joint import FitOptions
+from contactlearn.inference.identification.joint import FitOptions
+from contactlearn.inference.validation import Folds
 from contactlearn.laws import find
-from contactlearn.model import ContactModel
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.text import headline
+from contactlearn.simulation import hidden_effects, synthetic
 
 PATCH, INERTIA = EffectId("contact_patch", "linear"), EffectId("inertia_error")
 SPIN, DRAG = EffectId("spin_damping", "after"), EffectId("side_drag", "linear")
@@ -131,7 +131,7 @@ def test_what_is_left_without_an_effect_is_the_best_of_its_size():
 
 def test_effects_that_together_stand_for_one_are_not_named():
     """A tangential spring is not quite any form of the catalogue: five effects score better, each with the others."""
-    impacts, _ = mystery.draw(103, effects=["tangential_restitution"], size=300)
+    impacts, _ = hidden_effects.draw(103, effects=["tangential_restitution"], size=300)
     one = EffectId("tangential_restitution", "slip")
     five = {
         EffectId("contact_patch", "curve"),
@@ -150,7 +150,7 @@ def test_effects_that_together_stand_for_one_are_not_named():
 
 def test_springs_are_tried_where_another_rebound_is_found():
     """Where they vanish their slope says little: the search never begins with them."""
-    impacts, _ = mystery.draw(103, effects=["tangential_restitution"], size=300)
+    impacts, _ = hidden_effects.draw(103, effects=["tangential_restitution"], size=300)
     slip, spring = (EffectId("tangential_restitution", form) for form in ("slip", "spring"))
     pool = pooled(impacts, slip, spring, SPIN, laws=("mirtich",))
     assert Search(pool, 1).run()
@@ -159,7 +159,7 @@ def test_springs_are_tried_where_another_rebound_is_found():
 
 
 def test_law_and_effects_are_found_together():
-    impacts, truth = mystery.draw(31, size=300)
+    impacts, truth = hidden_effects.draw(31, size=300)
     hidden = {effect["name"] for effect in truth["effects"]}
     ids = [key for key in all_candidates() if key.name in hidden | {"adhesion", "gravity_impulse", "surface_tilt"}]
     pool = pooled(impacts, *ids, laws=("whittaker", "anitescu_potra_poisson", "wang_mason", "mirtich"))
@@ -203,7 +203,7 @@ def test_a_larger_model_that_is_no_better_is_not_plausible():
 
 
 def test_a_search_without_time_says_so():
-    impacts, _ = mystery.draw(12, effects=["spin_damping"], size=80)
+    impacts, _ = hidden_effects.draw(12, effects=["spin_damping"], size=80)
     found = diagnose(impacts, find("wang_mason"), candidates=few(SPIN, DRAG), seconds=1e-6)
     assert not found.complete
     assert found.models
@@ -215,7 +215,7 @@ def test_a_search_without_time_says_so():
 
 @pytest.mark.nightly  # test_diagnosis has a law that is given and wrong, too
 def test_a_wrong_law_that_was_given_is_called_wrong():
-    impacts, truth = mystery.draw(5, size=150)
+    impacts, truth = hidden_effects.draw(5, size=150)
     assert truth["law"] == "mirtich"
     hidden = {effect["name"] for effect in truth["effects"]}
     ids = [key for key in all_candidates() if key.name in hidden]

@@ -108,7 +108,7 @@ def test_a_tangential_spring_spins_back():
 
 @pytest.mark.parametrize("kind", bodies.KINDS)
 def test_contact_points_are_those_of_the_declared_shape(kind):
-    from contactlearn.shapes import contact_point
+    from contactlearn.mechanics.shapes import contact_point
 
     rng = np.random.default_rng(7)
     body, theta = bodies.draw(kind, rng), rng.uniform(-np.pi, np.pi, 200)

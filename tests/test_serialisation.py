@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contactlearn import serialisation
-from contactlearn.errors import ContactLearnError
-from contactlearn.serialisation import from_json, to_json
+from contactlearn.core import serialisation
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.serialisation import from_json, to_json
 
 
 class Colour(StrEnum):

@@ -7,13 +7,13 @@ import torch
 from diagnoses import few
 from repetitions import repeated
 
-from contactlearn.audit.corrections import correct
-from contactlearn.data import mystery
+from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.pipeline import diagnose
-from contactlearn.impacts import Impacts
 from contactlearn.laws import find
-from contactlearn.model import ContactModel
-from contactlearn.shapes import Ellipse, contact_point
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Ellipse, contact_point
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import hidden_effects
 
 LAW = find("wang_mason")
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
@@ -48,7 +48,7 @@ def test_scatter_is_no_effect(size, seed):
 def test_what_varies_is_measured():
     """Five times the noise is variation, and mystery drops vary."""
     tilt = few("surface_tilt")
-    for drops in (alike(0, spread=5.0), mystery.draw(3, effects=[], size=120)[0]):
+    for drops in (alike(0, spread=5.0), hidden_effects.draw(3, effects=[], size=120)[0]):
         assert diagnose(drops, LAW, candidates=tilt, laws=[LAW]).corrections == ()
 
 

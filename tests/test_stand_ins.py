@@ -10,7 +10,7 @@ from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.thresholds import ModulationThresholds
 from contactlearn.diagnosis.unexplained.stand_ins import without_stand_ins
 from contactlearn.effects import State, find_effect
-from contactlearn.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.laws import find
 from contactlearn.report.text import search
 from contactlearn.report.text.names import effect_label

@@ -25,31 +25,19 @@ PACKAGE = ROOT / "contactlearn"
 
 # From the measurements to what is shown.  A module may import those on its own or an earlier line.
 ORDER = (
-    ("errors", "lazy", "endings"),
-    ("numerics", "serialisation", "devices", "workers"),
-    ("shapes", "mechanics", "apparatus", "fingerprint"),
-    ("bodies",),
-    ("impacts",),
-    ("noise_weight", "asked"),
-    ("tracks",),
+    ("core",),
+    ("mechanics",),
     ("laws", "effects"),
-    ("regression",),
-    ("model",),
-    ("citation",),
-    ("checkpoint", "evaluation"),
-    ("identification",),
     ("data",),
-    ("audit",),
-    ("learning", "testing"),
+    ("models",),
+    ("inference",),
+    ("simulation",),
+    ("testing",),
     ("diagnosis",),
     ("results",),
-    ("configuration", "trust"),
-    ("sweeps",),
     ("report",),
-    ("app",),
     ("cli",),
     ("workbench",),
-    ("tools",),
     ("__main__",),
 )
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
@@ -277,27 +265,27 @@ def test_a_public_name_means_one_thing():
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_what_is_written_elsewhere(pattern):
     found = {str(p.relative_to(PACKAGE)) for p in PATHS if any(re.search(pattern, line) for _, line in _code(p))}
-    _only(found - {"numerics.py", "effects/identity.py"}, set(), PATTERNS[pattern])
+    _only(found - {"core/numerics.py", "effects/identity.py"}, set(), PATTERNS[pattern])
 
 
 # A registry passes the arguments of a class on, a copy those of its fields, an override those of its base, a source of
 # impacts those of the function that also tells how they were found, or those of the camera that simulates recordings.
 KEYWORDS = {
-    "contactlearn.audit.columns.Columns.replace",
-    "contactlearn.data.mystery.forms._register",
+    "contactlearn.data.audit.columns.Columns.replace",
+    "contactlearn.simulation.hidden_effects.forms._register",
     "contactlearn.data.tracks.find",
     "contactlearn.data.tracks.load",
-    "contactlearn.data.tracks_mujoco.find",
-    "contactlearn.data.tracks_mujoco.load",
-    "contactlearn.data.tracks_synthetic.find",
-    "contactlearn.data.tracks_synthetic.load",
+    "contactlearn.simulation.recordings_mujoco.find",
+    "contactlearn.simulation.recordings_mujoco.load",
+    "contactlearn.simulation.recordings.find",
+    "contactlearn.simulation.recordings.load",
     "contactlearn.effects.base.Effect.__init_subclass__",
     "contactlearn.effects.state.State.replace",
-    "contactlearn.impacts.Impacts.replace",
+    "contactlearn.mechanics.impacts.Impacts.replace",
     "contactlearn.laws.base.Law.__init_subclass__",
     "contactlearn.laws.find",
-    "contactlearn.regression.gp.exact.WeightedNoise._shaped_noise_covar",
-    "contactlearn.workers.WorkerPool.submit",
+    "contactlearn.models.gp.exact.WeightedNoise._shaped_noise_covar",
+    "contactlearn.core.workers.WorkerPool.submit",
 }
 OPTIONS = {
     "contactlearn.effects.formula.effect.formula",

@@ -5,15 +5,15 @@ import math
 import pytest
 import torch
 
-from contactlearn.data import synthetic
-from contactlearn.errors import DataError
-from contactlearn.evaluation import metrics
-from contactlearn.identification.shared import identify
-from contactlearn.impacts import Prediction
+from contactlearn.core.errors import DataError
+from contactlearn.inference.evaluation import metrics
+from contactlearn.inference.identification.shared import identify
+from contactlearn.inference.learning import curves as study
+from contactlearn.inference.learning.kept import kept_trainings
+from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.laws import find
-from contactlearn.learning import curves as study
-from contactlearn.learning.kept import kept_trainings
-from contactlearn.learning.recipe import Recipe, learn
+from contactlearn.mechanics.impacts import Prediction
+from contactlearn.simulation import synthetic
 
 EXACT = 1e-12  # the same operations in another process or order
 RECIPES = {"wrench": Recipe("x1", "wrench"), "residual": Recipe("x1", "impulse", find("whittaker"))}

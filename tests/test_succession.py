@@ -16,9 +16,9 @@ from contactlearn.diagnosis.unexplained.followed import find_succession
 from contactlearn.diagnosis.unexplained.scores import Scores
 from contactlearn.diagnosis.unexplained.succession import Memory, histories, suspects
 from contactlearn.effects import State
-from contactlearn.evaluation.metrics import Interval
-from contactlearn.identification.joint import FitOptions, identify_jointly
-from contactlearn.model import ContactModel
+from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.text import headline, stages
 from contactlearn.report.text.sequence import follows
 

@@ -16,16 +16,16 @@ from forked import Forked
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from repetitions import repeated
 
-from contactlearn import cli
-from contactlearn.app import job as door
-from contactlearn.errors import ContactLearnError
+from contactlearn.cli import hydra_main
+from contactlearn.cli.commands import job as door
+from contactlearn.cli.sweeps.identity import code_version, data_fingerprint, job_identity
+from contactlearn.cli.sweeps.jobs import Job
+from contactlearn.cli.sweeps.resources import GIB, available_memory, jobs_at_a_time
+from contactlearn.cli.sweeps.rounds import run_jobs
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.results import folder as results
 from contactlearn.results.folder import find_results, read_result
 from contactlearn.results.state import DONE, FAILED, Failed, fail, finish, held, is_held, read_done, unfinished
-from contactlearn.sweeps.identity import code_version, data_fingerprint, job_identity
-from contactlearn.sweeps.jobs import Job
-from contactlearn.sweeps.resources import GIB, available_memory, jobs_at_a_time
-from contactlearn.sweeps.rounds import run_jobs
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
 from studies.sweeps import COUNT, JOBS, content, ended, finished, nothing_half_written, started, survive
@@ -43,7 +43,7 @@ def undisturbed(tmp_path_factory):
 
 
 def identity(name, *words):
-    cfg = cli.compose(name, list(words), return_hydra_config=True)
+    cfg = hydra_main.compose(name, list(words), return_hydra_config=True)
     return job_identity(cfg, cfg.hydra)
 
 
@@ -90,7 +90,7 @@ def test_what_a_job_depends_on(tmp_path):
     table.write_text("b")
     changed = identity("train", *words)
     assert (changed.config, changed.job != base.job) == (base.config, True)
-    with patch("contactlearn.sweeps.identity.code_version", return_value="0.2"):
+    with patch("contactlearn.cli.sweeps.identity.code_version", return_value="0.2"):
         assert identity("train", *words).job != changed.job
     assert data_fingerprint((str(tmp_path),)) == data_fingerprint((str(table),))
     assert data_fingerprint((str(tmp_path / "nowhere"),)) == ""
@@ -134,7 +134,7 @@ def test_a_failing_job_stops_no_other(tmp_path):
 def test_an_unexpected_failure_stops_no_other(tmp_path):
     """And leaves its place in the program; the next call runs it again."""
     words = ("-m", *SMALL, "train.size=10,20", f"hydra.sweep.dir={tmp_path}")
-    with patch("contactlearn.app.train.settings.check", side_effect=[ZeroDivisionError("by chance"), None]):
+    with patch("contactlearn.cli.commands.train.settings.check", side_effect=[ZeroDivisionError("by chance"), None]):
         printed = run("train.py", *words, status=1)
     assert "1 finished, 1 failed" in printed
     assert "failed   train.size=10: ZeroDivisionError: by chance" in printed
@@ -389,7 +389,7 @@ def test_other_sweepers_lose_nothing(tmp_path):
 
 
 def test_interrupted_runs_leave_no_folder(tmp_path):
-    with patch("contactlearn.app.train.settings.check", side_effect=KeyboardInterrupt):
+    with patch("contactlearn.cli.commands.train.settings.check", side_effect=KeyboardInterrupt):
         assert "stopped" in run("train.py", *SMALL, cwd=tmp_path, status=130)
     assert list(tmp_path.iterdir()) == []
 
@@ -465,7 +465,7 @@ def test_a_folder_that_vanishes(tmp_path):
         subprocess.run(["rm", "-rf", str(tmp_path / "a")], check=True)
         return split()
 
-    with patch("contactlearn.app.train.checkpoint.save", side_effect=lambda *a, **k: vanish()):
+    with patch("contactlearn.cli.commands.train.checkpoint.save", side_effect=lambda *a, **k: vanish()):
         printed = run("train.py", *TRAIN, f"hydra.run.dir={tmp_path / 'a'}", status=2)
     assert "vanished during the run" in printed
     assert not (tmp_path / "a" / DONE).exists()
@@ -489,12 +489,12 @@ def test_reasons_are_one_line(error, said):
 
 
 def test_no_more_jobs_than_memory_allows():
-    with patch("contactlearn.sweeps.resources.available_memory", return_value=5.5 * GIB):
+    with patch("contactlearn.cli.sweeps.resources.available_memory", return_value=5.5 * GIB):
         assert jobs_at_a_time(8, 2) == 2
         assert jobs_at_a_time(1, 2) == 1
         assert jobs_at_a_time(8, 100) == 1
         assert jobs_at_a_time(-1, 0.001) == len(os.sched_getaffinity(0))
-    with patch("contactlearn.sweeps.resources.available_memory", return_value=None):
+    with patch("contactlearn.cli.sweeps.resources.available_memory", return_value=None):
         assert jobs_at_a_time(8, 2) == 8
 
 
@@ -502,7 +502,7 @@ def test_available_memory(tmp_path):
     assert 0 < available_memory() < 2**50
     (tmp_path / "memory.max").write_text(str(3 * GIB))
     (tmp_path / "memory.current").write_text(str(GIB))
-    with patch("contactlearn.sweeps.resources._CGROUP", tmp_path):
+    with patch("contactlearn.cli.sweeps.resources._CGROUP", tmp_path):
         assert available_memory() <= 2 * GIB
         (tmp_path / "memory.max").write_text("max\n")
         assert available_memory() > 0

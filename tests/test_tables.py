@@ -15,14 +15,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
-from contactlearn.app import load_data, loading
-from contactlearn.audit.corrections import CORRECTIONS, correct
-from contactlearn.audit.findings import audit, quick_audit
-from contactlearn.data import synthetic, table
+from contactlearn.cli.commands import load_data, loading
+from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.data import table
+from contactlearn.data.audit.corrections import CORRECTIONS, correct
+from contactlearn.data.audit.findings import audit, quick_audit
 from contactlearn.data.table.units import CHOICES
-from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
-from contactlearn.shapes import contact_point, make_shape
+from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
+from contactlearn.mechanics.shapes import contact_point, make_shape
+from contactlearn.simulation import synthetic
 
 ROOT = Path(__file__).parents[1]
 ROUNDING = 1e-12  # relative; a few float64 roundings of a product of factors

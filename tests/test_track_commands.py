@@ -9,16 +9,17 @@ import pytest
 import torch
 from commands import run
 
-from contactlearn.app.loading import load_data
-from contactlearn.cli import compose
-from contactlearn.data import table, tracks, tracks_synthetic
-from contactlearn.data.tracks_synthetic import AXES, MASS, SEMI_AXES, simulate, write_recordings
-from contactlearn.data.tracks_synthetic.camera import Camera
-from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.mechanics import contact_velocity
+from contactlearn.cli.commands.loading import load_data
+from contactlearn.cli.hydra_main import compose
+from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.data import table, tracks
+from contactlearn.data.recordings.result import Reason
+from contactlearn.mechanics.rigid_body import contact_velocity
+from contactlearn.mechanics.shapes import Ellipse
 from contactlearn.report.figures.tracks import refused_figure
-from contactlearn.shapes import Ellipse
-from contactlearn.tracks.result import Reason
+from contactlearn.simulation import recordings
+from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
+from contactlearn.simulation.recordings.camera import Camera
 
 SHAPE = Ellipse(SEMI_AXES)
 PLAIN = Camera(frames=220)
@@ -207,9 +208,9 @@ def test_the_sources_compose(tmp_path, plain):
 
 def test_settings_of_simulated_recordings_are_checked(tmp_path):
     with pytest.raises(UnknownNameError, match="axes"):
-        tracks_synthetic.load(size=2, folder=str(tmp_path), axes="sideways")
+        recordings.load(size=2, folder=str(tmp_path), axes="sideways")
     with pytest.raises(DataError, match="exposure"):
-        tracks_synthetic.load(size=2, folder=str(tmp_path), exposure=1.0)
+        recordings.load(size=2, folder=str(tmp_path), exposure=1.0)
     assert math.isclose(Camera().angle_noise, math.radians(0.1))
 
 

@@ -18,13 +18,14 @@ from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
 from contactlearn import laws
 from contactlearn.__main__ import main
-from contactlearn.data import mystery, table
+from contactlearn.data import table
 from contactlearn.effects import catalogue, find_effect
-from contactlearn.evaluation.metrics import Interval
-from contactlearn.identification import robust
+from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.identification import robust
 from contactlearn.report.tensorboard import Tracker, ends
 from contactlearn.report.text import base_label, rung_label
 from contactlearn.results import folder as run_folder
+from contactlearn.simulation import hidden_effects
 
 with warnings.catch_warnings():  # the copy of html5lib in TensorBoard warns of itself
     warnings.simplefilter("ignore", DeprecationWarning)
@@ -297,7 +298,7 @@ def test_the_page_of_a_diagnosis_is_drawn_again(runs, monkeypatch):
     folder = runs[0] / "diagnose"
     drawn = (folder / "report.html").read_bytes()
     (folder / "report.html").unlink()
-    monkeypatch.setattr(mystery, "load", None)
+    monkeypatch.setattr(hidden_effects, "load", None)
     monkeypatch.setattr(robust, "search", None)
     assert main(["report", str(folder)]) == 0
     assert (folder / "report.html").read_bytes() == drawn
@@ -315,7 +316,7 @@ def test_the_card_of_a_diagnosis_has_the_verdict_and_the_rungs(runs):
 
 
 def test_a_diagnosis_of_no_impacts_is_a_run_too(tmp_path, runs):
-    impacts, _ = mystery.draw(5, effects=[], size=120)
+    impacts, _ = hidden_effects.draw(5, effects=[], size=120)
     order = torch.randperm(120, generator=torch.Generator().manual_seed(0))
     spoilt = impacts.v_post[order] * torch.tensor((1.0, -1.0, 3.0))
     table.save(impacts.replace(v_post=spoilt, suspect=True), tmp_path / "drops.csv")

@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contactlearn.data.tracks_synthetic import simulate
-from contactlearn.data.tracks_synthetic.camera import Camera
-from contactlearn.errors import DataError
-from contactlearn.tracks.conventions import find_frame
-from contactlearn.tracks.detection import FlightOptions, find_flights
-from contactlearn.tracks.events import find_contacts
-from contactlearn.tracks.flight import Air, fit
-from contactlearn.tracks.result import Reason
-from contactlearn.tracks.track import Recording, Track, continuous, turn
+from contactlearn.core.errors import DataError
+from contactlearn.data.recordings.conventions import find_frame
+from contactlearn.data.recordings.detection import FlightOptions, find_flights
+from contactlearn.data.recordings.events import find_contacts
+from contactlearn.data.recordings.flight import Air, fit
+from contactlearn.data.recordings.result import Reason
+from contactlearn.data.recordings.track import Recording, Track, continuous, turn
+from contactlearn.simulation.recordings import simulate
+from contactlearn.simulation.recordings.camera import Camera
 
 RATE, SIGMA = 250.0, np.array((5e-5, 5e-5, math.radians(0.1)))
 CHI_3 = 7.815  # 95 % quantile with three degrees of freedom

@@ -5,13 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from contactlearn.data import tracks, tracks_mujoco
-from contactlearn.data.mujoco.bench import Bench, Hidden
-from contactlearn.data.tracks_synthetic import write_recordings
-from contactlearn.data.tracks_synthetic.camera import Camera
-from contactlearn.tracks.detection import FlightOptions, find_flights
-from contactlearn.tracks.result import Reason
-from contactlearn.tracks.track import turn
+from contactlearn.data import tracks
+from contactlearn.data.recordings.detection import FlightOptions, find_flights
+from contactlearn.data.recordings.result import Reason
+from contactlearn.data.recordings.track import turn
+from contactlearn.simulation import recordings_mujoco
+from contactlearn.simulation.mujoco.bench import Bench, Hidden
+from contactlearn.simulation.recordings import write_recordings
+from contactlearn.simulation.recordings.camera import Camera
 
 CONTACT_TIME, RATE = 1e-3, 250.0  # s, frames/s
 CAMERA = Camera(rate=RATE, frames=250)
@@ -39,7 +40,7 @@ def found_in(folder, recordings, true):
 @pytest.fixture(scope="module")
 def ellipses(tmp_path_factory):
     folder = tmp_path_factory.mktemp("ellipses")
-    recordings, truth = tracks_mujoco.record_bounces(12, bench(tilt=0.01), CAMERA, seed=1)
+    recordings, truth = recordings_mujoco.record_bounces(12, bench(tilt=0.01), CAMERA, seed=1)
     return found_in(folder, recordings, bench()), truth, folder
 
 
@@ -88,7 +89,7 @@ def test_a_tilted_floor_shows_in_the_heights(ellipses):
 @pytest.mark.nightly  # test_tracks has two hits that are one, and bodies at rest
 def test_corners_that_clatter_are_several_hits(tmp_path):
     """A box lands on a corner and soon on the next: no impacts, unless both are within two contacts' time."""
-    recordings, truth = tracks_mujoco.record_bounces(8, bench("box"), CAMERA, seed=2)
+    recordings, truth = recordings_mujoco.record_bounces(8, bench("box"), CAMERA, seed=2)
     found = found_in(tmp_path, recordings, bench("box"))
     reasons = [refusal.reason for refusal in found.survey.refusals]
     assert reasons.count(Reason.DOUBLE_HIT) >= 8
@@ -103,7 +104,7 @@ def test_corners_that_clatter_are_several_hits(tmp_path):
 
 def test_the_source_writes_its_recordings_and_finds_their_impacts(tmp_path):
     settings = {"size": 4, "folder": str(tmp_path), "contact_time": CONTACT_TIME, "rate": 500.0, "lost": 0.01}
-    found = tracks_mujoco.find(**settings, angle_noise=math.radians(0.05), seed=3)
+    found = recordings_mujoco.find(**settings, angle_noise=math.radians(0.05), seed=3)
     assert len(list(tmp_path.glob("*.csv"))) == 4
     assert len(found.impacts) >= 8
     assert found.impacts.shape == bench().body

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from contactlearn import cli
-from contactlearn.cli import compose
-from contactlearn.errors import ContactLearnError
-from contactlearn.sweeps.identity import code_version
+from contactlearn.cli import hydra_main
+from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.sweeps.identity import code_version
+from contactlearn.core.errors import ContactLearnError
 
 SMALL = ["model=[]", "data.size=30", "train.size=10", "train.repetitions=2", "laws=[whittaker]"]
 MODULE = """
@@ -67,7 +67,7 @@ def test_what_a_shared_experiment_brings_is_not_run(text, message, several, shar
     words = ["--config-dir", str(shared), "experiment=theirs", *SMALL, *(["-m"] if several else [])]
     monkeypatch.setattr(sys, "argv", ["evaluate.py", *words])
     with pytest.raises(SystemExit):
-        cli.evaluate()
+        hydra_main.evaluate()
     printed = capsys.readouterr()
     assert message in printed.err
     assert "Traceback" not in printed.err + printed.out

@@ -20,14 +20,15 @@ pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'conta
 
 from dash import no_update
 
-from contactlearn.data import synthetic, table
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.data import table
 from contactlearn.diagnosis.result import Formula, WrenchComponent
 from contactlearn.effects import EffectId
-from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.evaluation.partial_residuals import partial_residuals
+from contactlearn.inference.evaluation.partial_residuals import partial_residuals
 from contactlearn.report.text import brief_interval
 from contactlearn.report.text.numbers import error
 from contactlearn.results.folder import read_result
+from contactlearn.simulation import synthetic
 from contactlearn.workbench import commands, lines
 from contactlearn.workbench.actions import actions_of
 from contactlearn.workbench.arrays import inside, of_model
@@ -128,8 +129,8 @@ def test_a_line_is_the_effect_of_the_command(session, models):
     effect = lines.effect_of(LINE)
     assert effect.equation == "τ ← τ + (-c*rx*Pn)"
     words = [*session.data, *lines.overrides(LINE, "mine")]
-    from contactlearn.app.settings import effects
-    from contactlearn.cli import compose
+    from contactlearn.cli.commands.settings import effects
+    from contactlearn.cli.hydra_main import compose
 
     assert effects(compose("evaluate", words))["mine"].options == effect.options
 

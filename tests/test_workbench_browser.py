@@ -12,8 +12,8 @@ from repetitions import repeated
 
 pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'contactlearn[workbench]'")
 
-from contactlearn.data import mystery
 from contactlearn.results.folder import find_results, read_result
+from contactlearn.simulation import hidden_effects
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.server import listen
 
@@ -106,7 +106,7 @@ def in_width(browser):
 @pytest.mark.nightly  # each of its steps is a test of test_workbench, and so is a diagnosis beside the page
 def test_the_whole_loop_on_hidden_physics(browser, served, tmp_path):
     """Upload, compare, see where it fails, add what is missing, undo, redo, save."""
-    mystery.load(7, size=SIZE, folder=str(tmp_path))
+    hidden_effects.load(7, size=SIZE, folder=str(tmp_path))
     opened(browser, served)
     browser.execute_script("document.querySelector('header details').open = true")
     browser.find_element("css selector", "#upload input[type=file]").send_keys(str(tmp_path / "drops.csv"))

@@ -12,7 +12,7 @@ from commands import run_alone
 pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'contactlearn[workbench]'")
 
 from contactlearn.__main__ import main
-from contactlearn.errors import ContactLearnError
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.security import LARGEST_BODY, Door
 from contactlearn.workbench.server import listen, make_app

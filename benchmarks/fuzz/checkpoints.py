@@ -9,12 +9,13 @@ import zipfile
 
 import torch
 
-from contactlearn import checkpoint, laws
-from contactlearn.data import synthetic
+from contactlearn import laws
 from contactlearn.effects import find_effect
 from contactlearn.effects.formula import formula
-from contactlearn.learning.recipe import Recipe, learn
-from contactlearn.model import ContactModel
+from contactlearn.inference.learning.recipe import Recipe, learn
+from contactlearn.models import checkpoint
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
 from fuzz.target import Target, file
 
 FILE, PICKLE, DESCRIPTION = range(3)

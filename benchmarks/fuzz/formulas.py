@@ -6,10 +6,10 @@ What can be read is tried on a few measurements and used in a model, with its de
 import torch
 
 from contactlearn import laws
-from contactlearn.data import synthetic
 from contactlearn.effects.formula import formula
 from contactlearn.effects.formula.symbols import OUTPUTS, SYMBOLS
-from contactlearn.model import ContactModel
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
 from fuzz.target import Target
 
 DROPS = synthetic.load(size=3)

@@ -13,10 +13,10 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from contactlearn.app import settings
-from contactlearn.configuration import CONFIGS, check_choices, check_settings, explained
-from contactlearn.errors import ContactLearnError
-from contactlearn.trust import check_targets, readable_words
+from contactlearn.cli.commands import settings
+from contactlearn.cli.configuration import CONFIGS, check_choices, check_settings, explained
+from contactlearn.cli.trust import check_targets, readable_words
+from contactlearn.core.errors import ContactLearnError
 from fuzz.target import Target
 
 COMMANDS = ("train", "evaluate", "diagnose")

@@ -8,11 +8,11 @@ import io
 import numpy as np
 import pandas as pd
 
-from contactlearn.errors import DataError
-from contactlearn.tracks.conventions import Conventions, find_frame
-from contactlearn.tracks.readers import read as read_recordings
-from contactlearn.tracks.readers.layout import Layout
-from contactlearn.tracks.track import Recording
+from contactlearn.core.errors import DataError
+from contactlearn.data.recordings.conventions import Conventions, find_frame
+from contactlearn.data.recordings.readers import read as read_recordings
+from contactlearn.data.recordings.readers.layout import Layout
+from contactlearn.data.recordings.track import Recording
 from fuzz.target import Target, file
 
 SUFFIXES = (".csv", ".parquet", ".tum", ".csv", ".h5", ".c3d", ".mcap", ".bag")

@@ -1,6 +1,7 @@
 """Tables of impacts: the first byte chooses format, shape, names, units and leniency, the rest is the file."""
 
-from contactlearn.data import synthetic, table
+from contactlearn.data import table
+from contactlearn.simulation import synthetic
 from fuzz.target import Target, file
 
 SHAPES = (

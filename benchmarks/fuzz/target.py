@@ -1,7 +1,7 @@
 """A target: bytes to what a reader makes of them, and the judge of what came out.
 
-Allowed are the errors of `contactlearn.errors` with a message of one line that is not longer than a screen, and no more
-time and memory than a small input can be worth.
+Allowed are the errors of `contactlearn.core.errors` with a message of one line that is not longer than a screen, and no
+more time and memory than a small input can be worth.
 """
 
 import base64
@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from contactlearn.errors import ContactLearnError
+from contactlearn.core.errors import ContactLearnError
 
 CORPUS = Path(__file__).resolve().parents[2] / "tests" / "corpus"
 SECONDS, MEGABYTES, WORDS = 2.0, 256, 4000

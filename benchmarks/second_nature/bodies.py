@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from contactlearn.shapes import Disc, Ellipse, Polygon
+from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon
 
 KINDS = ("ellipse", "square", "rectangle", "disc", "triangle")
 

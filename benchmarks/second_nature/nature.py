@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts
 from second_nature import compliant, path
 from second_nature.bodies import Body, turned
 from second_nature.compliant import Compliance

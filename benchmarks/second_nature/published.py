@@ -19,8 +19,8 @@ import numpy as np
 import torch
 
 from contactlearn.data.ellipse_drops import load
-from contactlearn.impacts import Impacts
-from contactlearn.shapes import Disc
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Disc
 from second_nature import path
 from second_nature.effect import Circumstances, Effect
 from second_nature.nature import Record

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts
 
 
 class Asked(StrEnum):

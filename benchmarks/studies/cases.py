@@ -6,10 +6,10 @@ from functools import cache
 import torch
 from torch import Tensor
 
-from contactlearn.audit.corrections import correct
-from contactlearn.data import mystery, synthetic
-from contactlearn.impacts import Impacts
-from contactlearn.shapes import Ellipse, Shape
+from contactlearn.data.audit.corrections import correct
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Ellipse, Shape
+from contactlearn.simulation import hidden_effects, synthetic
 
 Truth = dict
 
@@ -23,7 +23,7 @@ def nature(
     strength: tuple[float, float] = (2, 5),
 ) -> tuple[Impacts, Truth]:
     """Drops of `data=mystery` and the truth about them."""
-    return mystery.draw(seed, effects=list(effects), size=size, noise=noise, strength=strength)
+    return hidden_effects.draw(seed, effects=list(effects), size=size, noise=noise, strength=strength)
 
 
 def textbook(

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import torch
 
-from contactlearn.audit.convention_findings import consistent_note, impossible_findings, inertia_findings
-from contactlearn.audit.conventions import ConventionComparison, compare
-from contactlearn.audit.findings import audit
-from contactlearn.data import synthetic
+from contactlearn.data.audit.convention_findings import consistent_note, impossible_findings, inertia_findings
+from contactlearn.data.audit.conventions import ConventionComparison, compare
+from contactlearn.data.audit.findings import audit
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.impacts import Impacts
-from contactlearn.shapes import Disc, Ellipse
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Disc, Ellipse
+from contactlearn.simulation import synthetic
 from studies.cases import MIRRORS, SPOILT, after, between, body, heavier, nature, random, shuffled, spoilt, textbook
 from studies.study import Row, Study, each, scaled
 

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from contactlearn import laws
-from contactlearn.audit.averaging import averaged
+from contactlearn.data.audit.averaging import averaged
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates
@@ -14,11 +14,11 @@ from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained import formulas as written
 from contactlearn.diagnosis.unexplained.formulas import formulas
 from contactlearn.diagnosis.unexplained.remainder import learn_remainder
-from contactlearn.diagnosis.validation import Folds, held_out_error
 from contactlearn.effects import EffectId
-from contactlearn.identification.joint import FitOptions, identify_jointly
-from contactlearn.impacts import Impacts
-from contactlearn.model import ContactModel
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.validation import Folds, held_out_error
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.text.stages import misfit
 from studies.cases import between, random, textbook
 from studies.memory import remember

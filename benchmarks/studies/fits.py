@@ -8,8 +8,8 @@ import torch
 from contactlearn import laws
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import find_effect
-from contactlearn.identification.joint import JointFit, identify_jointly
-from contactlearn.impacts import Impacts
+from contactlearn.inference.identification.joint import JointFit, identify_jointly
+from contactlearn.mechanics.impacts import Impacts
 from studies.cases import between, heavy, random, some, spiked, textbook
 from studies.study import Row, Study, each, scaled
 

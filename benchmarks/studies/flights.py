@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from contactlearn.data.tracks_synthetic import SEMI_AXES, simulate
-from contactlearn.data.tracks_synthetic.camera import Camera, TrueContacts
-from contactlearn.mechanics import GRAVITY
-from contactlearn.shapes import Ellipse
-from contactlearn.tracks.detection import FlightOptions
-from contactlearn.tracks.events import find_contacts
-from contactlearn.tracks.floor import find_floor, off_the_floor
-from contactlearn.tracks.result import Hit, Reason
-from contactlearn.tracks.track import Recording, Track, continuous
+from contactlearn.data.recordings.detection import FlightOptions
+from contactlearn.data.recordings.events import find_contacts
+from contactlearn.data.recordings.floor import find_floor, off_the_floor
+from contactlearn.data.recordings.result import Hit, Reason
+from contactlearn.data.recordings.track import Recording, Track, continuous
+from contactlearn.mechanics.rigid_body import GRAVITY
+from contactlearn.mechanics.shapes import Ellipse
+from contactlearn.simulation.recordings import SEMI_AXES, simulate
+from contactlearn.simulation.recordings.camera import Camera, TrueContacts
 from studies.cases import between
 from studies.study import AllThresholds, Row, Study, each, scaled
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 import torch
 from torch import Tensor
 
+from contactlearn.core.numerics import random as drawn
 from contactlearn.effects import State
-from contactlearn.numerics import random as drawn
 
 Follows = Callable[[State, Tensor, torch.Generator], Tensor]
 """Values [n] that a coefficient follows, from the states, the predicted wrench [n, 3], and a source of chance."""

@@ -5,18 +5,18 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from contactlearn.apparatus import Apparatus, Measured
-from contactlearn.audit.apparatus_findings import scale_findings
-from contactlearn.audit.consistency import gross_outliers, outliers
-from contactlearn.audit.findings import energy_findings, order_findings, outlier_findings, shape_findings
-from contactlearn.audit.model_outliers import outliers_of
+from contactlearn.data.audit.apparatus_findings import scale_findings
+from contactlearn.data.audit.consistency import gross_outliers, outliers
+from contactlearn.data.audit.findings import energy_findings, order_findings, outlier_findings, shape_findings
+from contactlearn.data.audit.model_outliers import outliers_of
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.identification.joint import identify_jointly
-from contactlearn.impacts import Impacts
+from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
-from contactlearn.mechanics import GRAVITY
-from contactlearn.model import ContactModel
-from contactlearn.shapes import Ellipse
+from contactlearn.mechanics.apparatus import Apparatus, Measured
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import GRAVITY
+from contactlearn.mechanics.shapes import Ellipse
+from contactlearn.models.contact_model import ContactModel
 from studies.cases import after, between, heavy, nature, random, some, spiked, textbook
 from studies.study import Row, Study, each, scaled
 

@@ -7,7 +7,7 @@ from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.modulated import find_modulation
 from contactlearn.diagnosis.unexplained.stand_ins import without_stand_ins
 from contactlearn.effects import find_effect
-from contactlearn.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from studies.cases import between
 from studies.follows import DEPENDS
 from studies.sequences import DESIGNS, NAMED, Drops, made

@@ -7,15 +7,15 @@ import torch
 from torch import Tensor
 
 from contactlearn import laws
+from contactlearn.core.numerics import wrapped
 from contactlearn.diagnosis.failure.regions import find_regions
 from contactlearn.diagnosis.result import Remainder
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.processes import Processes
 from contactlearn.diagnosis.unexplained.remainder import learn_remainder
-from contactlearn.diagnosis.validation import Folds
-from contactlearn.identification.joint import JointFit, identify_jointly
-from contactlearn.impacts import Impacts, Prediction
-from contactlearn.numerics import wrapped
+from contactlearn.inference.identification.joint import JointFit, identify_jointly
+from contactlearn.inference.validation import Folds
+from contactlearn.mechanics.impacts import Impacts, Prediction
 from studies.cases import between, drops, heavy, random
 from studies.memory import remember
 from studies.study import Row, Study, each

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from contactlearn.data.tracks_synthetic import simulate
-from contactlearn.tracks.events import find_contacts
-from contactlearn.tracks.floor import find_floor
-from contactlearn.tracks.rests import find_rests
-from contactlearn.tracks.result import Found, Hit, Reason
+from contactlearn.data.recordings.events import find_contacts
+from contactlearn.data.recordings.floor import find_floor
+from contactlearn.data.recordings.rests import find_rests
+from contactlearn.data.recordings.result import Found, Hit, Reason
+from contactlearn.simulation.recordings import simulate
 from studies.cases import between
 from studies.flights import BODY, CAMERAS, flat
 from studies.study import AllThresholds, Row, Study, each

@@ -5,8 +5,6 @@ from typing import NamedTuple
 import torch
 
 from contactlearn import laws
-from contactlearn.data import synthetic
-from contactlearn.diagnosis import validation
 from contactlearn.diagnosis.discrimination import rivals
 from contactlearn.diagnosis.discrimination.rivals import find_rivals
 from contactlearn.diagnosis.search import pool, quadratic
@@ -14,11 +12,13 @@ from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.diagnosis.search.pool import Pool, Spec
 from contactlearn.diagnosis.search.selection import Selection, select, validated
 from contactlearn.diagnosis.thresholds import SelectionThresholds, Thresholds
-from contactlearn.diagnosis.validation import Folds
 from contactlearn.effects import EffectId, catalogue
-from contactlearn.identification.joint import FitOptions
-from contactlearn.impacts import Impacts
-from contactlearn.model import ContactModel
+from contactlearn.inference import validation
+from contactlearn.inference.identification.joint import FitOptions
+from contactlearn.inference.validation import Folds
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
 from studies.cases import random
 from studies.memory import remember
 from studies.study import Row, Study, each

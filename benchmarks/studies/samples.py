@@ -9,8 +9,8 @@ from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.sampling.confirmation import agree, normal_interval
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.evaluation.metrics import Interval
-from contactlearn.impacts import Impacts
+from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.mechanics.impacts import Impacts
 from studies.cases import drops, random
 from studies.study import Row, Study, each, scaled
 

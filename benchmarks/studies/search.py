@@ -5,16 +5,16 @@ from typing import NamedTuple
 import torch
 
 from contactlearn import laws
-from contactlearn.diagnosis import validation
+from contactlearn.core.errors import DataError
 from contactlearn.diagnosis.discrimination import rivals
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.search import pool, quadratic
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.diagnosis.search.selection import Selection, select
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.validation import Folds
-from contactlearn.errors import DataError
-from contactlearn.impacts import Impacts
+from contactlearn.inference import validation
+from contactlearn.inference.validation import Folds
+from contactlearn.mechanics.impacts import Impacts
 from studies.cases import drops, heavy, mystery
 from studies.memory import remember
 from studies.study import Row, Study, each

@@ -8,16 +8,16 @@ import torch
 from torch import Tensor
 
 from contactlearn import laws
-from contactlearn.data import synthetic
+from contactlearn.core.numerics import random as drawn
 from contactlearn.diagnosis.result import Succession
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.followed import find_succession
 from contactlearn.effects import Effect, State, find_effect
-from contactlearn.identification.joint import FitOptions, JointFit, identify_jointly
-from contactlearn.impacts import Impacts
-from contactlearn.model import predict_with
-from contactlearn.numerics import random as drawn
-from contactlearn.shapes import Ellipse
+from contactlearn.inference.identification.joint import FitOptions, JointFit, identify_jointly
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Ellipse
+from contactlearn.models.contact_model import predict_with
+from contactlearn.simulation import synthetic
 from studies.cases import between, random
 from studies.follows import DEPENDS, FOLLOWS
 from studies.study import Row, Study, each

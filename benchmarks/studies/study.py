@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
+from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.tracks.thresholds import TrackThresholds
 
 Case = tuple[Any, ...]
 

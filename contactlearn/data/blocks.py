@@ -15,9 +15,9 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
-from contactlearn.errors import DataError
-from contactlearn.fingerprint import Fingerprint
-from contactlearn.impacts import COMPONENTS, COVARIANCES, Impacts
+from contactlearn.core.errors import DataError
+from contactlearn.core.fingerprint import Fingerprint
+from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, Impacts
 
 BLOCK = 1 << 15
 """Trials of a block: few enough that what is computed from them is a few hundred megabytes."""

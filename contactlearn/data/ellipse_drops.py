@@ -21,9 +21,9 @@ from textwrap import shorten
 import numpy as np
 import torch
 
-from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.impacts import Impacts
-from contactlearn.shapes import Ellipse
+from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Ellipse
 
 URL = "https://raw.githubusercontent.com/DAIRLab/ImpactModeling/master/Wang/Compare%20Wang/ellipse_uniform.mat"
 SHA256 = "fafcb329cca4325659ca384bc9a3f43057608f21a178d37e45eefd6032ddf224"

@@ -1,7 +1,7 @@
 """Recordings of tracked poses as impacts: `data=tracks data.path=FOLDER`.
 
-Every recording of a file or folder is searched for contacts between two free flights (`contactlearn.tracks`).  Units,
-axes and orders that are not stated are found from the flights or asked for; each refusal has its reason and number.
+Every recording of a file or folder is searched for contacts between two free flights (`contactlearn.data.recordings`).
+Units, axes and orders that are not stated are found from the flights or asked for; each refusal has its reason and number.
 """
 
 import math
@@ -14,23 +14,23 @@ from typing import Any
 
 from jaxtyping import Float
 
-from contactlearn.apparatus import Apparatus, Measured
-from contactlearn.bodies import make_shapes
-from contactlearn.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.impacts import Impacts
-from contactlearn.numerics import finite_number, whole
-from contactlearn.shapes import Shape
-from contactlearn.tracks.angles import find_angles
-from contactlearn.tracks.conventions import Conventions, find_frame
-from contactlearn.tracks.detection import FlightOptions
-from contactlearn.tracks.floor import Floor, find_floor, off_the_floor
-from contactlearn.tracks.hull import Centre, MarkerHull, hull_of_markers, markers_of
-from contactlearn.tracks.impacts import impacts_of
-from contactlearn.tracks.readers import read, recording_files
-from contactlearn.tracks.readers.layout import Layout
-from contactlearn.tracks.result import REASONS, Found, Refusal
-from contactlearn.tracks.survey import Progress, Survey, TrackOptions, sample, survey, tracked
-from contactlearn.tracks.track import Array, Recording
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.core.numerics import finite_number, whole
+from contactlearn.data.recordings.angles import find_angles
+from contactlearn.data.recordings.conventions import Conventions, find_frame
+from contactlearn.data.recordings.detection import FlightOptions
+from contactlearn.data.recordings.floor import Floor, find_floor, off_the_floor
+from contactlearn.data.recordings.hull import Centre, MarkerHull, hull_of_markers, markers_of
+from contactlearn.data.recordings.impacts import impacts_of
+from contactlearn.data.recordings.readers import read, recording_files
+from contactlearn.data.recordings.readers.layout import Layout
+from contactlearn.data.recordings.result import REASONS, Found, Refusal
+from contactlearn.data.recordings.survey import Progress, Survey, TrackOptions, sample, survey, tracked
+from contactlearn.data.recordings.track import Array, Recording
+from contactlearn.mechanics.apparatus import Apparatus, Measured
+from contactlearn.mechanics.bodies import make_shapes
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Shape
 
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _INSTANT = 1e-6  # s, error of the instants at which flights meet, at least
@@ -157,7 +157,7 @@ def find_impacts(
         path: a file, or a folder with recordings in it and below it.
         mass: of the body in kg.
         shape: of the body, or of several by name, of which `options.layout.body` is one, for
-            `contactlearn.bodies.make_shapes`; None is the convex hull of its markers.
+            `contactlearn.mechanics.bodies.make_shapes`; None is the convex hull of its markers.
         inertia: in kg m² about the centre of mass; None is that of uniform density.
         centre: of mass, in the hull of the markers: "mean" of them, or their weights; None is that of uniform density.
         options: of the search; conventions that they do not state are found.

@@ -10,6 +10,6 @@ unexplained      the remainder that flexible models predict, and formulas for it
 
 TYPE_CHECKING = False
 if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
-    from contactlearn.lazy import submodules
+    from contactlearn.core.lazy import submodules
 
     __getattr__, __dir__ = submodules(__name__, __path__)

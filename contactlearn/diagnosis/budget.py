@@ -6,9 +6,9 @@ from contactlearn.diagnosis.noise import NoiseFloor
 from contactlearn.diagnosis.result import ErrorBudget, ErrorLimits, ErrorShares
 from contactlearn.diagnosis.search.selection import Selection
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder
-from contactlearn.diagnosis.validation import RESAMPLES, held_out_interval
-from contactlearn.evaluation import bounds
-from contactlearn.evaluation.metrics import Interval, bootstrap, mass_error
+from contactlearn.inference.evaluation import bounds
+from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_error
+from contactlearn.inference.validation import RESAMPLES, held_out_interval
 
 
 def error_limits(selection: Selection, ceiling: LearnedRemainder, generator: torch.Generator) -> ErrorLimits:

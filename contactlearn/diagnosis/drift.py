@@ -14,17 +14,17 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.audit.result import Evidence, Finding
+from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.diagnosis.search.candidates import follows_order
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec
 from contactlearn.diagnosis.search.selection import Selection, validated
 from contactlearn.diagnosis.sequence import Dependence, blocks, dependence, drift_kind
 from contactlearn.diagnosis.thresholds import SequenceThresholds, Thresholds
-from contactlearn.diagnosis.validation import Folds, robust_covariance
 from contactlearn.effects import EffectId
-from contactlearn.identification.joint import FitOptions, JointFit, linearise
-from contactlearn.identification.robust import robust_distance
-from contactlearn.impacts import Impacts
+from contactlearn.inference.identification.joint import FitOptions, JointFit, linearise
+from contactlearn.inference.identification.robust import robust_distance
+from contactlearn.inference.validation import Folds, robust_covariance
+from contactlearn.mechanics.impacts import Impacts
 
 _FOLDS = 5
 _BLOCKS = 20  # at least, for effects over the order to be asked about beside a drift

@@ -21,9 +21,9 @@ from torch import Tensor
 from contactlearn.diagnosis.result import NoiseSource
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state
-from contactlearn.evaluation.metrics import Interval, bootstrap, mass_error
-from contactlearn.impacts import Impacts, Prediction
-from contactlearn.model import ContactModel
+from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_error
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.models.contact_model import ContactModel
 
 _NEIGHBOURS = 10
 _TRIALS = 4000  # whose neighbours are sought, at most

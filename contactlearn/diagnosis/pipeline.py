@@ -24,8 +24,8 @@ from pathlib import Path
 
 import torch
 
-from contactlearn.audit.findings import audit
-from contactlearn.audit.model_outliers import outliers_of
+from contactlearn.data.audit.findings import audit
+from contactlearn.data.audit.model_outliers import outliers_of
 from contactlearn.diagnosis.drift import blocked_folds, drift_finding, measurement_drift, ordered_candidates
 from contactlearn.diagnosis.observer import Observer, Task
 from contactlearn.diagnosis.record import Record
@@ -58,12 +58,12 @@ from contactlearn.diagnosis.stages import (
     search_effects,
 )
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.validation import Folds, held_out_interval
 from contactlearn.effects import Effect, EffectId, named_effects
-from contactlearn.evaluation.partial_residuals import partial_residuals
-from contactlearn.identification.joint import FitOptions
-from contactlearn.impacts import Impacts
+from contactlearn.inference.evaluation.partial_residuals import partial_residuals
+from contactlearn.inference.identification.joint import FitOptions
+from contactlearn.inference.validation import Folds, held_out_interval
 from contactlearn.laws import Law, named
+from contactlearn.mechanics.impacts import Impacts
 
 _FEW = 600  # trials up to which the cross-validation is repeated
 

@@ -18,14 +18,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn import checkpoint
-from contactlearn.bodies import make_shapes, shapes_entries
+from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.core.numerics import written_whole
 from contactlearn.data import table
-from contactlearn.errors import ContactLearnError, DataError
-from contactlearn.evaluation.partial_residuals import Partial
-from contactlearn.impacts import Impacts
-from contactlearn.model import ContactModel
-from contactlearn.numerics import written_whole
+from contactlearn.inference.evaluation.partial_residuals import Partial
+from contactlearn.mechanics.bodies import make_shapes, shapes_entries
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models import checkpoint
+from contactlearn.models.contact_model import ContactModel
 
 _IMPACTS, _BASE, _MODEL, _ARRAYS = "impacts.parquet", "base.pt", "model.pt", "record.npz"
 _PARTIAL = tuple(field.name for field in fields(Partial))

@@ -19,8 +19,8 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from contactlearn.errors import DataError
-from contactlearn.numerics import MAD_SCALE, Z_95
+from contactlearn.core.errors import DataError
+from contactlearn.core.numerics import MAD_SCALE, Z_95
 
 SIGNS = 499
 """Random signs of all trials; the least p-value is 1/500."""

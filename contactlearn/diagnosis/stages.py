@@ -16,9 +16,9 @@ from pathlib import Path
 
 import torch
 
-from contactlearn.asked import check_impacts
-from contactlearn.audit.averaging import averaged
-from contactlearn.audit.corrections import correct
+from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.data.audit.averaging import averaged
+from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.budget import error_budget, error_limits
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment, reachable
 from contactlearn.diagnosis.discrimination.rivals import FittedRival, find_rivals
@@ -44,12 +44,11 @@ from contactlearn.diagnosis.unexplained.formulas import formulas
 from contactlearn.diagnosis.unexplained.modulated import find_modulation
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder, learn_remainder
 from contactlearn.diagnosis.unexplained.stand_ins import without_stand_ins
-from contactlearn.diagnosis.validation import CrossValidation, Folds, ValidatedFit, held_out_error, held_out_interval
 from contactlearn.effects import Effect, EffectId
-from contactlearn.errors import ContactLearnError, DataError
-from contactlearn.identification.joint import FitOptions, identify_jointly
-from contactlearn.impacts import Impacts
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.validation import CrossValidation, Folds, ValidatedFit, held_out_error, held_out_interval
 from contactlearn.laws import Law
+from contactlearn.mechanics.impacts import Impacts, require_impacts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +70,7 @@ class Study:
 
     def check(self, impacts: Impacts) -> None:
         """Refuse what are no impacts, too few trials, and limits that make no sense, before any work is done."""
-        check_impacts(impacts)
+        require_impacts(impacts)
         fewest = self.thresholds.fewest_trials
         if len(impacts) < fewest:
             raise DataError(f"{impacts.source}: a diagnosis needs at least {fewest} trials, got {len(impacts)}")

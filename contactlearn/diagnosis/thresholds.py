@@ -7,8 +7,8 @@ used.  Figures draw the same fields.
 
 from dataclasses import dataclass, field
 
-from contactlearn.audit.thresholds import AuditThresholds
-from contactlearn.identification.thresholds import FitThresholds
+from contactlearn.data.audit.thresholds import AuditThresholds
+from contactlearn.inference.identification.thresholds import FitThresholds
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,11 +37,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.apparatus import Measured
+from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.effects.identity import EffectId
 from contactlearn.effects.state import Coefficients, State
-from contactlearn.errors import ContactLearnError, DataError
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.apparatus import Measured
+from contactlearn.mechanics.impacts import Impacts
 
 PLACES = ("state", "law", "wrench", "velocity")
 

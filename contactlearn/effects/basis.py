@@ -7,9 +7,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects.base import parameter
-from contactlearn.errors import ContactLearnError
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts
 
 
 @dataclass(frozen=True, eq=False)

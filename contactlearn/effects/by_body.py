@@ -12,11 +12,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.bodies import body_code
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects.base import Parameter
 from contactlearn.effects.state import State, columns
-from contactlearn.errors import ContactLearnError
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.bodies import body_code
+from contactlearn.mechanics.impacts import Impacts
 
 MOST_OBJECTS = 6
 """Objects, at most, that are told apart."""

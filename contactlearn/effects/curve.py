@@ -22,10 +22,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects.base import parameter
 from contactlearn.effects.state import State
-from contactlearn.errors import ContactLearnError
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts
 
 Knots = tuple[float, ...]
 

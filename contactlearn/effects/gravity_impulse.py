@@ -7,7 +7,7 @@ from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State, columns
-from contactlearn.mechanics import GRAVITY
+from contactlearn.mechanics.rigid_body import GRAVITY
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import total_ordering
 from typing import Self
 
-from contactlearn.errors import ContactLearnError
+from contactlearn.core.errors import ContactLearnError
 
 
 @total_ordering

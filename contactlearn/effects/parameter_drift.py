@@ -11,7 +11,7 @@ from torch import Tensor
 from contactlearn.effects.base import Effect, known, parameter
 from contactlearn.effects.curve import CoefficientCurve
 from contactlearn.effects.state import Coefficients, State
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts
 
 _STEP = 0.03  # width of a step as a share of all trials
 

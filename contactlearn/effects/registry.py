@@ -9,8 +9,8 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
+from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 from contactlearn.effects.base import PLACES, Effect, check_decorated
-from contactlearn.errors import ContactLearnError, UnknownNameError, suggest
 
 ENTRY_POINT = "contactlearn.effects"
 

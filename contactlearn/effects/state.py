@@ -7,7 +7,7 @@ the place `state` change it, and it keeps the changes of frame, so that a veloci
     offset    centre of mass minus the tracked point, m; v_pre is the centre of mass's
 
 `stretch` is the factor on the body's nominal shape along its own axes, `corner` the radius of a polygon's corners in m.
-`body` is a number for the name of each trial's object (`contactlearn.bodies`), by which shapes are told apart.
+`body` is a number for the name of each trial's object (`mechanics.bodies`), by which shapes are told apart.
 
 Once the law's coefficients are known they are in `mu` and `eps`.
 """
@@ -20,11 +20,11 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from contactlearn import mechanics
-from contactlearn.bodies import AnyShape, each_body
-from contactlearn.errors import ContactLearnError
-from contactlearn.impacts import Impacts
-from contactlearn.shapes import Polygon, Shape, contact_point
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.bodies import AnyShape, each_body
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Polygon, Shape, contact_point
 
 Coefficients = tuple[Float[Tensor, "..."], Float[Tensor, "..."]]
 """(μ, ε), each of a shape that broadcasts against the impacts [..., N]."""
@@ -115,12 +115,12 @@ class State:
     @cached_property
     def W(self) -> Float[Tensor, "... n 2 2"]:
         """Inverse effective inertia at the contact [..., N, 2, 2], 1/kg."""
-        return mechanics.inverse_inertia(self.mass, self.inertia, self.r)
+        return rigid_body.inverse_inertia(self.mass, self.inertia, self.r)
 
     @cached_property
     def v_c(self) -> Float[Tensor, "... n 2"]:
         """Velocity (v_t, v_n) of the contact point before contact [..., N, 2], m/s."""
-        return mechanics.contact_velocity(self.r, self.v_pre)
+        return rigid_body.contact_velocity(self.r, self.v_pre)
 
     @property
     def approach(self) -> Float[Tensor, "... n 2"]:
@@ -129,11 +129,11 @@ class State:
 
     def v_after(self, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         """(v_x, v_y, ω) [..., N, 3] after a wrench, in contact axes and of the centre of mass."""
-        return mechanics.apply_wrench(self.mass, self.inertia, self.r, self.v_pre, wrench)
+        return rigid_body.apply_wrench(self.mass, self.inertia, self.r, self.v_pre, wrench)
 
     def contact_after(self, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 2"]:
         """Velocity (v_t, v_n) [..., N, 2] of the contact point after a wrench, m/s."""
-        return mechanics.contact_velocity(self.r, self.v_after(wrench))
+        return rigid_body.contact_velocity(self.r, self.v_after(wrench))
 
     def turned(self, angle: Float[Tensor, "..."]) -> "State":
         """Return the state with the orientation changed by `angle` [..., N] in rad, and the contact point with it."""
@@ -163,7 +163,7 @@ class State:
         if self.offset is not None:
             velocity = velocity - spin[..., None] * perpendicular(self.offset)
         if self.tilt is not None:
-            velocity = mechanics.rotate(velocity, self.tilt)
+            velocity = rigid_body.rotate(velocity, self.tilt)
         return columns(*velocity.unbind(-1), spin)
 
 
@@ -191,5 +191,5 @@ def _rounding(shape: Polygon, theta: Float[Tensor, "... n"], radius: Tensor | fl
     before = after.roll(1, 0)
     centres = -(before + after) / (1 + (before * after).sum(-1, keepdim=True))
     lowest = (torch.stack((-theta.sin(), -theta.cos()), -1) @ corners.T).argmax(-1)
-    centre = mechanics.rotate(centres[lowest], theta)
+    centre = rigid_body.rotate(centres[lowest], theta)
     return columns(radius * centre[..., 0], radius * (centre[..., 1] - 1))

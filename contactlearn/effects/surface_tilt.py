@@ -8,7 +8,7 @@ from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State, columns
-from contactlearn.mechanics import rotate
+from contactlearn.mechanics.rigid_body import rotate
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from contactlearn.effects.path import contact_of
 from contactlearn.effects.state import Coefficients, State, columns
 from contactlearn.laws.contact import Contact
 from contactlearn.laws.wang_mason import routh_path
-from contactlearn.mechanics import effective_inertia
+from contactlearn.mechanics.rigid_body import effective_inertia
 
 _ROUNDING = 1e-9  # relative: nearer to its edge a contact counts as on the cone
 _STEPS = 16  # of a compression in which the contact sticks

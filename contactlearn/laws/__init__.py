@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from importlib.metadata import entry_points
 from typing import Any
 
-from contactlearn.errors import ContactLearnError, UnknownNameError
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.laws.base import Law
 from contactlearn.laws.contact import Contact
 

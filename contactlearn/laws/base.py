@@ -22,7 +22,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.errors import ContactLearnError
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.laws.contact import Contact, Values
 
 _BLOCK = 1 << 16  # elements evaluated at once: the temporaries of a law then stay in cache

@@ -13,9 +13,9 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
+from contactlearn.core.numerics import finite_number
 from contactlearn.laws.base import Law
 from contactlearn.laws.contact import Contact, Values, stick
-from contactlearn.numerics import finite_number
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from contactlearn.audit.corrections import CORRECTIONS
-from contactlearn.audit.result import Finding
+from contactlearn.data.audit.corrections import CORRECTIONS
+from contactlearn.data.audit.result import Finding
 from contactlearn.report.terminal import say
 from contactlearn.report.text import sentence, stages
 

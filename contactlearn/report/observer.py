@@ -7,7 +7,7 @@ from rich.progress import Progress
 from contactlearn.diagnosis.observer import Item, Observer, Step, Task
 from contactlearn.diagnosis.result import Diagnosis, ErrorLimits, Finding, LawFit, MissingEffect, Region, Sample
 from contactlearn.effects import EffectId
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.terminal import say
 from contactlearn.report.text import base_label, error, headline, rung_label, samples, search, sentence, stages
 

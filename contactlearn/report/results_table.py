@@ -21,8 +21,8 @@ from typing import Any
 
 import pandas as pd
 
-from contactlearn.errors import ContactLearnError, UnknownNameError
-from contactlearn.evaluation.metrics import HEADLINE, METRICS, Interval
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS, Interval
 from contactlearn.report.figures.style import BOUNDS
 from contactlearn.report.page.runs.reading import Progress, absolute, read_runs, silent
 from contactlearn.report.page.runs.rows import LAW, Row

@@ -4,8 +4,8 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from contactlearn.errors import ContactLearnError
-from contactlearn.evaluation.metrics import Interval
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.page.runs.reading import absolute, read_runs
 from contactlearn.report.page.runs.settings import telling
 from contactlearn.report.terminal import new_table, print_table, say

@@ -15,8 +15,8 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 from rich.text import Text
 
-from contactlearn.errors import harmless
-from contactlearn.evaluation.metrics import HEADLINE, METRICS
+from contactlearn.core.errors import harmless
+from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS
 from contactlearn.report.text.known import known_sentence
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate
 from contactlearn.results.evaluation import LearningCurve

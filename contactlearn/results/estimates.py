@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import EffectId
-from contactlearn.errors import ContactLearnError
-from contactlearn.evaluation.metrics import HEADLINE, Interval
-from contactlearn.identification.known import KnownParameter
+from contactlearn.inference.evaluation.metrics import HEADLINE, Interval
+from contactlearn.inference.identification.known import KnownParameter
 
 _HIGHEST = 1e9  # of an error that a page can draw
 

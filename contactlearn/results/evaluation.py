@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import EffectId
-from contactlearn.errors import ContactLearnError
-from contactlearn.evaluation.metrics import HEADLINE, Interval
+from contactlearn.inference.evaluation.metrics import HEADLINE, Interval
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, known_model
 from contactlearn.results.provenance import Provenance, RunKind
 

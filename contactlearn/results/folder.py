@@ -11,15 +11,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from contactlearn.errors import ContactLearnError
-from contactlearn.numerics import written_whole
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.numerics import written_whole
+from contactlearn.core.serialisation import LARGEST_FILE, from_json, to_json
 from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.results.evaluation import Evaluation
 from contactlearn.results.provenance import RunKind
 from contactlearn.results.state import DONE, LOCK, is_held, read_failed, unfinished
 from contactlearn.results.training import Training
 from contactlearn.results.transfer import Transfer
-from contactlearn.serialisation import LARGEST_FILE, from_json, to_json
 
 Result = Training | Evaluation | Transfer | DiagnosisRun
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import torch
 
-from contactlearn.bodies import make_shapes
+from contactlearn.core.errors import DataError
 from contactlearn.data import table
 from contactlearn.data.blocks import sampled
 from contactlearn.data.table.large import table_blocks
-from contactlearn.errors import DataError
-from contactlearn.impacts import Impacts, Prediction
+from contactlearn.mechanics.bodies import make_shapes
+from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.results.evaluation import BEST_POST_HOC, IRB, Evaluation
 from contactlearn.results.tables import load_predictions, save_predictions
 

@@ -17,9 +17,9 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from contactlearn.errors import ContactLearnError
-from contactlearn.numerics import written_whole
-from contactlearn.serialisation import from_json, to_json
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.numerics import written_whole
+from contactlearn.core.serialisation import from_json, to_json
 
 DONE, FAILED, LOCK = "done.json", "failed.json", ".lock"
 _OWN = (LOCK, FAILED, ".hydra")  # of a folder in which nothing has been computed

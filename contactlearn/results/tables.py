@@ -13,12 +13,12 @@ import torch
 from jaxtyping import Int
 from torch import Tensor
 
-from contactlearn.errors import DataError
-from contactlearn.evaluation.metrics import CHI_SQUARED_95, METRICS, outside_admissible
-from contactlearn.identification.per_trial import TrialFit
-from contactlearn.impacts import COMPONENTS, Impacts, Prediction
-from contactlearn.learning.curves import Curve
-from contactlearn.numerics import written_whole
+from contactlearn.core.errors import DataError
+from contactlearn.core.numerics import written_whole
+from contactlearn.inference.evaluation.metrics import CHI_SQUARED_95, METRICS, outside_admissible
+from contactlearn.inference.identification.per_trial import TrialFit
+from contactlearn.inference.learning.curves import Curve
+from contactlearn.mechanics.impacts import COMPONENTS, Impacts, Prediction
 
 _V_POST, _WRENCH = COMPONENTS["v_post"], ("P_t", "P_n", "tau")
 _READ = ("trial", "model", *_V_POST, *_WRENCH)

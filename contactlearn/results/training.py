@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from contactlearn.effects import EffectId
-from contactlearn.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate, known_model
 from contactlearn.results.provenance import Provenance, RunKind
 

@@ -18,14 +18,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.data import synthetic
 from contactlearn.effects import Effect, State, columns, find_effect
-from contactlearn.identification.joint import assemble
-from contactlearn.impacts import Impacts, Prediction
+from contactlearn.inference.identification.joint import assemble
 from contactlearn.laws import Law
 from contactlearn.laws.wang_mason import WangMason
-from contactlearn.model import derivative, resolve
-from contactlearn.shapes import Shape
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.mechanics.shapes import Shape
+from contactlearn.models.contact_model import derivative, resolve
+from contactlearn.simulation import synthetic
 
 N = 400
 COEFFICIENTS, ELASTIC = torch.tensor(((0.15, 0.6), (0.05, 1.0)), dtype=torch.float64)  # μ and ε

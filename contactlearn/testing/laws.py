@@ -17,8 +17,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn import laws, mechanics
+from contactlearn import laws
 from contactlearn.laws import Law
+from contactlearn.mechanics import rigid_body
 
 N = 4000
 SPEED = 2.5  # factor by which speeds and masses are scaled
@@ -47,7 +48,7 @@ class Contacts(NamedTuple):
         v_c = torch.stack((uniform(-5, 5), -(10 ** uniform(-1, 1))), -1)
         mu, eps = uniform(0, 1.5), uniform(0, 1)
         v_c[::8, 0], mu[1::8], eps[2::8], eps[3::8] = 0.0, 0.0, 0.0, 1.0
-        return cls(mechanics.inverse_inertia(mass, mass * radius**2, r), v_c, mu, eps)
+        return cls(rigid_body.inverse_inertia(mass, mass * radius**2, r), v_c, mu, eps)
 
     def part(self, which: slice) -> "Contacts":
         """Return some of the contacts."""
@@ -55,7 +56,7 @@ class Contacts(NamedTuple):
 
     def size(self) -> Float[Tensor, " n"]:
         """Return |M_c v_c| in N s, the impulse that would stop the contact point."""
-        return (mechanics.effective_inertia(self.W) @ self.v_c[..., None])[..., 0].norm(dim=-1)
+        return (rigid_body.effective_inertia(self.W) @ self.v_c[..., None])[..., 0].norm(dim=-1)
 
 
 class LawContract:
@@ -73,8 +74,8 @@ class LawContract:
         elastic = c._replace(eps=torch.ones_like(c.eps))
         P, scale = self.impulse(c), c.size()
         v_n = (c.v_c + (c.W @ P[..., None])[..., 0])[:, 1]
-        added = torch.cat([mechanics.energy_excess(x.W, x.v_c, self.impulse(x)) for x in (c, elastic)])
-        brought = 0.5 * (c.v_c * (mechanics.effective_inertia(c.W) @ c.v_c[..., None])[..., 0]).sum(-1).repeat(2)
+        added = torch.cat([rigid_body.energy_excess(x.W, x.v_c, self.impulse(x)) for x in (c, elastic)])
+        brought = 0.5 * (c.v_c * (rigid_body.effective_inertia(c.W) @ c.v_c[..., None])[..., 0]).sum(-1).repeat(2)
         return {
             "adds_energy": bool((added > ROUNDING * brought).any()),
             "leaves_cone": bool((P[:, 0].abs() - c.mu * P[:, 1] > ROUNDING * scale).any()),

@@ -11,13 +11,13 @@ from typing import Any
 import torch
 
 from contactlearn import laws
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.failure.regions import find_regions
 from contactlearn.diagnosis.failure.variables import variables
 from contactlearn.diagnosis.result import Region
 from contactlearn.effects import EffectId, find_effect
-from contactlearn.errors import ContactLearnError
-from contactlearn.evaluation.metrics import mass_error
-from contactlearn.impacts import Prediction
+from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.mechanics.impacts import Prediction
 from contactlearn.workbench.cache import Cache
 from contactlearn.workbench.lines import effect_of
 from contactlearn.workbench.models import Models

@@ -16,10 +16,10 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.diagnosis.failure.variables import Variable
-from contactlearn.evaluation.partial_residuals import changes, partial_residuals
-from contactlearn.impacts import COMPONENTS, Impacts, Prediction
+from contactlearn.inference.evaluation.partial_residuals import changes, partial_residuals
 from contactlearn.laws import Law
-from contactlearn.model import ContactModel
+from contactlearn.mechanics.impacts import COMPONENTS, Impacts, Prediction
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.figures.style import array
 from contactlearn.report.page.effects import curve_content
 from contactlearn.report.page.trials import axis_content, axis_values, digits, map_variables, of_laws, outlines

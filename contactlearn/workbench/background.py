@@ -5,7 +5,7 @@ from typing import Any
 from dash import Dash, Input, Output, State, ctx, no_update
 from dash.development.base_component import Component
 
-from contactlearn.errors import ContactLearnError
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.workbench.commands import words_of
 from contactlearn.workbench.jobs import BackgroundRun, Jobs, RunStatus
 from contactlearn.workbench.panes import missing

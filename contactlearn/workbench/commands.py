@@ -10,11 +10,11 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from contactlearn.app.plain import plain_values
-from contactlearn.cli import compose
+from contactlearn.cli.commands.plain import plain_values
+from contactlearn.cli.hydra_main import compose
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.numerics import is_number
 from contactlearn.effects import Effect, EffectId, find_effect, from_settings
-from contactlearn.errors import ContactLearnError
-from contactlearn.numerics import is_number
 from contactlearn.workbench.lines import name_of, overrides, parse
 from contactlearn.workbench.models import STARTS
 from contactlearn.workbench.session import Option, Session

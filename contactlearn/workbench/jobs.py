@@ -17,7 +17,7 @@ from enum import StrEnum
 from pathlib import Path
 from threading import Lock, Thread
 
-from contactlearn.errors import ContactLearnError
+from contactlearn.core.errors import ContactLearnError
 
 SIDE_BY_SIDE = 2
 """Processes that run at a time."""

@@ -10,12 +10,12 @@ from typing import Any
 
 from dash import Dash, Input, Output, State, ctx, dcc, html, no_update
 
-from contactlearn.audit.findings import audit
+from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.core.numerics import written_whole
 from contactlearn.data import table
-from contactlearn.data.mystery import reveal
-from contactlearn.errors import ContactLearnError, DataError
-from contactlearn.numerics import written_whole
+from contactlearn.data.audit.findings import audit
 from contactlearn.report.text.sealed import account
+from contactlearn.simulation.hidden_effects import reveal
 from contactlearn.workbench.commands import experiment
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.panes import frame

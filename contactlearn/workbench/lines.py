@@ -6,12 +6,12 @@ read by the same whitelist as `+effect.mine.tau="-c*rx*Pn" +effect.mine.paramete
 
 import re
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.result import Formula
 from contactlearn.effects import Effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.effects.formula.expression import FUNCTIONS
 from contactlearn.effects.formula.symbols import OUTPUTS, at_place
-from contactlearn.errors import ContactLearnError
 
 EXAMPLE = "tau = -c*rx*Pn; c = [-1, 1]"
 _LONGEST = 500

@@ -15,18 +15,18 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn import laws
-from contactlearn.app.loading import Split, load_data, split
-from contactlearn.cli import compose
+from contactlearn.cli.commands.loading import Split, load_data, split
+from contactlearn.cli.hydra_main import compose
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.diagnosis.noise import NoiseFloor, noise_floor
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
 from contactlearn.effects import Effect, find_effect, from_settings
-from contactlearn.errors import ContactLearnError, UnknownNameError
-from contactlearn.evaluation import bounds
-from contactlearn.evaluation.metrics import Interval, bootstrap, mass_error
-from contactlearn.identification.joint import FitOptions, JointFit, assemble, identify_jointly
-from contactlearn.impacts import Impacts, Prediction
+from contactlearn.inference.evaluation import bounds
+from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_error
+from contactlearn.inference.identification.joint import FitOptions, JointFit, assemble, identify_jointly
 from contactlearn.laws import Law
-from contactlearn.model import ContactModel
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.results.evaluation import BEST_POST_HOC, IRB
 from contactlearn.workbench.cache import Cache
 from contactlearn.workbench.lines import effect_of, name_of

@@ -12,9 +12,9 @@ from typing import Any
 
 from dash import ALL, ClientsideFunction, Dash, Input, Output, State, html, no_update
 
-from contactlearn.audit.findings import audit
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.data.audit.findings import audit
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
-from contactlearn.errors import ContactLearnError, UnknownNameError
 from contactlearn.report.text import law_label
 from contactlearn.workbench import arrays
 from contactlearn.workbench.actions import Actions

@@ -11,8 +11,8 @@ from typing import Any
 
 from flask import Flask, Response, abort, jsonify, request
 
-from contactlearn.errors import ContactLearnError
-from contactlearn.numerics import is_number
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.numerics import is_number
 from contactlearn.workbench import arrays
 from contactlearn.workbench.actions import Actions
 from contactlearn.workbench.models import Models

@@ -13,12 +13,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.app.loading import Split
+from contactlearn.cli.commands.loading import Split
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.diagnosis.search.quadratic import Group, Quadratic
 from contactlearn.effects import Effect, EffectId
-from contactlearn.evaluation.metrics import mass_error
-from contactlearn.identification.joint import FitOptions, assemble
+from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.identification.joint import FitOptions, assemble
 from contactlearn.workbench.cache import Cache
 from contactlearn.workbench.models import STARTS, Fitted, Models
 from contactlearn.workbench.session import Session

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from flask import Flask, Response, abort
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.effects import EffectId
-from contactlearn.errors import ContactLearnError
 from contactlearn.report.page.page import FILE
 from contactlearn.report.page.recordings import RECORDINGS
 from contactlearn.report.page.runs.page import write_runs

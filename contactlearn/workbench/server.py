@@ -16,7 +16,7 @@ from flask import Response
 from threadpoolctl import threadpool_limits
 from werkzeug.serving import ThreadedWSGIServer
 
-from contactlearn.errors import ContactLearnError
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.workbench.actions import actions_of
 from contactlearn.workbench.background import Background
 from contactlearn.workbench.commands import session_of

@@ -19,10 +19,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from urllib.parse import parse_qsl, urlencode
 
-from contactlearn.audit.corrections import CORRECTIONS
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.core.numerics import is_number
+from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.effects import EffectId
-from contactlearn.errors import ContactLearnError, UnknownNameError
-from contactlearn.numerics import is_number
 
 _WORD = re.compile(r"data(\.[a-z_0-9]+)*=[^\n$]*")
 _CORRECT = "data.correct="

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import torch
 
-from contactlearn.app.settings import recipes_around
-from contactlearn.cli import compose
-from contactlearn.configuration import CONFIGS, choices
-from contactlearn.evaluation.metrics import Interval
-from contactlearn.identification.joint import FitOptions, identify_jointly
-from contactlearn.learning.curves import nested_orders
-from contactlearn.learning.recipe import learn
+from contactlearn.cli.commands.settings import recipes_around
+from contactlearn.cli.configuration import CONFIGS, choices
+from contactlearn.cli.hydra_main import compose
+from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.learning.curves import nested_orders
+from contactlearn.inference.learning.recipe import learn
 from contactlearn.workbench.commands import words_of
 from contactlearn.workbench.models import STARTS, Models, held_out
 from contactlearn.workbench.session import Session

@@ -4,7 +4,7 @@ from typing import Any
 
 from dash import ClientsideFunction, Dash, Input, Output, State, ctx, no_update
 
-from contactlearn.errors import ContactLearnError
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.report.page.trials import bounded, plotly_style
 from contactlearn.report.text import law_label
 from contactlearn.workbench.jobs import RunStatus

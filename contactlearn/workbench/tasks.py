@@ -14,12 +14,12 @@ from threading import Lock, Thread
 import torch
 from threadpoolctl import threadpool_limits
 
-from contactlearn.errors import ContactLearnError
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.workers import without_interrupts
 from contactlearn.workbench.jobs import SIDE_BY_SIDE, RunStatus
 from contactlearn.workbench.models import Models
 from contactlearn.workbench.session import Session
 from contactlearn.workbench.studies import STUDIES, StudyStep
-from contactlearn.workers import without_interrupts
 
 _KEPT = 100
 

@@ -1,4 +1,4 @@
-"""Hydra's `-m` for contactlearn: a sweep that goes on where it stopped, see `contactlearn.sweeps`."""
+"""Hydra's `-m` for contactlearn: a sweep that goes on where it stopped, see `contactlearn.cli.sweeps`."""
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -19,8 +19,8 @@ class ResumingSweeper(Sweeper):
 
     def sweep(self, arguments: list[str]) -> None:
         """Run the jobs of a command line that are not finished; the process ends with status 1 if one failed."""
+        from contactlearn.cli.sweeps.sweep import sweep
         from contactlearn.report.sweep import show_sweep
-        from contactlearn.sweeps.sweep import sweep
 
         assert self.hydra_context is not None
         assert self.config is not None

@@ -10,7 +10,7 @@
     time                             optional, s     time of contact
     cov_vx_vx, cov_vx_vy …           optional        covariance of the errors of vx, vy, omega, its upper half: six or
     cov_vx_vx_post …                                 none; and of vx_post, vy_post, omega_post
-    apparatus_gravity, …_error       optional        what is known of the apparatus (`contactlearn.apparatus`) and its
+    apparatus_gravity, …_error       optional        what is known of the apparatus (`mechanics.apparatus`) and its
     apparatus_slope, … _error …                      standard error: m/s², 1/s, rad, rad, s; in every row the same
     order                            optional        place in the sequence of measurements; by default 1, 2, 3 …
 
@@ -32,14 +32,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from contactlearn.bodies import AnyShape, Shapes, body_codes, each_body, lowest, make_shapes, refuse_strangers
+from contactlearn.core.errors import DataError
+from contactlearn.core.numerics import written_whole
 from contactlearn.data.table import known, sheet
 from contactlearn.data.table.columns import COLUMNS, NAMES, REQUIRED, name_columns
 from contactlearn.data.table.units import SI, Units
-from contactlearn.errors import DataError
-from contactlearn.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
-from contactlearn.numerics import written_whole
-from contactlearn.shapes import Shape
+from contactlearn.mechanics.bodies import AnyShape, Shapes, body_codes, each_body, lowest, make_shapes, refuse_strangers
+from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
+from contactlearn.mechanics.shapes import Shape
 
 __all__ = ["COLUMNS", "NAMES", "REQUIRED", "Table", "check_suffix", "load", "read", "read_blocks", "save"]
 

@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 from itertools import product
 
+from contactlearn.core.errors import DataError, UnknownNameError, suggest
 from contactlearn.data.table import known
 from contactlearn.data.table.sheet import Sheet
-from contactlearn.errors import DataError, UnknownNameError, suggest
-from contactlearn.impacts import COMPONENTS, COVARIANCES, OPTIONAL
+from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, OPTIONAL
 
 NAMES = ("trial", "object")
 COLUMNS = NAMES + tuple(column for columns in (COMPONENTS | COVARIANCES | known.PAIRS).values() for column in columns)

@@ -5,9 +5,9 @@ A column survives whatever is done to a table: a row is dropped, another program
 
 from dataclasses import fields
 
-from contactlearn.apparatus import Apparatus, Measured
+from contactlearn.core.errors import DataError
 from contactlearn.data.table.sheet import Sheet
-from contactlearn.errors import DataError
+from contactlearn.mechanics.apparatus import Apparatus, Measured
 
 PAIRS = {field.name: (f"apparatus_{field.name}", f"apparatus_{field.name}_error") for field in fields(Apparatus)}
 """The columns of a value and its standard error, by the field of `Apparatus` that they fill."""

@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
 
-from contactlearn.bodies import AnyShape
+from contactlearn.core.errors import DataError
 from contactlearn.data import table
 from contactlearn.data.blocks import BLOCK, LARGE, Blocks
 from contactlearn.data.table import Table
-from contactlearn.errors import DataError
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.bodies import AnyShape
+from contactlearn.mechanics.impacts import Impacts
 
 
 def table_blocks(path: Path, shape: AnyShape | None) -> Blocks:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from contactlearn.errors import DataError
+from contactlearn.core.errors import DataError
 
 _COMMENT = ("#", "%", "//")
 _LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does"

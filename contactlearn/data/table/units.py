@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from contactlearn.errors import DataError, UnknownNameError
+from contactlearn.core.errors import DataError, UnknownNameError
 
 SI = MappingProxyType({"length": "m", "mass": "kg", "angle": "rad", "time": "s", "rotation": "counterclockwise"})
 """The stated units of a table as `save` writes it."""

@@ -19,11 +19,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.diagnosis.validation import robust_covariance
-from contactlearn.identification.joint import linearise
-from contactlearn.impacts import Impacts
+from contactlearn.inference.identification.joint import linearise
+from contactlearn.inference.validation import robust_covariance
 from contactlearn.laws import Law
-from contactlearn.model import ContactModel
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.contact_model import ContactModel
 
 Key = TypeVar("Key", bound=Hashable)
 

@@ -19,15 +19,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.bodies import lowest
+from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.diagnosis.discrimination.contest import Contest, Key, contests
 from contactlearn.diagnosis.failure.variables import symmetry
 from contactlearn.diagnosis.result.rivals import Drop, Experiment, Separation
 from contactlearn.effects import EffectId
-from contactlearn.errors import DataError, UnknownNameError
-from contactlearn.impacts import Impacts
-from contactlearn.mechanics import contact_velocity
-from contactlearn.model import ContactModel
+from contactlearn.mechanics.bodies import lowest
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import contact_velocity
+from contactlearn.models.contact_model import ContactModel
 
 STATES = ("x", "theta", "v_x", "v_y", "omega")
 """The state of a drop, in m, rad, m/s, m/s and rad/s."""

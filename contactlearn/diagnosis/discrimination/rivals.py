@@ -25,9 +25,9 @@ from torch import Tensor
 from contactlearn.diagnosis.result.rivals import Rival
 from contactlearn.diagnosis.search.selection import Selection, validated
 from contactlearn.diagnosis.thresholds import RivalThresholds
-from contactlearn.diagnosis.validation import ValidatedFit, paired_gain, robust_covariance
 from contactlearn.effects import Effect, EffectId, columns
-from contactlearn.identification.joint import Linearisation, linearise
+from contactlearn.inference.identification.joint import Linearisation, linearise
+from contactlearn.inference.validation import ValidatedFit, paired_gain, robust_covariance
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,13 +26,13 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from contactlearn.core.errors import DataError
+from contactlearn.core.numerics import Z_95
 from contactlearn.diagnosis.failure.variables import Grid, variables
 from contactlearn.diagnosis.result.regions import Improvement, Region
 from contactlearn.diagnosis.thresholds import RegionThresholds
-from contactlearn.errors import DataError
-from contactlearn.evaluation.metrics import Interval, mass_error
-from contactlearn.impacts import Impacts, Prediction
-from contactlearn.numerics import Z_95
+from contactlearn.inference.evaluation.metrics import Interval, mass_error
+from contactlearn.mechanics.impacts import Impacts, Prediction
 
 _SMALLEST = 10  # trials of a region, and of its rest, in the half that is searched
 

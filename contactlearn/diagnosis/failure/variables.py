@@ -16,11 +16,11 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import pad
 
-from contactlearn.bodies import AnyShape, shapes_among
 from contactlearn.effects import State
-from contactlearn.impacts import Impacts, Prediction
-from contactlearn.mechanics import contact_velocity
-from contactlearn.shapes import contact_point
+from contactlearn.mechanics.bodies import AnyShape, shapes_among
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.mechanics.rigid_body import contact_velocity
+from contactlearn.mechanics.shapes import contact_point
 
 MODES = ("predicted to reverse its slip", "predicted to stick", "predicted to slide")
 DIRECTIONS = ("slip to the left (v_t < 0)", "no slip", "slip to the right (v_t > 0)")

@@ -15,7 +15,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from contactlearn.audit.result import Evidence, Finding
+from contactlearn.core.serialisation import from_json, to_json
+from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result.effects import (
     Choices,
@@ -43,9 +44,8 @@ from contactlearn.diagnosis.result.sample import Answer, Confirmation, ErrorMap,
 from contactlearn.diagnosis.result.verdict import Verdict
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
-from contactlearn.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.laws import Law, find
-from contactlearn.serialisation import from_json, to_json
 
 __all__ = [
     "Answer", "Choices", "Coefficient", "ComponentTest", "Confirmation", "Diagnosis", "Drop", "ErrorBudget",

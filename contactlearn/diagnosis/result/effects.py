@@ -6,7 +6,7 @@ from enum import StrEnum
 from contactlearn.diagnosis.result.regions import Improvement
 from contactlearn.diagnosis.result.rivals import Rival
 from contactlearn.effects import EffectId
-from contactlearn.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import Interval
 
 
 class RungKind(StrEnum):

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from contactlearn.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import Interval
 
 
 @dataclass(frozen=True, kw_only=True)

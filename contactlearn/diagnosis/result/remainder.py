@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from contactlearn.effects import EffectId
-from contactlearn.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import Interval
 
 
 class WrenchComponent(StrEnum):

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from contactlearn.audit.result import Finding
+from contactlearn.data.audit.result import Finding
 from contactlearn.diagnosis.result.regions import Region
 from contactlearn.diagnosis.result.verdict import Verdict
 from contactlearn.effects import EffectId
-from contactlearn.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import Interval
 
 
 class Limit(StrEnum):

@@ -12,17 +12,17 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from contactlearn.audit.model_outliers import outliers_of
+from contactlearn.core.numerics import Z_95
+from contactlearn.data.audit.model_outliers import outliers_of
 from contactlearn.diagnosis.failure.regions import find_regions
 from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.diagnosis.result import Confirmation, Diagnosis, FailingRegion, Record
 from contactlearn.diagnosis.sampling.map import error_map
 from contactlearn.diagnosis.thresholds import SampleThresholds, Thresholds
 from contactlearn.diagnosis.unexplained.remainder import ordinary
-from contactlearn.evaluation.metrics import Interval, mass_error
-from contactlearn.impacts import Impacts, Prediction
-from contactlearn.model import ContactModel
-from contactlearn.numerics import Z_95
+from contactlearn.inference.evaluation.metrics import Interval, mass_error
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.models.contact_model import ContactModel
 
 CHUNK = 50_000
 """Trials that are predicted at once."""

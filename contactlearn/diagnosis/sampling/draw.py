@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts
 
 
 def space_filling(impacts: Impacts, size: int, generator: torch.Generator) -> Int[Tensor, " size"]:

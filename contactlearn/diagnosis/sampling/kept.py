@@ -8,9 +8,9 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.numerics import written_whole
 from contactlearn.diagnosis.result import Diagnosis, Record
-from contactlearn.errors import ContactLearnError
-from contactlearn.numerics import written_whole
 
 _RESULT = "diagnosis.json"
 

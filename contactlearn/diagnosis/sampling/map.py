@@ -6,7 +6,7 @@ from torch import Tensor
 
 from contactlearn.diagnosis.failure.variables import Variable, variables
 from contactlearn.diagnosis.result import ErrorMap
-from contactlearn.impacts import Impacts, Prediction
+from contactlearn.mechanics.impacts import Impacts, Prediction
 
 _ACROSS, _UP = 48, 32  # cells
 _PREFERRED = ("theta_folded", "theta", "incidence", "approach_speed", "spin", "order")  # the first two that vary

@@ -8,14 +8,14 @@ import torch
 from jaxtyping import Int
 from torch import Tensor
 
-from contactlearn.audit.corrections import correct
+from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.observer import Step
 from contactlearn.diagnosis.result import Answer, Diagnosis, Limit, Sample
 from contactlearn.diagnosis.sampling.confirmation import confirm
 from contactlearn.diagnosis.sampling.draw import object_numbers, space_filling
 from contactlearn.diagnosis.sampling.kept import keep, read_kept
 from contactlearn.diagnosis.stages import Study
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts
 
 _BYTES, _BYTES_A_TRIAL = 0.3e9, 1.7e5  # of a diagnosis, measured: benchmarks/large_diagnoses.py
 _SECONDS, _SECONDS_A_TRIAL = 13.0, 3e-3  # likewise, of one core; of later ones the first says how fast it is

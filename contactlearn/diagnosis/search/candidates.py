@@ -10,13 +10,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.thresholds import SelectionThresholds
 from contactlearn.effects import Effect, EffectId, State, catalogue, columns
-from contactlearn.errors import ContactLearnError
-from contactlearn.impacts import Impacts
 from contactlearn.laws import PAPER_LAWS, Law, find
 from contactlearn.laws.wang_mason import WangMason
-from contactlearn.model import resolve
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.contact_model import resolve
 
 SEARCHED_LAWS = (*PAPER_LAWS, "wang_mason_newton")
 """Names of the laws that a diagnosis compares."""

@@ -14,10 +14,10 @@ from torch import Tensor
 
 from contactlearn.diagnosis.result.effects import Choices
 from contactlearn.effects import EffectId, columns
-from contactlearn.evaluation.metrics import Interval, bootstrap, mass_error
-from contactlearn.identification.joint import FitOptions, identify_jointly
-from contactlearn.impacts import Impacts, Prediction
-from contactlearn.model import ContactModel
+from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_error
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.models.contact_model import ContactModel
 
 MOST = 6
 """Effects in play, at most: 64 models."""

@@ -12,9 +12,9 @@ from contactlearn.diagnosis.result.effects import FittedParameter, MissingEffect
 from contactlearn.diagnosis.result.regions import Region
 from contactlearn.diagnosis.search.plausible import inclusion
 from contactlearn.diagnosis.search.selection import Selection, smaller
-from contactlearn.diagnosis.validation import ValidatedFit, held_out_interval
 from contactlearn.effects import EffectId
-from contactlearn.evaluation.metrics import outside_admissible
+from contactlearn.inference.evaluation.metrics import outside_admissible
+from contactlearn.inference.validation import ValidatedFit, held_out_interval
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,9 +14,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit
-from contactlearn.diagnosis.validation import robust_covariance
 from contactlearn.effects import EffectId
-from contactlearn.identification.robust import robust_distance
+from contactlearn.inference.identification.robust import robust_distance
+from contactlearn.inference.validation import robust_covariance
 
 _RESAMPLES = 2000
 

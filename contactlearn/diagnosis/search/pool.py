@@ -17,12 +17,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.diagnosis.search.quadratic import Group, Quadratic
-from contactlearn.diagnosis.validation import robust_covariance
 from contactlearn.effects import Effect, EffectId, columns
-from contactlearn.identification.joint import FitOptions, JointFit, assemble, identify_jointly
-from contactlearn.identification.robust import robust_distance
-from contactlearn.impacts import Impacts
+from contactlearn.inference.identification.joint import FitOptions, JointFit, assemble, identify_jointly
+from contactlearn.inference.identification.robust import robust_distance
+from contactlearn.inference.validation import robust_covariance
 from contactlearn.laws import Law
+from contactlearn.mechanics.impacts import Impacts
 
 _STARTS = 4
 _TOLERANCE = 1e-4  # nats a trial; scores differ by nats over all trials

@@ -22,10 +22,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects import Effect, EffectId, columns
-from contactlearn.identification.joint import FitOptions, JointFit, linearise, named_parameters
-from contactlearn.identification.ranges import suited
-from contactlearn.impacts import Impacts
+from contactlearn.inference.identification.joint import FitOptions, JointFit, linearise, named_parameters
+from contactlearn.inference.identification.ranges import suited
 from contactlearn.laws import Law
+from contactlearn.mechanics.impacts import Impacts
 
 _PLACES = 6  # values of parameters that are undefined where the effect vanishes
 _PRIOR = 1e-2  # of a step of a whole range: far weaker than any data, and keeps what nothing depends on still

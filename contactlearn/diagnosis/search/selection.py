@@ -21,11 +21,11 @@ from contactlearn.diagnosis.search.frontier import HOPELESS, Search
 from contactlearn.diagnosis.search.plausible import Plausible, plausible_models
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec
 from contactlearn.diagnosis.thresholds import SelectionThresholds
-from contactlearn.diagnosis.validation import CrossValidation, Folds, ValidatedFit, paired_gain
 from contactlearn.effects import Effect, EffectId
-from contactlearn.identification.joint import FitOptions
-from contactlearn.impacts import Impacts
+from contactlearn.inference.identification.joint import FitOptions
+from contactlearn.inference.validation import CrossValidation, Folds, ValidatedFit, paired_gain
 from contactlearn.laws import Law
+from contactlearn.mechanics.impacts import Impacts
 
 _SEARCHED = 400  # trials of the search; all of them decide afterwards
 _CARRIED = 2  # models of each size that are fitted to all trials

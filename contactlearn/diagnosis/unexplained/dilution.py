@@ -11,9 +11,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects import State
-from contactlearn.identification.joint import FitOptions, JointFit
-from contactlearn.impacts import Impacts
-from contactlearn.model import derivative, resolve
+from contactlearn.inference.identification.joint import FitOptions, JointFit
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.contact_model import derivative, resolve
 
 _TOLD = 1.0  # standard errors of a sum over all trials that dilution may amount to
 

@@ -17,9 +17,9 @@ from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.learning import Learning, Learnt
 from contactlearn.diagnosis.unexplained.scores import Scores
 from contactlearn.diagnosis.unexplained.succession import Memory, Suspect, histories, suspects
-from contactlearn.evaluation.metrics import Interval
-from contactlearn.identification.joint import FitOptions, JointFit
-from contactlearn.impacts import Impacts
+from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.identification.joint import FitOptions, JointFit
+from contactlearn.mechanics.impacts import Impacts
 
 _FEWEST = 40  # trials below which nothing is said
 _STRETCH = 560  # trials that are learnt from and held out, at most: as many as follow one another

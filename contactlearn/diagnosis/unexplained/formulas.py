@@ -18,18 +18,18 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.diagnosis.result.remainder import Formula, WrenchComponent
 from contactlearn.diagnosis.thresholds import FormulaThresholds
 from contactlearn.diagnosis.unexplained.library import Library
-from contactlearn.diagnosis.validation import Folds
 from contactlearn.effects import Effect
 from contactlearn.effects.formula.effect import formula
-from contactlearn.errors import ContactLearnError, UnknownNameError
-from contactlearn.evaluation.metrics import mass_error
-from contactlearn.identification.joint import FitOptions, identify_jointly
-from contactlearn.impacts import Impacts
+from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.validation import Folds
 from contactlearn.laws import Law
-from contactlearn.model import ContactModel
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.contact_model import ContactModel
 
 _RANGE = 4.0  # of a parameter on either side of 0, in units of its value in the regression
 _STARTS = 3  # single terms that are fitted

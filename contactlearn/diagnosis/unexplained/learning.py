@@ -17,12 +17,12 @@ from torch import Tensor
 from contactlearn.diagnosis.result.remainder import Coefficient
 from contactlearn.diagnosis.unexplained.remainder import fall
 from contactlearn.diagnosis.unexplained.scores import Scores
-from contactlearn.diagnosis.validation import Folds, robust_covariance
-from contactlearn.evaluation.metrics import Interval
-from contactlearn.identification.joint import JointFit
-from contactlearn.impacts import Impacts
-from contactlearn.model import predict_with
-from contactlearn.regression.gp.exact import ExactGPs
+from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.identification.joint import JointFit
+from contactlearn.inference.validation import Folds, robust_covariance
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.contact_model import predict_with
+from contactlearn.models.gp.exact import ExactGPs
 
 _TELLING = 0.02  # of the mean information of a trial, below which it does not tell of a coefficient
 

@@ -17,14 +17,14 @@ from jaxtyping import Float
 from scipy.special import ndtri
 from torch import Tensor
 
+from contactlearn.core.errors import ContactLearnError, installing
 from contactlearn.diagnosis.result.remainder import WrenchComponent
 from contactlearn.diagnosis.thresholds import FormulaThresholds
 from contactlearn.effects import State
 from contactlearn.effects.formula.expression import Expression
 from contactlearn.effects.formula.symbols import OUTPUTS, symbols
-from contactlearn.errors import ContactLearnError, installing
-from contactlearn.impacts import Impacts
-from contactlearn.model import ContactModel, wrench_per_parameter
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.contact_model import ContactModel, wrench_per_parameter
 
 _CHANCE = 0.05  # that chance gives a term a coefficient, over the library, so that what is fitted has a prospect
 _DISTINCT = 1e-3  # share of a term's norm that μ and ε cannot reproduce, below which they do the same

@@ -11,6 +11,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
+from contactlearn.core.numerics import wrapped
 from contactlearn.diagnosis.result.remainder import Coefficient, Modulation, VariableShare
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.learning import Learning, Learnt
@@ -19,10 +20,9 @@ from contactlearn.diagnosis.unexplained.scores import Scores
 from contactlearn.diagnosis.unexplained.sobol import total_indices, variable_shares
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state
-from contactlearn.evaluation.partial_residuals import share_explained
-from contactlearn.identification.joint import FitOptions, JointFit
-from contactlearn.impacts import Impacts
-from contactlearn.numerics import wrapped
+from contactlearn.inference.evaluation.partial_residuals import share_explained
+from contactlearn.inference.identification.joint import FitOptions, JointFit
+from contactlearn.mechanics.impacts import Impacts
 
 _FEWEST, _BLOCKS = 40, 20  # trials, and blocks of them, below which nothing is said
 _LEARNT = 560  # trials that are learnt from and held out, at most

@@ -24,7 +24,7 @@ from contactlearn.diagnosis.sequence import exceedance, random_signs
 from contactlearn.diagnosis.unexplained.scores import Scores
 from contactlearn.diagnosis.unexplained.surprise import of_normals, of_sums
 from contactlearn.effects import State
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts
 
 ANGLE, BODY, PLACE = "theta", "object", "x"
 _ALONE = 16  # cosines over a variable alone

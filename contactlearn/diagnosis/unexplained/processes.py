@@ -6,13 +6,13 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from contactlearn.core.errors import DataError
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state
-from contactlearn.errors import DataError
-from contactlearn.impacts import Impacts
-from contactlearn.noise_weight import noise_weight
-from contactlearn.regression.features import Standardisation
-from contactlearn.regression.gp.exact import ExactGPs
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.noise_weight import noise_weight
+from contactlearn.models.features import Standardisation
+from contactlearn.models.gp.exact import ExactGPs
 
 _INPUTS = ("m", "I", "rx", "ry", "x", "y", "theta", "vx", "vy", "omega", "order")
 

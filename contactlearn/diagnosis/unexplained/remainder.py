@@ -24,16 +24,16 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from contactlearn.core.numerics import MAD_SCALE, wrapped
 from contactlearn.diagnosis.result.remainder import ComponentTest, Remainder, VariableShare, WrenchComponent
 from contactlearn.diagnosis.thresholds import RemainderThresholds
 from contactlearn.diagnosis.unexplained.processes import Processes, input_columns
 from contactlearn.diagnosis.unexplained.sobol import total_indices, variable_shares
-from contactlearn.diagnosis.validation import Folds
-from contactlearn.evaluation.metrics import Interval, mass_error
-from contactlearn.evaluation.partial_residuals import share_explained
-from contactlearn.impacts import Impacts, Prediction
-from contactlearn.model import ContactModel
-from contactlearn.numerics import MAD_SCALE, wrapped
+from contactlearn.inference.evaluation.metrics import Interval, mass_error
+from contactlearn.inference.evaluation.partial_residuals import share_explained
+from contactlearn.inference.validation import Folds
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.models.contact_model import ContactModel
 
 _COMPONENTS = tuple(WrenchComponent)
 _GROSS = 8.0  # robust standard deviations, or medians, beyond which a residual is left out or curbed

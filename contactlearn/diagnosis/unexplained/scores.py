@@ -18,8 +18,8 @@ from torch.nn.functional import one_hot
 
 from contactlearn.diagnosis.unexplained.dilution import diluted
 from contactlearn.effects import State
-from contactlearn.identification.joint import FitOptions, JointFit, linearise
-from contactlearn.impacts import Impacts
+from contactlearn.inference.identification.joint import FitOptions, JointFit, linearise
+from contactlearn.mechanics.impacts import Impacts
 
 _MANY = 100  # trials from which on the trial's own state is projected out
 _SLOW, _TRIALS_A_CURVE = 12, 25  # cosines over the sequence at most, and trials for each

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 from contactlearn.diagnosis.thresholds import ModulationThresholds
 from contactlearn.diagnosis.unexplained.modulated import modulated
-from contactlearn.identification.joint import FitOptions, JointFit
-from contactlearn.impacts import Impacts
+from contactlearn.inference.identification.joint import FitOptions, JointFit
+from contactlearn.mechanics.impacts import Impacts
 
 _LEARNT = 300  # trials that are learnt from and held out, at most
 

@@ -26,7 +26,7 @@ from contactlearn.diagnosis.sequence import exceedance, random_signs, window_spr
 from contactlearn.diagnosis.unexplained.scores import Scores
 from contactlearn.diagnosis.unexplained.surprise import of_maxima, of_normals, of_sums
 from contactlearn.effects import State
-from contactlearn.impacts import Impacts, Prediction
+from contactlearn.mechanics.impacts import Impacts, Prediction
 
 _DECAYS = (0.0, 0.8)  # of the memory of earlier impacts, from trial to trial: of the last alone, of about five
 _REMEMBERED = 40  # impacts at most

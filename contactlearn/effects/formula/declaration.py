@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.effects.base import Parameter
 from contactlearn.effects.formula.expression import CONSTANTS, FUNCTIONS, Expression
 from contactlearn.effects.formula.symbols import OUTPUTS, SYMBOLS, at_place
-from contactlearn.errors import ContactLearnError, UnknownNameError
 
 _KEYS = ("low", "high", "unit", "vanishing", "start", "symbol")
 

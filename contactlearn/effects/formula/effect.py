@@ -26,13 +26,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects.base import Effect, Parameter, require_shape
 from contactlearn.effects.formula.declaration import Declaration, place_of_outputs
 from contactlearn.effects.formula.symbols import SYMBOLS, symbols
 from contactlearn.effects.formula.trial import check_on, named_outputs
 from contactlearn.effects.state import Coefficients, State, columns
-from contactlearn.errors import ContactLearnError
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts
 
 
 @dataclass(frozen=True, eq=False)

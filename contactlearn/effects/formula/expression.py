@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from contactlearn.errors import ContactLearnError, suggest
+from contactlearn.core.errors import ContactLearnError, suggest
 
 MAX_LENGTH, MAX_STEPS, MAX_DEPTH = 500, 200, 60
 """Characters; numbers, names, operators and calls; operators and calls within each other."""

@@ -16,9 +16,9 @@ from types import MappingProxyType
 import torch
 from torch import Tensor
 
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.effects.base import PLACES
 from contactlearn.effects.state import State, columns
-from contactlearn.errors import ContactLearnError, UnknownNameError
 
 OUTPUTS = {
     "state": ("rx", "ry", "theta"),

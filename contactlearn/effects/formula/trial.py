@@ -7,11 +7,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects.base import Parameter
 from contactlearn.effects.formula.symbols import OUTPUTS, SYMBOLS
 from contactlearn.effects.state import State
-from contactlearn.errors import ContactLearnError
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts
 
 
 class Tried(Protocol):

@@ -17,13 +17,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 from torch import Tensor
 
-from contactlearn.audit.consistency import contradictions, gross_outliers, kinetic_energy, outliers, torque
-from contactlearn.audit.moments import balance
-from contactlearn.audit.result import Finding
-from contactlearn.audit.thresholds import AuditThresholds, OutlierThresholds
-from contactlearn.bodies import lowest
-from contactlearn.impacts import Impacts
-from contactlearn.numerics import MAD_SCALE
+from contactlearn.core.numerics import MAD_SCALE
+from contactlearn.data.audit.consistency import contradictions, gross_outliers, kinetic_energy, outliers, torque
+from contactlearn.data.audit.moments import balance
+from contactlearn.data.audit.result import Finding
+from contactlearn.data.audit.thresholds import AuditThresholds, OutlierThresholds
+from contactlearn.mechanics.bodies import lowest
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st
 
 _BLUE, _RED, _ = st.CONTRAST

@@ -7,10 +7,10 @@ frontier  the best model of each number of effects
 
 from matplotlib.figure import Figure
 
-from contactlearn.audit.corrections import correct
+from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.effects import EffectId
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import audit_figure, drawable
 from contactlearn.report.figures.effects import effect_curve

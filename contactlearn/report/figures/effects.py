@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from contactlearn.evaluation.partial_residuals import Partial, binned
+from contactlearn.inference.evaluation.partial_residuals import Partial, binned
 from contactlearn.report.figures import style as st
 from contactlearn.report.text import label
 

@@ -19,12 +19,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch, Polygon
 from matplotlib.path import Path
 
-from contactlearn import mechanics
-from contactlearn.errors import ContactLearnError
-from contactlearn.evaluation.bounds import irb
-from contactlearn.identification.shared import Box
-from contactlearn.impacts import Impacts, measured_impulse
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.inference.evaluation.bounds import irb
+from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.impacts import Impacts, measured_impulse
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.reach import Cells, areas, clipped, reach
 
@@ -103,12 +103,12 @@ def _space(trial: Impacts, laws: Sequence[Law], box: Box, target: str) -> _Space
     """One impact, and its image under the laws."""
     W, v_c, measured = trial.W[0], trial.v_c[0], measured_impulse(trial, target)[0]
     points = [measured]
-    if not bool(mechanics.admissible(W, v_c, measured)):
+    if not bool(rigid_body.admissible(W, v_c, measured)):
         points.append(irb(trial).wrench[0, :2])
     return _Space(
         trial=trial,
         laws=laws,
-        ellipse=st.array(mechanics.energy_ellipse(W, v_c)),
+        ellipse=st.array(rigid_body.energy_ellipse(W, v_c)),
         points=st.array(torch.stack(points)),
         reaches=[reach(law, W, v_c, box) for law in laws],
         predicted=st.array(torch.stack([law.impulse(W, v_c) for law in laws])),

@@ -21,11 +21,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
-from contactlearn.errors import ContactLearnError
-from contactlearn.identification.per_trial import TrialFit
-from contactlearn.identification.shared import Box, SharedFit
-from contactlearn.impacts import Impacts
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.inference.identification.per_trial import TrialFit
+from contactlearn.inference.identification.shared import Box, SharedFit
 from contactlearn.laws import Law
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.comparison import error_comparison, patch_curve
 from contactlearn.report.figures.impulse_space import reachable_impulses

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from contactlearn.errors import ContactLearnError
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.report.figures import style as st
 
 __all__ = ["calibration_curve", "predicted_against_measured", "training"]

@@ -8,9 +8,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn import mechanics
-from contactlearn.identification.shared import Box
+from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
+from contactlearn.mechanics import rigid_body
 from contactlearn.report.figures.style import array
 
 _JUMP = 0.03  # of the ellipse's size, between the corners of a cell
@@ -40,7 +40,7 @@ def reach(
     """
     mu, eps = grid(box, nodes, finer)
     P = array(law.at(mu[:, None], eps).impulse(W, v_c))
-    size = np.linalg.norm(np.ptp(array(mechanics.energy_ellipse(W, v_c)), axis=0))
+    size = np.linalg.norm(np.ptp(array(rigid_body.energy_ellipse(W, v_c)), axis=0))
     parts, coarse = _cells(P), _cells(P[::finer, ::finer])
     jumps = np.linalg.norm(np.ptp(parts, axis=2), axis=-1) > _JUMP * size
     split = jumps.reshape(nodes[0] - 1, finer, nodes[1] - 1, finer).any((1, 3))

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from contactlearn.diagnosis.failure.variables import Variable, variables
 from contactlearn.diagnosis.result import Record, Region
-from contactlearn.evaluation.metrics import HEADLINE, METRICS, mass_error
+from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS, mass_error
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import dots, legend_below
 from contactlearn.report.text import spaced, stages

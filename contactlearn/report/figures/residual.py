@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
+from contactlearn.core.numerics import wrapped
 from contactlearn.diagnosis.result import ComponentTest, Record, Remainder, WrenchComponent
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import SYMBOLS, of_state
-from contactlearn.evaluation.partial_residuals import QUANTITIES, binned, share_explained
-from contactlearn.numerics import wrapped
+from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, binned, share_explained
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import dots, legend_below
 from contactlearn.report.text import percent, stages

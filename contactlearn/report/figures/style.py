@@ -24,7 +24,7 @@ from matplotlib.font_manager import findfont, get_font
 from torch import Tensor
 
 from contactlearn import laws
-from contactlearn.numerics import written_whole
+from contactlearn.core.numerics import written_whole
 from contactlearn.report.text.names import model_label
 
 COLUMN, PAGE = 3.4, 7.0

@@ -14,12 +14,12 @@ import torch
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from contactlearn.mechanics import rotate
-from contactlearn.numerics import measured
+from contactlearn.core.numerics import measured
+from contactlearn.data.recordings.result import REASONS, Found, Hit
+from contactlearn.data.recordings.track import Array, turn
+from contactlearn.mechanics.rigid_body import rotate
+from contactlearn.mechanics.shapes import Shape
 from contactlearn.report.figures import style as st
-from contactlearn.shapes import Shape
-from contactlearn.tracks.result import REASONS, Found, Hit
-from contactlearn.tracks.track import Array, turn
 
 _BLUE, _RED, _YELLOW = st.CONTRAST
 _LABELS = ("x (m)", "y (m)", "θ (rad)")

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from contactlearn.diagnosis.result import Experiment, FittedParameter, Formula, MissingEffect, Region, Remainder, Rival
 from contactlearn.effects.formula.symbols import SYMBOLS
-from contactlearn.evaluation.partial_residuals import QUANTITIES, Partial
+from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, Partial
 from contactlearn.report.page.trials import bounded, digits, finely
 from contactlearn.report.text import WRENCH, confidence, effect_label, measured, sentence, stages
 from contactlearn.report.text.stages import separation_label

@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 
-from contactlearn.evaluation.metrics import METRICS
+from contactlearn.inference.evaluation.metrics import METRICS
 from contactlearn.laws import find
 from contactlearn.report.figures.style import BOUNDS
 from contactlearn.report.page.arrays import packed

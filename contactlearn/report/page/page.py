@@ -12,7 +12,7 @@ from typing import Any, cast
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from contactlearn.numerics import written_whole
+from contactlearn.core.numerics import written_whole
 from contactlearn.report.page.arrays import compressed
 from contactlearn.report.text import brief_interval, error, number, percent, spaced
 

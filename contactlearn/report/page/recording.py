@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from contactlearn.numerics import measured
+from contactlearn.core.numerics import measured
+from contactlearn.data.recordings.flight import Flight, Indices
+from contactlearn.data.recordings.result import REASONS, Found, Hit, Reason, Refusal
+from contactlearn.data.recordings.track import Array, Track, turn
 from contactlearn.report.page.trials import digits
 from contactlearn.report.text.numbers import number, percent
 from contactlearn.report.text.tracks import refusal_number
-from contactlearn.tracks.flight import Flight, Indices
-from contactlearn.tracks.result import REASONS, Found, Hit, Reason, Refusal
-from contactlearn.tracks.track import Array, Track, turn
 
 FRAMES = 1500
 """Frames of a recording on a page, at most."""

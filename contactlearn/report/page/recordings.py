@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from contactlearn.core.errors import DataError
+from contactlearn.data.recordings.result import REASONS, Found, Reason
 from contactlearn.data.tracks import Tracked
-from contactlearn.errors import DataError
 from contactlearn.report.figures.tracks import standardised
 from contactlearn.report.page.arrays import compressed
 from contactlearn.report.page.page import render, save
@@ -22,13 +23,14 @@ from contactlearn.report.page.sketches import sketch
 from contactlearn.report.page.trials import digits
 from contactlearn.report.text.numbers import number, percent
 from contactlearn.report.text.tracks import refusals_by_reason, tracks_facts, tracks_headline
-from contactlearn.tracks.result import REASONS, Found, Reason
 
 RECORDINGS = "recordings.html"
 """The page's name in a run folder."""
 MOST = 200
 """Recordings on a page."""
-SOURCES = tuple(f"contactlearn.data.{name}.load" for name in ("tracks", "tracks_synthetic", "tracks_mujoco"))
+SOURCES = tuple(
+    f"contactlearn.{name}.load" for name in ("data.tracks", "simulation.recordings", "simulation.recordings_mujoco")
+)
 """Of data: those that read recordings."""
 _EDGE, _BINS, _FAR = 5, 50, 3  # of the histogram, in standard deviations
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.record import Record
-from contactlearn.errors import ContactLearnError
 from contactlearn.report.page.diagnosis import of_diagnosis
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write

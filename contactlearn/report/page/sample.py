@@ -8,7 +8,7 @@ from jaxtyping import Int
 from torch import Tensor
 
 from contactlearn.diagnosis.result import Diagnosis, ErrorMap, Record, Sample
-from contactlearn.evaluation.partial_residuals import Partial
+from contactlearn.inference.evaluation.partial_residuals import Partial
 from contactlearn.report.page.trials import EMBEDDED, bounded, digits
 from contactlearn.report.text import samples
 from contactlearn.report.text.numbers import counted

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from contactlearn.data.recordings.result import REASONS, Found, Reason, Refusal
+from contactlearn.data.recordings.track import Array
 from contactlearn.report.text.numbers import number
 from contactlearn.report.text.tracks import refusal_number
-from contactlearn.tracks.result import REASONS, Found, Reason, Refusal
-from contactlearn.tracks.track import Array
 
 WIDTH, HEIGHT = 200, 70
 """Of a picture."""

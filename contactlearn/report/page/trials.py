@@ -7,13 +7,13 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from contactlearn import mechanics
-from contactlearn.bodies import shapes_among
 from contactlearn.diagnosis.failure.variables import Variable, variables
-from contactlearn.evaluation.metrics import Interval
-from contactlearn.identification.shared import Box
-from contactlearn.impacts import COMPONENTS, Impacts, Prediction
+from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.bodies import shapes_among
+from contactlearn.mechanics.impacts import COMPONENTS, Impacts, Prediction
 from contactlearn.report.figures.reach import grid
 from contactlearn.report.figures.style import law_style
 
@@ -80,7 +80,7 @@ def _reach(
     """Impulses at nodes of (μ, ε), and whether they jump between neighbours, c = a − 1 by d = b − 1."""
     mu, eps = grid(Box(), _NODES, _FINER)
     P = law.at(mu[:, None, None], eps[:, None]).impulse(W, v_c)
-    momentum = (mechanics.effective_inertia(W) @ v_c[..., None])[..., 0].norm(dim=-1)
+    momentum = (rigid_body.effective_inertia(W) @ v_c[..., None])[..., 0].norm(dim=-1)
     P = (P / momentum[:, None]).movedim(2, 0)
     along, across = ((step.norm(dim=-1) > _JUMP) for step in (P.diff(dim=1), P.diff(dim=2)))
     jumps = along[:, :, 1:] | across[:, 1:]

@@ -13,7 +13,7 @@
 A no-break space stands between a number and its % sign; the terminal prints it as a space.
 """
 
-from contactlearn.numerics import measured, number
+from contactlearn.core.numerics import measured, number
 from contactlearn.report.text.names import (
     WRENCH,
     base_label,

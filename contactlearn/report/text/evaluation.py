@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from contactlearn.evaluation.metrics import Interval
-from contactlearn.numerics import number
+from contactlearn.core.numerics import number
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.text.names import listed, shortened
 from contactlearn.report.text.numbers import interval
 

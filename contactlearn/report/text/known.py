@@ -1,7 +1,7 @@
 """What flight and impacts say of the same parameter, and which of the two knows it better."""
 
-from contactlearn.identification.known import KnownParameter
-from contactlearn.numerics import measured, number
+from contactlearn.core.numerics import measured, number
+from contactlearn.inference.identification.known import KnownParameter
 
 
 def known_sentence(known: KnownParameter) -> str:

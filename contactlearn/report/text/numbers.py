@@ -3,8 +3,8 @@
 import re
 from collections.abc import Mapping
 
-from contactlearn.evaluation.metrics import Interval
-from contactlearn.numerics import number
+from contactlearn.core.numerics import number
+from contactlearn.inference.evaluation.metrics import Interval
 
 _SMALL = 1e-3  # errors below it are written with two significant digits
 _PERCENT = 0.01  # difference below which a percentage has a decimal

@@ -1,7 +1,7 @@
 """What remains and follows the sequence of the trials, in words."""
 
+from contactlearn.core.numerics import number
 from contactlearn.diagnosis.result import Past, Succession
-from contactlearn.numerics import number
 from contactlearn.report.text.names import COEFFICIENTS
 from contactlearn.report.text.numbers import p_value, share_interval
 

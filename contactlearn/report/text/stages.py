@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+from contactlearn.core.numerics import measured, number
 from contactlearn.diagnosis.result import (
     Diagnosis,
     Drop,
@@ -22,7 +23,6 @@ from contactlearn.diagnosis.result import (
 from contactlearn.diagnosis.thresholds import NoiseThresholds
 from contactlearn.effects import EffectId
 from contactlearn.effects.formula.symbols import SYMBOLS
-from contactlearn.numerics import measured, number
 from contactlearn.report.text.modulation import modulation
 from contactlearn.report.text.names import (
     NOISE_SOURCES,

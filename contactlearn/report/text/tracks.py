@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from contactlearn.apparatus import Measured
+from contactlearn.data.recordings.frame import Clue
+from contactlearn.data.recordings.result import REASONS, Reason, Refusal
 from contactlearn.data.tracks import Tracked
-from contactlearn.mechanics import GRAVITY
+from contactlearn.mechanics.apparatus import Measured
+from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.report.text.numbers import number
-from contactlearn.tracks.frame import Clue
-from contactlearn.tracks.result import REASONS, Reason, Refusal
 
 
 def tracks_summary(found: Tracked, out: Path, refused: Path) -> list[str]:

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
+from contactlearn.core.numerics import measured
 from contactlearn.diagnosis.result import Diagnosis, ErrorShares, MissingEffect, RungKind, Verdict
-from contactlearn.evaluation.metrics import Interval
-from contactlearn.numerics import measured
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.text import stages
 from contactlearn.report.text.modulation import depends
 from contactlearn.report.text.names import base_label, effect_label, listed, opened, sentence, shortened

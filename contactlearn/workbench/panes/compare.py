@@ -8,7 +8,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from contactlearn import laws
-from contactlearn.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.text import brief_interval, law_label
 from contactlearn.report.text.names import model_label
 from contactlearn.workbench.models import Compared, Fitted

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from contactlearn.audit.result import Finding
+from contactlearn.data.audit.result import Finding
 from contactlearn.report.text import sentence
 from contactlearn.report.text.stages import correct_setting
 from contactlearn.workbench.panes import compare, fails, hints, missing, model, saved

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dash import dcc, html
 from dash.development.base_component import Component
 
+from contactlearn.core.numerics import is_number, measured
 from contactlearn.diagnosis.noise import NoiseFloor
 from contactlearn.effects import Effect, Parameter, catalogue
-from contactlearn.evaluation.metrics import Interval
-from contactlearn.numerics import is_number, measured
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.text import brief_interval, effect_label, label, law_label
 from contactlearn.report.text.names import NOISE_SOURCES
 from contactlearn.workbench.lines import EXAMPLE, name_of

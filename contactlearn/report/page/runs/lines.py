@@ -4,8 +4,8 @@ from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from contactlearn.evaluation.metrics import Interval
-from contactlearn.numerics import is_number
+from contactlearn.core.numerics import is_number
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.figures.style import BOUNDS, MODEL_STYLE, STYLES
 from contactlearn.report.page.runs.rows import HASH, LAW, Row
 from contactlearn.report.page.runs.settings import Settings

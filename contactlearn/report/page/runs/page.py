@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import EffectId
-from contactlearn.errors import ContactLearnError
-from contactlearn.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.page.page import FILE, render, save
 from contactlearn.report.page.runs.lines import learning_lines
 from contactlearn.report.page.runs.reading import Progress, absolute, read_runs, silent

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from contactlearn.errors import ContactLearnError
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.report.page.runs.rows import Row, printable, read_row
 from contactlearn.results.folder import FILES, find_results
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import EffectId
-from contactlearn.errors import ContactLearnError
-from contactlearn.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.figures.style import BOUNDS
 from contactlearn.report.text import base_label, conclusion, rung_label
 from contactlearn.results import folder

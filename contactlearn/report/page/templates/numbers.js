@@ -1,5 +1,5 @@
 "use strict";
-// The mechanics of one impact: as in contactlearn/mechanics.py and metrics.py.
+// The mechanics of one impact: as in contactlearn/mechanics/rigid_body.py and metrics.py.
 const measured = i => [trials.vx_post[i], trials.vy_post[i], trials.omega_post[i]];
 const before = i => [trials.vx[i], trials.vy[i], trials.omega[i]];
 const predicted = (model, i) => [0, 1, 2].map(k => arrays.v_post(model, i, k));

@@ -1,0 +1,117 @@
+"""The impacts command: recordings to a table of impacts, and beside it a table of refusals, figures, and a page."""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+from omegaconf import DictConfig, OmegaConf
+
+from contactlearn.cli.commands.plain import plain_values
+from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.core.numerics import written_whole
+from contactlearn.data import table, tracks
+from contactlearn.data.recordings.result import Reason, Refusal
+from contactlearn.data.recordings.survey import Survey
+from contactlearn.report import terminal
+from contactlearn.report.figures import style
+from contactlearn.report.figures.tracks import contact_figure, refused_figure, residuals_figure
+from contactlearn.report.page.recordings import write_recordings_page
+from contactlearn.report.text.tracks import tracks_summary
+
+_CONTACTS, _REFUSED = 3, 24  # recordings that are drawn
+_LONGEST = 60  # characters of a recording's name in the name of a file
+
+
+def write_impacts(cfg: DictConfig, out: Path) -> str:
+    """Find the impacts of recordings and write them; return what was found, in words.
+
+    Settings are named as this command has them, without `data.`.
+
+    Args:
+        cfg: the `data` part of a configuration with data=tracks.
+        out: a .csv or .parquet file; NAME.refused.csv beside it holds the refusals, NAME.recordings.html shows all.
+
+    Raises:
+        ContactLearnError: a setting is missing.
+        DataError: see `contactlearn.data.tracks.find_impacts`; or a file cannot be written.
+    """
+    try:
+        return _written(cfg, out)
+    except ContactLearnError as error:
+        error.args = (own_names(str(error), map(str, cfg)),)
+        raise
+
+
+def own_names(text: str, settings: Iterable[str]) -> str:
+    """Return words about settings of data as the command impacts names them, without `data.`."""
+    return re.sub(rf"(?<![\w./])data\.(?=(?:{'|'.join(settings)})\b)", "", text)
+
+
+def _written(cfg: DictConfig, out: Path) -> str:
+    """What `write_impacts` does and says; errors have the names of any other command."""
+    for missing in sorted(OmegaConf.missing_keys(cfg)):
+        raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data/tracks.yaml")
+    table.check_suffix(out)
+    entries = plain_values(cfg)
+    body = {name: entries.pop(name) for name in ("mass", "shape", "inertia", "centre")}
+    path = Path(entries.pop("path"))
+    try:
+        options = tracks.track_options(**{key: x for key, x in entries.items() if key not in ("_target_", "correct")})
+    except TypeError as error:  # a setting that the source does not have
+        raise ContactLearnError(f"impacts: {error}") from None
+    with terminal.progress() as bar:
+        found = tracks.find_impacts(
+            path,
+            **body,
+            options=options,
+            progress=lambda parts: bar.track(parts, description="searching recordings"),
+        )
+    found = replace(found, survey=_renamed(found.survey, cfg))
+    table.save(found.impacts, out)
+    refused = out.with_name(f"{out.stem}.refused.csv")
+    save_refusals(found.survey.refusals, refused)
+    figures = draw_recordings(found, out.with_name(f"{out.stem}_figures"))
+    page = write_recordings_page(out.with_name(f"{out.stem}.recordings.html"), found)
+    return "\n".join([*tracks_summary(found, out, refused), f"figures  {figures}", f"page     {page}"])
+
+
+def _renamed(survey: Survey, cfg: DictConfig) -> Survey:
+    """What recordings hold, with the command's names of settings in the words about what was refused."""
+    refusals = (replace(one, message=own_names(one.message, map(str, cfg))) for one in survey.refusals)
+    return replace(survey, refusals=tuple(refusals))
+
+
+def draw_recordings(found: tracks.Tracked, folder: Path) -> Path:
+    """Draw a few contacts, refused recordings and the residuals into a folder."""
+    contacts = {contact.recording: contact for contact in reversed(found.survey.contacts)}
+    accepted = list(contacts)[-_CONTACTS:]
+    refused = [r.recording for r in found.survey.refusals if r.reason not in (Reason.REST, Reason.NOT_READ)]
+    shown = {*accepted, *dict.fromkeys(refused[:_REFUSED])}
+    founds = {one.track.name: one for one in found.again(shown)}
+    for name in accepted:
+        style.save(
+            contact_figure(founds[name], contacts[name], found.shape),
+            folder,
+            "contact_" + re.sub(r"[^\w.-]", "_", name)[:_LONGEST],
+        )
+    if refused:
+        style.save(refused_figure([founds[name] for name in dict.fromkeys(refused[:_REFUSED])]), folder, "refused")
+    style.save(residuals_figure([*founds.values()]), folder, "residuals")
+    return folder
+
+
+def save_refusals(refusals: Sequence[Refusal], path: Path) -> None:
+    """Write a row for each refusal.
+
+    Raises:
+        DataError: the file cannot be written.
+    """
+    columns = ("recording", "reason", "quantity", "value", "unit", "from", "to", "message")
+    rows = [(r.recording, r.reason.value, r.quantity, r.value, r.unit, *r.time, r.message) for r in refusals]
+    try:
+        with written_whole(path) as part:
+            pd.DataFrame(rows, columns=list(columns)).to_csv(part, index=False)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be written: {error}") from error

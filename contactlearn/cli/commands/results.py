@@ -1,0 +1,158 @@
+"""Results of a run as their types: where it writes, where they come from, and fits as plain numbers."""
+
+import platform
+import shlex
+import sys
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+import torch
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+import contactlearn
+from contactlearn.cli.commands import settings
+from contactlearn.cli.commands.plain import plain_values
+from contactlearn.core import devices
+from contactlearn.data.blocks import Blocks
+from contactlearn.diagnosis.result.effects import FittedParameter
+from contactlearn.effects import Effect, EffectId
+from contactlearn.inference.evaluation import metrics
+from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.sums import ErrorSums
+from contactlearn.inference.identification.joint import JointFit
+from contactlearn.inference.identification.known import known_parameters
+from contactlearn.inference.identification.shared import SharedFit
+from contactlearn.inference.learning.recipe import TARGETS, Recipe
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.features import SPACES
+from contactlearn.models.regressor import Regressor
+from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate
+from contactlearn.results.evaluation import BEST_POST_HOC, IRB
+from contactlearn.results.provenance import DataSource, Provenance
+
+
+def command_line() -> str:
+    """Return the command of this run."""
+    job = HydraConfig.get()
+    return shlex.join([*called(job.job.name), *job.overrides.task])
+
+
+def called(command: str) -> list[str]:
+    """Return the words that call a command in the way in which this run was called: as a script or by the package."""
+    by_package = Path(sys.argv[0]).name.startswith("contactlearn")
+    return ["python", "-m", "contactlearn", command] if by_package else ["python", f"{command}.py"]
+
+
+def run_folder() -> Path:
+    """Return the folder that this run writes to."""
+    return Path(HydraConfig.get().runtime.output_dir)
+
+
+def provenance(data: Impacts | Blocks, cfg: DictConfig) -> Provenance:
+    """Say which data, code, configuration and command give the result of this run."""
+    blocks = Blocks.of(data) if isinstance(data, Impacts) else data
+    packages = {name: version(name) for name in ("torch", "gpytorch", "numpy")}
+    return Provenance(
+        data=DataSource(source=blocks.source, trials=blocks.trials, sha256=blocks.sha256),
+        versions={"contactlearn": contactlearn.__version__, "python": platform.python_version(), **packages},
+        config=plain_values(cfg),
+        command=command_line(),
+        device=devices.described(settings.device(cfg)),
+    )
+
+
+def effect_ids(effects: Mapping[str, Effect]) -> tuple[EffectId, ...]:
+    """Return the names and forms of the effects of a model."""
+    return tuple(EffectId(name, effect.form) for name, effect in effects.items())
+
+
+def law_estimate(fit: SharedFit) -> LawEstimate:
+    """Return the parameters of a law, fitted to subsets, as numbers."""
+    (mu, eps), (mu_std, eps_std) = fit.mean(), fit.std()
+    several = len(fit.mu) > 1
+    return LawEstimate(
+        law=fit.law.name,
+        variant=fit.law.variant,
+        options=dict(fit.law.options),
+        trials=fit.sizes[-1],
+        repetitions=len(fit.mu),
+        mu=mu,
+        mu_std=mu_std if several else None,
+        eps=eps,
+        eps_std=eps_std if several else None,
+        cost=fit.cost[:, -1].mean().item(),
+        mu_range=tuple(fit.mu_range[:, -1].mean(0).tolist()),
+        eps_range=tuple(fit.eps_range[:, -1].mean(0).tolist()),
+        mu_undetermined=fit.mu_flat[:, -1].double().mean().item(),
+    )
+
+
+def joint_estimate(fit: JointFit) -> JointEstimate:
+    """Return a law with effects, fitted to one subset, as numbers."""
+    numbers = zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True)
+    return JointEstimate(
+        law=fit.model.law.name,
+        effects=effect_ids(fit.model.effects),
+        equation=str(fit.model),
+        parameters=tuple(
+            FittedParameter(name=p.name, symbol=p.symbol, unit=p.unit, value=value, standard_error=error)
+            for p, value, error in numbers
+        ),
+        correlation=tuple(map(tuple, fit.correlation.tolist())),
+        undetermined=fit.undetermined(),
+        at_bounds=fit.at_bounds(),
+        loss=fit.loss.item(),
+        starts_at_best=fit.agreement.item(),
+        converged=bool(fit.converged),
+        trials=len(fit.weight),
+        outliers=fit.outliers,
+        known=known_parameters(fit),
+    )
+
+
+def process_estimates(recipe: Recipe, regressor: Regressor) -> tuple[ProcessEstimate, ...]:
+    """Return the hyperparameters of each output's process, spread and noise in the output's unit."""
+    training, spread = regressor.training, regressor.outputs.spread[0]
+    entries = []
+    for o, (output, unit) in enumerate(TARGETS[recipe.target].items()):
+        *lengths, scale, noise = regressor.gps.hyperparameters()[o].tolist()
+        entry = ProcessEstimate(
+            output=output,
+            unit=unit,
+            length_scales=dict(zip(SPACES[recipe.features].columns, lengths, strict=True)),
+            spread=scale**0.5 * spread[o].item(),
+            noise=noise**0.5 * spread[o].item(),
+            loss=training.loss[o].item(),
+            converged=bool(training.converged[o]),
+            evaluations=int(training.evaluations[o]),
+        )
+        entries.append(entry)
+    return tuple(entries)
+
+
+def error_table(sums: ErrorSums, resamples: int, generator: torch.Generator) -> dict[str, ModelErrors]:
+    """Return the errors of every model; all models and metrics have the same resamples of the trials."""
+    state = generator.get_state()
+    table = {}
+    for name in sums.models:
+        intervals = {}
+        for key in metrics.METRICS:
+            generator.set_state(state)
+            intervals[key] = sums.interval(key, name, generator, resamples)
+        table[name] = ModelErrors(**intervals, outside_admissible=sums.outside_admissible(name))
+    return table
+
+
+def ranked(sums: ErrorSums) -> tuple[str, dict[str, Interval]]:
+    """Compare the models by their mass error on the same trials.
+
+    Returns:
+        The model with the least mean error, bounds aside; and the error of each other model less that of the best,
+        paired by trial, with its interval, the smallest mean first.
+    """
+    models = [name for name in sums.models if name not in (BEST_POST_HOC, IRB)]
+    best, *others = sorted(models, key=lambda name: sums.mean(metrics.HEADLINE, name))
+    generator = torch.Generator().manual_seed(0)
+    return best, {name: sums.difference(metrics.HEADLINE, name, best, generator) for name in others}

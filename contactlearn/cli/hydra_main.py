@@ -1,0 +1,193 @@
+"""The doors: commands that parse a Hydra configuration and hand it to `contactlearn.cli.commands`.
+
+Nothing heavy is imported before a configuration is complete, so `--help` is fast.
+"""
+
+import functools
+import gc
+import logging
+import os
+import re
+import sys
+import warnings
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from string import Template
+from textwrap import fill
+from types import ModuleType
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from contactlearn.cli.configuration import CONFIGS, check_choices, check_settings, choices, explained
+from contactlearn.cli.trust import check_targets, nothing_foreign, readable_words
+from contactlearn.core.errors import ContactLearnError, harmless
+from contactlearn.core.signals import ending_well, stopped_afterwards
+
+# Our configurations of launchers have the names of those that their packages bring, whose types they are checked by.
+warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated against ConfigStore schema")
+
+logging.raiseExceptions = False  # a message of Hydra's that nobody reads any more
+
+_WIDTH = 80  # columns of help
+_FULL = "HYDRA_FULL_ERROR"
+
+
+def _run(job: Callable[[DictConfig], None], cfg: DictConfig) -> None:
+    """Run a job in its folder; an error that the user can mend is one message and exit status 2."""
+    import torch
+    from threadpoolctl import threadpool_limits
+
+    from contactlearn.cli.commands.job import run_job
+
+    # The tensors here are small: threads cost more than they give, and sweeps run jobs side by side.
+    if isinstance(cfg.threads, int) and cfg.threads > 0:  # settings.check refuses anything else
+        torch.set_num_threads(cfg.threads)
+        threadpool_limits(cfg.threads)  # the BLAS of NumPy and SciPy
+    logging.getLogger("fontTools").setLevel(logging.WARNING)  # it tells of every glyph that a PDF embeds
+    try:
+        run_job(job, cfg)
+    except ContactLearnError as error:
+        if HydraConfig.get().mode == RunMode.MULTIRUN:  # the sweep lists it at its end
+            raise
+        _end(f"error: {error}", 2)
+    if HydraConfig.get().mode == RunMode.MULTIRUN:
+        _settle()
+
+
+@functools.cache
+def _settle() -> None:
+    """After the first job of a sweep, let collections of garbage pass over what it has loaded; joblib makes many.
+
+    None is made here: Ctrl-C in the midst of one can be lost.
+    """
+    gc.freeze()
+
+
+@functools.cache
+def _app() -> ModuleType:
+    """Load the commands without collections of garbage, each of which would pass over all that is loaded so far."""
+    gc.disable()
+    try:
+        pass
+    finally:
+        gc.enable()
+    return app
+
+
+def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
+    """The door of a job: the configuration of its name, from the command line."""
+    run: Callable[[], None] = hydra.main(version_base="1.3", config_path=CONFIGS, config_name=job.__name__)(job)
+
+    @functools.wraps(job)
+    def door() -> None:
+        words = sys.argv[1:]
+        flags = {word for word in words if word.startswith("-")}
+        with ending_well(), _one_message(job.__name__):
+            if not flags & {"--config-dir", "-cd"}:
+                check_choices(words)
+            if flags and flags <= {"--help", "-h"}:
+                print(_help(job.__name__, [word for word in words if word not in flags]))
+            else:
+                with nothing_foreign():
+                    run()
+
+    return door
+
+
+@contextmanager
+def _one_message(command: str) -> Generator[None]:
+    """End with one message and status 2 for an error that the user can mend."""
+    asked = os.environ.get(_FULL)
+    os.environ[_FULL] = "1"  # Hydra hands exceptions on, and prints none itself
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except (ContactLearnError, HydraException, OmegaConfBaseException, OSError) as error:
+        if asked == "1":
+            raise
+        _end(f"error: {_said(error, command)}", 2)
+    finally:
+        os.environ.pop(_FULL) if asked is None else os.environ.update({_FULL: asked})
+
+
+def _said(error: Exception, command: str) -> str:
+    """An error in one line."""
+    if isinstance(error, ContactLearnError):
+        return str(error)
+    if isinstance(error, HydraException | OmegaConfBaseException):
+        return explained(error, command, sys.argv)
+    from contactlearn.cli.commands.job import reason
+
+    return reason(error)
+
+
+def _end(message: str, status: int) -> None:
+    print(harmless(message), file=sys.stderr)
+    sys.exit(status)
+
+
+def _help(config_name: str, overrides: list[str]) -> str:
+    """What Hydra prints for `--help`, folded, without its search for every group, which takes half of the time."""
+    cfg = compose(config_name, overrides, return_hydra_config=True)
+    ours = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
+    folders = (path for path in sorted(Path(CONFIGS).iterdir()) if path.is_dir() and path.name != "hydra")
+    named = (f"{folder.name}: {', '.join(choices(folder))}" for folder in folders)
+    groups = "".join(fill(line, _WIDTH - 1, subsequent_indent="  ") + "\n" for line in named)
+    template = "\n".join(map(_folded, cfg.hydra.help.template.splitlines()))
+    return Template(template).substitute(CONFIG=OmegaConf.to_yaml(ours), APP_CONFIG_GROUPS=groups)
+
+
+def _folded(line: str) -> str:
+    """A line of help in 80 columns: what stands behind a gap keeps its column; a command to copy stays in one piece."""
+    parts = re.fullmatch(r"( *)(\S.*?)(   *)(\S.*)", line)
+    if len(line) <= _WIDTH or (parts is None and line.lstrip().startswith("python ")):
+        return line
+    indent, first, gap, rest = parts.groups() if parts else (line[: -len(line.lstrip())], "", "", line.lstrip())
+    start = f"{indent}{first}{gap}"
+    if first.startswith("python "):
+        return f"{indent}{first}\n{fill(rest, _WIDTH, initial_indent=6 * ' ', subsequent_indent=6 * ' ')}"
+    return fill(rest, _WIDTH, initial_indent=start, subsequent_indent=" " * len(start), break_on_hyphens=False)
+
+
+@_command
+def train(cfg: DictConfig) -> None:
+    """Train one model."""
+    _run(_app().train, cfg)
+
+
+@_command
+def evaluate(cfg: DictConfig) -> None:
+    """Compare laws and learned models with the bounds."""
+    _run(_app().evaluate, cfg)
+
+
+@_command
+def diagnose(cfg: DictConfig) -> None:
+    """Find out which physical effect is missing."""
+    _run(_app().diagnose, cfg)
+
+
+def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool = False) -> DictConfig:
+    """A configuration composed as the commands compose theirs.
+
+    Raises:
+        ContactLearnError: a choice that its group lacks, a setting that the command does not have, or a class that a
+            file brought.
+    """
+    check_choices(overrides)
+    with (
+        stopped_afterwards(),
+        hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)),
+        readable_words(),
+    ):
+        cfg = hydra.compose(config_name, overrides, return_hydra_config=return_hydra_config)
+    check_settings(cfg, config_name)
+    check_targets(cfg, overrides)
+    return cfg

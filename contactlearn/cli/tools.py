@@ -1,0 +1,120 @@
+"""The commands that argparse parses, from their options to what they print; what each needs is imported in it alone.
+
+Raises:
+    ContactLearnError: what a user can mend.
+"""
+
+import argparse
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+
+def _data(command: str, words: Sequence[str]) -> "DictConfig":
+    """The `data` part of the configuration that words compose; a setting of anything else would do nothing."""
+    from contactlearn.cli.hydra_main import compose
+
+    cfg = compose("evaluate", list(words))
+    for word in words:
+        if word.lstrip("+~").partition("=")[0].partition(".")[0] != "data":
+            raise ContactLearnError(f"{command} takes data=… and data.KEY=… alone, got {word}")
+    return cfg.data
+
+
+def run_audit(options: argparse.Namespace) -> str:
+    """Return the findings of the audit of a table or of any data source."""
+    from pathlib import Path
+
+    from contactlearn.cli.commands.audit import audit_text
+
+    files = [word for word in options.words if "=" not in word or Path(word).is_file()]
+    if len(files) > 1:
+        raise ContactLearnError(f"one table is audited at a time, got {', '.join(files)}")
+    source = ["data=table"] if files else []
+    cfg = _data("audit", [*source, *(word for word in options.words if word not in files)])
+    if files:
+        cfg.path = files[0]
+    return audit_text(cfg)
+
+
+def run_export(options: argparse.Namespace) -> str:
+    """Write a data source to a table; say so."""
+    from contactlearn.cli.commands import load_data
+    from contactlearn.data import table
+
+    impacts = load_data(_data("export", options.overrides))
+    path = table.save(impacts, options.file)
+    return f"{len(impacts)} impacts from {impacts.source} written to {path}"
+
+
+def run_impacts(options: argparse.Namespace) -> str:
+    """Find the impacts in recordings and write them; return what was found."""
+    from pathlib import Path
+
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+
+    from contactlearn.cli.commands.impacts import own_names, write_impacts
+    from contactlearn.cli.configuration import explained
+    from contactlearn.cli.hydra_main import compose
+
+    every = [*map(str, compose("evaluate", ["data=tracks"]).data)]
+    known = [name for name in every if name not in ("_target_", "path", "correct")]  # which come otherwise, or later
+    words = [re.sub(r"^([+~]*)(data\.)?", r"\1data.", word) for word in options.overrides]
+    for word in words:
+        name = re.split(r"[.=]", word)[1]
+        if name not in known:
+            raise UnknownNameError("setting of impacts", name, known)
+    try:
+        data = compose("evaluate", ["data=tracks", *words]).data
+    except (HydraException, OmegaConfBaseException) as error:
+        raise ContactLearnError(own_names(explained(error, "evaluate", words), every)) from None
+    data.path = options.path
+    return write_impacts(data, Path(options.out))
+
+
+def run_reveal(options: argparse.Namespace) -> str:
+    """Return the sealed account of mystery drops."""
+    from contactlearn.report.text.sealed import account
+    from contactlearn.simulation.hidden_effects import reveal
+
+    return account(reveal(options.folder))
+
+
+def run_report(options: argparse.Namespace) -> str:
+    """Write the page of one run again, or one over several; say where it is."""
+    from pathlib import Path
+
+    from contactlearn.report import terminal
+    from contactlearn.report.page.redraw import has_page, redraw
+    from contactlearn.report.page.runs.page import write_runs
+    from contactlearn.report.page.runs.rows import printable
+
+    if options.out is None and len(options.folders) == 1 and has_page(Path(options.folders[0])):
+        return f"open     {printable(str(redraw(Path(options.folders[0]))))}"
+    with terminal.progress() as bar:
+        page, runs, skipped = write_runs(
+            options.folders, options.out, lambda items, task: bar.track(items, description=task)
+        )
+    lines = [f"left out {name}: {reason}" for name, reason in skipped]
+    counted = f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}"
+    counted += f", {len(skipped)} left out" if skipped else ""
+    return "\n".join([*lines, counted, f"open     {printable(str(page))}"])
+
+
+def run_results(options: argparse.Namespace) -> str:
+    """Write the table of all runs in some folders; say how many there are."""
+    from contactlearn.report import terminal
+    from contactlearn.report.results_table import write_table
+
+    with terminal.progress() as bar:
+        frame, skipped = write_table(
+            options.folders, options.out, lambda items, task: bar.track(items, description=task)
+        )
+    lines = [f"left out {name}: {reason}" for name, reason in skipped]
+    return "\n".join([*lines, f"{frame['run'].nunique()} runs, {len(frame)} rows written to {options.out}"])

@@ -1,0 +1,1 @@
+"""Foundations that know nothing of contact: errors, numbers, files, devices, processes, signals."""

@@ -1,0 +1,145 @@
+"""Numbers and files as every room needs them: constants of the normal distribution, angles, checks, texts, files.
+
+    Z_95, MAD_SCALE     quantile of a 95 % interval; standard deviations in a median absolute deviation
+    wrapped             an angle in (−π, π]
+    finite_number       a setting as a finite float, or a DataError that names its rule; `whole` likewise
+    is_number, is_whole the same as a test
+    random              float64 random numbers of a generator; `random_share` some of many trials, to hold them out
+    number, measured    a number as text; a value with its standard error and unit as text
+    written_whole       a file that appears whole or not at all
+
+Nothing here knows of contact.
+"""
+
+import math
+import os
+import re
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TypeGuard
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from contactlearn.core.errors import DataError
+
+Z_95 = 1.959964
+"""Half-width of a two-sided 95 % interval of a Gaussian in standard deviations: its 97.5 % quantile."""
+
+MAD_SCALE = 1.4826
+"""Standard deviations of a Gaussian in a median absolute deviation: 1/Φ⁻¹(3/4).
+
+Source: Hampel 1974, "The influence curve and its role in robust estimation", JASA 69(346).
+"""
+
+
+def wrapped(angle: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    """The angle in rad in (−π, π], atan2(sin θ, cos θ); differentiable, with slope 1."""
+    return torch.atan2(angle.sin(), angle.cos())
+
+
+def random(draw: Callable[..., Tensor], shape: tuple[int, ...], generator: torch.Generator) -> Float[Tensor, "*shape"]:
+    """float64 numbers of `torch.rand` or `torch.randn` from a generator."""
+    return draw(shape, generator=generator, dtype=torch.float64)
+
+
+def random_share(trials: int, share: float, generator: torch.Generator, source: str) -> Bool[Tensor, "trials"]:
+    """A random share of trials to hold out.
+
+    Raises:
+        DataError: none would be held out, or all; or no generator.
+    """
+    if not isinstance(generator, torch.Generator):
+        raise DataError(f"a generator is asked for, such as torch.Generator().manual_seed(0), got {generator!r}")
+    count = round(share * trials)
+    if not 0 < count < trials:
+        rest = "train" if count else "test"
+        raise DataError(f"{source}: cannot hold out a share {share} of {trials} trials, for none is left to {rest} on")
+    held_out = torch.zeros(trials, dtype=torch.bool)
+    held_out[torch.randperm(trials, generator=generator)[:count]] = True
+    return held_out
+
+
+def is_number(value: Any) -> TypeGuard[float]:
+    """Whether `value` is a finite number; a truth value is not, nor is text that reads as a number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def is_whole(value: Any, low: int = 0) -> TypeGuard[int]:
+    """Whether `value` is a whole number from `low` up; 3.0 is not, nor is a truth value."""
+    return isinstance(value, int) and not isinstance(value, bool) and value >= low
+
+
+def finite_number(name: str, value: Any, low: float, high: float = math.inf, *, above: bool = False) -> float:
+    """Return `value` as a finite float in [low, high], or greater than low if `above`.
+
+    Args:
+        name: the setting's name, for the message.
+        value: anything that `float` takes.
+        low: least value.
+        high: greatest value.
+        above: whether `low` itself is refused.
+
+    Raises:
+        DataError: the value is not a finite number or lies outside.
+    """
+    span = f"in [{low}, {high}]" if high < math.inf else f"{'greater than' if above else 'at least'} {low}"
+    try:
+        found = float(value)
+    except (TypeError, ValueError):
+        found = math.nan
+    if not (low < found if above else low <= found) or not found <= high or math.isinf(found):
+        raise DataError(f"{name} must be a finite number {span}, got {value!r}")
+    return found
+
+
+def whole(name: str, value: Any, low: int) -> int:
+    """Return `value`, a whole number in [low, 2⁶³).
+
+    Raises:
+        DataError: the value is not a whole number or lies outside.
+    """
+    if not is_whole(value, low) or not value < 2**63:
+        raise DataError(f"{name} must be an integer, at least {low}, got {value!r}")
+    return value
+
+
+def number(x: float, digits: int = 4) -> str:
+    """Write a number to significant digits; exponents are written as 3e−5."""
+    return re.sub(r"e([+−])0*", lambda e: "e" + e[1].strip("+"), f"{x:.{digits}g}".replace("-", "−"))
+
+
+def measured(value: float, standard_error: float | None, unit: str = "–") -> str:
+    """Write a value with the digits that its standard error leaves, the standard error, and the unit."""
+    if standard_error is None or not math.isfinite(standard_error) or standard_error == 0:
+        text = number(value) + (" ± 0" if standard_error == 0 else "")
+    elif standard_error > 10 * abs(value) + 0.1 or standard_error < 1e-6:  # no digit is known, or too many are
+        text = f"{number(value, 3)} ± {number(standard_error, 2)}"
+    else:
+        decimals = max(0, 1 - math.floor(math.log10(standard_error)))
+        text = f"{value:.{decimals}f} ± {standard_error:.{decimals}f}".replace("-", "−")
+    return text + (f" {unit}" if unit not in ("", "–") else "")
+
+
+@contextmanager
+def written_whole(path: str | os.PathLike[str]) -> Generator[Path]:
+    """Yield a path of the same file name in a hidden folder beside `path`; the file moves to `path` at the end.
+
+    A reader sees the old file or the new one, never a part of it; after an exception the old one stands and
+    nothing is left beside it.  The folder of `path` is made if there is none.
+
+        with written_whole("results.json") as part:
+            part.write_text(text, encoding="utf-8")
+
+    Raises:
+        OSError: the folder cannot be made or written.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=".saving-", dir=path.parent) as folder:
+        part = Path(folder) / path.name
+        yield part
+        os.replace(part, path)

@@ -1,0 +1,204 @@
+"""Consistency of the measurements with themselves: moment balance, energy, outliers, contradictions, without a model.
+
+Each question about a trial has as its answer a contradiction in [0, 1], which is 0 for a rigid planar impact on a floor
+below the body:
+
+    moment      I Δω = r_x P_n − r_y P_t with P = m Δv: the share of the terms that is left over
+    approach    v_n < 0 before contact           leaves      v_n ≥ 0 after it, within a fifth of |v_n|
+    push        P_n > 0: the floor does not pull
+    below       r_y < 0: the floor is below the centre of mass
+    friction    P_t is not along the slip both before and after; negligible P_t or slip hardly counts
+    energy      no more after than before, within a tenth
+    shape       r is the contact point of the body's shape at θ, where the shape is known
+    units       I/m agrees with r, speeds and lengths are those of a laboratory, |θ| is a few turns at most
+"""
+
+import math
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from contactlearn.core.numerics import MAD_SCALE
+from contactlearn.data.audit.columns import Columns
+from contactlearn.data.audit.thresholds import ConventionThresholds, OutlierThresholds
+from contactlearn.mechanics.bodies import each_body, lowest, shapes_among
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import contact_velocity
+from contactlearn.mechanics.shapes import Polygon, Shape
+
+
+class Torque(NamedTuple):
+    """Terms [..., n] of the moment balance spin = normal + tangential, all in rad/s.
+
+    `spin` is Δω, `normal` r_x P_n / I, `tangential` −r_y P_t / I, and `scale` |Δv| / ρ with ρ² = I/m: the spin that
+    the same momentum at one radius of gyration makes.
+    """
+
+    spin: Float[Tensor, "*batch n"]
+    normal: Float[Tensor, "*batch n"]
+    tangential: Float[Tensor, "*batch n"]
+    scale: Float[Tensor, "*batch n"]
+
+    @property
+    def residual(self) -> Float[Tensor, "*batch n"]:
+        """τ / I in rad/s: the part of the spin that no point contact makes."""
+        return self.spin - self.normal - self.tangential
+
+    @property
+    def imbalance(self) -> Float[Tensor, "*batch n"]:
+        """|residual| relative to the terms, in [0, 1]; a twentieth of `scale` is added to them, for tiny terms."""
+        size = self.spin.abs() + self.normal.abs() + self.tangential.abs() + 0.05 * self.scale
+        return (self.residual.abs() / size.clamp_min(torch.finfo(size.dtype).tiny)).clamp_max(1)
+
+    @property
+    def explained(self) -> Float[Tensor, "*batch"]:
+        """Share of Δω that the balance with coefficients +1 and +1 explains, by medians; ≤ 0 if none."""
+        residual, spin = (x.abs().median(-1).values for x in (self.residual, self.spin))
+        return 1 - (residual / spin.clamp_min(1e-300)) ** 2
+
+    @property
+    def inertia_factor(self) -> Float[Tensor, "*batch"]:
+        """Factor on I at which the moments balance; nan where no positive one fits.
+
+        It is the geometric mean of the slopes of r × P over I Δω and of I Δω over r × P, by least absolute deviations
+        through the origin: noise in neither biases it, and it is robust to outliers.
+        """
+        moment = self.normal + self.tangential
+        one, other = _slope(moment, self.spin), _slope(self.spin, moment)
+        return torch.where((one > 0) & (other > 0), (one / other).sqrt(), math.nan)
+
+
+def torque(impacts: Impacts | Columns) -> Torque:
+    """Compute the terms of the moment balance I Δω = r_x P_n − r_y P_t with P = m Δv."""
+    dv = impacts.v_post - impacts.v_pre
+    gyration = impacts.inertia / impacts.mass
+    normal, tangential = impacts.r[..., 0] * dv[..., 1] / gyration, -impacts.r[..., 1] * dv[..., 0] / gyration
+    return Torque(dv[..., 2], normal, tangential, dv[..., :2].norm(dim=-1) / gyration.sqrt())
+
+
+def _slope(y: Float[Tensor, "*batch n"], x: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch"]:
+    """Slope of y over x by least absolute deviations: the median of y/x, weighted by |x|; nan where x is 0."""
+    ratio, order = torch.where(x == 0, 0.0, y / x).sort(-1)
+    share = x.abs().gather(-1, order).cumsum(-1)
+    middle = torch.searchsorted(share, share[..., -1:] / 2).clamp_max(x.shape[-1] - 1)
+    return torch.where(share[..., -1] > 0, ratio.gather(-1, middle)[..., 0], math.nan)
+
+
+def kinetic_energy(impacts: Impacts | Columns) -> tuple[Float[Tensor, "*batch n"], Float[Tensor, "*batch n"]]:
+    """Compute the kinetic energy in J before and after contact."""
+    weight = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1)
+    before, after = (0.5 * (weight * v**2).sum(-1) for v in (impacts.v_pre, impacts.v_post))
+    return before, after
+
+
+def repeated(impacts: Impacts) -> Bool[Tensor, " n"]:
+    """Find the trials whose every pose and velocity equals, bit for bit, that of an earlier row."""
+    numbers = torch.cat((impacts.r, impacts.q, impacts.v_pre, impacts.v_post), -1) + 0.0  # −0 is 0
+    mixed = numbers.view(torch.int64) * torch.arange(1, 2 * numbers.shape[1], 2).pow(9)
+    _, which, count = (mixed ^ (mixed >> 29)).sum(-1).unique(return_inverse=True, return_counts=True)
+    seen: set[tuple[float, ...]] = set()
+    twice = torch.zeros(len(numbers), dtype=torch.bool)
+    for place in (count[which] > 1).nonzero()[:, 0].tolist():  # equal rows have equal sums, others hardly ever
+        row = tuple(numbers[place].tolist())
+        twice[place] = row in seen
+        seen.add(row)
+    return twice
+
+
+def gross_outliers(
+    impacts: Impacts, thresholds: OutlierThresholds = OutlierThresholds()
+) -> dict[str, Bool[Tensor, " n"]]:
+    """Find the trials that cannot be the impacts that they claim to be, by reason.
+
+    `moment`: the residual of the moment balance is gross; `energy`: the body gains too much; `approach`: the contact
+    point does not approach the floor; `mass`: the mass or inertia is not that of the same object's other trials.
+    """
+    terms, residual = torque(impacts), _least_residual(impacts)
+    before, after = kinetic_energy(impacts)
+    spread = MAD_SCALE * terms.residual.abs().median()
+    gross = residual > thresholds.moment_sigmas * spread
+    unlike = (_unlike(impacts, values, thresholds) for values in (impacts.mass, impacts.inertia))
+    return {
+        "moment": gross & (terms.imbalance > thresholds.imbalance),
+        "energy": after > thresholds.energy_ratio * before,
+        "approach": impacts.v_c[:, 1] >= 0,
+        "mass": torch.stack([*unlike]).any(0),
+    }
+
+
+def outliers(impacts: Impacts, thresholds: OutlierThresholds = OutlierThresholds()) -> Bool[Tensor, " n"]:
+    """Find the gross outliers of any reason."""
+    return torch.stack([*gross_outliers(impacts, thresholds).values()]).any(0)
+
+
+def _least_residual(impacts: Impacts) -> Float[Tensor, " n"]:
+    """|τ| / I at the given contact point or, for a polygon, at either of its two lowest corners.
+
+    A body that lands nearly flat may touch with the other corner, for which no measurement is to blame.
+    """
+    least, theta = torque(impacts).residual.abs(), impacts.q[:, 2]
+    if impacts.shape is None or not any(isinstance(one, Polygon) for one in shapes_among(impacts.shape).values()):
+        return least
+
+    def corners(shape: Shape) -> Float[Tensor, "n 4"]:
+        return torch.cat(shape.lowest_corners(theta) if isinstance(shape, Polygon) else (impacts.r, impacts.r), -1)
+
+    for r in each_body(impacts.shape, impacts.body, corners).chunk(2, -1):
+        least = least.minimum(torque(impacts.replace(r=r, suspect=True)).residual.abs())
+    return least
+
+
+def _unlike(impacts: Impacts, values: Float[Tensor, " n"], thresholds: OutlierThresholds) -> Bool[Tensor, " n"]:
+    """Trials with a value far from its object's median; where that is common, two bodies share a name."""
+    known = {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
+    objects = torch.tensor([known[name] for name in impacts.object])
+    unlike = torch.zeros(len(impacts), dtype=torch.bool)
+    order, counts = objects.argsort(stable=True), torch.bincount(objects).tolist()
+    for same in order.split(counts):
+        far = (values[same] / values[same].median()).log().abs() > math.log(thresholds.mass_ratio)
+        if far.sum() < thresholds.common * len(same):
+            unlike[same] = far
+    return unlike
+
+
+def contradictions(
+    impacts: Impacts | Columns, thresholds: ConventionThresholds = ConventionThresholds()
+) -> dict[str, Float[Tensor, "*batch n"]]:
+    """Compute the contradictions of each trial in [0, 1] by question; see the module for the questions."""
+    before, after = impacts.v_c, contact_velocity(impacts.r, impacts.v_post)
+    P = impacts.mass[..., None] * (impacts.v_post - impacts.v_pre)[..., :2]
+    slip = torch.stack((before[..., 0], after[..., 0]), -1)
+    along = (P[..., :1] * slip > 0).all(-1)
+    energy, rebound = kinetic_energy(impacts)
+    counts = (P[..., 0].abs() / (0.05 * P[..., 1].abs()).clamp_min(1e-300)).clamp_max(1)
+    length = impacts.r.norm(dim=-1)
+    answers = {
+        "moment": torque(impacts).imbalance,
+        "approach": (before[..., 1] >= 0).double(),
+        "leaves": (after[..., 1] < -0.2 * before[..., 1].abs()).double(),
+        "push": (P[..., 1] <= 0).double(),
+        "below": (impacts.r[..., 1] >= 0).double(),
+        "friction": along * counts * (slip.abs().amin(-1) / slip.abs().amax(-1).clamp_min(1e-300)),
+        "energy": (rebound > 1.1 * energy).double(),
+        "units": _implausible(impacts, thresholds)[..., None].expand_as(length),
+    }
+    if impacts.shape is not None:
+        off = (impacts.r - lowest(impacts.shape, impacts.body, impacts.q[..., 2])).norm(dim=-1)
+        answers["shape"] = (off / (0.5 * length).clamp_min(1e-300)).clamp_max(1)
+    return answers
+
+
+def _implausible(impacts: Impacts | Columns, thresholds: ConventionThresholds) -> Float[Tensor, "*batch"]:
+    """The most decades by which a quantity lies outside its plausible range, at most 1."""
+    length = impacts.r.norm(dim=-1).median(-1).values
+    gyration = (impacts.inertia / impacts.mass).median(-1).values / length.clamp_min(1e-300) ** 2
+    ratios = (
+        gyration / thresholds.gyration[1],
+        thresholds.gyration[0] / gyration,
+        impacts.v_pre[..., :2].norm(dim=-1).median(-1).values / thresholds.fastest,
+        length / thresholds.largest,
+        impacts.q[..., 2].abs().median(-1).values / thresholds.turned,
+    )
+    return torch.stack(ratios).amax(0).log10().clamp(0, 1)

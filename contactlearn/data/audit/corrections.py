@@ -1,0 +1,249 @@
+"""Named corrections of measurements: each a pure function from impacts to impacts, asked for by name.
+
+    data.correct=[mirrored_x]              corrections in the order in which they are applied
+    correct(impacts, ["mirrored_x"])       the same as a call
+
+A finding of the audit names the correction that undoes the mistake.  A correction is made only where it is asked for,
+and the source of the corrected impacts names it.  Most corrections are their own inverse (a mirror, a swap); those of
+units are factors.  What is known of the apparatus goes with the axes, and is forgotten where it makes no sense in
+others.  Three are estimated from the data: the factor on the moment of inertia, and which trials are
+duplicates or gross outliers.
+
+Rows with an empty cell never become impacts: `drop_incomplete` leaves them out as a table is read.
+Trials that gain energy have no correction: to drop them is to choose by the outcome, which biases every ε.
+A column swap of x and y leaves θ and ω as they are; axes that are turned by 90° are a swap and a mirror.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import torch
+from jaxtyping import Bool
+from torch import Tensor
+
+from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.data.audit import known
+from contactlearn.data.audit.columns import Columns
+from contactlearn.data.audit.consistency import outliers, repeated, torque
+from contactlearn.data.audit.thresholds import OutlierThresholds
+from contactlearn.mechanics.bodies import lowest
+from contactlearn.mechanics.impacts import Impacts
+
+_POSES, _VELOCITIES = ("q", "q_post"), ("v_pre", "v_post")
+_DEGREE = math.pi / 180
+
+
+@dataclass(frozen=True)
+class Correction:
+    """A mistake in the data, described as in a report, and the function that undoes it.
+
+    The limits of outliers are an argument of every function; all but `drop_outliers` ignore them.  `apparatus` is what
+    becomes of the knowledge of the apparatus.  One `of_all` looks at all trials together, and cannot go block by block.
+    """
+
+    description: str
+    function: Callable[[Impacts, OutlierThresholds], Impacts]
+    apparatus: known.Known = known.kept
+    of_all: bool = False
+
+
+def correct(
+    impacts: Impacts,
+    names: Sequence[str],
+    thresholds: OutlierThresholds = OutlierThresholds(),
+    *,
+    computed_contact: bool = False,
+) -> Impacts:
+    """Apply the named corrections in this order; the source of the result names them.
+
+    Impacts that are `suspect` stay so; the others are validated in full after the last correction.
+
+    Args:
+        impacts: measurements.
+        names: of `CORRECTIONS`.
+        thresholds: limits of the outliers that `drop_outliers` drops.
+        computed_contact: whether r was computed from shape and θ, and is so again after each correction.
+
+    Raises:
+        UnknownNameError: no such correction.
+        DataError: names that are not a list, a correction that the data does not allow, or impacts
+            that break a rule once corrected.
+    """
+    if isinstance(names, str):
+        raise DataError(f"corrections must be a list of names, such as [{names}], got {names!r}")
+    for name in names:
+        if name not in CORRECTIONS:
+            raise UnknownNameError("correction", str(name), CORRECTIONS)
+    if not names:
+        return impacts
+    corrected = impacts.replace(suspect=True)
+    for name in names:
+        corrected = CORRECTIONS[name].function(corrected, thresholds)
+        if computed_contact and corrected.shape is not None:
+            corrected = corrected.replace(r=lowest(corrected.shape, corrected.body, corrected.q[:, 2]))
+        if corrected.apparatus is not None:
+            corrected = corrected.replace(apparatus=CORRECTIONS[name].apparatus(corrected.apparatus))
+    return corrected.replace(suspect=impacts.suspect, source=f"{impacts.source} (corrected: {', '.join(names)})")
+
+
+def units_and_axes(columns: Columns, name: str) -> Columns:
+    """Apply a correction of units or axes to the columns of many hypotheses at once; the function is the same."""
+    return cast("Callable[[Columns, OutlierThresholds], Columns]", CORRECTIONS[name].function)(
+        columns, OutlierThresholds()
+    )
+
+
+def _multiplied(impacts: Impacts, factors: Sequence[float], *names: str) -> Impacts:
+    """Fields of `impacts`, those that it has, multiplied component by component, and their covariances with them."""
+    factor = torch.tensor(factors, dtype=torch.float64)
+    fields = {name: x * factor for name in names if (x := getattr(impacts, name)) is not None}
+    product = factor[:, None] * factor
+    return impacts.replace(
+        **fields, **{f"{name}_cov": x * product for name, x in _covariances(impacts) if name in names}
+    )
+
+
+def _covariances(impacts: Impacts | Columns) -> list[tuple[str, Tensor]]:
+    """The velocities whose errors are known, and their covariances; none of hypotheses."""
+    if isinstance(impacts, Columns):
+        return []
+    return [(name, x) for name in _VELOCITIES if (x := getattr(impacts, f"{name}_cov")) is not None]
+
+
+def _scaled(*fields: tuple[Sequence[float], Sequence[str]]) -> Callable[[Impacts, OutlierThresholds], Impacts]:
+    """A correction that multiplies fields, each group component by component."""
+
+    def scale(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+        for factors, names in fields:
+            impacts = _multiplied(impacts, factors, *names)
+        return impacts
+
+    return scale
+
+
+def _swapped_axes(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+    fields = {name: x for name in (*_POSES, *_VELOCITIES) if (x := getattr(impacts, name)) is not None}
+    order = [1, 0, 2]
+    turned = {f"{name}_cov": x[:, order][:, :, order] for name, x in _covariances(impacts)}
+    return impacts.replace(r=impacts.r.flip(-1), **{name: x[..., order] for name, x in fields.items()}, **turned)
+
+
+def _swapped_pre_post(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+    known = dict(_covariances(impacts))
+    errors = {"v_pre_cov": known.get("v_post"), "v_post_cov": known.get("v_pre")} if known else {}
+    swapped = impacts.replace(v_pre=impacts.v_post, v_post=impacts.v_pre, **errors)
+    return swapped if impacts.q_post is None else swapped.replace(q=impacts.q_post, q_post=impacts.q)
+
+
+def _in_grams(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+    return impacts.replace(mass=impacts.mass * 1e-3)
+
+
+def _inertia_scaled(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+    factor = torque(impacts).inertia_factor.item()
+    if not 0 < factor < math.inf:
+        raise DataError(
+            f"{impacts.source}: no positive moment of inertia balances the moments; correct the signs first"
+        )
+    return impacts.replace(inertia=impacts.inertia * factor)
+
+
+def _drop(impacts: Impacts, bad: Bool[Tensor, " n"]) -> Impacts:
+    if bool(bad.all()):
+        raise DataError(f"{impacts.source}: none of {len(impacts)} trials would be left")
+    return impacts[~bad]
+
+
+def _drop_duplicates(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+    return _drop(impacts, repeated(impacts))
+
+
+def _drop_outliers(impacts: Impacts, thresholds: OutlierThresholds) -> Impacts:
+    return _drop(impacts, outliers(impacts, thresholds))
+
+
+def _averaged(column: int) -> Callable[[Impacts, OutlierThresholds], Impacts]:
+    """A correction that replaces a component of v_pre by its mean."""
+
+    def average(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+        v_pre = impacts.v_pre.clone()
+        v_pre[:, column] = v_pre[:, column].mean()
+        covariance = None if impacts.v_pre_cov is None else impacts.v_pre_cov.clone()
+        if covariance is not None:  # the mean is as good as exact
+            covariance[:, column] = covariance[:, :, column] = 0
+        return impacts.replace(v_pre=v_pre, v_pre_cov=covariance)
+
+    return average
+
+
+def _ordered_by_time(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+    if impacts.time is None:
+        raise DataError(f"{impacts.source}: has no column time to order the trials by")
+    return impacts.replace(order=impacts.time.argsort(stable=True).argsort() + 1)
+
+
+CORRECTIONS = {
+    "swapped_pre_post": Correction(
+        "what is called before contact was measured after it: velocities and poses", _swapped_pre_post
+    ),
+    "mirrored_y": Correction(
+        "y points down: positions, velocities and the contact point",
+        _scaled(((1, -1, 1), (*_POSES, *_VELOCITIES)), ((1, -1), ("r",))),
+        known.mirrored_y,
+    ),
+    "swapped_axes": Correction(
+        "x and y are exchanged: positions, velocities, contact point",
+        _swapped_axes,
+        known.without("slope", "orientation"),
+    ),
+    "mirrored_x": Correction(
+        "x points left in positions and velocities, but not in θ, ω and the contact point, or θ and ω are clockwise",
+        _scaled(((-1, 1, 1), (*_POSES, *_VELOCITIES))),
+        known.mirrored_x,
+    ),
+    "mirrored_theta": Correction(
+        "θ and ω are positive clockwise",
+        _scaled(((1, 1, -1), (*_POSES, *_VELOCITIES))),
+        known.mirrored_theta,
+    ),
+    "mirrored_omega": Correction("ω is positive clockwise, θ is not", _scaled(((1, 1, -1), _VELOCITIES))),
+    "contact_point_sign": Correction("r points from the contact to the centre of mass", _scaled(((-1, -1), ("r",)))),
+    "contact_point_mirrored": Correction("x of the contact point points left", _scaled(((-1, 1), ("r",)))),
+    "degrees_omega": Correction("ω is in °/s", _scaled(((1, 1, _DEGREE), _VELOCITIES))),
+    "degrees_theta": Correction("θ is in degrees", _scaled(((1, 1, _DEGREE), _POSES)), known.without("orientation")),
+    "degrees": Correction(
+        "θ is in degrees and ω in °/s",
+        _scaled(((1, 1, _DEGREE), (*_POSES, *_VELOCITIES))),
+        known.without("orientation"),
+    ),
+    "millimetres": Correction(
+        "positions and the contact point are in mm",
+        _scaled(((1e-3, 1e-3, 1), _POSES), ((1e-3, 1e-3), ("r",))),
+        known.millimetres,
+    ),
+    "millimetres_velocity": Correction("velocities are in mm/s", _scaled(((1e-3, 1e-3, 1), _VELOCITIES))),
+    "grams": Correction("the mass is in g", _in_grams),
+    "inertia_scaled": Correction(
+        "the moment of inertia is off by the factor that the moment balance of the data asks for",
+        _inertia_scaled,
+        of_all=True,
+    ),
+    "drop_incomplete": Correction(
+        "trials of a table in which a number is missing: they are left out as it is read", lambda impacts, _: impacts
+    ),
+    "drop_duplicates": Correction("trials occur more than once: the first is kept", _drop_duplicates, of_all=True),
+    "drop_outliers": Correction("gross outliers, which cannot be what was measured", _drop_outliers, of_all=True),
+    "averaged_vx": Correction(
+        "v_x before impact varies by no more than its noise: its mean is used", _averaged(0), of_all=True
+    ),
+    "averaged_vy": Correction(
+        "v_y before impact varies by no more than its noise: its mean is used", _averaged(1), of_all=True
+    ),
+    "averaged_omega": Correction(
+        "ω before impact varies by no more than its noise: its mean is used", _averaged(2), of_all=True
+    ),
+    "ordered_by_time": Correction("the order of the trials is not that of their times", _ordered_by_time, of_all=True),
+}
+"""By name; the order is that in which several are applied where the audit proposes them together."""

@@ -1,0 +1,259 @@
+"""The audit: mistakes in the measurements themselves, found before any physics is fitted to them.
+
+    units, columns, axes      one finding for each correction of the best hypothesis of `conventions`
+    inertia_scaled            the moments balance, but for one factor on I, of more than 2.5
+    incomplete_trials         rows that were left out as the table was read: a note
+    duplicated_trials         rows that repeat an earlier one bit for bit
+    out_of_order              times that contradict the order of the trials
+    gross_outliers            trials that cannot be what was measured
+    energy_gained             more trials than noise explains leave with more energy than they came with
+    contact_point_off_shape   r is not where the body's shape touches the floor at θ
+    scale_off                 gravity in free flight is not 9.81 m/s²
+    apparatus                 what recordings tell without any impact: a note
+    impossible_speeds         faster than anything in a laboratory
+    moment_balance_open       the coefficients of the moment balance are not 1, and no hypothesis mends it
+    contradictions            the trials contradict themselves otherwise, and no hypothesis mends it
+    consistent                nothing of all this: a note with the coefficients of the moment balance
+    impossible                no hypothesis balances the moments, pushes and approaches: fatal
+
+Findings are about mistakes that a correction, or a look at the set-up, mends.  Physical effects (a tilted
+floor, a wrong centre of mass, a moment at the contact) leave them alone unless they are enormous.  Later
+findings are made on the data as the earlier ones would correct it; nothing is corrected here.
+"""
+
+import math
+from dataclasses import replace
+
+import torch
+
+from contactlearn.data.audit.apparatus_findings import apparatus_notes, scale_findings
+from contactlearn.data.audit.consistency import gross_outliers, kinetic_energy, outliers, repeated
+from contactlearn.data.audit.convention_findings import (
+    balance_findings,
+    consistent_note,
+    convention_findings,
+    impossible_findings,
+    inertia_findings,
+)
+from contactlearn.data.audit.conventions import compare
+from contactlearn.data.audit.corrections import correct
+from contactlearn.data.audit.result import Evidence, Finding
+from contactlearn.data.audit.thresholds import AuditThresholds
+from contactlearn.mechanics.bodies import body_code, lowest, shapes_among
+from contactlearn.mechanics.impacts import Impacts
+
+_LISTED = 5  # values that a sentence names
+_QUICK = 500  # trials of a quick audit
+_COMPARED = 20_000  # trials on which hypotheses about units and axes are compared, at most; the rest is of all trials
+
+
+def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> tuple[Finding, ...]:
+    """Find the mistakes in the measurements, most fundamental first, or note that they are consistent.
+
+    The impacts may be `suspect`.  The corrections of all findings, in their order, are what
+    `data.correct=[…]` takes.
+    """
+    findings = incomplete_findings(impacts) + duplicate_findings(impacts)
+    sound = impacts.replace(suspect=True)[~repeated(impacts)]
+    notes = apparatus_notes(impacts)
+    if len(sound) < thresholds.fewest_trials:
+        return (*findings, *_of_trials(sound, thresholds), *notes)
+    comparison = compare(_some(sound), thresholds.conventions)
+    fatal = impossible_findings(comparison, thresholds)
+    if fatal:
+        return (*fatal, *findings, *order_findings(sound, thresholds), *notes)
+    sound = comparison.best.impacts if len(sound) <= _COMPARED else correct(sound, comparison.best.names)
+    scaled = inertia_findings(sound, thresholds.conventions)
+    if scaled:
+        sound = correct(sound, ["inertia_scaled"])
+    of_trials = _of_trials(sound, thresholds)
+    unbalanced = balance_findings(sound, comparison, thresholds, explained=bool(of_trials))
+    corrected = [*convention_findings(comparison), *scaled]
+    if any(finding.name == "moment_balance_open" and finding.mistake for finding in unbalanced):
+        corrected = [_not_recommended(finding) for finding in corrected]
+    findings = [*corrected, *unbalanced, *findings, *of_trials]
+    return (*(findings or [consistent_note(sound, thresholds)]), *notes)
+
+
+def _not_recommended(finding: Finding) -> Finding:
+    """A mistake whose correction leaves the moment balance open: it is no mistake, or not the only one."""
+    sentence = f"{finding.sentence}; the moment balance does not close with this either, so it is not recommended"
+    return replace(finding, sentence=sentence, correction=None)
+
+
+def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> tuple[Finding, ...]:
+    """Find the mistakes in the measurements from a few hundred of them, spread evenly; notes are left out.
+
+    Repeated trials and their order are looked at in all of them.
+    """
+    found = [*duplicate_findings(impacts), *order_findings(impacts, thresholds)]
+    sound = impacts.replace(suspect=True, time=None)[~repeated(impacts)]  # times of some say nothing about the order
+    rows = torch.linspace(0, len(sound) - 1, min(len(sound), _QUICK)).round().long()
+    found = (*audit(sound[rows], thresholds), *found)
+    return tuple(finding for finding in found if finding.mistake)
+
+
+def _some(impacts: Impacts) -> Impacts:
+    """As many trials as hypotheses are compared on, since each of them is a table of its own."""
+    if len(impacts) <= _COMPARED:
+        return impacts
+    rows = torch.randperm(len(impacts), generator=torch.Generator().manual_seed(0))[:_COMPARED]
+    return impacts[rows.sort().values]
+
+
+def _of_trials(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """Findings that need no comparison of hypotheses."""
+    findings = scale_findings(impacts, thresholds) + speed_findings(impacts, thresholds)
+    findings += outlier_findings(impacts, thresholds)
+    good = ~outliers(impacts, thresholds.outliers)
+    if good.any():
+        findings += energy_findings(impacts[good], thresholds) + shape_findings(impacts[good], thresholds)
+    return findings + order_findings(impacts, thresholds)
+
+
+def incomplete_findings(impacts: Impacts) -> list[Finding]:
+    """Trials that were left out as the table was read, since a number of theirs is missing; a note."""
+    left_out = impacts.incomplete
+    if not left_out:
+        return []
+    names = ", ".join(map(repr, left_out[:_LISTED])) + (", …" if len(left_out) > _LISTED else "")
+    sentence = (
+        f"{len(left_out)} of {len(impacts) + len(left_out)} trials of the table were left out, since a number of each "
+        f"is missing: {names}"
+    )
+    evidence = (
+        Evidence(quantity="trials", value=float(len(left_out)), unit="trials"),
+        Evidence(quantity="names", value=", ".join(left_out)),
+    )
+    return [Finding(name="incomplete_trials", sentence=sentence, evidence=evidence, mistake=False)]
+
+
+def duplicate_findings(impacts: Impacts) -> list[Finding]:
+    """Rows that repeat an earlier one bit for bit."""
+    twice = repeated(impacts)
+    count = int(twice.sum())
+    if not count:
+        return []
+    first = impacts.trial[int(twice.nonzero()[0, 0])]
+    sentence = f"{count} of {len(impacts)} trials repeat an earlier one to the last digit, the first is {first!r}"
+    evidence = (
+        Evidence(quantity="trials", value=float(count), unit="trials"),
+        Evidence(quantity="share", value=count / len(impacts)),
+        Evidence(quantity="first", value=first),
+    )
+    return [Finding(name="duplicated_trials", sentence=sentence, evidence=evidence, correction="drop_duplicates")]
+
+
+def order_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """Times that contradict the order of the trials; a time within each recording cannot, only a common clock."""
+    if impacts.time is None or len(impacts) < 3:
+        return []
+    time = impacts.time[impacts.order.argsort(stable=True)]
+    back = (time.diff() < 0).double().mean().item()
+    rank = time.argsort().argsort().double()
+    agreement = torch.corrcoef(torch.stack((rank, torch.arange(len(rank), dtype=rank.dtype))))[0, 1].item()
+    long = (time.max() - time.min()).item() > thresholds.seconds_per_trial * len(time)
+    if not back or not (long or abs(agreement) > thresholds.rank_correlation):
+        return []
+    sentence = (
+        f"the order of the trials is not that of their times: time runs back in {back:.0%} of steps "
+        f"(rank correlation {agreement:+.2f})"
+    )
+    evidence = (Evidence(quantity="back", value=back), Evidence(quantity="rank_correlation", value=agreement))
+    return [Finding(name="out_of_order", sentence=sentence, evidence=evidence, correction="ordered_by_time")]
+
+
+def outlier_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """Trials that cannot be what was measured, by reason."""
+    by_reason = gross_outliers(impacts, thresholds.outliers)
+    reasons = {name: count for name, bad in by_reason.items() if (count := float(bad.sum()))}
+    bad = torch.stack([*by_reason.values()]).any(0)
+    count, share = int(bad.sum()), bad.double().mean().item()
+    if not count:
+        return []
+    said = ", ".join(f"{name} {n:.0f}" for name, n in reasons.items())
+    first = impacts.trial[int(bad.nonzero()[0, 0])]
+    sentence = (
+        f"{count} of {len(impacts)} trials ({share:.1%}) cannot be what was measured ({said}), the first is {first!r}"
+    )
+    few = share <= thresholds.dropped_share
+    if not few:
+        sentence += "; too many to be dropped"
+    evidence = (
+        Evidence(quantity="trials", value=float(count), unit="trials"),
+        Evidence(quantity="share", value=share),
+        Evidence(quantity="first", value=first),
+        *(Evidence(quantity=reason, value=n, unit="trials") for reason, n in reasons.items()),
+    )
+    correction = "drop_outliers" if few else None
+    return [Finding(name="gross_outliers", sentence=sentence, evidence=evidence, correction=correction)]
+
+
+def speed_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """Speeds of the body, or of its contact point about the centre of mass, that no laboratory makes."""
+    limit = thresholds.conventions.fastest
+    lengths = impacts.r.norm(dim=-1, keepdim=True)
+    speeds = {
+        name: torch.stack((v[:, :2].norm(dim=-1), (v[:, 2:] * lengths)[:, 0].abs()), -1)
+        for name, v in (("before", impacts.v_pre), ("after", impacts.v_post))
+    }
+    fast = torch.cat([*speeds.values()], -1) > limit
+    if not fast.any():
+        return []
+    rows, columns = fast.nonzero().T
+    velocities = torch.cat((impacts.v_pre, impacts.v_post), -1)
+    seen = []
+    for row, column in zip(rows[:_LISTED].tolist(), columns[:_LISTED].tolist(), strict=True):
+        when, (v_x, v_y, omega) = ("before", "after")[column // 2], velocities[row].view(2, 3)[column // 2].tolist()
+        value = f"ω = {omega:.3g} rad/s" if column % 2 else f"|v| = {math.hypot(v_x, v_y):.3g} m/s"
+        seen.append(f"row {row + 1} (trial {impacts.trial[row]!r}) {value} {when} impact")
+    more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
+    sentence = (
+        f"speeds above {limit:g} m/s, of the centre of mass or of the contact point about it, in "
+        f"{int(fast.any(-1).sum())} of {len(impacts)} trials: {'; '.join(seen)}{more}; are these the columns' units?"
+    )
+    fastest = torch.cat([*speeds.values()], -1).max().item()
+    evidence = (
+        Evidence(quantity="trials", value=float(fast.any(-1).sum()), unit="trials"),
+        Evidence(quantity="fastest", value=fastest, unit="m/s"),
+        Evidence(quantity="rows", value=", ".join(str(row + 1) for row in sorted({*rows.tolist()})[:_LISTED])),
+    )
+    return [Finding(name="impossible_speeds", sentence=sentence, evidence=evidence)]
+
+
+def energy_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """More trials than noise explains leave with more energy than they came with."""
+    before, after = kinetic_energy(impacts)
+    share = (after > thresholds.energy_gain * before).double().mean().item()
+    if share <= thresholds.energy_share:
+        return []
+    ratio = (after / before).median().item()
+    sentence = (
+        f"{share:.0%} of trials leave with at least a quarter more kinetic energy than they came with (median ratio "
+        f"{ratio:.2f}): is the floor driven, or are speeds before contact taken too early?"
+    )
+    evidence = (Evidence(quantity="share", value=share), Evidence(quantity="median_ratio", value=ratio))
+    return [Finding(name="energy_gained", sentence=sentence, evidence=evidence)]
+
+
+def shape_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """Contact points that are not where the body's shape touches the floor at θ: of all, or of the worst body."""
+    if impacts.shape is None:
+        return []
+    expected = lowest(impacts.shape, impacts.body, impacts.q[:, 2])
+    off, length = (impacts.r - expected).norm(dim=-1), impacts.r.norm(dim=-1)
+    shapes = shapes_among(impacts.shape)
+    trials = {name: impacts.body == body_code(name) if name else off >= 0 for name in shapes}
+    medians = {name: (off / length)[rows].median().item() for name, rows in trials.items() if rows.any()}
+    worst = max(medians, key=lambda name: medians[name])
+    median, rows = medians[worst], trials[worst]
+    if median <= thresholds.contact_point_off:
+        return []
+    ratio = (length / expected.norm(dim=-1))[rows].median().item()
+    sentence = (
+        f"the contact points{worst and f' of {worst!r}'} are not those of {shapes[worst]} at θ: {median:.0%} of |r| "
+        f"off in the median ({1e3 * off[rows].median():.3g} mm; |r| is {ratio:.3g} times the shape's); is it given in "
+        "metres, and is θ measured from its axes?"
+    )
+    evidence = (Evidence(quantity="off", value=median), Evidence(quantity="length_ratio", value=ratio))
+    return [Finding(name="contact_point_off_shape", sentence=sentence, evidence=evidence)]

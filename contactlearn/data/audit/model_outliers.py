@@ -1,0 +1,123 @@
+"""Outliers of a fitted model: trials that it makes all but impossible, and spins of the wrong sign.
+
+The residual of v_post has a multivariate Student's t distribution, whose scatter and degrees of freedom are fitted to
+it, so that heavy tails are no outliers.  Where covariances are stated, residuals are in units of them (`noise_weight`).
+A trial is one
+
+    where fewer than `false_outliers` trials of the whole table would have so large a residual by chance, or
+    where another sign of ω before or after impact makes it so much more likely that fewer would by chance: the ratio of
+    the densities exceeds its threshold c in at most 1/c of ordinary trials (Markov), whatever their distribution.
+"""
+
+import math
+from collections.abc import Callable
+
+import torch
+from jaxtyping import Bool, Float
+from scipy.special import fdtrc
+from torch import Tensor
+
+from contactlearn.data.audit.result import Evidence, Finding
+from contactlearn.data.audit.thresholds import OutlierThresholds
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.noise_weight import noise_weight
+
+_FREEDOM = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 100.0)  # of the t distributions that are tried
+_ROUNDS = 30
+_LISTED = 5  # trials that a sentence names
+_FLIPPED = {"spin after": "after", "spin before": "before"}
+
+
+def outliers_of(
+    impacts: Impacts,
+    predict: Callable[[Impacts], Float[Tensor, "n 3"]],
+    thresholds: OutlierThresholds = OutlierThresholds(),
+) -> Finding | None:
+    """Find the outliers of a model; None where there are none.
+
+    Args:
+        impacts: measurements.
+        predict: v_post in (m/s, m/s, rad/s) by the model, of impacts.
+        thresholds: with the number of false outliers that is expected in a table.
+    """
+    residual, weight = impacts.v_post - predict(impacts), noise_weight(impacts, "velocity")
+    weight = torch.ones_like(residual) if weight is None else weight
+    centre, scatter, freedom = _fitted(weight * residual)
+    distance = _distance(weight * residual - centre, scatter)
+    chance = torch.from_numpy(fdtrc(3, freedom, (distance / 3).numpy()))
+    far = chance * len(impacts) < thresholds.false_outliers
+    flips = _flipped(impacts, predict)
+    gains = torch.stack([_gain(distance, _distance(weight * one - centre, scatter), freedom) for one in flips.values()])
+    wrong = gains > math.log(len(flips) * len(impacts) / thresholds.false_outliers)
+    bad = far | wrong.any(0)
+    if not bad.any():
+        return None
+    which = gains.argmax(0)
+    signs = {row: list(_FLIPPED)[which[row]] for row in wrong.any(0).nonzero()[:, 0].tolist()}
+    return _finding(impacts, residual, bad, signs, freedom)
+
+
+def _finding(
+    impacts: Impacts, residual: Float[Tensor, "n 3"], bad: Bool[Tensor, " n"], signs: dict[int, str], freedom: float
+) -> Finding:
+    """The outliers in words, those with a spin of the wrong sign first."""
+    rows = bad.nonzero()[:, 0].tolist()
+    said = []
+    for row in sorted(rows, key=lambda row: (row not in signs, row))[:_LISTED]:
+        v_x, v_y, omega = residual[row].tolist()
+        name = f"row {row + 1} (trial {impacts.trial[row]!r})"
+        if row in signs:
+            when = _FLIPPED[signs[row]]
+            spin = (impacts.v_post if when == "after" else impacts.v_pre)[row, 2].item()
+            said.append(f"the spin of {name} {when} impact, {spin:+.3g} rad/s, has the wrong sign")
+        else:
+            said.append(f"{name} is off by ({v_x:+.2g}, {v_y:+.2g}) m/s and {omega:+.3g} rad/s")
+    more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
+    sentence = f"{len(rows)} of {len(impacts)} trials are outliers of the model: {'; '.join(said)}{more}"
+    evidence = (
+        Evidence(quantity="trials", value=float(len(rows)), unit="trials"),
+        Evidence(quantity="rows", value=", ".join(str(row + 1) for row in rows)),
+        Evidence(quantity="wrong_sign", value=", ".join(str(row + 1) for row in signs) or "none"),
+        Evidence(quantity="degrees_of_freedom", value=freedom),
+    )
+    return Finding(name="model_outliers", sentence=sentence, evidence=evidence, mistake=False)
+
+
+def _flipped(impacts: Impacts, predict: Callable[[Impacts], Float[Tensor, "n 3"]]) -> dict[str, Float[Tensor, "n 3"]]:
+    """Residuals with the other sign of ω after impact, and before it."""
+    mirror = torch.tensor((1.0, 1.0, -1.0), dtype=torch.float64)
+    after = impacts.v_post * mirror - predict(impacts)
+    before = impacts.v_post - predict(impacts.replace(v_pre=impacts.v_pre * mirror, suspect=True))
+    return {"spin after": after, "spin before": before}
+
+
+def _gain(given: Float[Tensor, " n"], flipped: Float[Tensor, " n"], freedom: float) -> Float[Tensor, " n"]:
+    """Log ratio of the densities with and without the flip; −∞ where the flip is not predicted."""
+    gain = 0.5 * (freedom + 3) * ((freedom + given) / (freedom + flipped)).log()
+    return gain.nan_to_num(nan=-math.inf)
+
+
+def _distance(residual: Float[Tensor, "n 3"], scatter: Float[Tensor, "3 3"]) -> Float[Tensor, " n"]:
+    """Squared distance in the scatter."""
+    white = torch.linalg.solve_triangular(torch.linalg.cholesky(scatter), residual.mT, upper=False)
+    return white.square().sum(0)
+
+
+def _fitted(residual: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3 3"], float]:
+    """Centre, scatter and degrees of freedom of a multivariate t distribution, by expectation–maximisation for each."""
+    best, chosen = -math.inf, None
+    least = 1e-18 * torch.eye(3, dtype=residual.dtype)  # of exact data
+    for freedom in _FREEDOM:
+        centre, scatter = residual.median(0).values, torch.cov(residual.mT) + least
+        for _ in range(_ROUNDS):
+            weight = (freedom + 3) / (freedom + _distance(residual - centre, scatter))
+            centre = (weight[:, None] * residual).sum(0) / weight.sum()
+            off = residual - centre
+            scatter = (weight[:, None] * off).mT @ off / len(off) + least
+        tails = (1 + _distance(residual - centre, scatter) / freedom).log().mean()
+        constant = math.lgamma((freedom + 3) / 2) - math.lgamma(freedom / 2) - 1.5 * math.log(freedom)
+        likelihood = (constant - 0.5 * (scatter.logdet() + (freedom + 3) * tails)).item()  # nats a trial
+        if likelihood > best:
+            best, chosen = likelihood, (centre, scatter, freedom)
+    assert chosen is not None
+    return chosen

@@ -1,0 +1,265 @@
+"""The floor that contacts and bodies at rest share, robustly, and the refusals of contacts with something else.
+
+heights    of contact points and of bodies at rest: on one line, whose slope is the floor's.  A zero of θ that is off by
+           ζ moves contact points up and down as the body turns: y + r_y(θ + ζ) = h + x tan φ
+angles     of bodies at rest: θ + ζ is that of the side they lie on, and the floor's (`recordings.rests`)
+approach   v_n < 0 before contact and P_n > 0, or whatever was touched was no floor
+
+Both kinds have one scatter each, which the fit estimates with the floor (variance components, Förstner 1979): what
+bodies at rest miss each other by is their error, and not the scatter of frames, which drift together.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from contactlearn.data.recordings.flight import Indices
+from contactlearn.data.recordings.rests import Lying
+from contactlearn.data.recordings.result import Hit, Reason, Refusal, Rest
+from contactlearn.data.recordings.thresholds import FloorThresholds
+from contactlearn.data.recordings.track import Array, Mask, turn
+from contactlearn.mechanics.apparatus import Measured
+from contactlearn.mechanics.rigid_body import contact_velocity
+from contactlearn.mechanics.shapes import Shape, contact_point
+
+_ROUNDS, _TURNS, _COMPONENTS = 10, 2, 6
+_FEW = 3  # heights to which a slope is fitted, so that those off it can be refused
+_STEP = 1e-4  # rad, of a difference quotient
+_ROUND = 1e-3  # relative change of the height with θ up to which a body is round
+_FAR = 7.5  # times the median distance: five standard deviations
+_LEAST, _SCATTER = 1e-9, 1e-4  # m or rad: of any scatter; m, of heights at first
+_UPRIGHT = Measured(value=0.0, error=0.0)
+_ENOUGH = 6  # bodies at rest whose heights show their own scatter; fewer are believed as contacts are
+
+
+@dataclass(frozen=True, kw_only=True)
+class Floor:
+    """The floor as contact points and bodies at rest show it.
+
+    Args:
+        height: in m at x = 0.
+        slope: in rad; None where contacts are too few or in one place.
+        orientation: in rad, to be added to θ; None where contacts and rests are too few or the body is round.
+        scatter: of the heights about it in m.
+        rests: bodies at rest that it is fitted to.
+    """
+
+    height: Measured
+    slope: Measured | None
+    orientation: Measured | None
+    scatter: float
+    rests: int
+
+    def above(self, contacts: Sequence[Hit], shape: Shape) -> Float[Array, " n"]:
+        """Height of contact points above the floor in m."""
+        slope, orientation = (0.0 if one is None else one.value for one in (self.slope, self.orientation))
+        points = _lowest(contacts, shape, orientation)
+        return points[:, 1] - self.height.value - np.tan(slope) * points[:, 0]
+
+
+def _lowest(contacts: Sequence[Hit], shape: Shape, turned: float = 0.0) -> Float[Array, "n 2"]:
+    """Contact points in m, of a body that is turned further by an angle in rad."""
+    pose = np.stack([contact.pose for contact in contacts])
+    return pose[:, :2] + contact_point(shape, torch.from_numpy(pose[:, 2] + turned)).numpy()
+
+
+def find_floor(
+    contacts: Sequence[Hit],
+    shape: Shape,
+    rests: Sequence[Rest] = (),
+    *,
+    lean: Measured = _UPRIGHT,
+    limits: FloorThresholds = FloorThresholds(),
+) -> Floor:
+    """Fit the floor to contact points and bodies at rest, robustly.
+
+    An offset of the tracked point from the centre of the shape, which also moves the contact points up and down as the
+    body turns, is fitted beside the body's zero of θ: where the two look alike the zero has a large error.  So is a
+    centre of mass that is off an ellipse's.  A rest that leans, or is off the floor, is left out.
+
+    Args:
+        contacts: one or more.
+        shape: of the body.
+        rests: of the body.
+        lean: angle in rad of gravity from straight down to the right.
+        limits: that decide.
+    """
+    lying = Lying.of(shape)
+    sided = [r for r in rests if not len(lying.angles) or abs(lying.apart(float(r.pose[2]))) <= limits.leaning]
+    while True:
+        problem = _Problem(contacts=contacts, rests=sided, shape=shape, lying=lying, lean=lean, limits=limits)
+        floor, good = problem.solved(0.0)
+        for _ in range(_TURNS):
+            if floor.orientation is not None:
+                floor, good = problem.solved(floor.orientation.value)
+        if good.all():
+            return floor
+        sided = [rest for rest, holds in zip(sided, good, strict=True) if holds]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Problem:
+    """Least squares: rows are heights of contacts and of rests, angles of rests, and what is known before."""
+
+    contacts: Sequence[Hit]
+    rests: Sequence[Rest]
+    shape: Shape
+    lying: Lying
+    lean: Measured
+    limits: FloorThresholds
+
+    def solved(self, turned: float) -> tuple[Floor, Mask]:
+        """The floor, linearised about a body that is turned further by an angle in rad, and which rests are on it."""
+        told, value, angles = self._rows(turned)
+        hits, rests = len(self.contacts), len(self.rests)
+        design = np.stack([*told.values()], 1)
+        kinds: list[Indices] = np.split(np.arange(len(value)), np.cumsum((hits, rests, angles)))
+        _, lies, turns = np.sqrt(np.mean([r.error**2 for r in self.rests], axis=0)).tolist() if rests else (0.0,) * 3
+        good = _near(design, value, kinds, turns)
+        on = good[kinds[1]] & good[kinds[2]] if angles else good[kinds[1]]
+        fit, errors, spread = _weighted(design, value, [rows[good[rows]] for rows in kinds], (lies, turns))
+        found = {name: (float(x), float(error)) for name, x, error in zip(told, fit, errors, strict=True)}
+        slope, zero = found.get("slope"), found.get("orientation")
+        floor = Floor(
+            height=Measured(value=found["height"][0], error=found["height"][1]),
+            slope=slope and Measured(value=float(np.arctan(slope[0])), error=slope[1] / (1 + slope[0] ** 2)),
+            orientation=zero and Measured(value=turned + zero[0], error=zero[1]),
+            scatter=spread,
+            rests=len(self.rests),
+        )
+        return floor, on
+
+    def _rows(self, turned: float) -> tuple[dict[str, Array], Array, int]:
+        """Columns by name, what they are to give, and the number of angles."""
+        lying, rests, size = self.lying, self.rests, float(self.shape.outline().norm(dim=-1).mean()) / 2**0.5
+        points, theta = _lowest(self.contacts, self.shape, turned), np.array([hit.pose[2] for hit in self.contacts])
+        pose = np.reshape([rest.pose for rest in rests], (-1, 3))
+        side = [lying.nearest(angle) for angle in pose[:, 2].tolist()] if len(lying.angles) else []
+        lies = lying.angles[side] if len(lying.angles) else pose[:, 2]
+        down = contact_point(self.shape, torch.from_numpy(lies))[:, 1].numpy()
+        x, y = np.append(points[:, 0], pose[:, 0]), np.append(points[:, 1], pose[:, 1] + down)
+        higher, lower = (_lowest(self.contacts, self.shape, turned + step)[:, 1] for step in (_STEP, -_STEP))
+        rising, enough = (higher - lower) / (2 * _STEP), self.limits.contacts_of_a_slope
+        by_angle = len(side) >= self.limits.rests_of_a_zero and len(x) >= enough and np.ptp(x) > 0
+        by_angle = by_angle and (lying.gain == 1 or len(set(side)) > 1)  # on one pole its centre of mass may be off
+        by_height = len(theta) >= 2 * enough and np.std(rising) > _ROUND * size
+        n, none = len(side) if by_angle else 0, np.zeros(len(rests))
+        parts: dict[str, tuple[Array, Array | float]] = {"height": (np.ones(len(x)), 0.0)}
+        known: dict[str, Measured] = {}
+        if len(x) >= _FEW and np.ptp(x) > 0:
+            parts["slope"] = (x, lying.gain)
+        if len(rests):
+            parts["raised"] = (np.repeat((0.0, 1.0), (len(theta), len(rests))), 0.0)
+            known["raised"] = Measured(value=0.0, error=self.limits.off_least)
+        if by_angle or by_height:
+            parts["orientation"] = (np.append(-rising, none), -1.0)
+        if by_height:
+            parts["sine"] = (np.sin(np.append(theta, lies)), 0.0)
+            parts["cosine"] = (np.cos(np.append(theta, lies)), 0.0)
+            known |= dict.fromkeys(("sine", "cosine"), Measured(value=0.0, error=size))
+        if by_angle and lying.gain != 1:
+            parts |= {"poise": (0 * x, lying.arms[side]), "lean": (0 * x, 1 - lying.gain)}
+            known |= {"poise": Measured(value=0.0, error=size), "lean": self.lean}
+        told = dict[str, Array]()
+        for name, (high, turns) in parts.items():
+            prior = [(other == name) / max(one.error, _LEAST) for other, one in known.items()]
+            told[name] = np.concatenate((high, np.broadcast_to(turns, n), prior))
+        off = turn(pose[:, 2] + turned - lies)[:n]
+        return told, np.concatenate((y, off, [one.value / max(one.error, _LEAST) for one in known.values()])), n
+
+
+def _near(design: Array, value: Array, kinds: Sequence[Indices], own: float) -> Mask:
+    """Rows that are near the fit of least distances; what is known before always is."""
+    hits, rests, angles, _ = kinds
+    weight, good, off = np.ones(len(value)), np.ones(len(value), dtype=np.bool_), value.copy()
+    for rows in (np.append(hits, rests), angles):
+        off[rows] -= np.median(value[rows]) if len(rows) else 0.0
+    for k in range(_ROUNDS + 1):
+        away = np.abs(off)
+        for rows, shown, least in ((np.append(hits, rests), hits, _LEAST), (angles, angles, own + _LEAST)):
+            middle = max(_middle(away[shown], design[shown]), least)
+            weight[rows] = 1 / (middle * (np.maximum(away[rows], middle / 10) if k else middle))
+            good[rows] = away[rows] <= _FAR * middle
+        if k < _ROUNDS:
+            fit = np.linalg.lstsq(design * weight[:, None] ** 0.5, value * weight**0.5, rcond=None)[0]
+            off = value - design @ fit
+    return good
+
+
+def _middle(away: Array, design: Array) -> float:
+    """Median distance of rows, without as many as the parameters that they alone may tell: those may be 0."""
+    if not len(away):
+        return 0.0
+    told = min(int((np.ptp(design, axis=0) > 0).sum()) + 1, len(away) - 1)
+    return float(np.sort(away)[told + (len(away) - told - 1) // 2])
+
+
+def _weighted(
+    design: Array, value: Array, kinds: Sequence[Indices], own: tuple[float, float]
+) -> tuple[Array, Array, float]:
+    """Fit, its errors and the scatter of contacts, each kind of row with the scatter that it shows.
+
+    What is `own` is the scatter within bodies at rest, of heights and of angles.
+    """
+    hits, rests, angles, _ = kinds
+    sigma, spread, lies, turns = np.ones(len(value)), _SCATTER, _SCATTER, max(own[1], _LEAST)
+    rows, fit, errors = np.concatenate(kinds), np.zeros(0), np.zeros(0)
+    for _ in range(_COMPONENTS):
+        sigma[hits], sigma[rests], sigma[angles] = spread, lies, turns
+        scaled = design / sigma[:, None]
+        size = np.linalg.norm(scaled[rows], axis=0)
+        inverse = np.linalg.pinv(scaled[rows].T @ scaled[rows] / np.outer(size, size), hermitian=True)
+        inverse = inverse / np.outer(size, size)
+        fit, errors = inverse @ scaled[rows].T @ (value / sigma)[rows], np.sqrt(inverse.diagonal())
+        squares, free = (value - design @ fit) ** 2, 1 - ((scaled @ inverse) * scaled).sum(1)
+        spread = max(float(squares[hits].sum() / max(free[hits].sum(), 1.0)) ** 0.5, _LEAST)
+        lies = _between(squares[rests], free[rests], own[0]) if len(rests) >= _ENOUGH else spread
+        turns = _between(squares[angles], free[angles], own[1])
+    return fit, errors, spread
+
+
+def _between(squares: Array, free: Array, own: float) -> float:
+    """Scatter of bodies at rest: that within one, and what they miss each other by beyond it, which few show badly."""
+    beyond = float(squares.sum() - own**2 * free.sum()) / max(float(free.sum()) - 2, 1.0)
+    return max(own**2 + max(beyond, 0.0), _LEAST**2) ** 0.5
+
+
+def off_the_floor(
+    contacts: Sequence[Hit], shape: Shape, floor: Floor, limits: FloorThresholds = FloorThresholds()
+) -> tuple[list[Hit], list[Refusal]]:
+    """Contacts with the floor, and refusals of those with a hand or a wall."""
+    kept, refusals = [], []
+    pose = np.stack([contact.pose for contact in contacts])
+    r = _lowest(contacts, shape) - pose[:, :2]
+    before = torch.from_numpy(np.stack([contact.v_pre for contact in contacts]))
+    approach = contact_velocity(torch.from_numpy(r), before)[:, 1].numpy()
+    for contact, above, v_n in zip(contacts, floor.above(contacts, shape).tolist(), approach, strict=True):
+        push = float(contact.v_post[1] - contact.v_pre[1])
+        for holds, quantity, value, unit in (
+            (
+                abs(above) > max(limits.off_sigmas * floor.scatter, limits.off_least),
+                "height of the contact above the floor",
+                1e3 * above,
+                "mm",
+            ),
+            (v_n >= 0, "normal velocity of the contact point", float(v_n), "m/s"),
+            (push <= 0, "change of the upward velocity", push, "m/s"),
+        ):
+            if holds:
+                refusals.append(
+                    Refusal(
+                        recording=contact.recording,
+                        reason=Reason.HAND_OR_WALL,
+                        quantity=quantity,
+                        value=value,
+                        unit=unit,
+                        time=(contact.time, contact.time),
+                    )
+                )
+                break
+        else:
+            kept.append(contact)
+    return kept, refusals

@@ -1,0 +1,132 @@
+"""Results of the step from a track to impacts: contacts between free flights, and refusals with reason and number."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from jaxtyping import Float
+
+from contactlearn.data.recordings.flight import Flight
+from contactlearn.data.recordings.track import Array, Track
+
+
+class Reason(StrEnum):
+    """Why a recording, or a part of it, is no impact between two free flights."""
+
+    DOUBLE_HIT = "double_hit"
+    SLIDING = "sliding"
+    REST = "rest"
+    TOO_FEW_FRAMES = "too_few_frames"
+    LOST_FRAMES = "lost_frames"
+    HAND_OR_WALL = "hand_or_wall"
+    OUT_OF_PLANE = "out_of_plane"
+    NOT_READ = "not_read"
+
+
+REASONS = {
+    Reason.DOUBLE_HIT: "several hits",
+    Reason.SLIDING: "sliding or rolling",
+    Reason.REST: "at rest",
+    Reason.TOO_FEW_FRAMES: "too few frames",
+    Reason.LOST_FRAMES: "frames lost at the wrong moment",
+    Reason.HAND_OR_WALL: "a hand or a wall",
+    Reason.OUT_OF_PLANE: "out of the plane",
+    Reason.NOT_READ: "could not be read",
+}
+"""Reasons of refusals as a person writes them."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Refusal:
+    """A recording, or a part of it, that is no impact.
+
+    Args:
+        recording: its name.
+        reason: of the refusal.
+        quantity: name of the number that decided.
+        value: that number.
+        unit: of the number.
+        time: s, from the first frame concerned to the last.
+        message: the error, of a recording that could not be read.
+    """
+
+    recording: str
+    reason: Reason
+    quantity: str
+    value: float
+    unit: str
+    time: tuple[float, float] = (0.0, 0.0)
+    message: str = ""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
+class Hit:
+    """One contact between two free flights, at the instant at which they meet.
+
+    Args:
+        recording: name of its recording.
+        number: among the contacts of the recording, from 1.
+        time: of contact in s.
+        v_pre: (v_x, v_y, ω) before contact.
+        v_post: those after it.
+        pose: (x, y, θ) at contact, θ in [−π, π).
+        covariance: of the errors of (v_pre, v_post, pose, time).
+        missing: frames at contact that the recording skips without a gap in its time stamps.
+        certainty: probability that this is their number.
+        lost: frames at contact that are marked as lost.
+        apart: squared distance of the two flights at that instant in standard deviations; 2 is expected.
+        flight: place of the flight before contact among those of its track; the one after contact is the next.
+    """
+
+    recording: str
+    number: int
+    time: float
+    v_pre: Float[Array, "3"]
+    v_post: Float[Array, "3"]
+    pose: Float[Array, "3"]
+    covariance: Float[Array, "10 10"]
+    missing: int
+    certainty: float
+    lost: int
+    apart: float
+    flight: int
+
+    @property
+    def name(self) -> str:
+        """Of the impact: that of its recording and its number in it."""
+        return f"{self.recording}#{self.number}"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
+class Rest:
+    """A body that is still.
+
+    Args:
+        recording: name of its recording.
+        pose: mean (x, y, θ), θ in [−π, π).
+        error: standard errors of the mean, from the scatter of parts of it; what all of them share is not in it.
+    """
+
+    recording: str
+    pose: Float[Array, "3"]
+    error: Float[Array, "3"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Found:
+    """What one track holds.
+
+    Args:
+        track: in the plane of motion.
+        sigma: standard deviations of a frame's (x, y, θ) about the flights, in m, m and rad.
+        flights: free flights, in their order.
+        contacts: accepted contacts.
+        refusals: of the other parts.
+        rests: where the body is still.
+    """
+
+    track: Track
+    sigma: Float[Array, "3"]
+    flights: tuple[Flight, ...]
+    contacts: tuple[Hit, ...]
+    refusals: tuple[Refusal, ...]
+    rests: tuple[Rest, ...] = ()

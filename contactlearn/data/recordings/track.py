@@ -1,0 +1,157 @@
+"""Recordings as trackers write them, and tracks: the same in the plane of motion, in SI units and world axes.
+
+    Recording   time [T] in s, position [T, 2 or 3] in the file's units and axes, an angle [T] or a quaternion [T, 4]
+    Track       time [T] in s, pose (x, y, θ) [T, 3] in m and rad with y up, distance [T] from the plane in m
+
+A frame that the tracker lost is not a number in all of its coordinates.  Time stamps grow.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy.typing import NDArray
+
+from contactlearn.core.errors import DataError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+_FEWEST = 2
+_SENSELESS = 1e50  # of a coordinate in any unit: products of a few such numbers still are finite
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Recording:
+    """Poses of one body over time, as read.
+
+    Args:
+        name: of the recording, one of its own.
+        source: the file that it came from.
+        time: of the frames in s.
+        position: of the tracked point in the file's unit of length and axes.
+        angle: in the plane, for positions in a plane, in the file's unit.
+        quaternion: in the file's order of components, for positions in space.
+        unit: of length, where the format says so.
+        order: of the quaternion's components, where the format or the names of its columns say so.
+        markers: mean places [m, d] in the body about the tracked point, where the pose is found from markers.
+
+    Raises:
+        DataError: fewer than two frames, columns of unequal length, or time stamps that do not grow.
+    """
+
+    name: str
+    source: str
+    time: Float[Array, " t"]
+    position: Float[Array, "t d"]
+    angle: Float[Array, " t"] | None = None
+    quaternion: Float[Array, "t 4"] | None = None
+    unit: str | None = None
+    order: str | None = None
+    markers: Float[Array, "m d"] | None = None
+
+    def __repr__(self) -> str:
+        seconds = self.time[-1] - self.time[0]
+        return f"Recording({self.name!r}, {len(self.time)} frames in {seconds:.3g} s, source={self.source!r})"
+
+    def __post_init__(self) -> None:
+        frames = len(self.time)
+        if frames < _FEWEST:
+            raise DataError(f"{self.source}: {self.name}: has {frames} frames; at least {_FEWEST} are needed")
+        wanted = {"position": (frames, len(self.position[0])), "angle": (frames,), "quaternion": (frames, 4)}
+        for name, shape in wanted.items():
+            value = getattr(self, name)
+            if value is not None and np.shape(value) != shape:
+                raise DataError(f"{self.source}: {self.name}: {name} must have shape {shape}, got {np.shape(value)}")
+        if (self.angle is None) == (self.quaternion is None) or len(self.position[0]) != (
+            2 if self.quaternion is None else 3
+        ):
+            raise DataError(f"{self.source}: {self.name}: needs x, y and an angle, or x, y, z and a quaternion")
+        step = np.diff(self.time)
+        if not np.isfinite(self.time).all() or (step <= 0).any():
+            k = int(np.argmax(~(step > 0))) + 1
+            kind = "repeats" if step[k - 1] == 0 else "runs back" if step[k - 1] < 0 else "is not a number"
+            raise DataError(f"{self.source}: {self.name}: time must grow; it {kind} at frame {k + 1}")
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def rotation(self) -> Float[Array, "t c"]:
+        """The angle or the quaternion, as columns."""
+        if self.quaternion is not None:
+            return self.quaternion
+        assert self.angle is not None
+        return self.angle[:, None]
+
+    @property
+    def seen(self) -> Bool[Mask, " t"]:
+        """Frames in which every coordinate is a number and not senselessly large, and a quaternion not all zeros."""
+        values = np.column_stack((self.position, self.rotation))
+        seen = np.logical_and.reduce(np.abs(values) < _SENSELESS, axis=-1)  # false where it is not a number
+        return seen if self.quaternion is None else seen & (np.abs(self.quaternion).max(axis=-1) > 1 / _SENSELESS)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Track:
+    """Motion of one body in a plane.
+
+    Args:
+        name: of the recording.
+        time: of the frames in s.
+        pose: (x, y, θ) in m, m and rad; θ is continuous but for whole turns.
+        apart: distance of the tracked point from the plane of motion in m; 0 where only a plane was recorded.
+        tilted: angle in rad between the body's axis of rotation and the normal of the plane; 0 likewise.
+    """
+
+    name: str
+    time: Float[Array, " t"]
+    pose: Float[Array, "t 3"]
+    apart: Float[Array, " t"]
+    tilted: Float[Array, " t"]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @cached_property
+    def seen(self) -> Bool[Mask, " t"]:
+        """Frames that the tracker did not lose."""
+        return finite(self.pose)
+
+    @cached_property
+    def step(self) -> float:
+        """Median time between two frames in s."""
+        return float(np.median(np.diff(self.time)))
+
+
+def finite(values: Float[Array, "*batch d"]) -> Bool[Mask, "*batch"]:
+    """Where every number along the last axis is finite."""
+    return np.logical_and.reduce(np.isfinite(values), axis=-1)
+
+
+def continuous(angle: Float[Array, " t"], time: Float[Array, " t"]) -> Float[Array, " t"]:
+    """The angle in rad without jumps of whole turns; over lost frames it goes on at the last rate."""
+    seen = np.isfinite(angle)
+    there, when = angle[seen], time[seen]
+    out = np.full_like(angle, np.nan)
+    if len(there) == 0:
+        return out
+    step, gap = turn(np.diff(there)), np.diff(when)
+    if len(step) > 1:
+        rate = np.concatenate((step[:1] / gap[:1], step[:-1] / gap[:-1]))
+        expected = np.where(gap > 1.5 * np.median(gap), rate * gap, 0.0)
+        step = expected + turn(step - expected)
+    out[seen] = there[0] + np.concatenate(([0.0], np.cumsum(step)))
+    return out
+
+
+def mean_step(time: Float[Array, " t"]) -> float:
+    """Mean time between two frames, as time stamps are: rounded ones do no harm, nor do frames that are skipped."""
+    step = np.diff(time)
+    return float(np.mean(step[step <= 1.5 * np.median(step)]))
+
+
+def turn(angle: Any) -> Any:
+    """The angle in rad, in [−π, π)."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -1,0 +1,169 @@
+"""Errors of predictions by trial, and 95 % intervals of their means over trials.
+
+    velocity_error              ‖v̂ − v‖₂ over (v_x, v_y) after contact              m/s
+    normalised_velocity_error   the same divided by ‖v‖₂, the paper's axis           1
+    mass_error                  √(eᵀ M e) / √(vᵀ M v) over (v_x, v_y, ω)             1
+
+`mass_error` is the headline: it counts the spin, and does not add metres to radians.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float
+from scipy.special import chdtri, ndtri  # scipy.stats takes half a second to load
+from torch import Tensor
+
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.numerics import Z_95
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.mechanics.rigid_body import admissible
+
+
+def velocity_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
+    """Compute ‖v̂_post − v_post‖₂ of the centre of mass [..., N] in m/s."""
+    return (prediction.v_post - impacts.v_post)[..., :2].norm(dim=-1)
+
+
+def normalised_velocity_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
+    """Divide `velocity_error` by ‖v_post‖₂ [..., N]; the paper's Fig. 3.5."""
+    return velocity_error(impacts, prediction) / impacts.v_post[:, :2].norm(dim=-1)
+
+
+def mass_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
+    """Compute √(eᵀ M e) / √(v_postᵀ M v_post) over (v_x, v_y, ω) [..., N]."""
+    M = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1)
+    error = (M * (prediction.v_post - impacts.v_post) ** 2).sum(-1)
+    return (error / (M * impacts.v_post**2).sum(-1)).sqrt()
+
+
+class Metric(NamedTuple):
+    """An error of each trial, its label on an axis, and its unit."""
+
+    error: Callable[[Impacts, Prediction], Tensor]
+    label: str
+    unit: str
+
+
+METRICS = {
+    "mass_error": Metric(mass_error, "Mass-weighted velocity error", "–"),
+    "normalised_velocity_error": Metric(normalised_velocity_error, "Normalised velocity error", "–"),
+    "velocity_error": Metric(velocity_error, "Velocity error", "m/s"),
+}
+"""Each metric by name."""
+
+HEADLINE = "mass_error"
+
+
+def outside_admissible(impacts: Impacts, impulse: Float[Tensor, "*batch n 2"]) -> Bool[Tensor, "*batch n"]:
+    """Find the impulses [..., N, 2] that gain energy, pull or leave penetration: bool [..., N].
+
+    For a point contact (τ = 0): see `mechanics.admissible`.
+    """
+    return ~admissible(impacts.W, impacts.v_c, impulse, tolerance=1e-7)
+
+
+def squared_distance(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
+    """Compute the squared Mahalanobis distance [..., N] of the measured v_post: χ² of 3 degrees if all is Gaussian."""
+    return _whitened(impacts, prediction)[0].square().sum(-1)
+
+
+def negative_log_density(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
+    """Compute −log of the predicted density of the measured v_post [..., N], in nats; v_post in (m/s, m/s, rad/s)."""
+    white, root = _whitened(impacts, prediction)
+    return 0.5 * white.square().sum(-1) + root.log().sum(-1) + 1.5 * math.log(2 * math.pi)
+
+
+def _whitened(impacts: Impacts, prediction: Prediction) -> tuple[Tensor, Tensor]:
+    """Error in units of the predicted covariance's Cholesky factor, and that factor's diagonal, [..., N, 3]."""
+    factor = torch.linalg.cholesky(_covariance(prediction))
+    error = impacts.v_post - prediction.v_post
+    white = torch.linalg.solve_triangular(factor, error[..., None], upper=False)[..., 0]
+    return white, factor.diagonal(dim1=-2, dim2=-1)
+
+
+def _covariance(prediction: Prediction) -> Tensor:
+    if prediction.covariance is None:
+        raise ContactLearnError(
+            "the prediction has no covariance; a density needs a model with noise, such as a learned one"
+        )
+    return prediction.covariance
+
+
+CHI_SQUARED_95 = 7.8147279
+"""95 % quantile of χ² with 3 degrees of freedom: that of squared distances, if the predictions are right."""
+
+
+def calibration(distance: Float[Tensor, "k"]) -> tuple[Float[Tensor, "levels"], Float[Tensor, "levels"]]:
+    """Return nominal levels [L], and the shares [L] of squared distances [K] inside the ellipsoids of those levels."""
+    levels = torch.linspace(0.02, 0.98, 49, dtype=distance.dtype)
+    radii = torch.from_numpy(chdtri(3, 1 - levels.numpy())).to(distance.device)
+    return levels.to(distance.device), torch.searchsorted(distance.sort().values, radii, right=True) / len(distance)
+
+
+def covered(impacts: Impacts, prediction: Prediction) -> Bool[Tensor, "*batch n 3"]:
+    """Find which of (v_x, v_y, ω) after contact lie in their 95 % intervals: bool [..., N, 3]."""
+    return (impacts.v_post - prediction.v_post).abs() <= Z_95 * predicted_spread(prediction)
+
+
+def predicted_spread(prediction: Prediction) -> Float[Tensor, "*batch n 3"]:
+    """Compute the standard deviations [..., N, 3] of the measured v_post about the prediction, (m/s, m/s, rad/s)."""
+    return _covariance(prediction).diagonal(dim1=-2, dim2=-1).sqrt()
+
+
+@dataclass(frozen=True, order=True)
+class Interval:
+    """A mean over trials and its 95 % bootstrap interval; unpacks to (mean, low, high), and sorts by the mean."""
+
+    mean: float
+    low: float
+    high: float
+
+    def __iter__(self) -> Iterator[float]:
+        return iter((self.mean, self.low, self.high))
+
+
+BOOTSTRAPPED = 20_000
+"""Trials up to which intervals of means are bootstrapped; the Gaussian limit is then within a percent of its width."""
+
+_DRAWN = 1 << 23  # resampled errors in memory at a time
+
+
+def gaussian_interval(mean: float, variance: float, trials: int, level: float = 0.95) -> Interval:
+    """Return a mean over many trials with the interval in which the central limit theorem expects it."""
+    reach = float(ndtri((1 + level) / 2)) * math.sqrt(variance / trials)
+    return Interval(mean, mean - reach, mean + reach)
+
+
+def bootstrap(
+    errors: Float[Tensor, "n"] | Float[Tensor, "r n"],
+    generator: torch.Generator,
+    resamples: int = 2000,
+    level: float = 0.95,
+) -> Interval:
+    """Average the errors of trials [N], or [R, N] of R training subsets, with a percentile bootstrap interval.
+
+    Trials are resampled, and so are subsets, independently of them.  For more than `BOOTSTRAPPED` trials [N] the
+    interval is the Gaussian limit of the bootstrap, see `gaussian_interval`.
+    """
+    if errors.ndim == 1 and len(errors) > BOOTSTRAPPED:
+        return gaussian_interval(errors.mean().item(), errors.var().item(), len(errors), level)
+    errors, size = errors.cpu(), errors.shape[-1]
+    if errors.ndim == 1:
+        blocks = torch.arange(resamples).split(max(1, _DRAWN // size))
+        drawn = (torch.randint(size, (len(block), size), generator=generator) for block in blocks)
+        means = torch.cat([errors[rows].mean(-1) for rows in drawn])
+    else:
+        rows = torch.randint(size, (resamples, size), generator=generator)
+        subsets = torch.randint(len(errors), (resamples, len(errors)), generator=generator)
+        counts = (torch.zeros(resamples, size, dtype=errors.dtype) for size in errors.shape)
+        by_subset, by_trial = (
+            count.scatter_add_(1, drawn, torch.ones_like(drawn, dtype=errors.dtype)) / drawn.shape[1]
+            for count, drawn in zip(counts, (subsets, rows), strict=True)
+        )
+        means = ((by_subset @ errors) * by_trial).sum(-1)
+    low, high = means.quantile(torch.tensor(((1 - level) / 2, (1 + level) / 2), dtype=errors.dtype))
+    return Interval(errors.mean().item(), low.item(), high.item())

@@ -1,0 +1,112 @@
+"""Partial residuals: the change that one effect of a model makes, beside the residual of the model without it.
+
+The model is evaluated with and without the effect, its other effects unchanged.  `measured` is the measurement less
+the prediction without the effect, `explained` the change that the effect makes; if nothing else is missing, they
+differ by noise alone.  Both are of the component in which the effect is largest relative to the remaining residual,
+against the symbol of the state that predicts the effect best.  Where no symbol predicts a third of its variance, they
+are against the effect itself, so that the measured values should follow the diagonal.
+Source: Larsen & McCleary 1972, for linear models.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn.core.numerics import wrapped
+from contactlearn.effects import Effect, State, columns
+from contactlearn.effects.formula.symbols import SYMBOLS, of_state
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.models.contact_model import ContactModel
+
+QUANTITIES = {
+    "wrench": (("P_t", "N s"), ("P_n", "N s"), ("τ", "N m s")),
+    "velocity": (("v_x⁺", "m/s"), ("v_y⁺", "m/s"), ("ω⁺", "rad/s")),
+}
+_BINS = 20
+_NUDGE = 0.02  # of each parameter's range
+_PREDICTED = 1 / 3  # share of the effect's variance that a symbol must predict to be the variable
+
+
+@dataclass(frozen=True)
+class Partial:
+    """One effect over N impacts: measured and explained [N] against a variable [N], with letters and units."""
+
+    effect: str
+    component: str
+    component_unit: str
+    variable: str
+    variable_unit: str
+    x: Float[Tensor, "n"]
+    measured: Float[Tensor, "n"]
+    explained: Float[Tensor, "n"]
+
+
+def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Partial:
+    """Compute the partial residuals of the effect `name` of a model on impacts."""
+    effect = model.effects[name]
+    with_, without = model.base_prediction(impacts), _without(model, impacts, name)
+    quantity = _quantity(effect)
+    explained = _change(effect, with_, without)
+    measured = impacts.wrench - without.wrench if quantity == "wrench" else impacts.v_post - without.v_post
+    # A larger effect chooses component and variable where the effect is 0: it is drawn as well, as a line at 0.
+    values = columns(*effect.values)
+    range_ = torch.tensor([p.high - p.low for p in effect.parameters], dtype=values.dtype, device=values.device)
+    larger = replace(model, effects={**model.effects, name: effect.at(values + _NUDGE * range_)})
+    would = _change(effect, larger.base_prediction(impacts), without)
+    shape = explained if (explained != 0).any() else would
+    # Medians, because of gross outliers.
+    left = (measured - explained).abs().median(0).values
+    best = int((shape.square().mean(0).sqrt() / left.clamp_min(1e-300)).argmax())
+    known = of_state(State.of(impacts))
+    known["theta"] = wrapped(known["theta"])
+    shares = {symbol: share_explained(x, shape[:, best]) for symbol, x in known.items()}
+    variable = max(shares, key=shares.__getitem__)
+    component, unit = QUANTITIES[quantity][best]
+    against = SYMBOLS[variable].letter, SYMBOLS[variable].unit, known[variable]
+    if shares[variable] < _PREDICTED and (explained != 0).any():
+        against = f"{component} of the effect", unit, explained[:, best]
+    return Partial(name, component, unit, *against, measured[:, best], explained[:, best])
+
+
+def changes(model: ContactModel, impacts: Impacts, names: Sequence[str]) -> Float[Tensor, "k n 3"]:
+    """Compute the change that each of the named effects makes, in the quantity of its partial residuals."""
+    whole = model.base_prediction(impacts)
+    found = [_change(model.effects[name], whole, _without(model, impacts, name)) for name in names]
+    return torch.stack(found) if found else impacts.v_post.new_zeros(0, len(impacts), 3)
+
+
+def _without(model: ContactModel, impacts: Impacts, name: str) -> Prediction:
+    """The prediction without an effect, the others unchanged."""
+    others = {key: other for key, other in model.effects.items() if key != name}
+    return replace(model, effects=others).base_prediction(impacts)
+
+
+def _quantity(effect: Effect) -> str:
+    return "velocity" if effect.place == "velocity" else "wrench"
+
+
+def _change(effect: Effect, with_: Prediction, without: Prediction) -> Float[Tensor, "n 3"]:
+    """The change of wrench or v_post, whichever the effect is drawn in."""
+    if _quantity(effect) == "wrench":
+        return with_.wrench - without.wrench
+    return with_.v_post - without.v_post
+
+
+def share_explained(x: Float[Tensor, "n"], y: Float[Tensor, "n"]) -> float:
+    """Compute the share of the variance of y [N] between groups of equal number along x [N]."""
+    if x.max() == x.min() or y.max() == y.min():
+        return 0.0
+    groups = y[x.argsort()].tensor_split(min(_BINS, len(x)))
+    between = sum(len(group) * (group.mean() - y.mean()) ** 2 for group in groups)
+    return (between / (y - y.mean()).square().sum()).item()
+
+
+def binned(x: Float[Tensor, "n"], *values: Float[Tensor, "n"], bins: int = _BINS) -> tuple[Float[Tensor, "bins"], ...]:
+    """Average x and values over groups of equal number along x; [bins] each."""
+    order = x.argsort()
+    return tuple(
+        torch.stack([group.mean() for group in part[order].tensor_split(min(bins, len(x)))]) for part in (x, *values)
+    )

@@ -1,0 +1,97 @@
+"""Noise before impact in a joint fit: orthogonal-distance regression, or functional maximum likelihood.
+
+    v_pre = ξ + δ,  v_post = f(ξ, θ) + ε,      δ ~ N(0, s² Σ_b),  ε ~ N(0, s² Σ_a)
+
+A fit that treats v_pre as exact underestimates how the outcome depends on it (regression dilution).  Here each trial
+has a latent velocity ξ_k before impact, estimated in rounds.  With J = ∂f/∂v_pre at the ξ_k of the last round,
+
+    e_k = v_post − f(ξ) − J (v_pre − ξ)        S_k = Σ_a + J Σ_b Jᵀ
+    ξ_k ← v_pre + Σ_b Jᵀ S_k⁻¹ e_k
+
+and the robust fit of v_post − J (v_pre − ξ) by f(ξ, θ), whitened by S_k, updates θ.  At convergence the gradient in θ
+is that of Σ_k min over ξ of the weighted squared distance to both measurements.  That minimum is e_kᵀ S_k⁻¹ e_k, and
+the robust weights are functions of it.  A step of ξ_k is shortened, or left out, where the full step would increase
+this distance: J is discontinuous where a contact changes its mode, and full steps oscillate there.
+
+Sources: Boggs, Byrd & Schnabel 1987; Fuller 1987; Carroll et al. 2006.
+"""
+
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn.inference.identification import robust
+from contactlearn.inference.identification.problem import JointProblem
+
+_ROUNDS = 4
+_SETTLED = 1e-3  # change of a parameter, of its range, at which it has converged; the next is at most a thirtieth of it
+_STEPS = (1.0, 0.5, 0.25, 0.0)  # lengths of a latent state's step that are tried; the best is taken
+
+
+def solve(
+    observed: JointProblem,
+    noise: Float[Tensor, "2 3"],
+    starts: int,
+    start: Tensor | None = None,
+    tolerance: float = robust.TOLERANCE,
+) -> tuple[JointProblem, tuple[Tensor, ...]]:
+    """Return the problem about the latent states, and its solution as `robust.search` does.
+
+    Args:
+        observed: problem about the measured v_pre.
+        noise: standard deviations of v_pre and of v_post.
+        starts: number of starts of the first search, which treats v_pre as exact.
+        start: parameters [..., K] at which to begin in place of that search.
+        tolerance: of the search.
+    """
+    if start is None:
+        theta, _, _, agreement, _ = robust.search(observed, starts, None, tolerance)
+    else:
+        theta, agreement = start.expand(len(observed), -1).clamp(observed.low, observed.high), None
+    problem, width = observed, observed.high - observed.low
+    for left in reversed(range(_ROUNDS)):
+        problem = _corrected(observed, problem, noise, theta)
+        last = theta
+        theta, scatter, loss, alone, converged = robust.search(problem, 1, last, tolerance)
+        settled = ((theta - last).abs() <= _SETTLED * width).all(-1)
+        if settled.all() or left == 0:
+            return problem, (theta, scatter, loss, alone if agreement is None else agreement, converged & settled)
+    raise AssertionError("unreachable: the last round returns")
+
+
+def about_latent_states(observed: JointProblem, noise: Float[Tensor, "2 3"], theta: Tensor) -> JointProblem:
+    """Return the problem about the latent states at parameters [B, K]; arguments as of `solve`."""
+    problem = observed
+    for _ in range(_ROUNDS):
+        problem = _corrected(observed, problem, noise, theta)
+    return problem
+
+
+def _corrected(observed: JointProblem, problem: JointProblem, noise: Tensor, theta: Tensor) -> JointProblem:
+    """Return the problem about updated latent states, from those of the last problem, at parameters [B, K]."""
+    before, after = (torch.diag(sigma.square()) for sigma in noise)
+    last, seen = problem.state.v_pre, observed.state.v_pre
+    outcome, J = observed.over_state(last, theta)
+    J = J.nan_to_num(0.0, 0.0, 0.0)
+    factor = torch.linalg.cholesky(after + J @ before @ J.mT)
+    residual = observed.measured - outcome - _times(J, seen - last)
+    pull = torch.cholesky_solve(residual[..., None], factor)
+    step = seen + _times(before @ J.mT, pull[..., 0]) - last
+    tried = last + torch.tensor(_STEPS).to(step)[:, None, None, None] * step
+    missed = observed.measured - observed.outcome(tried, theta[:, None])
+    moved = ((tried - seen) / noise[0]).nan_to_num(0.0)  # 0/0 where v_pre is exact
+    apart = (moved.square() + (missed / noise[1]).square()).sum(-1, keepdim=True).nan_to_num(torch.inf)
+    latent = tried.gather(0, apart.argmin(0, keepdim=True).expand(1, *step.shape))[0]
+    eye = torch.eye(3).to(J).expand_as(J)
+    return replace(
+        observed,
+        state=observed.state.replace(v_pre=latent),
+        measured=observed.measured + _times(J, latent - seen),
+        whitening=torch.linalg.solve_triangular(factor, eye, upper=False),
+    )
+
+
+def _times(A: Tensor, x: Tensor) -> Tensor:
+    return (A @ x[..., None])[..., 0]

@@ -1,0 +1,296 @@
+"""Joint identification of a law's (μ, ε) and the parameters of the effects around it.
+
+The residual e_k of trial k is its measured post velocity (or wrench) less the predicted one (`problem`).  `robust`
+maximises the likelihood of the residuals under Student's t distribution, for many subsets and starts at once.  Where
+the noise of the velocities is known, `errors_in_variables` estimates the states before impact with the parameters.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.core.numerics import is_number
+from contactlearn.effects import Effect, Parameter, named_effects
+from contactlearn.inference.identification import errors_in_variables, robust
+from contactlearn.inference.identification.problem import JointProblem, effects_at
+from contactlearn.inference.identification.ranges import suited
+from contactlearn.inference.identification.shared import Box
+from contactlearn.inference.identification.thresholds import FitThresholds
+from contactlearn.laws import Law, named
+from contactlearn.mechanics.impacts import Impacts, require_impacts
+from contactlearn.models.contact_model import ContactModel
+
+FIT_TARGETS = ("velocity", "wrench")
+_SCATTER = 6  # free numbers of a scatter matrix; twice as many residuals keep it from being singular
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitOptions:
+    """Options of a joint fit.
+
+    Raises:
+        DataError: noise that is not three positive numbers, or noise before impact alone.
+        UnknownNameError: no such target.
+    """
+
+    box: Box = Box()
+    """Limits of μ and ε."""
+    target: str = "velocity"
+    """The compared quantity: `velocity` for v_post, or `wrench`."""
+    noise: tuple[float, float, float] | None = None
+    """Standard deviations of the measured v_x, v_y (m/s) and ω (rad/s) after impact, known up to a common factor.
+
+    If None, it is that of the covariances of the impacts, see `known`; where they have none, the residual is weighted
+    by its own scatter, and v_pre is treated as exact.
+    """
+    noise_before: tuple[float, float, float] | None = None
+    """Standard deviations before impact, in the units and up to the factor of `noise`; equal to `noise` if None.
+
+    0 is an exact component; one that is the same in all trials is treated as exact.
+    """
+    starts: int = 8
+    """Number of starts of the search, for each subset."""
+    tolerance: float = robust.TOLERANCE
+    """Decrease of the loss in nats a trial below which a step is no improvement; two in a row end the fit."""
+    thresholds: FitThresholds = FitThresholds()
+    """Limits of the statements about the fit."""
+
+    def __post_init__(self):
+        for name, sign, least in (("noise", "positive", 5e-324), ("noise_before", "non-negative", 0.0)):
+            sigma = getattr(self, name)
+            if sigma is not None and (len(sigma) != 3 or not all(is_number(x) and x >= least for x in sigma)):
+                raise DataError(
+                    f"{name} must be three {sign} standard deviations, of v_x, v_y in m/s and ω in rad/s; got {sigma}"
+                )
+        if self.noise_before is not None and self.noise is None:
+            raise DataError(f"noise_before={self.noise_before} needs noise, that after impact, in the same units")
+        if self.target not in FIT_TARGETS:
+            raise UnknownNameError("target of a joint fit", self.target, FIT_TARGETS)
+
+    def known(self, impacts: Impacts) -> "FitOptions":
+        """Return the options with the noise that the covariances of the impacts imply, where none is stated.
+
+        It is the root of their mean variances.  Covariances of one side serve for both; those that leave a component
+        without any noise after impact serve for nothing.
+        """
+        sides = [x for x in (impacts.v_pre_cov, impacts.v_post_cov) if x is not None]
+        if self.noise is not None or not sides:
+            return self
+        before, after = (_deviations(sides[k]) for k in (0, -1))
+        return replace(self, noise=after, noise_before=before) if min(after) > 0 else self
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """Result of a joint fit, for each subset (leading axes).
+
+    `values` [..., K] and `covariance` [..., K, K] follow `parameters`, named `mu`, `eps` and `effect.parameter`.
+    """
+
+    model: ContactModel
+    parameters: tuple[Parameter, ...] = field(repr=False)
+    values: Tensor = field(repr=False)
+    covariance: Tensor = field(repr=False)
+    scatter: Tensor = field(repr=False)  # robust covariance [..., 3, 3] of residuals: target's units², or white
+    weight: Tensor = field(repr=False)  # [..., n] of the trials, near 0 for gross outliers and 1 for ordinary ones
+    effective_trials: Tensor = field(repr=False)  # [..., K] effective number of trials that inform each parameter
+    loss: Tensor  # [...] the minimum of the loss, nats a trial
+    agreement: Tensor  # [...] share of the starts followed to the end that reached this minimum
+    converged: Tensor  # [...] whether the best start converged
+    thresholds: FitThresholds = field(default_factory=FitThresholds, repr=False)
+    alone: "JointFit | None" = None  # to the impacts alone, where flight has measured a parameter
+
+    @property
+    def standard_errors(self) -> Tensor:
+        """Standard errors [..., K] of the parameters."""
+        return self.covariance.diagonal(dim1=-2, dim2=-1).sqrt()
+
+    @cached_property
+    def correlation(self) -> Tensor:
+        """Correlation matrix [..., K, K] of the parameters."""
+        error = self.standard_errors
+        return self.covariance / (error[..., :, None] * error[..., None, :])
+
+    @property
+    def inliers(self) -> Tensor:
+        """Whether the weight of a trial [..., n] is not negligible; other residuals are over five times the typical."""
+        return self.weight >= self.thresholds.outlier_weight
+
+    @property
+    def outliers(self) -> int:
+        """Number of trials of negligible weight, over all subsets."""
+        return int((~self.inliers).sum())
+
+    def undetermined(self) -> dict[str, str]:
+        """Explain which parameters a single subset does not determine: parameter → reasons with their numbers.
+
+        Those that flight has measured are left to `known_parameters`.
+        """
+        reasons = {p.name: " and ".join(self._open(k)) for k, p in enumerate(self.parameters) if p.flight is None}
+        return {name: said for name, said in reasons.items() if said}
+
+    def _open(self, k: int) -> list[str]:
+        """List the reasons why the data do not determine parameter k."""
+        limits, reasons = self.thresholds, []
+        share = self.standard_errors[k].item() / (self.parameters[k].high - self.parameters[k].low)
+        if share >= 1:
+            reasons.append("hardly anything depends on it")
+        elif share > limits.open_share:
+            reasons.append(f"its standard error is {share:.0%} of its plausible range")
+        trials = self.effective_trials[k].item()
+        if trials < limits.effective_trials and share <= 1:
+            reasons.append(f"about {max(1, round(trials))} trials tell of it")
+        return reasons
+
+    def trade_offs(self) -> tuple[str, ...]:
+        """Name the strongly correlated pairs of a single subset's parameters; each may still be determined well."""
+        pairs = (self.correlation.abs().triu(1) > self.thresholds.correlation).nonzero().tolist()
+        names, of = [p.name for p in self.parameters], self.correlation
+        return tuple(f"{names[k]} and {names[j]} trade off: correlation {of[k, j]:+.2f}" for k, j in pairs)
+
+    def at_bounds(self) -> dict[str, str]:
+        """Explain which parameters of a single subset end at a bound, but for those: parameter → the meaning."""
+        found = {}
+        for p, value, error in zip(self.parameters, self.values.tolist(), self.standard_errors.tolist(), strict=True):
+            if p.low < value < p.high or p.flight is not None:
+                continue
+            if value == p.vanishing:
+                found[p.name] = f"is not seen: |{p.symbol}| < {1.645 * error:.2g} {p.unit} with 95 %".replace(" –", "")
+            else:
+                found[p.name] = f"ends at its bound {value:g}; the other parameters may be biased"
+        return found
+
+
+def identify_jointly(
+    law: Law | str,
+    effects: Mapping[str, Effect] | Iterable[str],
+    impacts: Impacts,
+    rows: Tensor | None = None,
+    *,
+    options: FitOptions = FitOptions(),
+    start: Tensor | None = None,
+) -> JointFit:
+    """Fit a law with effects to trials.
+
+    Args:
+        law: an analytical law or its name; its own μ and ε are ignored.
+        effects: by name, or names alone; constants that they leave open are taken from the impacts.
+        impacts, rows: subsets [..., n] of equal size as rows of the impacts; all of them if None.
+        options: of the fit.
+        start: values [..., K] to begin at instead of a search.
+
+    Raises:
+        DataError: fewer trials than K parameters need, (K + 12) // 3 + 1; or an effect needs a shape, which is unknown.
+    """
+    require_impacts(impacts)
+    law, effects = named(law), {name: effect.prepare(impacts) for name, effect in named_effects(effects).items()}
+    rows = (torch.arange(len(impacts)) if rows is None else rows).to(impacts.mass.device)
+    parameters = named_parameters(effects, options.box, impacts)
+    least = (len(parameters) + 2 * _SCATTER) // 3 + 1
+    if rows.shape[-1] < least:
+        raise DataError(f"{len(parameters)} parameters need at least {least} trials, got {rows.shape[-1]}")
+    flat = rows.reshape(-1, rows.shape[-1])
+    problem, noise = _observed(law, effects, impacts, flat, parameters, options)
+    if noise is None:
+        found = robust.search(problem, options.starts, start, options.tolerance)
+    else:
+        problem, found = errors_in_variables.solve(problem, noise, options.starts, start, options.tolerance)
+    theta, scatter, loss, agreement, converged = found
+    covariance, weight, effective = robust.uncertainty(problem, theta, scatter)
+    back = (
+        x.reshape(rows.shape[:-1] + x.shape[1:])
+        for x in (theta, covariance, scatter, weight, effective, loss, agreement, converged)
+    )
+    theta, covariance, *others = back
+    model = assemble(law, effects, theta, covariance)
+    return JointFit(model, parameters, theta, covariance, *others, thresholds=options.thresholds)
+
+
+class Linearisation(NamedTuple):
+    """A residual [n, 3] and its derivative [n, 3, K] about given parameters, both whitened, and weights [n]."""
+
+    residual: Tensor
+    slope: Tensor
+    weight: Tensor
+
+
+def linearise(
+    law: Law,
+    effects: Mapping[str, Effect],
+    impacts: Impacts,
+    theta: Tensor,
+    scatter: Tensor,
+    *,
+    options: FitOptions = FitOptions(),
+) -> Linearisation:
+    """Linearise the residual of a law with effects about parameters [K]; the options are those of a fit."""
+    rows = torch.arange(len(impacts), device=impacts.mass.device)[None]
+    parameters = named_parameters(effects, Box(), impacts)
+    problem, noise = _observed(law, effects, impacts, rows, parameters, options)
+    if noise is not None:
+        problem = errors_in_variables.about_latent_states(problem, noise, theta[None])
+    residual, slope = problem.linearised(theta[None])
+    return Linearisation(*(part[0] for part in robust.whitened(residual, slope, scatter[None])))
+
+
+def named_parameters(effects: Mapping[str, Effect], box: Box, impacts: Impacts) -> tuple[Parameter, ...]:
+    """Return μ, ε and the parameters of the effects, the latter named `effect.parameter`.
+
+    Ranges with units of length, speed or mass suit the measurements, see `ranges.suited`.  What is known of the
+    apparatus narrows them.
+    """
+    shared = (
+        Parameter("mu", "μ", "–", *box.mu, vanishing=None),
+        Parameter("eps", "ε", "–", *box.eps, vanishing=None),
+    )
+    known = {} if impacts.apparatus is None else dict(impacts.apparatus.parameters())
+    declared = [(name, effect.name, p) for name, effect in effects.items() for p in effect.parameters]
+    own: list[Parameter] = []
+    for (name, family, _), p in zip(declared, suited([p for *_, p in declared], impacts), strict=True):
+        low, high = p.low, p.high
+        flight = known.get(f"{family}.{p.name}")
+        if flight is not None:
+            within = max(low, flight.range[0]), min(high, flight.range[1])
+            flight = None if within == (low, high) else flight
+            low, high = within
+        own.append(replace(p, name=f"{name}.{p.name}", low=low, high=high, flight=flight))
+    return (*shared, *own)
+
+
+def assemble(law: Law, effects: Mapping[str, Effect], theta: Tensor, covariance: Tensor | None = None) -> ContactModel:
+    """Return the model at parameters [..., K], whose leading axes broadcast against the trials [..., N]."""
+    shaped = theta[..., None, :] if theta.ndim > 1 else theta
+    return ContactModel(
+        law.at(shaped[..., 0], shaped[..., 1]), effects=effects_at(effects, shaped), parameter_covariance=covariance
+    )
+
+
+def _observed(
+    law: Law,
+    effects: Mapping[str, Effect],
+    impacts: Impacts,
+    rows: Tensor,
+    parameters: tuple[Parameter, ...],
+    options: FitOptions,
+) -> tuple[JointProblem, Tensor | None]:
+    """Return the problem of rows [B, n] at measured v_pre, and the noise [2, 3] before and after if v_pre has one."""
+    options = options.known(impacts)
+    deviations = partial(torch.tensor, dtype=torch.float64, device=impacts.mass.device)
+    after = None if options.noise is None else deviations(options.noise)
+    problem = JointProblem.of(law, effects, impacts, rows, parameters, options.target, after)
+    if after is None:
+        return problem, None
+    before = after if options.noise_before is None else deviations(options.noise_before)
+    before = before * (impacts.v_pre != impacts.v_pre[0]).any(0)
+    return problem, torch.stack((before, after)) if before.any() else None
+
+
+def _deviations(covariance: Tensor) -> tuple[float, float, float]:
+    """Root of the mean variances of covariances [N, 3, 3]."""
+    x, y, spin = covariance.diagonal(dim1=-2, dim2=-1).mean(0).sqrt().tolist()
+    return x, y, spin

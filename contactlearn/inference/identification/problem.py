@@ -1,0 +1,125 @@
+"""The residual of a law with effects over many subsets of trials, as a problem for `robust`.
+
+    e_k(θ) = v_post,k − f(v_pre,k, θ), whitened by the noise of trial k where that is known
+
+Derivatives are exact: each trial has its own copy of the parameters and of the state, so that three backward passes,
+one a component, give the derivatives of all trials.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from contactlearn.effects import Effect, Parameter, State
+from contactlearn.laws import Law
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.contact_model import derivative, resolve
+
+
+def effects_at(effects: Mapping[str, Effect], theta: Tensor) -> dict[str, Effect]:
+    """Return the effects at parameters [..., K] of a fit, of which μ and ε are the first."""
+    counts = [len(effect.parameters) for effect in effects.values()]
+    parts = theta[..., 2:].split(counts, -1) if counts else ()
+    return {name: effect.at(part) for (name, effect), part in zip(effects.items(), parts, strict=True)}
+
+
+@dataclass(frozen=True)
+class JointProblem:
+    """B problems of n trials: the measured target [B, n, 3], and the inverse square root of its covariance where known.
+
+    The model predicts the target from the `state` before impact.
+    """
+
+    law: Law
+    effects: Mapping[str, Effect]
+    state: State
+    measured: Tensor
+    whitening: Tensor | None
+    target: str
+    low: Tensor
+    high: Tensor
+    start: Tensor
+    reach: Tensor
+
+    @classmethod
+    def of(
+        cls,
+        law: Law,
+        effects: Mapping[str, Effect],
+        impacts: Impacts,
+        rows: Tensor,
+        parameters: Sequence[Parameter],
+        target: str,
+        noise: Tensor | None,
+    ) -> "JointProblem":
+        """Return the problem of rows [B, n] of the impacts.
+
+        Args:
+            law: analytical; its own μ and ε are ignored.
+            effects: by name, prepared.
+            impacts: measurements.
+            rows: of the impacts.
+            parameters: of the fit.
+            target: `velocity` or `wrench`; where the noise is known the velocity is compared in either case.
+            noise: standard deviations [3] of the measured v_post.
+        """
+        whitening = None
+        if noise is not None:
+            target, whitening = "velocity", torch.diag(1 / noise).expand(*rows.shape, 3, 3)
+        device = impacts.mass.device
+        measured = (impacts.v_post if target == "velocity" else impacts.wrench)[rows]
+        limits = torch.tensor([(p.low, p.high, p.start) for p in parameters], dtype=torch.float64, device=device)
+        low, high, start = limits.T
+        nuisance = torch.tensor([p.vanishing is None for p in parameters], device=device)
+        reach = torch.where(nuisance, high - low, (high - low) / 3)
+        return cls(law, effects, State.of(impacts, rows), measured, whitening, target, low, high, start, reach)
+
+    def __len__(self) -> int:
+        return len(self.measured)
+
+    @property
+    def scaled(self) -> bool:
+        """Whether the residual is whitened by its known noise."""
+        return self.whitening is not None
+
+    def __getitem__(self, which: Tensor | slice | tuple[slice, slice]) -> "JointProblem":
+        whitening = None if self.whitening is None else self.whitening[which]
+        return replace(self, state=self.state[which], measured=self.measured[which], whitening=whitening)
+
+    def thinned(self, most: int) -> "JointProblem":
+        """Return the problems with every k-th trial alone, at most `most` each."""
+        step = -(-self.measured.shape[1] // most)
+        return self[:, ::step]
+
+    def residual(self, theta: Tensor) -> Tensor:
+        """Residual, whitened by the known noise, [..., B, n, 3] at parameters [..., B, n or 1, K]."""
+        residual = self.measured - self._outcome(self.state, theta)
+        return residual if self.whitening is None else (self.whitening @ residual[..., None])[..., 0]
+
+    def linearised(self, theta: Tensor) -> tuple[Tensor, Tensor]:
+        """Residual [B, n, 3], and its derivative [B, n, 3, K], at parameters [B, K]."""
+        own = theta[:, None, :].expand(*self.measured.shape[:2], -1)
+        own = [part.clone().requires_grad_() for part in own.unbind(-1)]
+        with torch.enable_grad():
+            residual = self.residual(torch.stack(own, -1))
+            slope = derivative(residual, own)
+        return residual.detach(), slope
+
+    def over_state(self, v_pre: Tensor, theta: Tensor) -> tuple[Tensor, Tensor]:
+        """Outcome [B, n, 3], and its derivative [B, n, 3, 3] in v_pre, at v_pre [B, n, 3] and parameters [B, K]."""
+        own = [part.clone().requires_grad_() for part in v_pre.unbind(-1)]
+        with torch.enable_grad():
+            outcome = self.outcome(torch.stack(own, -1), theta[:, None])
+            slope = derivative(outcome, own)
+        return outcome.detach(), slope
+
+    def outcome(self, v_pre: Tensor, theta: Tensor) -> Tensor:
+        """Outcome [..., B, n, 3] as the target, from v_pre [..., B, n, 3] at parameters [..., B, n or 1, K]."""
+        return self._outcome(self.state.replace(v_pre=v_pre), theta)
+
+    def _outcome(self, state: State, theta: Tensor) -> Tensor:
+        """Outcome from a state, whose inertia is computed once for all calls."""
+        prediction = resolve(self.law, effects_at(self.effects, theta), state, theta[..., 0], theta[..., 1])
+        return prediction.v_post if self.target == "velocity" else prediction.wrench

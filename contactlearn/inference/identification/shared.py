@@ -1,0 +1,189 @@
+"""Identification of the shared parameters (μ, ε) of a law, Eq. (3.1) of Fazeli et al. (2017).
+
+    minimise over (μ, ε):  C(μ, ε) = 1/k Σ_n ‖P_n − P̂_n(μ, ε)‖₂      over k random trials, m times
+
+C is not smooth (trials change their contact mode) and can have several minima, so no single local optimiser finds the
+least.  It is evaluated on a grid over the whole box, once for all trials, and the surface of every subset is a mean of
+these values.  Finer grids surround the lowest local minima and the lowest nodes of each surface, and their best points
+start a pattern search, whose best result is kept.  The search can miss a basin narrower than a sixth of the grid's
+spacing, or one without a low node beside it.
+
+Where all trials stick, μ is only bounded below: `mu_range` and `eps_range` are the ranges of each parameter within
+which the cost, minimised over the other, rises by no more than 0.1 %.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from jaxtyping import Int
+from torch import Tensor
+
+from contactlearn.core.errors import DataError
+from contactlearn.inference.identification.grid_search import (
+    Box,
+    Cost,
+    finer,
+    lowest_nodes,
+    nested_sums,
+    pattern_search,
+    ranges_within,
+)
+from contactlearn.laws import Law, named
+from contactlearn.mechanics.impacts import Impacts, measured_impulse, require_impacts
+
+__all__ = ["Box", "SharedFit", "cost_surface", "distances", "identify"]
+
+
+@dataclass(frozen=True)
+class SharedFit:
+    """Parameters identified from subsets of trials: [m, S] for m repetitions and S subset sizes."""
+
+    law: Law
+    sizes: tuple[int, ...]
+    mu: Tensor
+    eps: Tensor
+    cost: Tensor  # mean ‖P − P̂‖ over the subset, N s
+    mu_range: Tensor  # [m, S, 2]
+    eps_range: Tensor
+    mu_flat: Tensor  # whether the subset leaves μ undetermined: mu_range spans over a tenth of the box
+
+    def mean(self) -> tuple[float, float]:
+        """Mean (μ, ε) over the repetitions, at the largest size."""
+        return self.mu[:, -1].mean().item(), self.eps[:, -1].mean().item()
+
+    def std(self) -> tuple[float, float]:
+        """Standard deviation of (μ, ε) over the repetitions, at the largest size; nan for a single one."""
+        if len(self.mu) < 2:
+            return math.nan, math.nan
+        return self.mu[:, -1].std().item(), self.eps[:, -1].std().item()
+
+    def to_law(self) -> Law:
+        """The law at the mean parameters, as the paper uses it."""
+        return self.law.at(*self.mean())
+
+
+def distances(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, *, target: str) -> Tensor:
+    """Compute ‖P_n − P̂_n‖₂ [..., N] in N s, broadcast over μ and ε [..., N]."""
+    P = law.at(mu, eps).impulse(impacts.W, impacts.v_c)
+    return _length(P - measured_impulse(impacts, target))
+
+
+def _length(x: Tensor) -> Tensor:
+    """‖x‖₂ over a last axis of 2; a reduction over so short an axis takes several times as long."""
+    return (x[..., 0] ** 2 + x[..., 1] ** 2).sqrt()
+
+
+def cost_surface(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, *, target: str = "momentum") -> Tensor:
+    """Compute C(μ, ε) [len(mu), len(eps)] in N s over all given trials (Fig. 3.3)."""
+    parts = (
+        distances(law, impacts[rows], mu[:, None, None], eps[:, None], target=target).sum(-1)
+        for rows in torch.arange(len(impacts)).split(_TRIALS)
+    )
+    return torch.stack([*parts]).sum(0) / len(impacts)
+
+
+def identify(
+    law: Law | str,
+    impacts: Impacts,
+    *,
+    sizes: Sequence[int] = (120,),
+    repetitions: int = 100,
+    orders: Int[Tensor, "m k"] | None = None,
+    generator: torch.Generator | None = None,
+    target: str = "momentum",
+    box: Box | None = None,
+    progress: Callable[[Iterable[Tensor]], Iterable[Tensor]] = iter,
+) -> SharedFit:
+    """Identify one (μ, ε) from the first k trials of m random orders, for every k of `sizes`.
+
+    Args:
+        law: an analytical law or its name; its own μ and ε are ignored.
+        impacts: trials to draw from, without replacement within a repetition.
+        sizes: subset sizes k, increasing; the subsets of one repetition are nested.
+        repetitions: m.
+        orders: m orders of the trials [m, k] as rows, at least as many as the largest size; random if left out.
+        generator: source of the random orders; seed 0 if left out.
+        target: the measured impulse, see `impacts.measured_impulse`.
+        box: bounds and grid.
+        progress: wraps the iteration over blocks of repetitions, so that a bar can show it.
+
+    Raises:
+        DataError: fewer trials than the largest size, or sizes that do not increase.
+        UnknownNameError: no such law or target.
+    """
+    require_impacts(impacts)
+    law = named(law)
+    sizes, box = tuple(sizes), box or Box()
+    orders = _orders(impacts, sizes, repetitions, orders, generator or torch.Generator().manual_seed(0))
+    mu, eps = (axis.to(impacts.mass) for axis in box.axes())
+    # One evaluation serves every subset: [trials that are drawn, nodes²].
+    drawn, rows = orders.unique(return_inverse=True)
+    impacts = impacts if len(drawn) == len(impacts) else impacts[drawn]
+    grid, rows, count = _grid(law, impacts, mu, eps, target), rows.to(mu.device), torch.tensor(sizes).to(mu)
+    P = measured_impulse(impacts, target)
+    found = []
+    # Repetitions go in blocks, so that a block's surfaces and searches fit in memory.
+    for block in progress(rows.split(max(1, _BLOCK // (len(sizes) * (sizes[-1] + box.nodes**2 // 8))))):
+        surfaces = torch.stack([nested_sums(grid, order, sizes) for order in block])
+        surfaces = (surfaces / count[:, None]).unflatten(-1, (box.nodes, box.nodes))
+        found.append(_search(_mean_distance(law, impacts, P, block, sizes), surfaces, box, mu, eps))
+    x, best, mu_range, eps_range = (torch.cat(parts) for parts in zip(*found, strict=True))
+    mu_flat = mu_range[..., 1] - mu_range[..., 0] > 0.1 * (box.mu[1] - box.mu[0])
+    return SharedFit(law, sizes, x[..., 0], x[..., 1], best, mu_range, eps_range, mu_flat)
+
+
+def _grid(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, target: str) -> Tensor:
+    """Distances [N, nodes²] at the nodes of μ and ε, a few trials at a time."""
+    grid = mu.new_empty(len(impacts), len(mu) * len(eps))
+    for rows in torch.arange(len(impacts)).split(_TRIALS):
+        at = distances(law, impacts[rows], mu[:, None, None], eps[:, None], target=target)
+        grid[rows] = at.flatten(0, 1).T
+    return grid
+
+
+def _orders(
+    impacts: Impacts, sizes: tuple[int, ...], repetitions: int, orders: Tensor | None, generator: torch.Generator
+) -> Tensor:
+    """Rows [m, largest size] of the subsets, given or random; `identify` lists the errors."""
+    if not sizes or sizes[0] < 1 or any(b <= a for a, b in pairwise(sizes)):
+        raise DataError(f"sizes must be positive and increasing, got {list(sizes)}")
+    if sizes[-1] > len(impacts):
+        raise DataError(
+            f"{impacts.source}: {sizes[-1]} trials asked for, but only {len(impacts)} are there to draw from"
+        )
+    if repetitions < 1:
+        raise DataError(f"repetitions must be at least 1, got {repetitions}")
+    if orders is None:
+        drawn = (torch.randperm(len(impacts), generator=generator) for _ in range(repetitions))
+        orders = torch.stack([order[: sizes[-1]] for order in drawn])
+    if orders.shape[1] < sizes[-1]:
+        raise DataError(f"orders must hold the largest size, {sizes[-1]} trials each, got {orders.shape[1]}")
+    return orders[:, : sizes[-1]]
+
+
+def _mean_distance(law: Law, impacts: Impacts, P: Tensor, block: Tensor, sizes: tuple[int, ...]) -> Cost:
+    """Mean distance [..., B, S] of a block's subsets as a function of the parameters [..., B, S, 2]."""
+    member = torch.arange(sizes[-1], device=P.device) < torch.tensor(sizes, device=P.device)[:, None]
+    W, v_c, measured = impacts.W[block][:, None], impacts.v_c[block][:, None], P[block][:, None]
+
+    def cost(x: Tensor) -> Tensor:
+        P_hat = law.at(x[..., 0, None], x[..., 1, None]).impulse(W, v_c)
+        return (_length(P_hat - measured) * member).sum(-1) / member.sum(-1)
+
+    return cost
+
+
+def _search(cost: Cost, surfaces: Tensor, box: Box, mu: Tensor, eps: Tensor) -> tuple[Tensor, ...]:
+    """Best x [B, S, 2], its cost [B, S] and the ranges of μ and of ε [B, S, 2], from surfaces [B, S, nodes, nodes]."""
+    single = surfaces.shape[1] == 1
+    low = lowest_nodes(surfaces, *((4, 24) if single else (2, 2)))
+    starts = torch.stack((mu[low[..., 0]], eps[low[..., 1]]), -1)
+    x, best = pattern_search(cost, finer(cost, starts, box, keep=3 if single else 1), box)
+    return x, best, *ranges_within(cost, surfaces, best, x, mu, eps)
+
+
+_TRIALS = 512  # of which the distances at all nodes are in memory at a time
+_BLOCK = 1 << 17  # elements of a block: repetitions × sizes × (trials + an eighth of the nodes)

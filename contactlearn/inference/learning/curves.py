@@ -1,0 +1,292 @@
+"""Learning curves: the held-out errors of models against their number of training trials.
+
+Each seed draws one random order of the pool; the subset of size n is its first n trials, so subsets
+are nested along a curve and the same for every model.  Laws are identified and processes trained on
+the subset alone; all seeds of a model at one size are one batch.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import as_completed
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import torch
+from jaxtyping import Int
+from torch import Tensor
+
+from contactlearn.core.devices import moved
+from contactlearn.core.errors import DataError
+from contactlearn.core.workers import WorkerPool
+from contactlearn.effects import Effect
+from contactlearn.inference.evaluation import metrics
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification.shared import Box, SharedFit, identify
+from contactlearn.inference.learning.kept import Trained, load_trained, save_trained
+from contactlearn.inference.learning.recipe import Recipe, learn
+from contactlearn.laws import Law
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.models.contact_model import RESIDUALS, ContactModel
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Work:
+    """How many trainings are gone through.
+
+    Args:
+        processes: side by side; 1 trains in this one.
+        kept: folder of finished trainings, which are not trained again; of the same trials, recipes and options.
+        progress: takes the trained models, one by one, and their number, so that a bar can show them.
+    """
+
+    processes: int = 1
+    kept: Path | None = None
+    progress: Callable[[Iterable[Trained], int], Iterable[Trained]] = lambda done, total: done
+
+
+_ALONE = Work()
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurveDensity:
+    """Predicted densities of the measured v_post of N held-out trials, as `Curve.errors`."""
+
+    negative_log: Tensor  # −log density, [S, R, N] in nats
+    distance: Tensor  # squared Mahalanobis distance, [S, R, N]
+    covered: Tensor  # whether each component is in its 95 % interval, [S, R, N, 3] bool
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Scores of one model on N held-out trials at S sizes, trained on R random subsets each."""
+
+    sizes: tuple[int, ...]
+    errors: dict[str, Tensor]  # by name of `metrics.METRICS`, [S, R, N]
+    density: CurveDensity | None = None  # of a model that predicts covariances
+    kinds: tuple[str, ...] = ()  # of the processes, at each size
+    converged: tuple[float, ...] = ()  # share of the processes whose training converged, at each size
+
+    @classmethod
+    def of(cls, impacts: Impacts, predictions: Mapping[int, Prediction]) -> "Curve":
+        """Score predictions [R, N], or [N] of a single subset, by size."""
+        ordered = [predictions[size] for size in sorted(predictions)]
+
+        def scores(score: Callable[[Impacts, Prediction], Tensor], tail: int = 0) -> Tensor:
+            values = torch.stack([score(impacts, prediction) for prediction in ordered])
+            return values if values.ndim == 3 + tail else values[:, None]
+
+        errors = {name: scores(metric.error) for name, metric in metrics.METRICS.items()}
+        sizes = tuple(sorted(predictions))
+        if ordered[0].covariance is None:
+            return cls(sizes, errors)
+        density = CurveDensity(
+            negative_log=scores(metrics.negative_log_density),
+            distance=scores(metrics.squared_distance),
+            covered=scores(metrics.covered, 1),
+        )
+        return cls(sizes, errors, density)
+
+    def intervals(self, metric: str, generator: torch.Generator, resamples: int = 2000) -> Tensor:
+        """Compute the mean and its 95 % interval over trials and subsets at each size, [S, 3]."""
+        rows = [list(metrics.bootstrap(error, generator, resamples)) for error in self.errors[metric]]
+        return torch.tensor(rows, dtype=torch.float64)
+
+
+def nested_orders(trials: int, seeds: int, generator: torch.Generator) -> Tensor:
+    """Draw a random order of the trials for each seed, [seeds, trials]."""
+    return torch.stack([torch.randperm(trials, generator=generator) for _ in range(seeds)])
+
+
+def law_curves(
+    laws: Iterable[Law],
+    pool: Impacts,
+    test: Impacts,
+    orders: Int[Tensor, "r k"],
+    sizes: Sequence[int],
+    *,
+    target: str = "momentum",
+    box: Box | None = None,
+) -> tuple[dict[str, SharedFit], dict[str, Curve]]:
+    """Identify laws on every subset, and compute their curves; `target` and `box` are those of `identify`."""
+    fits = {law.name: identify(law, pool, sizes=sizes, orders=orders, target=target, box=box) for law in laws}
+    curves = {}
+    for name, fit in fits.items():
+        predictions = {size: ContactModel(law_at(fit, size)).predict(test) for size in sizes}
+        curves[name] = Curve.of(test, predictions)
+    return fits, curves
+
+
+def joint_curve(
+    law: Law,
+    effects: Mapping[str, Effect],
+    pool: Impacts,
+    test: Impacts,
+    orders: Tensor,
+    sizes: Iterable[int],
+    options: FitOptions,
+) -> tuple[dict[int, ContactModel], Curve]:
+    """Fit a law with effects to every subset; return the models by size, and their curve."""
+    models = {size: identify_jointly(law, effects, pool, orders[:, :size], options=options).model for size in sizes}
+    return models, Curve.of(test, {size: model.predict(test) for size, model in models.items()})
+
+
+def law_at(fit: SharedFit, size: int) -> Law:
+    """Return the law with the parameters [R, 1] of each subset of that size."""
+    place = fit.sizes.index(size)
+    return fit.law.at(fit.mu[:, place, None], fit.eps[:, place, None])
+
+
+def learning_curves(
+    recipes: Mapping[str, Recipe],
+    pool: Impacts,
+    test: Impacts,
+    orders: Tensor,
+    sizes: Sequence[int],
+    bases: Mapping[str, Mapping[int, Law | ContactModel]],
+    *,
+    impulse: str = "momentum",
+    box: Box | None = None,
+    work: Work = _ALONE,
+) -> dict[str, Curve]:
+    """Train models on every subset, and compute their curves.
+
+    Args:
+        recipes: by name of the model.
+        pool, test: trials to learn from, and trials held out.
+        orders: of the pool's trials, [R, N], see `nested_orders`.
+        sizes: of the subsets, increasing.
+        bases: by law and size, the law that a recipe names as identified on these subsets, see `law_at`, with its
+            effects if it has any.
+        impulse, box: see `learning.learn`.
+        work: how the trainings are gone through.
+    """
+    tasks = []
+    for size in sorted(sizes, reverse=True):  # the longest first
+        for name, recipe in recipes.items():
+            base = bases[recipe.law.name][size] if recipe.law else None
+            tasks.append(((name,), size, recipe, pool, test, orders[:, :size], base, impulse, box))
+    found = list(_trained(tasks, work))
+    return {name: _curve(test, [one for one in found if one.key == (name,)]) for name in recipes}
+
+
+def _trained(tasks: Sequence[tuple[Any, ...]], work: Work) -> Iterable[Trained]:
+    """Train the models of the tasks, but for those that are kept; keep each that is finished."""
+
+    def every() -> Iterator[Trained]:
+        missing = []
+        for task in tasks:
+            held = load_trained(work.kept, *task[:2]) if work.kept is not None else None
+            if held is None:
+                missing.append(task)
+            else:
+                yield moved(held, task[4].v_post.device)  # with the held-out trials
+        for trained in run(_train_one, missing, work.processes):
+            if work.kept is not None:
+                save_trained(work.kept, trained)
+            yield trained
+
+    return work.progress(every(), len(tasks))
+
+
+def _train_one(
+    key: tuple[str, ...],
+    size: int,
+    recipe: Recipe,
+    pool: Impacts,
+    test: Impacts,
+    rows: Tensor,
+    base: Law | ContactModel | None,
+    impulse: str,
+    box: Box | None,
+) -> Trained:
+    model = learn(recipe, pool, rows, base, impulse=impulse, box=box)
+    processes = model.processes
+    share = 1.0 if processes.status is None else processes.status.converged.double().mean().item()
+    return Trained(key=key, size=size, prediction=model.predict(test), kind=processes.kind, converged=share)
+
+
+def _curve(test: Impacts, trained: Iterable[Trained]) -> Curve:
+    """From the models of one curve at each size."""
+    ordered = sorted(trained, key=lambda one: one.size)
+    curve = Curve.of(test, {one.size: one.prediction for one in ordered})
+    return replace(curve, kinds=tuple(one.kind for one in ordered), converged=tuple(one.converged for one in ordered))
+
+
+def transfer_curves(
+    recipe: Recipe,
+    source: Impacts,
+    bodies: Mapping[str, tuple[Impacts, Impacts]],
+    sizes: Sequence[int],
+    seeds: int,
+    generator: torch.Generator,
+    *,
+    impulse: str = "momentum",
+    box: Box | None = None,
+    work: Work = _ALONE,
+) -> tuple[ContactModel, dict[str, dict[str, Curve]]]:
+    """Train a model on one body, and compute its curves on others.
+
+    Args:
+        recipe: of the model; a learned one.
+        source: the trials that it is trained on, all of them.
+        bodies: (pool, held-out trials) of other bodies by name.
+        sizes: numbers of trials of the other body, increasing.
+        seeds: random subsets at each size.
+        generator: source of the subsets.
+        impulse, box, work: see `learning_curves`.
+
+    Returns:
+        The model, and by body the curves `zero_shot` (the model as it is; one size, 0), `prior` (the
+        model with processes on its residual, trained on the body's trials) and `scratch` (the recipe
+        trained on the body's trials alone).
+    """
+    rows = torch.arange(len(source))
+    base = None
+    if recipe.law:
+        base = identify(recipe.law, source, sizes=(len(source),), orders=rows[None], target=impulse, box=box).to_law()
+    model = learn(recipe, source, rows, base, impulse=impulse, box=box)
+    correction = recipe if recipe.target in RESIDUALS else replace(recipe, target="impulse")
+    curves, tasks = {}, []
+    for body, (pool, test) in bodies.items():
+        if max(sizes) > len(pool):
+            raise DataError(f"{body}: {max(sizes)} trials asked for, but {len(pool)} are there to draw from")
+        curves[body] = {"zero_shot": Curve.of(test, {0: model.predict(test)})}
+        orders = nested_orders(len(pool), seeds, generator)
+        fit = None
+        if recipe.law:
+            fit = identify(recipe.law, pool, sizes=sizes, orders=orders, target=impulse, box=box)
+        for size in sorted(sizes, reverse=True):
+            common = pool, test, orders[:, :size]
+            tasks.append(((body, "prior"), size, correction, *common, model, impulse, box))
+            tasks.append(((body, "scratch"), size, recipe, *common, fit and law_at(fit, size), impulse, box))
+    found = list(_trained(tasks, work))
+    for body, (_, test) in bodies.items():
+        for way in ("prior", "scratch"):
+            curves[body][way] = _curve(test, [one for one in found if one.key == (body, way)])
+    return model, curves
+
+
+def run(job: Callable[..., Result], tasks: Sequence[tuple[Any, ...]], workers: int) -> Iterable[Result]:
+    """Run job(*task) in `workers` processes of one thread each; yield the results in the order of their completion."""
+    if min(workers, len(tasks)) <= 1:
+        yield from (job(*task) for task in tasks)
+        return
+    with WorkerPool(min(workers, len(tasks))) as pool:
+        futures = [pool.submit(job, *task) for task in tasks]
+        yield from (future.result() for future in as_completed(futures))
+
+
+def first_below(curve: Sequence[float], sizes: Sequence[int], reference: float) -> int | None:
+    """Find the smallest size at which the curve is below a reference; None if it never is."""
+    return next((size for size, value in zip(sizes, curve, strict=True) if value < reference), None)
+
+
+def settled(curve: Sequence[float], sizes: Sequence[int], share: float = 0.05) -> int | None:
+    """Find the size from which on the curve is within a share of its minimum; None if its last value is not."""
+    least = min(curve)
+    late = [value > (1 + share) * least for value in curve]
+    if late[-1]:
+        return None
+    return sizes[len(late) - late[::-1].index(True)] if any(late) else sizes[0]

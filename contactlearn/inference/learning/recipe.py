@@ -1,0 +1,214 @@
+"""Learning: from a recipe and training trials to a `ContactModel`.
+
+    target                  what the processes learn                             paper
+    velocity                v_post − v_pre, or − that of the law                 Class I
+    impulse                 (P_t, P_n), or what the law leaves of it             Class I, II; rigid
+    wrench                  (P_t, P_n, τ), likewise                              Class I, II
+    parameters_identified   the (μ, ε) that fit each single trial best           Class II; rigid
+    parameters_likelihood   (μ, ε) such that the law's impulse is likely         Class II; rigid
+
+A trial that sticks carries no information on μ.  `parameters_likelihood` gives it almost no weight in learning μ, while
+`parameters_identified` learns from it one of the many μ that fit.  Subsets of equal size are learnt from in one batch.
+Source: Fazeli et al. (2017), Section 4.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.inference.evaluation.metrics import CHI_SQUARED_95
+from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification.shared import Box
+from contactlearn.laws import Law
+from contactlearn.mechanics.impacts import Impacts, measured_impulse
+from contactlearn.mechanics.noise_weight import noise_weight
+from contactlearn.models.contact_model import ContactModel, predict_with, wrench_per_parameter
+from contactlearn.models.features import SPACES, Standardisation
+from contactlearn.models.regressor import Regressor
+
+TARGETS = {
+    "velocity": {"v_x": "m/s", "v_y": "m/s", "ω": "rad/s"},
+    "impulse": {"P_t": "N s", "P_n": "N s"},
+    "wrench": {"P_t": "N s", "P_n": "N s", "τ": "N m s"},
+    "parameters_identified": {"μ": "–", "ε": "–"},
+    "parameters_likelihood": {"μ": "–", "ε": "–"},
+}
+"""What is learnt for each target, with units."""
+
+_ROUNDS = 4  # linearisations of the law; most parameters move little after the third
+_COVERAGE = 0.95
+_CALIBRATED = 20_000  # training trials, evenly among all, of which so many are to be covered
+_LOG_SIZE = math.log(0.05), math.log(100.0)
+_LEAST_WEIGHT = 0.01  # of a trial without information on a parameter, which it then keeps at its present value
+_PRIOR_SPREAD = 0.1  # standard deviation of μ and ε about the shared values, before learning
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Definition of a learned model: `features`, `target`, and the `law` whose residual or parameters it learns.
+
+    Raises:
+        UnknownNameError: no such feature space or target.
+        ContactLearnError: parameters to learn but no law.
+    """
+
+    features: str
+    target: str
+    law: Law | None = None
+
+    def __post_init__(self) -> None:
+        if self.features not in SPACES:
+            raise UnknownNameError("feature space", self.features, SPACES)
+        if self.target not in TARGETS:
+            raise UnknownNameError("target", self.target, TARGETS)
+        if not (self.law is None or isinstance(self.law, Law)):
+            raise ContactLearnError(
+                f"a recipe builds on a law, such as laws.find('mirtich'), or on None; got {self.law!r}"
+            )
+        if self.law is None and self.target.startswith("parameters"):
+            raise ContactLearnError(f"target {self.target} needs a law, got none")
+
+
+def learn(
+    recipe: Recipe,
+    impacts: Impacts,
+    rows: Tensor,
+    base: Law | ContactModel | None = None,
+    *,
+    impulse: str = "momentum",
+    box: Box | None = None,
+) -> ContactModel:
+    """Train one model on each training subset.
+
+    Args:
+        recipe: features, target and law of the model.
+        impacts, rows: subsets [..., n] as rows of the impacts.
+        base: the recipe's law with its shared (μ, ε) [..., 1], or any model whose residual is learnt; for the target
+            `parameters_likelihood` also a law with effects.
+        impulse: the measured impulse, see `impacts.measured_impulse`.
+        box: limits of per-trial parameters.
+
+    Raises:
+        DataError: fewer than two training trials.
+        ContactLearnError: a base that is not the recipe's.
+    """
+    rows = rows.to(impacts.mass.device)
+    expected = f"the law {recipe.law.name}" if recipe.law else "nothing, or a model"
+    if not isinstance(base, ContactModel) and type(base) is not type(recipe.law):
+        raise ContactLearnError(f"the recipe builds on {expected}, got {base}")
+    if recipe.target.startswith("parameters"):
+        under = base if isinstance(base, ContactModel) else ContactModel(base)
+        if under.residual or under.parameters or not isinstance(under.base, Law):
+            raise ContactLearnError(f"target {recipe.target} needs a law under it, got a model")
+        if under.effects and recipe.target == "parameters_identified":
+            raise ContactLearnError(
+                "target parameters_identified takes each trial's (μ, ε) from the law alone, but there are effects "
+                f"({', '.join(under.effects)}); use target parameters_likelihood"
+            )
+        if recipe.target == "parameters_identified":
+            found = identify_trials(under.law, impacts, target=impulse, box=box)
+            values = torch.stack((found.mu, found.eps), -1)[rows]
+            regressor = Regressor.fit(recipe.features, impacts, rows, values)
+        else:
+            P = measured_impulse(impacts, impulse)
+            regressor, values = _learn_parameters(recipe, impacts, rows, under, P, box or Box())
+        return _with_noise(replace(under, parameters=regressor), impacts, rows, values)
+    model = ContactModel(base, target=recipe.target)
+    left = model.base_prediction(impacts)
+    values = {
+        "velocity": impacts.v_post - left.v_post,
+        "impulse": measured_impulse(impacts, impulse) - left.wrench[..., :2],
+        "wrench": impacts.wrench - left.wrench,
+    }[recipe.target]
+    values, weight = _at(values, rows), noise_weight(impacts, recipe.target)
+    weight = None if weight is None else weight[rows]
+    model = replace(model, residual=Regressor.fit(recipe.features, impacts, rows, values, weight=weight))
+    return _with_noise(model, impacts, rows, values)
+
+
+def _learn_parameters(
+    recipe: Recipe, impacts: Impacts, rows: Tensor, base: ContactModel, P: Tensor, box: Box
+) -> tuple[Regressor, Tensor]:
+    """Fit processes for (μ, ε) that make the measured impulse P [N, 2] likely; return them and their data [..., n, 2].
+
+    Generalised Gauss–Newton: about the present parameters θ₀ of each trial the law is P ≈ P̂ + G (θ − θ₀).
+    With isotropic noise that is an observation of each parameter, θ₀ + H_kᵀ (P − P̂) / (G_kᵀ H_k) with a noise
+    variance ∝ 1/(G_kᵀ H_k), where H_k is the part of G_k that the other parameter, free within its prior spread,
+    cannot reproduce.  So a trial that sticks carries almost no information on μ.  The posteriors of the two
+    parameters are taken as independent.
+    """
+    law, effects = base.law, base.effects
+    shared = torch.atleast_2d(torch.stack(torch.broadcast_tensors(*law.coefficients), -1)).to(P)  # [..., 1, 2]
+    outputs = Standardisation(shared, torch.full_like(shared, _PRIOR_SPREAD))
+    theta = observed = shared.expand(*rows.shape, 2)
+    regressor = None
+    for _ in range(_ROUNDS):
+        theta = torch.minimum(torch.maximum(theta, box.low.to(theta)), box.high.to(theta))
+        everywhere = _everywhere(theta, rows, len(impacts))
+        G = _at(wrench_per_parameter(law, impacts, everywhere, effects)[..., :2, :], rows, 2)
+        error = _at(P - predict_with(law, impacts, everywhere, effects).wrench[..., :2], rows)
+        other, typical = G.flip(-1), G.square().sum(-2).mean(-2, keepdim=True).amax(-1, keepdim=True).sqrt()
+        shrunk = other.square().sum(-2, keepdim=True) + (_PRIOR_SPREAD * typical[..., None]).square()
+        H = G - (G * other).sum(-2, keepdim=True) / shrunk * other
+        weight = ((G * H).sum(-2).clamp_min(0).sqrt() / typical).clamp_min(_LEAST_WEIGHT)
+        observed = theta + (H * error[..., None]).sum(-2) / (weight * typical).square()
+        regressor = Regressor.fit(
+            recipe.features, impacts, rows, observed, weight=weight, outputs=outputs, like=regressor
+        )
+        theta = _at(regressor.predict(impacts)[0], rows)
+    assert regressor is not None  # there is at least one round
+    return regressor, observed
+
+
+def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Tensor) -> ContactModel:
+    """Return the model with the noise covariance t E of v_post, calibrated on the training trials.
+
+    E is the mean of e eᵀ over the leave-one-out errors e of the training trials.  The factor t is such that the 95 %
+    ellipsoids of V + t E, with V the covariance of the processes, contain 95 % of these errors; the rank is that of
+    conformal prediction, so that few trials give a wide covariance.  It is one of post velocities, as measurement noise
+    is, and includes the moment τ that a rigid model cannot predict.
+    """
+    error, variance = model.processes.leave_one_out()
+    learned = _everywhere(values - error, rows, len(impacts))
+    e = _at(impacts.v_post - model.complete(impacts, learned).v_post, rows)
+    V = _at(model.spread(impacts, learned, _everywhere(variance, rows, len(impacts))), rows, 2)
+    speed = _at(impacts.v_post, rows).square().mean(-2).sqrt()
+    speed = torch.where(speed > 0, speed, _usual_speed(impacts))  # such as v_x of drops that are vertical throughout
+    scale = torch.maximum(e.square().mean(-2).sqrt(), 1e-6 * speed)
+    unit = scale[..., :, None] * scale[..., None, :]
+    e, V = e / scale[..., None, :], V / unit[..., None, :, :]
+    E = (e.mT @ e) / e.shape[-2] + 1e-6 * torch.eye(3, dtype=e.dtype, device=e.device)
+    some = slice(None, None, -(-rows.shape[-1] // _CALIBRATED))
+    e, V = e[..., some, :], V[..., some, :, :]
+    n = e.shape[-2]
+    rank = min(n, math.ceil(_COVERAGE * (n + 1)))
+    low, high = (E.new_full(E.shape[:-2], end) for end in _LOG_SIZE)
+    for _ in range(20):
+        middle = (low + high) / 2
+        total = V + (middle.exp()[..., None, None] * E)[..., None, :, :]
+        distance = (e * torch.linalg.solve(total, e)).sum(-1)
+        wide = distance.kthvalue(rank, -1).values <= CHI_SQUARED_95
+        low, high = torch.where(wide, low, middle), torch.where(wide, middle, high)
+    return replace(model, noise=high.exp()[..., None, None] * E * unit)
+
+
+def _usual_speed(impacts: Impacts) -> Float[Tensor, "3"]:
+    """Contact's speed before impact as one of (v_x, v_y, ω), which is never 0."""
+    speed = impacts.v_c.square().sum(-1).mean().sqrt()
+    return torch.stack((speed, speed, speed / (impacts.inertia / impacts.mass).sqrt().mean()))
+
+
+def _at(values: Tensor, rows: Tensor, event: int = 1) -> Tensor:
+    """Values [..., N, *event] at rows [..., n]: [..., n, *event]."""
+    values = values.expand(*rows.shape[:-1], *values.shape[-1 - event :])
+    return torch.take_along_dim(values, rows[(..., *(None,) * event)], -1 - event)
+
+
+def _everywhere(values: Tensor, rows: Tensor, N: int) -> Tensor:
+    """Values [..., n, O] of the trials `rows` [..., n] among all N, 0 for the others: [..., N, O]."""
+    index = rows[..., None].expand(values.shape)
+    return values.new_zeros(*rows.shape[:-1], N, values.shape[-1]).scatter(-2, index, values)

@@ -1,0 +1,169 @@
+"""Cross-validation of models: folds, fits on them, and held-out errors and losses trial by trial."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from contactlearn.core.errors import DataError
+from contactlearn.effects import Effect
+from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_error
+from contactlearn.inference.identification.joint import FitOptions, JointFit, identify_jointly
+from contactlearn.inference.identification.robust import robust_distance
+from contactlearn.laws import Law
+from contactlearn.mechanics.impacts import Impacts
+
+RESAMPLES = 1000
+"""Of the bootstrap of a mean error."""
+_STARTS = 4  # of a fit to all trials without a start
+_TOLERANCE = 1e-5  # nats a trial, of the fits of the folds, which begin next to their ends
+_CHI_SQUARED_50 = 2.3659739  # median, 3 degrees of freedom
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Rows to fit to and rows held out in each of B folds; every trial is held out as often as any other, or never."""
+
+    fitted: Int[Tensor, "b n"]
+    held_out: Int[Tensor, "b m"]
+
+    @classmethod
+    def draw(cls, trials: int, generator: torch.Generator, folds: int = 5, repeats: int = 2) -> "Folds":
+        """Draw the folds of a repeated cross-validation.
+
+        Args:
+            trials: number N of trials; up to `folds` − 1 of them are never held out in one repeat.
+            generator: of the order of the trials.
+            folds: in each repeat.
+            repeats: of the whole.
+
+        Raises:
+            DataError: fewer than four trials a fold.
+        """
+        if trials < 4 * folds:
+            raise DataError(f"cross-validation in {folds} folds needs at least {4 * folds} trials, got {trials}")
+        size = trials // folds
+        fitted, held_out = [], []
+        for _ in range(repeats):
+            order = torch.randperm(trials, generator=generator)
+            for k in range(folds):
+                part = torch.zeros(trials, dtype=torch.bool)
+                part[k * size : (k + 1) * size] = True
+                held_out.append(order[part])
+                fitted.append(order[~part])
+        return cls(torch.stack(fitted), torch.stack(held_out))
+
+    @classmethod
+    def of(cls, held_out: Int[Tensor, "b m"], trials: int) -> "Folds":
+        """Make folds from the rows that they hold out; every other row of the N trials is fitted to."""
+        out = torch.zeros(len(held_out), trials, dtype=torch.bool).scatter(1, held_out, True)
+        return cls((~out).nonzero()[:, 1].reshape(len(held_out), -1), held_out)
+
+    def scores(self, score: Float[Tensor, "b N"]) -> Float[Tensor, " N"]:
+        """Average the scores of each trial over the folds that hold it out; nan where none does."""
+        picked = score.gather(1, self.held_out)
+        total = torch.zeros(score.shape[1], dtype=score.dtype).index_add(0, self.held_out.flatten(), picked.flatten())
+        return total / torch.bincount(self.held_out.flatten(), minlength=score.shape[1])
+
+
+@dataclass(frozen=True)
+class ValidatedFit:
+    """A model fitted to all trials, with held-out scores of each trial.
+
+    Args:
+        effects: of the model, by name.
+        fit: to all trials.
+        error: held-out mass error.
+        loss: held-out −log density of v_post in nats, up to a constant: Student's t with 5 degrees of freedom, in the
+            scatter of the residual.
+    """
+
+    effects: Mapping[str, Effect]
+    fit: JointFit
+    error: Float[Tensor, " n"]
+    loss: Float[Tensor, " n"]
+
+    @property
+    def mean_error(self) -> float:
+        """Mean held-out mass error."""
+        return self.error.nanmean().item()
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrossValidation:
+    """Fits models around one law to impacts and validates them on the same folds."""
+
+    law: Law
+    impacts: Impacts
+    folds: Folds
+    options: FitOptions
+
+    def fit(self, effects: Mapping[str, Effect], start: Float[Tensor, " k"] | None = None) -> JointFit:
+        """Fit the law with effects to all trials, from a start or by a search."""
+        return identify_jointly(
+            self.law, effects, self.impacts, options=replace(self.options, starts=_STARTS), start=start
+        )
+
+    def validated(
+        self, effects: Mapping[str, Effect], fit: JointFit, scatter: Float[Tensor, "3 3"] | None = None
+    ) -> ValidatedFit:
+        """Score a model on held-out trials.
+
+        Args:
+            effects: of the model.
+            fit: of it to all trials, where the fits of the folds start.
+            scatter: in which the losses are measured; if None, that of the model's own residual.
+        """
+        options = replace(self.options, tolerance=_TOLERANCE)
+        held = identify_jointly(
+            self.law, effects, self.impacts, self.folds.fitted, options=options, start=fit.values
+        ).model.predict(self.impacts)
+        if scatter is None:
+            scatter = robust_covariance(self.impacts.v_post - fit.model.predict(self.impacts).v_post)
+        residual = self.impacts.v_post - held.v_post
+        loss = robust_distance(residual, scatter.expand(len(residual), 3, 3)) + 0.5 * scatter.logdet()
+        error = mass_error(self.impacts, held)
+        return ValidatedFit(effects, fit, self.folds.scores(error), self.folds.scores(loss))
+
+
+def held_out_error(
+    law: Law,
+    effects: Mapping[str, Effect],
+    impacts: Impacts,
+    folds: Folds,
+    options: FitOptions,
+    start: Float[Tensor, " k"] | None = None,
+) -> float:
+    """Compute the mean held-out mass error of a law with effects, fitted from a start if one is given."""
+    options = replace(options, starts=2, tolerance=_TOLERANCE)
+    model = identify_jointly(law, effects, impacts, folds.fitted, options=options, start=start).model
+    return folds.scores(mass_error(impacts, model.predict(impacts))).nanmean().item()
+
+
+def paired_gain(before: ValidatedFit, after: ValidatedFit) -> tuple[float, float]:
+    """Compute the mean fall of the held-out loss in nats a trial, and its standard error over the trials."""
+    gain = before.loss - after.loss
+    gain = gain[gain.isfinite()]
+    return gain.mean().item(), (gain.std() / math.sqrt(len(gain))).item()
+
+
+def held_out_interval(error: Float[Tensor, " n"], generator: torch.Generator) -> Interval:
+    """Compute the mean and 95 % interval of the errors of those trials that were held out; the others are nan."""
+    return bootstrap(error[error.isfinite()], generator, RESAMPLES)
+
+
+def robust_covariance(residual: Float[Tensor, "*b n 3"]) -> Float[Tensor, "*b 3 3"]:
+    """Estimate the covariance of residuals by Student's t with 5 degrees of freedom, scaled to be right for Gaussians.
+
+    Source: Lange, Little & Taylor 1989.
+    """
+    scatter = torch.diag_embed(residual.square().median(-2).values + 1e-12)
+    for _ in range(30):
+        distance = (residual * torch.linalg.solve(scatter, residual.mT).mT).sum(-1)
+        scatter = residual.mT @ (8 / (5 + distance)[..., None] * residual) / residual.shape[-2]
+        scatter = scatter + 1e-12 * torch.eye(3, dtype=residual.dtype)
+    distance = (residual * torch.linalg.solve(scatter, residual.mT).mT).sum(-1)
+    return scatter * (distance.median(-1).values / _CHI_SQUARED_50).clamp_min(1e-6)[..., None, None]  # of exact data

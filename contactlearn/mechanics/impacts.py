@@ -1,0 +1,315 @@
+"""Impacts: an immutable batch of measured planar impacts.  Prediction: what a model says of one.
+
+Everything downstream of the data sources takes an `Impacts` and nothing reads a file again.  It holds float64 tensors
+in SI units, all on one device (`contactlearn.core.devices` moves them); validation happens once, when it is made.
+
+    mass, inertia      [N]     kg, kg m²   about the centre of mass
+    r                  [N, 2]  m           contact point minus centre of mass, world axes
+    q                  [N, 3]  m, m, rad   pose (x, y, θ) before contact
+    v_pre, v_post      [N, 3]  m/s, rad/s  (v_x, v_y, ω) before and after contact
+    q_post, time       [N, 3], [N]         optional: pose after contact, time of contact in s
+    v_pre_cov, v_post_cov  [N, 3, 3]       optional: covariances of the errors of v_pre and v_post
+    order              [N]                 place in the sequence of measurements; 1, 2, 3 … if left out
+    trial, object      tuples of N names
+    shape                              optional: that of all bodies, or by object (`contactlearn.mechanics.bodies`)
+    apparatus                          optional: what is known of it without any impact
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.core.fingerprint import Fingerprint
+from contactlearn.core.numerics import random_share
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.apparatus import Apparatus
+from contactlearn.mechanics.bodies import AnyShape, body_codes, complete_shapes
+
+_PAIRS = ("vx_vx", "vx_vy", "vx_omega", "vy_vy", "vy_omega", "omega_omega")
+_ROUNDING = 1e-9  # of a correlation
+
+COMPONENTS = {
+    "mass": ("mass",),
+    "inertia": ("inertia",),
+    "r": ("rx", "ry"),
+    "q": ("x", "y", "theta"),
+    "v_pre": ("vx", "vy", "omega"),
+    "v_post": ("vx_post", "vy_post", "omega_post"),
+    "q_post": ("x_post", "y_post", "theta_post"),
+    "time": ("time",),
+    "order": ("order",),
+}
+"""The columns of a table file by the field of `Impacts` that they fill."""
+
+OPTIONAL = ("q_post", "time", "order")
+
+COVARIANCES = {
+    f"v_{when}_cov": tuple(f"cov_{pair}{end}" for pair in _PAIRS) for when, end in (("pre", ""), ("post", "_post"))
+}
+"""The columns of a table file by the covariance of `Impacts` that they fill: those of `UPPER`, row by row."""
+
+UPPER = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
+"""Rows and columns of the upper half of a covariance of (v_x, v_y, ω)."""
+
+IMPULSE_TARGETS = ("momentum", "least_squares", "contact")
+"""Definitions of the measured impulse, see `measured_impulse`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Impacts:
+    """N measured impacts of rigid bodies with a fixed floor; see the module's table for the fields.
+
+    Raises:
+        DataError: naming the rule, the value, the row (counted from 1) and the column, where
+            a number is missing or not finite, a mass or inertia is not positive, a covariance is
+            not symmetric and positive semi-definite, a contact point does not approach the floor (v_n ≥ 0), or a trial
+            name occurs twice.
+
+    With `suspect` neither the approach nor unique names are asked for: measurements as read, for the audit and for
+    corrections, which need not be in the right frame or order yet.  No model should be given them.  `incomplete` names
+    the trials of the source that were left out, since a number of theirs is missing.
+    """
+
+    mass: Float[Tensor, "n"]
+    inertia: Float[Tensor, "n"]
+    r: Float[Tensor, "n 2"]
+    q: Float[Tensor, "n 3"]
+    v_pre: Float[Tensor, "n 3"]
+    v_post: Float[Tensor, "n 3"]
+    q_post: Float[Tensor, "n 3"] | None = None
+    time: Float[Tensor, "n"] | None = None
+    v_pre_cov: Float[Tensor, "n 3 3"] | None = field(default=None, kw_only=True)
+    v_post_cov: Float[Tensor, "n 3 3"] | None = field(default=None, kw_only=True)
+    order: Float[Tensor, "n"] = field(default=None)  # pyright: ignore[reportAssignmentType]  (filled in below)
+    trial: tuple[str, ...] = ()
+    object: tuple[str, ...] = ()
+    shape: AnyShape | None = None
+    apparatus: Apparatus | None = field(default=None, kw_only=True)
+    source: str = field(default="unnamed", kw_only=True)
+    suspect: bool = field(default=False, kw_only=True)
+    incomplete: tuple[str, ...] = field(default=(), kw_only=True)
+
+    def __post_init__(self) -> None:
+        n = len(self.mass)
+        for name, columns in COMPONENTS.items():
+            if getattr(self, name) is not None or name not in OPTIONAL:
+                self._take(name, (n,) if len(columns) == 1 else (n, len(columns)))
+        if self.order is None:  # left out
+            object.__setattr__(self, "order", torch.arange(1, n + 1).to(self.mass))
+        for name in COVARIANCES:
+            if getattr(self, name) is not None:
+                self._take(name, (n, 3, 3))
+        object.__setattr__(self, "trial", tuple(map(str, self.trial)) or tuple(str(i + 1) for i in range(n)))
+        object.__setattr__(self, "object", tuple(map(str, self.object)) or ("body",) * n)
+        self._validate()
+
+    def _take(self, name: str, shape: tuple[int, ...]) -> None:
+        """Take a copy of a field, since the caller may overwrite theirs."""
+        given = getattr(self, name)
+        plain = given.to_numpy().copy() if hasattr(given, "to_numpy") else given
+        value = torch.as_tensor(plain, dtype=torch.float64)
+        if value.shape != shape:
+            raise DataError(f"{name} must have shape {shape}, got {tuple(value.shape)}")
+        object.__setattr__(self, name, value.clone(memory_format=torch.contiguous_format))
+        if value.device != self.mass.device:
+            raise DataError(f"{name} must be on {self.mass.device} as mass is, got {value.device}; move all or none")
+
+    def _validate(self) -> None:
+        n = len(self)
+        if n == 0:
+            raise DataError(f"{self.source}: no impacts; at least one is needed")
+        for name in ("trial", "object"):
+            if len(getattr(self, name)) != n:
+                raise DataError(f"{self.source}: {len(getattr(self, name))} {name} names for {n} impacts")
+            if "" in getattr(self, name):
+                row = getattr(self, name).index("") + 1
+                raise DataError(f"{self.source}: row {row}, column {name}: must have a name, got an empty one", row=row)
+        object.__setattr__(self, "shape", complete_shapes(self.shape, self.object, self.source))
+        for name, columns in COMPONENTS.items():
+            if (value := getattr(self, name)) is None:
+                continue
+            for column, values in zip(columns, value.reshape(n, -1).unbind(-1), strict=True):
+                self._refuse(~torch.isfinite(values), column, values, "must be a finite number")
+        for column, values in (("mass", self.mass), ("inertia", self.inertia)):
+            self._refuse(values <= 0, column, values, "must be positive (kg, kg m²)")
+        for name, columns in COVARIANCES.items():
+            if getattr(self, name) is not None:
+                self._refuse_covariance(name, columns)
+        if not self.suspect:
+            self._refuse(
+                self.v_c[:, 1] >= 0,
+                "vy",
+                self.v_c[:, 1],
+                "must approach the floor: v_n = vy + rx ω < 0 before contact "
+                "(columns swapped, y down, or ω in degrees? python -m contactlearn audit FILE tells)",
+            )
+            self._refuse_homonyms()
+
+    def _refuse_covariance(self, name: str, columns: Sequence[str]) -> None:
+        """Refuse what is no covariance, and make it symmetric to the last bit."""
+        value: Tensor = getattr(self, name)
+        for column, i, j in zip(columns, *UPPER, strict=True):
+            both = torch.stack((value[:, i, j], value[:, j, i]), -1)
+            self._refuse(~torch.isfinite(both).all(-1), column, value[:, i, j], "must be a finite number")
+            size = (value[:, i, i].abs() * value[:, j, j].abs()).sqrt()
+            apart = (both[:, 0] - both[:, 1]).abs()
+            self._refuse(apart > _ROUNDING * size, column, apart, f"{name} must be symmetric; the halves differ by it")
+            if i == j:
+                self._refuse(value[:, i, i] < 0, column, value[:, i, i], "is a variance, and must not be negative")
+        deviation = value.diagonal(dim1=-2, dim2=-1).sqrt()
+        scale = torch.where(deviation > 0, 1 / deviation, 0.0)
+        correlation = scale[:, :, None] * value * scale[:, None, :]
+        lost = ((value != 0) & (correlation == 0)).any(-1).any(-1)  # a covariance with what has no variance
+        least = torch.where(lost, -1.0, torch.linalg.eigvalsh(correlation)[:, 0])
+        rule = f"{name} must be positive semi-definite; the least eigenvalue of its correlations is negative"
+        self._refuse(least < -_ROUNDING, columns[1], least, rule)
+        object.__setattr__(self, name, (value + value.mT) / 2)
+
+    def _refuse_homonyms(self) -> None:
+        seen: dict[str, int] = {}
+        for row, name in enumerate(self.trial, 1):
+            if (first := seen.setdefault(name, row)) != row:
+                raise DataError(
+                    f"{self.source}: trial names must be unique; row {row}, column trial repeats {name!r} "
+                    f"of row {first} (data.correct=[drop_duplicates] drops rows that repeat others)",
+                    row=row,
+                )
+
+    def _refuse(self, bad: Tensor, column: str, values: Tensor, rule: str) -> None:
+        if bool(bad.any()):
+            row = int(bad.nonzero()[0, 0])
+            more = int(bad.sum()) - 1
+            others = f" (and {more} more rows)" if more else ""
+            raise DataError(
+                f"{self.source}: row {row + 1} (trial {self.trial[row]!r}), column {column}: "
+                f"{rule}; got {values[row].item():g}{others}",
+                row=row + 1,
+                column=column,
+            )
+
+    def __len__(self) -> int:
+        return len(self.mass)
+
+    def __repr__(self) -> str:
+        objects = ", ".join(dict.fromkeys(self.object))
+        return f"Impacts({len(self)} trials of {objects}, shape={self.shape}, source={self.source!r})"
+
+    def __getitem__(self, rows: Int[Tensor, "k"] | Bool[Tensor, "n"] | Sequence[int] | int | slice) -> "Impacts":
+        """The trials at `rows` (one index, several, a boolean mask or a slice), in that order."""
+        index = torch.arange(len(self))[rows if isinstance(rows, slice) else torch.as_tensor(rows).cpu()].reshape(-1)
+        picked, index = index.tolist(), index.to(self.mass.device)
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        for name in (*COMPONENTS, *COVARIANCES):
+            if values[name] is not None:
+                values[name] = values[name][index]
+        for name in ("trial", "object"):
+            values[name] = tuple(values[name][i] for i in picked)
+        return Impacts(**values)
+
+    def replace(self, **changes: Any) -> "Impacts":
+        """A copy with some fields changed, validated again."""
+        return replace(self, **changes)
+
+    @cached_property
+    def body(self) -> Int[Tensor, "n"]:
+        """Number of each trial's body, `contactlearn.mechanics.bodies.body_code` of its name."""
+        return body_codes(self.object).to(self.mass.device)
+
+    @cached_property
+    def W(self) -> Float[Tensor, "n 2 2"]:
+        """Inverse effective inertia at the contact, [N, 2, 2] in 1/kg."""
+        return rigid_body.inverse_inertia(self.mass, self.inertia, self.r)
+
+    @cached_property
+    def v_c(self) -> Float[Tensor, "n 2"]:
+        """Velocity (v_t, v_n) of the contact point before contact, [N, 2] in m/s."""
+        return rigid_body.contact_velocity(self.r, self.v_pre)
+
+    @cached_property
+    def wrench(self) -> Float[Tensor, "n 3"]:
+        """Measured wrench (P_t, P_n, τ) [N, 3] in (N s, N s, N m s): exact and unique."""
+        return rigid_body.measured_wrench(self.mass, self.inertia, self.r, self.v_pre, self.v_post)
+
+    def fingerprint(self) -> str:
+        """SHA-256 of the names and numbers, to tell later which data a result came from."""
+        digest = Fingerprint()
+        self.add_to(digest)
+        return digest.hexdigest()
+
+    def add_to(self, digest: Fingerprint) -> None:
+        """Continue a fingerprint with the names and numbers of these impacts."""
+        digest.add_texts("trial", self.trial)
+        digest.add_texts("object", self.object)
+        for name in (*COMPONENTS, *COVARIANCES):
+            if (value := getattr(self, name)) is not None:
+                digest.add_numbers(name, value)
+        if self.apparatus is not None:
+            digest.set_text("apparatus", repr(self.apparatus))
+
+    def split(self, test: float, generator: torch.Generator) -> tuple["Impacts", "Impacts"]:
+        """Random (training pool, held-out test) with a share `test` of the trials held out."""
+        held_out = random_share(len(self), test, generator, self.source)
+        return self[~held_out], self[held_out]
+
+
+def measured_impulse(impacts: Impacts, target: str = "momentum") -> Float[Tensor, "n 2"]:
+    """Return the measured impulse (P_t, P_n) [N, 2] in N s, to which a law is fitted.
+
+    The targets differ where the moment τ is not 0.
+
+    Args:
+        impacts: measurements.
+        target: `momentum` is m Δ(v_x, v_y), exact.  `least_squares` and `contact` solve Δv = M⁻¹JᵀP over (v_x, v_y, ω),
+            without weights (the paper's text), and weighted by M (P = M_c J Δv, the authors' published script).
+
+    Raises:
+        UnknownNameError: no such target.
+    """
+    if target == "momentum":
+        return impacts.wrench[:, :2]
+    dv = impacts.v_post - impacts.v_pre
+    if target == "least_squares":
+        return rigid_body.least_squares_impulse(impacts.mass, impacts.inertia, impacts.r, dv)
+    if target == "contact":
+        return (rigid_body.effective_inertia(impacts.W) @ rigid_body.contact_velocity(impacts.r, dv)[..., None])[..., 0]
+    raise UnknownNameError("impulse target", target, IMPULSE_TARGETS)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a model predicts for N impacts; leading axes, such as seeds, may come before N.
+
+    v_post [..., N, 3] in (m/s, m/s, rad/s) and wrench [..., N, 3] in (N s, N s, N m s); covariance
+    [..., N, 3, 3] of the measured v_post about it, for a model that says how sure it is.
+    """
+
+    v_post: Float[Tensor, "*#batch n 3"]
+    wrench: Float[Tensor, "*#batch n 3"]
+    covariance: Float[Tensor, "*#batch n 3 3"] | None = None
+
+    @classmethod
+    def from_wrench(cls, impacts: Impacts, wrench: Float[Tensor, "*#batch n 3"]) -> "Prediction":
+        """The post velocity follows from the wrench (P_t, P_n, τ) by the equation of motion."""
+        v_post = rigid_body.apply_wrench(impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, wrench)
+        return cls(v_post, wrench)
+
+
+def require_impacts(given: object) -> None:
+    """Refuse anything but impacts, such as a DataFrame or a path.
+
+    Raises:
+        ContactLearnError: with the way from a table to impacts.
+    """
+    if isinstance(given, Impacts):
+        return
+    kind = type(given).__name__
+    written = "frame.to_csv('drops.csv', index=False) writes one, and " if kind == "DataFrame" else ""
+    raise ContactLearnError(
+        f"impacts are asked for, got {kind}; {written}contactlearn.data.table.load('drops.csv', shape=…) reads a table"
+    )

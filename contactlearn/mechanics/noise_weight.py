@@ -1,0 +1,35 @@
+"""Weights of trials by the stated covariances of their velocities: in learning, and in the search for outliers.
+
+    w² = 2 m / (m + s²)      of a value with the stated variance s², whose median is m over the trials that have one
+
+Half of the noise is taken to be the same in all trials, since models leave more than what is stated of measurements.
+"""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.impacts import Impacts
+
+
+def noise_weight(impacts: Impacts, target: str) -> Float[Tensor, "n o"] | None:
+    """Return the weights w of a value of each trial, whose noise variance is σ²/w²; None if no covariance is stated.
+
+    Args:
+        impacts: measurements, with the covariances of v_pre, v_post or both.
+        target: velocity, impulse or wrench.
+    """
+    stated = [x for x in (impacts.v_pre_cov, impacts.v_post_cov) if x is not None]
+    if not stated:
+        return None
+    covariance = torch.stack(stated).sum(0)
+    if target != "velocity":
+        step = torch.eye(3).to(covariance)[:, None].expand(3, len(impacts), 3)
+        slope = rigid_body.measured_wrench(impacts.mass, impacts.inertia, impacts.r, torch.zeros_like(step), step)
+        slope = slope.permute(1, 2, 0)  # of the wrench in the change of velocity
+        covariance = slope @ covariance @ slope.mT
+    variance = covariance.diagonal(dim1=-2, dim2=-1)
+    variance = variance[:, :2] if target == "impulse" else variance
+    typical = variance.where(variance > 0, torch.nan).nanmedian(0).values.nan_to_num(1.0)
+    return (2 * typical / (typical + variance)).sqrt()

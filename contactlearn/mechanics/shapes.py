@@ -1,0 +1,226 @@
+"""Convex planar bodies on a flat floor: where they touch it, and how hard they are to turn.
+
+`contact_point` is the body's lowest point at orientation θ, relative to the centre of mass and in
+world axes: r [..., 2] in metres, r_y < 0, differentiable in θ and in the body's scale (a polygon's,
+between the jumps from corner to corner).  `gyration_squared` is I/m of the body if its density is
+uniform.  Shapes are plain values; `None` stands for an unknown shape.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.mechanics.rigid_body import rotate
+
+
+class Shape(Protocol):
+    """A convex body; the body frame has its origin at the centre of mass and is turned by θ."""
+
+    def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
+        """Farthest point [..., 2] in m in a direction [..., 2] of any length, both in the body frame."""
+        ...
+
+    def gyration_squared(self) -> float:
+        """Squared radius of gyration ρ² = I/m in m² about the centre of mass, at uniform density."""
+        ...
+
+    def outline(self, points: int = 181) -> Float[Tensor, "points 2"]:
+        """Closed boundary [points, 2] in m, in the body frame."""
+        ...
+
+
+def contact_point(
+    shape: Shape,
+    theta: Float[Tensor, "*#batch"],
+    scale: tuple[Float[Tensor, "*#batch"] | float, Float[Tensor, "*#batch"] | float] = (1.0, 1.0),
+) -> Float[Tensor, "*#batch 2"]:
+    """Lowest point r [..., 2] in m at orientation θ [...] in rad.
+
+    The body may be stretched by `scale` along its own x and y axes: the farthest point of S K in the
+    direction d is S times that of K in the direction S d.
+    """
+    s_x, s_y = scale
+    down = torch.stack((-theta.sin() * s_x, -theta.cos() * s_y), -1)  # world −y in the body frame, times S
+    x, y = shape.support(down).unbind(-1)
+    return rotate(torch.stack((s_x * x, s_y * y), -1), theta)
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """Ellipse with `semi_axes` (a, b) in m along the body's x and y axes."""
+
+    semi_axes: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "semi_axes", _lengths("semi_axes", self.semi_axes, 2))
+
+    def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
+        """(a² d_x, b² d_y) / √(a² d_x² + b² d_y²)."""
+        a, b = self.semi_axes
+        d_x, d_y = direction.unbind(-1)
+        height = torch.sqrt((a * d_x) ** 2 + (b * d_y) ** 2)
+        return torch.stack((a**2 * d_x / height, b**2 * d_y / height), -1)
+
+    def gyration_squared(self) -> float:
+        """ρ² = (a² + b²) / 4."""
+        return (self.semi_axes[0] ** 2 + self.semi_axes[1] ** 2) / 4
+
+    def outline(self, points: int = 181) -> Float[Tensor, "points 2"]:
+        """Boundary at equal steps of the eccentric angle, closed."""
+        angle = torch.linspace(0, 2 * math.pi, points, dtype=torch.float64)
+        return torch.stack((self.semi_axes[0] * angle.cos(), self.semi_axes[1] * angle.sin()), -1)
+
+
+@dataclass(frozen=True)
+class Disc:
+    """Disc of `radius` in m about its centre of mass."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _lengths("radius", [self.radius], 1)[0])
+
+    def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
+        """The radius along d."""
+        return self.radius * direction / direction.norm(dim=-1, keepdim=True)
+
+    def gyration_squared(self) -> float:
+        """ρ² = R² / 2."""
+        return self.radius**2 / 2
+
+    def outline(self, points: int = 181) -> Float[Tensor, "points 2"]:
+        """Boundary at equal steps of the angle, closed."""
+        return Ellipse((self.radius, self.radius)).outline(points)
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """Convex polygon with `vertices` [V, 2] in m, in the body frame, in order around the body.
+
+    On a flat side both ends are lowest; the contact point is then the first of them in the
+    given order, so r jumps there, as it does for the real body.
+    """
+
+    vertices: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        try:
+            corners = tuple((float(x), float(y)) for x, y in self.vertices)
+        except (TypeError, ValueError):
+            raise DataError(f"a polygon's vertices are pairs [x, y] in metres, got {self.vertices!r}") from None
+        if len(corners) < 3:
+            raise DataError(f"a polygon needs at least 3 vertices, got {len(corners)}")
+        if not all(math.isfinite(x) and math.isfinite(y) for x, y in corners):
+            raise DataError(f"a polygon's vertices must be finite numbers in metres, got {corners}")
+        turns = {
+            math.copysign(1, cross)
+            for (x0, y0), (x1, y1), (x2, y2) in zip(
+                corners, corners[1:] + corners[:1], corners[2:] + corners[:2], strict=True
+            )
+            if (cross := (x1 - x0) * (y2 - y1) - (y1 - y0) * (x2 - x1)) != 0
+        }
+        # Seen from the centre of mass the outline goes around once: not for a star, nor for a centre outside.
+        around = sum(
+            math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
+            for (x0, y0), (x1, y1) in zip(corners, corners[1:] + corners[:1], strict=True)
+        )
+        if len(turns) != 1 or abs(abs(around) - 2 * math.pi) > 1e-6:
+            raise DataError(
+                "a polygon must be convex, with its vertices in order around the body and its centre of mass, "
+                f"the origin, inside; got {corners}"
+            )
+        object.__setattr__(self, "vertices", corners)
+
+    def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
+        """The vertex of the greatest d · p; the first of equals."""
+        corners = torch.tensor(self.vertices, dtype=direction.dtype, device=direction.device)
+        return corners[(direction @ corners.T).argmax(-1)]
+
+    def lowest_corners(self, theta: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 2"], Float[Tensor, "n 2"]]:
+        """The lowest vertex and the next at orientations θ [N] in rad, from the centre of mass in world axes, m."""
+        corners = rotate(torch.tensor(self.vertices, dtype=theta.dtype, device=theta.device), theta[:, None])
+        every = torch.arange(len(theta), device=theta.device)
+        first, second = corners[..., 1].topk(2, largest=False).indices.unbind(-1)
+        return corners[every, first], corners[every, second]
+
+    def gyration_squared(self) -> float:
+        """ρ² = Σ A_k (|p|² + p·q + |q|²) / (6 Σ A_k) over the triangles from the origin to each side (p, q).
+
+        Raises:
+            DataError: the centroid is not at the origin, so the density cannot be uniform.
+        """
+        p = self.outline()[:-1]
+        q = p.roll(-1, 0)
+        share = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
+        share = share / share.sum()  # of each triangle in the area
+        centroid = share @ (p + q) / 3
+        if centroid.abs().max() > 1e-6 * p.abs().max():
+            x, y = centroid.tolist()
+            raise DataError(
+                "a polygon of uniform density has its centre of mass, the origin, at its centroid, but that is at "
+                f"({x:.9g}, {y:.9g}) m: subtract it from every vertex"
+            )
+        return float(share @ (p * p + p * q + q * q).sum(1)) / 6
+
+    def outline(self, points: int = 181) -> Float[Tensor, "points 2"]:
+        """The vertices, and the first again; `points` is not used."""
+        return torch.tensor((*self.vertices, self.vertices[0]), dtype=torch.float64)
+
+
+KINDS: dict[str, type[Ellipse | Polygon | Disc]] = {"ellipse": Ellipse, "polygon": Polygon, "disc": Disc}
+
+
+def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:
+    """Shape from `{kind: ellipse, semi_axes: [a, b]}`, `polygon` with `vertices`, `disc` with `radius`, or None.
+
+    Raises:
+        DataError: a missing, unknown or impossible entry.
+        UnknownNameError: a kind that does not exist.
+    """
+    if spec is None or isinstance(spec, Ellipse | Disc | Polygon):
+        return spec
+    if not isinstance(spec, Mapping):
+        raise DataError(f"a shape is given as {{kind: ellipse, semi_axes: [a, b]}}, got {spec!r}")
+    entries = dict(spec)
+    kind = str(entries.pop("kind", "none"))
+    if kind not in KINDS:
+        if any(isinstance(value, Mapping) for value in entries.values()):
+            raise DataError(f"one shape is needed here, {{kind: …}}, for all; got one for each of {', '.join(spec)}")
+        raise UnknownNameError("shape kind", kind, KINDS)
+    try:
+        return KINDS[kind](**{key: _plain(value) for key, value in entries.items()})
+    except TypeError:
+        wanted = ", ".join(KINDS[kind].__dataclass_fields__)
+        raise DataError(f"shape {kind!r} takes {wanted}; got {', '.join(map(str, entries)) or 'nothing'}") from None
+
+
+def shape_entries(shape: Shape | None) -> dict[str, Any] | None:
+    """The entries from which `make_shape` makes the same shape, as plain values for a file."""
+    if shape is None:
+        return None
+    if not isinstance(shape, Ellipse | Polygon | Disc):
+        raise DataError(f"a shape in a file is one of {', '.join(KINDS)}, got {shape!r}")
+    kind = next(name for name, kind in KINDS.items() if type(shape) is kind)
+    return {"kind": kind, **asdict(shape)}
+
+
+def _plain(value: Any) -> Any:
+    return (
+        tuple(_plain(item) for item in value) if isinstance(value, Sequence) and not isinstance(value, str) else value
+    )
+
+
+def _lengths(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:
+    try:
+        lengths = tuple(float(value) for value in values)
+    except (TypeError, ValueError):
+        raise DataError(f"{name} must be {count} number(s) in metres, got {values!r}") from None
+    if len(lengths) != count or not all(0 < length < math.inf for length in lengths):
+        raise DataError(f"{name} must be {count} positive number(s) in metres, got {values!r}")
+    return lengths

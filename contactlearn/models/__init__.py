@@ -1,0 +1,15 @@
+"""Contact models: law, effects and learned residual behind one `predict`; Gaussian processes; checkpoints; citations.
+
+contact_model   `ContactModel` and its `predict`
+features        inputs of the processes: the 10-D state, X1, X2
+regressor       standardised processes from features to impulse, wrench, velocity or (μ, ε)
+gp              exact and sparse Gaussian processes, many at once
+checkpoint      models to and from a file that executes nothing
+citation        BibTeX of whatever a model uses
+"""
+
+TYPE_CHECKING = False
+if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
+    from contactlearn.core.lazy import submodules
+
+    __getattr__, __dir__ = submodules(__name__, __path__)

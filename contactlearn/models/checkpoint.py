@@ -1,0 +1,212 @@
+"""A ContactModel as one .pt file, with where it came from: what `save` writes, `load` gives back.
+
+    description   JSON text: format number, model, provenance; the model as a tree of its parts,
+                  each of a kind, with the shape in place of a tensor
+    tensors       float64 by their place in that tree, such as model.base.mu
+
+A file holds tensors and text, and nothing in it is ever executed.  Gaussian processes are their
+training data and GPyTorch's state dict; how their hyperparameters were found is not kept.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from pickle import UnpicklingError
+from typing import Any
+from zipfile import ZIP_STORED, BadZipFile, ZipFile
+
+import torch
+from torch import Tensor
+
+from contactlearn import effects, laws
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.core.numerics import written_whole
+from contactlearn.effects import Effect, columns
+from contactlearn.laws import Law
+from contactlearn.models.contact_model import RESIDUALS, ContactModel
+from contactlearn.models.features import SPACES, Standardisation
+from contactlearn.models.gp.exact import ExactGPs
+from contactlearn.models.gp.sparse import SparseGPs
+from contactlearn.models.regressor import Regressor
+
+FORMAT = 2
+"""Number of the file format; a file of a higher one is refused.  Format 1 has an effect's form among its options."""
+
+_KINDS = {kind.__name__: kind for kind in (ContactModel, Regressor, Standardisation, ExactGPs, SparseGPs)}
+_INFINITE = (".scale", "_bound")  # may be so: of a constant column, of GPyTorch's constraints
+_FIX = "copy the file again, upgrade contactlearn if a newer one wrote it, or save the model again"
+
+
+def save(model: ContactModel, path: str | os.PathLike[str], *, provenance: dict[str, Any]) -> Path:
+    """Write a model and its provenance; the file appears whole or not at all.
+
+    Args:
+        model: with leading axes or without.
+        path: of a .pt file.
+        provenance: how the model was made, as JSON.
+
+    Raises:
+        DataError: a suffix other than .pt, or the file cannot be written.
+        TypeError: the provenance is not JSON.
+    """
+    path, tensors = Path(path), {}
+    if path.suffix != ".pt":
+        raise DataError(f"{path}: a checkpoint is a .pt file, got suffix {path.suffix!r}")
+    description = {"format": FORMAT, "model": _describe(model, "model", tensors), "provenance": provenance}
+    contents = {"description": json.dumps(description), "tensors": tensors}
+    try:
+        with written_whole(path) as part:
+            torch.save(contents, part)
+    except (OSError, RuntimeError) as error:
+        raise DataError(f"{path}: cannot be written: {error}") from error
+    return path
+
+
+def load(path: str | os.PathLike[str]) -> tuple[ContactModel, dict[str, Any]]:
+    """Read the model of a file, on the CPU, and its provenance.
+
+    Raises:
+        DataError: no such file, not a checkpoint, not all of one, or one of a newer format.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise DataError(f"{path}: no such file; check the path (relative to {Path.cwd()})")
+    try:
+        return _read(path)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error}") from error
+    except ContactLearnError as error:
+        raise DataError(f"{path}: {error}; {_FIX}") from error
+    except UnpicklingError as error:  # its text tells how to execute the file all the same
+        raise DataError(f"{path}: is not a checkpoint, for it holds more than tensors and text; {_FIX}") from error
+    except Exception as error:  # a damaged file can break anything
+        seen = f"{type(error).__name__}: {error}"
+        raise DataError(f"{path}: is not a checkpoint, or not all of one ({seen}); {_FIX}") from error
+
+
+def _read(path: Path) -> tuple[ContactModel, dict[str, Any]]:
+    size = path.stat().st_size
+    with ZipFile(path) as archive:  # PyTorch does not look at the checksums
+        _refuse_bombs(archive, size)
+        if damaged := archive.testzip():
+            raise BadZipFile(f"wrong checksum of {damaged}")
+    contents = torch.load(path, weights_only=True, map_location="cpu")
+    description, tensors = json.loads(contents["description"]), contents["tensors"]
+    if (swollen := sum(tensor.numel() * tensor.element_size() for tensor in tensors.values())) > size:
+        raise DataError(f"has tensors of {swollen} bytes in {size}")  # such as one number that is said to be a matrix
+    if description["format"] > FORMAT:
+        raise DataError(f"is of format {description['format']}, and the newest known is {FORMAT}")
+    model = _build(description["model"], "model", tensors)
+    if tensors:
+        raise DataError(f"no part of the model has a tensor {', '.join(tensors)}")
+    return model, description["provenance"]
+
+
+def _refuse_bombs(archive: ZipFile, size: int) -> None:
+    """Refuse an archive that is larger inside than outside, before anything of it is read.
+
+    `save` compresses nothing, and no part of its files lies within another.
+    """
+    inside = sum(part.file_size for part in archive.infolist())
+    if inside > size or any(part.compress_type != ZIP_STORED for part in archive.infolist()):
+        raise DataError(f"is compressed, {inside} bytes in {size}, and a checkpoint never is")
+
+
+def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:
+    """A part in JSON; its tensors are added to `tensors`, as copies: of a view, PyTorch saves all that it views."""
+    if isinstance(part, Tensor | float | int):
+        part = torch.as_tensor(part, dtype=torch.float64).detach().cpu()
+        tensors[name] = part.clone(memory_format=torch.contiguous_format)
+        return part.shape
+    if part is None or isinstance(part, str):
+        return part
+    if isinstance(part, Mapping):
+        return {"kind": "effects"} | {key: _describe(part[key], f"{name}.{key}", tensors) for key in part}
+    if isinstance(part, Effect):
+        values = _describe(columns(*part.values), f"{name}.values", tensors)
+        return {"kind": "effect", "name": part.name, "form": part.form, "options": part.options, "values": values}
+    if isinstance(part, Law):
+        plain = {key: value for key, value in part.options.items() if not isinstance(value, Tensor | float)}
+        own = {key: value for key, value in vars(part).items() if key not in plain}
+        said = {"kind": "Law", "name": part.name, "variant": part.variant} | ({"options": plain} if plain else {})
+        return said | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
+    if isinstance(part, ExactGPs | SparseGPs):
+        own = {"x": part.train_inputs[0][..., 0, :, :], "y": part.train_targets, "weight": part.likelihood.weight}
+        own |= part.state_dict()
+    else:
+        own = {field.name: getattr(part, field.name) for field in fields(part) if field.name != "status"}
+    return {"kind": type(part).__name__} | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
+
+
+def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
+    """The part that `_describe` described; its tensors are removed from `tensors`."""
+    if isinstance(description, list):
+        return _take(tensors, name, tuple(description))
+    if description is None or isinstance(description, str):
+        return description
+    kind = description.pop("kind")
+    if kind == "effect":
+        return _build_effect(description).at(_build(description["values"], f"{name}.values", tensors))
+    if kind == "effects":
+        return {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
+    if kind == "Law":
+        return _build_law(description, name, tensors)
+    kind = _KINDS[kind]
+    own = {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
+    if kind in (ExactGPs, SparseGPs):
+        gps = kind(*(own.pop(key) for key in ("x", "y", "weight")))
+        gps.load_state_dict(own)
+        return gps.eval()
+    part = kind(**own)
+    if isinstance(part, ContactModel) and part.target not in RESIDUALS:
+        raise UnknownNameError("target", part.target, RESIDUALS)
+    if isinstance(part, Regressor):
+        _check_space(part, name)
+    return part
+
+
+def _check_space(part: Regressor, name: str) -> None:
+    """Refuse a regressor on an unknown feature space, or with another number of columns than its space has."""
+    if part.space not in SPACES:
+        raise UnknownNameError("feature space", part.space, SPACES)
+    wanted, seen = len(SPACES[part.space].columns), part.inputs.mean.shape[-1]
+    if seen != wanted:
+        raise DataError(f"{name}.inputs.mean has {seen} columns, and feature space {part.space} has {wanted}")
+
+
+def _build_effect(description: dict[str, Any]) -> Effect:
+    """The effect of a description, before it gets its values; format 1 has the form among the options."""
+    options = _tuples(description["options"])
+    form = description["form"] if "form" in description else options.pop("form", None)
+    return effects.find_effect(description["name"], form)(**options)
+
+
+def _build_law(description: dict[str, Any], name: str, tensors: dict[str, Tensor]) -> Law:
+    """The law of a description; in older files every law has an e_t, which most laws ignored."""
+    law = laws.find(description.pop("name"), description.pop("variant"), **_tuples(description.pop("options", {})))
+    own = {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
+    if "e_t" not in law.options:
+        own.pop("e_t", None)
+    return replace(law, **own)
+
+
+def _tuples(value: Any) -> Any:
+    """JSON's lists as tuples."""
+    if isinstance(value, dict):
+        return {key: _tuples(part) for key, part in value.items()}
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+def _take(tensors: dict[str, Tensor], name: str, shape: tuple[int, ...]) -> Tensor:
+    """Remove and return a tensor that is as it should be."""
+    if name not in tensors:
+        raise DataError(f"lacks the tensor {name}")
+    tensor = tensors.pop(name)
+    if (tensor.shape, tensor.dtype) != (shape, torch.float64):
+        raise DataError(f"{name} must be float64 of shape {shape}, got {tensor.dtype} of {tuple(tensor.shape)}")
+    good = ~tensor.isnan() if name.endswith(_INFINITE) else tensor.isfinite()
+    if not good.all():
+        raise DataError(f"{name} must be finite, got {tensor[~good][0].item()}")
+    return tensor

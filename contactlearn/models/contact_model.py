@@ -1,0 +1,240 @@
+"""ContactModel: what predicts the outcome of an impact, with one `predict` for every kind.
+
+    base         an analytical law, another model, or nothing: no impulse at all
+    effects      physical effects around the law, by name, see `contactlearn.effects`
+    parameters   Gaussian processes for (μ, ε) of each impact in place of the law's own
+    residual     Gaussian processes on what the base leaves, as impulse, wrench or post velocity
+    noise        covariance of the measured post velocity that none of these can predict
+
+A purely learned model has no base; a law alone has nothing else.  Leading axes, such as training
+subsets, may come before the impacts in every part.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.numerics import measured
+from contactlearn.effects import PLACES, Effect, State
+from contactlearn.laws import Law
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.impacts import Impacts, Prediction, require_impacts
+from contactlearn.models.regressor import Regressor
+
+RESIDUALS = ("velocity", "impulse", "wrench")
+"""What a residual adds to: v_post, (P_t, P_n) or (P_t, P_n, τ)."""
+
+
+@dataclass(frozen=True)
+class ContactModel:
+    """See the module; `target` is one of `RESIDUALS`, `noise` [..., 3, 3] in squares of (m/s, m/s, rad/s).
+
+    `parameter_covariance` [..., K, K] is that of the fitted μ, ε and parameters of the effects, in this order.
+
+    Raises:
+        ContactLearnError: effects without a law for them to act on.
+    """
+
+    base: "Law | ContactModel | None" = None
+    residual: Regressor | None = None
+    target: str = "wrench"
+    parameters: Regressor | None = None
+    noise: Tensor | None = None
+    effects: Mapping[str, Effect] = field(default_factory=dict)
+    parameter_covariance: Tensor | None = None
+
+    def __post_init__(self):
+        if not (self.base is None or isinstance(self.base, Law | ContactModel)):
+            raise ContactLearnError(
+                "a model is built on a law with its μ and ε, such as laws.find('mirtich').at(0.2, 0.5), or on a model; "
+                f"got {self.base!r}"
+            )
+        if not isinstance(self.effects, Mapping):
+            raise ContactLearnError(
+                f"a model has effects by name with their values, got {self.effects!r}; identify_jointly fits them"
+            )
+        if self.effects and not isinstance(self.base, Law):
+            raise ContactLearnError(f"effects act around a law, got {self.base}; name one, such as law=wang_mason")
+
+    def predict(self, impacts: Impacts) -> Prediction:
+        """Post velocity, wrench and, where noise is known, covariance of every impact.
+
+        The covariance is that of the processes, carried through the equation of motion (and
+        linearly through the law and its effects), plus the noise.
+        """
+        require_impacts(impacts)
+        if self.parameters is not None:
+            mean, variance = self.parameters.predict(impacts)
+        elif self.residual is not None:
+            mean, variance = self.residual.predict(impacts)
+        else:
+            return self.base_prediction(impacts)
+        prediction = self.complete(impacts, mean)
+        if self.noise is None:
+            return prediction
+        covariance = self.spread(impacts, mean, variance) + self.noise[..., None, :, :]
+        return Prediction(prediction.v_post, prediction.wrench, covariance)
+
+    def __str__(self) -> str:
+        """Write the equation of the model, a line for each effect.
+
+        wang_mason (textbook): μ = 0.120 ± 0.001, ε = 0.550 ± 0.002
+          + spin_damping: τ ← τ − c I ω⁺, c = 0.105 ± 0.004
+          + wrench(x1)
+        """
+        lines = [] if self.base is None else [str(self.base)]
+        if isinstance(self.base, Law) and self.parameter_covariance is not None:
+            values = zip(("μ", "ε"), (self.base.mu, self.base.eps), ("", ""), self.standard_errors()[:2], strict=True)
+            lines = [f"{self.base.name} ({self.base.variant}): {_listed(values)}"]
+        if self.parameters is not None:
+            lines = [f"{self.law.name} ({self.law.variant}): (μ, ε)({self.parameters.space})"]
+        errors = iter(self.standard_errors()[2:])
+        for name, effect in self.effects.items():
+            values = (
+                (p.symbol, v, p.unit, next(errors)) for p, v in zip(effect.parameters, effect.values, strict=True)
+            )
+            lines.append(f"{name}: {effect.equation}, {_listed(values)}")
+        if self.residual is not None:
+            lines.append(f"{self.target}({self.residual.space})")
+        return ("\n  + " if self.effects else " + ").join(lines) or "no impulse"
+
+    __repr__ = __str__  # tensors say nothing at a prompt
+
+    def standard_errors(self) -> list[float | None]:
+        """Of μ, ε and the parameters of the effects, the mean over leading axes; None where they are not known."""
+        if self.parameter_covariance is None:
+            return [None] * (2 + sum(len(effect.parameters) for effect in self.effects.values()))
+        errors = self.parameter_covariance.diagonal(dim1=-2, dim2=-1).sqrt()
+        return errors.reshape(-1, errors.shape[-1]).mean(0).tolist()
+
+    @property
+    def law(self) -> Law:
+        """The analytical law that the model is built on.
+
+        Raises:
+            ContactLearnError: the base is another model, or there is none.
+        """
+        if not isinstance(self.base, Law):
+            raise ContactLearnError(
+                f"the model is built on {self.base}, not on a law; name one, such as law=wang_mason"
+            )
+        return self.base
+
+    @property
+    def processes(self) -> Regressor:
+        """The learned part: the processes of the parameters or of the residual.
+
+        Raises:
+            ContactLearnError: nothing is learned.
+        """
+        processes = self.parameters or self.residual
+        if processes is None:
+            raise ContactLearnError("the model has no learned part; make one with contactlearn.learn")
+        return processes
+
+    def base_prediction(self, impacts: Impacts) -> Prediction:
+        """What the base predicts, with its effects."""
+        if isinstance(self.base, ContactModel):
+            return self.base.predict(impacts)
+        if self.base is None:
+            return Prediction.from_wrench(impacts, pad(torch.zeros_like(impacts.r), (0, 1)))
+        return resolve(self.base, self.effects, State.of(impacts), self.base.mu, self.base.eps)
+
+    def complete(self, impacts: Impacts, learned: Tensor) -> Prediction:
+        """Prediction from the value [..., N, O] of the learned part: (μ, ε) or the residual."""
+        if self.parameters is not None:
+            return predict_with(self.law, impacts, learned, self.effects)
+        base = self.base_prediction(impacts)
+        if self.target == "velocity":
+            v_post = base.v_post + learned
+            body = impacts.mass, impacts.inertia, impacts.r, impacts.v_pre
+            return Prediction(v_post, rigid_body.measured_wrench(*body, v_post))
+        return Prediction.from_wrench(impacts, base.wrench + pad(learned, (0, 3 - learned.shape[-1])))
+
+    def spread(self, impacts: Impacts, learned: Tensor, variance: Tensor) -> Tensor:
+        """Covariance [..., N, 3, 3] of v_post from the variance [..., N, O] of the learned part."""
+        if self.target == "velocity":
+            return torch.diag_embed(variance)
+        slope = rigid_body.velocity_per_wrench(impacts.mass, impacts.inertia, impacts.r)
+        if self.parameters is not None:
+            slope = slope @ wrench_per_parameter(self.law, impacts, learned, self.effects)
+        slope = slope[..., : variance.shape[-1]]
+        return (slope * variance[..., None, :]) @ slope.mT
+
+
+def resolve(
+    law: Law, effects: Mapping[str, Effect], measured: State, mu: Tensor | float, eps: Tensor | float
+) -> Prediction:
+    """The outcome of a law with effects around it, with μ and ε broadcast against the impacts [..., N].
+
+    Effects act in the order of their places, and in the given order within one, `last` ones last.  The wrench of
+    the prediction is the one that takes the measured body from its measured v_pre to the predicted v_post.
+    """
+    ordered = sorted(effects.values(), key=lambda effect: effect.last)
+    at = {place: [effect for effect in ordered if effect.place == place] for place in PLACES}
+    state = measured
+    for effect in at["state"]:
+        state = effect.state(state)
+    mu, eps = (torch.as_tensor(x, dtype=torch.float64, device=measured.mass.device) for x in (mu, eps))
+    for effect in at["law"]:
+        mu, eps = effect.law(state, mu, eps)
+    if at["law"]:
+        mu, eps = _clamped(mu, eps)
+    state = state.replace(mu=mu, eps=eps)
+    P = law.at(mu, eps).impulse(state.W, state.approach)
+    wrench = pad(P, (0, 1))
+    for effect in at["wrench"]:
+        wrench = effect.wrench(state, wrench)
+    if not at["state"] and not at["velocity"]:
+        return Prediction(measured.v_after(wrench), wrench)
+    v_post = state.as_measured(state.v_after(wrench))
+    for effect in at["velocity"]:
+        v_post = effect.velocity(state, v_post)
+    missing = v_post - measured.v_after(wrench)  # exactly 0 where the effects vanish
+    still = torch.zeros_like(missing)
+    return Prediction(
+        v_post, wrench + rigid_body.measured_wrench(measured.mass, measured.inertia, measured.r, still, missing)
+    )
+
+
+def predict_with(
+    law: Law, impacts: Impacts, parameters: Tensor, effects: Mapping[str, Effect] = MappingProxyType({})
+) -> Prediction:
+    """Prediction with (μ, ε) [..., N, 2] of each impact's own; negative ones count as 0, ε ends at 1."""
+    return resolve(law, effects, State.of(impacts), *_clamped(*parameters.unbind(-1)))
+
+
+def wrench_per_parameter(
+    law: Law, impacts: Impacts, parameters: Tensor, effects: Mapping[str, Effect] = MappingProxyType({})
+) -> Tensor:
+    """Derivative [..., N, 3, 2] of the wrench in (μ, ε) at parameters [..., N, 2] of each impact's own."""
+    own = [part.clone().requires_grad_() for part in _clamped(*parameters.unbind(-1))]
+    with torch.enable_grad():
+        return derivative(resolve(law, effects, State.of(impacts), *own).wrench, own)
+
+
+def derivative(outcome: Tensor, parameters: Sequence[Tensor]) -> Tensor:
+    """Derivative [..., N, D, K] of outcomes [..., N, D] in parameters [..., N] of their own impacts alone."""
+    size = outcome.shape[-1]
+    each = torch.eye(size).to(outcome).expand(*outcome.shape[:-1], size, size).movedim(-2, 0)
+    rows = torch.autograd.grad(outcome, parameters, each, is_grads_batched=True, allow_unused=True)
+    flat = [outcome.new_zeros(size, *p.shape) if row is None else row for row, p in zip(rows, parameters, strict=True)]
+    return torch.stack(flat, -1).movedim(0, -2)
+
+
+def _clamped(mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
+    return mu.clamp_min(0), eps.clamp(0, 1)
+
+
+def _listed(values: Iterable[tuple[str, Tensor | float, str, float | None]]) -> str:
+    """Write symbols, values, units and standard errors as `c = 0.1051 ± 0.0041 m, …`; values are means over batches."""
+    parts: list[str] = []
+    for symbol, value, unit, error in values:
+        mean = torch.as_tensor(value, dtype=torch.float64).mean().item()
+        parts.append(f"{symbol} = {measured(mean, error, unit)}")
+    return ", ".join(parts)

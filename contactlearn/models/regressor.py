@@ -1,0 +1,89 @@
+"""Regressor: Gaussian processes from a feature space of impacts to any quantity of theirs."""
+
+from dataclasses import dataclass
+
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.features import Standardisation, features
+from contactlearn.models.gp.exact import ExactGPs, Fit
+from contactlearn.models.gp.sparse import SparseGPs
+
+EXACT_LIMIT = 2000
+"""Training trials beyond which the processes are sparse and variational."""
+
+
+@dataclass(frozen=True)
+class Regressor:
+    """Processes for each training subset (leading axes) and each of O outputs; see `Regressor.fit`."""
+
+    space: str
+    inputs: Standardisation  # [..., 1, D]
+    outputs: Standardisation  # [..., 1, O]
+    gps: ExactGPs | SparseGPs
+    status: Fit | None = None
+
+    @classmethod
+    def fit(
+        cls,
+        space: str,
+        impacts: Impacts,
+        rows: Int[Tensor, "*batch n"],
+        values: Float[Tensor, "*batch n o"],
+        *,
+        weight: Float[Tensor, "*batch n o"] | None = None,
+        outputs: Standardisation | None = None,
+        like: "Regressor | None" = None,
+    ) -> "Regressor":
+        """Train on subsets of equal size.
+
+        Args:
+            space: a feature space of `contactlearn.models.features`.
+            impacts, rows: the subsets [..., n] as rows of the impacts; at least two trials each.
+            values: what to learn [..., n, O].
+            weight: w [..., n, O] > 0; the noise variance of a value is σ²/w².  1 if left out.
+            outputs: standardisation of the values; from the values if left out.
+            like: a regressor to begin the training from, of the same shape.
+
+        Raises:
+            DataError: fewer than two trials.
+            UnknownNameError: no such space.
+        """
+        if rows.shape[-1] < 2:
+            raise DataError(f"a learned model needs at least 2 training trials, got {rows.shape[-1]}")
+        x = features(space, impacts)[rows]
+        inputs, outputs = Standardisation.of(x), outputs or Standardisation.of(values)
+        family = ExactGPs if rows.shape[-1] <= EXACT_LIMIT else SparseGPs
+        gps = family(inputs.apply(x), outputs.apply(values).mT, None if weight is None else weight.mT)
+        return cls(space, inputs, outputs, gps, gps.fit(like and like.gps))
+
+    @property
+    def training(self) -> Fit:
+        """How the hyperparameters were found.
+
+        Raises:
+            ContactLearnError: the processes come from a checkpoint, which does not keep it.
+        """
+        if self.status is None:
+            raise ContactLearnError("how the processes were trained is known only where they were; learn them again")
+        return self.status
+
+    @property
+    def kind(self) -> str:
+        """Exact processes, or sparse ones and why."""
+        if isinstance(self.gps, ExactGPs):
+            return "exact"
+        points = self.gps.covar_module.inducing_points.shape[-2]
+        return f"sparse variational ({points} inducing points), since there are more than {EXACT_LIMIT} training trials"
+
+    def predict(self, impacts: Impacts) -> tuple[Float[Tensor, "*batch n o"], Float[Tensor, "*batch n o"]]:
+        """Mean and variance [..., N, O], without the noise of a measurement, in the values' units."""
+        mean, variance = self.gps.predict(self.inputs.apply(features(self.space, impacts)))
+        return self.outputs.undo(mean.mT), self.outputs.spread**2 * variance.mT
+
+    def leave_one_out(self) -> tuple[Float[Tensor, "*batch n o"], Float[Tensor, "*batch n o"]]:
+        """Value − prediction of each training trial if it were left out, and its variance, [..., n, O] each."""
+        error, variance = self.gps.leave_one_out()
+        return self.outputs.spread * error.mT, self.outputs.spread**2 * variance.mT

@@ -1,0 +1,14 @@
+"""Simulated measurements, made without the package's laws and effects where they judge an analysis.
+
+hidden_effects       drops with physics that is hidden from the analysis
+synthetic            drops with a known law and known noise
+mujoco               drops simulated by MuJoCo, an optional extra
+recordings           recordings of simulated bodies, with the faults of real trackers
+recordings_mujoco    the same, with MuJoCo's flights and contacts
+"""
+
+TYPE_CHECKING = False
+if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
+    from contactlearn.core.lazy import submodules
+
+    __getattr__, __dir__ = submodules(__name__, __path__)

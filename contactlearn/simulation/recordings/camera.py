@@ -1,0 +1,252 @@
+"""A tracker that follows moving bodies, with the faults of real ones, and the truth about every contact."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from numpy.typing import NDArray
+from torch import Tensor
+
+from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.core.numerics import finite_number
+from contactlearn.data.recordings.track import Array, Recording
+
+AXES = {
+    "plane": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    "image": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
+    "y_up": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    "z_up": ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+}
+"""The tracker's axes in world axes: a plane with y up, an image with y down, a space with y or with z up."""
+_BLUR = 9  # instants of an exposure
+_SPIKE = 30.0  # standard deviations of a bad frame, at least; up to twice that
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """A tracker and its faults, all off but the noise.
+
+    Args:
+        rate: frames a second.
+        frames: of a recording.
+        noise: standard deviation of x and y in m.
+        angle_noise: of θ in rad, about any axis in space.
+        held: s for which a hand holds the body still before it is thrown.
+        exposure: s over which a frame is the mean pose.
+        lost: share of frames that are marked as lost.
+        bad: share of frames with a gross error.
+        skipped: share of recordings that skip one or two frames at the first contact without a gap in their times.
+        stated_rate: frames a second that the time stamps pretend; `rate` if None.
+        length: the file's units of length in a metre, 1000 for mm.
+        degrees: whether an angle in the plane is in degrees.
+        wrapped: whether it is brought to one turn.
+        axes: rows are the file's axes in world axes (right, up, away), [2 or 3][3]; in space a quaternion is recorded.
+        order: of the quaternion's components, wxyz or xyzw.
+    """
+
+    rate: float = 250.0
+    frames: int = 500
+    noise: float = 5e-5
+    angle_noise: float = math.radians(0.1)
+    held: float = 0.0
+    exposure: float = 0.0
+    lost: float = 0.0
+    bad: float = 0.0
+    skipped: float = 0.0
+    stated_rate: float | None = None
+    length: float = 1.0
+    degrees: bool = False
+    wrapped: bool = True
+    axes: Sequence[Sequence[float]] = field(default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+    order: str = "wxyz"
+
+
+class Motion(Protocol):
+    """Flights of N bodies, K each at most; where a body has fewer, its `start` is infinite.
+
+    A flight starts at an instant at which it and the one before it meet; `v` and `v_before` are the velocities of the
+    two there.
+    """
+
+    @property
+    def start(self) -> Float[Tensor, "n k"]:
+        """Instants in s at which flights start; that of the first is 0."""
+        ...
+
+    @property
+    def q(self) -> Float[Tensor, "n k 3"]:
+        """Poses at the start."""
+        ...
+
+    @property
+    def v(self) -> Float[Tensor, "n k 3"]:
+        """Velocities at the start."""
+        ...
+
+    @property
+    def v_before(self) -> Float[Tensor, "n k 3"]:
+        """Velocities before the contact that the flight starts with."""
+        ...
+
+    @property
+    def rests(self) -> Float[Tensor, " n"]:
+        """Instants in s from when on a body stays on the floor; infinite where it still flies."""
+        ...
+
+    def poses(self, time: Float[Tensor, "n t"]) -> Float[Tensor, "n t 3"]:
+        """Poses of the bodies at instants of their own."""
+        ...
+
+
+def camera_of(
+    seconds: float,
+    *,
+    rate: float = 250.0,
+    noise: float = 5e-5,
+    angle_noise: float = math.radians(0.1),
+    exposure: float = 0.0,
+    lost: float = 0.0,
+    bad: float = 0.0,
+    skipped: float = 0.0,
+    stated_rate: float | None = None,
+    axes: str = "plane",
+    order: str = "wxyz",
+) -> Camera:
+    """Return a camera as a configuration states it, for recordings of so many seconds.
+
+    Args:
+        seconds: of a recording.
+        rate: frames a second.
+        noise: standard deviation of x and y in m, and `angle_noise` that of θ in rad.
+        exposure: s over which a frame is the mean pose.
+        lost: share of lost frames.
+        bad: share of frames with a gross error.
+        skipped: share of recordings that skip frames at the first contact.
+        stated_rate: frames a second that the time stamps pretend.
+        axes: of the tracker, one of `AXES`.
+        order: of quaternions' components.
+
+    Raises:
+        DataError: a value out of its range.
+        UnknownNameError: no such axes.
+    """
+    if axes not in AXES:
+        raise UnknownNameError("axes of a tracker", axes, AXES)
+    rate = finite_number("rate", rate, 20, 1e5)
+    return Camera(
+        rate=rate,
+        frames=round(seconds * rate),
+        noise=finite_number("noise", noise, 0),
+        angle_noise=finite_number("angle_noise", angle_noise, 0),
+        exposure=finite_number("exposure", exposure, 0, 1 / rate),
+        lost=finite_number("lost", lost, 0, 1),
+        bad=finite_number("bad", bad, 0, 1),
+        skipped=finite_number("skipped", skipped, 0, 1),
+        stated_rate=stated_rate,
+        axes=AXES[axes],
+        order=order,
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrueContacts:
+    """Every contact of every recording that ends before it does.
+
+    Args:
+        recording: [C] index of the recording.
+        time: [C] s, in the recording's time, of an honest frame rate.
+        q: pose [C, 3] at contact, θ in [−π, π).
+        v_pre: velocity [C, 3] before contact.
+        v_post: velocity [C, 3] after it.
+        frames: [C, 2] frames of the flights before and after it.
+        skipped: [C] frames that the recording skips there.
+    """
+
+    recording: Int[NDArray[np.int64], " c"]
+    time: Float[Array, " c"]
+    q: Float[Array, "c 3"]
+    v_pre: Float[Array, "c 3"]
+    v_post: Float[Array, "c 3"]
+    frames: Int[NDArray[np.int64], "c 2"]
+    skipped: Int[NDArray[np.int64], " c"]
+
+
+def record(motion: Motion, camera: Camera, seed: int) -> tuple[list[Recording], TrueContacts]:
+    """Record the motions, each from a random phase of the frames."""
+    rng = np.random.default_rng(seed)
+    count, step = len(motion.start), 1 / camera.rate
+    clock = (np.arange(camera.frames) - rng.random((count, 1))) * step - camera.held + step
+    first = motion.start[:, 1].numpy()
+    skips = rng.integers(1, 3, count) * (rng.random(count) < camera.skipped) * np.isfinite(first)
+    late = clock > first[:, None]
+    clock = clock + late * skips[:, None] * step
+    pose = _exposed(motion, clock, camera.exposure)
+    sigma = np.array((camera.noise, camera.noise, camera.angle_noise))
+    pose = pose + sigma * rng.standard_normal(pose.shape)
+    bad = rng.random(clock.shape) < camera.bad
+    gross = rng.uniform(1, 2, pose.shape) * np.sign(rng.standard_normal(pose.shape))
+    pose = pose + bad[..., None] * gross * _SPIKE * sigma
+    pose[rng.random(clock.shape) < camera.lost] = np.nan
+    time = np.arange(camera.frames) / (camera.stated_rate or camera.rate)
+    recordings = [_recording(f"{k + 1:04d}", time, poses, camera, rng) for k, poses in enumerate(pose)]
+    return recordings, _truth(motion, clock, skips)
+
+
+def _exposed(motion: Motion, clock: Array, exposure: float) -> Array:
+    """Mean poses [N, T, 3] over the exposures that are centred at the instants."""
+    offsets = np.linspace(-0.5, 0.5, _BLUR) * exposure if exposure else np.zeros(1)
+    poses = [motion.poses(torch.from_numpy(np.maximum(clock + dt, 0.0))).numpy() for dt in offsets]
+    return np.mean(poses, 0)
+
+
+def _truth(motion: Motion, clock: Array, skips: NDArray[np.int64]) -> TrueContacts:
+    starts = motion.start.numpy()
+    ends = np.concatenate((starts[:, 1:], np.full((len(starts), 1), np.inf)), 1)
+    ends = np.minimum(np.where(np.isfinite(starts), ends, np.inf), motion.rests.numpy()[:, None])
+    inside = (clock[:, None] > starts[..., None]) & (clock[:, None] < ends[..., None])
+    frames = inside.sum(-1)
+    there = np.isfinite(starts) & (starts < clock[:, -1:])
+    there[:, 0] = False
+    rows, columns = np.nonzero(there)
+    q, v, v_before = (part.numpy()[rows, columns] for part in (motion.q, motion.v, motion.v_before))
+    q[:, 2] = (q[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    skipped = np.where(columns == 1, skips[rows], 0)
+    earlier = np.where(columns > 1, skips[rows], 0) * (clock[0, 1] - clock[0, 0])
+    return TrueContacts(
+        recording=rows,
+        time=starts[rows, columns] - clock[rows, 0] - earlier,
+        q=q,
+        v_pre=v_before,
+        v_post=v,
+        frames=np.stack((frames[rows, columns - 1], frames[rows, columns]), -1),
+        skipped=skipped,
+    )
+
+
+def _recording(name: str, time: Array, pose: Array, camera: Camera, rng: np.random.Generator) -> Recording:
+    axes = np.asarray(camera.axes, dtype=np.float64)
+    source = f"{name}.csv"
+    if len(axes) == 2:
+        flipped = np.linalg.det(axes[:, :2]) < 0  # angles are counted from the first axis to the second
+        zero = math.atan2(axes[0, 1], axes[0, 0])
+        angle = (pose[:, 2] - zero) * (-1 if flipped else 1)
+        angle = (angle + np.pi) % (2 * np.pi) - np.pi if camera.wrapped else angle
+        position = pose[:, :2] @ axes[:, :2].T * camera.length
+        return Recording(
+            name=name, source=source, time=time, position=position, angle=np.degrees(angle) if camera.degrees else angle
+        )
+    away = np.where(np.isnan(pose[:, 0]), np.nan, rng.normal(0, camera.noise, len(pose)))
+    position = np.column_stack((pose[:, :2], away)) @ axes.T * camera.length
+    wobble = rng.normal(0, camera.angle_noise / 2, (len(pose), 2))
+    half = pose[:, 2] / 2
+    vector = np.column_stack((wobble * np.cos(half)[:, None], np.sin(half))) @ axes.T * np.linalg.det(axes)
+    quaternion = np.column_stack((np.cos(half), vector))
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    if camera.order not in ("wxyz", "xyzw"):
+        raise DataError(f"order must be wxyz or xyzw, got {camera.order!r}")
+    quaternion = quaternion if camera.order == "wxyz" else np.roll(quaternion, -1, axis=1)
+    return Recording(name=name, source=source, time=time, position=position, quaternion=quaternion)
