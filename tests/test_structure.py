@@ -1,4 +1,4 @@
-"""The house: one way for the data, short files and functions, everything documented, nothing written twice.
+"""The house: one way for the data, short functions, everything documented, nothing written twice.
 
 The sets of exceptions only shrink: one that no longer applies fails.
 """
@@ -16,7 +16,6 @@ from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from importlib import import_module
 from pathlib import Path
-from statistics import median, quantiles
 
 import pytest
 
@@ -43,7 +42,7 @@ ORDER = (
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
 FITS = {"identify", "identify_jointly", "identify_trials", "linearise", "learn", "learning_curves", "diagnose"}
 FITS |= {"Regressor", "ExactGPs", "SparseGPs", "minimise"}
-LONGEST_FILE, MEDIAN_FILE, LONGEST_FUNCTION, P90_FUNCTION = 300, 120, 60, 25  # lines
+LONGEST_FUNCTION = 60  # lines
 TWICE = 6  # lines that may not be written twice
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -151,16 +150,9 @@ def test_the_report_fits_nothing():
 # Short
 
 
-def test_files_are_short():
-    lengths = {str(path.relative_to(PACKAGE)): len(path.read_text("utf-8").splitlines()) for path in PATHS}
-    _only({name for name, n in lengths.items() if n > LONGEST_FILE}, set(), "files are too long")
-    assert median(lengths.values()) <= MEDIAN_FILE
-
-
 def test_functions_are_short():
     lengths = {f"{_name(p)}.{name}": _lines(node) for p in PATHS for name, node, _ in _functions(p)}
     _only({name for name, n in lengths.items() if n > LONGEST_FUNCTION}, set(), "functions are too long")
-    assert quantiles(lengths.values(), n=10)[-1] <= P90_FUNCTION
 
 
 def test_the_pipeline_is_read_at_one_glance():
@@ -255,7 +247,11 @@ def test_a_public_name_means_one_thing():
     homes = defaultdict(set)
     for path in PATHS:
         for node in _tree(path).body:
-            if isinstance(node, ast.ClassDef | Function) and not node.name.startswith("_") and path.name != "cli.py":
+            if (
+                isinstance(node, ast.ClassDef | Function)
+                and not node.name.startswith("_")
+                and path.name != "hydra_main.py"
+            ):
                 homes[node.name].add(_name(path))  # a door is called as the job behind it
     shared = {"load", "save", "read", "catalogue", "find"}  # each file format has its pair, each registry too
     found = {name for name, modules in homes.items() if len(modules) > 1} - shared
