@@ -23,7 +23,7 @@ from contactlearn.laws import find, names
 from contactlearn.mechanics.impacts import COMPONENTS, Impacts
 from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point, make_shape
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.simulation import hidden_effects, mujoco, synthetic
+from contactlearn.simulation import hidden_effects, mujoco, recordings, recordings_mujoco, synthetic
 from contactlearn.simulation.recordings.camera import camera_of
 
 CONFIGS = Path(__file__).parents[1] / "configs" / "data"
@@ -688,8 +688,8 @@ SOURCES = {
     "synthetic": synthetic,
     "table": table,
     "tracks": tracks,
-    "tracks_mujoco": tracks_mujoco,
-    "tracks_synthetic": tracks_synthetic,
+    "tracks_mujoco": recordings_mujoco,
+    "tracks_synthetic": recordings,
 }
 
 

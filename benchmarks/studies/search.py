@@ -15,7 +15,8 @@ from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference import validation
 from contactlearn.inference.validation import Folds
 from contactlearn.mechanics.impacts import Impacts
-from studies.cases import drops, heavy, mystery
+from contactlearn.simulation import hidden_effects
+from studies.cases import drops, heavy
 from studies.memory import remember
 from studies.study import Row, Study, each
 
@@ -48,7 +49,7 @@ def _hidden(effects: tuple[str, ...], strength: tuple[float, float], size: int, 
     """Nature's drops; ("heavy",) has no effect, but noise of heavy tails."""
     named = tuple(name for name in effects if name != "heavy")
     impacts, law = drops(named, size, seed, strength)
-    known = tuple(name for name in named if name in mystery.EFFECTS)
+    known = tuple(name for name in named if name in hidden_effects.EFFECTS)
     return Hidden(heavy(impacts, seed) if "heavy" in effects else impacts, law, known)
 
 
@@ -64,8 +65,8 @@ def _more(hidden: Hidden, thresholds: Thresholds) -> bool:
 
 
 _WEAK, _CLEAR, _STRONG = (0.7, 2.0), (2.0, 5.0), (8.0, 16.0)
-_EFFECTS = tuple(((name,), _WEAK, 100) for name in mystery.EFFECTS)
-_UNKNOWN = tuple(((name,), _CLEAR, 100) for name in mystery.UNKNOWN)
+_EFFECTS = tuple(((name,), _WEAK, 100) for name in hidden_effects.EFFECTS)
+_UNKNOWN = tuple(((name,), _CLEAR, 100) for name in hidden_effects.UNKNOWN)
 _PAIRS = tuple(
     (pair, _CLEAR, 100)
     for pair in (
@@ -81,7 +82,7 @@ SELECTION = Study(
 )  # fmt: skip
 PARTS = Study(
     name="small parts",
-    null=each(1, *(((name,), _STRONG, 200) for name in list(mystery.EFFECTS)[::3])),
+    null=each(1, *(((name,), _STRONG, 200) for name in list(hidden_effects.EFFECTS)[::3])),
     planted=each(1, *_PAIRS), prepare=_hidden, alarm=_named, false_alarm=_more,
 )  # fmt: skip
 SMALL = Study(

@@ -1,7 +1,8 @@
 """Recordings of tracked poses as impacts: `data=tracks data.path=FOLDER`.
 
 Every recording of a file or folder is searched for contacts between two free flights (`contactlearn.data.recordings`).
-Units, axes and orders that are not stated are found from the flights or requested; each refusal has its reason and number.
+Units, axes and orders that are not stated are found from the flights or requested; each refusal has its reason
+and number.
 """
 
 import math

@@ -24,7 +24,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.fingerprint import Fingerprint
 from contactlearn.core.numerics import random_share
 from contactlearn.mechanics import rigid_body

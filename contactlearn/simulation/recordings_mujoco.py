@@ -1,7 +1,7 @@
 """Simulated recordings of bodies whose flights, contacts and rest are MuJoCo's, with the truth about every contact.
 
     mujoco/throws            motion: an ellipse or a box is thrown onto a floor
-    tracks_synthetic/camera  the tracker and its faults
+    recordings/camera  the tracker and its faults
 
 The engine's contacts are soft: they last about `contact_time`, and the body moves while they do.  Flights before and
 after meet within that time, in each coordinate at another instant: the instant of a contact is no better known than
@@ -57,7 +57,7 @@ def find(
         tilt: hidden: the floor is turned counter-clockwise by it, rad.
         inertia_error: hidden: κ; the true inertia is e^κ times the reported one.
         seed: of motions and faults.
-        camera: settings of `tracks_synthetic.camera.camera_of`.
+        camera: settings of `recordings.camera.camera_of`.
 
     Raises:
         ContactLearnError: MuJoCo is not installed.

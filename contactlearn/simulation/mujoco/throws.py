@@ -22,7 +22,7 @@ _KEPT = 10  # steps from one pose that is kept to the next: ten in a contact tim
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Bounces:
-    """Motion of N bodies as the engine simulates it; the fields are those of `tracks_synthetic.camera.Motion`.
+    """Motion of N bodies as the engine simulates it; the fields are those of `recordings.camera.Motion`.
 
     Args:
         start: [N, K] in s.
