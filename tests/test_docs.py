@@ -92,7 +92,9 @@ def test_commands_compose(script, words):
     overrides = [word for word in words if "=" in word]
     if "-m" in words:  # one job of the sweep
         overrides = [f"{key}={value.split(',')[0]}" for key, value in (word.split("=", 1) for word in overrides)]
-    assert compose(script.removesuffix(".py"), overrides).data._target_.startswith("contactlearn.data.")
+    assert compose(script.removesuffix(".py"), overrides).data._target_.startswith(
+        ("contactlearn.data.", "contactlearn.simulation.")
+    )
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)

@@ -415,8 +415,8 @@ def test_folder_that_cannot_be_written(tmp_path):
 def test_the_analysis_never_opens_the_account():
     """But for what opens it when a user asks: the command, the workbench's hints, and their words."""
     ours, asked = (
-        PACKAGE / "data" / "mystery",
-        ("__main__.py", "tools.py", "workbench/keeping.py", "workbench/panes/hints.py"),
+        PACKAGE / "simulation" / "hidden_effects",
+        ("__main__.py", "cli/tools.py", "workbench/keeping.py", "workbench/panes/hints.py"),
     )
     opens = {PACKAGE / name for name in (*asked, "report/text/sealed.py")}
     for path in PACKAGE.rglob("*.py"):

@@ -177,10 +177,10 @@ def test_a_run_leaves_the_page_in_its_folder(takes, found, tmp_path):
         load_data(settings(takes, "+data.colour=red"), folder=tmp_path)
 
 
-@pytest.mark.parametrize("source", ["tracks", "tracks_synthetic", "synthetic"])
+@pytest.mark.parametrize("source", ["data.tracks", "simulation.recordings", "simulation.synthetic"])
 def test_the_report_links_to_the_page(source):
-    content = reproduced(provenance({"data": {"_target_": f"contactlearn.data.{source}.load"}}))
-    assert content["recordings"] == ("" if source == "synthetic" else "recordings.html")
+    content = reproduced(provenance({"data": {"_target_": f"contactlearn.{source}.load"}}))
+    assert content["recordings"] == ("" if source == "simulation.synthetic" else "recordings.html")
     assert not reproduced(provenance({"data": None}))["recordings"]
 
 
