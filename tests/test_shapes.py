@@ -17,11 +17,11 @@ CASES = {
 CALLS = """
 import shapecheck, torch
 shapecheck.install()
-from contactlearn import mechanics
+from contactlearn.mechanics import rigid_body
 from jaxtyping import TypeCheckError
 for arguments in {}:
     try:
-        mechanics.rotate(*eval(arguments))
+        rigid_body.rotate(*eval(arguments))
         print(True)
     except TypeCheckError:
         print(False)
