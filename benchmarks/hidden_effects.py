@@ -97,7 +97,7 @@ def one(group: str, names: tuple, seed: int, size: int, noise: float) -> dict:
         impacts, expected = mujoco.load(size=size, seed=seed, **options), {names[0]: expected}
     elif group == "corrupted":
         impacts, _ = hidden_effects.draw(seed, effects=[], size=size, noise=noise)
-        impacts = CORRUPTIONS[names[0]](impacts.replace(suspect=True))
+        impacts = CORRUPTIONS[names[0]](impacts.replace(validate=False))
     else:
         impacts, truth = hidden_effects.draw(seed, effects=list(names), size=size, noise=noise)
         expected = {

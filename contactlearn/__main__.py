@@ -20,7 +20,7 @@ from collections.abc import Callable
 from contactlearn import __version__
 from contactlearn.cli import tools
 from contactlearn.core.errors import ContactLearnError, harmless, installing, suggest
-from contactlearn.core.signals import ending_well
+from contactlearn.core.signals import graceful_exit
 
 _REPORT = """Of one run of evaluate or diagnose: write its report.html again, from the run folder alone, without the
 data source and without a fit.  Of several runs, or of a folder above some: write one self-contained page that opens
@@ -42,7 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     if words and words[0] in _CONFIGURED:
         return _configured(*words)
-    with ending_well():
+    with graceful_exit():
         return _run_tool(words)
 
 

@@ -44,7 +44,7 @@ shape = {"kind": "ellipse", "semi_axes": [0.035, 0.025]}
 # The sense of rotation is forgotten here. The audit finds that the moments do not balance. Clockwise angles look like
 # a mirrored x, the same experiment seen from behind: it names the reading that mends the table, and whoever made it
 # knows which of the two it was.
-wrong = table.read(path, shape=shape, columns=columns, units=units, suspect=True)
+wrong = table.read(path, shape=shape, columns=columns, units=units, validate=False)
 for finding in audit(wrong.impacts):
     print(finding.sentence, "→ data.correct", finding.correction)
 

@@ -37,7 +37,7 @@ LONGEST = (
     "test_mystery.py", "test_rests.py", "test_fit.py", "test_examples.py", "test_shapes.py", "test_search.py",
     "test_succession.py", "test_diagnosis_figures.py", "test_tracks_mujoco.py", "test_track_commands.py",
     "test_laws.py", "test_mujoco_drops.py", "test_large_tables.py", "test_fit_trials.py", "test_apparatus.py",
-    "test_bodies.py", "test_remainder.py", "test_equivalents.py", "test_candidates.py", "test_endings.py",
+    "test_bodies.py", "test_remainder.py", "test_equivalents.py", "test_candidates.py", "test_signals.py",
     "test_figures.py", "test_effect_commands.py", "test_new_parts.py",
 )  # fmt: skip
 

@@ -20,7 +20,7 @@ def corrupt(impacts: Impacts, *names: str) -> Impacts:
             field: new[columns[0]] if len(columns) == 1 else torch.stack([new[column] for column in columns], -1)
             for field, columns in fields.items()
         }
-        impacts = impacts.replace(suspect=True, **values)
+        impacts = impacts.replace(validate=False, **values)
     return impacts
 
 

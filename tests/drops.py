@@ -21,9 +21,9 @@ def thrown(n, seed):
     speeds = torch.rand(n, 2, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
     side = normal(n, seed=seed + 1).sign()
     v_pre = torch.stack((side * (0.3 + 2 * speeds[:, 0]), -0.8 - 2 * speeds[:, 1], drops.v_pre[:, 2] / 2), -1)
-    drops = drops.replace(v_pre=v_pre, suspect=True)
+    drops = drops.replace(v_pre=v_pre, validate=False)
     drops = drops[drops.v_c[:, 1] < -0.2]
-    return drops.replace(order=torch.arange(1, len(drops) + 1), suspect=False)
+    return drops.replace(order=torch.arange(1, len(drops) + 1), validate=True)
 
 
 def fitted(n, seed, friction=None, restitution=None, errors=None):

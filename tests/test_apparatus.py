@@ -282,7 +282,7 @@ LEANING = replace(KNOWN, slope=Measured(value=0.02, error=0.002), orientation=Me
     ids=str,
 )
 def test_corrections_carry_what_is_known_along_or_forget_it(names, slope, orientation, gravity):
-    impacts = synthetic.load(size=40).replace(apparatus=LEANING, suspect=True)
+    impacts = synthetic.load(size=40).replace(apparatus=LEANING, validate=False)
     known = correct(impacts, names).apparatus
     for one, value, error in ((known.slope, slope, 0.002), (known.orientation, orientation, 0.003)):
         assert (one is None) == (value is None)
@@ -306,7 +306,7 @@ def test_what_is_known_after_a_correction_is_what_corrected_contacts_show(name, 
         for columns in ((x, y, theta), (-x if mirror == "x" else x, y, -theta if mirror == "theta" else theta))
     )
     known = replace(KNOWN, slope=read.slope, orientation=read.orientation)
-    impacts = synthetic.load(size=40).replace(apparatus=known, suspect=True)
+    impacts = synthetic.load(size=40).replace(apparatus=known, validate=False)
     for field in ("slope", "orientation"):
         expected, seen = getattr(correct(impacts, [name]).apparatus, field), getattr(corrected, field)
         assert abs(expected.value) > 5 * expected.error

@@ -53,7 +53,7 @@ def test_vertical_drops_without_slip_and_spin_are_not_doubted(level, spin, seeds
         noise = weight * torch.randn(2, 80, 3, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
         clean = drops("disc", seed, 80, mu=0.0, velocity_noise=0.0, spin_noise=0.0)
         falls = [v * torch.tensor([0, 1, 0], dtype=torch.float64) for v in (clean.v_pre, clean.v_post)]
-        (note,) = audit(clean.replace(v_pre=falls[0] + noise[0], v_post=falls[1] + noise[1], suspect=True))
+        (note,) = audit(clean.replace(v_pre=falls[0] + noise[0], v_post=falls[1] + noise[1], validate=False))
         assert (note.name, note.mistake) == ("consistent", False)
         assert "cannot be judged" in note.sentence
 
@@ -64,7 +64,7 @@ def test_a_correction_that_does_not_close_the_balance_is_not_recommended(mistake
     dv = clean.v_post - clean.v_pre
     moment = 1.5 * clean.r[:, 0] * dv[:, 1] - 3 * clean.r[:, 1] * dv[:, 0]  # one term answers twice as much
     spin = clean.v_pre[:, 2] + moment * clean.mass / clean.inertia
-    uneven = clean.replace(v_post=torch.cat((clean.v_post[:, :2], spin[:, None]), -1), suspect=True)
+    uneven = clean.replace(v_post=torch.cat((clean.v_post[:, :2], spin[:, None]), -1), validate=False)
     first, *others = audit(correct(uneven, [mistake]))
     assert (first.name, first.correction, first.mistake) == (mistake, None, True)
     assert "not recommended" in first.sentence
@@ -76,7 +76,7 @@ def test_spins_that_answer_to_no_moment_are_doubted(mu):
     impacts = drops("disc", mu=mu)
     noise = 0.3 * torch.randn(len(impacts), generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     spin = impacts.v_pre[:, 2] + noise
-    still = impacts.replace(v_post=torch.cat((impacts.v_post[:, :2], spin[:, None]), -1), suspect=True)
+    still = impacts.replace(v_post=torch.cat((impacts.v_post[:, :2], spin[:, None]), -1), validate=False)
     assert any(finding.mistake for finding in audit(still))
 
 
@@ -131,7 +131,7 @@ def test_mistakes_that_come_together(names, known):
     corrupted = corrupt(clean, *names)
     found = corrections(audit(corrupted))
     assert sorted(found) == sorted(names)
-    corrected = correct(corrupted, found).replace(suspect=False)  # in their order, and valid
+    corrected = correct(corrupted, found).replace(validate=True)  # in their order, and valid
     assert torch.allclose(corrected.v_c, clean.v_c, rtol=1e-12)
     assert mistakes(audit(corrected)) == []
 
@@ -181,7 +181,7 @@ def test_the_statement_of_consistency_has_the_coefficients():
 def test_coefficients_that_are_not_1_are_not_said_to_close():
     """A wind after contact: nothing is wrong in columns or units, and still the balance is not that of the contact."""
     calm = synthetic.load(size=300, seed=1)
-    (note,) = audit(calm.replace(v_post=calm.v_post + torch.tensor([0.2, 0.0, 0.0]), suspect=True))
+    (note,) = audit(calm.replace(v_post=calm.v_post + torch.tensor([0.2, 0.0, 0.0]), validate=False))
     assert (note.name, note.mistake) == ("consistent", False)
     assert note.value("b_measured") < 0.5
     assert "closes" not in note.sentence
@@ -302,7 +302,7 @@ def test_outliers(body):
     v_post[17, 0] -= 8
     v_pre[40, 1] = 2.0
     inertia[77] *= 10
-    bad = clean.replace(v_pre=v_pre, v_post=v_post, inertia=inertia, suspect=True)
+    bad = clean.replace(v_pre=v_pre, v_post=v_post, inertia=inertia, validate=False)
     (finding,) = audit(bad)
     assert (finding.name, finding.correction) == ("gross_outliers", "drop_outliers")
     assert finding.value("trials") == 4

@@ -24,7 +24,7 @@ from contactlearn.diagnosis.failure.variables import symmetry
 from contactlearn.diagnosis.record import Record
 from contactlearn.effects import EffectId, State, columns, find_effect
 from contactlearn.inference.identification.joint import assemble
-from contactlearn.mechanics.bodies import Shapes, lowest, make_shapes, shapes_entries
+from contactlearn.mechanics.bodies import Shapes, contact_points, make_shapes, shapes_entries
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point
 from contactlearn.models import checkpoint
@@ -138,18 +138,18 @@ def test_a_batch_is_a_loop(theta, which):
     nothing = torch.zeros(len(theta))
     state = State.of(
         Impacts(*(nothing + 1,) * 2, *(nothing[:, None].expand(-1, n) for n in (2, 3, 3, 3)), object=tuple(names),
-                shape=shapes, suspect=True)
+                shape=shapes, validate=False)
     )  # fmt: skip
     batch = torch.stack((angles, angles + 0.5))
-    found = state.lowest(batch)
+    found = state.contact_points(batch)
     for k, name in enumerate(names):
         assert torch.allclose(found[:, k], contact_point(shapes[name], batch[:, k]), rtol=1e-14, atol=1e-16)
 
 
 def test_gradients_go_through_every_shape(both):
     theta = both.q[:, 2].clone().requires_grad_()
-    lowest(both.shape, both.body, theta)[:, 1].sum().backward()
-    r = lowest(both.shape, both.body, both.q[:, 2])
+    contact_points(both.shape, both.body, theta)[:, 1].sum().backward()
+    r = contact_points(both.shape, both.body, both.q[:, 2])
     assert torch.allclose(theta.grad, r[:, 0], rtol=1e-9)  # the height falls as the body rolls: dr_y/dθ = r_x
 
 
@@ -176,9 +176,9 @@ def test_the_shape_error_of_two_bodies_is_found():
         "beech": Polygon(tuple((x / 1.06, y) for x, y in BEECH["vertices"])),
     }
     drops = mixed(*(alone(name, size=300, seed=seed, spin_noise=0.1) for seed, name in enumerate(SPECS)))
-    said = drops.replace(shape=longer, r=lowest(longer, drops.body, drops.q[:, 2]), suspect=True)
+    said = drops.replace(shape=longer, r=contact_points(longer, drops.body, drops.q[:, 2]), validate=False)
     good = said.v_c[:, 1] < 0
-    fit = identify_jointly("wang_mason", ["shape_error"], said[good].replace(suspect=False))
+    fit = identify_jointly("wang_mason", ["shape_error"], said[good].replace(validate=True))
     s_a, s_b = fit.values[-2:].tolist()
     assert abs(s_a - 0.06) < 0.01
     assert abs(s_b) < 0.01
@@ -197,7 +197,7 @@ def test_the_audit_names_the_body_that_is_off(both):
 
 def test_the_audit_finds_a_mirrored_axis(both):
     mirror = torch.tensor((-1.0, 1.0, 1.0))
-    spoilt = both.replace(q=both.q * mirror, v_pre=both.v_pre * mirror, v_post=both.v_post * mirror, suspect=True)
+    spoilt = both.replace(q=both.q * mirror, v_pre=both.v_pre * mirror, v_post=both.v_post * mirror, validate=False)
     assert [one.correction for one in audit(spoilt)] == ["mirrored_x"]
 
 
@@ -206,7 +206,7 @@ def test_corrections_compute_contact_points_again(files):
     turned = pd.read_csv(path).assign(theta=lambda frame: -frame["theta"], omega=lambda frame: -frame["omega"],
                                       omega_post=lambda frame: -frame["omega_post"])  # fmt: skip
     turned.to_csv(files / "turned.csv", index=False)
-    spoilt = table.load(files / "turned.csv", shape=SPECS, suspect=True)
+    spoilt = table.load(files / "turned.csv", shape=SPECS, validate=False)
     right = correct(spoilt, ["mirrored_theta"], computed_contact=True)
     assert torch.equal(right.r, table.load(path, shape=SPECS).r)
 
@@ -252,7 +252,7 @@ def test_impacts_ask_for_every_shape(both):
 def test_a_state_that_knows_no_bodies_says_so(both):
     state = State.of(both).replace(body=None)
     with pytest.raises(ContactLearnError, match="need the body of each trial"):
-        state.lowest(state.theta)
+        state.contact_points(state.theta)
 
 
 # Round trips

@@ -37,18 +37,18 @@ def test_correction_undoes_the_corruption(drops, name):
     corrected = correct(corrupted, [name])
     assert_equal(corrected, drops)
     assert corrected.source == f"{drops.source} (corrected: {name})"
-    assert corrected.suspect
+    assert not corrected.validate
 
 
 @pytest.mark.parametrize("name", INVOLUTIONS)
 def test_mirrors_and_swaps_undo_themselves(drops, name):
-    assert_equal(correct(drops.replace(suspect=True), [name, name]), drops)
+    assert_equal(correct(drops.replace(validate=False), [name, name]), drops)
 
 
 def test_corrections_are_pure(drops):
     before = drops.fingerprint()
     for name in CORRECTIONS:
-        correct(drops.replace(suspect=True), [name])
+        correct(drops.replace(validate=False), [name])
     assert drops.fingerprint() == before
 
 
@@ -84,10 +84,10 @@ def test_outliers_are_dropped_and_only_they(drops):
     omega[7, 2] += 300
     vy[11, 1] *= -1  # comes from below
     mass[13] *= 10
-    bad = drops.replace(v_post=omega, v_pre=vy, mass=mass, suspect=True)
+    bad = drops.replace(v_post=omega, v_pre=vy, mass=mass, validate=False)
     kept = correct(bad, ["drop_outliers"])
     assert set(drops.trial) - set(kept.trial) == {"8", "12", "14"}
-    assert not kept.replace(suspect=False).suspect
+    assert kept.replace(validate=True).validate
     assert correct(drops, ["drop_outliers"]).trial == drops.trial
 
 
@@ -105,7 +105,7 @@ def test_order_follows_time(drops):
 
 def test_optional_poses_may_be_missing(drops):
     for name in set(CORRECTIONS) - {"ordered_by_time"}:
-        assert correct(drops.replace(q_post=None, suspect=True), [name]).q_post is None
+        assert correct(drops.replace(q_post=None, validate=False), [name]).q_post is None
 
 
 def test_names(drops):
@@ -133,9 +133,9 @@ def test_a_table_that_would_be_refused_is_corrected(tmp_path, drops, name):
         load_data(config(path))
     corrected = load_data(config(path, correct=[name]))
     assert_equal(corrected, drops)
-    assert (corrected.suspect, corrected.source) == (False, f"{path} (corrected: {name})")
-    read = load_data(config(path, correct=[]), suspect=True)
-    assert read.suspect
+    assert (corrected.validate, corrected.source) == (True, f"{path} (corrected: {name})")
+    read = load_data(config(path, correct=[]), validate=False)
+    assert not read.validate
     assert read.fingerprint() == corrupted.fingerprint()
     with pytest.raises(DataError, match="approach the floor"):  # a correction that does not do
         load_data(config(path, correct=["grams"]))

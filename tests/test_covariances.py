@@ -102,7 +102,7 @@ def test_a_table_with_a_part_of_a_covariance_is_refused(tmp_path):
     ],
 )
 def test_corrections_carry_them_as_they_carry_velocities(name, change):
-    impacts, change = drops(suspect=True), change.double()
+    impacts, change = drops(validate=False), change.double()
     corrected = correct(impacts, [name])
     torch.testing.assert_close(corrected.v_pre_cov, change @ impacts.v_pre_cov @ change.T)
     if not name.startswith("averaged"):
@@ -110,7 +110,7 @@ def test_corrections_carry_them_as_they_carry_velocities(name, change):
 
 
 def test_what_is_swapped_is_swapped_with_its_errors():
-    impacts = drops(suspect=True, v_post_cov=None)
+    impacts = drops(validate=False, v_post_cov=None)
     swapped = correct(impacts, ["swapped_pre_post"])
     assert swapped.v_pre_cov is None
     assert torch.equal(swapped.v_post_cov, impacts.v_pre_cov)

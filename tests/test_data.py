@@ -702,7 +702,7 @@ def test_config_holds_every_argument_with_its_default_and_a_comment(name, monkey
     arguments = {
         key: parameter
         for key, parameter in inspect.signature(source.find if "tracks" in name else source.load).parameters.items()
-        if parameter.kind is not parameter.KEYWORD_ONLY  # for the library, such as table's `suspect`
+        if parameter.kind is not parameter.KEYWORD_ONLY  # for the library, such as table's `validate`
     }
     if arguments.pop("settings", None):  # of the search for impacts in recordings
         arguments |= inspect.signature(tracks.track_options).parameters

@@ -34,7 +34,7 @@ from contactlearn.inference.learning.curves import (
     transfer_curves,
 )
 from contactlearn.inference.learning.recipe import Recipe, learn
-from contactlearn.mechanics.bodies import lowest
+from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.shapes import Polygon
 from contactlearn.models import checkpoint, regressor
 from contactlearn.models.contact_model import ContactModel, derivative, resolve
@@ -199,8 +199,8 @@ def test_contact_points_of_several_bodies(drops, device):
     def computed(drops):
         state = State.of(drops).replace(corner=0.002)
         return (
-            lowest(drops.shape, drops.body, drops.q[:, 2]),
-            state.lowest(state.theta),
+            contact_points(drops.shape, drops.body, drops.q[:, 2]),
+            state.contact_points(state.theta),
             HEXAGON.lowest_corners(state.theta),
         )
 

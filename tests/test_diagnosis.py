@@ -97,7 +97,7 @@ def test_copies_of_rows_are_dropped_whatever_they_are_called(tmp_path):
     path = table.save(impacts, tmp_path / "drops.csv")
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines, *lines[5:15]]) + "\n")
-    found = diagnose(table.load(path, impacts.shape, suspect=True), **alone(truth), candidates=few("surface_tilt"))
+    found = diagnose(table.load(path, impacts.shape, validate=False), **alone(truth), candidates=few("surface_tilt"))
     assert [finding.correction for finding in found.findings] == ["drop_duplicates"]
     assert len(found.record.impacts) == 60
     with pytest.raises(DataError, match=r"repeats '5' of row 5 .data.correct=.drop_duplicates. drops"):
@@ -175,7 +175,9 @@ def test_what_is_in_the_model_already_is_not_missing():
 def test_corrupted_data_are_mended_first_and_then_explained():
     impacts, truth = hidden_effects.draw(5, effects=["side_drag"], size=150)
     flip = torch.tensor((-1.0, 1.0, 1.0), dtype=torch.float64)
-    spoilt = impacts.replace(q=impacts.q * flip, v_pre=impacts.v_pre * flip, v_post=impacts.v_post * flip, suspect=True)
+    spoilt = impacts.replace(
+        q=impacts.q * flip, v_pre=impacts.v_pre * flip, v_post=impacts.v_post * flip, validate=False
+    )
     told = Told()
     found = diagnose(spoilt, **alone(truth), candidates=few("side_drag", "surface_tilt", "spin_damping"), observer=told)
     assert next(iter(told)) == "audit"
@@ -188,7 +190,7 @@ def test_data_of_no_impact_are_refused():
     impacts, _ = hidden_effects.draw(5, effects=[], size=120)
     order = torch.randperm(120, generator=torch.Generator().manual_seed(0))
     shuffled = impacts.v_post[order] * torch.tensor((1.0, -1.0, 3.0))
-    found = diagnose(impacts.replace(v_post=shuffled, suspect=True))
+    found = diagnose(impacts.replace(v_post=shuffled, validate=False))
     assert found.verdict == "bad_data"
     assert any(finding.fatal for finding in found.findings)
     assert found.missing == ()

@@ -92,7 +92,7 @@ def wild(drops: Impacts, name: str = "wild") -> Impacts:
     v_pre[120, 1] *= -1
     mass[60] *= 5
     trial[3] = name
-    return drops.replace(v_pre=v_pre, v_post=v_post, mass=mass, trial=tuple(trial), suspect=True)
+    return drops.replace(v_pre=v_pre, v_post=v_post, mass=mass, trial=tuple(trial), validate=False)
 
 
 def driven(drops: Impacts) -> Impacts:
@@ -108,7 +108,7 @@ def driven(drops: Impacts) -> Impacts:
 
 def shuffled(drops: Impacts) -> Impacts:
     order = torch.randperm(TRIALS, generator=torch.Generator().manual_seed(0))
-    return drops.replace(v_post=drops.v_post[order] * torch.tensor((1.0, -1.0, 3.0)), suspect=True)
+    return drops.replace(v_post=drops.v_post[order] * torch.tensor((1.0, -1.0, 3.0)), validate=False)
 
 
 def out_of_order(drops: Impacts) -> Impacts:
@@ -127,7 +127,7 @@ SPOILT = {
     "duplicated_trials": again,
     "gross_outliers": wild,
     "energy_gained": driven,
-    "contact_point_off_shape": lambda d: d.replace(q=d.q + torch.tensor((0, 0, 0.5)), suspect=True),
+    "contact_point_off_shape": lambda d: d.replace(q=d.q + torch.tensor((0, 0, 0.5)), validate=False),
     "out_of_order": out_of_order,
     "impossible": shuffled,
 }  # fmt: skip
@@ -305,7 +305,7 @@ OF_A_FRAME = [name for name in CORRECTIONS if name not in OF_TRIALS]
 
 def corrected_figure(name, drops):
     """Of a correction, whatever finding names it."""
-    spoilt = drops.replace(suspect=True)
+    spoilt = drops.replace(validate=False)
     finding = Finding(name=name, sentence="a sentence", evidence=(), correction=name)
     return audit_figure(finding, spoilt, correct(spoilt, [name]))
 

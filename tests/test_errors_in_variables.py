@@ -33,7 +33,7 @@ def planted(law, names, noise, size, seed=0):
     truth = assemble(find(law), chosen, theta).predict(exact).v_post
     generator = torch.Generator().manual_seed(100 + seed)
     before, after = noise * torch.randn(2, size, 3, generator=generator, dtype=torch.float64)
-    return exact.replace(v_pre=exact.v_pre + before, v_post=truth + after, suspect=True), chosen, theta
+    return exact.replace(v_pre=exact.v_pre + before, v_post=truth + after, validate=False), chosen, theta
 
 
 def options(noise, before=None, **others):
@@ -74,7 +74,7 @@ def test_it_is_deming_regression_where_the_outcome_is_linear():
     v[:, 1] = -0.1 - v[:, 1].abs()
     before, after = noise * torch.randn(2, 200, 3, generator=generator, dtype=torch.float64)
     v_post = v * torch.tensor((1.0, -0.6, 1.0)) + after
-    drops = drops.replace(r=r, v_pre=v + before, v_post=v_post, suspect=True)
+    drops = drops.replace(r=r, v_pre=v + before, v_post=v_post, validate=False)
     box = Box(mu=(0.0, 1e-9))
     fit = identify_jointly(find("wang_mason"), {}, drops, options=options(noise, box=box))
     x, y, w = -drops.v_pre[:, 1], v_post[:, 1], fit.weight
@@ -91,7 +91,7 @@ def test_gross_outliers_hardly_matter():
     clean = identify_jointly(find("mirtich"), chosen, drops, options=options(NOISE), start=theta)
     v_post = drops.v_post.clone()
     v_post[::25] = v_post[::25].flip(0) * -3
-    wild = drops.replace(v_post=v_post, suspect=True)
+    wild = drops.replace(v_post=v_post, validate=False)
     fit = identify_jointly(find("mirtich"), chosen, wild, options=options(NOISE, starts=2))
     assert ((fit.values - clean.values).abs() <= 1.5 * clean.standard_errors).all()
     assert (fit.weight[::25] < 0.05).all()
@@ -128,7 +128,7 @@ def test_an_averaged_component_counts_as_exact():
     drops, chosen, theta = planted(*CASES["spin damping"], NOISE, 200)
     v = drops.v_pre.clone()
     v[:, 1] = v[:, 1].mean()
-    drops = drops.replace(v_pre=v, suspect=True)
+    drops = drops.replace(v_pre=v, validate=False)
     stated, found = (
         identify_jointly(find("mirtich"), chosen, drops, options=options(NOISE, before), start=theta).values
         for before in ((0.01, 0.0, 0.5), None)

@@ -59,7 +59,7 @@ def turned(impacts, phi):
     q = world(impacts.q)
     q[:, 2] += phi
     body = {"r": rotate(impacts.r, angle), "v_pre": world(impacts.v_pre), "v_post": world(impacts.v_post)}
-    return impacts.replace(q=q, suspect=True, **body)
+    return impacts.replace(q=q, validate=False, **body)
 
 
 def test_a_turned_frame_is_a_tilt_with_a_contact_that_was_seen():
@@ -165,7 +165,7 @@ def test_round_corners_are_those_of_discs_inside_the_body():
 
 def test_planted_round_corners_are_found():
     sharp = drops(HEXAGON, 300)
-    true = sharp.replace(r=lowest_of_rounded(sharp.q[:, 2], 0.003), suspect=True)
+    true = sharp.replace(r=lowest_of_rounded(sharp.q[:, 2], 0.003), validate=False)
     v_post = ContactModel(LAW).predict(true).v_post
     fit = identify_jointly(find("wang_mason"), {"it": find_effect("corner_radius")()}, noisy(sharp, v_post))
     assert_found(fit, torch.tensor((0.2, 0.6, 0.003), dtype=torch.float64))
@@ -241,7 +241,7 @@ def test_candidates_that_cannot_act_are_no_error():
 def test_friction_over_slip_is_that_of_a_ball_whose_slip_is_followed():
     """Of a ball in many steps of its normal impulse, whether it slides to the end or comes to roll."""
     ball = drops(size=60)
-    ball = ball.replace(r=torch.tensor((0.0, -0.03)).expand(60, 2), suspect=True)
+    ball = ball.replace(r=torch.tensor((0.0, -0.03)).expand(60, 2), validate=False)
     effect = find_effect("velocity_dependent_friction", "stribeck")(2.0, 0.5)
     steps, w_tt = 4000, (1 / ball.mass + 0.03**2 / ball.inertia)
     first, taken = ball.v_c[:, 0].abs(), torch.zeros(60, dtype=torch.float64)
@@ -293,7 +293,7 @@ def test_a_formula_on_paper_has_its_form(name, form, amount):
     """It is met where other forms of its effect leave five times as much or more, and its amount is found."""
     impacts = drops(size=300)
     thrown = torch.tensor((2.0, 0.0, 10.0)) * torch.randn(300, 3, generator=seeded(2), dtype=torch.float64)
-    impacts = impacts.replace(v_pre=impacts.v_pre + thrown, suspect=True)
+    impacts = impacts.replace(v_pre=impacts.v_pre + thrown, validate=False)
     impacts = impacts.replace(v_post=on_paper(name, impacts, amount))
     left = {}
     for kind in catalogue()[name]:
@@ -331,7 +331,7 @@ def test_pressure_behind_the_slip():
     """Without friction the normal impulse alone acts, at an arm that the sign of the slip decides."""
     impacts, d, eps = drops(size=50), 0.002, 0.6
     thrown = torch.tensor((2.0, 0.0, 0.0)) * torch.randn(50, 1, generator=seeded(2), dtype=torch.float64).sign()
-    impacts = impacts.replace(v_pre=impacts.v_pre + thrown, suspect=True)
+    impacts = impacts.replace(v_pre=impacts.v_pre + thrown, validate=False)
     patch = find_effect("contact_patch", "slip")(d, v_s=1e-6)
     found = ContactModel(find("wang_mason").at(0.0, eps), effects={"it": patch}).predict(impacts).v_post
     x, (slip, v_n) = impacts.r[:, 0], impacts.v_c.unbind(-1)

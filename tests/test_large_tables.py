@@ -192,7 +192,7 @@ def test_what_is_rare_is_found_among_all_trials(many):
 
 
 def test_equal_rows_are_found_as_by_hand(many):
-    some = many.replace(suspect=True)[torch.tensor([0, 1, 2, 1, 3, 0, 1])]
+    some = many.replace(validate=False)[torch.tensor([0, 1, 2, 1, 3, 0, 1])]
     r = some.r.clone()
     r[:, 0] = torch.tensor((0.0, 1, 2, 1, 3, -0.0, 1))
     assert repeated(some.replace(r=r)).tolist() == [False, False, False, True, False, True, True]

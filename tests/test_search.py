@@ -87,7 +87,7 @@ def test_a_deletion_is_predicted_too():
 def test_a_parameter_stays_within_its_range():
     """A loss of spin cannot be negative, so a spin that grows is no reason for it."""
     drops = synthetic.load(size=200, seed=2)
-    faster = drops.replace(v_post=drops.v_post * torch.tensor((1.0, 1.0, 1.1)), suspect=True)
+    faster = drops.replace(v_post=drops.v_post * torch.tensor((1.0, 1.0, 1.1)), validate=False)
     pool = pooled(faster, SPIN)
     quadratic = pool.quadratic(pool.models[Spec("wang_mason")])
     _, theta = quadratic.losses([frozenset({Group(SPIN)})])
@@ -172,7 +172,7 @@ def test_law_and_effects_are_found_together():
 def test_laws_that_agree_share_the_belief():
     """Where W_tn = 0 a ball follows Routh's path under every restitution."""
     drops = synthetic.load(size=120, seed=5)
-    central = drops.replace(r=drops.r * torch.tensor((0.0, 1.0)), suspect=True)
+    central = drops.replace(r=drops.r * torch.tensor((0.0, 1.0)), validate=False)
     noise = 0.01 * torch.randn(120, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     outcome = ContactModel(find("wang_mason").at(0.2, 0.6)).predict(central).v_post
     measured = central.replace(v_post=outcome + noise)
@@ -241,7 +241,7 @@ def wandering(impacts, memory, seed=1):
         step = torch.randn(3, generator=generator, dtype=torch.float64)
         wander[k] = memory * wander[k - 1] + math.sqrt(1 - memory**2) * step
     unit = torch.tensor((0.03, 0.03, 1.0), dtype=torch.float64)
-    return impacts.replace(v_post=impacts.v_post + wander * unit, suspect=True)
+    return impacts.replace(v_post=impacts.v_post + wander * unit, validate=False)
 
 
 DRIFTS = [key for key in all_candidates() if key.name == "parameter_drift"]

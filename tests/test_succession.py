@@ -92,8 +92,8 @@ def test_a_measurement_that_wanders_is_no_coefficient():
 
 def test_trials_that_stick_tell_nothing_of_friction():
     drops = thrown(200, 3)
-    slow = drops.replace(v_pre=drops.v_pre * torch.tensor([0.01, 1.0, 0.01]), suspect=True)
-    slow = slow[slow.v_c[:, 1] < -0.2].replace(suspect=False)
+    slow = drops.replace(v_pre=drops.v_pre * torch.tensor([0.01, 1.0, 0.01]), validate=False)
+    slow = slow[slow.v_c[:, 1] < -0.2].replace(validate=True)
     grip = laws.find("wang_mason").at(5.0, 0.5)
     slow = slow.replace(v_post=ContactModel(grip).predict(slow).v_post + NOISE * normal(len(slow), 3, seed=0))
     scores = Scores.of_sequence(slow, identify_jointly(grip, {}, slow), FitOptions())

@@ -151,7 +151,7 @@ def test_errors_tell_the_files_column_and_the_value_as_written(tmp_path, drops):
     ):
         changed = own | {column: [own[column][0], value, *own[column][2:]]}
         with pytest.raises(DataError) as caught:
-            table.load(written(tmp_path / "own.csv", changed), columns=names, units=units, suspect=True)
+            table.load(written(tmp_path / "own.csv", changed), columns=names, units=units, validate=False)
         for fragment in fragments:
             assert fragment in str(caught.value)
 
@@ -197,7 +197,7 @@ def test_the_shape_gives_what_is_left_out(tmp_path, drops, shape, left_out):
     body = make_shape(shape)
     other = {"rx": [0.0] * 40, "ry": [-1.0] * 40, "inertia": [7.0] * 40}
     path = written(tmp_path / "own.csv", {n: x for n, x in (columns_of(drops) | other).items() if n not in left_out})
-    found = table.read(path, shape=shape, suspect=True)
+    found = table.read(path, shape=shape, validate=False)
     assert {column for field in found.computed for column in COMPONENTS[field]} == {*left_out}
     r, inertia = contact_point(body, drops.q[:, 2]), drops.mass * body.gyration_squared()
     assert torch.equal(found.impacts.r, r) == ("rx" in left_out)
@@ -292,19 +292,19 @@ def test_computed_contact_points_follow_corrections(tmp_path, drops, names):
     path = written(tmp_path / "own.csv", columns)
     cfg = {"_target_": "contactlearn.data.table.load", "path": str(path), "shape": SHAPE, "correct": names}
     corrected = load_data(OmegaConf.create(cfg))
-    assert (corrected.suspect, corrected.source) == (False, f"{path} (corrected: {', '.join(names)})")
+    assert (corrected.validate, corrected.source) == (True, f"{path} (corrected: {', '.join(names)})")
     torch.testing.assert_close(corrected.inertia, drops.inertia, rtol=0.05, atol=0)
     torch.testing.assert_close(corrected.r, drops.r, rtol=1e-9, atol=1e-12)
-    garbage = table.load(path, SHAPE, suspect=True)
+    garbage = table.load(path, SHAPE, validate=False)
     assert not torch.allclose(correct(garbage, ["mirrored_theta"]).r, drops.r, atol=1e-3)  # which the flag mends
 
 
 def test_contact_points_are_not_computed_from_degrees(tmp_path, drops):
     columns = columns_of(corrupt(drops, "degrees"))
     path = written(tmp_path / "own.csv", {name: x for name, x in columns.items() if name not in ("rx", "ry")})
-    for suspect in (False, True):
+    for validate in (False, True):
         with pytest.raises(DataError, match=r"theta, which is [\d.]+ rad in the median.*data.units.angle=deg"):
-            table.load(path, SHAPE, suspect=suspect)
+            table.load(path, SHAPE, validate=validate)
     torch.testing.assert_close(table.load(path, SHAPE, units={"angle": "deg"}).r, drops.r, rtol=1e-9, atol=1e-12)
 
 
@@ -324,7 +324,7 @@ def test_the_quick_audit_finds_what_the_audit_finds(mistakes, size):
 
 def test_the_quick_audit_looks_at_all_for_repetitions_and_order():
     clock = torch.rand(1500, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    drops = synthetic.load(size=1500).replace(suspect=True)
+    drops = synthetic.load(size=1500).replace(validate=False)
     within = drops.replace(time=400 * clock)[[*range(1500), 700]]  # in each recording: no clock of the session
     assert [finding.name for finding in quick_audit(within)] == ["duplicated_trials"]
     session = within.replace(time=10 * within.time)

@@ -319,7 +319,7 @@ def test_a_diagnosis_of_no_impacts_is_a_run_too(tmp_path, runs):
     impacts, _ = hidden_effects.draw(5, effects=[], size=120)
     order = torch.randperm(120, generator=torch.Generator().manual_seed(0))
     spoilt = impacts.v_post[order] * torch.tensor((1.0, -1.0, 3.0))
-    table.save(impacts.replace(v_post=spoilt, suspect=True), tmp_path / "drops.csv")
+    table.save(impacts.replace(v_post=spoilt, validate=False), tmp_path / "drops.csv")
     run("diagnose.py", "data=table", f"data.path={tmp_path / 'drops.csv'}", f"hydra.run.dir={tmp_path / 'run'}")
     events = read(tmp_path / "run")
     assert "inconsistent" in dict(row[:2] for row in card(events))["Verdict"]

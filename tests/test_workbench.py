@@ -347,7 +347,7 @@ def test_data_that_break_a_rule_are_offered_corrected(models, tmp_path):
     impacts = synthetic.load(size=160, seed=3)
     down = torch.tensor([1.0, -1.0, 1.0])
     impacts = impacts.replace(
-        suspect=True, v_pre=impacts.v_pre * down, v_post=impacts.v_post * down, q=impacts.q * down,
+        validate=False, v_pre=impacts.v_pre * down, v_post=impacts.v_post * down, q=impacts.q * down,
         r=impacts.r * down[:2],
     )  # fmt: skip
     table.save(impacts, tmp_path / "down.csv")

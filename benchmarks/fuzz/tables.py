@@ -24,7 +24,7 @@ def read(content: bytes) -> None:
             shape={"body": shape, "oak": SHAPES[1]} if how & 128 else shape,
             columns=NAMES[how >> 3 & 1],
             units=UNITS[how >> 4 & 1],
-            suspect=bool(how & 32),
+            validate=not how & 32,
             drop_incomplete=bool(how & 64),
         )
 

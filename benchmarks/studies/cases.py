@@ -74,7 +74,7 @@ def some(impacts: Impacts, share: float, seed: int) -> Tensor:
 
 def after(impacts: Impacts, v_post: Tensor) -> Impacts:
     """The trials with other outcomes."""
-    return impacts.replace(v_post=v_post, suspect=True)
+    return impacts.replace(v_post=v_post, validate=False)
 
 
 def heavy(impacts: Impacts, seed: int, scale: tuple[float, float, float] = (0.01, 0.01, 0.5)) -> Impacts:
@@ -106,7 +106,7 @@ def _written(factors: dict[str, tuple[float, ...]]):
     def write(impacts: Impacts) -> Impacts:
         numbers = {field: torch.tensor(factor, dtype=torch.float64) for field, factor in factors.items()}
         changes = {f: getattr(impacts, f) * x for f, x in numbers.items() if getattr(impacts, f) is not None}
-        return impacts.replace(suspect=True, **changes)
+        return impacts.replace(validate=False, **changes)
 
     return write
 
@@ -131,7 +131,7 @@ MIRRORS = (
 def spoilt(impacts: Impacts, *names: str) -> Impacts:
     """The data as a table with these mistakes would have them; `correct` with the same names undoes it."""
     for name in names:
-        impacts = impacts.replace(suspect=True)
+        impacts = impacts.replace(validate=False)
         impacts = SPOILT[name](impacts) if name in SPOILT else correct(impacts, [name])
     return impacts
 
@@ -139,4 +139,4 @@ def spoilt(impacts: Impacts, *names: str) -> Impacts:
 def heavier(impacts: Impacts, factor: float, rows: Tensor | None = None) -> Impacts:
     """Some trials, or all, with the inertia multiplied as written down."""
     rows = torch.ones(len(impacts), dtype=torch.bool) if rows is None else rows
-    return impacts.replace(inertia=torch.where(rows, factor * impacts.inertia, impacts.inertia), suspect=True)
+    return impacts.replace(inertia=torch.where(rows, factor * impacts.inertia, impacts.inertia), validate=False)

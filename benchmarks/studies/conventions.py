@@ -133,7 +133,7 @@ def _scaled(impacts: Impacts, thresholds: Thresholds) -> bool:
 
 def _compared(kind: str, seed: int) -> Impacts:
     """The same as the comparison of conventions, made once, would correct them."""
-    return compare(_weighed(kind, seed).replace(suspect=True), Thresholds().audit.conventions).best.impacts
+    return compare(_weighed(kind, seed).replace(validate=False), Thresholds().audit.conventions).best.impacts
 
 
 def _still_scaled(impacts: Impacts, thresholds: Thresholds) -> bool:
@@ -208,14 +208,14 @@ def _torn(kind: str, seed: int) -> ConventionComparison:
             rows = torch.rand(60, generator=random(seed)) < between(0.3, 0.7, seed)
             impacts = impacts.replace(
                 v_pre=torch.where(rows[:, None], impacts.v_post, impacts.v_pre),
-                v_post=torch.where(rows[:, None], impacts.v_pre, impacts.v_post), suspect=True,
+                v_post=torch.where(rows[:, None], impacts.v_pre, impacts.v_post), validate=False,
             )  # fmt: skip
         case "rough":
             level = between(0.05, 0.4, seed)
             impacts = textbook(seed, 60, level, 20 * level, body(seed))
         case _:
             impacts = nature(seed, (kind,), size=60, strength=(4, 10))[0]
-    return compare(impacts.replace(suspect=True), Thresholds().audit.conventions)
+    return compare(impacts.replace(validate=False), Thresholds().audit.conventions)
 
 
 def _refused(comparison: ConventionComparison, thresholds: Thresholds) -> bool:
@@ -271,7 +271,7 @@ def _pushed(impacts: Impacts, level: float, factor: float) -> Impacts:
     noise = torch.randn(2, len(impacts), 3, generator=random(len(impacts) + int(1e4 * level))).double()
     noise = noise * level * torch.tensor((1.0, 1.0, 30.0), dtype=torch.float64)
     return impacts.replace(
-        v_pre=keep * impacts.v_pre + noise[0], v_post=keep * impacts.v_pre + change + noise[1], suspect=True
+        v_pre=keep * impacts.v_pre + noise[0], v_post=keep * impacts.v_pre + change + noise[1], validate=False
     )
 
 

@@ -147,9 +147,9 @@ def _shaped(kind: str, seed: int) -> Impacts:
     a, b = impacts.shape.semi_axes
     if kind == "turned":
         turn = torch.tensor((0.0, 0.0, between(0.3, 1.5, seed)), dtype=torch.float64)
-        return impacts.replace(q=impacts.q + turn, suspect=True)
+        return impacts.replace(q=impacts.q + turn, validate=False)
     factor = between(1.15, 3, seed)
-    return impacts.replace(shape=Ellipse((b, a) if kind == "axes" else (factor * a, factor * b)), suspect=True)
+    return impacts.replace(shape=Ellipse((b, a) if kind == "axes" else (factor * a, factor * b)), validate=False)
 
 
 SHAPE = Study(

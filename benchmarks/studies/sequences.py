@@ -94,8 +94,8 @@ def made(
     exact = predict_with(law, impacts, coefficients, effects).v_post + shift
     after = _errors(errors, exact, generator) * noise
     before = drawn(torch.randn, (size, 3), generator) * noise if errors == "before" else torch.zeros(size, 3)
-    impacts = impacts.replace(v_pre=impacts.v_pre + before, v_post=exact + after, suspect=True)
-    impacts = impacts[impacts.v_c[:, 1] < -0.01].replace(suspect=False)
+    impacts = impacts.replace(v_pre=impacts.v_pre + before, v_post=exact + after, validate=False)
+    impacts = impacts[impacts.v_c[:, 1] < -0.01].replace(validate=True)
     fitted = {named: find_effect(named)()} if named else {}
     return Drops(impacts, identify_jointly(law, fitted, impacts, options=FitOptions(starts=4)))
 
@@ -130,7 +130,7 @@ def _thrown(design: str, size: int, generator: torch.Generator) -> Impacts:
             if (own := getattr(impacts, name)) is not None
         }
         names = tuple("second" if one else "first" for one in second.tolist())
-        impacts = impacts.replace(**mixed, v_post=impacts.v_pre, object=names, shape=None, suspect=True)
+        impacts = impacts.replace(**mixed, v_post=impacts.v_pre, object=names, shape=None, validate=False)
     speed = 1 + 2.5 * drawn(torch.rand, (3 * size,), generator)
     if design == "ascending":
         speed = speed.sort().values
@@ -140,13 +140,13 @@ def _thrown(design: str, size: int, generator: torch.Generator) -> Impacts:
     v_pre = torch.stack((side * speed * down.cos(), -speed * down.sin(), spin), -1)
     if design == NARROW:
         v_pre = torch.tensor((0.8, -2.0, 3.0)) + 0.1 * drawn(torch.randn, (3 * size, 3), generator)
-    impacts = impacts.replace(v_pre=v_pre, v_post=v_pre, suspect=True)
+    impacts = impacts.replace(v_pre=v_pre, v_post=v_pre, validate=False)
     if design == "turned":
         impacts = impacts[(impacts.q[:, 2] / (math.pi / 6)).round().argsort(stable=True)]
     impacts = impacts[impacts.v_c[:, 1] < -0.2]
     kept = torch.linspace(0, len(impacts) - 1, size).round().long()
     order = torch.arange(1, size + 1)
-    return impacts[kept].replace(order=order, trial=tuple(map(str, order.tolist())), suspect=False)
+    return impacts[kept].replace(order=order, trial=tuple(map(str, order.tolist())), validate=True)
 
 
 def _scaled(

@@ -27,7 +27,7 @@ from omegaconf.errors import OmegaConfBaseException
 from contactlearn.cli.configuration import CONFIGS, check_choices, check_settings, choices, explained
 from contactlearn.cli.trust import check_targets, nothing_foreign, readable_words
 from contactlearn.core.errors import ContactLearnError, harmless
-from contactlearn.core.signals import ending_well, stopped_afterwards
+from contactlearn.core.signals import defer_interrupts, graceful_exit
 
 # Our configurations of launchers have the names of those that their packages bring, whose types they are checked by.
 warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated against ConfigStore schema")
@@ -88,7 +88,7 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
     def door() -> None:
         words = sys.argv[1:]
         flags = {word for word in words if word.startswith("-")}
-        with ending_well(), _one_message(job.__name__):
+        with graceful_exit(), _one_message(job.__name__):
             if not flags & {"--config-dir", "-cd"}:
                 check_choices(words)
             if flags and flags <= {"--help", "-h"}:
@@ -183,7 +183,7 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
     """
     check_choices(overrides)
     with (
-        stopped_afterwards(),
+        defer_interrupts(),
         hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)),
         readable_words(),
     ):

@@ -23,7 +23,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.core.signals import stopped_afterwards
+from contactlearn.core.signals import defer_interrupts
 
 _GROUPS = ("contactlearn.laws", "contactlearn.effects")
 _PLUGINS = ("hydra_plugins.", "hydra._internal.core_plugins.")
@@ -73,7 +73,7 @@ def nothing_foreign() -> Generator[None]:
         from_shell: bool = True,
         validate_sweep_overrides: bool = True,
     ) -> DictConfig:
-        with stopped_afterwards(), readable_words():
+        with defer_interrupts(), readable_words():
             cfg = load(self, config_name, overrides, run_mode, from_shell, validate_sweep_overrides)
         check_targets(cfg, overrides)
         return cfg

@@ -1,4 +1,4 @@
-"""How a command ends that is stopped from outside: in one line after Ctrl-C or SIGTERM, silently if nobody reads on."""
+"""Signals: a command ends in one line after Ctrl-C or SIGTERM, and silently when its output pipe is closed."""
 
 import os
 import select
@@ -20,7 +20,7 @@ class _Terminated(KeyboardInterrupt):
 
 
 @contextmanager
-def ending_well() -> Generator[None]:
+def graceful_exit() -> Generator[None]:
     """End with one line and the status of a shell for Ctrl-C and SIGTERM, and silently for a closed `| head`.
 
     The default for a closed pipe, death by SIGPIPE, would also kill a parent that writes to a dead worker.
@@ -49,7 +49,7 @@ def ending_well() -> Generator[None]:
 
 
 @contextmanager
-def stopped_afterwards() -> Generator[None]:
+def defer_interrupts() -> Generator[None]:
     """Let Ctrl-C and SIGTERM wait for the end of a step that would answer them with another error.
 
     What OmegaConf tidies up fails where it is interrupted, and that error takes the place of the interruption.

@@ -66,7 +66,7 @@ class Blocks:
             names.append(np.fromiter(map(hash, block.trial), np.int64, len(block)))
             source = block.source
         hashes = np.concatenate(names)
-        _refuse_homonyms(source, hashes, read)
+        _check_unique_trials(source, hashes, read)
         return cls(source=source, trials=len(hashes), sha256=digest.hexdigest(), read=read)
 
     def where(self, chosen: Bool[Tensor, " n"]) -> Iterator[Impacts]:
@@ -106,7 +106,7 @@ def joined(parts: Sequence[Impacts]) -> Impacts:
     return parts[0].replace(**values, **names)
 
 
-def _refuse_homonyms(source: str, hashes: np.ndarray, read: Callable[[], Iterator[Impacts]]) -> None:
+def _check_unique_trials(source: str, hashes: np.ndarray, read: Callable[[], Iterator[Impacts]]) -> None:
     """Refuse a trial name that occurs twice; where hashes are equal the names are compared."""
     hashes.sort()
     twice = {*hashes[1:][hashes[1:] == hashes[:-1]].tolist()}

@@ -87,7 +87,7 @@ def diagnose(
     """Find out which physical effects a contact model is missing.
 
     Args:
-        impacts: measurements; `suspect` ones are audited and corrected, or refused.
+        impacts: measurements; those with `validate=False` are audited and corrected, or refused.
         law: an analytical law or its name; if None, that of `laws` with the least held-out error.
         effects: in the model already, by name, or names alone.
         candidates: effects that may be missing; the whole catalogue if None.  `candidates.usable` refuses some.

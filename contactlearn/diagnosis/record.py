@@ -76,7 +76,7 @@ class Record:
         checkpoint.save(self.base, folder / _BASE, provenance=dict(provenance))
         checkpoint.save(self.model, folder / _MODEL, provenance=dict(provenance))
         shape = shapes_entries(self.impacts.shape)
-        about = {"source": self.impacts.source, "suspect": self.impacts.suspect, "shape": shape}
+        about = {"source": self.impacts.source, "validate": self.impacts.validate, "shape": shape}
         arrays = {"about": np.asarray(json.dumps(about)), "outcomes": self.outcomes.numpy()}
         arrays |= {
             f"{name}_{k}": np.asarray(getattr(one, name)) for k, one in enumerate(self.residuals) for name in _PARTIAL
@@ -99,8 +99,8 @@ class Record:
             about, outcomes = json.loads(str(arrays["about"])), torch.from_numpy(arrays["outcomes"])
             count = sum(name.startswith(f"{_PARTIAL[0]}_") for name in arrays)
             residuals = tuple(_partial(arrays, k) for k in range(count))
-            impacts = table.load(folder / _IMPACTS, make_shapes(about["shape"]), suspect=True)
-            impacts = impacts.replace(source=str(about["source"]), suspect=bool(about["suspect"]))
+            impacts = table.load(folder / _IMPACTS, make_shapes(about["shape"]), validate=False)
+            impacts = impacts.replace(source=str(about["source"]), validate=bool(about["validate"]))
         except (KeyError, TypeError, ValueError) as error:
             raise DataError(f"{folder / _ARRAYS}: is no record of a diagnosis, or not all of one: {error}") from None
         if outcomes.ndim != 3 or outcomes.shape[1:] != (len(impacts), 3):

@@ -5,7 +5,7 @@ state      what an effect sees of the impacts
 registry   families and their forms by name: `catalogue()`, `find_effect(name, form)`
 identity   `EffectId`, name and form of an effect
 formula    effects from a line of mathematics
-path, basis, speed   what several effects share
+impulse_path, basis, speed   what several effects share
 
 Every other module is an effect.  docs/effects.md lists them with their formulas.
 """

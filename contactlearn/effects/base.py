@@ -108,7 +108,7 @@ class Effect(ABC):
     adds_energy: ClassVar[bool] = False
     """Whether the body may leave with more kinetic energy than it was measured to bring."""
     needs_shape: ClassVar[bool] = False
-    """Whether the body's shape must be known; `State.lowest` has each trial's own, with the same parameters for all."""
+    """Whether the body's shape must be known; `State.contact_points` uses the shape of each trial's own body."""
     refines: ClassVar[bool] = False
     """Whether the search tries it only in the place of other forms of its family, since a linearisation where it
     vanishes tells little of it."""

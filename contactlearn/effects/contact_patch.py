@@ -8,7 +8,7 @@ from torch import Tensor
 
 from contactlearn.effects.base import Effect, known, parameter
 from contactlearn.effects.curve import ArmCurve
-from contactlearn.effects.path import retraced
+from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State, columns
 
 
@@ -21,7 +21,7 @@ class ContactPatch(Effect):
         after     c − k r_x, of the impulse that the law gives
         slip      −d sign(v_t), behind the contact point as the slip sees it
 
-    In all but `after` the contact responds while it lasts, so that v_n⁺ stays (`path.retraced`).  It is not a
+    In all but `after` the contact responds while it lasts, so that v_n⁺ stays (`perturbed_path`).  It is not a
     resistance to rolling, which follows the spin (`rolling_resistance`).
     """
 
@@ -44,7 +44,7 @@ class LinearContactPatch(ContactPatch):
     c: Tensor | float = parameter("c", "m", -0.01, 0.01)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return retraced(state, wrench, arm=self.c - self.k * state.r[..., 0])
+        return perturbed_path(state, wrench, arm=self.c - self.k * state.r[..., 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class ContactPatchCurve(ArmCurve, ContactPatch):
         return state.r[..., 0]
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return retraced(state, wrench, arm=self.c + self.change(self.along(state)))
+        return perturbed_path(state, wrench, arm=self.c + self.change(self.along(state)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,4 +97,6 @@ class ContactPatchBySlip(ContactPatch):
     v_s: float = 0.1
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return retraced(state, wrench, arm=-self.d * state.v_t / (state.v_t.square() + known(self.v_s) ** 2).sqrt())
+        return perturbed_path(
+            state, wrench, arm=-self.d * state.v_t / (state.v_t.square() + known(self.v_s) ** 2).sqrt()
+        )

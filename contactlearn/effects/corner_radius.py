@@ -24,4 +24,4 @@ class CornerRadius(Effect):
 
     def state(self, state: State) -> State:
         rounder = state.replace(corner=state.corner + self.rho_c)
-        return rounder.replace(r=state.r + (rounder.lowest(state.theta) - state.lowest(state.theta)))
+        return rounder.replace(r=state.r + (rounder.contact_points(state.theta) - state.contact_points(state.theta)))

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
-from contactlearn.effects.path import retraced
+from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State
 
 
@@ -18,7 +18,7 @@ class DirectionalFriction(Effect):
         instant    of the slip at every instant, which may reverse
         initial    of the slip before contact
 
-    What this changes of Routh's path is added to what the law gives (`path.retraced`).  It is not a tilt of the
+    What this changes of Routh's path is added to what the law gives (`perturbed_path`).  It is not a tilt of the
     floor, which also acts where the contact sticks at once (`surface_tilt`).
     """
 
@@ -41,7 +41,7 @@ class InstantDirectionalFriction(DirectionalFriction):
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         (mu, _), grain = state.coefficients, self.a * state.v_t.sign()
-        return retraced(state, wrench, friction=(mu * (1 + grain), mu * (1 - grain)))
+        return perturbed_path(state, wrench, friction=(mu * (1 + grain), mu * (1 - grain)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,4 +54,4 @@ class InitialDirectionalFriction(DirectionalFriction):
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         (mu, _), grain = state.coefficients, self.a * state.v_t.sign()
-        return retraced(state, wrench, friction=(mu * (1 + grain), mu * (1 + grain)))
+        return perturbed_path(state, wrench, friction=(mu * (1 + grain), mu * (1 + grain)))

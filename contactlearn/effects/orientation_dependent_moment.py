@@ -8,7 +8,7 @@ from torch import Tensor
 
 from contactlearn.effects.base import Effect
 from contactlearn.effects.harmonics import ArmAroundBody, ArmCurveAroundBody, ArmSpotOnBody
-from contactlearn.effects.path import retraced
+from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State
 
 
@@ -20,8 +20,8 @@ class OrientationDependentMoment(Effect):
         spot        a/(1 + (2 sin((θ − θ_0)/2)/w)⁴), a bump of half-width w about θ_0
         curve       harmonics up to the fourth, such as three feet
 
-    The contact responds while it lasts, so that v_n⁺ stays (`path.retraced`): the true contour of the body differs from
-    the nominal one.  It is not an arm that follows the lever r_x (`contact_patch`).
+    The contact responds while it lasts, so that v_n⁺ stays (`perturbed_path`): the true contour of the body differs
+    from the nominal one.  It is not an arm that follows the lever r_x (`contact_patch`).
     """
 
     source = "contour of the body"
@@ -43,7 +43,7 @@ class HarmonicMoment(ArmAroundBody, OrientationDependentMoment):
     )
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return retraced(state, wrench, arm=self.change(state.theta))
+        return perturbed_path(state, wrench, arm=self.change(state.theta))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class MomentOfBump(ArmSpotOnBody, OrientationDependentMoment):
     formula = "τ ← τ + a/(1 + (2 sin((θ − θ₀)/2)/w)⁴) P_n while the contact lasts, P_t and P_n responding"
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return retraced(state, wrench, arm=self.change(state.theta))
+        return perturbed_path(state, wrench, arm=self.change(state.theta))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,4 +65,4 @@ class MomentAroundBody(ArmCurveAroundBody, OrientationDependentMoment):
     formula = "τ ← τ + (Σ a_k cos kθ + b_k sin kθ) P_n while the contact lasts, k = 1 … 4, P_t and P_n responding"
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return retraced(state, wrench, arm=self.change(state.theta))
+        return perturbed_path(state, wrench, arm=self.change(state.theta))

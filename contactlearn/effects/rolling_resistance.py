@@ -9,7 +9,7 @@ from torch import Tensor
 
 from contactlearn.effects.base import Effect, known, parameter
 from contactlearn.effects.curve import ArmCurve
-from contactlearn.effects.path import retraced
+from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State, columns
 
 
@@ -21,7 +21,7 @@ class RollingResistance(Effect):
         curve       s(|ω̄|) sign(ω̄), ω̄ the mean of ω and ω⁺, see `contactlearn.effects.curve`
         before      c sign(ω), with the spin before contact
 
-    In the first two the contact responds while it lasts (`path.retraced`).  It is not damping in proportion to the
+    In the first two the contact responds while it lasts (`perturbed_path`).  It is not damping in proportion to the
     spin and the moment of inertia (`spin_damping`).
     """
 
@@ -61,7 +61,7 @@ class SmoothedRollingResistance(_ConstantArm, RollingResistance):
         size = (before.square() + fades).sqrt() + (after.square() + fades).sqrt()
         arm = self.c * (before + after) / size
         most = state.inertia * after.abs() / wrench[..., 1].clamp_min(1e-300)
-        return retraced(state, wrench, arm=-torch.maximum(torch.minimum(arm, most), -most))
+        return perturbed_path(state, wrench, arm=-torch.maximum(torch.minimum(arm, most), -most))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class RollingResistanceCurve(ArmCurve, RollingResistance):
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         mean = (state.omega + state.v_after(wrench)[..., 2]) / 2
-        return retraced(state, wrench, arm=-mean.sign() * self.change(mean.abs()))
+        return perturbed_path(state, wrench, arm=-mean.sign() * self.change(mean.abs()))
 
 
 @dataclass(frozen=True, eq=False)

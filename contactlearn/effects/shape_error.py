@@ -24,4 +24,4 @@ class ShapeError(Effect):
 
     def state(self, state: State) -> State:
         longer = state.replace(stretch=(state.stretch[0] * (1 + self.s_a), state.stretch[1] * (1 + self.s_b)))
-        return longer.replace(r=state.r + (longer.lowest(state.theta) - state.lowest(state.theta)))
+        return longer.replace(r=state.r + (longer.contact_points(state.theta) - state.contact_points(state.theta)))

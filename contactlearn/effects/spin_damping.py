@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
-from contactlearn.effects.path import retraced
+from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State, columns
 
 
@@ -18,7 +18,7 @@ class SpinDamping(Effect):
 
         after        τ → τ − c I ω⁺, with the spin ω⁺ that the body has without it
         quadratic    τ → τ − I ω⁺ k |ω⁺|/(1 + k |ω⁺|), as in air
-        during       τ → τ − b (I/m) ω̄ P_n, ω̄ the mean of ω and that ω⁺; the contact responds (`path.retraced`)
+        during       τ → τ − b (I/m) ω̄ P_n, ω̄ the mean of ω and that ω⁺; the contact responds (`perturbed_path`)
         lasting      τ → τ − d I ω̄, spread over P_n: a contact that lasts equally long at every speed; likewise
 
     It is not rolling resistance, which does not grow with the spin (`rolling_resistance`).
@@ -76,7 +76,7 @@ class SpinDampingDuring(SpinDamping):
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         after = state.v_after(wrench)[..., 2]
-        return retraced(state, wrench, arm=-self.b * state.inertia / state.mass * (state.omega + after) / 2)
+        return perturbed_path(state, wrench, arm=-self.b * state.inertia / state.mass * (state.omega + after) / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,4 +93,4 @@ class SpinDampingLasting(SpinDamping):
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         after, P_n = state.v_after(wrench)[..., 2], wrench[..., 1]
         arm = torch.where(P_n > 0, state.inertia / torch.where(P_n > 0, P_n, 1.0), 0.0)
-        return retraced(state, wrench, arm=-self.d * arm * (state.omega + after) / 2)
+        return perturbed_path(state, wrench, arm=-self.d * arm * (state.omega + after) / 2)

@@ -22,7 +22,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.mechanics import rigid_body
-from contactlearn.mechanics.bodies import AnyShape, each_body
+from contactlearn.mechanics.bodies import AnyShape, per_body
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Polygon, Shape, contact_point
 
@@ -139,10 +139,11 @@ class State:
         """Return the state with the orientation changed by `angle` [..., N] in rad, and the contact point with it."""
         theta = self.theta + angle
         return self.replace(
-            q=columns(*self.q.unbind(-1)[:2], theta), r=self.r + (self.lowest(theta) - self.lowest(self.theta))
+            q=columns(*self.q.unbind(-1)[:2], theta),
+            r=self.r + (self.contact_points(theta) - self.contact_points(self.theta)),
         )
 
-    def lowest(self, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n 2"]:
+    def contact_points(self, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n 2"]:
         """Contact point [..., N, 2] of each trial's stretched body at orientation θ [..., N], m.
 
         Raises:
@@ -150,9 +151,9 @@ class State:
         """
         if self.shape is None:
             raise ContactLearnError("the contact point of an unknown shape cannot move; give state.replace(shape=…)")
-        return each_body(self.shape, self.body, lambda one: self._lowest(one, theta))
+        return per_body(self.shape, self.body, lambda one: self._contact_point(one, theta))
 
-    def _lowest(self, shape: Shape, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n 2"]:
+    def _contact_point(self, shape: Shape, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n 2"]:
         """The same of bodies that all have this shape."""
         sharp = contact_point(shape, theta, self.stretch)
         return sharp + _rounding(shape, theta, self.corner) if isinstance(shape, Polygon) else sharp

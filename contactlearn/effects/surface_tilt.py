@@ -56,8 +56,8 @@ class SurfaceTiltComputed(SurfaceTilt):
         tilted = self.turned(state)
         if state.shape is None:
             return tilted
-        level = rotate(state.lowest(state.theta), -torch.as_tensor(self.phi))
-        return tilted.replace(r=tilted.r + (state.lowest(tilted.theta) - level))
+        level = rotate(state.contact_points(state.theta), -torch.as_tensor(self.phi))
+        return tilted.replace(r=tilted.r + (state.contact_points(tilted.theta) - level))
 
 
 @dataclass(frozen=True, eq=False)

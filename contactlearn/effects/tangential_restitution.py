@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
-from contactlearn.effects.path import contact_of
+from contactlearn.effects.impulse_path import contact_of
 from contactlearn.effects.state import Coefficients, State, columns
 from contactlearn.laws.contact import Contact
 from contactlearn.laws.wang_mason import routh_path
@@ -125,7 +125,7 @@ class SpringRebound(TangentialRestitution):
         given = (torch.as_tensor(x).to(P_n) for x in (*state.coefficients, self.s, self.c))
         mu, eps, resilience, compliance = torch.broadcast_tensors(*given, P_n)[:4]
         both = torch.stack((resilience, torch.zeros_like(resilience)))
-        (yields_t, rigid_t), (yields_n, rigid_n) = _followed(contact_of(state), (mu, eps), both, compliance)
+        (yields_t, rigid_t), (yields_n, rigid_n) = _integrate_springs(contact_of(state), (mu, eps), both, compliance)
         return columns(P_t + (yields_t - rigid_t), P_n + (yields_n - rigid_n), tau)
 
 
@@ -142,7 +142,7 @@ def _room(distance: Float[Tensor, "..."], rate: Float[Tensor, "..."]) -> Float[T
     return torch.where(rate > 0, distance / torch.where(rate > 0, rate, 1.0), torch.inf)
 
 
-def _followed(
+def _integrate_springs(
     contact: Contact, coefficients: Coefficients, resilience: Float[Tensor, "..."], compliance: Float[Tensor, "..."]
 ) -> tuple[Float[Tensor, "..."], Float[Tensor, "..."]]:
     """Impulse (P_t, P_n) in N s of a contact on springs, in units of time in which k_n W_nn = 1."""

@@ -4,8 +4,8 @@
 shapes where they differ, or None where it is not known.  Values of each trial follow from it and from the number of the
 trial's body (`Impacts.body`, `State.body`), in one pass over the few shapes that there are:
 
-    lowest(shape, body, theta)      contact points [..., N, 2] of bodies at orientations [..., N]
-    each_body(shape, body, value)   any other value of a trial that its body's shape gives
+    contact_points(shape, body, theta)      contact points [..., N, 2] of bodies at orientations [..., N]
+    per_body(shape, body, value)         any other value of a trial that its body's shape gives
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -49,7 +49,7 @@ class Shapes(Mapping[str, Shape]):
         return repr(dict(self.pairs))
 
 
-def each_body(
+def per_body(
     shape: AnyShape, body: Int[Tensor, "*#batch n"] | None, value: Callable[[Shape], Float[Tensor, "... n k"]]
 ) -> Float[Tensor, "... n k"]:
     """Compute a value [..., N, K] of each trial from the shape of its body.
@@ -73,11 +73,11 @@ def each_body(
     return found
 
 
-def lowest(
+def contact_points(
     shape: AnyShape, body: Int[Tensor, "*#batch n"] | None, theta: Float[Tensor, "*batch n"]
 ) -> Float[Tensor, "*batch n 2"]:
     """Contact point [..., N, 2] in m of each trial's body at orientation θ [..., N] in rad."""
-    return each_body(shape, body, lambda one: contact_point(one, theta))
+    return per_body(shape, body, lambda one: contact_point(one, theta))
 
 
 def shapes_among(shape: AnyShape | None) -> dict[str, Shape]:
@@ -118,8 +118,8 @@ def complete_shapes(shape: AnyShape | None, names: Sequence[str], source: str) -
     return Shapes.of(shape)
 
 
-def refuse_strangers(shapes: Mapping[str, Shape], names: Collection[str], source: str) -> None:
-    """Refuse shapes of bodies that are none of those with these names: they are slips of the pen.
+def check_body_names(shapes: Mapping[str, Shape], names: Collection[str], source: str) -> None:
+    """Check that every shape belongs to a body of the table; a misspelt name would be ignored otherwise.
 
     Raises:
         DataError: naming the first of them.

@@ -71,9 +71,9 @@ class Impacts:
             not symmetric and positive semi-definite, a contact point does not approach the floor (v_n ≥ 0), or a trial
             name occurs twice.
 
-    With `suspect` neither the approach nor unique names are asked for: measurements as read, for the audit and for
-    corrections, which need not be in the right frame or order yet.  No model should be given them.  `incomplete` names
-    the trials of the source that were left out, since a number of theirs is missing.
+    With `validate=False` neither the approach nor unique names are checked: the measurements are as read, for the audit
+    and for corrections, and may be in a wrong frame or order.  No model takes them.  `incomplete` names the trials of
+    the source that were left out, since a number of theirs is missing.
     """
 
     mass: Float[Tensor, "n"]
@@ -92,7 +92,7 @@ class Impacts:
     shape: AnyShape | None = None
     apparatus: Apparatus | None = field(default=None, kw_only=True)
     source: str = field(default="unnamed", kw_only=True)
-    suspect: bool = field(default=False, kw_only=True)
+    validate: bool = field(default=True, kw_only=True)
     incomplete: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
@@ -141,7 +141,7 @@ class Impacts:
         for name, columns in COVARIANCES.items():
             if getattr(self, name) is not None:
                 self._refuse_covariance(name, columns)
-        if not self.suspect:
+        if self.validate:
             self._refuse(
                 self.v_c[:, 1] >= 0,
                 "vy",
@@ -149,7 +149,7 @@ class Impacts:
                 "must approach the floor: v_n = vy + rx ω < 0 before contact "
                 "(columns swapped, y down, or ω in degrees? python -m contactlearn audit FILE tells)",
             )
-            self._refuse_homonyms()
+            self._check_unique_trials()
 
     def _refuse_covariance(self, name: str, columns: Sequence[str]) -> None:
         """Refuse what is no covariance, and make it symmetric to the last bit."""
@@ -171,7 +171,7 @@ class Impacts:
         self._refuse(least < -_ROUNDING, columns[1], least, rule)
         object.__setattr__(self, name, (value + value.mT) / 2)
 
-    def _refuse_homonyms(self) -> None:
+    def _check_unique_trials(self) -> None:
         seen: dict[str, int] = {}
         for row, name in enumerate(self.trial, 1):
             if (first := seen.setdefault(name, row)) != row:

@@ -100,7 +100,7 @@ class Models:
         """
         with self._composing:
             cfg = compose("evaluate", list(session.data))
-        return load_data(cfg.data, suspect=True)
+        return load_data(cfg.data, validate=False)
 
     def fingerprint(self, session: Session) -> str:
         """Return the hash of the data of a session, and the body's shape, which the data alone do not have."""

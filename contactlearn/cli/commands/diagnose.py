@@ -35,7 +35,7 @@ def diagnose(cfg: DictConfig) -> None:
     """Find the missing effects; each stage is printed as soon as it is known, the conclusion once it is on disk."""
     settings.check(cfg)
     folder = results.run_folder()
-    impacts = loading.load_data(cfg.data, suspect=True, folder=folder)
+    impacts = loading.load_data(cfg.data, validate=False, folder=folder)
     report.show_start(impacts)
     parts = parts_folder(cfg)
     with terminal.progress() as bar:

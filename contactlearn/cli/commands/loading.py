@@ -72,20 +72,20 @@ class Split:
         return iter((self.test,)) if len(self.test) == self.unseen_trials else self.blocks.where(self.held_out)
 
 
-def load_data(cfg: DictConfig, suspect: bool = False, folder: Path | None = None) -> Impacts:
+def load_data(cfg: DictConfig, validate: bool = True, folder: Path | None = None) -> Impacts:
     """Load the `data` part of a configuration as impacts, corrected; nothing but this package's own sources is run.
 
-    Columns of a table that are not used, and fields that were computed, are printed.  With `suspect` a table is read,
-    and stays, without the rule that contacts approach the floor: for the audit.  Recordings leave recordings.html in
-    the folder, if one is given.
+    Columns of a table that are not used, and fields that were computed, are printed.  Without `validate` a table
+    is read, and stays, without the rule that contacts approach the floor: for the audit.  Recordings leave
+    recordings.html in the folder, if one is given.
 
     Raises:
         ContactLearnError: a setting that the source does not have, or a correction that does not exist.
         DataError: the source's own.
     """
     source, names = _source_and_corrections(cfg)
-    impacts, computed = _read(source, names, folder, suspect=suspect)
-    return correct(impacts, names, computed_contact="r" in computed).replace(suspect=suspect)
+    impacts, computed = _read(source, names, folder, validate=validate)
+    return correct(impacts, names, computed_contact="r" in computed).replace(validate=validate)
 
 
 def _source_and_corrections(cfg: DictConfig) -> tuple[DictConfig, list[str]]:
@@ -98,10 +98,10 @@ def _source_and_corrections(cfg: DictConfig) -> tuple[DictConfig, list[str]]:
     return source, list(names)
 
 
-def _read(cfg: DictConfig, names: list[str], folder: Path | None, *, suspect: bool) -> tuple[Impacts, tuple[str, ...]]:
+def _read(cfg: DictConfig, names: list[str], folder: Path | None, *, validate: bool) -> tuple[Impacts, tuple[str, ...]]:
     """The impacts of a source before the named corrections, and those of their fields that were computed.
 
-    A table that is to be corrected may be suspect, and recordings leave a page in the folder.
+    A table that is to be corrected need not be valid, and recordings leave a page in the folder.
     """
     target = str(cfg.get("_target_", ""))
     if target not in _sources():
@@ -112,7 +112,7 @@ def _read(cfg: DictConfig, names: list[str], folder: Path | None, *, suspect: bo
         raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data")
     settings = _settings(cfg)
     if target == _TABLE:
-        table: Table = _made(target, "read", settings | _lenient(names, suspect=suspect))
+        table: Table = _made(target, "read", settings | _lenient(names, validate=validate))
         show_columns(table.unused, table.computed)
         return table.impacts, table.computed
     if target not in SOURCES:
@@ -165,14 +165,14 @@ def load_blocks(cfg: DictConfig, folder: Path | None = None) -> Blocks:
     shown: list[bool] = []
 
     def read() -> Iterator[Impacts]:
-        tables = _made(_TABLE, "read_blocks", _settings(source) | _lenient(names, suspect=False) | {"rows": BLOCK})
+        tables = _made(_TABLE, "read_blocks", _settings(source) | _lenient(names, validate=True) | {"rows": BLOCK})
         return blocks_of(tables, corrected)
 
     def corrected(one: Table) -> Impacts:
         if not shown:
             show_columns(one.unused, one.computed)
             shown.append(True)
-        return correct(one.impacts, names, computed_contact="r" in one.computed).replace(suspect=False)
+        return correct(one.impacts, names, computed_contact="r" in one.computed).replace(validate=True)
 
     return Blocks.survey(read)
 
@@ -182,9 +182,9 @@ def _settings(cfg: DictConfig) -> dict[str, Any]:
     return {name: value for name, value in plain_values(cfg).items() if name != "_target_"}
 
 
-def _lenient(names: Sequence[str], *, suspect: bool) -> dict[str, bool]:
+def _lenient(names: Sequence[str], *, validate: bool) -> dict[str, bool]:
     """Settings of a table that is to be corrected."""
-    return {"suspect": suspect or bool(names), "drop_incomplete": "drop_incomplete" in names}
+    return {"validate": validate and not names, "drop_incomplete": "drop_incomplete" in names}
 
 
 def split(cfg: DictConfig, folder: Path | None = None) -> Split:

@@ -23,7 +23,7 @@ from torch import Tensor
 from contactlearn.core.numerics import MAD_SCALE
 from contactlearn.data.audit.columns import Columns
 from contactlearn.data.audit.thresholds import ConventionThresholds, OutlierThresholds
-from contactlearn.mechanics.bodies import each_body, lowest, shapes_among
+from contactlearn.mechanics.bodies import contact_points, per_body, shapes_among
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import contact_velocity
 from contactlearn.mechanics.shapes import Polygon, Shape
@@ -145,8 +145,8 @@ def _least_residual(impacts: Impacts) -> Float[Tensor, " n"]:
     def corners(shape: Shape) -> Float[Tensor, "n 4"]:
         return torch.cat(shape.lowest_corners(theta) if isinstance(shape, Polygon) else (impacts.r, impacts.r), -1)
 
-    for r in each_body(impacts.shape, impacts.body, corners).chunk(2, -1):
-        least = least.minimum(torque(impacts.replace(r=r, suspect=True)).residual.abs())
+    for r in per_body(impacts.shape, impacts.body, corners).chunk(2, -1):
+        least = least.minimum(torque(impacts.replace(r=r, validate=False)).residual.abs())
     return least
 
 
@@ -185,7 +185,7 @@ def contradictions(
         "units": _implausible(impacts, thresholds)[..., None].expand_as(length),
     }
     if impacts.shape is not None:
-        off = (impacts.r - lowest(impacts.shape, impacts.body, impacts.q[..., 2])).norm(dim=-1)
+        off = (impacts.r - contact_points(impacts.shape, impacts.body, impacts.q[..., 2])).norm(dim=-1)
         answers["shape"] = (off / (0.5 * length).clamp_min(1e-300)).clamp_max(1)
     return answers
 

@@ -124,7 +124,7 @@ def _sigmas(gain: Float[Tensor, " n"]) -> float:
 
 def compare(impacts: Impacts, thresholds: ConventionThresholds = ConventionThresholds()) -> ConventionComparison:
     """Find the best of the smallest hypotheses that are accepted, or the data as given where there is none."""
-    given = Hypothesis(names=(), impacts=impacts.replace(suspect=True), thresholds=thresholds)
+    given = Hypothesis(names=(), impacts=impacts.replace(validate=False), thresholds=thresholds)
     tried = 1
     for depth in range(1, _DEPTH + 1):
         if depth > 1 and given.closed:

@@ -28,7 +28,7 @@ from contactlearn.data.audit import known
 from contactlearn.data.audit.columns import Columns
 from contactlearn.data.audit.consistency import outliers, repeated, torque
 from contactlearn.data.audit.thresholds import OutlierThresholds
-from contactlearn.mechanics.bodies import lowest
+from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 
 _POSES, _VELOCITIES = ("q", "q_post"), ("v_pre", "v_post")
@@ -58,7 +58,7 @@ def correct(
 ) -> Impacts:
     """Apply the named corrections in this order; the source of the result names them.
 
-    Impacts that are `suspect` stay so; the others are validated in full after the last correction.
+    Impacts that are not validated stay so; the others are validated in full after the last correction.
 
     Args:
         impacts: measurements.
@@ -78,14 +78,14 @@ def correct(
             raise UnknownNameError("correction", str(name), CORRECTIONS)
     if not names:
         return impacts
-    corrected = impacts.replace(suspect=True)
+    corrected = impacts.replace(validate=False)
     for name in names:
         corrected = CORRECTIONS[name].function(corrected, thresholds)
         if computed_contact and corrected.shape is not None:
-            corrected = corrected.replace(r=lowest(corrected.shape, corrected.body, corrected.q[:, 2]))
+            corrected = corrected.replace(r=contact_points(corrected.shape, corrected.body, corrected.q[:, 2]))
         if corrected.apparatus is not None:
             corrected = corrected.replace(apparatus=CORRECTIONS[name].apparatus(corrected.apparatus))
-    return corrected.replace(suspect=impacts.suspect, source=f"{impacts.source} (corrected: {', '.join(names)})")
+    return corrected.replace(validate=impacts.validate, source=f"{impacts.source} (corrected: {', '.join(names)})")
 
 
 def units_and_axes(columns: Columns, name: str) -> Columns:

@@ -39,7 +39,7 @@ from contactlearn.data.audit.conventions import compare
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.data.audit.thresholds import AuditThresholds
-from contactlearn.mechanics.bodies import body_code, lowest, shapes_among
+from contactlearn.mechanics.bodies import body_code, contact_points, shapes_among
 from contactlearn.mechanics.impacts import Impacts
 
 _LISTED = 5  # values that a sentence names
@@ -50,11 +50,11 @@ _COMPARED = 20_000  # trials on which hypotheses about units and axes are compar
 def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> tuple[Finding, ...]:
     """Find the mistakes in the measurements, most fundamental first, or note that they are consistent.
 
-    The impacts may be `suspect`.  The corrections of all findings, in their order, are what
+    The impacts need not be validated.  The corrections of all findings, in their order, are what
     `data.correct=[…]` takes.
     """
     findings = incomplete_findings(impacts) + duplicate_findings(impacts)
-    sound = impacts.replace(suspect=True)[~repeated(impacts)]
+    sound = impacts.replace(validate=False)[~repeated(impacts)]
     notes = apparatus_notes(impacts)
     if len(sound) < thresholds.fewest_trials:
         return (*findings, *_of_trials(sound, thresholds), *notes)
@@ -87,7 +87,7 @@ def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds(
     Repeated trials and their order are looked at in all of them.
     """
     found = [*duplicate_findings(impacts), *order_findings(impacts, thresholds)]
-    sound = impacts.replace(suspect=True, time=None)[~repeated(impacts)]  # times of some say nothing about the order
+    sound = impacts.replace(validate=False, time=None)[~repeated(impacts)]  # times of some say nothing about the order
     rows = torch.linspace(0, len(sound) - 1, min(len(sound), _QUICK)).round().long()
     found = (*audit(sound[rows], thresholds), *found)
     return tuple(finding for finding in found if finding.mistake)
@@ -240,7 +240,7 @@ def shape_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
     """Contact points that are not where the body's shape touches the floor at θ: of all, or of the worst body."""
     if impacts.shape is None:
         return []
-    expected = lowest(impacts.shape, impacts.body, impacts.q[:, 2])
+    expected = contact_points(impacts.shape, impacts.body, impacts.q[:, 2])
     off, length = (impacts.r - expected).norm(dim=-1), impacts.r.norm(dim=-1)
     shapes = shapes_among(impacts.shape)
     trials = {name: impacts.body == body_code(name) if name else off >= 0 for name in shapes}

@@ -87,7 +87,7 @@ def _flipped(impacts: Impacts, predict: Callable[[Impacts], Float[Tensor, "n 3"]
     """Residuals with the other sign of ω after impact, and before it."""
     mirror = torch.tensor((1.0, 1.0, -1.0), dtype=torch.float64)
     after = impacts.v_post * mirror - predict(impacts)
-    before = impacts.v_post - predict(impacts.replace(v_pre=impacts.v_pre * mirror, suspect=True))
+    before = impacts.v_post - predict(impacts.replace(v_pre=impacts.v_pre * mirror, validate=False))
     return {"spin after": after, "spin before": before}
 
 

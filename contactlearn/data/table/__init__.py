@@ -37,7 +37,15 @@ from contactlearn.core.numerics import written_whole
 from contactlearn.data.table import known, sheet
 from contactlearn.data.table.columns import COLUMNS, NAMES, REQUIRED, name_columns
 from contactlearn.data.table.units import SI, Units
-from contactlearn.mechanics.bodies import AnyShape, Shapes, body_codes, each_body, lowest, make_shapes, refuse_strangers
+from contactlearn.mechanics.bodies import (
+    AnyShape,
+    Shapes,
+    body_codes,
+    check_body_names,
+    contact_points,
+    make_shapes,
+    per_body,
+)
 from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
 from contactlearn.mechanics.shapes import Shape
 
@@ -69,10 +77,10 @@ def load(
     columns: Mapping[str, str | None] | None = None,
     units: Mapping[str, str] = SI,
     *,
-    suspect: bool = False,
+    validate: bool = True,
 ) -> Impacts:
     """Impacts from the table file `path`; the arguments and errors are those of `read`."""
-    return read(path, shape=shape, columns=columns, units=units, suspect=suspect).impacts
+    return read(path, shape=shape, columns=columns, units=units, validate=validate).impacts
 
 
 def read(
@@ -81,7 +89,7 @@ def read(
     shape: Mapping[str, Any] | Shape | None = None,
     columns: Mapping[str, str | None] | None = None,
     units: Mapping[str, str] = SI,
-    suspect: bool = False,
+    validate: bool = True,
     drop_incomplete: bool = False,
 ) -> Table:
     """Impacts from the table file `path`, with what became of its columns.
@@ -94,7 +102,7 @@ def read(
         columns: names in the file by those of the module's table, such as {"vx": "speed_x"}; None where the file has
             no such column.
         units: of length, mass, angle and time, and the sense of rotation, see `units.CHOICES`; those left out are SI.
-        suspect: read also what does not approach the floor, for the audit and for corrections.
+        validate: False reads also what does not approach the floor, for the audit and for corrections.
         drop_incomplete: leave out rows with an empty cell, or one that is not a finite number, and name them in
             `Impacts.incomplete`; trials without names or order keep the number of their row.
 
@@ -104,7 +112,7 @@ def read(
         UnknownNameError: a shape, column, quantity or unit that does not exist.
     """
     (table,) = read_blocks(
-        path, None, shape=shape, columns=columns, units=units, suspect=suspect, drop_incomplete=drop_incomplete
+        path, None, shape=shape, columns=columns, units=units, validate=validate, drop_incomplete=drop_incomplete
     )
     return table
 
@@ -114,7 +122,7 @@ def read_blocks(
     rows: int | None,
     *,
     drop_incomplete: bool = False,
-    suspect: bool = False,
+    validate: bool = True,
     units: Mapping[str, str] = SI,
     columns: Mapping[str, str | None] | None = None,
     shape: Mapping[str, Any] | Shape | None = None,
@@ -134,12 +142,12 @@ def read_blocks(
         read += len(cells)
         if len(kept):
             left = True
-            impacts = _impacts(kept, values, named.computed, known_shape, stated, suspect=suspect)
+            impacts = _impacts(kept, values, named.computed, known_shape, stated, validate=validate)
             yield Table(impacts=impacts, unused=named.unused, computed=named.computed)
     if not left:
         raise DataError(f"{path}: each of {read} rows has an empty cell, or one that is not a number")
     if isinstance(known_shape, Mapping) and not isinstance(shape, Shapes):
-        refuse_strangers(known_shape, bodies, str(path))
+        check_body_names(known_shape, bodies, str(path))
 
 
 def _body_names(cells: sheet.Sheet, shapes: Mapping[str, Shape]) -> Sequence[str]:
@@ -175,7 +183,7 @@ def _impacts(
     shape: AnyShape | None,
     units: Units,
     *,
-    suspect: bool,
+    validate: bool,
 ) -> Impacts:
     """The impacts in cells under our names, besides the values that are known already."""
     values |= {name: cells.names(name) for name in NAMES if name in cells.header}
@@ -190,7 +198,7 @@ def _impacts(
         values |= _computed(cells.path, computed, shape, values)
     source, apparatus = str(cells.path), known.apparatus_of(cells)
     try:
-        return Impacts(**values, shape=shape, source=source, suspect=suspect, apparatus=apparatus)
+        return Impacts(**values, shape=shape, source=source, validate=validate, apparatus=apparatus)
     except DataError as error:
         if error.row is None:
             raise
@@ -231,10 +239,10 @@ def _computed(path: Path, computed: Sequence[str], shape: AnyShape, values: Mapp
                 f"{path}: rx, ry are computed from theta, which is {turned:.3g} rad in the median: "
                 "is it in degrees? say data.units.angle=deg, otherwise take whole turns off"
             )
-        found["r"] = lowest(shape, body, theta)
+        found["r"] = contact_points(shape, body, theta)
     if "inertia" in computed:
         mass = values["mass"][:, None]
-        found["inertia"] = each_body(shape, body, lambda one: mass * one.gyration_squared())[:, 0]
+        found["inertia"] = per_body(shape, body, lambda one: mass * one.gyration_squared())[:, 0]
     return found
 
 

@@ -24,7 +24,7 @@ from contactlearn.diagnosis.discrimination.contest import Contest, Key, contests
 from contactlearn.diagnosis.failure.variables import symmetry
 from contactlearn.diagnosis.result.rivals import Drop, Experiment, Separation
 from contactlearn.effects import EffectId
-from contactlearn.mechanics.bodies import lowest
+from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import contact_velocity
 from contactlearn.models.contact_model import ContactModel
@@ -149,7 +149,7 @@ def _states(impacts: Impacts, within: Float[Tensor, "5 2"], generator: torch.Gen
     rows = torch.randint(len(impacts), (drawn,), generator=generator)
     r, q, v = impacts.r[rows], impacts.q[rows], state[:, 2:]
     if impacts.shape is not None:
-        r = lowest(impacts.shape, impacts.body[rows], state[:, 1])
+        r = contact_points(impacts.shape, impacts.body[rows], state[:, 1])
         q = torch.stack((state[:, 0], -r[:, 1], state[:, 1]), -1)
     state = torch.cat((q[:, [0, 2]], v), 1)
     good = ((state >= within[:, 0]) & (state <= within[:, 1])).all(-1)

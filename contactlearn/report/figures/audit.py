@@ -22,7 +22,7 @@ from contactlearn.data.audit.consistency import contradictions, gross_outliers, 
 from contactlearn.data.audit.moments import balance
 from contactlearn.data.audit.result import Finding
 from contactlearn.data.audit.thresholds import AuditThresholds, OutlierThresholds
-from contactlearn.mechanics.bodies import lowest
+from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st
 
@@ -216,7 +216,7 @@ def _energy(figure: Figure, finding: Finding, before: Impacts, after: Impacts, t
 def _shape(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
     sound = before[~outliers(before, thresholds.outliers)]
     assert sound.shape is not None  # the finding is about it
-    expected = lowest(sound.shape, sound.body, sound.q[:, 2])
+    expected = contact_points(sound.shape, sound.body, sound.q[:, 2])
     panels = figure.subplots(1, 2)
     for axes, letter, given, own in zip(panels, "xy", sound.r.mT * st.MILLI, expected.mT * st.MILLI, strict=True):
         st.name_axes(axes, f"r_{letter} of the shape at θ (mm)", f"r_{letter} measured (mm)")

@@ -45,7 +45,7 @@ def drawn(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
 
 def _audit_figures(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
     """A figure for each finding; the corrections of the findings before it are made in both of its sides."""
-    figures, impacts = {}, raw.replace(suspect=True)
+    figures, impacts = {}, raw.replace(validate=False)
     for finding in filter(drawable, found.findings):
         names = [finding.correction] if finding.correction else finding.hypothesis
         after = correct(impacts, names)

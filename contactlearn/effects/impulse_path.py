@@ -1,7 +1,7 @@
 """Changes that act while the contact lasts: Routh's path as it is, and with the change.
 
 A law gives the end of a contact.  A change that acts at every instant, such as a moment or another friction,
-moves the whole path; `retraced` adds to the law's wrench the difference between the two paths, each
+moves the whole path; `perturbed_path` adds to the law's wrench the difference between the two paths, each
 followed until v_n is what the law made it.  The path is continuous in everything, so the change is too.
 """
 
@@ -13,7 +13,7 @@ from contactlearn.laws.contact import Contact
 from contactlearn.laws.wang_mason import routh_path
 
 
-def retraced(
+def perturbed_path(
     state: State,
     wrench: Float[Tensor, "... n 3"],
     *,

@@ -9,11 +9,11 @@ import sys
 import pytest
 from repetitions import repeated
 
-from contactlearn.core.signals import stopped_afterwards
+from contactlearn.core.signals import defer_interrupts
 
 _AT_WORK = """
 import os, signal, time
-from contactlearn.core.signals import ending_well
+from contactlearn.core.signals import graceful_exit
 from contactlearn.core.workers import WorkerPool
 
 def work():
@@ -21,7 +21,7 @@ def work():
     time.sleep(60)
 
 if __name__ == "__main__":
-    with ending_well(), WorkerPool(2) as pool:
+    with graceful_exit(), WorkerPool(2) as pool:
         for future in [pool.submit(work) for _ in range(4)]:
             future.result()
 """
@@ -77,7 +77,7 @@ def test_output_that_nobody_reads(words, tmp_path):
 
 def test_a_step_is_stopped_afterwards():
     done, before = [], signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt), stopped_afterwards():  # noqa: PT012 - the step goes on
+    with pytest.raises(KeyboardInterrupt), defer_interrupts():  # noqa: PT012 - the step goes on
         signal.raise_signal(signal.SIGINT)
         done.append("the rest of it")
     assert done
