@@ -697,7 +697,7 @@ SOURCES = {
 def test_config_holds_every_argument_with_its_default_and_a_comment(name, monkeypatch):
     monkeypatch.delenv("CONTACTLEARN_DATA", raising=False)
     config, source = OmegaConf.load(CONFIGS / f"{name}.yaml"), SOURCES[name]
-    assert config.pop("_target_") == f"contactlearn.data.{name}.load"
+    assert config.pop("_target_") == f"{source.__name__}.load"
     assert config.pop("correct") == []  # `app.load_data` takes it off
     arguments = {
         key: parameter

@@ -86,7 +86,8 @@ def test_installed_commands_need_no_checkout(installed, tmp_path):
     """They find their configurations, Hydra's -m finds the sweeper, and runs go where one stands."""
     alone = {"PYTHONPATH": str(installed), "OMP_NUM_THREADS": "1"}
     assert len(list((installed / "bin").iterdir())) == len(PROJECT["scripts"])
-    where = done(sys.executable, "-c", "from contactlearn import cli; print(cli.CONFIGS)", cwd=tmp_path, **alone)
+    configs = "from contactlearn.cli.hydra_main import CONFIGS; print(CONFIGS)"
+    where = done(sys.executable, "-c", configs, cwd=tmp_path, **alone)
     assert where.strip() == str(installed / "contactlearn" / "configs")
     printed = done(sys.executable, installed / "bin" / "contactlearn-evaluate", "--help", cwd=tmp_path, **alone)
     assert "data=table data.path=drops.csv" in printed
