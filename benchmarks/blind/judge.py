@@ -1,0 +1,330 @@
+"""The answer of a diagnosis, the ground truth of a set, and the score of the answer.
+
+A name is right where its formula contains the hidden effect, whatever its functional form.  Names that describe a part
+of the hidden physics, or that fit as well by chance, are not.  This was decided from the physics before any answer.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from blind.load import read_suite
+from contactlearn.diagnosis.result import Diagnosis
+
+PERIOD = 0.05
+"""Relative error up to which a period in trials is right."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """A line of a file of answers.  Lists by effect are in the order of `effects`.
+
+    Args:
+        suite: of the set.
+        name: of the set.
+        verdict: of the diagnosis, "failed" where it raised an error.
+        physics: conclusion about the corrected measurements, None where they are refused.
+        law: name of the law.
+        effects: names of the missing effects.
+        forms: names with their functional forms.
+        confidence: stated probabilities.
+        shares: shares of the plausible models that have each effect.
+        gains: shares of the error that each effect removes.
+        left: share of the error that flexible models remove beyond the effects.
+        rivals: names of the confounded effects.
+        simpler: names of a model with fewer effects that does nearly as well, None where there is none.
+        models: names of the effects of each plausible model, None where the answer has none.
+        corrections: names of the corrections of the measurements.
+        findings: names of the findings of the audit.
+        variables: symbols that the residual depends on beyond chance, by their share.
+        serial_dependence: `coefficient`, `follows`, `trials` and `share` of a coefficient that follows the sequence.
+        state_dependence: `coefficient`, `variables` and `share` of a coefficient that depends on the state.
+        superseded: proxy effects that were dropped for a state dependence.
+        formulas: proposed for the residual.
+        complete: False where the search ran out of time.
+        seconds: that the diagnosis took.
+        error: message of an exception.
+    """
+
+    suite: str
+    name: str
+    verdict: str
+    physics: str | None = None
+    law: str | None = None
+    effects: list[str] = field(default_factory=list)
+    forms: list[str] = field(default_factory=list)
+    confidence: list[float] = field(default_factory=list)
+    shares: list[float] = field(default_factory=list)
+    gains: list[float] = field(default_factory=list)
+    left: float = 0.0
+    rivals: list[list[str]] = field(default_factory=list)
+    simpler: list[str] | None = None
+    models: list[list[str]] | None = None
+    corrections: list[str] = field(default_factory=list)
+    findings: list[str] = field(default_factory=list)
+    variables: list[str] = field(default_factory=list)
+    serial_dependence: dict[str, Any] | None = None
+    state_dependence: dict[str, Any] | None = None
+    superseded: list[str] = field(default_factory=list)
+    formulas: list[str] = field(default_factory=list)
+    complete: bool = True
+    seconds: float = 0.0
+    error: str = ""
+
+
+def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
+    """Write down what a diagnosis concludes."""
+    remainder, missing = found.remainder, found.missing
+    serial = None if remainder is None else remainder.succession
+    state = None if remainder is None else remainder.modulation
+    learnt = sorted(remainder.variables, key=lambda one: -one.share) if remainder and remainder.learnt else []
+    named = 0.0 if found.budget is None else found.budget.named.mean
+    return Answer(
+        suite=suite,
+        name=name,
+        verdict=str(found.verdict),
+        physics=None if found.physics is None else str(found.physics),
+        law=found.law,
+        effects=list(found.effects),
+        forms=[str(one.effect) for one in missing],
+        confidence=[one.confidence for one in missing],
+        shares=[one.share for one in missing],
+        gains=[one.error_reduction / max(named + one.error_reduction, 1e-300) for one in missing],
+        left=0.0 if remainder is None else remainder.share.mean,
+        rivals=[[rival.effect.name for rival in one.rivals] for one in missing],
+        simpler=None if found.simpler is None else [one.name for one in found.simpler.effects],
+        models=[[one.name for one in model.effects] for model in found.models] if found.models else None,
+        corrections=list(map(str, found.corrections)),
+        findings=[str(one.name) for one in found.findings],
+        variables=[one.symbol for one in learnt],
+        serial_dependence=None
+        if serial is None
+        else {
+            "coefficient": None if serial.coefficient is None else str(serial.coefficient),
+            "follows": str(serial.follows),
+            "trials": serial.trials,
+            "share": serial.share.mean,
+        },
+        state_dependence=None
+        if state is None
+        else {
+            "coefficient": None if state.coefficient is None else str(state.coefficient),
+            "variables": [one.symbol for one in state.variables],
+            "share": state.share.mean,
+        },
+        superseded=[] if state is None else [one.name for one in state.instead_of],
+        formulas=[one.text for one in found.formulas],
+        complete=found.complete,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """The ground truth of a set.
+
+    Args:
+        group: kind of the set, in the suite's words.
+        question: to be found out: `effects` (these and no other), `nothing`, `unknown` physics, `confounded` effects,
+            `measurement` (faults), `includes` (this effect among others), `ordered` (these first), or `unjudged`.
+        n: number of trials.
+        half: see `BlindSet`.
+        hidden: effects in the author's words, or their functional forms.
+        accepted: right names of each known effect.
+        confounded: effects that the trials cannot tell from the first.
+        coefficient: of the law that unknown physics changes, `mu` or `eps`; None for another quantity.
+        variables: symbols that unknown physics depends on.
+        follows: quantities that unknown physics follows along the sequence of the trials.
+        period: of that in trials.
+        acceptable: names that describe a part of unknown physics and count as right; None where nobody judged that.
+        tolerated: names that describe a part of unknown physics and do not count.
+        ignored: names that do not count in this set.
+        bad_data: whether the measurements are faulty; None where that is a matter of taste.
+        corrections: of faulty measurements.
+        share: of the law's error that all effects make; None where it was not computed.
+        unknown_by: field of the answer that calls physics unknown, `physics` or `verdict`.
+        confounded_in: fields of the answer that may list a confounded effect, beside the named ones.
+    """
+
+    group: str
+    question: str
+    n: int
+    half: str | None = None
+    hidden: Sequence[str] = ()
+    accepted: Sequence[Sequence[str]] = ()
+    confounded: Sequence[str] = ()
+    coefficient: str | None = None
+    variables: Sequence[str] = ()
+    follows: Sequence[str] = ()
+    period: float | None = None
+    acceptable: Sequence[str] | None = None
+    tolerated: Sequence[str] = ()
+    ignored: Sequence[str] = ()
+    bad_data: bool | None = None
+    corrections: Sequence[str] = ()
+    share: float | None = None
+    unknown_by: str = "verdict"
+    confounded_in: Sequence[str] = ("rivals",)
+
+    @property
+    def right(self) -> set[str]:
+        """Names that count as right."""
+        return {*self.confounded, *(self.acceptable or ()), *(name for names in self.accepted for name in names)}
+
+
+def read_truth(suite: str) -> dict[str, Truth]:
+    """Open the ground truth of all sets of a suite."""
+    known, header = {one.name for one in fields(Truth)}, read_suite(suite)
+    protocol = {name: header[name] for name in ("unknown_by", "confounded_in")}
+    return {
+        name: Truth(**protocol, **{key: value for key, value in entry.items() if key in known})
+        for name, entry in header["sets"].items()
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """Answers to the questions about a set; None where a question is not asked.
+
+    Args:
+        first: the first name is right (of measured drops, any name).
+        exact: every name is a hidden effect, and none is missing.
+        simpler: that, or it is true of the simpler model.
+        plausible: it is true of a plausible model or of the simpler one.
+        no_false_name: no name is wrong, where nothing is hidden or something unknown is.
+        false_unknown: something is called unknown where nothing is.
+        unknown: unknown physics is called unknown.
+        acceptable: unknown physics is called unknown, or all names describe a part of it.
+        dependence: the right coefficient of unknown physics is given, or what it follows, or one of its variables.
+        follows: the right coefficient is given and what it follows along the sequence.
+        confounded: the hidden effect and a confounded one are both listed.
+        bad_data: faulty measurements are called so, and sound ones are not.
+        correction: faulty measurements are corrected rightly, or not at all where nothing corrects them.
+        named: place of each name that is judged, and whether it is right.
+    """
+
+    first: bool | None = None
+    exact: bool | None = None
+    simpler: bool | None = None
+    plausible: bool | None = None
+    no_false_name: bool | None = None
+    false_unknown: bool | None = None
+    unknown: bool | None = None
+    acceptable: bool | None = None
+    dependence: bool | None = None
+    follows: bool | None = None
+    confounded: bool | None = None
+    bad_data: bool | None = None
+    correction: bool | None = None
+    named: tuple[tuple[int, bool], ...] = ()
+
+
+def score(answer: Answer, truth: Truth) -> Score:
+    """Compare an answer with the truth."""
+    names = [name for name in answer.effects if name not in truth.ignored]
+    bad_data = answer.verdict == "bad_data"
+    sound = None if truth.bad_data is None else bad_data == truth.bad_data
+    unknown = getattr(answer, truth.unknown_by) == "unknown"
+    match truth.question:
+        case "unjudged":
+            return Score()
+        case "includes":
+            return Score(first=not truth.right.isdisjoint(names))
+        case "ordered":
+            right = [name in accepted for name, accepted in zip(names, truth.accepted, strict=False)]
+            return Score(first=right[:1] == [True], exact=right == [True] * len(truth.accepted))
+        case "measurement":
+            return Score(bad_data=sound, correction=answer.corrections == truth.corrections if bad_data else None)
+        case "unknown":
+            return _of_unknown_physics(answer, truth, unknown, sound)
+    named = tuple((k, name in truth.right) for k, name in enumerate(answer.effects) if name not in truth.ignored)
+    if truth.question == "nothing":
+        return Score(
+            no_false_name=not names,
+            plausible=_plausible(answer, truth, []),
+            false_unknown=unknown,
+            bad_data=sound,
+            named=named,
+        )
+    accepted = [set(right) for right in truth.accepted]
+    confounded = truth.question == "confounded"
+    if confounded:
+        accepted[-1] |= set(truth.confounded)
+    exact = matches(names, accepted)
+    return Score(
+        first=bool(names) and any(names[0] in right for right in accepted),
+        exact=exact,
+        simpler=exact or (answer.simpler is not None and matches(answer.simpler, accepted)),
+        plausible=None if confounded else _plausible(answer, truth, accepted),
+        false_unknown=unknown,
+        confounded=_lists_both(answer, truth) if truth.confounded else None,
+        bad_data=sound,
+        named=() if confounded else named,
+    )
+
+
+def _of_unknown_physics(answer: Answer, truth: Truth, unknown: bool, sound: bool | None) -> Score:
+    names, right = answer.effects, truth.right
+    coefficient, follows = _serial_dependence(answer, truth)
+    described = truth.coefficient or truth.variables or truth.follows
+    return Score(
+        first=bool(names) and any(names[0] in accepted for accepted in truth.accepted) if truth.accepted else None,
+        no_false_name=not false_names(names, truth),
+        unknown=unknown,
+        acceptable=None if truth.acceptable is None else unknown or (bool(names) and set(names) <= right),
+        dependence=coefficient or follows or _state_dependence(answer, truth) if described else None,
+        follows=coefficient and follows if truth.follows and truth.coefficient else None,
+        bad_data=sound,
+        named=tuple((k, name in right) for k, name in enumerate(names) if name not in truth.tolerated),
+    )
+
+
+def false_names(names: Iterable[str], truth: Truth) -> list[str]:
+    """Names that are wrong beside unknown physics."""
+    return [name for name in names if name not in truth.right and name not in truth.tolerated]
+
+
+def _serial_dependence(answer: Answer, truth: Truth) -> tuple[bool, bool]:
+    """Whether the coefficient that follows the sequence is right, and what it follows."""
+    found = answer.serial_dependence
+    if found is None or not truth.follows:
+        return False, False
+    follows = found["follows"] in truth.follows
+    if found["follows"] == "period" and truth.period is not None:
+        follows = abs(found["trials"] / truth.period - 1) < PERIOD
+    return found["coefficient"] == truth.coefficient, follows
+
+
+def _state_dependence(answer: Answer, truth: Truth) -> bool:
+    """Whether a coefficient that depends on the state is right, or one of the first two variables."""
+    found, variables = answer.state_dependence, answer.variables[:2]
+    if found is not None:
+        variables = [*variables, *found["variables"][:2]]
+        if truth.coefficient is not None and found["coefficient"] == truth.coefficient:
+            return True
+    return not set(variables).isdisjoint(truth.variables)
+
+
+def _plausible(answer: Answer, truth: Truth, accepted: Sequence[set[str]]) -> bool | None:
+    """Whether the true set is a plausible model or the simpler one."""
+    if answer.models is None:
+        return None
+    models = [*answer.models, *([] if answer.simpler is None else [answer.simpler])]
+    return any(matches([name for name in model if name not in truth.ignored], accepted) for model in models)
+
+
+def _lists_both(answer: Answer, truth: Truth) -> bool:
+    """Whether the hidden effect and a confounded one are both listed."""
+    listed = set(answer.effects)
+    for name in truth.confounded_in:
+        listed.update(*(getattr(answer, name) or ()))
+    return not listed.isdisjoint(truth.accepted[0]) and not listed.isdisjoint(truth.confounded)
+
+
+def matches(names: Sequence[str], accepted: Sequence[set[str]]) -> bool:
+    """Whether each name is accepted for one hidden effect of its own, and none is left on either side."""
+    if len(names) != len(accepted):
+        return False
+    return not names or any(
+        names[0] in right and matches(names[1:], [*accepted[:k], *accepted[k + 1 :]])
+        for k, right in enumerate(accepted)
+    )

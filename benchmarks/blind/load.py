@@ -1,0 +1,126 @@
+"""Load a frozen set: its impacts and what was handed over with them, without the ground truth.
+
+A suite is a folder of `data`.  Its impacts.parquet has a row a trial and a column `set`; its truth.json has the
+provenance of the suite and an entry for each set, of which this module reads the part that a laboratory hands over
+(`given`) and nothing else.  World axes: x right, y up, floor below; SI units.
+
+Sets on published measurements are not stored: planted.parquet has the rows that were drawn from the publication and
+the change of the velocity after contact that a hidden effect makes, which is added here.
+"""
+
+import json
+import os
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+
+from contactlearn.data import ellipse_drops, table
+from contactlearn.impacts import Impacts
+
+DATA = Path(__file__).parent / "data"
+SUITES = ("independent", "author_a", "author_b", "author_c", "author_d")
+NUMBERS = ("mass", "inertia", "rx", "ry", "x", "y", "theta", "vx", "vy", "omega", "vx_post", "vy_post", "omega_post")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlindSet:
+    """A set as the diagnosis may see it.
+
+    Args:
+        suite: name of its folder.
+        name: unique in the suite.
+        n: number of trials.
+        half: "learn" if its answers may be examined during development, "report" if not, None in suites of one part.
+        shape: declared outline of all bodies or of each by name, in the entries of `make_shapes`; None if undeclared.
+        measured: publication whose measurements it uses, None for simulated sets.
+    """
+
+    suite: str
+    name: str
+    n: int
+    half: str | None = None
+    shape: dict[str, Any] | None = None
+    measured: str | None = None
+
+
+@cache
+def read_suite(suite: str) -> dict[str, Any]:
+    """Read the truth.json of a suite, with its provenance and the entries of its sets.
+
+    Raises:
+        ValueError: there is no suite of this name.
+    """
+    if suite not in SUITES:
+        raise ValueError(f"no suite {suite!r}; there are {', '.join(SUITES)}")
+    return json.loads((DATA / suite / "truth.json").read_text("utf-8"))
+
+
+def blind_sets(suite: str) -> dict[str, BlindSet]:
+    """Return the sets of a suite by name."""
+    entries = read_suite(suite)["sets"].items()
+    return {
+        name: BlindSet(
+            suite=suite, name=name, n=one["n"], half=one.get("half"), measured=one.get("measured"), **one["given"]
+        )
+        for name, one in entries
+    }
+
+
+def load(blind_set: BlindSet) -> Impacts:
+    """Load the impacts of a set as a user loads a table: unvalidated, with the declared outlines.
+
+    Raises:
+        OSError: the published measurements of the set are neither found in $CONTACTLEARN_DATA nor downloadable.
+    """
+    source = f"{blind_set.suite}/{blind_set.name}"
+    if blind_set.measured is not None:
+        return _planted(blind_set).replace(source=source)
+    rows = _rows(blind_set, "impacts.parquet").drop(columns="set")
+    for column in NUMBERS:  # the shortest decimal of a number in single precision is the number as written
+        rows[column] = rows[column].astype(str).astype(float)
+    rows["y"] = rows["y"].fillna(-rows["ry"])
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "set.parquet")
+        rows.dropna(axis="columns", how="all").to_parquet(path)
+        return table.load(path, shape=blind_set.shape, suspect=True).replace(source=source)
+
+
+def _rows(blind_set: BlindSet, file: str) -> pd.DataFrame:
+    """Return the rows of a set."""
+    whole = _whole(DATA / blind_set.suite / file)
+    return whole[whole["set"] == blind_set.name].reset_index(drop=True)
+
+
+@cache
+def _whole(path: Path) -> pd.DataFrame:
+    return pd.read_parquet(path)
+
+
+@cache
+def _ellipse_drops() -> Impacts:
+    """Return the published drops with x mirrored (positions and velocities), which closes the momentum balance."""
+    drops = ellipse_drops.load(inertia="uniform_disc")
+    flip = torch.tensor([-1.0, 1.0, 1.0], dtype=torch.float64)
+    return drops.replace(q=drops.q * flip, v_pre=drops.v_pre * flip, v_post=drops.v_post * flip, q_post=None)
+
+
+def _table_tennis() -> Impacts:
+    """Return the bounces off the racket."""
+    root = os.environ.get("CONTACTLEARN_DATA", DATA.parents[2] / "data")
+    return table.load(Path(root) / "table_tennis" / "racket_01.csv", shape={"kind": "disc", "radius": 0.02})
+
+
+def _planted(blind_set: BlindSet) -> Impacts:
+    """Return published measurements with the change that the hidden effect makes."""
+    recipe = _rows(blind_set, "planted.parquet")
+    published = {"ellipse_drops": _ellipse_drops, "table_tennis": _table_tennis}[str(blind_set.measured)]()
+    impacts = published[recipe["row"].tolist()]
+    change = torch.tensor(recipe[["vx_post", "vy_post", "omega_post"]].to_numpy(), dtype=torch.float64)
+    order = np.arange(1, blind_set.n + 1)
+    return impacts.replace(v_post=impacts.v_post + change, order=order, trial=tuple(map(str, order)))
