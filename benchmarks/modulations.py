@@ -15,10 +15,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
+from blind.report import share, table
 from contactlearn.diagnosis.drift import drifts
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.identification.joint import FitOptions
-from second_nature.tables import share, table
 from sequences import CORRELATED, SIZES, STRENGTHS, Case, Line, asked_all
 from studies.follows import DEPENDS
 from studies.modulations import modulation

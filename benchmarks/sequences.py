@@ -20,10 +20,10 @@ import torch
 from rich.progress import track
 from threadpoolctl import threadpool_limits
 
+from blind.report import share, table
 from contactlearn.diagnosis.drift import drifts
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.identification.joint import FitOptions
-from second_nature.tables import share, table
 from studies.follows import FOLLOWS
 from studies.sequences import DESIGNS, ERRORS, NAMED, made, succession
 

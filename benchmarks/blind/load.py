@@ -21,7 +21,7 @@ import pandas as pd
 import torch
 
 from contactlearn.data import ellipse_drops, table
-from contactlearn.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts
 
 DATA = Path(__file__).parent / "data"
 SUITES = ("independent", "author_a", "author_b", "author_c", "author_d")

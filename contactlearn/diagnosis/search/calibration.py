@@ -3,7 +3,7 @@
 The share of belief of the plausible models that have an effect knows what the catalogue has.  It does not know that
 nature may be outside of it: where an effect takes little away, or much of the residual is still predictable, the name
 may stand for what another effect's form leaves.  A logistic regression on one half of the sets of
-`benchmarks/second_nature`, with a weak prior, turns these into the probability that the name is right; the other half
+the independent suite of `benchmarks/blind`, with a weak prior, turns these into the probability that the name is right; the other half
 shows how well it does.  It is fitted to names that this catalogue gave and to those of a poorer one, since a user's
 nature has forms that no catalogue has.
 Source: Platt 1999.
@@ -12,7 +12,7 @@ Source: Platt 1999.
 import math
 
 COEFFICIENTS = (-0.32, 0.37, 2.15, -9.75)
-"""Of `regressors`, fitted by `benchmarks/second_nature/calibrate.py`."""
+"""Of `regressors`, fitted by `benchmarks/blind/calibrate.py`."""
 _FULL = 0.995  # a share beyond which no set of models is large enough to tell
 
 
