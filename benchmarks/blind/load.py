@@ -88,7 +88,7 @@ def load(blind_set: BlindSet) -> Impacts:
     with TemporaryDirectory() as folder:
         path = Path(folder, "set.parquet")
         rows.dropna(axis="columns", how="all").to_parquet(path)
-        return table.load(path, shape=blind_set.shape, suspect=True).replace(source=source)
+        return table.load(path, shape=blind_set.shape, validate=False).replace(source=source)
 
 
 def _rows(blind_set: BlindSet, file: str) -> pd.DataFrame:

@@ -1,11 +1,11 @@
-"""Calibration of the confidence in a named effect: how often names like it were right on planted data.
+"""Calibration of the confidence in a named effect: how often such names were right on sets with hidden effects.
 
 The share of belief of the plausible models that have an effect knows what the catalogue has.  It does not know that
 nature may be outside of it: where an effect takes little away, or much of the residual is still predictable, the name
-may stand for what another effect's form leaves.  A logistic regression on one half of the sets of
-the independent suite of `benchmarks/blind`, with a weak prior, turns these into the probability that the name is right; the other half
-shows how well it does.  It is fitted to names that this catalogue gave and to those of a poorer one, since a user's
-nature has forms that no catalogue has.
+may stand for what another effect's form leaves.  A logistic regression with a weak prior turns these into the
+probability that the name is right.  It is fitted to one half of the independent suite of `benchmarks/blind`, and the
+other half shows how well it does.  The names are those that this catalogue gave and those of a poorer one, since a
+user's nature has forms that no catalogue has.
 Source: Platt 1999.
 """
 
