@@ -206,11 +206,21 @@ TILT = find_effect("surface_tilt")
 @pytest.mark.parametrize(
     ("planted", "noise", "slope", "said"),
     [
-        (0.0, 5.0, (0.002, 0.001), "flight knows t.phi better than the impacts: φ = 0.0020 ± 0.0010 rad in flight"),
-        (0.05, 0.0, (0.002, 0.001), "ask for more t.phi than flight allows: φ = 0.0020 ± 0.0010 rad in flight, 0.05"),
-        (0.05, 0.01, (-0.002, 0.001), "the fit ends at 0.001;"),
-        (0.0, 0.0, (0.02, 0.002), "ask for less t.phi than flight has measured: φ = 0.0200 ± 0.0020 rad in flight"),
-        (0.05, 0.0, (0.048, 0.002), "impacts and flight agree on t.phi"),
+        (
+            0.0,
+            5.0,
+            (0.002, 0.001),
+            "free flight determines t.phi more precisely than the impacts: φ = 0.0020 ± 0.0010 rad from free flight",
+        ),
+        (
+            0.05,
+            0.0,
+            (0.002, 0.001),
+            "imply more t.phi than free flight allows: φ = 0.0020 ± 0.0010 rad from free flight, 0.05",
+        ),
+        (0.05, 0.01, (-0.002, 0.001), "the fit stops at the limit, 0.001;"),
+        (0.0, 0.0, (0.02, 0.002), "imply less t.phi than free flight shows: φ = 0.0200 ± 0.0020 rad from free flight"),
+        (0.05, 0.0, (0.048, 0.002), "impacts and free flight agree on t.phi"),
     ],
     ids=["better", "more", "other way", "less", "agree"],
 )

@@ -125,7 +125,7 @@ def study(tmp_path_factory):
 
 def test_learning_curves(study):
     printed, folder = study
-    assert "note: sizes 500 are left out, since 60 trials are there" in printed
+    assert "note: sizes 500 are skipped: the pool has only 60 trials" in printed
     assert re.search(r"^ *x1_wrench .*%", printed, re.MULTILINE)
     results = json.loads((folder / "results.json").read_text())
     curves = results["learning_curves"]
@@ -356,7 +356,7 @@ def test_a_stopped_evaluation_goes_on_behind_what_was_trained(tmp_path, monkeypa
         return train(key, size, *rest)
 
     monkeypatch.setattr(curves, "_train_one", last)
-    assert "finished before, and that are taken over: 1\n" in run(*command, cwd=tmp_path)
+    assert "earlier run of the same command: 1\n" in run(*command, cwd=tmp_path)
     assert sizes == [20, 10]
     assert not list(tmp_path.glob("outputs/*/.parts"))
     (done,) = tmp_path.glob("outputs/*/*/done.json")

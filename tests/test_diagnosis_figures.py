@@ -389,7 +389,7 @@ def test_errors_of_law_and_model_are_those_of_all_trials(found):
         last = order[-20:]
         assert middle == pytest.approx((np.median(impacts.v_pre[last, 2]), np.median(errors[last])))
     title = axes.get_title().splitlines()
-    assert title == ["-3 ≤ ω < 2.5 rad/s", "error 2.3 times the rest, 250 trials, p = 3e−8"]
+    assert title == ["-3 ≤ ω < 2.5 rad/s", "error 2.3 times that of the rest, 250 trials, p = 3e−8"]
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
@@ -455,7 +455,7 @@ def test_what_remains_is_the_measured_wrench_without_the_models(components, vari
     assert said == (
         "Gaussian processes on the residual reduce the held-out error by 30 % (20 % to 40 %)"
         if components
-        else "Gaussian processes predict no component of the residual with certainty on held-out trials."
+        else "Gaussian processes predict no component of the residual significantly on held-out trials."
     )
 
 

@@ -100,7 +100,7 @@ def test_subsamples_grow_until_two_answers_agree(many, laws, sizes, limit):
     assert found.law == laws[-1]
     assert found.sample.confirmation.trials == 2000 - sizes[-1]
     said = " ".join(samples.summary_of(found.sample))
-    assert ("is open" in said) is (limit is Limit.SIZE)
+    assert ("is not settled" in said) is (limit is Limit.SIZE)
     assert f"Diagnosed on {sizes[-1]} of 2000 trials" in said
 
 

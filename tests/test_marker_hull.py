@@ -98,7 +98,7 @@ def test_markers_inside_the_hull_are_no_corners(plane):
     assert found.shape.gyration_squared() == pytest.approx(shape.gyration_squared(), rel=0.01)
     assert 1e-7 < found.hull.error < 3e-5
     facts = dict(tracks_facts(found))
-    assert facts["shape"].startswith("the convex hull of 5 markers, taken to be on the outline; uniform density")
+    assert facts["shape"].startswith("the convex hull of 5 markers, assumed to lie on the outline; uniform density")
 
 
 def test_markers_in_space(tmp_path, plane):

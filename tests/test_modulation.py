@@ -208,7 +208,7 @@ def test_a_diagnosis_calls_it_unknown_and_says_what_it_depends_on(sets, capsys):
     assert found.remainder is not None
     assert found.verdict is (Verdict.UNKNOWN if sets else Verdict.NONE)
     assert (found.remainder.modulation is not None) == bool(sets)
-    said = "acts like a friction that depends on"
+    said = "behaves like friction that depends on"
     assert (said in headline(found)) == bool(sets)
     assert (said in capsys.readouterr().out) == bool(sets)
     assert (said in residual_content(found.remainder, ())["said"]) == bool(sets)
@@ -223,7 +223,7 @@ def test_it_is_said_in_words():
         share=Interval(0.12, 0.08, 0.16),
         large=True,
     )
-    assert depends(found) == "what remains acts like a friction that depends on v_t together with θ"
+    assert depends(found) == "the residual behaves like friction that depends on v_t together with θ"
     outcome = replace(found, coefficient=None, variables=found.variables[:1])
     assert depends(outcome) == "the outcome depends on v_t in an unknown way"
     left = replace(remainder(Interval(0.01, -0.01, 0.03)), modulation=found)
@@ -235,4 +235,4 @@ def test_it_is_said_in_words():
         made_up(20, next(iter(all_candidates()))), verdict=Verdict.UNKNOWN, physics=Verdict.UNKNOWN, remainder=left
     )
     assert "missing as well" in headline(besides)
-    assert "acts like a friction" in headline(besides)
+    assert "behaves like friction" in headline(besides)

@@ -223,10 +223,12 @@ def test_models_that_cannot_be_told_apart(found):
     labels = [one["label"] for one in content["models"]]
     assert sorted(labels[:2]) == ["Mirtich", "Mirtich + side drag"]
     assert labels[2:] == ["Whittaker", "IRB bound"]
-    said = f"{labels[0]} has the least error of 3 models, but these data cannot distinguish it from {labels[1]}."
+    said = f"{labels[0]} has the lowest error of 3 models, but these data cannot distinguish it from {labels[1]}."
     assert content["verdict"]["headline"] == said
-    assert "The next that these data distinguish from it, Whittaker, has" in " ".join(content["verdict"]["sentences"])
-    assert of(["whittaker", "mirtich"])["verdict"]["headline"] == "Mirtich has the least error of 2 models."
+    assert "The next that these data can distinguish from it, Whittaker, has" in " ".join(
+        content["verdict"]["sentences"]
+    )
+    assert of(["whittaker", "mirtich"])["verdict"]["headline"] == "Mirtich has the lowest error of 2 models."
 
 
 # In a browser.

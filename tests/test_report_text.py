@@ -147,11 +147,11 @@ def test_the_headline_names_rivals_and_doubts(found):
 
 def test_the_headline_without_effects(found):
     bare = replace(found, missing=(), physics=Verdict.NONE)
-    assert headline(bare) == "These data show no effect that is missing from Wang–Mason."
+    assert headline(bare) == "These data show no effect missing from Wang–Mason."
     more = remainder(Interval(0.05, 0.02, 0.08))
     assert headline(replace(bare, remainder=more)).endswith("but a small part of its residual is predictable.")
     unknown = headline(replace(bare, physics=Verdict.UNKNOWN))
-    assert unknown.startswith("An unknown effect is missing from Wang–Mason: no effect of the catalogue explains")
+    assert unknown.startswith("An unknown effect is missing from Wang–Mason: no effect in the catalogue explains")
     given = replace(bare, given=(DRAG,))
     assert headline(given).endswith("from Wang–Mason with side drag (linear).")
 
@@ -163,14 +163,14 @@ def test_something_unknown_has_its_size(found):
         budget = replace(found.budget, shares=replace(shares, unexplained=unexplained))
         return plain(headline(replace(found, physics=Verdict.UNKNOWN, budget=budget)))
 
-    assert "and something unknown besides, 0.4 % of the law's error: no effect" in said(0.0037)
-    assert "besides, 12 % of the law's error:" in said(0.123)
-    assert "besides, less than 0.1 % of the law's error:" in said(0.0002)
-    assert "besides: no effect" in said(0.0)  # noise alone is as large
+    assert "and so is something unknown, 0.4 % of the law's error: no effect" in said(0.0037)
+    assert "and so is something unknown, 12 % of the law's error:" in said(0.123)
+    assert "and so is something unknown, less than 0.1 % of the law's error:" in said(0.0002)
+    assert "and so is something unknown: no effect" in said(0.0)  # noise alone is as large
     text = plain(stages.shares(replace(found.budget, shares=shares)))
-    assert "99 % is explained by the effects, <1 % is noise and <1 % is unexplained." in text
+    assert "the effects explain 99 %, <1 % is noise and <1 % is unexplained." in text
     whole = replace(shares, explained=0.998, noise=0.0, unexplained=0.002)
-    assert "over 99 % is explained by the effects, 0 % is noise and <1 %" in plain(
+    assert "the effects explain over 99 %, 0 % is noise and <1 %" in plain(
         stages.shares(replace(found.budget, shares=whole))
     )
 
@@ -180,10 +180,12 @@ def test_one_sentence_supports_the_headline(found):
     said = plain(support(replace(found, missing=(first, second))))
     after, noise = found.ladder[2].error.mean, found.budget.noise.mean
     assert said.startswith(f"The held-out mass error falls from 0.1000 to {after:.4f}, ")
-    assert f"and noise alone makes {noise:.4f}; the names are right with a probability of 99 % and 62 %." in said
-    assert plain(support(replace(found, missing=(second,)))).endswith("the name is right with a probability of 62 %.")
+    assert (
+        f"and noise alone accounts for {noise:.4f}; the names are correct with a probability of 99 % and 62 %." in said
+    )
+    assert plain(support(replace(found, missing=(second,)))).endswith("the name is correct with a probability of 62 %.")
     bare = support(replace(found, missing=(), physics=Verdict.NONE))
-    assert bare == f"Wang–Mason has a held-out mass error of 0.1000; noise alone makes {noise:.4f}."
+    assert bare == f"Wang–Mason has a held-out mass error of 0.1000; noise alone accounts for {noise:.4f}."
     assert support(replace(found, ladder=(), budget=None)) == ""
 
 
@@ -194,7 +196,7 @@ def test_the_verdict_says_what_remains(found):
     said = "Gaussian processes on the residual reduce the held-out error by 40 % (30 % to 50 %), in τ and P_t."
     assert said in text
     assert "The predicted residual depends on ω (61 %) and θ (20 %)." in text
-    assert "The best formula for it: τ ← τ + c1*omega reduces the held-out error by 25 % ± 0 %." in text
+    assert "The best formula for the residual: τ ← τ + c1*omega reduces the held-out error by 25 % ± 0 %." in text
     assert stages.formula_overrides(BEST) == "'+effect.mine.tau=\"c1*omega\"' '+effect.mine.parameters.c1=[-1,1]'"
 
 
@@ -227,14 +229,14 @@ def test_an_effect_has_its_parameters_inadmissible_impulses_and_regions():
     )
     effect = replace(missing(SIX[2]), parameters=(parameter,), inadmissible_after=0.021, improvements=(helped,))
     assert plain(stages.missing_effect(effect)) == (
-        "contact patch (linear): held-out error 0.1000 → 0.1000; c = 0.1051 ± 0.0041 m; with it 2.1 % of the impulses "
-        "gain energy, pull or penetrate, without it 0.0 %"
+        "contact patch (linear): held-out error 0.1000 → 0.1000; c = 0.1051 ± 0.0041 m; with this effect 2.1 % of the "
+        "impulses gain energy, pull or penetrate, without it 0.0 %"
     )
     said = "-3 ≤ ω < 2.5 rad/s: error 0.25 → 0.15 (rest 0.1 → 0.08)"
     assert stages.improvements(effect, [REGION]) == [said]
     unhelped = replace(effect, improvements=(replace(helped, change=Interval(-0.1, -0.15, 0.05)),))
     assert stages.improvements(unhelped, [REGION]) == []
-    assert stages.region(REGION) == "-3 ≤ ω < 2.5 rad/s: error 2.3 times the rest, 3 trials, p = 3e−8"
+    assert stages.region(REGION) == "-3 ≤ ω < 2.5 rad/s: error 2.3 times that of the rest, 3 trials, p = 3e−8"
 
 
 def test_the_next_experiment_says_where_and_how_many():
@@ -245,13 +247,13 @@ def test_the_next_experiment_says_where_and_how_many():
     drop = Drop(theta=0.5, v_x=-1.0, v_y=-2.0, omega=3.0, differences=(3.2, 0.4))
     experiment = Experiment(separations=separations, drops=(drop,))
     assert stages.drop(drop, experiment) == (
-        "A drop at θ = 28.6°, v = (−1, −2) m/s, ω = 3 rad/s: the model differs by 3.2 from side drag "
-        "(linear) in place of surface tilt (computed) and 0.4 from sampling delay in place of surface tilt (computed), "
-        "in standard deviations."
+        "A drop at θ = 28.6°, v = (−1, −2) m/s, ω = 3 rad/s: the prediction differs by 3.2 σ from side drag "
+        "(linear) in place of surface tilt (computed) and 0.4 σ from sampling delay in place of surface tilt "
+        "(computed)."
     )
     assert [stages.needed_drops(one) for one in separations] == [
         "About 4 drops like these distinguish surface tilt (computed) from side drag (linear).",
-        "No drops within reach distinguish surface tilt (computed) from sampling delay.",
+        "No feasible drop distinguishes surface tilt (computed) from sampling delay.",
     ]
 
 
@@ -259,7 +261,7 @@ def test_stated_noise_that_does_not_agree_is_questioned(found):
     budget = replace(found.budget, noise_source=NoiseSource.STATED, noise=Interval(0.02, 0.01, 0.03))
     quiet = remainder(Interval(0.0, -0.1, 0.1))
     said = stages.misfit(replace(found, budget=budget, remainder=quiet))
-    assert said.startswith("The residual is 5 times that of the stated noise")
+    assert said.startswith("The residual is 5 times as large as the stated noise implies")
     assert stages.misfit(replace(found, remainder=quiet)) == ""  # it was estimated
     agreeing = replace(budget, noise=Interval(0.09, 0.08, 0.1))
     assert stages.misfit(replace(found, budget=agreeing, remainder=quiet)) == ""
@@ -275,11 +277,11 @@ def test_a_model_with_fewer_effects_that_does_nearly_as_well_is_named(found):
     one, both = (0.105, (tilt,)), (0.1, (tilt, damping))
     near = with_frontier((0.2, ()), one, both)
     assert near.simpler is near.frontier[1]
-    said = "Mirtich + surface tilt (computed) has an error 5 % more: spin damping (after) may do no more than mend the "
-    assert plain(search.simpler(near)) == said + "forms of the others."
+    said = "Mirtich + surface tilt (computed) has 5 % more error: spin damping (after) may only compensate for "
+    assert plain(search.simpler(near)) == said + "imperfect functional forms of the others."
     assert search.simpler(near) in search.notes(near)
     none = with_frontier((0.109, ()), one, both)
-    said = "Mirtich has an error 9 % more: little hangs on surface tilt (computed) and spin damping (after)."
+    said = "Mirtich has 9 % more error: surface tilt (computed) and spin damping (after) contribute little."
     assert plain(search.simpler(none)) == said
     for clear in (with_frontier((0.2, ()), (0.111, (tilt,)), both), replace(near, missing=())):
         assert clear.simpler is None
@@ -303,9 +305,9 @@ def test_the_chosen_model_is_listed_first_whatever_its_share(found):
 
 
 def test_candidates_of_ones_own_that_nothing_asks_for_are_told(found):
-    assert "not wanted" not in " ".join(search.notes(found))
+    assert "not selected" not in " ".join(search.notes(found))
     asked = replace(found, unwanted=(EffectId("kick"), EffectId("wind")))
-    assert "Asked and not wanted: kick and wind." in search.notes(asked)
+    assert "Tested, not selected: kick and wind." in search.notes(asked)
 
 
 def test_a_law_that_does_better_alone_is_named(found):
@@ -326,7 +328,8 @@ def test_the_terminal_prints_the_sentences_of_the_page(found, capsys):
     printed = capsys.readouterr().out
     assert "\u00a0" not in printed
     for said in (
-        "audit: 50 % in grams. From here on the data are corrected; data.correct=[g] does so on any command.",
+        "audit: 50 % in grams. The data are corrected from here on; data.correct=[g] applies the same correction in "
+        "any command.",
         f"region: {stages.NO_REGION}",
         f"missing: {stages.missing_effect(found.missing[0])}",
         "residual: Gaussian processes on the residual reduce the held-out error by 40 % (30 % to 50 %), in τ.",

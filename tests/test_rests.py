@@ -204,7 +204,7 @@ def test_recordings_tell_their_zero_by_bodies_at_rest(tmp_path, zero, rolled):
     assert abs(known.slope.value - rolled) < 3.5 * known.slope.error
     assert (
         "rests",
-        f"{found.floor.rests} of 10 bodies at rest lie flat on the floor, which is fitted to them too",
+        f"{found.floor.rests} of 10 bodies at rest lie flat on the floor, which is also fitted to them",
     ) in tracks_facts(found)
 
 

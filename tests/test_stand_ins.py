@@ -56,6 +56,6 @@ def test_a_diagnosis_says_what_was_left_out():
     assert found.remainder.modulation is not None
     (left_out,) = found.remainder.modulation.instead_of
     assert left_out.name == STAND_IN
-    said = f"no model is clearly better than the chosen one: {effect_label(left_out)} would only stand for it"
+    said = f"no larger model predicts clearly better: {effect_label(left_out)} would only be a proxy for it"
     assert any(said in note for note in search.notes(found))
     assert Diagnosis.from_json(found.to_json()) == found

@@ -153,7 +153,7 @@ def test_it_is_said_in_words():
     )
     assert follows(found) == "restitution depends on the previous impact's normal speed"
     period = replace(found, coefficient=Coefficient.FRICTION, follows=Past.PERIOD, trials=23.04)
-    assert follows(period) == "friction changes along the sequence, again every 23 trials"
+    assert follows(period) == "friction changes periodically along the sequence, every 23 trials"
     left = replace(remainder(Interval(0.01, -0.01, 0.03)), succession=found)
     assert left.found
     assert left.unknown

@@ -62,12 +62,15 @@ def progress() -> Progress:
 
 def show_data(source: str, pool: int, test: int) -> None:
     """Print the source of the data and the sizes of the split."""
-    say(f"{source}: {pool + test} impacts, {pool} to identify from, {test} held out")
+    say(f"{source}: {pool + test} impacts, {pool} for identification, {test} held out")
 
 
 def show_samples(pool: int, test: int) -> None:
     """Print what a random sample of many trials is used for."""
-    say(f"many trials: fits are to {pool} of those, figures and the page show {test}; errors are of all held out")
+    say(
+        f"large table: models are fitted to {pool} trials, figures and page show {test}; "
+        "errors are over all held-out trials"
+    )
 
 
 def show_estimate(what: str, trials: int, seconds: float) -> None:
@@ -82,7 +85,7 @@ def show_estimate(what: str, trials: int, seconds: float) -> None:
 def show_kept(trainings: int) -> None:
     """Print how many trainings an earlier call of the same command has finished, if any."""
     if trainings:
-        say(f"trainings that the same command has finished before, and that are taken over: {trainings}")
+        say(f"trainings reused from an earlier run of the same command: {trainings}")
 
 
 def show_models(
@@ -109,7 +112,7 @@ def show_models(
     say("outside: share of predictions that gain energy, pull or penetrate")
     if norm is not None:
         bounded = "only the mass error is bounded" if norm == "mass" else "none of these errors is bounded"
-        say(f"the bounds come closest in the {norm} norm of (v_x, v_y, ω): {bounded}")
+        say(f"the bounds minimise the {norm} norm of (v_x, v_y, ω): {bounded}")
     for fit in fits:
         if fit.mu_undetermined > 0.05:
             say(f"note: {100 * fit.mu_undetermined:.0f} % of the subsets leave μ of {fit.law} undetermined (flat cost)")
@@ -125,11 +128,11 @@ def show_joint(name: str, fit: JointEstimate) -> None:
     for parameter in fit.known:
         say(f"note: {known_sentence(parameter)}")
     if fit.trials < _MANY:
-        say(f"note: from {fit.trials} trials standard errors are too small; {_MANY} or more can be trusted")
+        say(f"note: standard errors from {fit.trials} trials are too small; they are reliable from {_MANY} trials on")
     if fit.outliers:
-        say(f"note: {fit.outliers} of {fit.trials} trials hardly count, so far off are they")
+        say(f"note: {fit.outliers} of {fit.trials} trials are outliers with almost no weight")
     if not fit.converged:
-        say(f"note: the fit of {name} has not settled; more starts (fit.starts) or fewer effects may help")
+        say(f"note: the fit of {name} has not converged; more starts (fit.starts) or fewer effects may help")
 
 
 def show_reference(fits: Sequence[LawEstimate], reference: Mapping[str, Mapping[str, Sequence[float]]]) -> None:
@@ -154,7 +157,7 @@ def show_processes(processes: Sequence[ProcessEstimate], kind: str) -> None:
     """Print hyperparameters of a learned model, a row an output; `kind` is that of its processes."""
     features = list(processes[0].length_scales)
     table = new_table(
-        "Length scales, in standard deviations of each feature over the training trials; – is past what they span",
+        "Length scales, in standard deviations of each feature over the training trials; –: longer than the data span",
         "output", *features, "spread", "noise", "evaluations",
     )  # fmt: skip
     for entry in processes:
@@ -171,15 +174,17 @@ def show_sizes(sizes: Sequence[int], wanted: Sequence[int], seeds: int, pool: in
     say(f"learning curves: {seeds} random subsets each of {', '.join(map(str, sizes))} trials")
     left_out = [str(size) for size in wanted if size not in sizes]
     if left_out:
-        say(f"note: sizes {', '.join(left_out)} are left out, since {pool} trials are there to draw from")
+        say(f"note: sizes {', '.join(left_out)} are skipped: the pool has only {pool} trials")
     if pool in sizes and seeds > 1:
-        say(f"note: at {pool} trials all subsets are the same")
+        say(f"note: at {pool} trials all subsets are identical")
 
 
 def show_left_out(models: Sequence[str]) -> None:
     """Models that cannot be learnt around effects."""
     if models:
-        say(f"note: {', '.join(models)} takes each trial's (μ, ε) from the law alone, and is left out with effects")
+        say(
+            f"note: {', '.join(models)} uses each trial's (μ, ε) of the law alone and is skipped when there are effects"
+        )
 
 
 def show_curves(curves: Mapping[str, LearningCurve]) -> None:
@@ -196,7 +201,10 @@ def show_curves(curves: Mapping[str, LearningCurve]) -> None:
             sure = f"{100 * curve.calibration.coverage[-1]:.1f} %", f"{curve.calibration.negative_log_density[-1]:.2f}"
         table.add_row(model, *means, *reached, str(curve.settled[HEADLINE] or "not yet"), *sure)
     print_table(table)
-    say("<: number of trials at which the mean is first below; settled: from which on it is within 5 % of its best")
+    say(
+        "<: number of trials at which the mean first falls below; "
+        "settled: number from which it stays within 5 % of its best"
+    )
     for model, curve in curves.items():
         _show_processes_of_curve(model, curve)
     say("coverage: share of (v_x, v_y, ω) inside the predicted 95 % ellipsoid, and density, at the largest size")

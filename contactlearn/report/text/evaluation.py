@@ -10,7 +10,7 @@ from contactlearn.report.text.numbers import interval
 _FEW = 2  # models that a headline names beside the best
 _BOUNDS = {
     "best_post_hoc": "The best law of each trial, chosen after the fact (Best Post Hoc), has",
-    "irb": "No impulse of a rigid point contact has less than",
+    "irb": "The ideal rigid-body bound (IRB), the lowest error of any rigid point contact, is",
 }
 
 
@@ -24,7 +24,7 @@ def evaluation_headline(labels: Mapping[str, str], best: str, behind: Mapping[st
     """
     if not behind:
         return f"{labels[best]} is the only model here."
-    said = f"{labels[best]} has the least error of {len(behind) + 1} models"
+    said = f"{labels[best]} has the lowest error of {len(behind) + 1} models"
     near = [labels[name] for name, more in behind.items() if more.low <= 0]
     if not near:
         return f"{said}."
@@ -53,10 +53,12 @@ def evaluation_summary(
     worse = next((name for name, more in behind.items() if more.low > 0), None)
     if worse is not None:
         mean, low, high = (number(x, 2) for x in behind[worse])
-        which = "next" if worse == next(iter(behind)) else "next that these data distinguish from it"
-        said.append(f"The {which}, {labels[worse]}, has {mean} (95\u00a0%: {low}–{high}) more, trial by trial.")
+        which = "next" if worse == next(iter(behind)) else "next that these data can distinguish from it"
+        said.append(
+            f"The {which}, {labels[worse]}, has an error higher by {mean} (95\u00a0%: {low}–{high}) on the same trials."
+        )
     elif behind:
-        said.append("No other model differs from it beyond chance, trial by trial.")
+        said.append("No other model differs from it by more than chance on the same trials.")
     if best != closest:
-        said.append(f"Of the laws alone {labels[closest]} has the least error, {interval(errors[closest])}.")
+        said.append(f"Among the laws alone, {labels[closest]} has the lowest error, {interval(errors[closest])}.")
     return said + [f"{words} {interval(errors[name])}." for name, words in _BOUNDS.items() if name in errors]

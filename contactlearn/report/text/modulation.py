@@ -13,12 +13,12 @@ def depends(found: Modulation) -> str:
     on = f"{first} together with {listed(others)}" if others else first
     if found.coefficient is None:
         return f"{coefficient} depends on {on} in an unknown way"
-    same = "" if found.form_of is None else f", as {label(found.form_of)} has it in another form"
-    return f"what remains acts like a {coefficient} that depends on {on}{same}"
+    same = "" if found.form_of is None else f", as in {label(found.form_of)} but with another functional form"
+    return f"the residual behaves like {coefficient} that depends on {on}{same}"
 
 
 def modulation(found: Modulation) -> str:
     """Say the same with its certainty and its size, without a full stop."""
-    size = f"to follow it reduces the held-out residual by {share_interval(found.share)}"
+    size = f"modelling this dependence reduces the held-out residual by {share_interval(found.share)}"
     known = "none of the known effects explains it, and " if found.form_of is None else ""
     return f"{depends(found)} ({p_value(found.p_value)}); {known}{size}"

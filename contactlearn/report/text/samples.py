@@ -8,16 +8,16 @@ from contactlearn.report.text.verdict import VERDICTS
 
 _LIMITS = {
     Limit.SIZE: "larger subsamples are not diagnosed",
-    Limit.MEMORY: "the memory that is free does not suffice for a larger one",
+    Limit.MEMORY: "the free memory is too small for a larger one",
 }
 
 
 def step(coming: Step) -> str:
     """Say which subsample comes next, and what it takes."""
-    size = f"{counted(coming.trials)} of {counted(coming.of)} trials come next"
+    size = f"{counted(coming.trials)} of {counted(coming.of)} trials are diagnosed next"
     if coming.kept:
         said = f"{counted(coming.trials)} of {counted(coming.of)} trials"
-        return f"{said} were diagnosed before the run was stopped"
+        return f"{said} were already diagnosed before the run was interrupted"
     needs = f"about {coming.seconds:.0f} s and {coming.gigabytes:.1f} GB"
     return f"{size}, {_evenly(coming.objects_seen, coming.objects)}: {needs}"
 
@@ -31,22 +31,22 @@ def summary_of(sample: Sample) -> list[str]:
         f"Diagnosed on {counted(sample.trials)} of {counted(sample.of)} trials "
         f"({_evenly(sample.objects_seen, sample.objects)}). {_settled(sample)}",
         f"The error of the full model over {others} is {interval(test.named)}; on the sample it is "
-        f"{error(inside.mean)}, {'the same but for chance' if test.agrees else 'which differs by more than chance'}. "
+        f"{error(inside.mean)}, {'equal within chance' if test.agrees else 'a significant difference'}. "
         f"The law has {error(test.base.mean)} there{_noise(test)}.",
     ]
     said += [failing_region(region, sample) for region in test.regions]
     if not test.regions:
-        said.append("In no region of all trials does the full model have a clearly higher error than in the rest.")
+        said.append("Over all trials, no region has a significantly higher error of the full model than the rest.")
     return said + ([sentence(test.outliers.sentence)] if test.outliers is not None else [])
 
 
 def failing_region(region: FailingRegion, sample: Sample) -> str:
     """Say where the full model fails among all trials, and how much of that the sample has."""
-    size = f"error {times(region.ratio.mean)} the rest, {p_value(region.p_value)}"
+    size = f"error {times(region.ratio.mean)} that of the rest, {p_value(region.p_value)}"
     share = f"{counted(region.trials)} of all trials ({percent(region.trials / sample.of, 1)})"
     return (
         f"The full model fails in {region.where}: {size}, {share}, of which the sample has {counted(region.sampled)}; "
-        "what acts there alone is hardly in the diagnosis."
+        "an effect that acts only there barely enters the diagnosis."
     )
 
 
@@ -64,26 +64,26 @@ def support_of(found: Diagnosis) -> str:
     named = error(sample.confirmation.named.mean)
     return (
         f"Diagnosed on {counted(sample.trials)} of {counted(sample.of)} trials; over the "
-        f"{counted(sample.confirmation.trials)} others the error of the named model is {named}."
+        f"{counted(sample.confirmation.trials)} others the named model has an error of {named}."
     )
 
 
 def _evenly(seen: int, objects: int) -> str:
     """Over what the subsample is even."""
     bodies = "" if objects == 1 else f", all {objects} objects" if seen == objects else f", {seen} of {objects} objects"
-    return f"even over the inputs{bodies} and the whole sequence"
+    return f"spread evenly over the inputs{bodies} and the whole sequence"
 
 
 def _settled(sample: Sample) -> str:
     """Whether the last two subsamples agree."""
     before = sample.answers[:-1]
     if sample.limit is None:
-        return f"{counted(before[-1].trials)} gave the same law, names and verdict."
+        return f"{counted(before[-1].trials)} trials gave the same law, effects and verdict."
     why = _LIMITS[sample.limit]
     if not before:
-        return f"Nothing tells whether more trials change the answer: {why}."
-    given = listed(f"{counted(one.trials)} gave {answer(one)}" for one in before)
-    return f"The answer still changed ({given}), and is open: {why}."
+        return f"It is not known whether more trials would change the answer: {why}."
+    given = listed(f"{counted(one.trials)} trials gave {answer(one)}" for one in before)
+    return f"The answer still changed with the size of the sample ({given}) and is not settled: {why}."
 
 
 def _noise(test: Confirmation) -> str:
@@ -91,4 +91,4 @@ def _noise(test: Confirmation) -> str:
     if test.noise is None:
         return ""
     left = "no" if test.noise.high >= test.named.mean else error(test.named.mean - test.noise.mean)
-    return f", noise alone {error(test.noise.mean)}, so that {left} error remains"
+    return f", noise alone {error(test.noise.mean)}, which leaves {left} error"

@@ -11,7 +11,7 @@ from contactlearn.report.text.verdict import confidence
 _SHOWN = 5
 _LEAST = 0.01  # of all belief, below which a model is not listed
 
-_STOPPED = "The search ran out of time: there may be better models than those that it compared."
+_STOPPED = "The search ran out of time; better models may exist among those that it did not reach."
 
 
 def model_name(law: str, effects: Sequence[EffectId]) -> str:
@@ -59,7 +59,7 @@ def confidences(found: Diagnosis) -> str:
     if not found.missing:
         return ""
     names = listed(f"{effect_label(one.effect)} {confidence(one)}" for one in found.missing)
-    return f"The probability that a name is right, from planted data: {names}."
+    return f"The probability that each name is correct, calibrated on planted effects: {names}."
 
 
 def stand_ins(found: Diagnosis) -> str:
@@ -69,14 +69,14 @@ def stand_ins(found: Diagnosis) -> str:
         return ""
     names = listed(map(effect_label, left.modulation.instead_of))
     return (
-        "With what is unknown learnt besides, no model is clearly better than the chosen one: "
-        f"{names} would only stand for it."
+        "Once a Gaussian process learns the unmodelled part, no larger model predicts clearly better: "
+        f"{names} would only be a proxy for it."
     )
 
 
 def unwanted(found: Diagnosis) -> str:
     """Name the candidates of one's own that the data do not ask for; empty where there are none."""
-    return f"Asked and not wanted: {listed(map(effect_label, found.unwanted))}." if found.unwanted else ""
+    return f"Tested, not selected: {listed(map(effect_label, found.unwanted))}." if found.unwanted else ""
 
 
 def simpler(found: Diagnosis) -> str:
@@ -86,12 +86,12 @@ def simpler(found: Diagnosis) -> str:
         return ""
     kept = {effect.name for effect in model.effects}
     lacking = [effect_label(one.effect) for one in found.missing if one.effect.name not in kept]
-    said = f"{model_name(model.law, model.effects)} has an error {compared(model.error.mean, found.budget.named.mean)}"
+    said = f"{model_name(model.law, model.effects)} has {compared(model.error.mean, found.budget.named.mean)} error"
     if not lacking:
         return f"{said}."
     if not model.effects:
-        return f"{said}: little hangs on {listed(lacking)}."
-    return f"{said}: {listed(lacking)} may do no more than mend the forms of the others."
+        return f"{said}: {listed(lacking)} {'contributes' if len(lacking) == 1 else 'contribute'} little."
+    return f"{said}: {listed(lacking)} may only compensate for imperfect functional forms of the others."
 
 
 def notes(found: Diagnosis) -> list[str]:

@@ -46,10 +46,12 @@ from contactlearn.report.text.numbers import (
 )
 from contactlearn.report.text.sequence import succession
 
-CONSISTENT = "Nothing contradicts planar rigid impacts; the trials are too few to judge units and axes."
-NO_REGION = "No region has a clearly higher error than the rest."
-NOT_PREDICTABLE = "Gaussian processes predict no component of the residual with certainty on held-out trials."
-NO_EFFECT = "No effect of the catalogue reduces the held-out error enough to be named."
+CONSISTENT = (
+    "The measurements are consistent with planar rigid impacts; there are too few trials to check units and axes."
+)
+NO_REGION = "No region has a significantly higher error than the rest."
+NOT_PREDICTABLE = "Gaussian processes predict no component of the residual significantly on held-out trials."
+NO_EFFECT = "No effect in the catalogue reduces the held-out error enough to be named."
 
 
 # --- Audit, laws, limits --------------------------------------------------------------------------
@@ -59,7 +61,8 @@ def correction_note(finding: Finding) -> str:
     """Say that a correction is made, and how to make it elsewhere; empty where none is."""
     if finding.correction is None:
         return ""
-    return f"From here on the data are corrected; data.correct=[{finding.correction}] does so on any command."
+    setting = f"data.correct=[{finding.correction}]"
+    return f"The data are corrected from here on; {setting} applies the same correction in any command."
 
 
 def correct_setting(made: Sequence[str], findings: Sequence[Finding]) -> str:
@@ -86,13 +89,13 @@ def laws(law: str, fits: Sequence[LawFit]) -> str:
 
 def law_changed(law: str) -> str:
     """Say that another law replaces the first choice."""
-    return f"With effects to choose from, {law_label(law)} has the least held-out error and replaces the first choice."
+    return f"Together with effects, {law_label(law)} has the lowest held-out error and replaces the first choice."
 
 
 def left_out(candidates: Sequence[EffectId]) -> str:
     """Name the candidates that are not tested."""
     names = listed(effect_label(one) for one in candidates)
-    return f"Not tested, since they need the body's shape or ten trials a parameter: {names}."
+    return f"Not tested, because they need the body's shape or ten trials per parameter: {names}."
 
 
 def limits(found: ErrorLimits) -> str:
@@ -101,7 +104,7 @@ def limits(found: ErrorLimits) -> str:
     learned = f"reduce it to {error(ceiling)}" if ceiling < base else "do not reduce it"
     return (
         f"The law has an error of {error(base)}; Gaussian processes of the full state {learned}; "
-        f"the best impulse of a rigid point contact has {error(bound)} (IRB bound)."
+        f"the ideal rigid-body bound (IRB) is {error(bound)}."
     )
 
 
@@ -116,7 +119,7 @@ def region(found: Region) -> str:
 def region_error(found: Region) -> str:
     """Compare the error of a region with that of the rest."""
     ratio = found.ratio.mean
-    return f"error {times(ratio)} the rest, {found.trials} trials, {p_value(found.p_value)}"
+    return f"error {times(ratio)} that of the rest, {found.trials} trials, {p_value(found.p_value)}"
 
 
 def missing_effect(found: MissingEffect) -> str:
@@ -139,7 +142,7 @@ def inadmissible(found: MissingEffect) -> str:
     if found.inadmissible_after <= found.inadmissible_before:
         return ""
     return (
-        f"with it {percent(found.inadmissible_after, 1)} of the impulses gain energy, pull or penetrate, "
+        f"with this effect {percent(found.inadmissible_after, 1)} of the impulses gain energy, pull or penetrate, "
         f"without it {percent(found.inadmissible_before, 1)}"
     )
 
@@ -176,7 +179,7 @@ def needed_drops(found: Separation) -> str:
     """Say how many drops distinguish an effect from a rival."""
     pair = f"{effect_label(found.effect)} from {effect_label(found.rival)}"
     if found.drops_needed is None:
-        return f"No drops within reach distinguish {pair}."
+        return f"No feasible drop distinguishes {pair}."
     drops = "drop like the first distinguishes" if found.drops_needed == 1 else "drops like these distinguish"
     return f"About {found.drops_needed} {drops} {pair}."
 
@@ -187,11 +190,11 @@ def drop(found: Drop, experiment: Experiment) -> str:
     state = f"{place}θ = {number(math.degrees(found.theta), 3)}°"
     speed = f"v = ({number(found.v_x, 3)}, {number(found.v_y, 3)}) m/s, ω = {number(found.omega, 3)} rad/s"
     far = listed(
-        f"{difference:.1f} from {separation_label(one)}"
+        f"{difference:.1f} σ from {separation_label(one)}"
         for difference, one in zip(found.differences, experiment.separations, strict=True)
     )
     of = "" if found.body is None else f" of {found.body}"
-    return f"A drop{of} at {state}, {speed}: the model differs by {far}, in standard deviations."
+    return f"A drop{of} at {state}, {speed}: the prediction differs by {far}."
 
 
 # --- The residual and the budget ------------------------------------------------------------------
@@ -245,10 +248,10 @@ def shares(budget: ErrorBudget) -> str:
     """Divide the error of the law into explained, noise and unexplained, beside the reach of rigid contact."""
     parts = budget.shares
     explained, floor, left = map(share_of_whole, (parts.explained, min(1.0, parts.noise), parts.unexplained))
-    said = f"Of the law's error {explained} is explained by the effects, {floor} is noise and {left} is unexplained"
+    said = f"Of the law's error the effects explain {explained}, {floor} is noise and {left} is unexplained"
     if not parts.beyond_rigid:
         return f"{said}."
-    return f"{said}; {share_of_whole(parts.beyond_rigid)} more than noise is out of reach of any rigid point contact."
+    return f"{said}; beyond noise, no rigid point contact can explain {share_of_whole(parts.beyond_rigid)} of it."
 
 
 def misfit(found: Diagnosis, thresholds: NoiseThresholds = NoiseThresholds()) -> str:  # noqa: B008  # frozen
@@ -259,7 +262,9 @@ def misfit(found: Diagnosis, thresholds: NoiseThresholds = NoiseThresholds()) ->
     ratio, limit = (budget.named.mean / budget.noise.mean if budget.noise.mean else 1.0), thresholds.stated_ratio
     if ratio >= 1 / limit and (ratio <= limit or left.found):
         return ""
-    return f"The residual is {number(ratio, 2)} times that of the stated noise; is fit.noise in m/s and rad/s?"
+    return (
+        f"The residual is {number(ratio, 2)} times as large as the stated noise implies; is fit.noise in m/s and rad/s?"
+    )
 
 
 def better_law(found: Diagnosis) -> str:

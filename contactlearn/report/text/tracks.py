@@ -67,7 +67,7 @@ def _hull(found: Tracked) -> list[tuple[str, str]]:
     x, y = (1e3 * np.sqrt(np.median(found.r_cov.diagonal(axis1=1, axis2=2), 0))).tolist()
     centre = "uniform density is assumed" if found.centre is None else "the centre of mass is the stated one"
     return [
-        ("shape", f"the convex hull of {len(found.hull.places)} markers, taken to be on the outline; {centre}"),
+        ("shape", f"the convex hull of {len(found.hull.places)} markers, assumed to lie on the outline; {centre}"),
         ("points", f"of contact are the lowest markers, ± {number(x, 2)} and {number(y, 2)} mm in the median"),
     ]
 
@@ -80,7 +80,7 @@ def _floor(found: Tracked) -> list[tuple[str, str]]:
     if zero is not None:
         facts.append(("zero", f"of θ off by {_angle(zero)}"))
     if rests:
-        lie = f"{floor.rests} of {rests} bodies at rest lie flat on the floor, which is fitted to them too"
+        lie = f"{floor.rests} of {rests} bodies at rest lie flat on the floor, which is also fitted to them"
         facts.append(("rests", lie))
     return facts
 

@@ -54,22 +54,22 @@ def _finding(found: Diagnosis, law: str, effects: str) -> str:
     if found.physics == Verdict.UNKNOWN:
         known = f" {opened(effects)} {verb} missing as well{_rivals(found.missing)}." if effects else ""
         if found.better_law is not None:
-            return f"{law} is not the law of these data: {stages.better_law(found)}{known}"
+            return f"{law} does not describe these data: {stages.better_law(found)}{known}"
         if effects and found.budget is not None and found.budget.shares.explained > found.budget.shares.unexplained:
-            rest = _unexplained(found, "no effect of the catalogue explains the rest")
+            rest = _unexplained(found, "no effect in the catalogue explains the rest")
             known = f"{opened(effects)} {verb} missing from {law}{_rivals(found.missing)}"
-            return f"{known}, and something unknown besides{_size_of(found.budget.shares)}: {rest}."
-        rest = _unexplained(found, "no effect of the catalogue explains its error")
+            return f"{known}, and so is something unknown{_size_of(found.budget.shares)}: {rest}."
+        rest = _unexplained(found, "no effect in the catalogue explains its error")
         return f"An unknown effect is missing from {law}: {rest}.{known}"
     if found.physics == Verdict.UNFINISHED:
-        besides = f"{opened(effects)} {verb} missing from {law}, and something besides" if effects else ""
-        return f"{besides or f'Something is missing from {law}'}; the search ran out of time before it was found."
+        besides = f"{opened(effects)} {verb} missing from {law}, and so is something else" if effects else ""
+        return f"{besides or f'Something is missing from {law}'}; the search ran out of time before identifying it."
     if effects:
         rest = "; no known effect explains the predictable part of the residual" if predictable else ""
         return f"{opened(effects)} {verb} missing from {law}{_rivals(found.missing)}{rest}."
     if predictable:
         return f"No known effect is missing from {law}, but a small part of its residual is predictable."
-    return f"These data show no effect that is missing from {law}."
+    return f"These data show no effect missing from {law}."
 
 
 def _size_of(shares: ErrorShares) -> str:
@@ -113,11 +113,11 @@ def support(found: Diagnosis) -> str:
     if not found.ladder or found.budget is None:
         return ""
     before, noise = found.ladder[0].error.mean, found.budget.noise.mean
-    floor = f"noise alone makes {error(noise)}"
+    floor = f"noise alone accounts for {error(noise)}"
     if not found.missing:
         return f"{base_label(found)} has a held-out mass error of {error(before)}; {floor}."
     after, sure = _after(found).mean, listed(confidence(one) for one in found.missing)
-    names = "the name is right" if len(found.missing) == 1 else "the names are right"
+    names = "the name is correct" if len(found.missing) == 1 else "the names are correct"
     falls = f"The held-out mass error falls from {error(before)} to {error(after)}, {compared(after, before)}"
     return f"{falls}, and {floor}; {names} with a probability of {sure}."
 
@@ -135,7 +135,7 @@ def summary(found: Diagnosis) -> list[str]:
     said += [_size(missing) for missing in found.missing if missing.parameters]
     if found.remainder is not None:
         said += stages.residual(found.remainder)
-        said += [f"The best formula for it: {stages.formula_change(one)}." for one in found.formulas[:1]]
+        said += [f"The best formula for the residual: {stages.formula_change(one)}." for one in found.formulas[:1]]
     if found.budget is not None:
         said.append(stages.noise(found.budget))
     said += [one for one in (stages.better_law(found), stages.worst_region(found)) if one]

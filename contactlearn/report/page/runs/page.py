@@ -217,11 +217,11 @@ def _sentences(runs: Sequence[Row]) -> list[str]:
             continue
         best, least = min(there, key=lambda one: one[1].mean)
         near = sum(run is not best and error.low <= least.high for run, error in there)
-        overlap = {0: "no other interval overlaps with its", 1: "one other interval overlaps with its"}
+        overlap = {0: "no other interval overlaps its own", 1: "one other interval overlaps its own"}
         said.append(
-            f"Of {len(there)} runs on {data.source} ({data.trials} trials, {data.sha256[:HASH]}) the least "
-            f"error is that of run {best.name}, {interval(asdict(least))}; "
-            f"{overlap.get(near, f'{near} other intervals overlap with its')}."
+            f"Of {len(there)} runs on {data.source} ({data.trials} trials, {data.sha256[:HASH]}) run {best.name} has "
+            f"the lowest error, {interval(asdict(least))}; "
+            f"{overlap.get(near, f'{near} other intervals overlap its own')}."
         )
     return said
 
