@@ -13,33 +13,15 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import is_dataclass
 from functools import cache
-from graphlib import CycleError, TopologicalSorter
 from importlib import import_module
 from pathlib import Path
 
 import pytest
+from importlinter.cli import lint_imports
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "contactlearn"
 
-# From the measurements to what is shown.  A module may import those on its own or an earlier line.
-ORDER = (
-    ("core",),
-    ("mechanics",),
-    ("laws", "effects"),
-    ("data",),
-    ("models",),
-    ("inference",),
-    ("simulation",),
-    ("testing",),
-    ("diagnosis",),
-    ("results",),
-    ("report",),
-    ("cli",),
-    ("workbench",),
-    ("__main__",),
-)
-RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
 FITS = {"identify", "identify_jointly", "identify_trials", "linearise", "learn", "learning_curves", "diagnose"}
 FITS |= {"Regressor", "ExactGPs", "SparseGPs", "minimise"}
 LONGEST_FUNCTION = 60  # lines
@@ -55,24 +37,9 @@ def _name(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-MODULES = {_name(path): path for path in PATHS}
-
-
 @cache
 def _tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
-
-
-def _imports(path: Path) -> set[str]:
-    """Modules of the package that a file imports anywhere, also inside functions."""
-    found = set()
-    for node in ast.walk(_tree(path)):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "contactlearn":
-            inner = {f"{node.module}.{alias.name}" for alias in node.names}
-            found |= {name if name in MODULES else node.module for name in inner}
-        elif isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names if alias.name in MODULES}
-    return found
 
 
 def _functions(path: Path) -> Iterator[tuple[str, Function, bool]]:
@@ -104,32 +71,9 @@ def _only(found: set[str], excepted: set[str], rule: str) -> None:
 # One way
 
 
-@pytest.mark.parametrize("path", PATHS, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_imports_run_one_way(path):
-    part = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
-    if part == "__init__":
-        return  # public names are loaded when they are used
-    late = {name for name in _imports(path) if "." in name and RANK[name.split(".")[1]] > RANK[part]}
-    assert not late, f"{part} imports {late}, which come after it"
-
-
-@pytest.mark.parametrize("depth", [2, 3, 9], ids=["rooms", "rooms within rooms", "modules"])
-def test_no_circles(depth):
-    """Neither among modules, nor among folders taken as one."""
-    graph = defaultdict(set)
-    for path in PATHS:
-        place = _place(_name(path), depth)
-        if place != "contactlearn":
-            graph[place] |= {_place(name, depth) for name in _imports(path)} - {place, "contactlearn"}
-    try:
-        TopologicalSorter(graph).prepare()
-    except CycleError as error:
-        pytest.fail(f"imports in a circle: {' → '.join(error.args[1])}")
-
-
-def _place(name: str, depth: int) -> str:
-    """A module's folder at a depth; a module of a shallower folder is a place of its own."""
-    return ".".join(name.split(".")[:depth])
+def test_imports_run_one_way_and_in_no_circle():
+    """The layers and circles of `[tool.importlinter]` in pyproject.toml."""
+    assert lint_imports(config_filename=str(ROOT / "pyproject.toml"), is_debug_mode=False) == 0
 
 
 def test_the_report_fits_nothing():
@@ -160,38 +104,6 @@ def test_the_pipeline_is_read_at_one_glance():
     (node,) = (node for name, node, _ in _functions(path) if name == "diagnose")
     body = {n for n, _ in _code(path)} & set(range(node.body[0].lineno, node.end_lineno + 1))
     assert len(body) <= 40
-
-
-# Documented and annotated
-
-
-def test_public_functions_are_documented():
-    found = set()
-    for path in PATHS:
-        found |= {_name(path)} if ast.get_docstring(_tree(path)) is None else set()
-        for name, node, public in _functions(path):
-            if public and ast.get_docstring(node) is None and not _inherits(node, path, name):
-                found.add(f"{_name(path)}.{name}")
-    _only(found, set(), "public functions need a docstring")
-
-
-def _inherits(node: Function, path: Path, name: str) -> bool:
-    """Whether a method has its docstring from the class above: of a class with bases, or of a protocol's kind."""
-    owner = name.rpartition(".")[0]
-    classes = {part.name: part for part in ast.walk(_tree(path)) if isinstance(part, ast.ClassDef)}
-    return owner in classes and bool(classes[owner].bases)
-
-
-def test_functions_are_annotated():
-    found = set()
-    for path in PATHS:
-        for name, node, public in _functions(path):
-            arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
-            arguments += [x for x in (node.args.vararg, node.args.kwarg) if x]
-            bare = [a for a in arguments if a.annotation is None and a.arg not in ("self", "cls")]
-            if public and (bare or node.returns is None):
-                found.add(f"{_name(path)}.{name}")
-    _only(found, set(), "public functions need annotations")
 
 
 # Once
