@@ -41,7 +41,7 @@ from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.learning.curves import run
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.simulation import hidden_effects, mujoco
-from contactlearn.simulation.hidden_effects.hidden import RIVALS
+from contactlearn.simulation.hidden_effects.effects import CONFOUNDED
 
 COMPONENTS = {"magnetic_pull": "tau", "elastic_strap": "t", "spin_lift": "n"}
 MUJOCO = {
@@ -73,14 +73,14 @@ def tasks(scale: float) -> list[tuple]:
     for name in hidden_effects.EFFECTS:
         add("single", (name,), 100, 4)
     pairs = [
-        pair for pair in combinations(hidden_effects.EFFECTS, 2) if not any(set(pair) <= group for group in RIVALS)
+        pair for pair in combinations(hidden_effects.EFFECTS, 2) if not any(set(pair) <= group for group in CONFOUNDED)
     ]
     for k, pair in enumerate(rng.sample(pairs, max(1, round(60 * scale)))):
         found.append(("pair", pair, 200 + k, 500, (1.0, 2.0)[k % 2]))
     add("none", (), 300, 60)
     for name in hidden_effects.UNKNOWN:
         add("unknown", (name,), 400, 10, kinds[1:])
-    for group in RIVALS:
+    for group in CONFOUNDED:
         add("confounded", tuple(sorted(group)), 500, 2, kinds[1:3])
     for name in CORRUPTIONS:
         add("corrupted", (name,), 700, 6)
@@ -101,7 +101,8 @@ def one(group: str, names: tuple, seed: int, size: int, noise: float) -> dict:
     else:
         impacts, truth = hidden_effects.draw(seed, effects=list(names), size=size, noise=noise)
         expected = {
-            effect["name"]: hidden_effects.meant(effect["name"], effect["parameters"]) for effect in truth["effects"]
+            effect["name"]: hidden_effects.comparable_parameters(effect["name"], effect["parameters"])
+            for effect in truth["effects"]
         }
     began = time.perf_counter()
     found = diagnose(impacts)

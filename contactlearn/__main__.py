@@ -6,7 +6,7 @@ diagnose key=value…   find out which physical effect is missing
 audit FILE            say what is wrong with a table, or with any data=…
 export FILE data=…    write any data source to a table file
 impacts FOLDER -o F   find the impacts in recordings of tracked poses
-reveal DIR            print the sealed account of the drops of data=mystery
+reveal DIR            print the hidden effects of the drops of data=mystery
 report DIR…           redraw the page of one run, or make one page over several
 results DIR… -o FILE  write all runs as one table, a row for each run and model
 workbench data=…      the whole loop, live in a browser
@@ -164,8 +164,8 @@ def _add_impacts(add: Callable[..., argparse.ArgumentParser]) -> None:
 def _add_reveal(add: Callable[..., argparse.ArgumentParser]) -> None:
     reveal = add(
         "reveal",
-        help="print the sealed account of the drops of data=mystery",
-        description="Open the sealed account beside mystery drops: law, parameters, noise and hidden effects.",
+        help="print the hidden effects of the drops of data=mystery",
+        description="Open the truth beside mystery drops: law, parameters, noise and hidden effects.",
         epilog="example: contactlearn reveal outputs/mystery/seed_7",
     )
     reveal.add_argument("folder", metavar="DIR", help="the folder that data=mystery wrote")

@@ -39,7 +39,7 @@ def assert_found(fit, wanted):
 def test_parameters_are_natures(name, seed):
     impacts, truth = hidden_effects.draw(seed, effects=[name], size=400)
     effect = find_effect(name)()
-    wanted = hidden_effects.meant(name, truth["effects"][0]["parameters"])
+    wanted = hidden_effects.comparable_parameters(name, truth["effects"][0]["parameters"])
     fit = identify_jointly(find(truth["law"]), {name: effect}, impacts)
     assert_found(fit, {f"{name}.{key}": value for key, value in wanted.items()})
 

@@ -180,7 +180,7 @@ def test_what_is_written_elsewhere(pattern):
 # impacts those of the function that also tells how they were found, or those of the camera that simulates recordings.
 KEYWORDS = {
     "contactlearn.data.audit.columns.Columns.replace",
-    "contactlearn.simulation.hidden_effects.forms._register",
+    "contactlearn.simulation.hidden_effects.effects._form",
     "contactlearn.data.tracks.find",
     "contactlearn.data.tracks.load",
     "contactlearn.simulation.recordings_mujoco.find",

@@ -79,11 +79,10 @@ def run_impacts(options: argparse.Namespace) -> str:
 
 
 def run_reveal(options: argparse.Namespace) -> str:
-    """Return the sealed account of mystery drops."""
-    from contactlearn.report.text.sealed import account
+    """Return the truth about drops with hidden effects."""
     from contactlearn.simulation.hidden_effects import reveal
 
-    return account(reveal(options.folder))
+    return reveal(options.folder)
 
 
 def run_report(options: argparse.Namespace) -> str:

@@ -14,7 +14,6 @@ from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import written_whole
 from contactlearn.data import table
 from contactlearn.data.audit.findings import audit
-from contactlearn.report.text.sealed import account
 from contactlearn.simulation.hidden_effects import reveal
 from contactlearn.workbench.commands import experiment
 from contactlearn.workbench.models import Models
@@ -145,11 +144,11 @@ class Keeping:
         return False, f"{at + 1} of {len(HINTS)}. {title}.", text, at == len(HINTS) - 1, at < len(HINTS) - 1
 
     def reveal(self, _: int, address: str | None) -> tuple[Any, Any]:
-        """The sealed account of the data, when asked."""
+        """Return the truth about the data."""
         words = dict(word.split("=", 1) for word in Session.read(address or "").data)
         folder = words.get("data.folder", f"outputs/mystery/seed_{words.get('data.seed')}")
         try:
-            return account(reveal(folder)), False
+            return reveal(folder), False
         except ContactLearnError as error:
             return str(error), False
 

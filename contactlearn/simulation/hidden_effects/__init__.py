@@ -1,17 +1,17 @@
-"""Mystery drops: simulated impacts with hidden physics, and a sealed account of what was hidden.
+"""The ground-truth simulator: impacts with hidden effects, and the truth about them.
 
-    world     what is true of body, floor and camera: from reported states to reported outcomes
-    nature    contacts followed in small steps of impulse; springs: contacts with compliance, in time
-    forms     how a hidden effect is written down; camera, floor, unknown: the effects; hidden: by name
-    drops     `draw`: all of it from a seed
-    seal      `load`: drops into a folder, with the sealed account; `reveal`: the account
+    world     true body, floor and camera: from reported states to reported outcomes
+    contact   rigid contacts in steps of impulse, compliant ones in time
+    effects   the effects that may be hidden, by name, each in one form or several
+    drops     `draw`: impacts and their truth from a seed
+    truth     `load`: drops and truth into a folder; `reveal`: the truth in words
 
-The simulation shares no law and no effect with the analysis, so an effect that the analysis finds was
-there to be found.
+The simulator shares no law and no effect with the analysis, so that an effect that the analysis finds was there to be
+found.
 """
 
 from contactlearn.simulation.hidden_effects.drops import draw
-from contactlearn.simulation.hidden_effects.hidden import EFFECTS, UNKNOWN, meant
-from contactlearn.simulation.hidden_effects.seal import load, reveal
+from contactlearn.simulation.hidden_effects.effects import EFFECTS, UNKNOWN, comparable_parameters
+from contactlearn.simulation.hidden_effects.truth import load, reveal
 
-__all__ = ["EFFECTS", "UNKNOWN", "draw", "load", "meant", "reveal"]
+__all__ = ["EFFECTS", "UNKNOWN", "comparable_parameters", "draw", "load", "reveal"]

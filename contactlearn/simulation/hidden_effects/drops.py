@@ -29,15 +29,15 @@ from contactlearn.core.numerics import whole
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import contact_velocity
 from contactlearn.mechanics.shapes import Ellipse, Shape, contact_point
-from contactlearn.simulation.hidden_effects.hidden import choose, forms
+from contactlearn.simulation.hidden_effects.effects import choose, forms
 from contactlearn.simulation.hidden_effects.world import GRAZING, States, World
 
 LAWS = {False: "wang_mason", True: "mirtich"}
-"""The textbook law that agrees with nature where nothing is hidden, by whether restitution is energetic."""
+"""The textbook law of a world without hidden effects, by whether restitution is energetic."""
 
 _SAMPLE = 200  # drops on which the size of an effect is found
 _STEPS = 100  # of each phase of those contacts
-_TOLERANCE = 0.02  # of the change that is asked for, relative
+_TOLERANCE = 0.02  # relative error of the size of an effect
 
 
 def draw(
@@ -63,8 +63,8 @@ def draw(
         The impacts, and a dictionary of plain values: `seed`, `size`, `law`, `mu`, `eps`; `noise` with
         the standard deviations of v (m/s) and ω (rad/s); `body`; `effects`, each with its name, form,
         parameters, their units and the `relative_change` that it makes on its own; `v_post`, the
-        outcomes as reported but without noise; `v_post_from_measured`, what nature would make of the noisy
-        states, which is the best that a model can predict from them; and `v_post_without`, the outcomes
+        outcomes as reported but without noise; `v_post_from_measured`, the true outcomes of the noisy
+        states, the best that a model can predict from them; and `v_post_without`, the outcomes
         without noise and hidden effects.
 
     Raises:
@@ -111,7 +111,7 @@ def _laboratory(seed: int, effects: Sequence[str]) -> tuple[Ellipse, float, Worl
 def _account(
     plain: World, world: World, chosen: Sequence["_Chosen"], drops: "_Drops", v_post: Tensor
 ) -> dict[str, Any]:
-    """The truth about effects and outcomes; see `draw`."""
+    """Effects and outcomes of the truth; see `draw`."""
     without = plain.outcome(drops.states)
     return {
         "effects": [effect.account(plain, drops.states, without) for effect in chosen],
@@ -167,7 +167,7 @@ class _Chosen(NamedTuple):
 def _chosen(
     seed: int, name: str, plain: World, sample: _Drops, sigma: Tensor, strength: tuple[float, float]
 ) -> _Chosen:
-    """An effect with its form and parameters, at the size that its strength asks for."""
+    """An effect with its form and parameters, at a size drawn from the strength."""
     rng = random.Random(f"mystery {seed} {name}")
     form, multiple = rng.choice(forms(name)), rng.uniform(*strength)
     parameters = form.draw(rng)

@@ -28,8 +28,8 @@ HINTS = (
     ),
     (
         "Check yourself",
-        "Search laws and effects looks at thousands of sets and says which models cannot be told apart. Then open the "
-        "sealed account.",
+        "Search laws and effects looks at thousands of sets and says which models cannot be told apart. Then reveal "
+        "the truth.",
     ),
 )
 """Title and text of each hint."""

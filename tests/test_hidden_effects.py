@@ -1,12 +1,9 @@
-"""Mystery drops: nature's integrators against the textbook laws, hidden effects, and the sealed account."""
+"""The ground-truth simulator: integrators against the textbook laws, hidden effects, and the truth beside drops."""
 
-import base64
 import inspect
 import json
 import math
-import os
 import random
-import zlib
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -25,8 +22,9 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameEr
 from contactlearn.data import table
 from contactlearn.mechanics.rigid_body import apply_wrench, contact_velocity, measured_wrench
 from contactlearn.mechanics.shapes import Disc, Ellipse
-from contactlearn.simulation.hidden_effects import EFFECTS, UNKNOWN, draw, hidden, load, nature, reveal, springs
-from contactlearn.simulation.hidden_effects.seal import SEALED, TITLE, seal
+from contactlearn.simulation.hidden_effects import EFFECTS, UNKNOWN, draw, load, reveal
+from contactlearn.simulation.hidden_effects.contact import ContactState, collide_compliant, collide_rigid, detach
+from contactlearn.simulation.hidden_effects.effects import CONFOUNDED, forms
 from contactlearn.simulation.hidden_effects.world import States, World
 
 PACKAGE = Path(contactlearn.__file__).parent
@@ -36,10 +34,10 @@ SPRINGS = 2e-3  # relative: springs in 400 steps a compression are first-order
 ALL = EFFECTS + UNKNOWN
 
 
-def random_contact(n: int, seed: int, energetic: bool) -> tuple[nature.ContactState, torch.Tensor]:
+def random_contact(n: int, seed: int, energetic: bool) -> tuple[ContactState, torch.Tensor]:
     """Contacts of random bodies, and the textbook law's velocity after them."""
     body, given = contacts.random_bodies(n, seed), contacts.random_contacts(n, seed)
-    contact = nature.ContactState(*body, given.eps, energetic, lambda slip: given.mu, torch.zeros_like)
+    contact = ContactState(*body, given.eps, energetic, lambda slip: given.mu, torch.zeros_like)
     P = impulse("mirtich" if energetic else "wang_mason", *given)
     wrench = torch.cat((P, torch.zeros_like(P[:, :1])), -1)
     return contact, apply_wrench(*body, wrench)
@@ -48,14 +46,14 @@ def random_contact(n: int, seed: int, energetic: bool) -> tuple[nature.ContactSt
 def one_contact(r=(0.0, -0.03), v=(1.0, -2.0, 0.0), eps=0.7, mu=0.2, energetic=True, mass=0.05, inertia=2e-5):
     m, i, e = (torch.full((1,), x, dtype=torch.float64) for x in (mass, inertia, eps))
     r, v = (torch.tensor([x], dtype=torch.float64) for x in (r, v))
-    return nature.ContactState(m, i, r, v, e, energetic, lambda slip: torch.full_like(slip, mu), torch.zeros_like)
+    return ContactState(m, i, r, v, e, energetic, lambda slip: torch.full_like(slip, mu), torch.zeros_like)
 
 
-def energy(contact: nature.ContactState, v: torch.Tensor) -> torch.Tensor:
+def energy(contact: ContactState, v: torch.Tensor) -> torch.Tensor:
     return 0.5 * (contact.mass * (v[:, :2] ** 2).sum(-1) + contact.inertia * v[:, 2] ** 2)
 
 
-def off(contact: nature.ContactState, v: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
+def off(contact: ContactState, v: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
     """Relative difference in the mass norm."""
     weight = torch.stack((contact.mass, contact.mass, contact.inertia), -1)
     return ((weight * (v - reference) ** 2).sum(-1) / (weight * reference**2).sum(-1)).sqrt()
@@ -71,7 +69,7 @@ def drops(n: int = 50, seed: int = 0) -> States:
 WORLD = World(Ellipse((0.04, 0.025)), mu=0.15, eps=0.6, energetic=False)
 
 
-# --- Nature ------------------------------------------------------------------------------------
+# --- Contacts ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("steps", [1, 7, 200])
@@ -79,17 +77,15 @@ WORLD = World(Ellipse((0.04, 0.025)), mu=0.15, eps=0.6, energetic=False)
 def test_path_is_the_textbook_law(energetic, steps):
     """Without effects every step is exact, also on contacts that stick, slide back or nearly jam."""
     contact, expected = random_contact(300, 1, energetic)
-    assert off(contact, nature.collide(contact, steps), expected).max() < ROUNDING
+    assert off(contact, collide_rigid(contact, steps), expected).max() < ROUNDING
 
 
 def test_rigid_springs_tend_to_the_textbook_law():
     """Walton and Braun's normal spring is Stronge's restitution, whatever the tangent does."""
     contact, _ = random_contact(200, 2, True)
     contact = contact._replace(eps=contact.eps.clamp_min(0.2))
-    expected = nature.collide(contact)
-    coarse, fine = (
-        off(contact, springs.collide_on_springs(contact, 1.0, 0.0, steps), expected) for steps in (100, 400)
-    )
+    expected = collide_rigid(contact)
+    coarse, fine = (off(contact, collide_compliant(contact, 1.0, 0.0, steps), expected) for steps in (100, 400))
     assert fine.max() < SPRINGS
     assert fine.mean() < 0.4 * coarse.mean()
 
@@ -97,8 +93,8 @@ def test_rigid_springs_tend_to_the_textbook_law():
 @pytest.mark.nightly  # 6400 steps; that a step is exact without effects is the test of the path
 def test_steps_converge():
     """With friction that follows the slip of the instant the error falls as 1 / steps."""
-    world = hidden.forms("velocity_dependent_friction")[0].act(WORLD, a=1.0, v_s=0.4, n=1.0)
-    world = hidden.forms("rolling_resistance")[0].act(world, c=0.002, ω_s=2.0)
+    world = forms("velocity_dependent_friction")[0].act(WORLD, a=1.0, v_s=0.4, n=1.0)
+    world = forms("rolling_resistance")[0].act(world, c=0.002, ω_s=2.0)
     exact = world.outcome(drops(), 6400)
     coarse, fine = ((world.outcome(drops(), steps) - exact).abs().mean() for steps in (100, 400))
     assert 3 < coarse / fine < 5.5
@@ -109,10 +105,10 @@ def test_steps_converge():
 def test_contacts_never_gain_energy(energetic):
     contact, _ = random_contact(200, 3, energetic)
     before = energy(contact, contact.v)
-    assert (energy(contact, nature.collide(contact, 20)) <= before * (1 + ROUNDING)).all()
+    assert (energy(contact, collide_rigid(contact, 20)) <= before * (1 + ROUNDING)).all()
     contact = contact._replace(eps=contact.eps.clamp_min(0.05))
     for resilience in (0.0, 0.5, 1.0):
-        after = energy(contact, springs.collide_on_springs(contact, 1.2, resilience, 200))
+        after = energy(contact, collide_compliant(contact, 1.2, resilience, 200))
         assert (after <= before * (1 + SPRINGS)).all()  # the leapfrog keeps energy to its order only
 
 
@@ -121,7 +117,7 @@ def test_springs_transmit_a_contact_force(resilience):
     """Momentum balance is exact: no moment about the contact point, and a force within the cone."""
     contact, _ = random_contact(100, 4, True)
     contact = contact._replace(eps=contact.eps.clamp_min(0.05))
-    v = springs.collide_on_springs(contact, 1.2, resilience, 100)
+    v = collide_compliant(contact, 1.2, resilience, 100)
     P_t, P_n, tau = measured_wrench(*contact[:3], contact.v, v).unbind(-1)
     assert (tau.abs() <= ROUNDING * contact.r.norm(dim=-1) * P_n).all()
     assert (P_n > 0).all()
@@ -131,7 +127,7 @@ def test_springs_transmit_a_contact_force(resilience):
 
 @pytest.mark.parametrize("eps", [0.2, 0.6, 1.0])
 def test_central_impact_rebounds_by_its_restitution(eps):
-    for v in (nature.collide(one_contact(eps=eps)), springs.collide_on_springs(one_contact(eps=eps), 1.2, 1.0)):
+    for v in (collide_rigid(one_contact(eps=eps)), collide_compliant(one_contact(eps=eps), 1.2, 1.0)):
         assert v[0, 1].item() == pytest.approx(2 * eps, rel=1e-4)
 
 
@@ -140,24 +136,24 @@ def test_superball(compliance):
     """A gripping disc: the slip swings as cos t √(W_tt/(c W_nn)) over the half period π of the normal spring."""
     R, mass = 0.03, 0.05
     contact = one_contact((0.0, -R), (1.0, -2.0, 0.0), 1.0, 1e4, mass=mass, inertia=mass * R**2 / 2)
-    slip = contact_velocity(contact.r, springs.collide_on_springs(contact, compliance, 1.0))[0, 0].item()
+    slip = contact_velocity(contact.r, collide_compliant(contact, compliance, 1.0))[0, 0].item()
     assert slip == pytest.approx(math.cos(math.pi * math.sqrt(3 / compliance)), abs=0.02)
-    stuck = contact_velocity(contact.r, springs.collide_on_springs(contact, compliance, 0.0))[0, 0].item()
+    stuck = contact_velocity(contact.r, collide_compliant(contact, compliance, 0.0))[0, 0].item()
     assert stuck == pytest.approx(0, abs=ROUNDING)
 
 
 def test_parting_costs_its_work():
     contact = one_contact((0.01, -0.03))
-    v = nature.collide(contact)
-    parted = nature.part(contact, v, 0.01)
+    v = collide_rigid(contact)
+    parted = detach(contact, v, 0.01)
     assert (energy(contact, v) - energy(contact, parted)).item() == pytest.approx(0.01, rel=1e-9)
-    stopped = nature.part(contact, v, 1e3)
+    stopped = detach(contact, v, 1e3)
     assert contact_velocity(contact.r, stopped)[0, 1].item() == pytest.approx(0, abs=1e-12)
 
 
 def test_contacts_that_never_end_are_refused():
     bad = one_contact()._replace(eps=torch.full((1,), torch.nan, dtype=torch.float64))
-    for collide in (nature.collide, lambda contact, steps: springs.collide_on_springs(contact, 1.0, 0.0, steps)):
+    for collide in (collide_rigid, lambda contact, steps: collide_compliant(contact, 1.0, 0.0, steps)):
         with pytest.raises(DataError, match=r"1 simulated contacts do not come to an end"):
             collide(bad, 10)
 
@@ -230,7 +226,7 @@ def test_each_form_acts():
     """Forms that are not drawn with the seeds above: each acts, and stays finite at its limit."""
     states = drops()
     for name in ALL:
-        for form in hidden.forms(name):
+        for form in forms(name):
             world = form.act(WORLD, **form.draw(random.Random(1))(1.0))
             good = world.approaches(states)
             some = States(*(value[good] for value in states))
@@ -263,7 +259,7 @@ def test_what_is_drawn_is_plausible(seeds):
         found = [effect["name"] for effect in truth["effects"]]
         assert 1 <= len(found) <= 3
         assert set(found) <= set(EFFECTS)
-        assert all(len(group & set(found)) < 2 for group in hidden.RIVALS)
+        assert all(len(group & set(found)) < 2 for group in CONFOUNDED)
         names |= set(found)
         assert truth["law"] in ("wang_mason", "mirtich")
         assert (impacts.v_pre[:, 0] > 0).any()
@@ -308,19 +304,17 @@ def test_bad_arguments(changes, message):
     assert isinstance(error.value, UnknownNameError if "unknown" in message else DataError)
 
 
-# --- The sealed account ------------------------------------------------------------------------
+# --- The truth beside the drops ----------------------------------------------------------------
 
 
-def test_sealed_file_round_trip(tmp_path):
+def test_drops_and_truth_are_written(tmp_path):
     impacts = load(7, 30, str(tmp_path / "a"))
-    _, truth = draw(7, size=30)
-    assert reveal(tmp_path / "a") == truth
+    assert json.loads((tmp_path / "a" / "truth.json").read_text("utf-8")) == draw(7, size=30)[1]
     assert table.load(tmp_path / "a" / "drops.csv").fingerprint() == impacts.fingerprint()
     before = {path.name: path.read_bytes() for path in (tmp_path / "a").iterdir()}
-    assert set(before) == {"drops.csv", SEALED}
+    assert set(before) == {"drops.csv", "truth.json"}
     load(7, 30, str(tmp_path / "a"))
     assert {path.name: path.read_bytes() for path in (tmp_path / "a").iterdir()} == before
-    assert not any(effect["name"].encode() in before[SEALED] for effect in truth["effects"])
 
 
 def test_config(tmp_path, monkeypatch):
@@ -331,11 +325,12 @@ def test_config(tmp_path, monkeypatch):
     assert set(config) == {"_target_", *inspect.signature(load).parameters}
     impacts = instantiate(OmegaConf.merge(config, {"seed": 3, "size": 20}), _convert_="all")
     assert impacts.source == "mystery drops (seed 3)"
-    assert reveal("outputs/mystery/seed_3")["size"] == 20
+    assert "seed 3, 20 drops" in reveal("outputs/mystery/seed_3")
 
 
 def test_reveal_command(tmp_path, capsys):
-    seal(draw(3, size=10, effects=["contact_patch", "surface_tilt"])[1], tmp_path)
+    truth = tmp_path / "truth.json"
+    truth.write_text(json.dumps(draw(3, size=10, effects=["contact_patch", "surface_tilt"])[1]), encoding="utf-8")
     assert main(["reveal", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     for text in (
@@ -350,81 +345,74 @@ def test_reveal_command(tmp_path, capsys):
         " % (",
     ):
         assert text in printed
-    seal(draw(3, size=10, effects=[])[1], tmp_path)
+    truth.write_text(json.dumps(draw(3, size=10, effects=[])[1]), encoding="utf-8")
     assert main(["reveal", str(tmp_path)]) == 0
     assert "hidden nothing" in capsys.readouterr().out
-
-
-def packed(value) -> bytes:
-    return TITLE.encode() + base64.b64encode(zlib.compress(json.dumps(value).encode()))
 
 
 def truth_with(**changes) -> dict:
     effect = {"name": "a", "form": "b", "parameters": {"c": 1.0}, "units": {"c": "m"}, "relative_change": 0.1}
     truth = {"seed": 1, "size": 1, "law": "mirtich", "mu": 0.1, "eps": 0.5, "noise": {"v": 0.1, "omega": 0.1}}
-    outcomes = {key: [] for key in ("v_post", "v_post_from_measured", "v_post_without")}
-    return truth | {"body": {}, "effects": [effect | changes], **outcomes}
+    return truth | {"effects": [effect | changes]}
 
 
-GOOD = packed(truth_with())
 DAMAGED = {
-    "empty": (b"", "its first line"),
-    "another file": (b"trial,mass\n1,2\n", "its first line"),
-    "binary": (bytes(range(256)), "its first line"),
-    "no content": (TITLE.encode(), "ends too early"),
-    "cut": (GOOD[:-40], "is damaged"),
-    "not base64": (GOOD[:-8] + b"!!!" + GOOD[-5:], "is damaged"),
-    "a changed letter": (GOOD[:150] + (b"A" if GOOD[150:151] != b"A" else b"B") + GOOD[151:], "is damaged"),
-    "not compressed": (TITLE.encode() + base64.b64encode(b"{}"), "is damaged"),
-    "not JSON": (TITLE.encode() + base64.b64encode(zlib.compress(b"import os")), "is damaged"),
-    "a list": (packed([1]), "holds list where"),
-    "no law": (packed({key: value for key, value in truth_with().items() if key != "law"}), "its law must be str"),
-    "no noise": (packed(truth_with() | {"noise": {}}), "its v must be float"),
-    "an effect": (packed(truth_with() | {"effects": [3]}), "holds int where"),
-    "a form": (packed(truth_with(form=None)), "its form must be str, got None"),
-    "no unit": (packed(truth_with(units={})), "must give c as a number with a unit"),
+    "empty": b"",
+    "another file": b"trial,mass\n1,2\n",
+    "binary": bytes(range(256)),
+    "cut": json.dumps(truth_with()).encode()[:-40],
+    "a list": b"[1]",
+    "no law": json.dumps({key: value for key, value in truth_with().items() if key != "law"}).encode(),
+    "no noise": json.dumps(truth_with() | {"noise": {}}).encode(),
+    "an effect": json.dumps(truth_with() | {"effects": [3]}).encode(),
+    "a form": json.dumps(truth_with(form=None)).encode(),
+    "no unit": json.dumps(truth_with(units={})).encode(),
 }
 
 
-@pytest.mark.parametrize(("content", "message"), DAMAGED.values(), ids=DAMAGED)
-def test_damaged_sealed_file(content, message, tmp_path, capsys):
-    (tmp_path / SEALED).write_bytes(content)
-    with pytest.raises(DataError, match=message):
-        reveal(tmp_path)
+@pytest.mark.parametrize("content", DAMAGED.values(), ids=DAMAGED)
+def test_damaged_truth(content, tmp_path, capsys):
+    (tmp_path / "truth.json").write_bytes(content)
     assert main(["reveal", str(tmp_path)]) == 2
-    assert capsys.readouterr().err.startswith(f"error: {tmp_path / SEALED}: is damaged: ")
+    said = capsys.readouterr().err
+    assert said.startswith(f"error: {tmp_path / 'truth.json'}: is damaged (")
+    assert "make it again with data=mystery" in said
 
 
 def test_nothing_to_reveal(tmp_path, capsys):
     assert main(["reveal", str(tmp_path / "nowhere")]) == 2
     assert "no such folder" in capsys.readouterr().err
     assert main(["reveal", str(tmp_path)]) == 2
-    assert "holds no sealed.bin" in capsys.readouterr().err
+    assert "holds no truth.json" in capsys.readouterr().err
+    (tmp_path / "sealed.bin").write_text("an older version's")
+    assert main(["reveal", str(tmp_path)]) == 2
+    assert "sealed.bin is of an older version; make the drops again" in capsys.readouterr().err
 
 
 def test_folder_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(DataError, match="cannot be written"):
-        seal({}, tmp_path / "file")
-    assert os.listdir(tmp_path) == ["file"]
+        load(1, 10, str(tmp_path / "file"))
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 # --- Two sides ---------------------------------------------------------------------------------
 
 
-def test_the_analysis_never_opens_the_account():
-    """But for what opens it when a user asks: the command, the workbench's hints, and their words."""
-    ours, asked = (
-        PACKAGE / "simulation" / "hidden_effects",
-        ("__main__.py", "cli/tools.py", "workbench/keeping.py", "workbench/panes/hints.py"),
-    )
-    opens = {PACKAGE / name for name in (*asked, "report/text/sealed.py")}
+def test_the_analysis_never_opens_the_truth():
+    """Only the command and the workbench reveal it, when a user asks."""
+    ours, revealing = PACKAGE / "simulation" / "hidden_effects", {"cli/tools.py", "workbench/keeping.py"}
+    opens = {PACKAGE / name for name in revealing}
     for path in PACKAGE.rglob("*.py"):
         if ours not in path.parents and path not in opens:
-            assert "sealed" not in path.read_text("utf-8").lower(), path
+            text = path.read_text("utf-8")
+            assert "truth.json" not in text, path
+            assert "hidden_effects import reveal" not in text, path
 
 
-def test_nature_shares_no_formula_with_the_analysis():
-    for path in (PACKAGE / "data" / "mystery").glob("*.py"):
-        for part in ("laws", "effects", "model", "fit"):
+def test_the_simulator_shares_no_formula_with_the_analysis():
+    paths = [*(PACKAGE / "simulation" / "hidden_effects").glob("*.py")]
+    assert len(paths) > 4
+    for path in paths:
+        for part in ("laws", "effects", "models", "inference"):
             assert f"contactlearn.{part}" not in path.read_text("utf-8"), path
