@@ -23,7 +23,7 @@ if TYPE_CHECKING:
         testing,
     )
     from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
-    from contactlearn.diagnosis.observer import Observer
+    from contactlearn.diagnosis.events import Event
     from contactlearn.diagnosis.pipeline import diagnose
     from contactlearn.diagnosis.result import Diagnosis
     from contactlearn.diagnosis.thresholds import Thresholds
@@ -42,9 +42,9 @@ __all__ = [
     "ContactModel",
     "DataError",
     "Diagnosis",
+    "Event",
     "Impacts",
     "Law",
-    "Observer",
     "Prediction",
     "Recipe",
     "Thresholds",
@@ -74,9 +74,9 @@ _HOME = {
     "ContactModel": "models.contact_model",
     "DataError": "core.errors",
     "Diagnosis": "diagnosis.result",
+    "Event": "diagnosis.events",
     "Impacts": "mechanics.impacts",
     "Law": "laws",
-    "Observer": "diagnosis.observer",
     "Prediction": "mechanics.impacts",
     "Recipe": "inference.learning.recipe",
     "Thresholds": "diagnosis.thresholds",

@@ -22,6 +22,7 @@ from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.recordings.conventions import find_frame
 from contactlearn.data.recordings.floor import find_floor
 from contactlearn.data.recordings.gravity import find_gravity
+from contactlearn.diagnosis.events import ignore
 from contactlearn.effects import find_effect
 from contactlearn.inference.identification.joint import identify_jointly, named_parameters
 from contactlearn.inference.identification.known import known_parameters
@@ -29,7 +30,6 @@ from contactlearn.inference.identification.shared import Box
 from contactlearn.mechanics.apparatus import Apparatus, Measured
 from contactlearn.mechanics.shapes import Disc, Ellipse, contact_point
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report import terminal
 from contactlearn.report.text.known import known_sentence
 from contactlearn.simulation import synthetic
 from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate, write_recordings
@@ -232,7 +232,7 @@ def test_a_fit_says_whether_flight_or_the_impacts_know_better(planted, noise, sl
     flight = Measured(value=slope[0], error=slope[1])
     impacts = states.replace(v_post=v_post + scatter, apparatus=replace(KNOWN, slope=flight))
     (_, fit) = fit_with_effects(
-        compose("evaluate", ["fit.starts=2"]), model, {"t": TILT()}, impacts, torch.arange(120), terminal.progress()
+        compose("evaluate", ["fit.starts=2"]), model, {"t": TILT()}, impacts, torch.arange(120), ignore
     ).values()
     (known,) = known_parameters(fit)
     assert said in known_sentence(known)

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import pytest
 import torch
 from commands import run
-from told import Told
+from observers import RecordingObserver
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.data import table
+from contactlearn.diagnosis.events import CandidatesExcluded
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
@@ -109,11 +110,11 @@ def test_a_candidate_with_the_name_of_another_effect_is_refused():
 def test_what_is_left_out_and_what_is_not_wanted_is_said():
     terms = {f"c{k}": [-1, 1] for k in range(8)}
     many = formula(terms, tau=" + ".join(f"{c}*Pn*rx*sin({k}*order)" for k, c in enumerate(terms, 1)))
-    told = Told()
+    events = RecordingObserver()
     candidates = {EffectId("many"): many, EffectId("surface_tilt", "computed"): find_effect("surface_tilt")()}
     candidates[EffectId("wind")] = formula({"u": [-0.5, 0.5]}, vx_post="u")
-    found = diagnose(synthetic.load(size=60), find("wang_mason"), candidates=candidates, observer=told)
-    assert told["left_out"] == [EffectId("many")]
+    found = diagnose(synthetic.load(size=60), find("wang_mason"), candidates=candidates, on_event=events)
+    assert events.last(CandidatesExcluded).candidates == (EffectId("many"),)
     assert found.unwanted == (EffectId("wind"),)  # tilt is of the catalogue, and nothing asked about the many
     assert Diagnosis.from_json(found.to_json()).unwanted == found.unwanted
 

@@ -7,12 +7,13 @@ import shlex
 import pytest
 import torch
 from diagnoses import few
+from observers import RecordingObserver
 from repetitions import repeated
 from test_commands import ROOT, run
-from told import Told
 
 from contactlearn.core.errors import DataError
 from contactlearn.data import table
+from contactlearn.diagnosis.events import AuditFindings, LawChanged, LawsCompared
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis, NoiseSource
 from contactlearn.diagnosis.search.candidates import all_candidates
@@ -129,11 +130,11 @@ def test_bodies_of_different_mass_do_not_blind_it():
 
 def test_a_law_that_is_given_is_compared_with_the_others():
     drops = synthetic.load(size=120, law="mirtich")
-    told = Told()
-    found = diagnose(drops, find("whittaker"), candidates=few("surface_tilt"), observer=told)
-    law, fits = told["laws"]
-    errors = {fit.name: fit.error for fit in fits}
-    assert law == found.law == "whittaker"
+    events = RecordingObserver()
+    found = diagnose(drops, find("whittaker"), candidates=few("surface_tilt"), on_event=events)
+    compared = events.last(LawsCompared)
+    errors = {fit.name: fit.error for fit in compared.fits}
+    assert compared.law == found.law == "whittaker"
     assert errors["whittaker"] > 3 * errors["mirtich"]
     assert found.verdict == "unknown"  # for a better model is known
 
@@ -178,9 +179,11 @@ def test_corrupted_data_are_mended_first_and_then_explained():
     spoilt = impacts.replace(
         q=impacts.q * flip, v_pre=impacts.v_pre * flip, v_post=impacts.v_post * flip, validate=False
     )
-    told = Told()
-    found = diagnose(spoilt, **alone(truth), candidates=few("side_drag", "surface_tilt", "spin_damping"), observer=told)
-    assert next(iter(told)) == "audit"
+    events = RecordingObserver()
+    found = diagnose(
+        spoilt, **alone(truth), candidates=few("side_drag", "surface_tilt", "spin_damping"), on_event=events
+    )
+    assert isinstance(events[0], AuditFindings)
     assert found.verdict == "bad_data"
     assert found.corrections == ("mirrored_x",)
     assert found.effects == ("side_drag",)
@@ -243,9 +246,9 @@ def test_an_unknown_effect_is_said_to_be_unknown():
 def test_a_law_that_was_chosen_without_the_effects_is_chosen_again_with_them():
     """Alone, the law of the complementarity problem fits these drops better than the one that is true."""
     impacts, truth = hidden_effects.draw(31, size=200)
-    told = Told()
+    events = RecordingObserver()
     both = {key: effect for key, effect in all_candidates().items() if key.name in ("spin_damping", "adhesion")}
-    found = diagnose(impacts, candidates=both, observer=told)
+    found = diagnose(impacts, candidates=both, on_event=events)
     assert found.best_law.name != found.law == truth["law"]
-    assert told["law_changed"] == truth["law"]
+    assert events.last(LawChanged).law == truth["law"]
     assert set(found.effects) == {effect["name"] for effect in truth["effects"]}

@@ -13,8 +13,9 @@ import contactlearn
 from contactlearn import ContactModel, Recipe, diagnose, identify, identify_jointly, laws
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.data import table
+from contactlearn.diagnosis.events import track
 from contactlearn.effects import find_effect, named_effects
-from contactlearn.report import terminal
+from contactlearn.report import events
 from contactlearn.simulation import synthetic
 
 SMALL = ("data.size=60", "train.size=20", "train.repetitions=2", "bootstrap=20")
@@ -156,10 +157,10 @@ def test_ones_own_class_is_a_candidate_under_its_own_name(own, tmp_path):
 
 def test_long_steps_are_named_where_no_bar_is_seen(capsys, monkeypatch):
     def steps():
-        with terminal.progress() as bar:
-            assert list(bar.track(range(3), description="fitting mirtich")) == [0, 1, 2]
+        with events.progress() as on_event:
+            assert list(track(range(3), "fitting mirtich", on_event)) == [0, 1, 2]
         return capsys.readouterr().out.split("\n")[:-1]
 
     assert "fitting mirtich …" not in steps()
-    monkeypatch.setattr(terminal, "_LONG", -1.0)
+    monkeypatch.setattr(events, "_LONG", -1.0)
     assert steps().count("fitting mirtich …") == 1

@@ -5,10 +5,11 @@ from dataclasses import replace
 import pytest
 import torch
 from diagnoses import ERROR, few, made_up, provenance_of
+from observers import RecordingObserver
 
 from contactlearn.cli.commands.parts import forget
 from contactlearn.data.audit.consistency import repeated
-from contactlearn.diagnosis.observer import Observer
+from contactlearn.diagnosis.events import SubsampleStarted, ignore
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis, Limit, Record, Verdict
 from contactlearn.diagnosis.sampling.confirmation import confirm
@@ -67,7 +68,7 @@ def test_every_trial_is_as_likely_to_be_drawn(many):
 def study(memory=None, thresholds=SMALL, kept=None):
     return Study(
         given={}, candidates={}, laws={}, options=FitOptions(), limits={}, thresholds=thresholds, seconds=60.0,
-        memory=memory, kept=kept, observer=Observer(), generator=seeded(),
+        memory=memory, kept=kept, on_event=ignore, generator=seeded(),
     )  # fmt: skip
 
 
@@ -117,22 +118,19 @@ def test_memory_takes_the_smaller_road(many):
 
 
 def test_a_stopped_run_goes_on_behind_its_finished_subsamples(many, tmp_path):
-    table, asked, heard = many[slice(0, 2000)], [], []
-
-    class Heard(Observer):
-        def step(self, step):
-            heard.append((step.trials, step.kept))
+    table, asked, events = many[slice(0, 2000)], [], RecordingObserver()
 
     def stopped(_, some):
         if len(some) > 150:
             raise KeyboardInterrupt
         return replace(made_up(30), law="mirtich")
 
-    asking = replace(study(kept=tmp_path / "parts"), observer=Heard())
+    asking = replace(study(kept=tmp_path / "parts"), on_event=events)
     with pytest.raises(KeyboardInterrupt):
         Rounds(asking, 0, (), stopped).run(table)
     found = Rounds(asking, 0, (), answering(["mirtich"], asked)).run(table)
     assert asked == [300]
+    heard = [(one.trials, one.resumed) for one in events.of(SubsampleStarted)]
     assert heard == [(150, False), (300, False), (150, True), (300, False)]
     undisturbed = Rounds(study(), 0, (), answering(["mirtich"] * 2, [])).run(table)
     assert found == undisturbed
@@ -148,15 +146,11 @@ def test_a_stopped_run_goes_on_behind_its_finished_subsamples(many, tmp_path):
 
 def test_a_large_table_is_diagnosed_on_samples():
     impacts, _ = hidden_effects.draw(8, effects=["contact_patch"], size=900)
-    law, heard = find("wang_mason"), []
+    law, events = find("wang_mason"), RecordingObserver()
 
-    class Heard(Observer):
-        def step(self, step):
-            heard.append((step.trials, step.of))
-
-    found = diagnose(impacts, law, candidates=few("contact_patch"), laws=[law], thresholds=SMALL, observer=Heard())
+    found = diagnose(impacts, law, candidates=few("contact_patch"), laws=[law], thresholds=SMALL, on_event=events)
     assert found.effects == ("contact_patch",)
-    assert heard == [(150, 900), (300, 900)]
+    assert [(one.trials, one.table_trials) for one in events.of(SubsampleStarted)] == [(150, 900), (300, 900)]
     sample = found.sample
     assert len(found.record.impacts) == sample.trials == 300
     assert sample.confirmation.agrees

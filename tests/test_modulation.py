@@ -20,7 +20,7 @@ from contactlearn.effects import State, find_effect
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.models.contact_model import predict_with
-from contactlearn.report.observer import show_verdict
+from contactlearn.report.events import show_verdict
 from contactlearn.report.page.effects import residual_content
 from contactlearn.report.text import headline, stages
 from contactlearn.report.text.modulation import depends

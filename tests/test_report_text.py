@@ -7,7 +7,7 @@ from diagnoses import SIX, made_up, missing, remainder
 from evaluations import evaluation, joint_estimate
 
 from contactlearn.data.audit.result import Finding
-from contactlearn.diagnosis.observer import Task
+from contactlearn.diagnosis.events import AuditFindings, EffectsFound, RegionsFound
 from contactlearn.diagnosis.result import (
     Drop,
     ErrorShares,
@@ -29,7 +29,7 @@ from contactlearn.diagnosis.result import (
 )
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.report.observer import TerminalObserver, show_verdict
+from contactlearn.report.events import TerminalObserver, show_verdict
 from contactlearn.report.text import (
     compared,
     conclusion,
@@ -320,10 +320,9 @@ def test_a_law_that_does_better_alone_is_named(found):
 
 def test_the_terminal_prints_the_sentences_of_the_page(found, capsys):
     observer, finding = TerminalObserver(), Finding(name="grams", sentence="50% in grams", evidence=(), correction="g")
-    observer.audit([finding])
-    observer.regions([])
-    observer.missing(found.missing, ())
-    assert list(observer.progress(Task.LAWS, [1, 2])) == [1, 2]
+    observer(AuditFindings(findings=(finding,)))
+    observer(RegionsFound(regions=()))
+    observer(EffectsFound(effects=found.missing, regions=()))
     show_verdict(replace(found, remainder=remainder(Interval(0.4, 0.3, 0.5)), formulas=(BEST,)), "python evaluate.py")
     printed = capsys.readouterr().out
     assert "\u00a0" not in printed

@@ -11,10 +11,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-import undrawn
 from commands import run
 from omegaconf import OmegaConf
 from repetitions import repeated
+from run_without_figures import __file__ as COMMAND
 
 pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'contactlearn[workbench]'")
 
@@ -438,7 +438,7 @@ def test_the_experiment_file_says_what_it_leaves_out(session):
 
 
 def test_a_diagnosis_runs_beside_the_page_and_is_taken_over(drops, models, tmp_path, monkeypatch):
-    monkeypatch.setattr("contactlearn.workbench.jobs._COMMAND", (sys.executable, undrawn.__file__, "diagnose"))
+    monkeypatch.setattr("contactlearn.workbench.jobs._COMMAND", (sys.executable, COMMAND, "diagnose"))
     (tmp_path / "few.csv").write_text("\n".join(drops.read_text().splitlines()[:101]))
     session = Session(data=("data=table", f"data.path={tmp_path / 'few.csv'}"))
     jobs, saved = Jobs(tmp_path / "outputs"), Saved(tmp_path / "outputs")

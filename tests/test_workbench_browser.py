@@ -6,9 +6,9 @@ import threading
 from urllib.parse import urlsplit
 
 import pytest
-import undrawn
 from browser import of_width
 from repetitions import repeated
+from run_without_figures import __file__ as COMMAND
 
 pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'contactlearn[workbench]'")
 
@@ -43,7 +43,7 @@ def served(tmp_path_factory):
     """The address of a workbench that runs in a folder of its own, and whose diagnoses search and draw little."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("workbench"))
-        patch.setattr("contactlearn.workbench.jobs._COMMAND", (sys.executable, undrawn.__file__, "diagnose"))
+        patch.setattr("contactlearn.workbench.jobs._COMMAND", (sys.executable, COMMAND, "diagnose"))
         server, door = listen("127.0.0.1", 0, Models())
         thread = threading.Thread(target=server.serve_forever)
         thread.start()

@@ -89,17 +89,16 @@ def run_report(options: argparse.Namespace) -> str:
     """Write the page of one run again, or one over several; say where it is."""
     from pathlib import Path
 
-    from contactlearn.report import terminal
+    from contactlearn.diagnosis.events import track
+    from contactlearn.report.events import progress
     from contactlearn.report.page.redraw import has_page, redraw
     from contactlearn.report.page.runs.page import write_runs
     from contactlearn.report.page.runs.rows import printable
 
     if options.out is None and len(options.folders) == 1 and has_page(Path(options.folders[0])):
         return f"open     {printable(str(redraw(Path(options.folders[0]))))}"
-    with terminal.progress() as bar:
-        page, runs, skipped = write_runs(
-            options.folders, options.out, lambda items, task: bar.track(items, description=task)
-        )
+    with progress() as on_event:
+        page, runs, skipped = write_runs(options.folders, options.out, lambda items, task: track(items, task, on_event))
     lines = [f"left out {name}: {reason}" for name, reason in skipped]
     counted = f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}"
     counted += f", {len(skipped)} left out" if skipped else ""
@@ -108,12 +107,11 @@ def run_report(options: argparse.Namespace) -> str:
 
 def run_results(options: argparse.Namespace) -> str:
     """Write the table of all runs in some folders; say how many there are."""
-    from contactlearn.report import terminal
+    from contactlearn.diagnosis.events import track
+    from contactlearn.report.events import progress
     from contactlearn.report.results_table import write_table
 
-    with terminal.progress() as bar:
-        frame, skipped = write_table(
-            options.folders, options.out, lambda items, task: bar.track(items, description=task)
-        )
+    with progress() as on_event:
+        frame, skipped = write_table(options.folders, options.out, lambda items, task: track(items, task, on_event))
     lines = [f"left out {name}: {reason}" for name, reason in skipped]
     return "\n".join([*lines, f"{frame['run'].nunique()} runs, {len(frame)} rows written to {options.out}"])

@@ -27,7 +27,7 @@ import torch
 from contactlearn.data.audit.findings import audit
 from contactlearn.data.audit.model_outliers import outliers_of
 from contactlearn.diagnosis.drift import blocked_folds, drift_finding, measurement_drift, ordered_candidates
-from contactlearn.diagnosis.observer import Observer, Task
+from contactlearn.diagnosis.events import AuditFindings, LawsCompared, OnEvent, ignore
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result import (
     Diagnosis,
@@ -82,7 +82,7 @@ def diagnose(
     memory: float | None = None,
     kept: Path | None = None,
     thresholds: Thresholds = Thresholds(),
-    observer: Observer = Observer(),
+    on_event: OnEvent = ignore,
 ) -> Diagnosis:
     """Find out which physical effects a contact model is missing.
 
@@ -99,7 +99,7 @@ def diagnose(
         memory: bytes that the diagnosis may take; a large table is diagnosed on subsamples that need no more.
         kept: folder for finished subsamples of this question, behind which another run goes on.
         thresholds: limits of every decision.
-        observer: hears of each stage's result.
+        on_event: receives each result as soon as it is known, and the progress of long tasks; see `events`.
 
     Raises:
         ContactLearnError: no candidates, too few trials, or limits of something that a drop does not set.
@@ -115,12 +115,12 @@ def diagnose(
         seconds=seconds,
         memory=memory,
         kept=kept,
-        observer=observer,
+        on_event=on_event,
         generator=torch.Generator().manual_seed(seed),
     )
     study.check(impacts)
     findings = audit(impacts, thresholds.audit)
-    observer.audit(findings)
+    on_event(AuditFindings(findings=findings))
     if any(finding.fatal for finding in findings):
         return _refused(law, findings, thresholds)
     impacts = corrected(impacts, findings, thresholds)
@@ -151,7 +151,7 @@ def _searched(
 ) -> tuple[Study, Searched, tuple[Finding, ...]]:
     """The search, repeated without what follows the order of the trials where the measurement drifts."""
     chosen = law or study.laws[min(fits, key=lambda fit: fit.error).name]
-    study.observer.laws(chosen.name, fits)
+    study.on_event(LawsCompared(law=chosen.name, fits=tuple(fits)))
     searched = search_effects(study, chosen, fits, law is None, impacts, folds)
     drift = measurement_drift(searched.selection, study.thresholds, study.generator)
     rest = study if drift is None else study.without_order(ordered_candidates(searched.selection, drift))
@@ -160,7 +160,7 @@ def _searched(
     if not rest.candidates:
         return study, searched, ()
     findings = (drift_finding(drift),)
-    study.observer.audit(findings)
+    study.on_event(AuditFindings(findings=findings))
     folds = blocked_folds(drift, searched.selection, study.generator)
     searched = search_effects(rest, chosen, fits, law is None, impacts, folds)
     return rest, ask_state(rest, searched, drift.found.block), findings
@@ -238,7 +238,7 @@ def _choices(
         [one.effect for one in missing],
         generator=generator,
         options=study.options,
-        progress=study.progress(Task.CHOICES),
+        progress=study.progress("choices of effects"),
     )
     complete = tuple(
         replace(

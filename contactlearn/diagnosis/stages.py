@@ -13,6 +13,7 @@ from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import torch
 
@@ -22,9 +23,20 @@ from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.budget import error_budget, error_limits
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment, reachable
 from contactlearn.diagnosis.discrimination.rivals import FittedRival, find_rivals
+from contactlearn.diagnosis.events import (
+    CandidatesExcluded,
+    EffectsFound,
+    FormulasSkipped,
+    LawChanged,
+    LimitsEstimated,
+    OnEvent,
+    RegionsFound,
+    RemainderLearned,
+    VelocitiesAveraged,
+    track,
+)
 from contactlearn.diagnosis.failure.regions import find_regions
 from contactlearn.diagnosis.noise import noise_floor
-from contactlearn.diagnosis.observer import Item, Observer, Task
 from contactlearn.diagnosis.result import (
     ErrorBudget,
     ErrorLimits,
@@ -50,6 +62,8 @@ from contactlearn.inference.validation import CrossValidation, Folds, ValidatedF
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, require_impacts
 
+_Item = TypeVar("_Item")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
@@ -64,7 +78,7 @@ class Study:
     seconds: float
     memory: float | None
     kept: Path | None
-    observer: Observer
+    on_event: OnEvent
     generator: torch.Generator
     ordered: bool = True
 
@@ -81,13 +95,13 @@ class Study:
         kept = {key: effect for key, effect in self.candidates.items() if key not in ordered}
         return replace(self, candidates=kept, ordered=False)
 
-    def progress(self, task: Task) -> Callable[[Iterable[Item]], Iterable[Item]]:
-        """Wrap the items of a long task."""
-        return lambda items: self.observer.progress(task, items)
+    def progress(self, task: str) -> Callable[[Iterable[_Item]], Iterable[_Item]]:
+        """Return a wrapper that reports the progress through the items of a long task."""
+        return lambda items: track(items, task, self.on_event)
 
     def law_fits(self, impacts: Impacts, folds: Folds) -> tuple[LawFit, ...]:
         """Each law: its held-out error with the given effects, and its coefficients alone."""
-        laws = self.observer.progress(Task.LAWS, list(self.laws.values()))
+        laws = track(self.laws.values(), "laws", self.on_event)
         return tuple(self._law_fit(law, impacts, folds) for law in laws)
 
     def _law_fit(self, law: Law, impacts: Impacts, folds: Folds) -> LawFit:
@@ -113,7 +127,7 @@ class Study:
         """The candidates that these measurements can decide about."""
         among = usable(self.candidates, impacts, self.thresholds.selection)
         if left_out := [candidate for candidate in self.candidates if candidate not in among]:
-            self.observer.left_out(left_out)
+            self.on_event(CandidatesExcluded(candidates=tuple(left_out)))
         return among
 
     def remainder(self, model: ValidatedFit, impacts: Impacts, folds: Folds) -> LearnedRemainder:
@@ -127,12 +141,12 @@ class Study:
     def failures(self, selection: Selection, ceiling: LearnedRemainder) -> tuple[ErrorLimits, tuple[Region, ...]]:
         """The limits of the law's error, and the regions in which it fails."""
         limits = error_limits(selection, ceiling, self.generator)
-        self.observer.limits(limits)
+        self.on_event(LimitsEstimated(limits=limits))
         prediction = selection.base.fit.model.predict(selection.impacts)
         regions = find_regions(
             selection.impacts, prediction, generator=self.generator, thresholds=self.thresholds.regions
         )
-        self.observer.regions(regions)
+        self.on_event(RegionsFound(regions=tuple(regions)))
         return limits, regions
 
 
@@ -174,7 +188,7 @@ def search_effects(
     ceiling = study.remainder(study.base(law, impacts, folds), impacts, folds)
     notes = averaged(impacts, ceiling.v_post, lambda drops: study.held_out(law, drops, folds), study.thresholds.audit)
     if notes:
-        study.observer.averaging(notes)
+        study.on_event(VelocitiesAveraged(findings=notes))
         impacts = corrected(impacts, notes, study.thresholds)
     selection = select(
         study.laws if chosen else {law.name: law},
@@ -187,11 +201,11 @@ def search_effects(
         thresholds=study.thresholds.selection,
         seconds=study.seconds,
         generator=study.generator,
-        progress=study.progress(Task.EFFECTS),
+        progress=study.progress("effects"),
     )
     same = selection.law.name == law.name
     if not same:
-        study.observer.law_changed(selection.law.name)
+        study.on_event(LawChanged(law=selection.law.name))
     return Searched.around(study, selection, notes, ceiling if same and not notes else None)
 
 
@@ -218,7 +232,7 @@ def ask_state(study: Study, searched: Searched, block: int = 1) -> Searched:
     found = replace(found, instead_of=tuple(sorted(selection.spec.effects - spec.effects)))
     if spec.law == selection.spec.law:
         return replace(searched, selection=less, modulation=found)
-    study.observer.law_changed(spec.law)
+    study.on_event(LawChanged(law=spec.law))
     return replace(Searched.around(study, less, searched.notes), modulation=found)
 
 
@@ -238,8 +252,8 @@ def compare_effects(study: Study, searched: Searched) -> Explained:
     """Order the effects, and look for what else could explain the same."""
     selection = searched.selection
     rungs = ladder(selection, searched.regions, study.generator)
-    study.observer.missing(rungs.missing, searched.regions)
-    rivals = find_rivals(selection, study.thresholds.rivals, study.progress(Task.RIVALS))
+    study.on_event(EffectsFound(effects=tuple(rungs.missing), regions=searched.regions))
+    rivals = find_rivals(selection, study.thresholds.rivals, study.progress("rivals of the effects"))
     models = {
         Substitution(effect, one.rival.effect): one.fitted.fit.model for effect, some in rivals.items() for one in some
     }
@@ -268,6 +282,7 @@ def divide_error(study: Study, searched: Searched, rungs: Ladder) -> Unexplained
     succession = find_succession(impacts, fit, study.options, study.thresholds) if study.ordered else None
     told = replace(learned.remainder, succession=succession, modulation=searched.modulation)
     learned = replace(learned, remainder=told)
+    study.on_event(RemainderLearned(remainder=told))
     written = _formulas(study, selection, learned) if large else ()
     floor = noise_floor(
         impacts,
@@ -293,5 +308,5 @@ def _formulas(study: Study, selection: Selection, learned: LearnedRemainder) -> 
     try:
         return formulas(selection.impacts, model, component, selection.folds, thresholds=study.thresholds.formulas)
     except ContactLearnError as error:
-        study.observer.no_formulas(str(error))
+        study.on_event(FormulasSkipped(reason=str(error)))
         return ()

@@ -2,7 +2,7 @@
 
     text          words and number formats
     terminal      lines and tables of train and evaluate
-    observer      a diagnosis as it goes on, on the terminal
+    events        the events of a run on the terminal, and the verdict of a diagnosis
     audit         lines about a table and the audit of its measurements
     tensorboard   scalars, charts, pictures and the card of a run
     figures       matplotlib figures: laws, comparison, impulse_space, learning, quality of the paper's experiments;

@@ -2,16 +2,13 @@
 
 import math
 import shlex
-import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
-from typing import TypeVar
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -22,42 +19,15 @@ from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErro
 from contactlearn.results.evaluation import LearningCurve
 from contactlearn.results.transfer import BodyTransfer
 
-_console = Console()
-_Item = TypeVar("_Item")
-_LONG = 5.0  # s after which a step is named where no bar is seen
+console = Console()
+"""Standard output."""
 _MANY = 20  # trials from which on standard errors cover what they should
 _SHORT = {"mass_error": "mass error", "normalised_velocity_error": "velocity/speed", "velocity_error": "velocity"}
 
 
 def say(line: str) -> None:
     """Print a line as it is: no markup, no folding of paths, plain spaces, nothing that steers a terminal."""
-    _console.print(Text(harmless(line.replace("\u00a0", " "))), soft_wrap=True)
-
-
-class _ProgressOrLines(Progress):
-    """A display that disappears when it is done; where there is no terminal, a line for each step that takes long."""
-
-    def track(
-        self,
-        sequence: Iterable[_Item],
-        total: float | None = None,
-        completed: int = 0,
-        task_id: TaskID | None = None,
-        description: str = "Working...",
-        update_period: float = 0.1,
-    ) -> Iterable[_Item]:
-        silent, began = not self.console.is_terminal, time.monotonic()
-        for item in super().track(sequence, total, completed, task_id, description, update_period):
-            yield item
-            if silent and time.monotonic() - began > _LONG:
-                say(f"{description} …")
-                silent = False
-
-
-def progress() -> Progress:
-    """A progress display."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    return _ProgressOrLines(*columns, console=_console, transient=True)
+    console.print(Text(harmless(line.replace("\u00a0", " "))), soft_wrap=True)
 
 
 def show_data(source: str, pool: int, test: int) -> None:
@@ -256,5 +226,5 @@ def new_table(title: str, *headings: str) -> Table:
 def print_table(table: Table) -> None:
     """Print at the table's own width: a narrow terminal wraps lines instead of losing cells."""
     wide = Console(width=1000, markup=False, emoji=False)
-    wide.width = max(_console.width, wide.measure(table).maximum)
+    wide.width = max(console.width, wide.measure(table).maximum)
     wide.print(table)

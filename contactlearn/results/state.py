@@ -22,7 +22,7 @@ from contactlearn.core.numerics import written_whole
 from contactlearn.core.serialisation import from_json, to_json
 
 DONE, FAILED, LOCK = "done.json", "failed.json", ".lock"
-_OWN = (LOCK, FAILED, ".hydra")  # of a folder in which nothing has been computed
+_OWN = (LOCK, FAILED, ".hydra", "progress.jsonl")  # of a folder in which nothing has been computed
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,14 +6,14 @@ from pathlib import Path
 import torch
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
-from rich.progress import Progress
 from torch import Tensor
 
-from contactlearn.cli.commands import fitting, settings
+from contactlearn.cli.commands import fitting, results, settings
 from contactlearn.cli.commands.laws import compared_laws, given_law
 from contactlearn.cli.commands.loading import Split
 from contactlearn.core.devices import moved
 from contactlearn.core.errors import DataError
+from contactlearn.diagnosis.events import OnEvent, track
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.learning import curves as study
@@ -24,6 +24,7 @@ from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report import terminal
+from contactlearn.report.events import progress
 from contactlearn.report.figures import learning, quality
 from contactlearn.report.tensorboard import Tracker
 from contactlearn.results.estimates import ModelErrors
@@ -47,8 +48,8 @@ def learning_study(cfg: DictConfig, data: Split, kept: Path) -> tuple[dict[str, 
     terminal.show_kept(kept_trainings(kept))
     orders = study.nested_orders(len(data.pool), cfg.curves.seeds, data.generator)
     pool, test = moved((data.pool, data.test), settings.device(cfg))
-    with terminal.progress() as bar:
-        bases, curves = _law_curves(cfg, recipes, pool, test, orders, sizes, bar)
+    with progress(results.run_folder()) as on_event:
+        bases, curves = _law_curves(cfg, recipes, pool, test, orders, sizes, on_event)
         learned = study.learning_curves(
             recipes,
             pool,
@@ -61,7 +62,7 @@ def learning_study(cfg: DictConfig, data: Split, kept: Path) -> tuple[dict[str, 
             work=study.Work(
                 processes=fitting.workers(cfg),
                 kept=kept,
-                progress=lambda done, total: bar.track(done, total, description="learned models"),
+                progress=lambda done, total: track(done, "learned models", on_event, total),
             ),
         )
     curves = moved(curves | learned, "cpu")
@@ -83,19 +84,19 @@ def _law_curves(
     test: Impacts,
     orders: Tensor,
     sizes: list[int],
-    bar: Progress,
+    on_event: OnEvent,
 ) -> tuple[Bases, dict[str, Curve]]:
     """Laws on every subset, by name and size, and the curves of those that are shown; effects are around `law`."""
     law, laws, effects = given_law(cfg), compared_laws(cfg), settings.effects(cfg)
     needed = laws | {r.law.name: r.law for r in recipes.values() if r.law}
-    every = bar.track(needed.values(), description="laws on every subset")
+    every = track(needed.values(), "laws on every subset", on_event)
     fits, curves = study.law_curves(every, pool, test, orders, sizes, target=cfg.train.target, box=settings.box(cfg))
     bases: dict[str, Mapping[int, Law | ContactModel]] = {
         name: {size: study.law_at(fit, size) for size in sizes} for name, fit in fits.items()
     }
     shown = {name: curves[name] for name in laws}
     if effects:
-        every = bar.track(sizes, description=f"{law.name} and its effects on every subset")
+        every = track(sizes, f"{law.name} and its effects on every subset", on_event)
         bases[law.name], curve = study.joint_curve(law, effects, pool, test, orders, every, settings.fit_options(cfg))
         shown[fitting.augmented_name(law.name, effects)] = curve
     return bases, shown

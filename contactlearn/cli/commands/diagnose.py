@@ -8,7 +8,6 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
-from rich.progress import Progress
 
 from contactlearn.cli.commands import fitting, loading, record, results, settings
 from contactlearn.cli.commands.laws import chosen_law, named_laws
@@ -16,13 +15,14 @@ from contactlearn.cli.commands.parts import forget, parts_folder
 from contactlearn.cli.sweeps.resources import available_memory
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis import pipeline
+from contactlearn.diagnosis.events import OnEvent, track
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS, all_candidates
 from contactlearn.effects import Effect, EffectId, catalogue
 from contactlearn.inference.evaluation.metrics import HEADLINE
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.report import observer as report
 from contactlearn.report import terminal
+from contactlearn.report.events import progress, show_verdict
 from contactlearn.report.figures.diagnosis import drawn
 from contactlearn.report.page.diagnosis import write_page
 from contactlearn.report.tensorboard import Tracker
@@ -36,28 +36,28 @@ def diagnose(cfg: DictConfig) -> None:
     settings.check(cfg)
     folder = results.run_folder()
     impacts = loading.load_data(cfg.data, validate=False, folder=folder)
-    report.show_start(impacts)
+    terminal.say(f"{impacts.source}: {len(impacts)} impacts")
     parts = parts_folder(cfg)
-    with terminal.progress() as bar:
-        found = _found(cfg, impacts, bar, parts)
+    with progress(folder) as on_event:
+        found = _found(cfg, impacts, on_event, parts)
     command = _command(cfg, found)
     result = DiagnosisRun(provenance=results.provenance(impacts, cfg), use=command, diagnosis=found)
     if found.record is not None:
         found.record.save(folder, asdict(result.provenance))
     write_result(folder, result)
-    report.show_verdict(found, command)
+    show_verdict(found, command)
     shown = (
         lambda: _record(cfg, folder, result, drawn(found, impacts)),
         lambda: write_page(folder, found, result.provenance, use=command if found.missing else ""),
     )
-    with terminal.progress() as bar:
-        for show in bar.track(shown, description="figures and page"):
+    with progress(folder) as on_event:
+        for show in track(shown, "figures and page", on_event):
             show()
     forget(parts)
     terminal.show_folder(folder)
 
 
-def _found(cfg: DictConfig, impacts: Impacts, bar: Progress, parts: Path) -> Diagnosis:
+def _found(cfg: DictConfig, impacts: Impacts, on_event: OnEvent, parts: Path) -> Diagnosis:
     effects = settings.effects(cfg)
     return pipeline.diagnose(
         impacts,
@@ -71,7 +71,7 @@ def _found(cfg: DictConfig, impacts: Impacts, bar: Progress, parts: Path) -> Dia
         seconds=cfg.seconds,
         memory=available_memory(),
         kept=parts,
-        observer=report.TerminalObserver(bar),
+        on_event=on_event,
     )
 
 

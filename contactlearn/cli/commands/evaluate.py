@@ -8,7 +8,6 @@ from pathlib import Path
 import torch
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
-from rich.progress import Progress
 
 from contactlearn.cli.commands import curves, fitting, loading, record, results, settings
 from contactlearn.cli.commands.fitting import CostSurface
@@ -19,6 +18,7 @@ from contactlearn.cli.commands.parts import forget, parts_folder
 from contactlearn.cli.commands.transfer import transfer
 from contactlearn.core.devices import moved
 from contactlearn.core.errors import DataError
+from contactlearn.diagnosis.events import OnEvent, track
 from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.evaluation.sums import ErrorSums
 from contactlearn.inference.identification.joint import JointFit
@@ -29,6 +29,7 @@ from contactlearn.mechanics.bodies import shapes_entries
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report import terminal
+from contactlearn.report.events import progress
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures.impulse_space import reachable_impulses
 from contactlearn.report.page.evaluation import of_evaluation
@@ -80,10 +81,10 @@ def evaluate(cfg: DictConfig) -> None:
     data = loading.split(cfg, folder)
     show_split(data, cfg.device, settings.device(cfg))
     row = _row(cfg, data)
-    with terminal.progress() as bar:
-        compared = _compared(cfg, data, bar)
+    with progress(folder) as on_event:
+        compared = _compared(cfg, data, on_event)
         held_out = HeldOut(impacts=data.test, predictions=compared.predict(data.test))
-        sums = _saved(cfg, data, compared, held_out, folder, bar)
+        sums = _saved(cfg, data, compared, held_out, folder, on_event)
     compared = moved(compared, "cpu")
     result = _result(cfg, data, compared, sums)
     save_trial_parameters(data.impacts, list(compared.trials.values()), folder / f"trial_parameters.{cfg.tables}")
@@ -92,8 +93,8 @@ def evaluate(cfg: DictConfig) -> None:
     learned = {}
     if settings.recipes(cfg):
         result, learned = _with_curves(cfg, data, held_out, result, folder)
-    with terminal.progress() as bar:
-        extras = _extras(cfg, data, bar)
+    with progress(folder) as on_event:
+        extras = _extras(cfg, data, on_event)
     drawn = _drawn(cfg, data, compared, held_out, result, extras, row)
     if learned:
         drawn |= curves.draw_curves(result, learned, data.test, held_out.bounds)
@@ -102,34 +103,34 @@ def evaluate(cfg: DictConfig) -> None:
     terminal.show_folder(folder)
 
 
-def _compared(cfg: DictConfig, data: Split, bar: Progress) -> _Compared:
+def _compared(cfg: DictConfig, data: Split, on_event: OnEvent) -> _Compared:
     """Fit the laws, and `law` with the effects if there are any."""
     device, effects = settings.device(cfg), settings.effects(cfg)
     pool, impacts = moved(data.pool, device), moved(data.impacts, device)
     laws = compared_laws(cfg)
-    fits = tuple(fitting.identify_law(cfg, law, pool, data.generator, bar) for law in laws.values())
+    fits = tuple(fitting.identify_law(cfg, law, pool, data.generator, on_event) for law in laws.values())
     joint: dict[str, JointFit] = {}
     if effects:
         rows = torch.arange(len(pool))
-        found = fitting.fit_with_effects(cfg, given_law(cfg), effects, pool, rows, bar)
+        found = fitting.fit_with_effects(cfg, given_law(cfg), effects, pool, rows, on_event)
         joint = {f"{name} (joint)" if name in laws else name: fit for name, fit in found.items()}
     every = laws | named_laws(cfg, [cfg.figures.parameters])
     trials = {
         name: identify_trials(law, impacts, target=cfg.train.target, box=settings.box(cfg))
-        for name, law in bar.track(every.items(), description="every trial")
+        for name, law in track(every.items(), "every trial", on_event)
     }
     return _Compared(fits=fits, joint=joint, trials=trials, norm=cfg.bounds.norm, device=device)
 
 
 def _saved(
-    cfg: DictConfig, data: Split, compared: _Compared, held_out: HeldOut, folder: Path, bar: Progress
+    cfg: DictConfig, data: Split, compared: _Compared, held_out: HeldOut, folder: Path, on_event: OnEvent
 ) -> ErrorSums:
     """Predict all held-out trials, block by block, write them to tables, and add up their errors."""
     shown = data.test, held_out.predictions
     sums, count = ErrorSums(held_out.predictions), data.unseen_trials
 
     def predicted() -> Iterator[tuple[Impacts, Mapping[str, Prediction]]]:
-        for impacts in watched(bar, data.unseen(), count, "held-out trials"):
+        for impacts in watched(on_event, data.unseen(), count, "held-out trials"):
             predictions = shown[1] if impacts is shown[0] else compared.predict(impacts)
             sums.add(impacts, predictions)
             yield impacts, predictions
@@ -193,7 +194,7 @@ def _with_curves(
     return result, {name: found[name] for name in learned}
 
 
-def _extras(cfg: DictConfig, data: Split, bar: Progress) -> _Extras:
+def _extras(cfg: DictConfig, data: Split, on_event: OnEvent) -> _Extras:
     # Every k up to 120, and as many of a larger range.
     most = min(cfg.train.size, FITTED)
     sizes = torch.linspace(1, most, min(most, 120)).round().int().tolist()
@@ -204,7 +205,9 @@ def _extras(cfg: DictConfig, data: Split, bar: Progress) -> _Extras:
     pool, test = moved(data.pool, settings.device(cfg)), moved(data.test, settings.device(cfg))
     patched = headline.error(test, bounds.irb(test, cfg.bounds.norm, patch=widths[:, None]))
     found = _Extras(
-        convergence=fitting.identify_law(cfg, law, pool, data.generator, bar, sizes=sizes, repetitions=repetitions),
+        convergence=fitting.identify_law(
+            cfg, law, pool, data.generator, on_event, sizes=sizes, repetitions=repetitions
+        ),
         surface=fitting.law_surface(cfg, law, pool),
         widths=widths,
         patched=torch.tensor([list(metrics.bootstrap(error, data.generator, cfg.bootstrap)) for error in patched]),

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import torch
 from jaxtyping import Float, Int
 from omegaconf import DictConfig
-from rich.progress import Progress
 from torch import Tensor
 
 from contactlearn.cli.commands import settings
 from contactlearn.cli.commands.means import FITTED
 from contactlearn.data.blocks import sampled
+from contactlearn.diagnosis.events import OnEvent, track
 from contactlearn.effects import Effect
 from contactlearn.inference.identification import shared
 from contactlearn.inference.identification.joint import JointFit, identify_jointly
@@ -39,7 +39,7 @@ def identify_law(
     law: Law,
     pool: Impacts,
     generator: torch.Generator,
-    bar: Progress,
+    on_event: OnEvent,
     *,
     sizes: Sequence[int] | None = None,
     repetitions: int | None = None,
@@ -52,7 +52,7 @@ def identify_law(
         law: with any μ and ε.
         pool: the trials to draw subsets from.
         generator: source of the subsets.
-        bar: shows the progress.
+        on_event: receives the progress.
         sizes: of the subsets; `train.size` if None, but at most `FITTED`.
         repetitions: number of subsets; `train.repetitions` if None.
         orders: of the pool's trials, the subsets being the first of each; drawn if None.
@@ -68,7 +68,7 @@ def identify_law(
         generator=generator,
         target=cfg.train.target,
         box=settings.box(cfg),
-        progress=lambda blocks: bar.track(blocks, description=f"{verb} {law.name}"),
+        progress=lambda blocks: track(blocks, f"{verb} {law.name}", on_event),
     )
 
 
@@ -78,14 +78,14 @@ def fit_with_effects(
     effects: Mapping[str, Effect],
     impacts: Impacts,
     rows: Int[Tensor, "*subsets n"],
-    bar: Progress,
+    on_event: OnEvent,
 ) -> dict[str, JointFit]:
     """Fit the law alone and with its effects, by name, both to the same trials in the same way.
 
     Where flight limits a parameter the fit to the impacts alone stands beside.
     """
     fits, options = {}, settings.fit_options(cfg)
-    for chosen in bar.track(({}, effects), description=f"fitting {law.name} and its effects"):
+    for chosen in track(({}, effects), f"fitting {law.name} and its effects", on_event):
         fit = identify_jointly(law, chosen, impacts, rows, options=options)
         if any(p.flight for p in fit.parameters):
             alone = identify_jointly(law, chosen, impacts.replace(apparatus=None), rows, options=options)

@@ -14,7 +14,8 @@ from contactlearn.core.numerics import written_whole
 from contactlearn.data import table, tracks
 from contactlearn.data.recordings.result import Reason, Refusal
 from contactlearn.data.recordings.survey import Survey
-from contactlearn.report import terminal
+from contactlearn.diagnosis.events import track
+from contactlearn.report.events import progress
 from contactlearn.report.figures import style
 from contactlearn.report.figures.tracks import contact_figure, refused_figure, residuals_figure
 from contactlearn.report.page.recordings import write_recordings_page
@@ -61,12 +62,12 @@ def _written(cfg: DictConfig, out: Path) -> str:
         options = tracks.track_options(**{key: x for key, x in entries.items() if key not in ("_target_", "correct")})
     except TypeError as error:  # a setting that the source does not have
         raise ContactLearnError(f"impacts: {error}") from None
-    with terminal.progress() as bar:
+    with progress() as on_event:
         found = tracks.find_impacts(
             path,
             **body,
             options=options,
-            progress=lambda parts: bar.track(parts, description="searching recordings"),
+            progress=lambda parts: track(parts, "searching recordings", on_event),
         )
     found = replace(found, survey=_renamed(found.survey, cfg))
     table.save(found.impacts, out)

@@ -16,7 +16,6 @@ from typing import Any
 import torch
 from jaxtyping import Bool
 from omegaconf import DictConfig, OmegaConf, flag_override
-from rich.progress import Progress
 from torch import Tensor
 
 from contactlearn import data, simulation
@@ -31,6 +30,7 @@ from contactlearn.data.blocks import BLOCK, Blocks, sampled
 from contactlearn.data.table import Table
 from contactlearn.data.table.large import blocks_of, is_large
 from contactlearn.data.tracks import Tracked
+from contactlearn.diagnosis.events import OnEvent, TaskProgress
 from contactlearn.inference.evaluation.sums import refuse_rest
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report import terminal
@@ -224,12 +224,13 @@ def show_split(data: Split, asked: str, device: torch.device) -> None:
         terminal.say(f"device={asked}: computed on {described(device)}")
 
 
-def watched(bar: Progress, blocks: Iterator[Impacts], trials: int, what: str) -> Iterator[Impacts]:
+def watched(on_event: OnEvent, blocks: Iterator[Impacts], trials: int, what: str) -> Iterator[Impacts]:
     """Yield blocks of so many trials in all, and say after the first of several how long the others will take."""
-    task, begin, done = bar.add_task(what, total=trials), time.monotonic(), 0
+    begin, done = time.monotonic(), 0
+    on_event(TaskProgress(task=what, done=0, total=trials))
     for block in blocks:
         yield block
         first, done = not done, done + len(block)
-        bar.update(task, completed=done)
+        on_event(TaskProgress(task=what, done=done, total=trials))
         if first and done < trials:
             terminal.show_estimate(what, trials, (time.monotonic() - begin) * trials / done)

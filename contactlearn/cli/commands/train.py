@@ -7,7 +7,6 @@ from pathlib import Path
 import torch
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
-from rich.progress import Progress
 
 from contactlearn.cli.commands import fitting, loading, record, results, settings
 from contactlearn.cli.commands.fitting import CostSurface
@@ -16,6 +15,7 @@ from contactlearn.cli.commands.loading import Split, show_split, watched
 from contactlearn.cli.commands.means import lower_train_size
 from contactlearn.core.devices import moved
 from contactlearn.core.errors import ContactLearnError
+from contactlearn.diagnosis.events import OnEvent, TaskProgress
 from contactlearn.effects import Effect
 from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.evaluation.sums import ErrorSums
@@ -29,6 +29,7 @@ from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.features import SPACES
 from contactlearn.models.regressor import Regressor
 from contactlearn.report import terminal
+from contactlearn.report.events import progress
 from contactlearn.report.figures import quality
 from contactlearn.report.tensorboard import Tracker
 from contactlearn.results import folder as run_folder
@@ -98,10 +99,10 @@ def train(cfg: DictConfig) -> None:
     data = loading.split(cfg, folder)
     show_split(data, cfg.device, settings.device(cfg))
     device = settings.device(cfg)
-    with terminal.progress() as bar:
-        trained = _trained(cfg, task, moved(data.pool, device), data.generator, bar)
+    with progress(folder) as on_event:
+        trained = _trained(cfg, task, moved(data.pool, device), data.generator, on_event)
         sums = ErrorSums((*trained.models, IRB))
-        for block in watched(bar, data.unseen(), data.unseen_trials, "held-out trials"):
+        for block in watched(on_event, data.unseen(), data.unseen_trials, "held-out trials"):
             impacts = moved(block, device)
             predictions = {name: model.predict(impacts) for name, model in trained.models.items()}
             sums.add(impacts, predictions | {IRB: bounds.irb(impacts)})
@@ -114,32 +115,32 @@ def train(cfg: DictConfig) -> None:
     terminal.show_folder(folder)
 
 
-def _trained(cfg: DictConfig, task: _Task, pool: Impacts, generator: torch.Generator, bar: Progress) -> _Trained:
+def _trained(cfg: DictConfig, task: _Task, pool: Impacts, generator: torch.Generator, on_event: OnEvent) -> _Trained:
     """Fit the law, with its effects if there are any, and train the learned model on top."""
     law, recipe = task.law, task.recipe
     if law is not None and recipe is None and not task.effects:
-        return _identified(cfg, law, pool, generator, bar)
+        return _identified(cfg, law, pool, generator, on_event)
     rows = torch.randperm(len(pool), generator=generator)[: cfg.train.size]
     fits: tuple[SharedFit, ...] = ()
     joint: dict[str, JointFit] = {}
     base: Law | ContactModel | None = None
     if law is not None and task.effects:
-        joint = fitting.fit_with_effects(cfg, law, task.effects, pool, rows, bar)
+        joint = fitting.fit_with_effects(cfg, law, task.effects, pool, rows, on_event)
         base = list(joint.values())[-1].model
     elif law is not None:
-        fits = (fitting.identify_law(cfg, law, pool, generator, bar, orders=rows[None]),)
+        fits = (fitting.identify_law(cfg, law, pool, generator, on_event, orders=rows[None]),)
         base = fits[0].to_law()
     models = {name: fit.model for name, fit in joint.items()}  # a law alone is not shown beside the model on it
     if recipe is not None:
-        bar.add_task(f"training {task.name} on {len(rows)} trials", total=None)
+        on_event(TaskProgress(task=f"training {task.name} on {len(rows)} trials", done=0, total=None))
         model = learn(recipe, pool, rows, base, impulse=cfg.train.target, box=settings.box(cfg))
         models |= {fitting.augmented_name(task.name, task.effects): model}
     return _Trained(fits=fits, joint=joint, models=models, surface=None)
 
 
-def _identified(cfg: DictConfig, law: Law, pool: Impacts, generator: torch.Generator, bar: Progress) -> _Trained:
+def _identified(cfg: DictConfig, law: Law, pool: Impacts, generator: torch.Generator, on_event: OnEvent) -> _Trained:
     """Identify a law alone, and evaluate its cost surface."""
-    fit = fitting.identify_law(cfg, law, pool, generator, bar)
+    fit = fitting.identify_law(cfg, law, pool, generator, on_event)
     surface = fitting.law_surface(cfg, law, pool)
     return _Trained(fits=(fit,), joint={}, models={law.name: ContactModel(fit.to_law())}, surface=surface)
 

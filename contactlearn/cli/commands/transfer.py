@@ -13,6 +13,7 @@ from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.commands.parts import forget, parts_folder
 from contactlearn.cli.commands.plain import plain_values
 from contactlearn.core.devices import moved
+from contactlearn.diagnosis.events import track
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.learning import curves as study
@@ -23,6 +24,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report import terminal
+from contactlearn.report.events import progress
 from contactlearn.report.figures import learning
 from contactlearn.report.tensorboard import Tracker
 from contactlearn.results import folder as run_folder
@@ -79,7 +81,7 @@ def _transferred(
 ) -> tuple[ContactModel, dict[str, dict[str, Curve]]]:
     """Train one model, and compute its curves by body and way."""
     source, bodies = moved((source, bodies), settings.device(cfg))
-    with terminal.progress() as bar:
+    with progress(results.run_folder()) as on_event:
         found = study.transfer_curves(
             recipe,
             source,
@@ -92,7 +94,7 @@ def _transferred(
             work=study.Work(
                 processes=fitting.workers(cfg),
                 kept=kept,
-                progress=lambda done, total: bar.track(done, total, description=f"transfer of {name}"),
+                progress=lambda done, total: track(done, f"transfer of {name}", on_event, total),
             ),
         )
     return moved(found, "cpu")

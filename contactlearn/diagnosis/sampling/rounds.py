@@ -9,7 +9,7 @@ from jaxtyping import Int
 from torch import Tensor
 
 from contactlearn.data.audit.corrections import correct
-from contactlearn.diagnosis.observer import Step
+from contactlearn.diagnosis.events import SampleConfirmed, SubsampleStarted
 from contactlearn.diagnosis.result import Answer, Diagnosis, Limit, Sample
 from contactlearn.diagnosis.sampling.confirmation import confirm
 from contactlearn.diagnosis.sampling.draw import object_numbers, space_filling
@@ -52,7 +52,7 @@ class Rounds:
             generator = torch.Generator().manual_seed(self.seed + k)
             rows = space_filling(impacts, size, generator)
             found = read_kept(self.study.kept, size) if self.study.kept is not None else None
-            self.study.observer.step(self._step(objects, rows, speed, kept=found is not None))
+            self.study.on_event(self._started(objects, rows, speed, resumed=found is not None))
             if found is None:
                 began = time.monotonic()
                 found = self.diagnosed(replace(self.study, generator=generator), impacts[rows])
@@ -82,17 +82,19 @@ class Rounds:
     def _affordable(self, trials: int) -> bool:
         return self.study.memory is None or _bytes(trials) <= self.study.memory
 
-    def _step(self, objects: Int[Tensor, " n"], rows: Int[Tensor, " k"], speed: float, *, kept: bool) -> Step:
-        """What comes next, and what it takes."""
+    def _started(
+        self, objects: Int[Tensor, " n"], rows: Int[Tensor, " k"], speed: float, *, resumed: bool
+    ) -> SubsampleStarted:
+        """Describe the next subsample, and estimate its time and memory."""
         size = len(rows)
-        return Step(
+        return SubsampleStarted(
             trials=size,
-            of=len(objects),
+            table_trials=len(objects),
             objects=int(objects.max()) + 1,
             objects_seen=len(objects[rows].unique()),
             seconds=speed * _seconds(size),
             gigabytes=1e-9 * _bytes(size),
-            kept=kept,
+            resumed=resumed,
         )
 
     def _confirmed(
@@ -124,7 +126,7 @@ class Rounds:
             limit=limit,
             confirmation=confirmation,
         )
-        self.study.observer.confirmed(sample)
+        self.study.on_event(SampleConfirmed(sample=sample))
         findings = [one for one in found.findings if one.name != "model_outliers"]
         findings += [confirmation.outliers] if confirmation.outliers is not None else []
         return replace(found, findings=tuple(findings), sample=sample)

@@ -1,6 +1,6 @@
 """The diagnosis of a large table by subsamples, in sentences: what was diagnosed, and how all its trials confirm it."""
 
-from contactlearn.diagnosis.observer import Step
+from contactlearn.diagnosis.events import SubsampleStarted
 from contactlearn.diagnosis.result import Answer, Confirmation, Diagnosis, FailingRegion, Limit, Sample
 from contactlearn.report.text.names import effect_label, law_label, listed, sentence
 from contactlearn.report.text.numbers import counted, error, interval, p_value, percent, times
@@ -12,14 +12,13 @@ _LIMITS = {
 }
 
 
-def step(coming: Step) -> str:
+def step(coming: SubsampleStarted) -> str:
     """Say which subsample comes next, and what it takes."""
-    size = f"{counted(coming.trials)} of {counted(coming.of)} trials are diagnosed next"
-    if coming.kept:
-        said = f"{counted(coming.trials)} of {counted(coming.of)} trials"
-        return f"{said} were already diagnosed before the run was interrupted"
+    size = f"{counted(coming.trials)} of {counted(coming.table_trials)} trials"
+    if coming.resumed:
+        return f"{size} were already diagnosed before the run was interrupted"
     needs = f"about {coming.seconds:.0f} s and {coming.gigabytes:.1f} GB"
-    return f"{size}, {_evenly(coming.objects_seen, coming.objects)}: {needs}"
+    return f"{size} are diagnosed next, {_evenly(coming.objects_seen, coming.objects)}: {needs}"
 
 
 def summary_of(sample: Sample) -> list[str]:

@@ -1,4 +1,4 @@
-"""`python undrawn.py diagnose …`: a command in a process of its own that searches and draws no more than tests need."""
+"""`python run_without_figures.py diagnose …`: a command that searches and draws no more than tests need."""
 
 import sys
 

@@ -1,0 +1,202 @@
+"""Progress of a diagnosis, a training or an evaluation, as typed events.
+
+A function that takes long calls `on_event` with one event for each result and for each step of a long task.  Terminal,
+workbench and tests consume the same types.  For example
+
+    def on_event(event: Event) -> None:
+        if isinstance(event, EffectsFound):
+            print(event.effects)
+
+    diagnose(impacts, on_event=on_event)
+
+The commands also append their events to `progress.jsonl` in the run folder, one JSON object per line, so that another
+process can follow a run: `read_events` decodes them.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sized
+from pathlib import Path
+from typing import TypeAlias, TypeVar
+
+import msgspec
+
+from contactlearn.diagnosis.result import ErrorLimits, Finding, LawFit, MissingEffect, Region, Remainder, Sample
+from contactlearn.effects import EffectId
+from contactlearn.inference.evaluation.metrics import Interval
+
+FILE = "progress.jsonl"
+"""Name of the file of events in a run folder."""
+_INTERVAL = 0.1  # s between two events of a task
+_Item = TypeVar("_Item")
+
+
+class _Event(msgspec.Struct, frozen=True, kw_only=True, tag_field="event"):
+    """Common base: immutable, written to JSON with the name of its class."""
+
+
+class TaskProgress(_Event):
+    """A long task goes on: `done` steps of `total`; `total` is None while it is unknown."""
+
+    task: str
+    done: int
+    total: int | None
+
+
+class AuditFindings(_Event):
+    """The audit, or a later stage, has findings about the measurements; empty if the audit has none."""
+
+    findings: tuple[Finding, ...]
+
+
+class SubsampleStarted(_Event):
+    """The next subsample of a large table is diagnosed; the following events are about it.
+
+    Args:
+        trials: of the subsample.
+        table_trials: of the whole table.
+        objects: of the whole table.
+        objects_seen: of the subsample.
+        seconds: estimated computing time.
+        gigabytes: estimated memory.
+        resumed: an earlier run has diagnosed this subsample, and its result is reused.
+    """
+
+    trials: int
+    table_trials: int
+    objects: int
+    objects_seen: int
+    seconds: float
+    gigabytes: float
+    resumed: bool = False
+
+
+class LawsCompared(_Event):
+    """The held-out errors of all laws are known; `law` is the given one, or else the best."""
+
+    law: str
+    fits: tuple[LawFit, ...]
+
+
+class CandidatesExcluded(_Event):
+    """These candidate effects cannot be decided: they need a body's shape, or more trials."""
+
+    candidates: tuple[EffectId, ...]
+
+
+class VelocitiesAveraged(_Event):
+    """Some measured velocities are replaced by their means."""
+
+    findings: tuple[Finding, ...]
+
+
+class LimitsEstimated(_Event):
+    """The errors of the law, of the flexible ceiling and of the rigid bound are known; again if the law changes."""
+
+    limits: ErrorLimits
+
+
+class RegionsFound(_Event):
+    """The regions in which the law fails are known; again if the law changes."""
+
+    regions: tuple[Region, ...]
+
+
+class LawChanged(_Event):
+    """With the effects, this law predicts better than the one chosen before."""
+
+    law: str
+
+
+class EffectsFound(_Event):
+    """The missing effects, without rivals so far, and the regions that they improve."""
+
+    effects: tuple[MissingEffect, ...]
+    regions: tuple[Region, ...]
+
+
+class RemainderLearned(_Event):
+    """The predictable part of the residual of the full model."""
+
+    remainder: Remainder
+
+
+class FormulasSkipped(_Event):
+    """No formulas are sought for the predictable residual."""
+
+    reason: str
+
+
+class SampleConfirmed(_Event):
+    """The result on the last subsample has been tested on all trials of a large table."""
+
+    sample: Sample
+
+
+class LearningProgress(_Event):
+    """Models are trained on subsets: held-out errors so far by model, each with its number of training trials."""
+
+    done: int
+    total: int
+    errors: dict[str, tuple[tuple[int, Interval], ...]]
+
+
+Event: TypeAlias = (
+    TaskProgress
+    | AuditFindings
+    | SubsampleStarted
+    | LawsCompared
+    | CandidatesExcluded
+    | VelocitiesAveraged
+    | LimitsEstimated
+    | RegionsFound
+    | LawChanged
+    | EffectsFound
+    | RemainderLearned
+    | FormulasSkipped
+    | SampleConfirmed
+    | LearningProgress
+)
+"""Any event."""
+OnEvent: TypeAlias = Callable[[Event], None]
+"""Consumer of events."""
+_decoder = msgspec.json.Decoder(Event)
+
+
+def ignore(event: Event) -> None:
+    """Consume an event without effect."""
+
+
+def track(items: Iterable[_Item], task: str, on_event: OnEvent, total: int | None = None) -> Iterator[_Item]:
+    """Yield the items of a long task, and report how many are done.
+
+    Args:
+        items: steps of the task.
+        task: its name for the user.
+        on_event: receives a `TaskProgress` at the beginning, at the end, and at most every 0.1 s in between.
+        total: number of items if they have no length.
+    """
+    total = len(items) if total is None and isinstance(items, Sized) else total
+    done, latest = 0, time.monotonic()
+    on_event(TaskProgress(task=task, done=0, total=total))
+    for done, item in enumerate(items, 1):
+        yield item
+        if time.monotonic() - latest > _INTERVAL:
+            latest = time.monotonic()
+            on_event(TaskProgress(task=task, done=done, total=total))
+    on_event(TaskProgress(task=task, done=done, total=done))
+
+
+def append_event(path: Path, event: Event) -> None:
+    """Append an event to a file as one line of JSON."""
+    with path.open("ab") as file:
+        file.write(msgspec.json.encode(event) + b"\n")
+
+
+def read_events(path: Path) -> list[Event]:
+    """Read the events of a file; a last line without an end is still being written.
+
+    Raises:
+        msgspec.ValidationError: a line is no event.
+    """
+    lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []
+    return [_decoder.decode(line) for line in lines]

@@ -1,0 +1,174 @@
+"""Events of a run on the terminal, and the verdict of a diagnosis at its end."""
+
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from contactlearn.diagnosis.events import (
+    FILE,
+    AuditFindings,
+    CandidatesExcluded,
+    EffectsFound,
+    Event,
+    FormulasSkipped,
+    LawChanged,
+    LawsCompared,
+    LearningProgress,
+    LimitsEstimated,
+    OnEvent,
+    RegionsFound,
+    RemainderLearned,
+    SampleConfirmed,
+    SubsampleStarted,
+    TaskProgress,
+    VelocitiesAveraged,
+    append_event,
+)
+from contactlearn.diagnosis.result import Diagnosis, Finding
+from contactlearn.report.terminal import console, say
+from contactlearn.report.text import base_label, error, headline, rung_label, samples, search, sentence, stages
+
+_LONG = 5.0  # s after which a task is named where no bar is seen
+
+
+class TerminalObserver:
+    """Print the results among the events, and count long tasks on a display if there is one.
+
+    Without a terminal that can show bars, a task that takes long is named once.
+    """
+
+    def __init__(self, display: Progress | None = None) -> None:
+        self._display, self._tasks = display, dict[str, TaskID]()
+        self._began = dict[str, float]()
+
+    def __call__(self, event: Event) -> None:
+        """Show an event."""
+        if isinstance(event, TaskProgress) and self._display is not None:
+            self._show_progress(event, self._display)
+        for line in event_lines(event):
+            say(line)
+
+    def _show_progress(self, event: TaskProgress, display: Progress) -> None:
+        if event.done == 0:
+            self._tasks[event.task] = display.add_task(event.task, total=event.total)
+            self._began[event.task] = time.monotonic()
+        display.update(self._tasks[event.task], completed=event.done, total=event.total)
+        waited = event.done and time.monotonic() - self._began.get(event.task, time.monotonic()) > _LONG
+        if waited and not display.console.is_terminal:
+            del self._began[event.task]
+            say(f"{event.task} …")
+
+
+@contextmanager
+def progress(folder: Path | None = None) -> Generator[OnEvent]:
+    """Show events on the terminal, with bars that disappear at the end.
+
+    Args:
+        folder: of the run, whose `progress.jsonl` the events are appended to; they are not kept if None.
+    """
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as display:
+        show = TerminalObserver(display)
+
+        def on_event(event: Event) -> None:
+            show(event)
+            if folder is not None:
+                append_event(folder / FILE, event)
+
+        yield on_event
+
+
+def event_lines(event: Event) -> list[str]:
+    """Describe an event in lines of text; none for bare progress, and for what the verdict describes."""
+    match event:
+        case AuditFindings():
+            return [_finding_line("audit", one) for one in event.findings] or [f"audit: {stages.CONSISTENT}"]
+        case SubsampleStarted():
+            return [f"sample: {samples.step(event)}"]
+        case LawsCompared():
+            return [f"law: {stages.laws(event.law, event.fits)}"]
+        case CandidatesExcluded():
+            return [f"note: {stages.left_out(event.candidates)}"]
+        case VelocitiesAveraged():
+            return [_finding_line("note", one) for one in event.findings]
+        case LimitsEstimated():
+            return [f"budget: {stages.limits(event.limits)}"]
+        case RegionsFound():
+            return [f"region: {stages.region(one)}" for one in event.regions] or [f"region: {stages.NO_REGION}"]
+        case LawChanged():
+            return [f"law: {stages.law_changed(event.law)}"]
+        case EffectsFound():
+            lines: list[str] = []
+            for effect in event.effects:
+                lines.append(f"missing: {stages.missing_effect(effect)}")
+                lines += [f"  {improvement}" for improvement in stages.improvements(effect, event.regions)]
+            return lines
+        case FormulasSkipped():
+            return [f"note: no formulas for the residual: {event.reason}"]
+        case SampleConfirmed():
+            return [f"all trials: {one}" for one in samples.summary_of(event.sample)]
+        case TaskProgress() | RemainderLearned() | LearningProgress():
+            return []
+
+
+def _finding_line(kind: str, finding: Finding) -> str:
+    """Describe a finding, and its correction if it is corrected."""
+    return f"{kind}: {sentence(finding.sentence)} {stages.correction_note(finding)}".rstrip()
+
+
+def show_verdict(found: Diagnosis, command: str) -> None:
+    """Print rivals, the next experiment, the residual, the ladder and the verdict.
+
+    Args:
+        found: the diagnosis.
+        command: that evaluates the model with the missing effects.
+    """
+    _show_search(found)
+    _show_rivals(found)
+    _show_residual(found)
+    for rung in found.ladder:
+        mean, low, high = map(error, rung.error)
+        say(f"  {mean}  {low}–{high}  {rung_label(rung, base_label(found))}")
+    if found.budget is not None:
+        say(f"budget: {stages.noise(found.budget)} {stages.shares(found.budget)}")
+    if found.equation:
+        say(found.equation)
+    say(f"verdict: {headline(found)}")
+    for note in (stages.misfit(found), stages.better_law(found)):
+        if note:
+            say(f"note: {note}")
+    if found.missing:
+        say(f"to use it: {command}")
+
+
+def _show_search(found: Diagnosis) -> None:
+    """The best model of each number of effects, and the models that the data do not distinguish."""
+    for model in found.frontier:
+        say(f"frontier: {search.frontier_line(model)}")
+    for model in search.listed_models(found):
+        say(f"model: {search.share(model)}  {search.listed_name(found, model)}")
+    for note in search.notes(found):
+        say(f"note: {note}")
+
+
+def _show_rivals(found: Diagnosis) -> None:
+    """Effects that the data do not distinguish, and the drops that do."""
+    for missing in found.missing:
+        if missing.rivals:
+            say(f"rivals: {stages.rivals(missing)}")
+    if found.experiment is not None:
+        for drop in found.experiment.drops:
+            say(f"next experiment: {stages.drop(drop, found.experiment)}")
+        for separation in found.experiment.separations:
+            say(f"next experiment: {stages.needed_drops(separation)}")
+
+
+def _show_residual(found: Diagnosis) -> None:
+    """The predictable part of the residual, and formulas for it."""
+    if found.remainder is not None:
+        say(f"residual: {' '.join(stages.residual(found.remainder))}")
+    for formula in found.formulas:
+        say(f"formula: {stages.formula_change(formula)}: {stages.formula_overrides(formula)}")
