@@ -20,7 +20,14 @@ version = release = contactlearn.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 root_doc = "docs/index"
-include_patterns = ["docs/**/*.md", "docs/*.md", "examples/**/*.md", "examples/*.md", "benchmarks/*.md"]
+include_patterns = [
+    "docs/**/*.md",
+    "docs/*.md",
+    "examples/**/*.md",
+    "examples/*.md",
+    "benchmarks/*.md",
+    "benchmarks/**/*.md",
+]
 include_patterns += ["CONTRIBUTING.md", "CHANGELOG.md"]
 exclude_patterns = [".*", "outputs", "multirun", "site"]
 

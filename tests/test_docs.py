@@ -18,7 +18,7 @@ from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.results import folder
 
 ROOT = Path(__file__).parent.parent
-DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/*.md")])
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/**/*.md")])
 HELP = sorted(ROOT.glob("configs/hydra/help/*.yaml"))
 
 
