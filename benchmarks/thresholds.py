@@ -28,13 +28,13 @@ from studies import (
     flights,
     frames,
     measurements,
-    modulations,
     residuals,
     rests,
     rivals,
     samples,
     search,
-    sequences,
+    serial_dependence,
+    state_dependence,
 )
 from studies.memory import memory
 from studies.study import AllThresholds, Row, paths, replaced
@@ -51,8 +51,8 @@ ROWS: tuple[Row, ...] = (
     *descriptions.ROWS,
     *fits.ROWS,
     *samples.ROWS,
-    *sequences.ROWS,
-    *modulations.ROWS,
+    *serial_dependence.ROWS,
+    *state_dependence.ROWS,
 )
 STUDIES = {row.study.name: row.study for row in ROWS}
 

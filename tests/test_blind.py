@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from contactlearn import diagnose
-from contactlearn.diagnosis.result import Coefficient, Past
+from contactlearn.diagnosis.result import Coefficient, LaggedVariable
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.effects.registry import catalogue
 from contactlearn.mechanics.shapes import shape_entries
@@ -112,7 +112,7 @@ def test_the_truth_speaks_the_words_of_the_package(suite):
         assert truth.right | {*truth.tolerated, *truth.ignored} <= set(catalogue())
         assert truth.coefficient in (*Coefficient, None)
         assert set(truth.variables) <= set(SYMBOLS)
-        assert set(truth.follows) <= set(Past)
+        assert set(truth.follows) <= set(LaggedVariable)
         assert bool(truth.accepted) == (truth.question in ("effects", "confounded", "includes", "ordered")) or (
             truth.question == "unknown" and suite == "author_b"
         )

@@ -9,7 +9,6 @@ from repetitions import repeated
 from contactlearn import laws
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.serialisation import from_json, to_json
-from contactlearn.diagnosis.discrimination.contest import Contest
 from contactlearn.diagnosis.discrimination.experiment import (
     STATES,
     Substitution,
@@ -17,6 +16,7 @@ from contactlearn.diagnosis.discrimination.experiment import (
     reachable,
     separations_of,
 )
+from contactlearn.diagnosis.discrimination.model_discrimination import ModelDiscrimination
 from contactlearn.diagnosis.discrimination.rivals import find_rivals, similarity
 from contactlearn.diagnosis.result.rivals import Experiment
 from contactlearn.diagnosis.search.pool import Pool, Spec
@@ -243,10 +243,13 @@ def test_evidence_drop_by_drop_is_that_of_all_of_them_together():
         for k, shape in enumerate(((4, 3), (4, 3, 5), (5, 5)))
     )
     noise, covariance = torch.diag(NOISE), root @ root.T
-    contest, total = Contest(difference=difference, slope=slope, covariance=covariance, noise=noise), 0.0
+    discrimination, total = (
+        ModelDiscrimination(difference=difference, slope=slope, covariance=covariance, noise=noise),
+        0.0,
+    )
     for k in range(4):
-        total += contest.squared()[k]
-        contest = contest.after(k)
+        total += discrimination.squared()[k]
+        discrimination = discrimination.after(k)
     J = slope.flatten(0, 1)
     together = torch.block_diag(*[noise] * 4) + J @ covariance @ J.T
     assert total == pytest.approx((difference.flatten() @ torch.linalg.solve(together, difference.flatten())).item())

@@ -15,7 +15,7 @@ from contactlearn.diagnosis.result.remainder import Remainder, WrenchComponent
 from contactlearn.diagnosis.thresholds import RemainderThresholds
 from contactlearn.diagnosis.unexplained.formulas import formula_effect, formulas
 from contactlearn.diagnosis.unexplained.library import Library
-from contactlearn.diagnosis.unexplained.remainder import is_clear, learn_remainder
+from contactlearn.diagnosis.unexplained.remainder import is_significant, learn_remainder
 from contactlearn.effects import find_effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.inference.evaluation.metrics import mass_error
@@ -155,9 +155,9 @@ def test_a_drift_with_the_order_of_the_trials_is_seen():
 
 def test_a_component_needs_both_size_and_certainty():
     limits = RemainderThresholds()
-    assert is_clear(0.5, 0.1, limits)
-    assert not is_clear(0.5, 0.2, limits)
-    assert not is_clear(0.03, 0.001, limits)
+    assert is_significant(0.5, 0.1, limits)
+    assert not is_significant(0.5, 0.2, limits)
+    assert not is_significant(0.03, 0.001, limits)
 
 
 def test_too_few_trials_are_refused():

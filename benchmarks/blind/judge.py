@@ -75,9 +75,9 @@ class Answer:
 def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
     """Write down what a diagnosis concludes."""
     remainder, missing = found.remainder, found.missing
-    serial = None if remainder is None else remainder.succession
-    state = None if remainder is None else remainder.modulation
-    learnt = sorted(remainder.variables, key=lambda one: -one.share) if remainder and remainder.learnt else []
+    serial = None if remainder is None else remainder.serial_dependence
+    state = None if remainder is None else remainder.state_dependence
+    learnt = sorted(remainder.variables, key=lambda one: -one.share) if remainder and remainder.predictable else []
     named = 0.0 if found.budget is None else found.budget.named.mean
     return Answer(
         suite=suite,
@@ -101,7 +101,7 @@ def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
         if serial is None
         else {
             "coefficient": None if serial.coefficient is None else str(serial.coefficient),
-            "follows": str(serial.follows),
+            "follows": str(serial.variable),
             "trials": serial.trials,
             "share": serial.share.mean,
         },
@@ -112,7 +112,7 @@ def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
             "variables": [one.symbol for one in state.variables],
             "share": state.share.mean,
         },
-        superseded=[] if state is None else [one.name for one in state.instead_of],
+        superseded=[] if state is None else [one.name for one in state.superseded_effects],
         formulas=[one.text for one in found.formulas],
         complete=found.complete,
     )

@@ -19,7 +19,7 @@ from contactlearn.diagnosis.search.candidates import follows_order
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec
 from contactlearn.diagnosis.search.selection import Selection, validated
 from contactlearn.diagnosis.sequence import Dependence, blocks, dependence, drift_kind
-from contactlearn.diagnosis.thresholds import SequenceThresholds, Thresholds
+from contactlearn.diagnosis.thresholds import SerialDependenceThresholds, Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.identification.joint import FitOptions, JointFit, linearise
 from contactlearn.inference.identification.robust import robust_distance
@@ -47,7 +47,7 @@ def ordered_candidates(selection: Selection, drift: Drift) -> set[EffectId]:
 
 def measurement_drift(selection: Selection, thresholds: Thresholds, generator: torch.Generator) -> Drift | None:
     """Find the dependence of the measurement along the sequence; None without any, or where a parameter drifts."""
-    pool, without, level = selection.pool, _without_order(selection), thresholds.sequence
+    pool, without, level = selection.pool, _without_order(selection), thresholds.serial_dependence
     found = drifts(without.fit, selection.impacts, pool.options, level)
     lasting = selection.spec.effects - without.spec.effects
     if found is None or not lasting:
@@ -90,7 +90,9 @@ def lasts_beside(
     return bool(sums.sum() > sigmas * sums.square().sum().sqrt() and over[held].sum() > 0)
 
 
-def drifts(fit: JointFit, impacts: Impacts, options: FitOptions, thresholds: SequenceThresholds) -> Dependence | None:
+def drifts(
+    fit: JointFit, impacts: Impacts, options: FitOptions, thresholds: SerialDependenceThresholds
+) -> Dependence | None:
     """Find the dependence of the measurement in the residual of a fitted model; None without any, or of a parameter."""
     model, residual = fit.model, _left(impacts, fit)
     found = dependence(residual, impacts.order, fit.inliers, thresholds.level / 2)

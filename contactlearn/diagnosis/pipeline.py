@@ -47,14 +47,14 @@ from contactlearn.diagnosis.search.candidates import all_candidates, all_laws, o
 from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
 from contactlearn.diagnosis.search.selection import Selection, validated
 from contactlearn.diagnosis.stages import (
-    Explained,
-    Searched,
+    EffectComparison,
+    ErrorDecomposition,
+    SearchResult,
     Study,
-    Unexplained,
-    ask_state,
+    assess_state_dependence,
     compare_effects,
     corrected,
-    divide_error,
+    decompose_error,
     search_effects,
 )
 from contactlearn.diagnosis.thresholds import Thresholds
@@ -136,7 +136,7 @@ def _diagnosed(study: Study, law: Law | None, impacts: Impacts, findings: tuple[
     fits = study.law_fits(impacts, folds)
     study, searched, drift = _searched(study, law, fits, impacts, folds)
     explained = compare_effects(study, searched)
-    rest = divide_error(study, searched, explained.ladder)
+    rest = decompose_error(study, searched, explained.ladder)
     return _assembled(study, searched, explained, rest, fits, (*findings, *drift, *searched.notes))
 
 
@@ -148,7 +148,7 @@ def _refused(law: Law | None, findings: tuple[Finding, ...], thresholds: Thresho
 
 def _searched(
     study: Study, law: Law | None, fits: Sequence[LawFit], impacts: Impacts, folds: Folds
-) -> tuple[Study, Searched, tuple[Finding, ...]]:
+) -> tuple[Study, SearchResult, tuple[Finding, ...]]:
     """The search, repeated without what follows the order of the trials where the measurement drifts."""
     chosen = law or study.laws[min(fits, key=lambda fit: fit.error).name]
     study.on_event(LawsCompared(law=chosen.name, fits=tuple(fits)))
@@ -156,14 +156,14 @@ def _searched(
     drift = measurement_drift(searched.selection, study.thresholds, study.generator)
     rest = study if drift is None else study.without_order(ordered_candidates(searched.selection, drift))
     if drift is None:
-        return study, ask_state(study, searched), ()
+        return study, assess_state_dependence(study, searched), ()
     if not rest.candidates:
         return study, searched, ()
     findings = (drift_finding(drift),)
     study.on_event(AuditFindings(findings=findings))
     folds = blocked_folds(drift, searched.selection, study.generator)
     searched = search_effects(rest, chosen, fits, law is None, impacts, folds)
-    return rest, ask_state(rest, searched, drift.found.block), findings
+    return rest, assess_state_dependence(rest, searched, drift.found.block), findings
 
 
 # --- The result --------------------------------------------------------------------------------
@@ -171,9 +171,9 @@ def _searched(
 
 def _assembled(
     study: Study,
-    searched: Searched,
-    explained: Explained,
-    rest: Unexplained,
+    searched: SearchResult,
+    explained: EffectComparison,
+    rest: ErrorDecomposition,
     laws: Sequence[LawFit],
     findings: tuple[Finding, ...],
 ) -> Diagnosis:
@@ -227,7 +227,7 @@ def _assembled(
 
 
 def _choices(
-    study: Study, selection: Selection, explained: Explained
+    study: Study, selection: Selection, explained: EffectComparison
 ) -> tuple[FittedChoices, tuple[MissingEffect, ...]]:
     """Every subset of the missing effects, and these with their rivals and reductions on all trials."""
     impacts, generator = selection.impacts, torch.Generator().manual_seed(0)
@@ -251,7 +251,7 @@ def _choices(
     return chosen, complete
 
 
-def _confidence(one: MissingEffect, rest: Unexplained) -> float:
+def _confidence(one: MissingEffect, rest: ErrorDecomposition) -> float:
     """The probability that a name is right."""
     gain = one.error_reduction / (rest.budget.named.mean + max(one.error_reduction, 0.0) or 1.0)
     return calibrated(one.share, gain, rest.learned.remainder.share.mean)
@@ -285,7 +285,11 @@ def _frontier(study: Study, selection: Selection) -> tuple[FrontierModel, ...]:
 
 
 def _physics(
-    missing: Sequence[MissingEffect], rest: Unexplained, laws: Sequence[LawFit], complete: bool, thresholds: Thresholds
+    missing: Sequence[MissingEffect],
+    rest: ErrorDecomposition,
+    laws: Sequence[LawFit],
+    complete: bool,
+    thresholds: Thresholds,
 ) -> Verdict:
     """The verdict about the corrected data: unknown where much is predictable, or a better law is known.
 

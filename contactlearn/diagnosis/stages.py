@@ -2,9 +2,9 @@
 
     Study            the question: given effects, candidates, laws, options, and the random source of all stages
     search_effects   the selection around a law, and the failures of that law
-    ask_state        what the state of each trial tells of the remainder, and the effects that only stand for it
+    assess_state_dependence  dependence of what remains on the state, and the model without proxy effects
     compare_effects  the ladder of the effects, their rivals, and the experiment that separates them
-    divide_error     the predictable part of the residual, formulas for it, and the error budget
+    decompose_error  the predictable part of the residual, formulas for it, and the error budget
 
 Each stage is a function of the study and of the results before it.  The generator is drawn from in this order.
 """
@@ -44,18 +44,18 @@ from contactlearn.diagnosis.result import (
     Finding,
     Formula,
     LawFit,
-    Modulation,
     Region,
+    StateDependence,
 )
 from contactlearn.diagnosis.search.candidates import usable
 from contactlearn.diagnosis.search.ladder import Ladder, ladder
 from contactlearn.diagnosis.search.selection import Selection, select
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.followed import find_succession
 from contactlearn.diagnosis.unexplained.formulas import formulas
-from contactlearn.diagnosis.unexplained.modulated import find_modulation
+from contactlearn.diagnosis.unexplained.proxy_effects import drop_proxies
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder, learn_remainder
-from contactlearn.diagnosis.unexplained.stand_ins import without_stand_ins
+from contactlearn.diagnosis.unexplained.serial_dependence import find_serial_dependence
+from contactlearn.diagnosis.unexplained.state_dependence import find_state_dependence
 from contactlearn.effects import Effect, EffectId
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.inference.validation import CrossValidation, Folds, ValidatedFit, held_out_error, held_out_interval
@@ -160,19 +160,19 @@ def corrected(impacts: Impacts, findings: Iterable[Finding], thresholds: Thresho
 
 
 @dataclass(frozen=True, kw_only=True)
-class Searched:
+class SearchResult:
     """The selection after its run, and the failures of the law that it is around."""
 
     selection: Selection
     notes: tuple[Finding, ...]
     limits: ErrorLimits
     regions: tuple[Region, ...]
-    modulation: Modulation | None = None
+    state_dependence: StateDependence | None = None
 
     @classmethod
     def around(
         cls, study: Study, selection: Selection, notes: tuple[Finding, ...], ceiling: LearnedRemainder | None = None
-    ) -> "Searched":
+    ) -> "SearchResult":
         """Find the failures of a selection's law, with the predictable part of its residual if that is known."""
         if ceiling is None:
             ceiling = study.remainder(selection.base, selection.impacts, selection.folds)
@@ -182,7 +182,7 @@ class Searched:
 
 def search_effects(
     study: Study, law: Law, fits: Sequence[LawFit], chosen: bool, impacts: Impacts, folds: Folds
-) -> Searched:
+) -> SearchResult:
     """Select a law and effects; the law is the given one, or any where it was only `chosen` as the best alone."""
     among = study.usable(impacts)
     ceiling = study.remainder(study.base(law, impacts, folds), impacts, folds)
@@ -206,22 +206,22 @@ def search_effects(
     same = selection.law.name == law.name
     if not same:
         study.on_event(LawChanged(law=selection.law.name))
-    return Searched.around(study, selection, notes, ceiling if same and not notes else None)
+    return SearchResult.around(study, selection, notes, ceiling if same and not notes else None)
 
 
-def ask_state(study: Study, searched: Searched, block: int = 1) -> Searched:
+def assess_state_dependence(study: Study, searched: SearchResult, block: int = 1) -> SearchResult:
     """Find what the state of the trials tells, and choose the model without effects that only stand for it.
 
     Errors of so many neighbouring trials, a `block`, may resemble each other.
     """
     selection, impacts, limits = searched.selection, searched.selection.impacts, study.thresholds
-    ask = partial(find_modulation, impacts, options=study.options, thresholds=limits, block=block)
+    ask = partial(find_state_dependence, impacts, options=study.options, thresholds=limits, block=block)
     found = ask(selection.present.fit, selection.pool.best().fit)
-    asked = replace(searched, modulation=found)
+    asked = replace(searched, state_dependence=found)
     if found is None or not found.large:
         return asked
     path = selection.path()
-    fewest = without_stand_ins(impacts, [one.fit for one in path], study.options, limits.modulation, block)
+    fewest = drop_proxies(impacts, [one.fit for one in path], study.options, limits.state_dependence, block)
     spec = path[fewest].spec
     if spec == selection.spec:
         return asked
@@ -229,18 +229,18 @@ def ask_state(study: Study, searched: Searched, block: int = 1) -> Searched:
     found = ask(less.present.fit, less.present.fit)
     if found is None or not found.large:
         return asked
-    found = replace(found, instead_of=tuple(sorted(selection.spec.effects - spec.effects)))
+    found = replace(found, superseded_effects=tuple(sorted(selection.spec.effects - spec.effects)))
     if spec.law == selection.spec.law:
-        return replace(searched, selection=less, modulation=found)
+        return replace(searched, selection=less, state_dependence=found)
     study.on_event(LawChanged(law=spec.law))
-    return replace(Searched.around(study, less, searched.notes), modulation=found)
+    return replace(SearchResult.around(study, less, searched.notes), state_dependence=found)
 
 
 # --- What the effects explain, and what they do not --------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
-class Explained:
+class EffectComparison:
     """The ladder, rivals of its effects, and the experiment that separates them."""
 
     ladder: Ladder
@@ -248,7 +248,7 @@ class Explained:
     experiment: Experiment | None
 
 
-def compare_effects(study: Study, searched: Searched) -> Explained:
+def compare_effects(study: Study, searched: SearchResult) -> EffectComparison:
     """Order the effects, and look for what else could explain the same."""
     selection = searched.selection
     rungs = ladder(selection, searched.regions, study.generator)
@@ -261,11 +261,11 @@ def compare_effects(study: Study, searched: Searched) -> Explained:
     if models:
         chosen = selection.present.fit.model
         experiment = next_experiment(selection.impacts, chosen, models, generator=study.generator, limits=study.limits)
-    return Explained(ladder=rungs, rivals=rivals, experiment=experiment)
+    return EffectComparison(ladder=rungs, rivals=rivals, experiment=experiment)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Unexplained:
+class ErrorDecomposition:
     """The remainder of the full model, formulas for it, and the error budget."""
 
     learned: LearnedRemainder
@@ -273,14 +273,14 @@ class Unexplained:
     budget: ErrorBudget
 
 
-def divide_error(study: Study, searched: Searched, rungs: Ladder) -> Unexplained:
+def decompose_error(study: Study, searched: SearchResult, rungs: Ladder) -> ErrorDecomposition:
     """Learn what the full model leaves, and divide the error of the law."""
     selection = searched.selection
     impacts, fit = selection.impacts, selection.present.fit
     learned = study.remainder(selection.present, impacts, selection.folds)
     large = learned.remainder.large
-    succession = find_succession(impacts, fit, study.options, study.thresholds) if study.ordered else None
-    told = replace(learned.remainder, succession=succession, modulation=searched.modulation)
+    serial_dependence = find_serial_dependence(impacts, fit, study.options, study.thresholds) if study.ordered else None
+    told = replace(learned.remainder, serial_dependence=serial_dependence, state_dependence=searched.state_dependence)
     learned = replace(learned, remainder=told)
     study.on_event(RemainderLearned(remainder=told))
     written = _formulas(study, selection, learned) if large else ()
@@ -299,7 +299,7 @@ def divide_error(study: Study, searched: Searched, rungs: Ladder) -> Unexplained
         flexible=held_out_interval(learned.error, study.generator),
         floor=floor,
     )
-    return Unexplained(learned=learned, formulas=written, budget=budget)
+    return ErrorDecomposition(learned=learned, formulas=written, budget=budget)
 
 
 def _formulas(study: Study, selection: Selection, learned: LearnedRemainder) -> tuple[Formula, ...]:

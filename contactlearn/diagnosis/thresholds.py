@@ -90,30 +90,30 @@ class RemainderThresholds:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SequenceThresholds:
+class SerialDependenceThresholds:
     """Limits beyond which something is said to depend on the sequence of the trials."""
 
     level: float = 0.01
     """Probability of any statement where trials are independent: half of it for measurements that drift, half for
-    coefficients that follow the sequence (row sequence.level)."""
+    coefficients that follow the sequence (row serial_dependence.level)."""
     share: float = 0.02
     """Share of the residual that a coefficient that follows the sequence must take away for the verdict `unknown`: as
     much as of the error an effect must to be worth a name, since the level bounds false statements (row
-    sequence.share)."""
+    serial_dependence.share)."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModulationThresholds:
+class StateDependenceThresholds:
     """Limits beyond which something is said to depend on the state of the trials."""
 
     level: float = 0.005
-    """Probability of any statement where residuals do not depend on the state (row modulation.level)."""
+    """Probability of any statement where residuals do not depend on the state (row state_dependence.level)."""
     share: float = 0.02
     """Share of the residual that it must take away for the verdict `unknown`: as much as of the error an effect must to
-    be worth a name, since the level bounds false statements (row modulation.share)."""
+    be worth a name, since the level bounds false statements (row state_dependence.share)."""
     sigmas: float = 2.0
     """Standard errors of the paired difference of held-out residuals that are chance, where models of fewer effects are
-    compared with what the state tells of their remainders (row modulation.sigmas)."""
+    compared with what the state tells of their remainders (row state_dependence.sigmas)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,9 +171,9 @@ class Thresholds:
     """Of effects that cannot be told from missing ones."""
     remainder: RemainderThresholds = field(default_factory=RemainderThresholds)
     """Of the predictable part of the residual."""
-    sequence: SequenceThresholds = field(default_factory=SequenceThresholds)
+    serial_dependence: SerialDependenceThresholds = field(default_factory=SerialDependenceThresholds)
     """Of what depends on the sequence of the trials."""
-    modulation: ModulationThresholds = field(default_factory=ModulationThresholds)
+    state_dependence: StateDependenceThresholds = field(default_factory=StateDependenceThresholds)
     """Of what depends on the state of the trials."""
     formulas: FormulaThresholds = field(default_factory=FormulaThresholds)
     """Of formulas for it."""

@@ -1,7 +1,7 @@
 """The next experiment: the few drops that would best separate models that agree on the measurements.
 
-For many states before impact, within the limits of the set-up, both models predict the outcome; `contest` says by how
-many standard deviations they differ, and how much evidence a drop brings after those before it.
+For many states before impact, within the limits of the set-up, both models predict the outcome.  A
+`ModelDiscrimination` gives the standard deviations by which they differ, and the evidence of each further drop.
 
 States are drawn evenly within the limits (Sobol), in round numbers that can be set and said, and chosen one by one:
 each for the rival that is separated least so far, and away from those chosen before, since a model can be wrong at one
@@ -20,7 +20,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
-from contactlearn.diagnosis.discrimination.contest import Contest, Key, contests
+from contactlearn.diagnosis.discrimination.model_discrimination import Key, ModelDiscrimination, discriminations
 from contactlearn.diagnosis.failure.variables import symmetry
 from contactlearn.diagnosis.result.rivals import Drop, Experiment, Separation
 from contactlearn.effects import EffectId
@@ -78,14 +78,14 @@ def next_experiment(
     within = reachable(impacts, limits or {})
     states = _states(impacts, within, generator, drawn)
     squared = separations_of(impacts, chosen, rivals, states)
-    picked = _picked([*contests(impacts, chosen, rivals, states).values()], _places(states, within), count)
+    picked = _picked([*discriminations(impacts, chosen, rivals, states).values()], _places(states, within), count)
     located = _depends_on_place(impacts, chosen, rivals, states, squared, within)
     several = len({*impacts.object}) > 1
     drops = tuple(_drop(states, k, squared[:, k], located=located, named=several) for k in picked)
-    at_drops = contests(impacts, chosen, rivals, states[picked])
+    at_drops = discriminations(impacts, chosen, rivals, states[picked])
     separations = tuple(
-        Separation(effect=key.effect, rival=key.rival, drops_needed=contest.needed(odds))
-        for key, contest in at_drops.items()
+        Separation(effect=key.effect, rival=key.rival, drops_needed=discrimination.needed(odds))
+        for key, discrimination in at_drops.items()
     )
     return Experiment(separations=separations, drops=drops)
 
@@ -116,8 +116,10 @@ def _depends_on_place(
 def separations_of(
     impacts: Impacts, chosen: ContactModel, rivals: Mapping[Key, ContactModel], states: Impacts
 ) -> Float[Tensor, "r n"]:
-    """Compute the squared difference d² between a chosen model and each rival at states; see `contest`."""
-    return torch.stack([contest.squared() for contest in contests(impacts, chosen, rivals, states).values()])
+    """Compute the squared difference d² between a chosen model and each rival at states; see `ModelDiscrimination`."""
+    return torch.stack(
+        [discrimination.squared() for discrimination in discriminations(impacts, chosen, rivals, states).values()]
+    )
 
 
 def reachable(impacts: Impacts, limits: Mapping[str, tuple[float, float]]) -> Float[Tensor, "5 2"]:
@@ -178,7 +180,7 @@ def _places(states: Impacts, within: Float[Tensor, "5 2"]) -> Float[Tensor, "n 5
     return torch.cat((theta.cos() / 2, theta.sin() / 2, (states.v_pre - within[2:, 0]) / width.clamp_min(1e-9)), 1)
 
 
-def _picked(rivals: Sequence[Contest], places: Float[Tensor, "n 5"], count: int) -> list[int]:
+def _picked(rivals: Sequence[ModelDiscrimination], places: Float[Tensor, "n 5"], count: int) -> list[int]:
     """States one by one, each the best for the rival that is separated least so far, less where it is close."""
     picked, total = [], torch.zeros(len(rivals))
     near = places.new_ones(len(places))

@@ -39,14 +39,14 @@ class FittedRival:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mimicry:
+class Collinearity:
     """The share R² of an effect's change that a candidate mimics to first order, and the parameters that do so."""
 
     similarity: float
     start: Float[Tensor, " k"]
 
 
-_Task = tuple[EffectId, EffectId, Mimicry]
+_Task = tuple[EffectId, EffectId, Collinearity]
 """A chosen effect, and a candidate to be fitted in its place."""
 
 
@@ -64,25 +64,25 @@ def find_rivals(
     """
     exchanged = {effect: _exchanged(selection, effect) for effect in selection.missing}
     tasks = [
-        (effect, candidate, mimicry)
+        (effect, candidate, collinearity)
         for effect in selection.missing
-        for candidate, mimicry in similarity(selection, effect).items()
-        if mimicry.similarity >= thresholds.similarity or candidate in exchanged[effect]
+        for candidate, collinearity in similarity(selection, effect).items()
+        if collinearity.similarity >= thresholds.similarity or candidate in exchanged[effect]
     ]
     found: dict[EffectId, list[FittedRival]] = {effect: [] for effect in selection.missing}
     if not tasks:
         return dict.fromkeys(found, ())
     scatter, chosen = _yardstick(selection)
-    for effect, candidate, mimicry in progress(tasks):
-        fitted = _replaced(selection, effect, candidate, mimicry.start, scatter)
+    for effect, candidate, collinearity in progress(tasks):
+        fitted = _replaced(selection, effect, candidate, collinearity.start, scatter)
         gain, error = paired_gain(chosen, fitted)
-        rival = Rival(effect=candidate, similarity=mimicry.similarity, loss_difference=-gain, standard_error=error)
+        rival = Rival(effect=candidate, similarity=collinearity.similarity, loss_difference=-gain, standard_error=error)
         if _as_good(chosen, fitted, rival, thresholds):
             found[effect].append(FittedRival(rival=rival, fitted=fitted))
     return {effect: tuple(sorted(some, key=lambda one: one.rival.loss_difference)) for effect, some in found.items()}
 
 
-def similarity(selection: Selection, effect: EffectId) -> dict[EffectId, Mimicry]:
+def similarity(selection: Selection, effect: EffectId) -> dict[EffectId, Collinearity]:
     """Compute how well each candidate of another family mimics a chosen effect to first order."""
     present, pool = selection.present, selection.pool
     others = {key: value for key, value in present.effects.items() if key != effect.name}
@@ -105,7 +105,7 @@ def similarity(selection: Selection, effect: EffectId) -> dict[EffectId, Mimicry
         at += len(e.parameters)
         step, after = _least_squares(slope[:, own], change)
         share = 1 - (after / before).item() if before > 0 else 0.0
-        found[candidate] = Mimicry(similarity=share, start=start[own] + step)
+        found[candidate] = Collinearity(similarity=share, start=start[own] + step)
     return found
 
 

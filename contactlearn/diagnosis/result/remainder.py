@@ -51,7 +51,7 @@ class Coefficient(StrEnum):
     RESTITUTION = "eps"
 
 
-class Past(StrEnum):
+class LaggedVariable(StrEnum):
     """What a trial may depend on that is no part of its own state: its place in the sequence, or impacts before it.
 
     Impulses are those that the model predicts; slip, spin and tangential impulse count with their signs, their sizes
@@ -71,7 +71,7 @@ class Past(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Succession:
+class SerialDependence:
     """A dependence of what remains on the sequence of the trials, which no effect of the model explains.
 
     Args:
@@ -85,7 +85,7 @@ class Succession:
     """
 
     coefficient: Coefficient | None
-    follows: Past
+    variable: LaggedVariable
     trials: float
     p_value: float
     share: Interval
@@ -94,7 +94,7 @@ class Succession:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Modulation:
+class StateDependence:
     """A dependence of what remains on the state of each trial, which no effect of the model explains.
 
     Args:
@@ -105,7 +105,7 @@ class Modulation:
         large: whether that share is so high that something unknown must be missing.
         form_of: an effect of the model with the same coefficient as a function of the same variable, whose form is not
             nature's then; it is not unknown.
-        instead_of: effects of a larger model that predicts no better; they would stand for it.
+        superseded_effects: effects of a larger model that predicts no better; they would stand for it.
     """
 
     coefficient: Coefficient | None
@@ -114,7 +114,7 @@ class Modulation:
     share: Interval
     large: bool
     form_of: str | None = None
-    instead_of: tuple[EffectId, ...] = ()
+    superseded_effects: tuple[EffectId, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,8 +123,8 @@ class Remainder:
 
     `share` is the relative fall of the mean error, at or below 0 where there is nothing to learn; `components` are
     the named ones, by their reduction of the error; `variables` the symbols that they depend on; `large` whether the
-    share is so high that something unknown must be missing; `modulation` and `succession` what the state of each
-    trial and the sequence of the trials tell besides.
+    share is so high that something unknown must be missing; `state_dependence` and `serial_dependence` describe what
+    remains as a function of the state and of the sequence.
     """
 
     share: Interval
@@ -132,23 +132,25 @@ class Remainder:
     components: tuple[WrenchComponent, ...]
     variables: tuple[VariableShare, ...]
     tested: tuple[ComponentTest, ...]
-    succession: Succession | None = None
-    modulation: Modulation | None = None
+    serial_dependence: SerialDependence | None = None
+    state_dependence: StateDependence | None = None
 
     @property
     def found(self) -> bool:
         """Whether the residual is predictable beyond chance, from the state or from the sequence."""
-        return self.learnt or self.succession is not None or self.modulation is not None
+        return self.predictable or self.serial_dependence is not None or self.state_dependence is not None
 
     @property
-    def learnt(self) -> bool:
+    def predictable(self) -> bool:
         """Whether Gaussian processes of the state and the order predict a part of it beyond chance."""
         return bool(self.components) and self.share.low > 0
 
     @property
     def unknown(self) -> bool:
         """Whether so much is predictable that something unknown must be missing."""
-        return self.large or any(one is not None and one.large for one in (self.succession, self.modulation))
+        return self.large or any(
+            one is not None and one.large for one in (self.serial_dependence, self.state_dependence)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

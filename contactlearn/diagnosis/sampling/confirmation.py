@@ -19,7 +19,7 @@ from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.diagnosis.result import Confirmation, Diagnosis, FailingRegion, Record
 from contactlearn.diagnosis.sampling.map import error_map
 from contactlearn.diagnosis.thresholds import SampleThresholds, Thresholds
-from contactlearn.diagnosis.unexplained.remainder import ordinary
+from contactlearn.diagnosis.unexplained.remainder import inlier_mask
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
@@ -101,5 +101,5 @@ def _noise(
         return None
     others = outside.nonzero()[:, 0]
     some = impacts[others[torch.randperm(len(others), generator=generator)[:_NEIGHBOURS]].sort().values]
-    inliers = ordinary(some.wrench - model.predict(some).wrench)
+    inliers = inlier_mask(some.wrench - model.predict(some).wrench)
     return noise_floor(some, model, generator=generator, noise=noise, inliers=inliers).error

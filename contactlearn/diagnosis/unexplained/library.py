@@ -1,7 +1,7 @@
 """The library of terms that formulas are made of, and the selection of those that a residual resembles.
 
 A term is a quantity of the output's dimension (m*vy or Pn; rho*Pn or I*omega for the moment) and at most one
-modulation of it: a harmonic of θ, the sign of a velocity, the place, the order, another velocity.  The first of
+factor of it: a harmonic of θ, the sign of a velocity, the place, the order, another velocity.  The first of
 these may stand alone.
 Terms and residual are made orthogonal to the derivatives of the wrench in μ and ε.  Orthogonal matching
 pursuit then adds terms one by one; each must pass a test with Bonferroni's correction over the library.
@@ -35,7 +35,7 @@ _MOMENTS = (
 )
 _HARMONICS = tuple(f"{f}({k}theta)" for k in ("", "2*", "3*") for f in ("sin", "cos"))
 _SHAPES = ("1", *_HARMONICS, "sign(vt)", "sign(omega)", "order", "x")
-_MODULATIONS = (*_SHAPES, "abs(vt)", "abs(omega)", "vx", "vy", "vt", "vn", "omega", "rx", "ry")
+_FACTORS = (*_SHAPES, "abs(vt)", "abs(omega)", "vx", "vy", "vt", "vn", "omega", "rx", "ry")
 
 
 @dataclass(frozen=True)
@@ -145,12 +145,12 @@ def _coefficients(impacts: Impacts, model: ContactModel) -> tuple[Float[Tensor, 
 def _texts(component: WrenchComponent) -> list[str]:
     """Every term, the short ones first."""
     quantities = _MOMENTS if component is WrenchComponent.MOMENT else _IMPULSES
-    texts = {*_SHAPES, *(_product(a, b) for a in quantities for b in _MODULATIONS)}
+    texts = {*_SHAPES, *(_product(a, b) for a in quantities for b in _FACTORS)}
     return sorted(texts, key=lambda text: (len(re.findall(r"\w+", text)), len(text), text))
 
 
-def _product(quantity: str, modulation: str) -> str:
-    return quantity if modulation == "1" else f"{quantity}*{modulation}"
+def _product(quantity: str, factor: str) -> str:
+    return quantity if factor == "1" else f"{quantity}*{factor}"
 
 
 def _pursuit() -> type:

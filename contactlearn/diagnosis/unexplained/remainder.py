@@ -84,13 +84,13 @@ def learn_remainder(
     """
     base = model.base_prediction(impacts)
     residual = impacts.wrench - base.wrench
-    inliers = ordinary(residual) if inliers is None else inliers
+    inliers = inlier_mask(residual) if inliers is None else inliers
     processes = Processes.of(impacts, residual, _rows(folds, inliers))
     learned = _Learned(impacts, base, folds, processes.at(folds.held_out))
     error = learned.error(*_COMPONENTS)
     before = mass_error(impacts, base).where(error.isfinite(), torch.nan)
     counted = inliers & error.isfinite()
-    share = fall(before[counted], error[counted], generator)
+    share = relative_error_reduction(before[counted], error[counted], generator)
     large = share.mean > thresholds.share and share.low > thresholds.certain_share
     tested = [_tested(learned, residual, name, before, counted, thresholds) for name in _COMPONENTS]
     most = max(tested, key=lambda one: one.error_reduction)
@@ -149,17 +149,17 @@ def _tested(
         r_squared=r_squared,
         standard_error=error,
         error_reduction=(before - learned.error(name))[counted].mean().item(),
-        clear=is_clear(r_squared, error, thresholds),
+        clear=is_significant(r_squared, error, thresholds),
     )
 
 
-def ordinary(residual: Float[Tensor, "n 3"]) -> Bool[Tensor, " n"]:
+def inlier_mask(residual: Float[Tensor, "n 3"]) -> Bool[Tensor, " n"]:
     """Find the trials without a gross component of the residual."""
     off = (residual - residual.median(0).values).abs()
     return (off <= _GROSS * MAD_SCALE * off.median(0).values + 1e-300).all(-1)
 
 
-def is_clear(r_squared: float, standard_error: float, thresholds: RemainderThresholds) -> bool:
+def is_significant(r_squared: float, standard_error: float, thresholds: RemainderThresholds) -> bool:
     """Whether a component with this R² can be named: it is both large and certain."""
     certain = r_squared > thresholds.component_sigmas * standard_error
     return r_squared > thresholds.component_r_squared and certain
@@ -188,7 +188,9 @@ def _r_squared(
     return gain.mean().item(), (gain.std() / math.sqrt(len(gain))).item()
 
 
-def fall(before: Float[Tensor, " n"], error: Float[Tensor, " n"], generator: torch.Generator) -> Interval:
+def relative_error_reduction(
+    before: Float[Tensor, " n"], error: Float[Tensor, " n"], generator: torch.Generator
+) -> Interval:
     """Compute the relative fall of the mean error with its 95 % paired bootstrap interval."""
     before, error = before + _ROUNDING, error + _ROUNDING
     rows = torch.randint(len(before), (_RESAMPLES, len(before)), generator=generator)

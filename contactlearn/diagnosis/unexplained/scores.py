@@ -1,11 +1,12 @@
-"""Scores: what each trial says about the law's coefficients.
+"""Scores: the information of each trial about the law's coefficients.
 
     g_k = s_kᵀ e_k,    s_k = ∂v_post/∂(μ, ε) of trial k,  e_k its residual, both whitened, times the root of its weight
 
-A coefficient that varies makes scores alike where residuals are not, for the derivative changes its sign with the slip.
-A trial that tells nothing of a coefficient (it sticks: ∂/∂μ = 0) has a score of 0.  What any parameter of the model
-could change is projected out of residuals and derivatives.  Inputs may follow the sequence: along it coefficients that
-depend smoothly on the trial's own state are projected out as well, and over the state velocities that drift slowly.
+A coefficient that varies makes scores alike where residuals are not, since the derivative changes its sign with the
+slip.  A trial without information about a coefficient (it sticks: ∂/∂μ = 0) has a score of 0.  Changes that any
+parameter of the model could make are projected out of residuals and derivatives.  For tests along the sequence,
+coefficients that depend smoothly on the trial's own state are projected out as well; for tests over the state,
+velocities that drift slowly and the effect of errors of v_pre are.
 """
 
 import math
@@ -16,10 +17,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import one_hot
 
-from contactlearn.diagnosis.unexplained.dilution import diluted
 from contactlearn.effects import State
 from contactlearn.inference.identification.joint import FitOptions, JointFit, linearise
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.contact_model import derivative, resolve
 
 _MANY = 100  # trials from which on the trial's own state is projected out
 _SLOW, _TRIALS_A_CURVE = 12, 25  # cosines over the sequence at most, and trials for each
@@ -53,7 +54,9 @@ class Scores:
         """
         slow = _cosines(impacts, min(_SLOW, len(impacts) // (_TRIALS_A_CURVE * block)))
         drifts = (torch.eye(3, dtype=torch.float64)[..., None] * slow[:, None, None]).flatten(2)
-        return cls._beside(impacts, fit, options, torch.cat((drifts, diluted(impacts, fit, options)), -1))
+        return cls._beside(
+            impacts, fit, options, torch.cat((drifts, attenuation_regressors(impacts, fit, options)), -1)
+        )
 
     @classmethod
     def _beside(
@@ -129,3 +132,26 @@ def _projected(reach: Float[Tensor, "n 3 q"], columns: Float[Tensor, "n 3 k"]) -
     """The part of columns in the span of an orthonormal basis."""
     flat = reach.flatten(0, 1)
     return (flat @ (flat.mT @ columns.flatten(0, 1))).unflatten(0, (-1, 3))
+
+
+_TOLD = 1.0  # standard errors of a sum over all trials that dilution may amount to
+
+
+def attenuation_regressors(impacts: Impacts, fit: JointFit, options: FitOptions) -> Float[Tensor, "n 3 k"]:
+    """Compute whitened changes of v_post by errors that v_pre tells; none where its noise is known to the fit.
+
+    Components of v_pre count whose errors, if as large as the residual, could be seen over so many trials.
+    """
+    none = torch.zeros(len(impacts), 3, 0, dtype=torch.float64)
+    if options.known(impacts).noise is not None or options.target != "velocity":
+        return none
+    centred = impacts.v_pre - impacts.v_pre.mean(0)
+    told = len(impacts) * fit.scatter.diagonal() > _TOLD**2 * centred.square().mean(0)
+    if not told.any():
+        return none
+    model, own = fit.model, [part.clone().requires_grad_() for part in impacts.v_pre.unbind(-1)]
+    with torch.enable_grad():
+        state = State.of(impacts).replace(v_pre=torch.stack(own, -1))
+        slope = derivative(resolve(model.law, model.effects, state, *model.law.coefficients).v_post, own)
+    columns = (slope[:, :, told, None] * (centred / centred.std(0).clamp_min(1e-300))[:, None, None]).flatten(2)
+    return torch.linalg.solve_triangular(torch.linalg.cholesky(fit.scatter), columns, upper=False)

@@ -62,7 +62,7 @@ def _tests(found: Remainder) -> list[ComponentTest]:
 
 def _titled(found: Remainder, columns: int, rows: int) -> Figure:
     """An empty figure with the share of the error that is predictable above it."""
-    title = stages.residual_share(found) if found.learnt else stages.NOT_PREDICTABLE
+    title = stages.residual_share(found) if found.predictable else stages.NOT_PREDICTABLE
     lines = wrap(title.replace("\u00a0", " "), 54 if columns == 1 else 112)
     figure = st.new_figure((st.COLUMN, st.PAGE)[columns - 1], 0.5 + st.ROW * len(lines) + 2.0 * rows)
     figure.suptitle("\n".join(lines))

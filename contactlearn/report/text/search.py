@@ -65,9 +65,9 @@ def confidences(found: Diagnosis) -> str:
 def stand_ins(found: Diagnosis) -> str:
     """Say why a larger model was not chosen that has effects for a part each of what is unknown; empty where none."""
     left = found.remainder
-    if left is None or left.modulation is None or not left.modulation.instead_of:
+    if left is None or left.state_dependence is None or not left.state_dependence.superseded_effects:
         return ""
-    names = listed(map(effect_label, left.modulation.instead_of))
+    names = listed(map(effect_label, left.state_dependence.superseded_effects))
     return (
         "Once a Gaussian process learns the unmodelled part, no larger model predicts clearly better: "
         f"{names} would only be a proxy for it."

@@ -23,7 +23,6 @@ from contactlearn.diagnosis.result import (
 from contactlearn.diagnosis.thresholds import NoiseThresholds
 from contactlearn.effects import EffectId
 from contactlearn.effects.formula.symbols import SYMBOLS
-from contactlearn.report.text.modulation import modulation
 from contactlearn.report.text.names import (
     NOISE_SOURCES,
     WRENCH,
@@ -44,7 +43,8 @@ from contactlearn.report.text.numbers import (
     spaced,
     times,
 )
-from contactlearn.report.text.sequence import succession
+from contactlearn.report.text.serial_dependence import serial_dependence
+from contactlearn.report.text.state_dependence import state_dependence
 
 CONSISTENT = (
     "The measurements are consistent with planar rigid impacts; there are too few trials to check units and axes."
@@ -203,9 +203,9 @@ def drop(found: Drop, experiment: Experiment) -> str:
 def residual(found: Remainder) -> list[str]:
     """Say how much Gaussian processes predict of the residual, by which variables, and what else remains."""
     said = [NOT_PREDICTABLE]
-    if found.learnt:
+    if found.predictable:
         said = [f"{residual_share(found)}, in {listed(WRENCH[name] for name in found.components)}."]
-    if found.learnt and found.variables:
+    if found.predictable and found.variables:
         shares = listed(f"{SYMBOLS[one.symbol].letter} ({percent(one.share)})" for one in found.variables)
         said.append(f"The predicted residual depends on {shares}.")
     return said + besides(found)
@@ -213,8 +213,8 @@ def residual(found: Remainder) -> list[str]:
 
 def besides(found: Remainder) -> list[str]:
     """Say what else remains: that which depends on the state of each trial, and which follows the sequence."""
-    said = [modulation(found.modulation)] if found.modulation is not None else []
-    said += [succession(found.succession)] if found.succession is not None else []
+    said = [state_dependence(found.state_dependence)] if found.state_dependence is not None else []
+    said += [serial_dependence(found.serial_dependence)] if found.serial_dependence is not None else []
     return [f"{opened(one)}." for one in said]
 
 

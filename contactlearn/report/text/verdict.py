@@ -6,10 +6,10 @@ from contactlearn.core.numerics import measured
 from contactlearn.diagnosis.result import Diagnosis, ErrorShares, MissingEffect, RungKind, Verdict
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.text import stages
-from contactlearn.report.text.modulation import depends
 from contactlearn.report.text.names import base_label, effect_label, listed, opened, sentence, shortened
 from contactlearn.report.text.numbers import compared, error, fine_percent, interval, percent
-from contactlearn.report.text.sequence import follows
+from contactlearn.report.text.serial_dependence import follows
+from contactlearn.report.text.state_dependence import depends
 
 VERDICTS = {
     Verdict.EFFECTS: "effects are missing",
@@ -84,10 +84,10 @@ def _unexplained(found: Diagnosis, said: str) -> str:
     """What is unknown: what follows the sequence or depends on the state where that is large, and what is said."""
     left = found.remainder
     clauses = []
-    if left is not None and left.succession is not None and left.succession.large:
-        clauses.append(follows(left.succession))
-    if left is not None and left.modulation is not None and left.modulation.large:
-        clauses.append(depends(left.modulation))
+    if left is not None and left.serial_dependence is not None and left.serial_dependence.large:
+        clauses.append(follows(left.serial_dependence))
+    if left is not None and left.state_dependence is not None and left.state_dependence.large:
+        clauses.append(depends(left.state_dependence))
     return listed([*clauses, said])
 
 

@@ -1,4 +1,4 @@
-"""Contest of two models: their difference at a state, and the evidence that a drop there brings.
+"""Discrimination between two models: their difference at a state, and the evidence that a drop there brings.
 
     d² = Δᵀ (Σ + J C Jᵀ)⁻¹ Δ,      Δ = v_post of the one minus v_post of the other
 
@@ -29,7 +29,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Contest:
+class ModelDiscrimination:
     """Two models at n states.
 
     Args:
@@ -53,7 +53,7 @@ class Contest:
         return white.square().sum((-2, -1))
 
     def after(self, k: int) -> Self:
-        """Return the contest once both models are refitted to the expected outcome of a drop at state k."""
+        """Return the discrimination once both models are refitted to the expected outcome of a drop at state k."""
         J, C = self.slope[k], self.covariance
         gain = torch.linalg.solve(self.noise + J @ C @ J.T, J @ C).T
         difference = self.difference - self.slope @ (gain @ self.difference[k])
@@ -62,19 +62,19 @@ class Contest:
 
     def needed(self, odds: float, most: int = 1000) -> int | None:
         """Count the drops, at the states in turn, until the evidence reaches log(odds); None beyond `most`."""
-        contest, nats = self, 0.0
+        discrimination, nats = self, 0.0
         for made in range(most):
             k = made % len(self.difference)
-            nats += contest.squared()[k].item() / 2
+            nats += discrimination.squared()[k].item() / 2
             if nats >= math.log(odds):
                 return made + 1
-            contest = contest.after(k)
+            discrimination = discrimination.after(k)
         return None
 
 
-def contests(
+def discriminations(
     impacts: Impacts, chosen: ContactModel, rivals: Mapping[Key, ContactModel], states: Impacts
-) -> dict[Key, Contest]:
+) -> dict[Key, ModelDiscrimination]:
     """Set a chosen model against each rival at states; all are fitted to the impacts."""
     noise = robust_covariance(impacts.v_post - chosen.predict(impacts).v_post)
     mean, (slope, covariance), found = chosen.predict(states).v_post, _parameters(chosen, states), {}
@@ -82,7 +82,7 @@ def contests(
         other, spread = _parameters(rival, states)
         difference, both = mean - rival.predict(states).v_post, torch.cat((slope, -other), -1)
         good = difference.isfinite().all(-1) & both.isfinite().all(-1).all(-1)
-        found[key] = Contest(
+        found[key] = ModelDiscrimination(
             difference=torch.where(good[:, None], difference, 0.0),
             slope=torch.where(good[:, None, None], both, 0.0),
             covariance=torch.block_diag(covariance, spread),

@@ -1,6 +1,6 @@
 """How often is something said of the sequence of the trials, where it tells nothing and where it tells something?
 
-    python benchmarks/sequences.py --keep sequences.jsonl [--null 400] [--planted 4] [--table]
+    python benchmarks/serial_dependence.py --keep serial_dependence.jsonl [--null 400] [--planted 4] [--table]
 
 Null sets have independent or correlated errors, other effects in the fitted model, one that it lacks, and inputs that
 follow the sequence.  Planted ones have a friction or restitution that follows it.  The true model is fitted, and asked
@@ -25,7 +25,7 @@ from contactlearn.diagnosis.drift import drifts
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.identification.joint import FitOptions
 from studies.follows import FOLLOWS
-from studies.sequences import DESIGNS, ERRORS, NAMED, made, succession
+from studies.serial_dependence import DESIGNS, ERRORS, NAMED, made, serial_dependence
 
 SIZES, STRENGTHS = (150, 300, 500, 800), (0.3, 0.5, 0.75, 1.0, 1.5)
 CORRELATED = ("ar1", "weak ar1", "wander")
@@ -66,8 +66,8 @@ def planted(count: int) -> Iterable[Case]:
 def asked(case: Case) -> Line:
     """What is said of a set."""
     drops = made(**case)
-    drifting = drifts(drops.fit, drops.impacts, FitOptions(), Thresholds().sequence) is not None
-    found = None if drifting else succession(drops, Thresholds())
+    drifting = drifts(drops.fit, drops.impacts, FitOptions(), Thresholds().serial_dependence) is not None
+    found = None if drifting else serial_dependence(drops, Thresholds())
     said = {
         "drifts": drifting,
         "coefficient": None,
@@ -80,7 +80,7 @@ def asked(case: Case) -> Line:
     if found is not None:
         said |= {
             "coefficient": None if found.coefficient is None else str(found.coefficient),
-            "followed": str(found.follows), "trials": found.trials, "p": found.p_value, "share": found.share.mean,
+            "followed": str(found.variable), "trials": found.trials, "p": found.p_value, "share": found.share.mean,
             "large": found.large,
         }  # fmt: skip
     return {"case": case, **said}

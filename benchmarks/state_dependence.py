@@ -1,6 +1,6 @@
 """How often is something said of the state of the trials, where it tells nothing and where it tells something?
 
-    python benchmarks/modulations.py --keep modulations.jsonl [--null 560] [--planted 4] [--table]
+    python benchmarks/state_dependence.py --keep state_dependence.jsonl [--null 560] [--planted 4] [--table]
 
 Null sets have independent or correlated errors, effects in the fitted model, inputs that follow the sequence, two
 bodies, and throws that are all but alike, so that errors of v_pre are as large as their scatter.  Planted ones have a
@@ -19,10 +19,10 @@ from blind.report import share, table
 from contactlearn.diagnosis.drift import drifts
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.identification.joint import FitOptions
-from sequences import CORRELATED, SIZES, STRENGTHS, Case, Line, asked_all
+from serial_dependence import CORRELATED, SIZES, STRENGTHS, Case, Line, asked_all
 from studies.follows import DEPENDS
-from studies.modulations import modulation
-from studies.sequences import BODIES, DESIGNS, ERRORS, NAMED, NARROW, made
+from studies.serial_dependence import BODIES, DESIGNS, ERRORS, NAMED, NARROW, made
+from studies.state_dependence import state_dependence
 
 QUESTIONS: dict[str, Callable[[Line], bool]] = {
     "something is said of the state": lambda line: line["share"] is not None,
@@ -64,8 +64,8 @@ def planted(count: int) -> Iterable[Case]:
 def asked(case: Case) -> Line:
     """What is said of a set."""
     drops = made(**case)
-    drift = drifts(drops.fit, drops.impacts, FitOptions(), Thresholds().sequence)
-    found = modulation(drops, Thresholds(), 1 if drift is None else drift.block)
+    drift = drifts(drops.fit, drops.impacts, FitOptions(), Thresholds().serial_dependence)
+    found = state_dependence(drops, Thresholds(), 1 if drift is None else drift.block)
     said = {"drifts": drift is not None, "found": None, "variables": [], "p": None, "share": None, "large": False}
     if found is not None:
         said |= {

@@ -2,21 +2,21 @@
 
 from itertools import product
 
-from contactlearn.diagnosis.result import Modulation
+from contactlearn.diagnosis.result import StateDependence
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.modulated import find_modulation
-from contactlearn.diagnosis.unexplained.stand_ins import without_stand_ins
+from contactlearn.diagnosis.unexplained.proxy_effects import drop_proxies
+from contactlearn.diagnosis.unexplained.state_dependence import find_state_dependence
 from contactlearn.effects import find_effect
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from studies.cases import between
 from studies.follows import DEPENDS
-from studies.sequences import DESIGNS, NAMED, Drops, made
+from studies.serial_dependence import DESIGNS, NAMED, Drops, made
 from studies.study import Row, Study, each
 
 
-def modulation(drops: Drops, thresholds: Thresholds, block: int = 1) -> Modulation | None:
+def state_dependence(drops: Drops, thresholds: Thresholds, block: int = 1) -> StateDependence | None:
     """What the diagnosis says of the state, where no model is better than the fitted one."""
-    return find_modulation(drops.impacts, drops.fit, drops.fit, FitOptions(), thresholds, block)
+    return find_state_dependence(drops.impacts, drops.fit, drops.fit, FitOptions(), thresholds, block)
 
 
 def _studied(kind: str, seed: int) -> Drops:
@@ -28,12 +28,12 @@ def _studied(kind: str, seed: int) -> Drops:
 
 def _said(drops: Drops, thresholds: Thresholds) -> bool:
     """Whether anything is said of the state."""
-    return modulation(drops, thresholds) is not None
+    return state_dependence(drops, thresholds) is not None
 
 
 def _large(drops: Drops, thresholds: Thresholds) -> bool:
     """Whether so much depends on the state that something unknown is missing."""
-    found = modulation(drops, thresholds)
+    found = state_dependence(drops, thresholds)
     return found is not None and found.large
 
 
@@ -48,7 +48,7 @@ def _nested(effect: str, follows: str, seed: int) -> Drops:
 def _left_out(drops: Drops, thresholds: Thresholds) -> bool:
     """Whether the effect is said to stand for what depends on the state."""
     alone = identify_jointly(drops.fit.model.law, {}, drops.impacts)
-    return without_stand_ins(drops.impacts, (alone, drops.fit), FitOptions(), thresholds.modulation) == 0
+    return drop_proxies(drops.impacts, (alone, drops.fit), FitOptions(), thresholds.state_dependence) == 0
 
 
 _NULL = each(8, "iid", "heavy", "before")
@@ -70,7 +70,7 @@ STAND_INS = Study(
     alarm=_left_out,
 )
 ROWS = (
-    Row(field="modulation.level", values=(0.005, 0.01, 0.05, 0.2), study=STATE),
-    Row(field="modulation.share", values=(0.0, 0.02, 0.05, 0.1), study=UNKNOWN),
-    Row(field="modulation.sigmas", values=(0.0, 1.0, 2.0, 4.0, 8.0), study=STAND_INS),
+    Row(field="state_dependence.level", values=(0.005, 0.01, 0.05, 0.2), study=STATE),
+    Row(field="state_dependence.share", values=(0.0, 0.02, 0.05, 0.1), study=UNKNOWN),
+    Row(field="state_dependence.sigmas", values=(0.0, 1.0, 2.0, 4.0, 8.0), study=STAND_INS),
 )

@@ -9,9 +9,9 @@ from torch import Tensor
 
 from contactlearn import laws
 from contactlearn.core.numerics import random as drawn
-from contactlearn.diagnosis.result import Succession
+from contactlearn.diagnosis.result import SerialDependence
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.followed import find_succession
+from contactlearn.diagnosis.unexplained.serial_dependence import find_serial_dependence
 from contactlearn.effects import Effect, State, find_effect
 from contactlearn.inference.identification.joint import FitOptions, JointFit, identify_jointly
 from contactlearn.mechanics.impacts import Impacts
@@ -185,9 +185,9 @@ def _errors(kind: str, exact: Tensor, generator: torch.Generator) -> Tensor:
     return z
 
 
-def succession(drops: Drops, thresholds: Thresholds) -> Succession | None:
+def serial_dependence(drops: Drops, thresholds: Thresholds) -> SerialDependence | None:
     """What the diagnosis says of the sequence."""
-    return find_succession(drops.impacts, drops.fit, FitOptions(), thresholds)
+    return find_serial_dependence(drops.impacts, drops.fit, FitOptions(), thresholds)
 
 
 def _studied(kind: str, seed: int) -> Drops:
@@ -201,12 +201,12 @@ def _studied(kind: str, seed: int) -> Drops:
 
 def _said(drops: Drops, thresholds: Thresholds) -> bool:
     """Whether a coefficient is said to follow the sequence."""
-    return succession(drops, thresholds) is not None
+    return serial_dependence(drops, thresholds) is not None
 
 
 def _large(drops: Drops, thresholds: Thresholds) -> bool:
     """Whether so much of the error follows the sequence that something unknown is missing."""
-    found = succession(drops, thresholds)
+    found = serial_dependence(drops, thresholds)
     return found is not None and found.large
 
 
@@ -214,6 +214,6 @@ _NULL, _PLANTED = each(8, "iid", "heavy", "before"), each(6, "sawtooth", "last s
 SEQUENCE = Study(name="sequence", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_said)
 UNKNOWN = Study(name="unknown in the sequence", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_large)
 ROWS = (
-    Row(field="sequence.level", values=(0.004, 0.01, 0.05, 0.2), study=SEQUENCE),
-    Row(field="sequence.share", values=(0.0, 0.02, 0.05, 0.2), study=UNKNOWN),
+    Row(field="serial_dependence.level", values=(0.004, 0.01, 0.05, 0.2), study=SEQUENCE),
+    Row(field="serial_dependence.share", values=(0.0, 0.02, 0.05, 0.2), study=UNKNOWN),
 )

@@ -10,12 +10,15 @@ from drops import LAW, NOISE, fitted, normal, thrown
 from repetitions import repeated
 
 from contactlearn import diagnose, laws
-from contactlearn.diagnosis.result import Coefficient, Diagnosis, Modulation, VariableShare, Verdict
+from contactlearn.diagnosis.result import Coefficient, Diagnosis, StateDependence, VariableShare, Verdict
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.modulated import find_modulation
-from contactlearn.diagnosis.unexplained.modulation import state_suspects, state_variables
 from contactlearn.diagnosis.unexplained.scores import Scores
+from contactlearn.diagnosis.unexplained.state_dependence import (
+    find_state_dependence,
+    screen_state_associations,
+    state_variables,
+)
 from contactlearn.effects import State, find_effect
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
@@ -23,13 +26,13 @@ from contactlearn.models.contact_model import predict_with
 from contactlearn.report.events import show_verdict
 from contactlearn.report.page.effects import residual_content
 from contactlearn.report.text import headline, stages
-from contactlearn.report.text.modulation import depends
+from contactlearn.report.text.state_dependence import depends
 
 OPTIONS = FitOptions()
 
 
 def asked(drops, fit, best=None, thresholds=None):
-    return find_modulation(drops, fit, fit if best is None else best, OPTIONS, thresholds or Thresholds())
+    return find_state_dependence(drops, fit, fit if best is None else best, OPTIONS, thresholds or Thresholds())
 
 
 def by_direction_and_angle(drops):
@@ -57,7 +60,7 @@ def test_false_statements_are_as_rare_as_the_level():
     for seed in range(runs):
         drops, fit = fitted(120, 100 * seed, errors=rough)
         scores = Scores.of_state(drops, fit, OPTIONS)
-        chances.append(state_suspects(scores, state_variables(drops[scores.rows]), level)[0])
+        chances.append(screen_state_associations(scores, state_variables(drops[scores.rows]), level)[0])
     assert sum(p <= level for p in chances) <= runs * level + 3 * math.sqrt(runs * level * (1 - level))
     assert sum(chances) / runs > 0.35
 
@@ -170,7 +173,7 @@ def test_errors_of_v_pre_are_no_physics():
         measured = drops.v_pre + NOISE * normal(len(drops), 3, seed=10 + seed)
         drops = drops.replace(v_pre=measured, v_post=exact + NOISE * normal(len(drops), 3, seed=20 + seed))
         scores = Scores.of_state(drops, identify_jointly(LAW, {}, drops), OPTIONS)
-        assert state_suspects(scores, state_variables(drops[scores.rows]), 0.005)[1] == ()
+        assert screen_state_associations(scores, state_variables(drops[scores.rows]), 0.005)[1] == ()
 
 
 def test_neighbours_that_resemble_each_other_have_one_sign():
@@ -182,7 +185,7 @@ def test_neighbours_that_resemble_each_other_have_one_sign():
         fit = identify_jointly(LAW, {}, drops)
         for block in found:
             scores = Scores.of_state(drops, fit, OPTIONS, block)
-            found[block] += bool(state_suspects(scores, {"x": state}, 0.005, block)[1])
+            found[block] += bool(screen_state_associations(scores, {"x": state}, 0.005, block)[1])
     assert found[1] >= 4
     assert found[8] == 0
 
@@ -190,11 +193,11 @@ def test_neighbours_that_resemble_each_other_have_one_sign():
 def test_the_thresholds_decide():
     drops, fit = fitted(300, 1, restitution=by_spin_with_slip)
     thresholds = Thresholds()
-    more = replace(thresholds, modulation=replace(thresholds.modulation, share=0.9))
+    more = replace(thresholds, state_dependence=replace(thresholds.state_dependence, share=0.9))
     found = asked(drops, fit, thresholds=more)
     assert found is not None
     assert not found.large
-    never = replace(thresholds, modulation=replace(thresholds.modulation, level=0.0))
+    never = replace(thresholds, state_dependence=replace(thresholds.state_dependence, level=0.0))
     assert asked(drops, fit, thresholds=never) is None
 
 
@@ -207,7 +210,7 @@ def test_a_diagnosis_calls_it_unknown_and_says_what_it_depends_on(sets, capsys):
     show_verdict(found, "")
     assert found.remainder is not None
     assert found.verdict is (Verdict.UNKNOWN if sets else Verdict.NONE)
-    assert (found.remainder.modulation is not None) == bool(sets)
+    assert (found.remainder.state_dependence is not None) == bool(sets)
     said = "behaves like friction that depends on"
     assert (said in headline(found)) == bool(sets)
     assert (said in capsys.readouterr().out) == bool(sets)
@@ -216,7 +219,7 @@ def test_a_diagnosis_calls_it_unknown_and_says_what_it_depends_on(sets, capsys):
 
 
 def test_it_is_said_in_words():
-    found = Modulation(
+    found = StateDependence(
         coefficient=Coefficient.FRICTION,
         variables=(VariableShare(symbol="vt", share=0.6), VariableShare(symbol="theta", share=0.4)),
         p_value=0.002,
@@ -226,10 +229,10 @@ def test_it_is_said_in_words():
     assert depends(found) == "the residual behaves like friction that depends on v_t together with θ"
     outcome = replace(found, coefficient=None, variables=found.variables[:1])
     assert depends(outcome) == "the outcome depends on v_t in an unknown way"
-    left = replace(remainder(Interval(0.01, -0.01, 0.03)), modulation=found)
+    left = replace(remainder(Interval(0.01, -0.01, 0.03)), state_dependence=found)
     assert left.found
     assert left.unknown
-    assert not left.learnt
+    assert not left.predictable
     assert "reduces the held-out residual by 12\u00a0%" in stages.residual(left)[-1]
     besides = replace(
         made_up(20, next(iter(all_candidates()))), verdict=Verdict.UNKNOWN, physics=Verdict.UNKNOWN, remainder=left

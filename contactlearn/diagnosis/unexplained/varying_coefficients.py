@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from contactlearn.diagnosis.result.remainder import Coefficient
-from contactlearn.diagnosis.unexplained.remainder import fall
+from contactlearn.diagnosis.unexplained.remainder import relative_error_reduction
 from contactlearn.diagnosis.unexplained.scores import Scores
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification.joint import JointFit
@@ -28,7 +28,7 @@ _TELLING = 0.02  # of the mean information of a trial, below which it does not t
 
 
 @dataclass(frozen=True)
-class Learnt:
+class VaryingCoefficientFit:
     """The fall of the held-out residual by what was learnt, and the processes of each fold, of one output or three.
 
     `x` are the inputs of the trials held out, `unit` that of each output, `v_post` the held-out predictions.
@@ -46,7 +46,7 @@ class Learnt:
 
 
 @dataclass(frozen=True)
-class Learning:
+class VaryingCoefficientModel:
     """Trials, their folds, and what each trial tells of the coefficients."""
 
     impacts: Impacts
@@ -59,7 +59,7 @@ class Learning:
     @classmethod
     def of(
         cls, ordered: Impacts, fit: JointFit, scores: Scores, rows: Int[Tensor, " m"] | slice = slice(None)
-    ) -> "Learning":
+    ) -> "VaryingCoefficientModel":
         """Take some rows of the impacts in the order of their scores."""
         slope, residual = scores.slope[rows], scores.residual[rows]
         information = slope.square().sum(1)
@@ -67,7 +67,7 @@ class Learning:
         folds = Folds.draw(len(slope), torch.Generator().manual_seed(0), repeats=1)
         return cls(ordered[rows], fit, folds, told, information, fit.inliers[scores.rows][rows])
 
-    def coefficient(self, which: Coefficient, x: Float[Tensor, "n d"]) -> Learnt:
+    def coefficient(self, which: Coefficient, x: Float[Tensor, "n d"]) -> VaryingCoefficientFit:
         """Let a coefficient depend on the inputs."""
         k, law = tuple(Coefficient).index(which), self.fit.model.law
         known = self.information[:, k]
@@ -78,7 +78,7 @@ class Learning:
         values[:, k] += change[:, 0]
         return self._tested(predict_with(law, self.impacts, values, self.fit.model.effects).v_post, learnt)
 
-    def velocities(self, x: Float[Tensor, "n d"]) -> Learnt:
+    def velocities(self, x: Float[Tensor, "n d"]) -> VaryingCoefficientFit:
         """Let the velocities after impact depend on the inputs, whatever the impact."""
         residual = self.impacts.v_post - self.v_post
         change, learnt = self._learnt(x, residual, torch.ones_like(residual), self.inliers)
@@ -100,10 +100,12 @@ class Learning:
         root = torch.linalg.cholesky(robust_covariance(base))
         return torch.linalg.solve_triangular(root, left.mT, upper=False).norm(dim=1)
 
-    def _tested(self, v_post: Float[Tensor, "n 3"], learnt: Callable[[Interval, Tensor], Learnt]) -> Learnt:
+    def _tested(
+        self, v_post: Float[Tensor, "n 3"], learnt: Callable[[Interval, Tensor], VaryingCoefficientFit]
+    ) -> VaryingCoefficientFit:
         """What was learnt with the fall of the held-out residual by it."""
         before, after = self.errors(self.v_post, v_post)
-        return learnt(fall(before, after, torch.Generator().manual_seed(0)), v_post)
+        return learnt(relative_error_reduction(before, after, torch.Generator().manual_seed(0)), v_post)
 
     def _learnt(
         self,
@@ -111,7 +113,7 @@ class Learning:
         y: Float[Tensor, "n o"],
         weight: Float[Tensor, "n o"],
         telling: Bool[Tensor, " n"],
-    ) -> tuple[Float[Tensor, "n o"], Callable[[Interval, Tensor], Learnt]]:
+    ) -> tuple[Float[Tensor, "n o"], Callable[[Interval, Tensor], VaryingCoefficientFit]]:
         """Learn y over the inputs; its value on held-out trials."""
         rows = [part[telling[part]] for part in self.folds.fitted]
         size = min(map(len, rows))
@@ -127,4 +129,4 @@ class Learning:
         each = torch.zeros(len(self.folds.held_out), len(y), y.shape[1], dtype=y.dtype)
         each = each.scatter(1, self.folds.held_out[..., None].expand_as(held), held)
         value = torch.stack([self.folds.scores(part) for part in each.unbind(-1)], -1).nan_to_num(0.0)
-        return value, partial(Learnt, gps=gps, x=x[self.folds.held_out], unit=spread)
+        return value, partial(VaryingCoefficientFit, gps=gps, x=x[self.folds.held_out], unit=spread)

@@ -1,19 +1,23 @@
-"""Test of what remains against the sequence of the trials: neighbours, periods, and the impacts before each trial.
+"""Serial dependence: a law coefficient, or an outcome, that depends on the sequence of the trials.
 
-    order      sums of neighbouring scores over windows of 2, 4, 8 … trials spread more than their signs allow
+Screening tests what remains against the sequence:
+
+    order      sums of neighbouring scores over windows of 2, 4, 8 … trials spread more than under random signs
     period     the largest power of a periodogram of the scores
-    history    scores that correlate with quantities of the impact before, or of the last few; residuals with the former
+    history    scores that correlate with quantities of the previous impact, or of the last few; for the previous one
+               residuals as well
     place      scores that correlate with the number of earlier impacts near the same contact place
 
-Each statistic is written as its `surprise`; the largest of all is compared with those of the same residuals with random
-signs.  So the level is that of all of them together, exact for independent symmetric residuals but for the few
-parameters that were fitted.
-Sources: as of `sequence` and `surprise`.
+Every statistic is converted to −log p, and the largest of all is compared with those of the same residuals under random
+signs.  So the level holds for all of them together, exactly for independent symmetric residuals but for the few fitted
+parameters.  The estimate is a `VaryingCoefficientModel` over the place in the sequence, the phase of a period, or a
+quantity of earlier impacts.  Where a drift of the velocities, the same for every impact, predicts more than a
+coefficient does, the measurement drifts (`drift`), and no serial dependence is reported.
 """
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
@@ -21,11 +25,15 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import one_hot
 
-from contactlearn.diagnosis.result.remainder import Coefficient, Past
+from contactlearn.diagnosis.result.remainder import Coefficient, LaggedVariable, SerialDependence
 from contactlearn.diagnosis.sequence import exceedance, random_signs, window_spread
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.neg_log_p import gamma_neg_log_p, gumbel_neg_log_p, normal_neg_log_p
 from contactlearn.diagnosis.unexplained.scores import Scores
-from contactlearn.diagnosis.unexplained.surprise import of_maxima, of_normals, of_sums
+from contactlearn.diagnosis.unexplained.varying_coefficients import VaryingCoefficientFit, VaryingCoefficientModel
 from contactlearn.effects import State
+from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.identification.joint import FitOptions, JointFit
 from contactlearn.mechanics.impacts import Impacts, Prediction
 
 _DECAYS = (0.0, 0.8)  # of the memory of earlier impacts, from trial to trial: of the last alone, of about five
@@ -34,18 +42,22 @@ _WIDTHS, _BINS = (0.03, 0.12), 128  # of a place, standard deviations in the ran
 _LASTING = (1.0, 0.9)  # of the memory of a place, from trial to trial: of all earlier impacts, of about ten
 _NUMBERS = 1_000_000  # of scores with flipped signs at once
 _COEFFICIENTS = tuple(Coefficient)
+_FEWEST = 40  # trials below which nothing is said
+_STRETCH = 560  # trials that are learnt from and held out, at most: as many as follow one another
+_TRIED = 4  # associations, the most significant ones
+_PLACES = 4.0  # trials in the unit of length of processes over the place, whose lengths begin at 7 and at 49 trials
 
 
 class Memory(NamedTuple):
     """A quantity of earlier impacts, the number of them that is remembered, and the width of a place in m."""
 
-    follows: Past
+    variable: LaggedVariable
     trials: float
     width: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Suspect:
+class Association:
     """What the sequence seems to tell of a coefficient, or of the velocities, and the p-value of that among all.
 
     `values` [n] of what is followed are in the sequence: places, phases in rad, or standardised quantities.
@@ -54,12 +66,12 @@ class Suspect:
     coefficient: Coefficient | None
     memory: Memory
     values: Float[Tensor, " n"]
-    surprise: float
+    neg_log_p: float
 
     @property
-    def follows(self) -> Past:
+    def variable(self) -> LaggedVariable:
         """What is followed."""
-        return self.memory.follows
+        return self.memory.variable
 
 
 def histories(impacts: Impacts, prediction: Prediction) -> dict[Memory, Float[Tensor, " n"]]:
@@ -71,13 +83,13 @@ def histories(impacts: Impacts, prediction: Prediction) -> dict[Memory, Float[Te
     """
     state, wrench = State.of(impacts), prediction.wrench
     told = {
-        Past.NORMAL_SPEED: state.v_n.abs(),
-        Past.NORMAL_IMPULSE: wrench[:, 1],
-        Past.SLIP: state.v_t,
-        Past.SLIP_SPEED: state.v_t.abs(),
-        Past.SPIN: state.omega,
-        Past.SPIN_RATE: state.omega.abs(),
-        Past.TANGENTIAL_IMPULSE: wrench[:, 0],
+        LaggedVariable.NORMAL_SPEED: state.v_n.abs(),
+        LaggedVariable.NORMAL_IMPULSE: wrench[:, 1],
+        LaggedVariable.SLIP: state.v_t,
+        LaggedVariable.SLIP_SPEED: state.v_t.abs(),
+        LaggedVariable.SPIN: state.omega,
+        LaggedVariable.SPIN_RATE: state.omega.abs(),
+        LaggedVariable.TANGENTIAL_IMPULSE: wrench[:, 0],
     }
     gaps = impacts.order.diff()
     follows = torch.cat((torch.zeros(1, dtype=torch.bool), gaps <= 1.5 * gaps.median()))
@@ -90,26 +102,28 @@ def histories(impacts: Impacts, prediction: Prediction) -> dict[Memory, Float[Te
     return found | _visited(state)
 
 
-def suspects(
+def screen_associations(
     scores: Scores, history: Mapping[Memory, Float[Tensor, " n"]], level: float
-) -> tuple[float, tuple[Suspect, ...]]:
+) -> tuple[float, tuple[Association, ...]]:
     """Compute the p-value of independence, and what refutes it at the level, the most surprising first."""
     signs, told = random_signs(len(scores)), _told(scores, history)
     size = max(1, _NUMBERS // len(scores))
     parts = [_statistics(scores, told, some) for some in signs.split(size)]
     spread, peak, frequency, memory = (torch.cat(part) for part in zip(*parts, strict=True))
-    surprise = torch.cat((of_sums(spread), of_maxima(peak), of_normals(memory)), 1).nan_to_num(0.0)  # no scores
-    chance = exceedance(surprise.amax(1))
-    enough = surprise[1:].amax(1).quantile(1 - level).item()
+    neg_log_p = torch.cat((gamma_neg_log_p(spread), gumbel_neg_log_p(peak), normal_neg_log_p(memory)), 1).nan_to_num(
+        0.0
+    )  # no scores
+    chance = exceedance(neg_log_p.amax(1))
+    enough = neg_log_p[1:].amax(1).quantile(1 - level).item()
     names = [*_sequential(scores, spread.shape[1] // 2, frequency[0]), *_historical(history)]
     found = [
-        Suspect(coefficient=coefficient, memory=memory, values=x, surprise=own)
-        for (coefficient, memory, x), own in zip(names, surprise[0].tolist(), strict=True)
+        Association(coefficient=coefficient, memory=memory, values=x, neg_log_p=own)
+        for (coefficient, memory, x), own in zip(names, neg_log_p[0].tolist(), strict=True)
         if own > enough
     ]
-    best: dict[tuple[Coefficient | None, Past], Suspect] = {}
-    for one in sorted(found, key=lambda one: -one.surprise):
-        best.setdefault((one.coefficient, one.follows), one)
+    best: dict[tuple[Coefficient | None, LaggedVariable], Association] = {}
+    for one in sorted(found, key=lambda one: -one.neg_log_p):
+        best.setdefault((one.coefficient, one.variable), one)
     return chance, tuple(best.values()) if chance <= level else ()
 
 
@@ -143,9 +157,9 @@ def _sequential(scores: Scores, widths: int, frequency: Float[Tensor, "2"]) -> I
     place = torch.arange(len(scores), dtype=torch.float64)
     for coefficient in _COEFFICIENTS:
         for k in range(widths):
-            yield coefficient, Memory(Past.ORDER, 2.0 ** (k + 1)), place
+            yield coefficient, Memory(LaggedVariable.ORDER, 2.0 ** (k + 1)), place
     for coefficient, f in zip(_COEFFICIENTS, frequency.tolist(), strict=True):
-        yield coefficient, Memory(Past.PERIOD, 1 / f), 2 * math.pi * f * place
+        yield coefficient, Memory(LaggedVariable.PERIOD, 1 / f), 2 * math.pi * f * place
 
 
 def _historical(history: Mapping[Memory, Tensor]) -> Iterator[_Name]:
@@ -183,7 +197,7 @@ def _visited(state: State) -> dict[Memory, Float[Tensor, " n"]]:
         for width in _WIDTHS:
             near = (there * (-0.5 * (apart / width).square()).exp()[each]).sum(1)
             trials = 1 / (1 - decay) if decay < 1 else float(len(place))
-            memory = Memory(Past.PLACE, trials, width * (high - low).item())
+            memory = Memory(LaggedVariable.PLACE, trials, width * (high - low).item())
             found[memory] = (near - near.mean()) / near.std().clamp_min(1e-300)
     return found
 
@@ -199,3 +213,79 @@ def _earlier(x: Float[Tensor, "n *k"], decay: float) -> Float[Tensor, "n *k"]:
         if weight == 0:
             break
     return found
+
+
+def find_serial_dependence(
+    impacts: Impacts, fit: JointFit, options: FitOptions, thresholds: Thresholds = Thresholds()
+) -> SerialDependence | None:
+    """Find what the sequence of the trials tells of a fitted model's remainder; None where it tells nothing.
+
+    Args:
+        impacts: measurements, whose errors are independent.
+        fit: of a law with effects to all of them.
+        options: of the fit.
+        thresholds: of the level, and of what is large.
+    """
+    if len(impacts) < _FEWEST:
+        return None
+    scores, model = Scores.of_sequence(impacts, fit, options), fit.model
+    ordered = impacts[scores.rows]
+    history = histories(ordered, model.base_prediction(ordered))
+    chance, found = screen_associations(scores, history, thresholds.serial_dependence.level / 2)
+    if not found:
+        return None
+    first = max(0, (len(ordered) - _STRETCH) // 2)
+    stretch = slice(first, first + _STRETCH)
+    best = _best(VaryingCoefficientModel.of(ordered, fit, scores, stretch), stretch, found[:_TRIED])
+    if best is None:
+        return None
+    coefficient, association, share, scale = best
+    return SerialDependence(
+        coefficient=coefficient,
+        variable=association.variable,
+        trials=scale,
+        width=association.memory.width,
+        p_value=chance,
+        share=share,
+        large=share.mean > thresholds.serial_dependence.share,
+    )
+
+
+def _best(
+    model: VaryingCoefficientModel, stretch: slice, found: Sequence[Association]
+) -> tuple[Coefficient | None, Association, Interval, float] | None:
+    """What takes most of the error away; None where nothing does, or where velocities that drift take more."""
+    drift = model.velocities(_inputs(replace(found[0], memory=Memory(LaggedVariable.ORDER, 1.0)))[stretch])
+    tried: list[tuple[Coefficient | None, Association, VaryingCoefficientFit]] = []
+    for one in found:
+        x = _inputs(one)[stretch]
+        alike = drift if one.variable is LaggedVariable.ORDER else model.velocities(x)
+        if one.coefficient is not None:
+            own = model.coefficient(one.coefficient, x)
+            if own.share.mean >= alike.share.mean:
+                tried.append((one.coefficient, one, own))
+                continue
+        if one.variable not in (LaggedVariable.ORDER, LaggedVariable.PERIOD) and one.memory.trials == 1:
+            tried.append((None, one, alike))
+    if not tried:
+        return None
+    coefficient, association, fit = max(tried, key=lambda one: one[2].share.mean)
+    if fit.share.low <= 0 or fit.share.mean < drift.share.mean:
+        return None
+    return coefficient, association, fit.share, _scale(association, fit)
+
+
+def _scale(association: Association, fit: VaryingCoefficientFit) -> float:
+    """Trials over which neighbours resemble each other, of the period, or that are remembered."""
+    if association.variable is not LaggedVariable.ORDER:
+        return association.memory.trials
+    return _PLACES * fit.gps.hyperparameters()[..., 0].log().mean().exp().item()
+
+
+def _inputs(association: Association) -> Float[Tensor, "n d"]:
+    """Inputs of a process over what is followed."""
+    if association.variable is LaggedVariable.PERIOD:
+        return torch.stack((association.values.cos(), association.values.sin()), -1)
+    if association.variable is LaggedVariable.ORDER:
+        return torch.arange(len(association.values), dtype=torch.float64)[:, None] / _PLACES
+    return association.values[:, None]

@@ -10,17 +10,21 @@ from drops import LAW, NOISE, fitted, normal, thrown
 from repetitions import repeated
 
 from contactlearn import diagnose, laws
-from contactlearn.diagnosis.result import Coefficient, Diagnosis, Past, Succession, Verdict
+from contactlearn.diagnosis.result import Coefficient, Diagnosis, LaggedVariable, SerialDependence, Verdict
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.followed import find_succession
 from contactlearn.diagnosis.unexplained.scores import Scores
-from contactlearn.diagnosis.unexplained.succession import Memory, histories, suspects
+from contactlearn.diagnosis.unexplained.serial_dependence import (
+    Memory,
+    find_serial_dependence,
+    histories,
+    screen_associations,
+)
 from contactlearn.effects import State
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.text import headline, stages
-from contactlearn.report.text.sequence import follows
+from contactlearn.report.text.serial_dependence import follows
 
 
 def sawtooth(drops):
@@ -44,7 +48,7 @@ def test_false_statements_are_as_rare_as_the_level(runs):
     for seed in range(runs):
         drops, fit = fitted(140, 100 * seed, errors=rough)
         scores = Scores.of_sequence(drops, fit, FitOptions())
-        chances.append(suspects(scores, histories(drops, fit.model.predict(drops)), level)[0])
+        chances.append(screen_associations(scores, histories(drops, fit.model.predict(drops)), level)[0])
     assert sum(p <= level for p in chances) <= runs * level + 3 * math.sqrt(runs * level * (1 - level))
     assert sum(chances) / runs > 0.35
 
@@ -52,27 +56,31 @@ def test_false_statements_are_as_rare_as_the_level(runs):
 @pytest.mark.parametrize(
     ("change", "coefficient", "followed"),
     [
-        ({"friction": sawtooth}, Coefficient.FRICTION, {Past.PERIOD, Past.ORDER}),
-        ({"restitution": after_fast}, Coefficient.RESTITUTION, {Past.NORMAL_SPEED, Past.NORMAL_IMPULSE}),
+        ({"friction": sawtooth}, Coefficient.FRICTION, {LaggedVariable.PERIOD, LaggedVariable.ORDER}),
+        (
+            {"restitution": after_fast},
+            Coefficient.RESTITUTION,
+            {LaggedVariable.NORMAL_SPEED, LaggedVariable.NORMAL_IMPULSE},
+        ),
     ],
     ids=["friction that is wiped", "restitution that remembers"],
 )
 def test_a_coefficient_that_follows_the_sequence_is_found(change, coefficient, followed):
     drops, fit = fitted(300, 1, **change)
-    found = find_succession(drops, fit, FitOptions())
+    found = find_serial_dependence(drops, fit, FitOptions())
     assert found is not None
     assert found.coefficient is coefficient
-    assert found.follows in followed
+    assert found.variable in followed
     assert found.large
-    if found.follows is Past.PERIOD:
+    if found.variable is LaggedVariable.PERIOD:
         assert found.trials == pytest.approx(17, abs=0.5)
     mixed = torch.randperm(len(drops), generator=torch.Generator().manual_seed(0))
     shuffled = drops[mixed]
-    again = find_succession(shuffled, identify_jointly(LAW, {}, shuffled), FitOptions())
+    again = find_serial_dependence(shuffled, identify_jointly(LAW, {}, shuffled), FitOptions())
     assert again is not None  # the order counts, and not the rows
-    assert (again.coefficient, again.follows) == (found.coefficient, found.follows)
+    assert (again.coefficient, again.variable) == (found.coefficient, found.variable)
     lost = drops.replace(order=drops.order[mixed])
-    assert find_succession(lost, identify_jointly(LAW, {}, lost), FitOptions()) is None
+    assert find_serial_dependence(lost, identify_jointly(LAW, {}, lost), FitOptions()) is None
 
 
 def test_a_measurement_that_wanders_is_no_coefficient():
@@ -86,7 +94,7 @@ def test_a_measurement_that_wanders_is_no_coefficient():
 
     for seed in range(2):
         drops, fit = fitted(160, 10 * seed, errors=wandering)
-        found = find_succession(drops, fit, FitOptions())
+        found = find_serial_dependence(drops, fit, FitOptions())
         assert found is None or not found.large
 
 
@@ -98,22 +106,22 @@ def test_trials_that_stick_tell_nothing_of_friction():
     slow = slow.replace(v_post=ContactModel(grip).predict(slow).v_post + NOISE * normal(len(slow), 3, seed=0))
     scores = Scores.of_sequence(slow, identify_jointly(grip, {}, slow), FitOptions())
     assert (scores.slope[..., 0] == 0).all()
-    chance, found = suspects(scores, {}, 0.01)
+    chance, found = screen_associations(scores, {}, 0.01)
     assert chance > 0.01
     assert not found
 
 
 def test_of_few_trials_nothing_is_said():
     drops, fit = fitted(60, 4)
-    assert find_succession(drops[:30], fit, FitOptions()) is None
+    assert find_serial_dependence(drops[:30], fit, FitOptions()) is None
 
 
 def test_a_gap_in_the_sequence_hides_the_trial_before():
     drops = thrown(60, 5)
     order = drops.order + (drops.order > 30) * 50
     gone = drops.replace(order=order)
-    known = histories(drops, ContactModel(LAW).predict(drops))[Memory(Past.NORMAL_SPEED, 1.0)]
-    hidden = histories(gone, ContactModel(LAW).predict(gone))[Memory(Past.NORMAL_SPEED, 1.0)]
+    known = histories(drops, ContactModel(LAW).predict(drops))[Memory(LaggedVariable.NORMAL_SPEED, 1.0)]
+    hidden = histories(gone, ContactModel(LAW).predict(gone))[Memory(LaggedVariable.NORMAL_SPEED, 1.0)]
     after = int((drops.order <= 30).sum())
     assert hidden[after] == 0 != known[after]
     assert torch.equal(hidden[after + 1 :], known[after + 1 :])
@@ -122,11 +130,11 @@ def test_a_gap_in_the_sequence_hides_the_trial_before():
 def test_the_level_decides():
     drops, fit = fitted(150, 6)
     thresholds = Thresholds()
-    always = replace(thresholds, sequence=replace(thresholds.sequence, level=2.0))
+    always = replace(thresholds, serial_dependence=replace(thresholds.serial_dependence, level=2.0))
     scores = Scores.of_sequence(drops, fit, FitOptions())
     history = histories(drops, fit.model.predict(drops))
-    assert suspects(scores, history, thresholds.sequence.level / 2)[1] == ()
-    assert suspects(scores, history, always.sequence.level / 2)[1]
+    assert screen_associations(scores, history, thresholds.serial_dependence.level / 2)[1] == ()
+    assert screen_associations(scores, history, always.serial_dependence.level / 2)[1]
 
 
 @pytest.mark.parametrize("sets", repeated({"friction": sawtooth}, {}), ids=["friction that is wiped", "nothing"])
@@ -137,27 +145,27 @@ def test_a_diagnosis_calls_it_unknown_and_says_what_follows(sets):
     )
     assert found.remainder is not None
     assert found.verdict is (Verdict.UNKNOWN if sets else Verdict.NONE)
-    assert (found.remainder.succession is not None) == bool(sets)
+    assert (found.remainder.serial_dependence is not None) == bool(sets)
     assert ("friction changes along the sequence" in headline(found)) == bool(sets)
     assert Diagnosis.from_json(found.to_json()) == found
 
 
 def test_it_is_said_in_words():
-    found = Succession(
+    found = SerialDependence(
         coefficient=Coefficient.RESTITUTION,
-        follows=Past.NORMAL_SPEED,
+        variable=LaggedVariable.NORMAL_SPEED,
         trials=1.0,
         p_value=0.002,
         share=Interval(0.2, 0.15, 0.25),
         large=True,
     )
     assert follows(found) == "restitution depends on the previous impact's normal speed"
-    period = replace(found, coefficient=Coefficient.FRICTION, follows=Past.PERIOD, trials=23.04)
+    period = replace(found, coefficient=Coefficient.FRICTION, variable=LaggedVariable.PERIOD, trials=23.04)
     assert follows(period) == "friction changes periodically along the sequence, every 23 trials"
-    left = replace(remainder(Interval(0.01, -0.01, 0.03)), succession=found)
+    left = replace(remainder(Interval(0.01, -0.01, 0.03)), serial_dependence=found)
     assert left.found
     assert left.unknown
-    assert not left.learnt
+    assert not left.predictable
     said = stages.residual(left)
     assert said[0] == stages.NOT_PREDICTABLE
     assert "none of the known effects explains it" in said[-1]
@@ -173,10 +181,10 @@ def test_a_floor_that_is_dented_where_it_was_hit():
         return -0.15 * (near * 0.9**ago).tril(-1).sum(-1)
 
     drops, fit = fitted(400, 7, restitution=dented)
-    found = find_succession(drops, fit, FitOptions())
+    found = find_serial_dependence(drops, fit, FitOptions())
     assert found is not None
     assert found.coefficient is Coefficient.RESTITUTION
-    assert found.follows is Past.PLACE
+    assert found.variable is LaggedVariable.PLACE
     assert found.width == pytest.approx(0.013, abs=0.003)
     assert found.trials == pytest.approx(10)
     assert follows(replace(found, width=0.0132)) == (
@@ -187,9 +195,11 @@ def test_a_floor_that_is_dented_where_it_was_hit():
 def test_earlier_impacts_are_counted_by_their_place():
     drops = thrown(80, 8)
     counted = histories(drops, ContactModel(LAW).predict(drops))
-    widest = max((one for one in counted if one.follows is Past.PLACE), key=lambda one: (one.width, one.trials))
+    widest = max(
+        (one for one in counted if one.variable is LaggedVariable.PLACE), key=lambda one: (one.width, one.trials)
+    )
     place = drops.q[:, 0] + drops.r[:, 0]
     exact = (-0.5 * ((place[:, None] - place) / widest.width).square()).exp().tril(-1).sum(-1)
     assert torch.corrcoef(torch.stack((exact, counted[widest])))[0, 1] > 0.999
     alone = drops.replace(q=torch.zeros_like(drops.q), r=drops.r * torch.tensor([0.0, 1.0]))
-    assert not any(one.follows is Past.PLACE for one in histories(alone, ContactModel(LAW).predict(alone)))
+    assert not any(one.variable is LaggedVariable.PLACE for one in histories(alone, ContactModel(LAW).predict(alone)))

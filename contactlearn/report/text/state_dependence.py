@@ -1,12 +1,12 @@
 """What remains and depends on the state of each trial, in words."""
 
-from contactlearn.diagnosis.result import Modulation
+from contactlearn.diagnosis.result import StateDependence
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.report.text.names import COEFFICIENTS, label, listed
 from contactlearn.report.text.numbers import p_value, share_interval
 
 
-def depends(found: Modulation) -> str:
+def depends(found: StateDependence) -> str:
     """Say what acts like a coefficient that depends on which variables, in a clause."""
     coefficient = COEFFICIENTS[found.coefficient]
     first, *others = (SYMBOLS[one.symbol].letter if one.symbol in SYMBOLS else "the body" for one in found.variables)
@@ -17,7 +17,7 @@ def depends(found: Modulation) -> str:
     return f"the residual behaves like {coefficient} that depends on {on}{same}"
 
 
-def modulation(found: Modulation) -> str:
+def state_dependence(found: StateDependence) -> str:
     """Say the same with its certainty and its size, without a full stop."""
     size = f"modelling this dependence reduces the held-out residual by {share_interval(found.share)}"
     known = "none of the known effects explains it, and " if found.form_of is None else ""

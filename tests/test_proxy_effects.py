@@ -7,8 +7,8 @@ from drops import LAW, fitted
 from contactlearn import diagnose
 from contactlearn.diagnosis.result import Diagnosis, Verdict
 from contactlearn.diagnosis.search.candidates import all_candidates
-from contactlearn.diagnosis.thresholds import ModulationThresholds
-from contactlearn.diagnosis.unexplained.stand_ins import without_stand_ins
+from contactlearn.diagnosis.thresholds import StateDependenceThresholds
+from contactlearn.diagnosis.unexplained.proxy_effects import drop_proxies
 from contactlearn.effects import State, find_effect
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.laws import find
@@ -38,13 +38,13 @@ def models(drops, *sets):
 def test_the_fewest_effects_that_predict_no_worse(sets):
     drops = hidden()
     fits = models(drops, *sets)
-    assert without_stand_ins(drops, fits, FitOptions(), ModulationThresholds()) == sets.index((TRUE,))
+    assert drop_proxies(drops, fits, FitOptions(), StateDependenceThresholds()) == sets.index((TRUE,))
 
 
 def test_nothing_is_left_out_where_the_state_tells_nothing():
     drops = hidden(restitution=None)
     fits = models(drops, (TRUE,), (TRUE, "spin_damping"))
-    assert without_stand_ins(drops, fits, FitOptions(), ModulationThresholds()) == 1
+    assert drop_proxies(drops, fits, FitOptions(), StateDependenceThresholds()) == 1
 
 
 def test_a_diagnosis_says_what_was_left_out():
@@ -53,8 +53,8 @@ def test_a_diagnosis_says_what_was_left_out():
     assert found.verdict is Verdict.UNKNOWN
     assert list(found.effects) == [TRUE]
     assert found.remainder is not None
-    assert found.remainder.modulation is not None
-    (left_out,) = found.remainder.modulation.instead_of
+    assert found.remainder.state_dependence is not None
+    (left_out,) = found.remainder.state_dependence.superseded_effects
     assert left_out.name == STAND_IN
     said = f"no larger model predicts clearly better: {effect_label(left_out)} would only be a proxy for it"
     assert any(said in note for note in search.notes(found))

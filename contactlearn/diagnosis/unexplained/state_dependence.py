@@ -1,0 +1,305 @@
+"""State dependence: a law coefficient, or an outcome, that depends on the state of each trial before impact.
+
+Screening tests what remains against functions of one variable (cosines over its ranks, harmonics of θ, one body against
+the others) and against products of two such functions of low order.  Sums over the trials of such a function times a
+score, or a whitened residual, are converted to −log p, each alone and all of a variable or pair together.  The largest
+of all is compared with those under random signs, so that the level holds for all of them together.
+
+The estimate is a `VaryingCoefficientModel` over the screened variables, each stretched by the order of its strongest
+function so that a stripe is as wide as a slope.  Of the sets of variables and their union the best predictor is chosen.
+Source: Efron 1969 for the signs; ranks make the test indifferent to the distributions of the variables.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn.functional import one_hot
+
+from contactlearn.core.numerics import wrapped
+from contactlearn.diagnosis.result.remainder import Coefficient, StateDependence, VariableShare
+from contactlearn.diagnosis.sequence import exceedance, random_signs
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.neg_log_p import gamma_neg_log_p, normal_neg_log_p
+from contactlearn.diagnosis.unexplained.scores import Scores
+from contactlearn.diagnosis.unexplained.sobol import total_indices, variable_shares
+from contactlearn.diagnosis.unexplained.varying_coefficients import VaryingCoefficientFit, VaryingCoefficientModel
+from contactlearn.effects import State
+from contactlearn.effects.formula.symbols import of_state
+from contactlearn.inference.evaluation.partial_residuals import share_explained
+from contactlearn.inference.identification.joint import FitOptions, JointFit
+from contactlearn.mechanics.impacts import Impacts
+
+ANGLE, BODY, PLACE = "theta", "object", "x"
+_ALONE = 16  # cosines over a variable alone
+_TOGETHER = {PLACE: 8}  # of a variable in a product; floors have stripes
+_FEW = 4  # of all other variables
+_BODIES = 10  # at most, to be told apart
+_KINDS = (*Coefficient, None, None, None)  # that may depend on the state: coefficients, whitened velocities
+_FEWEST, _BLOCKS = 40, 20  # trials, and blocks of them, below which nothing is said
+_LEARNT = 560  # trials that are learnt from and held out, at most
+_TRIED = 3  # associations, the most significant ones
+_UNION = 3  # variables of their union, at most
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateAssociation:
+    """What the state seems to tell of a coefficient, or of the velocities where that is None.
+
+    Args:
+        coefficient: of the law.
+        orders: half periods over the range of each variable, by its symbol; of θ harmonics.
+        neg_log_p: of the strongest function.
+    """
+
+    coefficient: Coefficient | None
+    orders: Mapping[str, int]
+    neg_log_p: float
+
+
+def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
+    """Compute columns of each variable that varies: (cos θ, sin θ), each body alone, the others standardised."""
+    state, names = State.of(impacts), list(dict.fromkeys(impacts.object))
+    told = {"vn": state.v_n, "vt": state.v_t, "omega": state.omega, PLACE: state.x}
+    found = {
+        name: ((value - value.mean()) / value.std())[:, None]
+        for name, value in told.items()
+        if value.std() > 1e-9 * value.abs().max()
+    }
+    circle = torch.stack((state.theta.cos(), state.theta.sin()), -1)
+    if circle.std(0).max() > 1e-9:
+        found[ANGLE] = circle
+    if 1 < len(names) <= _BODIES:
+        found[BODY] = one_hot(torch.tensor([names.index(name) for name in impacts.object])).to(torch.float64)
+    return found
+
+
+def screen_state_associations(
+    scores: Scores, among: Mapping[str, Float[Tensor, "n c"]], level: float, block: int = 1
+) -> tuple[float, tuple[StateAssociation, ...]]:
+    """Compute the p-value of independence, and what refutes it at the level, the most surprising first.
+
+    Residuals of so many neighbouring trials, a `block`, may resemble each other: they have one random sign.
+    """
+    signs = random_signs(math.ceil(len(scores) / block)).repeat_interleave(block, 1)[:, : len(scores)]
+    groups = list(_functions(among))
+    alike = torch.eye(3, dtype=torch.float64).expand(len(scores), 3, 3)
+    channels, found, told = torch.cat((scores.slope, alike), -1), list[StateAssociation](), list[Tensor]()
+    for orders, functions in groups:
+        for kind, channel in zip(_KINDS, channels.unbind(-1), strict=True):
+            free = scores.free(channel[..., None] * (functions - functions.mean(0))[:, None])
+            sums = signs @ (free * scores.residual[..., None]).sum(1)
+            z = sums / sums.square().mean(0).sqrt().clamp_min(1e-300)
+            each, together = normal_neg_log_p(sums), gamma_neg_log_p(z.square().sum(1, keepdim=True))
+            told.append(torch.cat((each, together), 1).nan_to_num(0.0).amax(1))
+            strongest = orders[int(each[0].argmax())]
+            found.append(StateAssociation(coefficient=kind, orders=strongest, neg_log_p=told[-1][0].item()))
+    neg_log_p = torch.stack(told, 1)
+    largest = neg_log_p.amax(1)
+    chance, enough = exceedance(largest), largest[1:].quantile(1 - level).item()
+    if chance > level:
+        return chance, ()
+    return chance, tuple(sorted((one for one in found if one.neg_log_p > enough), key=lambda one: -one.neg_log_p))
+
+
+def _functions(
+    among: Mapping[str, Float[Tensor, "n c"]],
+) -> Iterator[tuple[list[dict[str, int]], Float[Tensor, "n k"]]]:
+    """Groups of functions of a variable, then of two, and the orders of each."""
+    ladders = {name: _ladder(name, columns) for name, columns in among.items()}
+    for name, (functions, orders) in ladders.items():
+        yield [{name: order} for order in orders], functions
+    for one, two in combinations(ladders, 2):
+        (left, first), (right, second) = (_low(name, *ladders[name]) for name in (one, two))
+        orders = [{one: a, two: b} for a in first for b in second]
+        yield orders, (left[:, :, None] * right[:, None]).flatten(1)
+
+
+def _ladder(name: str, columns: Float[Tensor, "n c"]) -> tuple[Float[Tensor, "n k"], list[int]]:
+    """Functions of a variable and their orders, rising."""
+    if name == BODY:
+        return columns, [1] * columns.shape[1]
+    if name == ANGLE:
+        angle, orders = torch.atan2(columns[:, 1], columns[:, 0]), range(1, 1 + _ALONE // 2)
+        return torch.stack([f(k * angle) for k in orders for f in (torch.cos, torch.sin)], -1), [
+            k for k in orders for _ in range(2)
+        ]
+    orders = range(1, 1 + _ALONE)
+    return (math.pi * _ranks(columns[:, 0])[:, None] * torch.tensor(orders)).cos(), list(orders)
+
+
+def _low(name: str, functions: Float[Tensor, "n k"], orders: list[int]) -> tuple[Float[Tensor, "n l"], list[int]]:
+    """Those of low orders."""
+    most = len(orders) if name == BODY else _TOGETHER.get(name, _FEW)
+    return functions[:, :most], orders[:most]
+
+
+def _ranks(values: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    """Ranks between 0 and 1, the same for equal values."""
+    _, which, count = values.unique(return_inverse=True, return_counts=True)
+    return ((count.cumsum(0) - count / 2) / len(values)).to(torch.float64)[which]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateDependenceFit:
+    """The best varying-coefficient fit to the remainder of a model over the state of the trials.
+
+    Args:
+        model: the trials and their folds.
+        inputs: variables that vary, by their symbols.
+        association: the coefficient and its variables.
+        fit: the coefficient as a function of them, with its held-out predictions.
+        p_value: of independence, over all associations.
+    """
+
+    model: VaryingCoefficientModel
+    inputs: Mapping[str, Tensor]
+    association: StateAssociation
+    fit: VaryingCoefficientFit
+    p_value: float
+
+
+def find_state_dependence(
+    impacts: Impacts,
+    fit: JointFit,
+    best: JointFit,
+    options: FitOptions,
+    thresholds: Thresholds = Thresholds(),
+    block: int = 1,
+) -> StateDependence | None:
+    """Find what the trials' own state tells of a fitted model's remainder; None where it tells nothing.
+
+    A model has its effects for what they are worth.  What one with more of them does not show is explained by known
+    effects, too small for a name.
+
+    Args:
+        impacts: measurements, in the sequence of their order.
+        fit: of a law with effects to all of them.
+        best: of the law and effects with the best score, the same or another one.
+        options: of the fits.
+        thresholds: of the level, and of what is large.
+        block: neighbouring trials whose errors may resemble each other.
+    """
+    ask = partial(
+        fit_state_dependence,
+        impacts,
+        options=options,
+        level=thresholds.state_dependence.level,
+        trials=_LEARNT,
+        block=block,
+    )
+    found = ask(fit)
+    if found is None or found.fit.share.mean <= 0:
+        return None
+    if not torch.equal(best.model.predict(impacts).v_post, fit.model.predict(impacts).v_post):
+        rest = ask(best)
+        if rest is None or rest.fit.share.mean <= 0:
+            return None
+    return _described(found, thresholds)
+
+
+def fit_state_dependence(
+    impacts: Impacts, fit: JointFit, options: FitOptions, level: float, trials: int, block: int = 1
+) -> StateDependenceFit | None:
+    """Learn what the state tells of the remainder of a model from so many trials; None where it tells nothing."""
+    if len(impacts) < max(_FEWEST, _BLOCKS * block):
+        return None
+    scores = Scores.of_state(impacts, fit, options, block)
+    ordered = impacts[scores.rows]
+    among = state_variables(ordered)
+    p_value, found = screen_state_associations(scores, among, level, block)
+    if not found:
+        return None
+    rows = torch.randperm(len(ordered), generator=torch.Generator().manual_seed(0))[:trials].sort().values
+    model = VaryingCoefficientModel.of(ordered, fit, scores, rows)
+    inputs = {name: columns[rows] for name, columns in among.items()}
+    tried = [(one, _fit_coefficient(model, one.coefficient, one.orders, inputs)) for one in _tried(found)]
+    association, best = max(tried, key=lambda one: one[1].share.mean)
+    return StateDependenceFit(model=model, inputs=inputs, association=association, fit=best, p_value=p_value)
+
+
+def _described(found: StateDependenceFit, thresholds: Thresholds) -> StateDependence:
+    """The result, with its variables and with the effect of the model that has it in another form."""
+    model, coefficient, share = found.model, found.association.coefficient, found.fit.share
+    variables = _variables(
+        model, found.fit, found.association.orders, found.inputs, thresholds.remainder.variable_share
+    )
+    form_of = _same_dependence(model, coefficient, variables, thresholds.remainder.follows)
+    return StateDependence(
+        coefficient=coefficient,
+        variables=variables,
+        p_value=found.p_value,
+        share=share,
+        large=form_of is None and share.mean > thresholds.state_dependence.share,
+        form_of=form_of,
+    )
+
+
+def _tried(found: Sequence[StateAssociation]) -> list[StateAssociation]:
+    """The first associations of different variables, and for each coefficient of theirs the union of its variables."""
+    first: dict[tuple[Coefficient | None, frozenset[str]], StateAssociation] = {}
+    for one in found:
+        first.setdefault((one.coefficient, frozenset(one.orders)), one)
+    chosen = list(first.values())[:_TRIED]
+    for coefficient in {one.coefficient for one in chosen}:
+        union: dict[str, int] = {}
+        for one in first.values():
+            if one.coefficient is coefficient and len({*union, *one.orders}) <= _UNION:
+                union |= {name: max(order, union.get(name, 1)) for name, order in one.orders.items()}
+        if (coefficient, frozenset(union)) not in {(one.coefficient, frozenset(one.orders)) for one in chosen}:
+            chosen.append(StateAssociation(coefficient=coefficient, orders=union, neg_log_p=found[0].neg_log_p))
+    return chosen
+
+
+def _fit_coefficient(
+    model: VaryingCoefficientModel,
+    coefficient: Coefficient | None,
+    orders: Mapping[str, int],
+    inputs: Mapping[str, Tensor],
+) -> VaryingCoefficientFit:
+    """Let a coefficient, or the velocities, depend on variables."""
+    x = torch.cat([order * inputs[name] for name, order in orders.items()], -1)
+    return model.velocities(x) if coefficient is None else model.coefficient(coefficient, x)
+
+
+def _same_dependence(
+    model: VaryingCoefficientModel,
+    coefficient: Coefficient | None,
+    variables: Sequence[VariableShare],
+    follows: float,
+) -> str | None:
+    """The effect of the model that makes the same coefficient a function of the only variable."""
+    state, fitted = State.of(model.impacts), model.fit.model
+    values = of_state(state)
+    values["theta"] = wrapped(values["theta"])
+    if coefficient is None or len(variables) != 1 or variables[0].symbol not in values:
+        return None
+    x, k = values[variables[0].symbol], tuple(Coefficient).index(coefficient)
+    for name, effect in fitted.effects.items():
+        if effect.place == "law":
+            changed = effect.law(state, *fitted.law.coefficients)[k]
+            if share_explained(x, changed.expand(len(x))) > follows:
+                return name
+    return None
+
+
+def _variables(
+    model: VaryingCoefficientModel,
+    fit: VaryingCoefficientFit,
+    names: Iterable[str],
+    inputs: Mapping[str, Tensor],
+    least: float,
+) -> tuple[VariableShare, ...]:
+    """Shares of the variables in the varying part, as it counts in the mass error."""
+    groups, at = dict[str, range](), 0
+    for name in names:
+        groups[name], at = range(at, at + inputs[name].shape[1]), at + inputs[name].shape[1]
+    index = total_indices(fit.at, fit.x, groups, torch.Generator().manual_seed(0))
+    impacts, outputs = model.impacts, index.shape[1]
+    in_mass = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1).mean(0)
+    return variable_shares(groups, (index * in_mass).sum(1) if outputs == 3 else index[:, 0], least)
