@@ -136,7 +136,7 @@ def test_another_form_of_an_effect_of_the_model_is_not_unknown(name, striped):
     assert found is not None
     assert (found.coefficient, symbols(found), found.form_of) == (Coefficient.RESTITUTION, {"x"}, form_of)
     assert found.large == (form_of is None)
-    known = "as location-dependent restitution has it in another form"
+    known = "as in location-dependent restitution but with another functional form"
     assert (known in depends(found)) == (form_of is not None)
 
 
