@@ -16,6 +16,8 @@ An effect overrides one of these methods and declares its parameters as fields:
 
         def velocity(self, state, v_post): …
 
+An effect on μ or ε alone inherits `law` from `ChangesFriction` or `ChangesRestitution` and overrides `coefficient`.
+
 An effect with several forms is a family: an abstract subclass of `Effect`, whose one method is an
 `abc.abstractmethod`, holds what the forms share; each form is a final subclass with its own `form`, `formula`
 and parameters.  The first form that is declared is the default one (`spin_damping.py`).
@@ -28,7 +30,7 @@ more.  In a method a parameter broadcasts against [..., N], one value a trial: `
 import inspect
 import math
 import re
-from abc import ABC
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any, ClassVar, Self
@@ -126,11 +128,11 @@ class Effect(ABC):
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         family = next((base for base in cls.__mro__[1:] if base is not Effect and issubclass(base, Effect)), None)
-        cls.place = _overridden(cls)
         if family is not None:
             _check_form(cls, family)
         elif cls.form is not None:
             raise TypeError(f"{cls.__name__} has a form and no family; make a form a subclass of its abstract family")
+        cls.place = _place(cls)
         cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower() if family is None else family.name
         cls.id = EffectId(cls.name, cls.form)
 
@@ -226,9 +228,34 @@ def require_shape(effect: str, impacts: Impacts) -> None:
         )
 
 
-def _overridden(kind: type[Effect]) -> str:
-    """Name of the one place whose method a class overrides."""
-    places = [place for place in PLACES if place in kind.__dict__]
+class ChangesFriction(ABC):
+    """Mixin of an effect that makes μ a function of the state and leaves ε alone."""
+
+    @abstractmethod
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return μ of each impact [..., N], from μ of the law."""
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        """Return (μ, ε) of each impact."""
+        return self.coefficient(state, mu), eps
+
+
+class ChangesRestitution(ABC):
+    """Mixin of an effect that makes ε a function of the state and leaves μ alone."""
+
+    @abstractmethod
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return ε of each impact [..., N], from ε of the law."""
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        """Return (μ, ε) of each impact."""
+        return mu, self.coefficient(state, eps)
+
+
+def _place(kind: type[Effect]) -> str:
+    """Name of the one place whose method a class overrides, itself or by a base."""
+    bases = [base for base in kind.__mro__ if base is not Effect]
+    places = [place for place in PLACES if any(place in vars(base) for base in bases)]
     if len(places) != 1:
         raise TypeError(f"{kind.__name__} must override one of {', '.join(PLACES)}, not {places or 'none'}")
     return places[0]
@@ -238,19 +265,15 @@ def _check_form(kind: type[Effect], family: type[Effect]) -> None:
     """Refuse a subclass of an effect that is not a form of an abstract family."""
     if not inspect.isabstract(family):
         raise TypeError(f"{kind.__name__} must not subclass {family.__name__}, which is final; subclass Effect")
-    if kind.place != family.place:
-        raise TypeError(f"{kind.__name__} must override {family.place}, as its family {family.name} does")
+    for method in family.__abstractmethods__:
+        if getattr(getattr(kind, method), "__isabstractmethod__", False):
+            raise TypeError(f"{kind.__name__} must override {method}, as its family {family.name} does")
     if not isinstance(kind.__dict__.get("form"), str):
         raise TypeError(f'{kind.__name__} must name its form of {family.name}; write such as form = "quadratic"')
 
 
-def typical(measured: Float[Tensor, "n"]) -> float:
-    """Median absolute value of a measured quantity, to two digits; 1 where that is 0."""
-    return float(f"{measured.abs().median().item():.1e}") or 1.0
-
-
-def known(value: float | None) -> float:
-    """Return a positive constant that is given, or that `Effect.prepare` has taken from measurements.
+def require_positive(value: float | None) -> float:
+    """Return a constant of an effect that is given, or that `Effect.prepare` has taken from measurements.
 
     Raises:
         ContactLearnError: it is None, or not positive.

@@ -2,16 +2,12 @@
 
 from dataclasses import dataclass
 
-from jaxtyping import Float
-from torch import Tensor
-
-from contactlearn.effects.base import Effect
-from contactlearn.effects.by_body import ByBody
-from contactlearn.effects.state import Coefficients, State
+from contactlearn.effects.base import ChangesFriction, Effect
+from contactlearn.effects.functions import ByBody
 
 
 @dataclass(frozen=True, eq=False)
-class BodyDependentFriction(ByBody, Effect):
+class BodyDependentFriction(ByBody, ChangesFriction, Effect):
     """Each object has its own μ: that of the law for the first, another by Δ for each of the others.
 
     It is not a change in time, which objects that were measured one after the other would show too
@@ -20,6 +16,3 @@ class BodyDependentFriction(ByBody, Effect):
 
     formula = "μ ← μ + Δ(object), 0 for the first object"
     source = "materials"
-
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + self.change(state), eps

@@ -1,33 +1,28 @@
 """Impacts far from the centre of mass lose more."""
 
-from abc import abstractmethod
 from dataclasses import dataclass
 
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.base import Effect, parameter
-from contactlearn.effects.curve import CoefficientCurve
-from contactlearn.effects.state import Coefficients, State
+from contactlearn.effects.base import ChangesRestitution, Effect, parameter
+from contactlearn.effects.functions import LEVER, CoefficientCurve
+from contactlearn.effects.state import State
 
 
 @dataclass(frozen=True, eq=False)
-class ConfigurationDependentRestitution(Effect):
+class ConfigurationDependentRestitution(ChangesRestitution, Effect):
     """ε is a function of the lever r_x/ρ, ρ² = I/m: the longer it is, the more goes into vibration.
 
         quadratic    ε − c (r_x/ρ)²
         linear       ε − c |r_x|/ρ
-        curve        ε + s(|r_x|/ρ), see `contactlearn.effects.curve`
+        curve        ε + s(|r_x|/ρ), see `functions.Spline`
 
     It is not a soft spot of the body, which need not follow the lever arm (`orientation_dependent_restitution`).
     """
 
     source = "Stoianovici & Hurmuzlu 1996"
     citations = ("stoianovici1996",)
-
-    @abstractmethod
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        """Return μ and ε(r_x/ρ)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +33,8 @@ class QuadraticLeverRestitution(ConfigurationDependentRestitution):
     formula = "ε ← ε − c (r_x/ρ)²"
     c: Tensor | float = parameter("c", "–", -0.5, 1.0)
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu, eps - self.c * state.r[..., 0] ** 2 * (state.mass / state.inertia)
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        return value - self.c * state.r[..., 0] ** 2 * (state.mass / state.inertia)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +45,8 @@ class LinearLeverRestitution(ConfigurationDependentRestitution):
     formula = "ε ← ε − c |r_x|/ρ"
     c: Tensor | float = parameter("c", "–", -0.5, 1.0)
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu, eps - self.c * state.lever
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        return value - self.c * state.lever
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +55,4 @@ class RestitutionOverLever(CoefficientCurve, ConfigurationDependentRestitution):
 
     form = "curve"
     formula = "ε ← ε + s(|r_x|/ρ), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable, unit = "|r_x|/ρ", "–"
-
-    def along(self, state: State) -> Float[Tensor, "... n"]:
-        return state.lever
-
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu, eps + self.change(self.along(state))
+    variable = LEVER

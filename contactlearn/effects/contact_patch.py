@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.base import Effect, known, parameter
-from contactlearn.effects.curve import ArmCurve
+from contactlearn.effects.base import Effect, parameter, require_positive
+from contactlearn.effects.functions import ArmCurve, Variable
 from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State, columns
 
@@ -17,7 +17,7 @@ class ContactPatch(Effect):
     """The normal impulse acts at an arm to the right of the contact point: τ → τ + arm P_n.
 
         linear    c − k r_x
-        curve     c + s(r_x), see `contactlearn.effects.curve`
+        curve     c + s(r_x), see `functions.Spline`
         after     c − k r_x, of the impulse that the law gives
         slip      −d sign(v_t), behind the contact point as the slip sees it
 
@@ -53,14 +53,11 @@ class ContactPatchCurve(ArmCurve, ContactPatch):
 
     form = "curve"
     formula = "τ ← τ + (c + s(r_x)) P_n while the contact lasts, a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable, unit = "r_x", "m"
+    variable = Variable("r_x", "m", lambda state: state.r[..., 0])
     c: Tensor | float = parameter("c", "m", -0.01, 0.01)
 
-    def along(self, state: State) -> Float[Tensor, "... n"]:
-        return state.r[..., 0]
-
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return perturbed_path(state, wrench, arm=self.c + self.change(self.along(state)))
+        return perturbed_path(state, wrench, arm=self.c + self.change(state.r[..., 0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +94,5 @@ class ContactPatchBySlip(ContactPatch):
     v_s: float = 0.1
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return perturbed_path(
-            state, wrench, arm=-self.d * state.v_t / (state.v_t.square() + known(self.v_s) ** 2).sqrt()
-        )
+        smoothed = (state.v_t.square() + require_positive(self.v_s) ** 2).sqrt()
+        return perturbed_path(state, wrench, arm=-self.d * state.v_t / smoothed)

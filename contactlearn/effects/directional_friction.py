@@ -25,6 +25,7 @@ class DirectionalFriction(Effect):
     source = "surface texture"
     mirror_symmetric = False
     adds_energy = True
+    a: Tensor | float = parameter("a", "–", -0.9, 0.9)
 
     @abstractmethod
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
@@ -37,7 +38,6 @@ class InstantDirectionalFriction(DirectionalFriction):
 
     form = "instant"
     formula = "μ ← μ (1 + a sign v_t) at every instant"
-    a: Tensor | float = parameter("a", "–", -0.9, 0.9)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         (mu, _), grain = state.coefficients, self.a * state.v_t.sign()
@@ -50,7 +50,6 @@ class InitialDirectionalFriction(DirectionalFriction):
 
     form = "initial"
     formula = "μ ← μ (1 + a sign v_t), v_t before contact"
-    a: Tensor | float = parameter("a", "–", -0.9, 0.9)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         (mu, _), grain = state.coefficients, self.a * state.v_t.sign()

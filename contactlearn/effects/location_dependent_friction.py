@@ -2,21 +2,14 @@
 
 from dataclasses import dataclass
 
-from jaxtyping import Float
-from torch import Tensor
-
-from contactlearn.effects.base import Effect
-from contactlearn.effects.basis import AlongFloor
-from contactlearn.effects.state import Coefficients, State
+from contactlearn.effects.base import ChangesFriction, Effect
+from contactlearn.effects.functions import AlongFloor
 
 
 @dataclass(frozen=True, eq=False)
-class LocationDependentFriction(AlongFloor, Effect):
+class LocationDependentFriction(AlongFloor, ChangesFriction, Effect):
     """μ depends on the place along the floor.  It is not a drift in time (`parameter_drift`)."""
 
     formula = "μ ← μ + Σ c_k P_k(u), k = 1 … 5, u = x on its span"
     source = "worn or soiled floor"
     mirror_symmetric = False
-
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + self.change(state.x), eps

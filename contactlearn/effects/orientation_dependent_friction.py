@@ -1,18 +1,13 @@
 """Some sides of the body are rougher than others."""
 
-from abc import abstractmethod
 from dataclasses import dataclass
 
-from jaxtyping import Float
-from torch import Tensor
-
-from contactlearn.effects.base import Effect
-from contactlearn.effects.harmonics import AroundBody, CurveAroundBody, SpotOnBody
-from contactlearn.effects.state import Coefficients, State
+from contactlearn.effects.base import ChangesFriction, Effect
+from contactlearn.effects.functions import AroundBody, CurveAroundBody, SpotOnBody
 
 
 @dataclass(frozen=True, eq=False)
-class OrientationDependentFriction(Effect):
+class OrientationDependentFriction(ChangesFriction, Effect):
     """μ is a function of the side on which the body lands.
 
         harmonics   μ + a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ, a body that is not uniform
@@ -25,10 +20,6 @@ class OrientationDependentFriction(Effect):
     source = "non-uniform body"
     mirror_symmetric = False
 
-    @abstractmethod
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        """Return μ(θ) and ε."""
-
 
 @dataclass(frozen=True, eq=False)
 class HarmonicFriction(AroundBody, OrientationDependentFriction):
@@ -36,9 +27,6 @@ class HarmonicFriction(AroundBody, OrientationDependentFriction):
 
     form = "harmonics"
     formula = "μ ← μ + a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ"
-
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + self.change(state.theta), eps
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +36,6 @@ class RoughSpot(SpotOnBody, OrientationDependentFriction):
     form = "spot"
     formula = "μ ← μ + a/(1 + (2 sin((θ − θ₀)/2)/w)⁴)"
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + self.change(state.theta), eps
-
 
 @dataclass(frozen=True, eq=False)
 class FrictionAroundBody(CurveAroundBody, OrientationDependentFriction):
@@ -58,6 +43,3 @@ class FrictionAroundBody(CurveAroundBody, OrientationDependentFriction):
 
     form = "curve"
     formula = "μ ← μ + Σ a_k cos kθ + b_k sin kθ, k = 1 … 4"
-
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + self.change(state.theta), eps

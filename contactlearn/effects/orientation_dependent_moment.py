@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect
-from contactlearn.effects.harmonics import ArmAroundBody, ArmCurveAroundBody, ArmSpotOnBody
+from contactlearn.effects.functions import ArmAroundBody, ArmCurveAroundBody, ArmSpotOnBody
 from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State
 
@@ -29,8 +29,11 @@ class OrientationDependentMoment(Effect):
     adds_energy = True
 
     @abstractmethod
+    def change(self, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
+        """Return the arm [..., N] in m at orientations θ [..., N] in rad."""
+
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the wrench with the moment of the arm."""
+        return perturbed_path(state, wrench, arm=self.change(state.theta))
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +45,6 @@ class HarmonicMoment(ArmAroundBody, OrientationDependentMoment):
         "τ ← τ + (a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ) P_n while the contact lasts, P_t and P_n responding"
     )
 
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return perturbed_path(state, wrench, arm=self.change(state.theta))
-
 
 @dataclass(frozen=True, eq=False)
 class MomentOfBump(ArmSpotOnBody, OrientationDependentMoment):
@@ -53,9 +53,6 @@ class MomentOfBump(ArmSpotOnBody, OrientationDependentMoment):
     form = "spot"
     formula = "τ ← τ + a/(1 + (2 sin((θ − θ₀)/2)/w)⁴) P_n while the contact lasts, P_t and P_n responding"
 
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return perturbed_path(state, wrench, arm=self.change(state.theta))
-
 
 @dataclass(frozen=True, eq=False)
 class MomentAroundBody(ArmCurveAroundBody, OrientationDependentMoment):
@@ -63,6 +60,3 @@ class MomentAroundBody(ArmCurveAroundBody, OrientationDependentMoment):
 
     form = "curve"
     formula = "τ ← τ + (Σ a_k cos kθ + b_k sin kθ) P_n while the contact lasts, k = 1 … 4, P_t and P_n responding"
-
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return perturbed_path(state, wrench, arm=self.change(state.theta))

@@ -1,18 +1,17 @@
 """Some sides of the body are softer than others."""
 
-from abc import abstractmethod
 from dataclasses import dataclass
 
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.base import Effect
-from contactlearn.effects.harmonics import AroundBody, CurveAroundBody, SpotOnBody
-from contactlearn.effects.state import Coefficients, State
+from contactlearn.effects.base import ChangesRestitution, Effect
+from contactlearn.effects.functions import AroundBody, CurveAroundBody, SpotOnBody
+from contactlearn.effects.state import State
 
 
 @dataclass(frozen=True, eq=False)
-class OrientationDependentRestitution(Effect):
+class OrientationDependentRestitution(ChangesRestitution, Effect):
     """ε is a function of the side on which the body lands.
 
         harmonics   ε + a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ, a body that is not uniform
@@ -25,10 +24,6 @@ class OrientationDependentRestitution(Effect):
     source = "non-uniform body"
     mirror_symmetric = False
 
-    @abstractmethod
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        """Return μ and ε(θ)."""
-
 
 @dataclass(frozen=True, eq=False)
 class HarmonicRestitution(AroundBody, OrientationDependentRestitution):
@@ -36,9 +31,6 @@ class HarmonicRestitution(AroundBody, OrientationDependentRestitution):
 
     form = "harmonics"
     formula = "ε ← ε + a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ"
-
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu, eps + self.change(state.theta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +40,8 @@ class SoftSpot(SpotOnBody, OrientationDependentRestitution):
     form = "spot"
     formula = "ε ← ε − a/(1 + (2 sin((θ − θ₀)/2)/w)⁴)"
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu, eps - self.change(state.theta)
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        return value - self.change(state.theta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +50,3 @@ class RestitutionAroundBody(CurveAroundBody, OrientationDependentRestitution):
 
     form = "curve"
     formula = "ε ← ε + Σ a_k cos kθ + b_k sin kθ, k = 1 … 4"
-
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu, eps + self.change(state.theta)

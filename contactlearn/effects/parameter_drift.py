@@ -1,17 +1,15 @@
 """The surfaces change while they are being measured."""
 
 from abc import abstractmethod
-from dataclasses import dataclass, field, replace
-from typing import Self
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.base import Effect, known, parameter
-from contactlearn.effects.curve import CoefficientCurve
+from contactlearn.effects.base import ChangesFriction, ChangesRestitution, Effect, parameter
+from contactlearn.effects.functions import TRIAL, CoefficientCurve, TrialShare
 from contactlearn.effects.state import Coefficients, State
-from contactlearn.mechanics.impacts import Impacts
 
 _STEP = 0.03  # width of a step as a share of all trials
 
@@ -23,7 +21,7 @@ class ParameterDrift(Effect):
         restitution, friction                      in proportion: ε + c k/1000
         settling_restitution, settling_friction    towards a value: ε + a (1 − exp(−λ k/N)), N trials in all
         restitution_step, friction_step            at once: ε + a/(1 + exp(−(k/N − t)/0.03)), a surface that is changed
-        restitution_curve, friction_curve          ε + s(k), see `contactlearn.effects.curve`
+        restitution_curve, friction_curve          ε + s(k), see `functions.Spline`
 
     It is not a dependence on the place on the floor (`location_dependent_restitution`).
     """
@@ -36,142 +34,103 @@ class ParameterDrift(Effect):
 
 
 @dataclass(frozen=True, eq=False)
-class RestitutionDrift(ParameterDrift):
+class RestitutionDrift(ChangesRestitution, ParameterDrift):
     """ε → ε + c k/1000.  It is not a drift of the friction (`FrictionDrift`)."""
 
     form = "restitution"
     formula = "ε ← ε + c k/1000"
     c: Tensor | float = parameter("c", "per 1000 trials", -1.0, 1.0)
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu, eps + self.c * _thousands(state)
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        return value + self.c * _thousands(state)
 
 
 @dataclass(frozen=True, eq=False)
-class FrictionDrift(ParameterDrift):
+class FrictionDrift(ChangesFriction, ParameterDrift):
     """μ → μ + d k/1000.  It is not a drift of the restitution (`RestitutionDrift`)."""
 
     form = "friction"
     formula = "μ ← μ + d k/1000"
     d: Tensor | float = parameter("d", "per 1000 trials", -1.0, 1.0)
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + self.d * _thousands(state), eps
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        return value + self.d * _thousands(state)
 
 
 @dataclass(frozen=True, eq=False)
-class _OfAll:
-    """A change over the share k/N of all trials."""
-
-    trials: float | None = field(default=None, kw_only=True)  # N; None: the number of the last one
-
-    def prepare(self, impacts: Impacts) -> Self:
-        """Return the effect with N taken from the impacts where it is open."""
-        return self if self.trials is not None else replace(self, trials=impacts.order.max().item())
-
-    def _share(self, state: State) -> Float[Tensor, "... n"]:
-        """k/N of each trial."""
-        return (state.order - 1) / known(self.trials)
-
-
-@dataclass(frozen=True, eq=False)
-class _Settling(_OfAll):
+class _Settling(TrialShare):
     """a (1 − exp(−λ k/N)): a change that comes to an end."""
 
     a: Tensor | float = parameter("a", "–", -0.5, 0.5)
     rate: Tensor | float = parameter("λ", "–", 0.5, 20.0, vanishing=None, start=3.0)
 
-    def change(self, state: State) -> Float[Tensor, "... n"]:
-        """Evaluate the change [..., N]."""
-        return self.a * -torch.expm1(-self.rate * self._share(state))
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return the coefficient of each trial [..., N]."""
+        return value + self.a * -torch.expm1(-self.rate * self.share(state))
 
 
 @dataclass(frozen=True, eq=False)
-class _Step(_OfAll):
+class _Step(TrialShare):
     """a/(1 + exp(−(k/N − t)/0.03)): a change within a few per cent of the trials about one."""
 
     a: Tensor | float = parameter("a", "–", -0.5, 0.5)
     t: Tensor | float = parameter("t", "–", 0.0, 1.0, vanishing=None, start=0.5)
 
-    def change(self, state: State) -> Float[Tensor, "... n"]:
-        """Evaluate the change [..., N]."""
-        return self.a * torch.sigmoid((self._share(state) - self.t) / _STEP)
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return the coefficient of each trial [..., N]."""
+        return value + self.a * torch.sigmoid((self.share(state) - self.t) / _STEP)
 
 
 @dataclass(frozen=True, eq=False)
-class SettlingRestitution(_Settling, ParameterDrift):
+class SettlingRestitution(_Settling, ChangesRestitution, ParameterDrift):
     """ε → ε + a (1 − exp(−λ k/N)), as surfaces run in.  It does not go on for ever (`RestitutionDrift`)."""
 
     form = "settling_restitution"
     formula = "ε ← ε + a (1 − exp(−λ k/N)), N trials in all"
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu, eps + self.change(state)
-
 
 @dataclass(frozen=True, eq=False)
-class SettlingFriction(_Settling, ParameterDrift):
+class SettlingFriction(_Settling, ChangesFriction, ParameterDrift):
     """μ → μ + a (1 − exp(−λ k/N)), as surfaces run in.  It does not go on for ever (`FrictionDrift`)."""
 
     form = "settling_friction"
     formula = "μ ← μ + a (1 − exp(−λ k/N)), N trials in all"
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + self.change(state), eps
-
 
 @dataclass(frozen=True, eq=False)
-class RestitutionStep(_Step, ParameterDrift):
+class RestitutionStep(_Step, ChangesRestitution, ParameterDrift):
     """ε → ε + a/(1 + exp(−(k/N − t)/0.03)), as where a surface is changed.  It is not wear (`SettlingRestitution`)."""
 
     form = "restitution_step"
     formula = "ε ← ε + a/(1 + exp(−(k/N − t)/0.03)), N trials in all"
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu, eps + self.change(state)
-
 
 @dataclass(frozen=True, eq=False)
-class FrictionStep(_Step, ParameterDrift):
+class FrictionStep(_Step, ChangesFriction, ParameterDrift):
     """μ → μ + a/(1 + exp(−(k/N − t)/0.03)), as where a surface is changed.  It is not wear (`SettlingFriction`)."""
 
     form = "friction_step"
     formula = "μ ← μ + a/(1 + exp(−(k/N − t)/0.03)), N trials in all"
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + self.change(state), eps
-
 
 @dataclass(frozen=True, eq=False)
-class RestitutionDriftCurve(CoefficientCurve, ParameterDrift):
+class RestitutionDriftCurve(CoefficientCurve, ChangesRestitution, ParameterDrift):
     """ε → ε + s(k).  It need not settle (`SettlingRestitution`)."""
 
     form = "restitution_curve"
     formula = "ε ← ε + s(k), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable, unit = "k", "trials"
-
-    def along(self, state: State) -> Float[Tensor, "... n"]:
-        return state.order - 1
-
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu, eps + self.change(self.along(state))
+    variable = TRIAL
 
 
 @dataclass(frozen=True, eq=False)
-class FrictionDriftCurve(CoefficientCurve, ParameterDrift):
+class FrictionDriftCurve(CoefficientCurve, ChangesFriction, ParameterDrift):
     """μ → μ + s(k).  It need not settle (`SettlingFriction`)."""
 
     form = "friction_curve"
     formula = "μ ← μ + s(k), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable, unit = "k", "trials"
-
-    def along(self, state: State) -> Float[Tensor, "... n"]:
-        return state.order - 1
-
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + self.change(self.along(state)), eps
+    variable = TRIAL
 
 
 def _thousands(state: State) -> Float[Tensor, "... n"]:
-    """k/1000, thousands of trials before each one."""
+    """Thousands of trials before each one, k/1000."""
     return (state.order - 1) / 1000

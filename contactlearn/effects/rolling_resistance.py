@@ -7,8 +7,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.base import Effect, known, parameter
-from contactlearn.effects.curve import ArmCurve
+from contactlearn.effects.base import Effect, parameter, require_positive
+from contactlearn.effects.functions import ArmCurve, Variable
 from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State, columns
 
@@ -18,7 +18,7 @@ class RollingResistance(Effect):
     """A moment per normal impulse opposes the spin on its way from ω to ω⁺: τ → τ − arm P_n.
 
         smoothed    c s̄, with the mean sign of the spin
-        curve       s(|ω̄|) sign(ω̄), ω̄ the mean of ω and ω⁺, see `contactlearn.effects.curve`
+        curve       s(|ω̄|) sign(ω̄), ω̄ the mean of ω and ω⁺, see `functions.Spline`
         before      c sign(ω), with the spin before contact
 
     In the first two the contact responds while it lasts (`perturbed_path`).  It is not damping in proportion to the
@@ -36,7 +36,7 @@ class RollingResistance(Effect):
 
 @dataclass(frozen=True, eq=False)
 class _ConstantArm:
-    """Mixin: an arm c in m, half a width, that fades below a spin `omega_s` in rad/s."""
+    """An arm c in m, half a width, that fades below a spin `omega_s` in rad/s."""
 
     c: Tensor | float = parameter("c", "m", 0.0, 0.005)
     omega_s: float = 1.0
@@ -57,7 +57,7 @@ class SmoothedRollingResistance(_ConstantArm, RollingResistance):
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         before, after = state.omega, state.v_after(wrench)[..., 2]
-        fades = known(self.omega_s) ** 2
+        fades = require_positive(self.omega_s) ** 2
         size = (before.square() + fades).sqrt() + (after.square() + fades).sqrt()
         arm = self.c * (before + after) / size
         most = state.inertia * after.abs() / wrench[..., 1].clamp_min(1e-300)
@@ -72,12 +72,8 @@ class RollingResistanceCurve(ArmCurve, RollingResistance):
     formula = (
         "τ ← τ − s(|ω̄|) sign(ω̄) P_n while the contact lasts, a smooth s that rises by c₁, c₂, c₃ from knot to knot"
     )
-    variable, unit = "|ω̄|", "rad/s"
+    variable = Variable("|ω̄|", "rad/s", lambda state: _mean_spin(state).abs())
     at_rest = True
-
-    def along(self, state: State) -> Float[Tensor, "... n"]:
-        P_n = -1.5 * state.v_n / state.W[..., 1, 1]  # without friction, at a restitution of 1/2
-        return (state.omega + state.r[..., 0] * P_n / state.inertia / 2).abs()
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         mean = (state.omega + state.v_after(wrench)[..., 2]) / 2
@@ -96,6 +92,11 @@ class RollingResistanceBefore(_ConstantArm, RollingResistance):
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         P_t, P_n, tau = wrench.unbind(-1)
-        return columns(
-            P_t, P_n, tau - self.c * P_n * state.omega / (state.omega.square() + known(self.omega_s) ** 2).sqrt()
-        )
+        smoothed = (state.omega.square() + require_positive(self.omega_s) ** 2).sqrt()
+        return columns(P_t, P_n, tau - self.c * P_n * state.omega / smoothed)
+
+
+def _mean_spin(state: State) -> Float[Tensor, "... n"]:
+    """Mean spin over a contact without friction at a restitution of 1/2, rad/s."""
+    P_n = -1.5 * state.v_n / state.W[..., 1, 1]
+    return state.omega + state.r[..., 0] * P_n / state.inertia / 2

@@ -39,10 +39,7 @@ class TangentialRestitution(Effect):
     """
 
     source = "Maw, Barber & Fawcett 1976; Walton 1993"
-    citations = (
-        "maw1976",
-        "walton1993",
-    )
+    citations = ("maw1976", "walton1993")
     adds_energy = True
 
     @abstractmethod

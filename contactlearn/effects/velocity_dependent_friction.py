@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.base import Effect, parameter
-from contactlearn.effects.curve import CoefficientCurve
+from contactlearn.effects.base import ChangesFriction, Effect, parameter
+from contactlearn.effects.functions import SLIP, CoefficientCurve, Variable
 from contactlearn.effects.state import Coefficients, State
 
 _SIMPSON = (1, 4, 2, 4, 1)
@@ -23,7 +23,7 @@ class VelocityDependentFriction(Effect):
 
         viscous    μ + c v
         stribeck   μ (1 + d exp(−v/v_s))      more friction at little slip
-        curve      μ + s(v), see `contactlearn.effects.curve`
+        curve      μ + s(v), see `functions.Spline`
         initial    μ + s(|v_t|), of the slip before contact alone, without the average
 
     The slip goes from |v_t| to its `final_slip` and stays longest where it is braked least, dP_n = dv/b(v) with the
@@ -70,28 +70,20 @@ class FrictionOverSlip(CoefficientCurve, VelocityDependentFriction):
 
     form = "curve"
     formula = "μ ← μ + s̄, the mean over the slip v of a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable, unit = "v", "m/s"
-
-    def along(self, state: State) -> Float[Tensor, "... n"]:
-        return torch.cat((state.v_t.abs(), state.v_t.abs() / 2), -1)  # at first, and later if the contact sticks
+    variable = Variable("v", "m/s", lambda state: torch.cat((state.v_t.abs(), state.v_t.abs() / 2), -1))
+    # at first, and later if the contact sticks
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
         return mu + _mean(self.change, state, mu, eps), eps
 
 
 @dataclass(frozen=True, eq=False)
-class FrictionOverInitialSlip(CoefficientCurve, VelocityDependentFriction):
+class FrictionOverInitialSlip(CoefficientCurve, ChangesFriction, VelocityDependentFriction):
     """μ → μ + s(|v_t|): one coefficient for the whole contact, as its first slip has it (`FrictionOverSlip`)."""
 
     form = "initial"
     formula = "μ ← μ + s(|v_t|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable, unit = "|v_t|", "m/s"
-
-    def along(self, state: State) -> Float[Tensor, "... n"]:
-        return state.v_t.abs()
-
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + self.change(self.along(state)), eps
+    variable = SLIP
 
 
 def _mean(
@@ -102,13 +94,15 @@ def _mean(
     for _ in range(_ROUNDS):
         last = final_slip(state, mu + mean, eps)
         changes = torch.stack([change(last + (first - last) * k / 4) for k in range(5)])
-        weights = torch.stack([part / _held(state, mu + one) for part, one in zip(_SIMPSON, changes, strict=True)])
+        weights = torch.stack(
+            [part / _floored_braking(state, mu + one) for part, one in zip(_SIMPSON, changes, strict=True)]
+        )
         mean = (weights * changes).sum(0) / weights.sum(0)
     return mean
 
 
-def _held(state: State, mu: Float[Tensor, "..."]) -> Float[Tensor, "... n"]:
-    """Braking of the slip by friction μ, and a little where there is next to none."""
+def _floored_braking(state: State, mu: Float[Tensor, "..."]) -> Float[Tensor, "... n"]:
+    """Braking of the slip by friction μ, at least that of `_LEAST_BRAKING`."""
     return braking(state, mu).clamp_min(_LEAST_BRAKING * state.W[..., 0, 0])
 
 

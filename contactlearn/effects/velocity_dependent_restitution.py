@@ -1,40 +1,31 @@
 """Faster impacts rebound less."""
 
-from abc import abstractmethod
 from dataclasses import dataclass
 
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.base import Effect, known, parameter
-from contactlearn.effects.curve import CoefficientCurve
-from contactlearn.effects.speed import SpeedReference
-from contactlearn.effects.state import Coefficients, State
+from contactlearn.effects.base import ChangesRestitution, Effect, parameter
+from contactlearn.effects.functions import APPROACH, CoefficientCurve, SpeedReference
+from contactlearn.effects.state import State
 
 
 @dataclass(frozen=True, eq=False)
-class VelocityDependentRestitution(Effect):
+class VelocityDependentRestitution(ChangesRestitution, Effect):
     """ε is a function of the normal velocity of approach.
 
         power           ε (|v_n|/v_ref)^(−p)                         plastic yield, p = 1/4
         kuwabara_kono   ε (1 − C ((|v_n|/v_ref)^(1/5) − 1))          viscoelastic
         linear          ε (1 − k (|v_n|/v_ref − 1))                  damping that grows with the load
         slow            ε + a exp(−|v_n|/v_s)                        another restitution at low speed
-        curve           ε + s(|v_n|), see `contactlearn.effects.curve`
+        curve           ε + s(|v_n|), see `functions.Spline`
 
     At v_ref the restitution is ε.  It is not a dependence on the slip (`slip_dependent_restitution`).
     """
 
     source = "Johnson 1985, §11.5; Kuwabara & Kono 1987"
-    citations = (
-        "johnson1985",
-        "kuwabara1987",
-    )
+    citations = ("johnson1985", "kuwabara1987")
     component = 1
-
-    @abstractmethod
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        """Return μ and ε(|v_n|)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +36,8 @@ class PowerLawRestitution(SpeedReference, VelocityDependentRestitution):
     formula = "ε ← ε (|v_n|/v_ref)^(−p)"
     p: Tensor | float = parameter("p", "–", -1.0, 1.0)
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        speed = state.v_n.abs() / known(self.v_ref)
-        return mu, eps * speed**-self.p
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        return value * self.ratio(state) ** -self.p
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +48,8 @@ class KuwabaraKonoRestitution(SpeedReference, VelocityDependentRestitution):
     formula = "ε ← ε (1 − C ((|v_n|/v_ref)^(1/5) − 1))"
     C: Tensor | float = parameter("C", "–", -1.0, 4.0)
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        speed = state.v_n.abs() / known(self.v_ref)
-        return mu, eps * (1 - self.C * (speed**0.2 - 1))
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        return value * (1 - self.C * (self.ratio(state) ** 0.2 - 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +62,8 @@ class LinearFallRestitution(SpeedReference, VelocityDependentRestitution):
     citations = ("hunt1975",)
     k: Tensor | float = parameter("k", "–", -1.0, 1.0)
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu, eps * (1 - self.k * (state.v_n.abs() / known(self.v_ref) - 1))
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        return value * (1 - self.k * (self.ratio(state) - 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +75,8 @@ class SlowImpactRestitution(VelocityDependentRestitution):
     a: Tensor | float = parameter("a", "–", -1.0, 1.0)
     v_s: Tensor | float = parameter("v_s", "m/s", 0.05, 5.0, vanishing=None, start=1.0)
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu, eps + self.a * (-state.v_n.abs() / self.v_s).exp()
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        return value + self.a * (-state.v_n.abs() / self.v_s).exp()
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +85,4 @@ class RestitutionOverSpeed(CoefficientCurve, VelocityDependentRestitution):
 
     form = "curve"
     formula = "ε ← ε + s(|v_n|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable, unit = "|v_n|", "m/s"
-
-    def along(self, state: State) -> Float[Tensor, "... n"]:
-        return state.v_n.abs()
-
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu, eps + self.change(self.along(state))
+    variable = APPROACH

@@ -1,0 +1,437 @@
+"""Functions of an impact that several effects share: mixins with parameters, open constants and their evaluation.
+
+    SpeedReference      v_ref, the median speed of the measurements
+    TrialShare          k/N, the share of all trials before one
+    Spline              s(u), a natural cubic spline over one `Variable`
+    AroundBody, …       functions of the orientation θ, of period 2π
+    AlongFloor          Legendre polynomials of the place x on the floor
+    ByBody              one value for each object
+
+A function that a coefficient adds has a method `coefficient`, which `base.ChangesFriction` and
+`base.ChangesRestitution` apply to μ and to ε.  The arms are in m, to the right of the contact point.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
+from itertools import pairwise
+from typing import ClassVar, NamedTuple, Self
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.effects.base import Parameter, parameter, require_positive
+from contactlearn.effects.state import State, columns
+from contactlearn.mechanics.bodies import body_code
+from contactlearn.mechanics.impacts import Impacts
+
+MOST_OBJECTS = 6
+"""Objects, at most, that `ByBody` tells apart."""
+
+Knots = tuple[float, ...]
+
+_QUANTILES = (0.05, 0.35, 0.65, 0.95)  # of four knots: Harrell 2015, §2.4.6
+_FROM_REST = (1 / 3, 2 / 3, 0.95)  # of those after one at 0
+_CLOSEST = 0.1  # of an even spacing; where two would be nearer, as with few distinct values, all are spaced evenly
+
+
+class Variable(NamedTuple):
+    """A quantity of an impact before contact: its letter, its unit (– for a number), and its values [..., N]."""
+
+    symbol: str
+    unit: str
+    values: Callable[[State], Float[Tensor, "... n"]]
+
+
+SLIP = Variable("|v_t|", "m/s", lambda state: state.v_t.abs())
+APPROACH = Variable("|v_n|", "m/s", lambda state: state.v_n.abs())
+INCIDENCE = Variable("α", "rad", lambda state: state.incidence)
+LEVER = Variable("|r_x|/ρ", "–", lambda state: state.lever)
+TRIAL = Variable("k", "trials", lambda state: state.order - 1)
+
+
+# --- Speed and time ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class SpeedReference:
+    """A reference speed v_ref in m/s, by default the median of |v_t| or |v_n| over the measurements."""
+
+    component: ClassVar[int]
+    """Component of the contact velocity (v_t, v_n): 0 for the slip, 1 for the approach."""
+    formula: ClassVar[str]
+    v_ref: float | None = None  # m/s; None: the median of the measurements
+
+    @property
+    def equation(self) -> str:
+        """The formula, and v_ref once it is known."""
+        return self.formula if self.v_ref is None else f"{self.formula} at v_ref = {self.v_ref} m/s"
+
+    def prepare(self, impacts: Impacts) -> Self:
+        """Return the effect with v_ref taken from the impacts where it is open."""
+        return self if self.v_ref is not None else replace(self, v_ref=_two_digits(impacts.v_c[:, self.component]))
+
+    def ratio(self, state: State) -> Float[Tensor, "... n"]:
+        """Return the speed in units of v_ref [..., N]."""
+        return state.v_c[..., self.component].abs() / require_positive(self.v_ref)
+
+
+def _two_digits(measured: Float[Tensor, "n"]) -> float:
+    """Median absolute value of a measured quantity, to two digits; 1 where that is 0."""
+    return float(f"{measured.abs().median().item():.1e}") or 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class TrialShare:
+    """The share k/N of all trials that come before one."""
+
+    trials: float | None = field(default=None, kw_only=True)  # N; None: the number of the last one
+
+    def prepare(self, impacts: Impacts) -> Self:
+        """Return the effect with N taken from the impacts where it is open."""
+        return self if self.trials is not None else replace(self, trials=impacts.order.max().item())
+
+    def share(self, state: State) -> Float[Tensor, "... n"]:
+        """Return k/N of each trial [..., N]."""
+        return (state.order - 1) / require_positive(self.trials)
+
+
+# --- Splines -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Spline(ABC):
+    """A smooth curve over one variable: a natural cubic spline through four knots.
+
+        s(u) = Σ c_k S_k(u), k = 1 … 3;   S_k rises by 1 from knot k to knot k + 1, and by 0 from any other to the next
+
+    So c_k is the rise of s from one knot to the next.  s is straight beyond the outer knots, and 0 midway between the
+    inner ones, or at the first one where the curve starts at rest.  Source: Hastie, Tibshirani & Friedman 2009, §5.2.1.
+    """
+
+    formula: ClassVar[str]
+    variable: ClassVar[Variable]
+    """The variable, known before contact, among whose values the knots lie."""
+    at_rest: ClassVar[bool] = False
+    """Whether the first knot is at 0, and the curve is 0 there."""
+
+    c1: Tensor | float
+    c2: Tensor | float
+    c3: Tensor | float
+    knots: Knots | None = None  # four values of the variable; None: quantiles of the measurements
+
+    def prepare(self, impacts: Impacts) -> Self:
+        """Return the curve with its knots at quantiles over the impacts where they are open."""
+        if self.knots is not None:
+            return self
+        values = self.variable.values(State.of(impacts))
+        return replace(self, knots=_from_rest(values) if self.at_rest else _spread(values))
+
+    def change(self, u: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
+        """Evaluate s at values u [..., N] of the variable.
+
+        Raises:
+            ContactLearnError: the knots are open, or not four increasing numbers.
+        """
+        if self.knots is None or len(self.knots) != 4 or any(b <= a for a, b in pairwise(self.knots)):
+            rule = f"the knots of a curve are four increasing values of {self.variable.symbol}"
+            raise ContactLearnError(f"{rule}, given or taken by prepare(impacts); got {self.knots}")
+        shapes = _shapes(u, self.knots, self.knots[0] if self.at_rest else (self.knots[1] + self.knots[2]) / 2)
+        return self.c1 * shapes[..., 0] + self.c2 * shapes[..., 1] + self.c3 * shapes[..., 2]
+
+    @property
+    def equation(self) -> str:
+        """The formula, and the knots once they are known."""
+        if self.knots is None:
+            return self.formula
+        symbol, unit, _ = self.variable
+        knots = ", ".join(f"{knot:g}" for knot in self.knots)
+        return f"{self.formula} at {symbol} = {knots}{'' if unit == '–' else f' {unit}'}"
+
+
+@dataclass(frozen=True, eq=False)
+class CoefficientCurve(Spline):
+    """A curve added to μ or ε."""
+
+    c1: Tensor | float = parameter("c₁", "–", -0.5, 0.5)
+    c2: Tensor | float = parameter("c₂", "–", -0.5, 0.5)
+    c3: Tensor | float = parameter("c₃", "–", -0.5, 0.5)
+
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return the coefficient with s(u) added."""
+        return value + self.change(self.variable.values(state))
+
+
+@dataclass(frozen=True, eq=False)
+class ArmCurve(Spline):
+    """A curve of the arm at which the normal impulse acts."""
+
+    c1: Tensor | float = parameter("c₁", "m", -0.01, 0.01)
+    c2: Tensor | float = parameter("c₂", "m", -0.01, 0.01)
+    c3: Tensor | float = parameter("c₃", "m", -0.01, 0.01)
+
+
+def _spread(values: Float[Tensor, "..."]) -> Knots:
+    """Knots at quantiles of values, or evenly spaced where these are too few."""
+    knots = values.flatten().quantile(torch.tensor(_QUANTILES, dtype=values.dtype, device=values.device)).tolist()
+    if knots[0] == knots[-1]:  # a variable that does not vary
+        knots = [knots[0] - 0.5, *knots[1:-1], knots[0] + 0.5]
+    return _separate(knots)
+
+
+def _from_rest(sizes: Float[Tensor, "..."]) -> Knots:
+    """Knots at 0 and at quantiles of values that are not negative."""
+    knots = sizes.flatten().quantile(torch.tensor(_FROM_REST, dtype=sizes.dtype, device=sizes.device)).tolist()
+    return _separate([0.0, *knots[:-1], knots[-1] or 1.0])
+
+
+def _separate(knots: list[float]) -> Knots:
+    """Space knots evenly if some are too close, and round them to a thousandth of their span or a little less."""
+    low, high = knots[0], knots[-1]
+    even = (high - low) / 3
+    if min(b - a for a, b in pairwise(knots)) < _CLOSEST * even:
+        knots = [low, low + even, high - even, high]
+    digits = 2 - math.floor(math.log10(high - low))
+    return tuple(round(knot, digits) for knot in knots)
+
+
+def _shapes(u: Float[Tensor, "... n"], knots: Knots, zero: float) -> Float[Tensor, "... n 3"]:
+    """S_k at u [..., N], which are 0 at u = `zero`."""
+    rises, origin = _rises(knots, zero, u.device)
+    return (_truncated(u, knots) - origin) @ rises
+
+
+@lru_cache(maxsize=256)
+def _rises(knots: Knots, zero: float, device: torch.device) -> tuple[Float[Tensor, "3 3"], Float[Tensor, "3"]]:
+    """The matrix from truncated powers to S_k, and the powers at `zero`."""
+    at_knots = _truncated(torch.tensor(knots, dtype=torch.float64), knots)
+    origin = _truncated(torch.tensor(zero, dtype=torch.float64), knots)
+    return torch.linalg.inv(at_knots.diff(dim=0)).to(device), origin.to(device)
+
+
+def _truncated(u: Float[Tensor, "*batch"], knots: Knots) -> Float[Tensor, "*batch 3"]:
+    """Basis [..., 3] of the natural cubic splines without the constant: u itself and two that bend."""
+    span = knots[-1] - knots[0]
+    t, (first, second, third, last) = (u - knots[0]) / span, ((knot - knots[0]) / span for knot in knots)
+    cubes = {knot: (t - knot).clamp_min(0) ** 3 for knot in (first, second, third, last)}
+    bends = [(cubes[knot] - cubes[last]) / (last - knot) for knot in (first, second, third)]
+    return torch.stack((t, bends[0] - bends[2], bends[1] - bends[2]), -1)
+
+
+# --- Orientation -------------------------------------------------------------------------------------------
+
+
+class _OfOrientation(ABC):
+    """A function of the orientation, and a coefficient to which it is added."""
+
+    @abstractmethod
+    def change(self, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
+        """Evaluate the function at orientations θ [..., N] in rad."""
+
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return the coefficient with the function of θ added."""
+        return value + self.change(state.theta)
+
+
+@dataclass(frozen=True, eq=False)
+class _Harmonics(_OfOrientation):
+    """Σ a_k cos kθ + b_k sin kθ: smooth all around with k = 1, 2, features of about 45° with k = 1 … 4."""
+
+    a1: Tensor | float
+    b1: Tensor | float
+    a2: Tensor | float
+    b2: Tensor | float
+
+    def change(self, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
+        total = torch.zeros_like(theta)
+        coefficients = [getattr(self, f.name) for f in fields(self) if "parameter" in f.metadata]
+        for k, (a, b) in enumerate(zip(coefficients[::2], coefficients[1::2], strict=True), 1):
+            total = total + a * (k * theta).cos() + b * (k * theta).sin()
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class AroundBody(_Harmonics):
+    """A change of μ or ε around the body."""
+
+    a1: Tensor | float = parameter("a₁", "–", -0.5, 0.5)
+    b1: Tensor | float = parameter("b₁", "–", -0.5, 0.5)
+    a2: Tensor | float = parameter("a₂", "–", -0.5, 0.5)
+    b2: Tensor | float = parameter("b₂", "–", -0.5, 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class CurveAroundBody(AroundBody):
+    """A change of μ or ε around the body, with finer features."""
+
+    a3: Tensor | float = parameter("a₃", "–", -0.5, 0.5)
+    b3: Tensor | float = parameter("b₃", "–", -0.5, 0.5)
+    a4: Tensor | float = parameter("a₄", "–", -0.5, 0.5)
+    b4: Tensor | float = parameter("b₄", "–", -0.5, 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmAroundBody(_Harmonics):
+    """An arm around the body."""
+
+    a1: Tensor | float = parameter("a₁", "m", -0.01, 0.01)
+    b1: Tensor | float = parameter("b₁", "m", -0.01, 0.01)
+    a2: Tensor | float = parameter("a₂", "m", -0.01, 0.01)
+    b2: Tensor | float = parameter("b₂", "m", -0.01, 0.01)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmCurveAroundBody(ArmAroundBody):
+    """An arm around the body, with finer features."""
+
+    a3: Tensor | float = parameter("a₃", "m", -0.01, 0.01)
+    b3: Tensor | float = parameter("b₃", "m", -0.01, 0.01)
+    a4: Tensor | float = parameter("a₄", "m", -0.01, 0.01)
+    b4: Tensor | float = parameter("b₄", "m", -0.01, 0.01)
+
+
+@dataclass(frozen=True, eq=False)
+class _Spot(_OfOrientation):
+    """a/(1 + (2 sin((θ − θ_0)/2)/w)⁴): one feature of half-width w about θ_0."""
+
+    a: Tensor | float
+    theta_0: Tensor | float = parameter("θ₀", "rad", -4.0, 4.0, vanishing=None, start=0.0)
+    w: Tensor | float = parameter("w", "rad", 0.1, 1.5, vanishing=None, start=0.5)
+
+    def change(self, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
+        away = 2 * (1 - (theta - self.theta_0).cos()) / self.w**2  # squared
+        return self.a / (1 + away**2)
+
+
+@dataclass(frozen=True, eq=False)
+class SpotOnBody(_Spot):
+    """A change of μ or ε at one spot of the body."""
+
+    a: Tensor | float = parameter("a", "–", -0.5, 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmSpotOnBody(_Spot):
+    """An arm at one spot of the body."""
+
+    a: Tensor | float = parameter("a", "m", -0.01, 0.01)
+
+
+# --- Place -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class AlongFloor:
+    """Σ c_k P_k(u), k = 1 … 5, with Legendre's polynomials; u in [−1, 1] is the place on the span, or its nearer end.
+
+    The span is left open for `prepare`: the middle nine tenths of the measured places, for single trials far out
+    would otherwise bend the functions to themselves.
+    """
+
+    c1: Tensor | float = parameter("c₁", "–", -0.5, 0.5)
+    c2: Tensor | float = parameter("c₂", "–", -0.5, 0.5)
+    c3: Tensor | float = parameter("c₃", "–", -0.5, 0.5)
+    c4: Tensor | float = parameter("c₄", "–", -0.5, 0.5)
+    c5: Tensor | float = parameter("c₅", "–", -0.5, 0.5)
+    span: tuple[float, float] | None = None  # of x in m; None: that of nine tenths of the measurements
+
+    def prepare(self, impacts: Impacts) -> Self:
+        """Return the functions with the span of the impacts where it is open, rounded outwards to 0.1 mm."""
+        if self.span is not None:
+            return self
+        x = impacts.q[:, 0]
+        low, high = x.quantile(torch.tensor((0.05, 0.95), dtype=x.dtype, device=x.device)).tolist()
+        return replace(self, span=(round(low - 5e-5, 4), round(high + 5e-5, 4)))
+
+    def change(self, x: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
+        """Evaluate the function at x [..., N] in m.
+
+        Raises:
+            ContactLearnError: the span is open, empty, or none.
+        """
+        if not isinstance(self.span, tuple) or len(self.span) != 2 or not self.span[0] < self.span[1]:
+            rule = "a span must be [low, high] of x in m with low < high, given or taken by prepare(impacts)"
+            raise ContactLearnError(f"{rule}; got {self.span}")
+        low, high = self.span
+        u = ((2 * x - low - high) / (high - low)).clamp(-1, 1)
+        before, now = torch.ones_like(u), u
+        total = self.c1 * now
+        for k, c in enumerate((self.c2, self.c3, self.c4, self.c5), 2):
+            before, now = now, ((2 * k - 1) * u * now - (k - 1) * before) / k
+            total = total + c * now
+        return total
+
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return the coefficient with the function of the place added."""
+        return value + self.change(state.x)
+
+
+# --- Objects -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class ByBody:
+    """Differences Δ_j of the objects after the first, whose coefficient is the law's.
+
+    The objects are known once the effect is prepared, so the parameters are too: K − 1 for K objects.  Where there is
+    one object, or more than `MOST_OBJECTS`, there is no parameter and the effect changes nothing.
+    """
+
+    formula: ClassVar[str]
+    differences: Tensor | tuple[()] = field(default=(), metadata={"parameter": None})
+    objects: tuple[str, ...] | None = None  # names; None: those of the measurements
+
+    def __post_init__(self) -> None:
+        given = torch.as_tensor(self.differences, dtype=torch.float64)
+        object.__setattr__(self, "differences", given if given.numel() else torch.zeros(len(self._others)).double())
+
+    @property
+    def _others(self) -> tuple[str, ...]:
+        """Names of the objects with a difference."""
+        return self.objects[1:] if self.objects and len(self.objects) <= MOST_OBJECTS else ()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """A difference for each object after the first."""
+        named = enumerate(self._others, 2)
+        return tuple(Parameter(f"d{k}", f"Δ({name})", "–", -0.5, 0.5) for k, name in named)
+
+    @property
+    def values(self) -> tuple[Tensor, ...]:
+        """The differences."""
+        return torch.as_tensor(self.differences).unbind(-1)
+
+    @property
+    def equation(self) -> str:
+        """The formula, and the object that the others are compared with."""
+        if self.objects is None:
+            return self.formula
+        count = len(self.objects)
+        return f"{self.formula}, {self.objects[0]}" if self._others else f"{self.formula}; {count} of them tell nothing"
+
+    def at(self, values: Float[Tensor, "... k"] | Sequence[Tensor | float]) -> Self:
+        """Return the effect with values [..., K] of its K parameters; without a value it stays as it is.
+
+        Raises:
+            ContactLearnError: another number of values.
+        """
+        parts = tuple(values.unbind(-1) if isinstance(values, Tensor) else values)
+        if parts and len(parts) != len(self._others):
+            raise ContactLearnError(f"{self.equation} has {len(self._others)} parameters, got {len(parts)} values")
+        tensors = [torch.as_tensor(part, dtype=torch.float64) for part in parts]
+        return replace(self, differences=columns(*tensors)) if parts else self
+
+    def prepare(self, impacts: Impacts) -> Self:
+        """Return the effect with the names of the objects taken from the impacts where they are open."""
+        return self if self.objects is not None else replace(self, objects=tuple(dict.fromkeys(impacts.object)))
+
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return the coefficient with the difference of each trial's object added, 0 for an unknown object."""
+        total = torch.zeros_like(state.mass)
+        for name, difference in zip(self._others, self.values, strict=True):
+            total = total + torch.where(state.body == body_code(name), difference, 0.0)
+        return value + total
