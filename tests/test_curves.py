@@ -91,7 +91,7 @@ def test_a_curve_over_spin_starts_at_rest():
 def test_knots_are_quantiles_of_the_state_before_impact(kind):
     impacts = _wide(400, 2)
     effect = kind().prepare(impacts)
-    values = effect.variable.values(State.of(impacts))
+    values = effect.argument.values(State.of(impacts))
     below = [(values < knot).double().mean().item() for knot in effect.knots]
     assert below == pytest.approx((0.0, 1 / 3, 2 / 3, 0.95) if kind.at_rest else (0.05, 0.35, 0.65, 0.95), abs=0.02)
     assert effect.prepare(impacts[:40]).knots == effect.knots

@@ -13,7 +13,7 @@ from omegaconf import OmegaConf
 
 from contactlearn import laws
 from contactlearn.cli.hydra_main import compose
-from contactlearn.effects import catalogue
+from contactlearn.effects import Effect, catalogue
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.results import folder
 
@@ -140,7 +140,11 @@ def test_every_effect_has_its_configuration():
     for name, path in paths.items():
         entry = OmegaConf.to_container(OmegaConf.load(path))[name]
         default, *others = catalogue()[name]
-        family = next(base for base in default.__mro__ if inspect.isabstract(base)) if default.form else default
+        family = (
+            next(b for b in default.__mro__ if inspect.isabstract(b) and issubclass(b, Effect))
+            if default.form
+            else default
+        )
         assert entry.pop("_target_") == f"contactlearn.effects.{name}.{family.__name__}"
         assert entry.pop("form", None) == default.form
         assert entry == default().options

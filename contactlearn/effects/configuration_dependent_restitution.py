@@ -55,4 +55,4 @@ class RestitutionOverLever(CoefficientCurve, ConfigurationDependentRestitution):
 
     form = "curve"
     formula = "ε ← ε + s(|r_x|/ρ), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable = LEVER
+    argument = LEVER

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter, require_positive
-from contactlearn.effects.functions import ArmCurve, Variable
+from contactlearn.effects.functions import ArmCurve, Argument
 from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State, columns
 
@@ -53,7 +53,7 @@ class ContactPatchCurve(ArmCurve, ContactPatch):
 
     form = "curve"
     formula = "τ ← τ + (c + s(r_x)) P_n while the contact lasts, a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable = Variable("r_x", "m", lambda state: state.r[..., 0])
+    argument = Argument("r_x", "m", lambda state: state.r[..., 0])
     c: Tensor | float = parameter("c", "m", -0.01, 0.01)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:

@@ -2,7 +2,7 @@
 
     SpeedReference      v_ref, the median speed of the measurements
     TrialShare          k/N, the share of all trials before one
-    Spline              s(u), a natural cubic spline over one `Variable`
+    Spline              s(u), a natural cubic spline over one `Argument`
     AroundBody, …       functions of the orientation θ, of period 2π
     AlongFloor          Legendre polynomials of the place x on the floor
     ByBody              one value for each object
@@ -39,19 +39,19 @@ _FROM_REST = (1 / 3, 2 / 3, 0.95)  # of those after one at 0
 _CLOSEST = 0.1  # of an even spacing; where two would be nearer, as with few distinct values, all are spaced evenly
 
 
-class Variable(NamedTuple):
-    """A quantity of an impact before contact: its letter, its unit (– for a number), and its values [..., N]."""
+class Argument(NamedTuple):
+    """A quantity of an impact before contact on which a function depends: its letter, its unit (– for a number), and its values [..., N]."""
 
     symbol: str
     unit: str
     values: Callable[[State], Float[Tensor, "... n"]]
 
 
-SLIP = Variable("|v_t|", "m/s", lambda state: state.v_t.abs())
-APPROACH = Variable("|v_n|", "m/s", lambda state: state.v_n.abs())
-INCIDENCE = Variable("α", "rad", lambda state: state.incidence)
-LEVER = Variable("|r_x|/ρ", "–", lambda state: state.lever)
-TRIAL = Variable("k", "trials", lambda state: state.order - 1)
+SLIP = Argument("|v_t|", "m/s", lambda state: state.v_t.abs())
+APPROACH = Argument("|v_n|", "m/s", lambda state: state.v_n.abs())
+INCIDENCE = Argument("α", "rad", lambda state: state.incidence)
+LEVER = Argument("|r_x|/ρ", "–", lambda state: state.lever)
+TRIAL = Argument("k", "trials", lambda state: state.order - 1)
 
 
 # --- Speed and time ----------------------------------------------------------------------------------------
@@ -114,8 +114,8 @@ class Spline(ABC):
     """
 
     formula: ClassVar[str]
-    variable: ClassVar[Variable]
-    """The variable, known before contact, among whose values the knots lie."""
+    argument: ClassVar[Argument]
+    """The quantity u among whose values the knots lie."""
     at_rest: ClassVar[bool] = False
     """Whether the first knot is at 0, and the curve is 0 there."""
 
@@ -128,7 +128,7 @@ class Spline(ABC):
         """Return the curve with its knots at quantiles over the impacts where they are open."""
         if self.knots is not None:
             return self
-        values = self.variable.values(State.of(impacts))
+        values = self.argument.values(State.of(impacts))
         return replace(self, knots=_from_rest(values) if self.at_rest else _spread(values))
 
     def change(self, u: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
@@ -138,7 +138,7 @@ class Spline(ABC):
             ContactLearnError: the knots are open, or not four increasing numbers.
         """
         if self.knots is None or len(self.knots) != 4 or any(b <= a for a, b in pairwise(self.knots)):
-            rule = f"the knots of a curve are four increasing values of {self.variable.symbol}"
+            rule = f"the knots of a curve are four increasing values of {self.argument.symbol}"
             raise ContactLearnError(f"{rule}, given or taken by prepare(impacts); got {self.knots}")
         shapes = _shapes(u, self.knots, self.knots[0] if self.at_rest else (self.knots[1] + self.knots[2]) / 2)
         return self.c1 * shapes[..., 0] + self.c2 * shapes[..., 1] + self.c3 * shapes[..., 2]
@@ -148,7 +148,7 @@ class Spline(ABC):
         """The formula, and the knots once they are known."""
         if self.knots is None:
             return self.formula
-        symbol, unit, _ = self.variable
+        symbol, unit, _ = self.argument
         knots = ", ".join(f"{knot:g}" for knot in self.knots)
         return f"{self.formula} at {symbol} = {knots}{'' if unit == '–' else f' {unit}'}"
 
@@ -163,7 +163,7 @@ class CoefficientCurve(Spline):
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
         """Return the coefficient with s(u) added."""
-        return value + self.change(self.variable.values(state))
+        return value + self.change(self.argument.values(state))
 
 
 @dataclass(frozen=True, eq=False)

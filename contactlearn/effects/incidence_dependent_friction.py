@@ -42,4 +42,4 @@ class FrictionOverIncidence(CoefficientCurve, IncidenceDependentFriction):
 
     form = "curve"
     formula = "μ ← μ + s(α), α = arctan(|v_t|/|v_n|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable = INCIDENCE
+    argument = INCIDENCE

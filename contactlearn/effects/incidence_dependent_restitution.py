@@ -41,4 +41,4 @@ class RestitutionOverIncidence(CoefficientCurve, IncidenceDependentRestitution):
 
     form = "curve"
     formula = "ε ← ε + s(α), α = arctan(|v_t|/|v_n|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable = INCIDENCE
+    argument = INCIDENCE

@@ -43,4 +43,4 @@ class FrictionOverLoad(CoefficientCurve, LoadDependentFriction):
 
     form = "curve"
     formula = "μ ← μ + s(|v_n|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable = APPROACH
+    argument = APPROACH

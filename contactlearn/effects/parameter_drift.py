@@ -119,7 +119,7 @@ class RestitutionDriftCurve(CoefficientCurve, ChangesRestitution, ParameterDrift
 
     form = "restitution_curve"
     formula = "ε ← ε + s(k), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable = TRIAL
+    argument = TRIAL
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ class FrictionDriftCurve(CoefficientCurve, ChangesFriction, ParameterDrift):
 
     form = "friction_curve"
     formula = "μ ← μ + s(k), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable = TRIAL
+    argument = TRIAL
 
 
 def _thousands(state: State) -> Float[Tensor, "... n"]:

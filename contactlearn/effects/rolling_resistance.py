@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter, require_positive
-from contactlearn.effects.functions import ArmCurve, Variable
+from contactlearn.effects.functions import ArmCurve, Argument
 from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State, columns
 
@@ -72,7 +72,7 @@ class RollingResistanceCurve(ArmCurve, RollingResistance):
     formula = (
         "τ ← τ − s(|ω̄|) sign(ω̄) P_n while the contact lasts, a smooth s that rises by c₁, c₂, c₃ from knot to knot"
     )
-    variable = Variable("|ω̄|", "rad/s", lambda state: _mean_spin(state).abs())
+    argument = Argument("|ω̄|", "rad/s", lambda state: _mean_spin(state).abs())
     at_rest = True
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:

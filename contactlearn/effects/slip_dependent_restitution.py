@@ -42,4 +42,4 @@ class RestitutionOverSlip(CoefficientCurve, SlipDependentRestitution):
 
     form = "curve"
     formula = "ε ← ε + s(|v_t|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable = SLIP
+    argument = SLIP

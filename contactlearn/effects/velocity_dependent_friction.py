@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesFriction, Effect, parameter
-from contactlearn.effects.functions import SLIP, CoefficientCurve, Variable
+from contactlearn.effects.functions import SLIP, CoefficientCurve, Argument
 from contactlearn.effects.state import Coefficients, State
 
 _SIMPSON = (1, 4, 2, 4, 1)
@@ -70,7 +70,7 @@ class FrictionOverSlip(CoefficientCurve, VelocityDependentFriction):
 
     form = "curve"
     formula = "μ ← μ + s̄, the mean over the slip v of a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable = Variable("v", "m/s", lambda state: torch.cat((state.v_t.abs(), state.v_t.abs() / 2), -1))
+    argument = Argument("v", "m/s", lambda state: torch.cat((state.v_t.abs(), state.v_t.abs() / 2), -1))
     # at first, and later if the contact sticks
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
@@ -83,7 +83,7 @@ class FrictionOverInitialSlip(CoefficientCurve, ChangesFriction, VelocityDepende
 
     form = "initial"
     formula = "μ ← μ + s(|v_t|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable = SLIP
+    argument = SLIP
 
 
 def _mean(

@@ -85,4 +85,4 @@ class RestitutionOverSpeed(CoefficientCurve, VelocityDependentRestitution):
 
     form = "curve"
     formula = "ε ← ε + s(|v_n|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    variable = APPROACH
+    argument = APPROACH
