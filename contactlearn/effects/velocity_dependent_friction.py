@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesFriction, Effect, parameter
-from contactlearn.effects.functions import SLIP, CoefficientCurve, Argument
+from contactlearn.effects.functions import SLIP, Argument, CoefficientCurve
 from contactlearn.effects.state import Coefficients, State
 
 _SIMPSON = (1, 4, 2, 4, 1)
