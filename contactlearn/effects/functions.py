@@ -40,7 +40,7 @@ _CLOSEST = 0.1  # of an even spacing; where two would be nearer, as with few dis
 
 
 class Argument(NamedTuple):
-    """A quantity of an impact before contact on which a function depends: its letter, its unit (– for a number), and its values [..., N]."""
+    """A quantity of an impact before contact: its letter, its unit (– for a number), and its values [..., N]."""
 
     symbol: str
     unit: str
