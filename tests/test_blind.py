@@ -376,8 +376,8 @@ def test_sets_are_chosen_evenly_from_all_groups():
 
 
 @pytest.fixture
-def asked(monkeypatch):
-    """Answers without a diagnosis, in this process; the names that were asked."""
+def stubbed(monkeypatch):
+    """Answers without a diagnosis, in this process; the names of the sets."""
     names = []
 
     def ask(one, seconds):
@@ -389,27 +389,27 @@ def asked(monkeypatch):
     return names
 
 
-def test_an_interrupted_run_resumes(asked, tmp_path, capsys):
+def test_an_interrupted_run_resumes(stubbed, tmp_path, capsys):
     path = tmp_path / "answers.jsonl"
     command = ["--suite", "author_a", "--answers", str(path), "--seconds", "7"]
     run.main([*command, "--only", "06"])
     run.main([*command, "--only", "06", "10"])
-    assert asked == ["06", "10"]
+    assert stubbed == ["06", "10"]
     assert [one["name"] for one in map(json.loads, path.read_text().splitlines())] == ["06", "10"]
     assert run.read(path)["author_a", "06"] == answer("06", suite="author_a", seconds=7.0)
     capsys.readouterr()
     run.main([*command, "--table"])
-    assert asked == ["06", "10"]
+    assert stubbed == ["06", "10"]
     assert "| nothing | 1 | " in capsys.readouterr().out
 
 
-def test_the_truth_is_opened_on_request_alone(asked, capsys):
+def test_the_truth_is_opened_on_request_only(stubbed, capsys):
     run.main(["--suite", "author_a", "--only", "06", "--reveal"])
     assert json.loads(capsys.readouterr().out)["06"]["group"] == "nothing"
     with pytest.raises(SystemExit):
         run.main(["--suite", "author_a", "--only", "99"])
     assert "no set 99" in capsys.readouterr().err
-    assert not asked
+    assert not stubbed
 
 
 def test_a_diagnosis_is_written_down():

@@ -100,12 +100,12 @@ def by_group(sets: Sequence[Judged]) -> str:
     unknown = [one for one in sets if one.truth.question == "unknown"]
     if len({bool(one.truth.follows) for one in unknown}) > 1:
         several["all unknown physics"] = unknown
-    asked = [question for question in QUESTIONS if _answers(sets, question)]
+    questions = [question for question in QUESTIONS if _answers(sets, question)]
     rows = [
-        [name, str(len(some)), *(share(_answers(some, question)) for question in asked), _seconds(some)]
+        [name, str(len(some)), *(share(_answers(some, question)) for question in questions), _seconds(some)]
         for name, some in (groups | several | {"all": list(sets)}).items()
     ]
-    return table(["group", "sets", *(QUESTIONS[question] for question in asked), "seconds, median (max)"], rows)
+    return table(["group", "sets", *(QUESTIONS[question] for question in questions), "seconds, median (max)"], rows)
 
 
 def _answers(sets: Iterable[Judged], question: str) -> list[bool]:

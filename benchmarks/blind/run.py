@@ -50,8 +50,8 @@ def choose(suite: str, half: str | None, groups: set[str], only: set[str], limit
         ValueError: a suite, group or set that does not exist.
     """
     sets, group = blind_sets(suite), {name: one.group for name, one in read_truth(suite).items()}
-    for word, asked, known in (("group", groups, dict.fromkeys(group.values())), ("set", only, sets)):
-        if unknown := asked - set(known):
+    for word, given, known in (("group", groups, dict.fromkeys(group.values())), ("set", only, sets)):
+        if unknown := given - set(known):
             raise ValueError(f"no {word} {', '.join(sorted(unknown))} in {suite}; there are {', '.join(known)}")
     chosen = [
         one
