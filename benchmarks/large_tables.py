@@ -46,7 +46,7 @@ def evaluate_all(path: Path) -> None:
 def evaluated(path: Path) -> int:
     """Evaluate all impacts of a table, and return how many they are."""
     from contactlearn import laws
-    from contactlearn.data.table.large import table_blocks
+    from contactlearn.data.table import table_blocks
     from contactlearn.inference.evaluation import bounds
     from contactlearn.inference.evaluation.sums import ErrorSums
     from contactlearn.laws import PAPER_LAWS

@@ -20,16 +20,16 @@ import torch
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import Z_95
-from contactlearn.data.recordings.detection import find_flights
-from contactlearn.data.recordings.events import find_contacts
+from contactlearn.data.recordings.contacts import find_contacts
+from contactlearn.data.recordings.flights import find_flights
 from contactlearn.data.recordings.track import Track, continuous, turn
 from contactlearn.data.tracks import Tracked, find_impacts, track_options
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.effects import find_effect
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Ellipse, contact_point
+from contactlearn.simulation.camera import Camera, TrueContacts
 from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
-from contactlearn.simulation.recordings.camera import Camera, TrueContacts
 
 CHI_3 = 7.815
 PLAIN = Camera()

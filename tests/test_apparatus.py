@@ -15,29 +15,26 @@ from contactlearn.cli.commands.fitting import fit_with_effects
 from contactlearn.cli.hydra_main import compose
 from contactlearn.core.errors import DataError
 from contactlearn.data import table, tracks
-from contactlearn.data.audit.apparatus_findings import apparatus_notes, scale_findings
 from contactlearn.data.audit.corrections import correct
-from contactlearn.data.audit.findings import audit
+from contactlearn.data.audit.findings import apparatus_notes, audit, scale_findings
 from contactlearn.data.audit.thresholds import AuditThresholds
-from contactlearn.data.recordings.conventions import find_frame
+from contactlearn.data.recordings.conventions import find_frame, find_gravity
 from contactlearn.data.recordings.floor import find_floor
-from contactlearn.data.recordings.gravity import find_gravity
 from contactlearn.diagnosis.events import ignore
 from contactlearn.effects import find_effect
 from contactlearn.inference.identification.joint import identify_jointly, named_parameters
-from contactlearn.inference.identification.known import known_parameters
 from contactlearn.inference.identification.shared import Box
-from contactlearn.mechanics.apparatus import Apparatus, Measured
+from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.shapes import Disc, Ellipse, contact_point
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.text.known import known_sentence
+from contactlearn.report.text.tracks import known_sentence
 from contactlearn.simulation import synthetic
+from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate, write_recordings
-from contactlearn.simulation.recordings.camera import Camera
 
 PLAIN = Camera(frames=220)
-ZERO = Measured(value=0.0, error=1e-3)
-KNOWN = Apparatus(gravity=Measured(value=9.81, error=0.01), drag=ZERO, slope=ZERO, orientation=ZERO, delay=ZERO)
+ZERO = Estimate(value=0.0, error=1e-3)
+KNOWN = Apparatus(gravity=Estimate(value=9.81, error=0.01), drag=ZERO, slope=ZERO, orientation=ZERO, delay=ZERO)
 
 
 def found_in(folder, change=lambda table: table, drag=0.0, shape=None, **settings):
@@ -73,7 +70,7 @@ def test_drag_is_allowed_for_in_the_velocities(tmp_path):
     rows, there = ([one.impacts.trial.index(name) for name in names] for one in (found, stated))
     apart = (found.impacts.v_post[rows] - stated.impacts.v_post[there])[:, :2].abs()
     assert apart.median() > 5e-3
-    assert stated.impacts.apparatus.drag == Measured(value=0.0, error=0.0)
+    assert stated.impacts.apparatus.drag == Estimate(value=0.0, error=0.0)
 
 
 def test_the_zero_of_theta_shows_in_the_heights_of_the_contacts(tmp_path):
@@ -171,10 +168,10 @@ def test_a_range_holds_the_vanishing_value_and_no_more_than_the_declared_one():
         known = impacts.replace(apparatus=replace(KNOWN, **changes))
         return {p.name: (p.low, p.high) for p in named_parameters(effects, Box(), known)}
 
-    assert bounds(slope=Measured(value=0.02, error=0.001))["surface_tilt.phi"] == (0.0, pytest.approx(0.023))
-    assert bounds(slope=Measured(value=-0.02, error=0.001))["surface_tilt.phi"] == (pytest.approx(-0.023), 0.0)
-    assert bounds(slope=Measured(value=0.1, error=0.5))["surface_tilt.phi"] == (-0.2, 0.2)
-    assert bounds(delay=Measured(value=0.0, error=1e-3))["gravity_impulse.dt"] == (0.0, pytest.approx(3e-3))
+    assert bounds(slope=Estimate(value=0.02, error=0.001))["surface_tilt.phi"] == (0.0, pytest.approx(0.023))
+    assert bounds(slope=Estimate(value=-0.02, error=0.001))["surface_tilt.phi"] == (pytest.approx(-0.023), 0.0)
+    assert bounds(slope=Estimate(value=0.1, error=0.5))["surface_tilt.phi"] == (-0.2, 0.2)
+    assert bounds(delay=Estimate(value=0.0, error=1e-3))["gravity_impulse.dt"] == (0.0, pytest.approx(3e-3))
 
 
 def test_a_round_body_has_no_zero_of_theta(tmp_path):
@@ -195,9 +192,9 @@ def test_parameters_stay_within_what_is_known():
         return fit.values[2].item()
 
     assert fitted(None) == pytest.approx(0.05, abs=1e-3)
-    assert fitted(Measured(value=0.0, error=0.001)) == pytest.approx(0.003)
-    assert fitted(Measured(value=0.02, error=0.001)) == pytest.approx(0.023)
-    assert fitted(Measured(value=0.048, error=0.002)) == pytest.approx(0.05, abs=1e-3)
+    assert fitted(Estimate(value=0.0, error=0.001)) == pytest.approx(0.003)
+    assert fitted(Estimate(value=0.02, error=0.001)) == pytest.approx(0.023)
+    assert fitted(Estimate(value=0.048, error=0.002)) == pytest.approx(0.05, abs=1e-3)
 
 
 TILT = find_effect("surface_tilt")
@@ -229,22 +226,22 @@ def test_a_fit_says_whether_flight_or_the_impacts_know_better(planted, noise, sl
     states = synthetic.load(size=120, seed=1)
     v_post = ContactModel(model, effects={"t": TILT(phi=planted)}).predict(states).v_post
     scatter = noise * torch.randn(v_post.shape, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    flight = Measured(value=slope[0], error=slope[1])
+    flight = Estimate(value=slope[0], error=slope[1])
     impacts = states.replace(v_post=v_post + scatter, apparatus=replace(KNOWN, slope=flight))
     (_, fit) = fit_with_effects(
         compose("evaluate", ["fit.starts=2"]), model, {"t": TILT()}, impacts, torch.arange(120), ignore
     ).values()
-    (known,) = known_parameters(fit)
+    (known,) = fit.known_parameters()
     assert said in known_sentence(known)
     assert known.flight == flight
     assert not {"t.phi"} & {*fit.undetermined(), *fit.at_bounds()}
 
 
 def test_what_flight_leaves_open_is_said_as_without_it():
-    wide = replace(KNOWN, slope=Measured(value=0.0, error=1.0))
+    wide = replace(KNOWN, slope=Estimate(value=0.0, error=1.0))
     impacts = synthetic.load(size=60).replace(apparatus=wide)
     (phi,) = named_parameters({"t": TILT()}, Box(), impacts)[2:]
-    assert (phi.flight, phi.low, phi.high) == (None, -0.2, 0.2)
+    assert (phi.prior_from_flight, phi.low, phi.high) == (None, -0.2, 0.2)
 
 
 def test_a_wrong_scale_is_a_mistake_and_the_rest_is_a_note():
@@ -255,12 +252,12 @@ def test_a_wrong_scale_is_a_mistake_and_the_rest_is_a_note():
         ("consistent", False),
         ("apparatus", False),
     ]
-    off = impacts.replace(apparatus=replace(KNOWN, gravity=Measured(value=9.6, error=0.01)))
+    off = impacts.replace(apparatus=replace(KNOWN, gravity=Estimate(value=9.6, error=0.01)))
     (finding,) = scale_findings(off, limits)
     assert finding.mistake
     assert "too small by 2.1%" in finding.sentence
     assert finding.value("gravity") == 9.6
-    unsure = impacts.replace(apparatus=replace(KNOWN, gravity=Measured(value=9.6, error=0.1)))
+    unsure = impacts.replace(apparatus=replace(KNOWN, gravity=Estimate(value=9.6, error=0.1)))
     assert scale_findings(unsure, limits) == []
     assert apparatus_notes(synthetic.load(size=40)) == []
 
@@ -271,7 +268,7 @@ def test_the_apparatus_goes_with_its_impacts():
     assert impacts.fingerprint() != impacts.replace(apparatus=None).fingerprint()
 
 
-LEANING = replace(KNOWN, slope=Measured(value=0.02, error=0.002), orientation=Measured(value=-0.05, error=0.003))
+LEANING = replace(KNOWN, slope=Estimate(value=0.02, error=0.002), orientation=Estimate(value=-0.05, error=0.003))
 
 
 @pytest.mark.parametrize(

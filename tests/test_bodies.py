@@ -18,7 +18,7 @@ from contactlearn.data.audit.consistency import gross_outliers
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import audit
 from contactlearn.data.blocks import joined
-from contactlearn.data.table.large import table_blocks
+from contactlearn.data.table import table_blocks
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment
 from contactlearn.diagnosis.failure.variables import symmetry
 from contactlearn.diagnosis.record import Record

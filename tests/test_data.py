@@ -24,7 +24,7 @@ from contactlearn.mechanics.impacts import COMPONENTS, Impacts
 from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point, make_shape
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import hidden_effects, mujoco, recordings, recordings_mujoco, synthetic
-from contactlearn.simulation.recordings.camera import camera_of
+from contactlearn.simulation.camera import Camera
 
 CONFIGS = Path(__file__).parents[1] / "configs" / "data"
 ROUNDING = 1e-12  # relative; a few hundred float64 roundings
@@ -707,7 +707,8 @@ def test_config_holds_every_argument_with_its_default_and_a_comment(name, monkey
     if arguments.pop("settings", None):  # of the search for impacts in recordings
         arguments |= inspect.signature(tracks.track_options).parameters
     if arguments.pop("camera", None):  # of simulated recordings
-        arguments |= {key: p for key, p in inspect.signature(camera_of).parameters.items() if key != "seconds"}
+        for_the_library = {"frames", "held", "length", "degrees", "wrapped"}
+        arguments |= {key: p for key, p in inspect.signature(Camera).parameters.items() if key not in for_the_library}
     for key, parameter in arguments.items():
         if parameter.default is parameter.empty:
             assert OmegaConf.is_missing(config, key)

@@ -14,10 +14,9 @@ from matplotlib.text import Text
 from repetitions import repeated
 from test_figures import HOSTILE, assert_fits, visible_axes
 
-from contactlearn.data.audit.consistency import contradictions, gross_outliers, kinetic_energy, torque
+from contactlearn.data.audit.consistency import balance, contradictions, gross_outliers, kinetic_energy, torque
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import audit
-from contactlearn.data.audit.moments import balance
 from contactlearn.data.audit.result import Finding
 from contactlearn.diagnosis.failure.variables import variables
 from contactlearn.diagnosis.pipeline import diagnose

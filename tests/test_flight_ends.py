@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from contactlearn.data.recordings.events import find_contacts
+from contactlearn.data.recordings.contacts import find_contacts
 from contactlearn.data.recordings.track import Track
 from contactlearn.mechanics.rigid_body import GRAVITY
 

@@ -16,7 +16,6 @@ from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import blocks as blocks_module
 from contactlearn.data import table
 from contactlearn.data.blocks import Blocks, joined, sampled
-from contactlearn.data.table import large
 from contactlearn.data.table.sheet import read_parquet
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.evaluation.sums import ErrorSums
@@ -36,7 +35,7 @@ FEW = ("laws=[whittaker,mirtich]",)
 @pytest.fixture
 def small_blocks(monkeypatch):
     """Blocks of 37 trials, from 50 trials on."""
-    for module in (blocks_module, large, loading):
+    for module in (blocks_module, table, loading):
         monkeypatch.setattr(module, "BLOCK", 37, raising=False)
         monkeypatch.setattr(module, "LARGE", 50, raising=False)
 
@@ -60,7 +59,7 @@ def predicted(parts):
 @SUFFIXES
 def test_blocks_of_a_table_are_the_table(suffix, drops, small_blocks, tmp_path):
     path = table.save(drops, tmp_path / f"drops.{suffix}")
-    found = large.table_blocks(path, None)
+    found = table.table_blocks(path, None)
     sizes = [len(block) for block in found.read()]
     assert sizes == [37] * 6 + [8]
     whole = joined([*found.read()])
@@ -79,7 +78,7 @@ def test_names_and_order_go_on_from_block_to_block(suffix, drops, small_blocks, 
     frame = pd.read_csv(path) if suffix == "csv" else pd.read_parquet(path)
     frame = frame.drop(columns=["trial", "order"])
     frame.to_csv(path, index=False) if suffix == "csv" else frame.to_parquet(path)
-    whole = joined([*large.table_blocks(path, None).read()])
+    whole = joined([*table.table_blocks(path, None).read()])
     assert whole.trial == tuple(map(str, range(1, 231)))
     assert whole.order.tolist() == [*range(1, 231)]
 
@@ -105,7 +104,7 @@ def test_a_bad_row_deep_inside_is_named(case, suffix, drops, small_blocks, tmp_p
         frame[column] = frame[column].astype(str)
     frame.to_csv(path, index=False) if suffix == "csv" else frame.to_parquet(path)
     with pytest.raises(DataError, match=message) as raised:
-        large.table_blocks(path, None)
+        table.table_blocks(path, None)
     assert raised.value.row == row
     if suffix == "csv" and case in ("text", "negative"):
         assert f"line {row + 1}" in str(raised.value)
@@ -175,7 +174,7 @@ def test_an_evaluation_in_blocks_is_that_in_memory(suffix, drops, small_blocks, 
     out = {}
     for name in ("blocks", "memory"):
         if name == "memory":
-            for module in (blocks_module, large, loading):
+            for module in (blocks_module, table, loading):
                 monkeypatch.setattr(module, "LARGE", 10_000, raising=False)
         folder = tmp_path / name
         run("evaluate.py", *SETTINGS, *FEW, f"data.path={path}", f"tables={suffix}", f"hydra.run.dir={folder}")
@@ -212,7 +211,7 @@ def test_a_training_in_blocks_is_that_in_memory(drops, small_blocks, tmp_path, m
     path = table.save(drops, tmp_path / "drops.parquet")
     settings = ("data=table", f"data.path={path}", "train.size=30", "bootstrap=40", "model=residual_wrench")
     run("train.py", *settings, f"hydra.run.dir={tmp_path / 'blocks'}")
-    for module in (blocks_module, large, loading):
+    for module in (blocks_module, table, loading):
         monkeypatch.setattr(module, "LARGE", 10_000, raising=False)
     run("train.py", *settings, f"hydra.run.dir={tmp_path / 'memory'}")
     one, other = ((tmp_path / name / "results.json").read_text("utf-8") for name in ("blocks", "memory"))
@@ -225,14 +224,14 @@ def test_a_training_in_blocks_is_that_in_memory(drops, small_blocks, tmp_path, m
 def test_memory_does_not_grow_with_the_table(tmp_path, monkeypatch):
     """Blocks that live side by side would add up: of ten times as many trials the peak is nearly the same."""
     monkeypatch.setattr(blocks_module, "BLOCK", 500)
-    monkeypatch.setattr(large, "BLOCK", 500)
-    monkeypatch.setattr(large, "LARGE", 500)
+    monkeypatch.setattr(table, "BLOCK", 500)
+    monkeypatch.setattr(table, "LARGE", 500)
     monkeypatch.setattr("contactlearn.inference.evaluation.sums.BOOTSTRAPPED", 500)
     peaks = []
     for size in (1000, 1000, 10_000):  # the first call loads what stays
         path = table.save(synthetic.load(size=size), tmp_path / f"{size}.parquet")
         tracemalloc.start()
-        found, sums = large.table_blocks(path, None), ErrorSums(models())
+        found, sums = table.table_blocks(path, None), ErrorSums(models())
 
         def pairs(found=found, sums=sums):
             for part in found.read():

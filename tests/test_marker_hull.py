@@ -12,8 +12,8 @@ from contactlearn.data.recordings.track import turn
 from contactlearn.mechanics.shapes import Polygon, contact_point
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.text.tracks import tracks_facts
-from contactlearn.simulation.recordings.camera import AXES, Camera, record
-from contactlearn.simulation.recordings.motion import Body, throw
+from contactlearn.simulation.camera import AXES, Camera, record
+from contactlearn.simulation.recordings import Body, throw
 
 NOISE, MASS = 5e-5, 0.05  # m, kg
 KITE = np.array(((0.03, 0.02), (-0.025, 0.028), (-0.035, -0.018), (0.012, -0.026)))  # m

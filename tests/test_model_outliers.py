@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from contactlearn.data.audit.model_outliers import outliers_of
+from contactlearn.data.audit.model_checks import outliers_of
 from contactlearn.data.audit.thresholds import OutlierThresholds
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find

@@ -29,8 +29,8 @@ from contactlearn.report.page.recording import FRAMES, of_recording
 from contactlearn.report.page.recordings import MOST, chosen, of_recordings, write_recordings_page
 from contactlearn.report.page.reproduce import reproduced
 from contactlearn.report.text.tracks import tracks_facts, tracks_summary
+from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate, write_recordings
-from contactlearn.simulation.recordings.camera import Camera
 
 SHAPE = Ellipse(SEMI_AXES)
 NAME = "<img src=x onerror=window.hacked=1>&amp;'{{ 7*7 }}"  # that a file may have

@@ -12,17 +12,16 @@ import torch
 from repetitions import repeated
 
 from contactlearn.data import tracks
-from contactlearn.data.recordings.floor import find_floor
-from contactlearn.data.recordings.rests import Lying, find_rests
+from contactlearn.data.recordings.floor import Lying, find_floor, find_rests
 from contactlearn.data.recordings.result import Rest
 from contactlearn.data.recordings.thresholds import RestThresholds
 from contactlearn.data.recordings.track import Track, turn
-from contactlearn.mechanics.apparatus import Measured
+from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point
 from contactlearn.report.text.tracks import tracks_facts
-from contactlearn.simulation.mujoco.bench import Bench, Hidden
+from contactlearn.simulation.camera import Camera
+from contactlearn.simulation.mujoco import Bench, Hidden
 from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate, write_recordings
-from contactlearn.simulation.recordings.camera import Camera
 from contactlearn.simulation.recordings_mujoco import record_bounces
 
 ELLIPSE, BOX = Ellipse(SEMI_AXES), Polygon(((0.035, 0.025), (-0.035, 0.025), (-0.035, -0.025), (0.035, -0.025)))
@@ -101,7 +100,7 @@ def test_standardised_errors_of_zero_and_slope_are_those_of_a_normal_distributio
     for _ in range(SETS):
         zero = math.radians(rng.uniform(1, 4)) * rng.choice((-1, 1))
         contacts, rests = apparatus(rng, shape, zero=zero, **settings)
-        known = Measured(value=lean + 1e-4 * rng.standard_normal(), error=1e-4)
+        known = Estimate(value=lean + 1e-4 * rng.standard_normal(), error=1e-4)
         floor = find_floor(contacts, shape, rests, lean=known)
         if floor.orientation is not None:
             pairs = ((floor.orientation, zero), (floor.slope, settings.get("slope", 0.0)))

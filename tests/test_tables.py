@@ -20,7 +20,7 @@ from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data import table
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import audit, quick_audit
-from contactlearn.data.table.units import CHOICES
+from contactlearn.data.table.columns import CHOICES
 from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
 from contactlearn.mechanics.shapes import contact_point, make_shape
 from contactlearn.simulation import synthetic

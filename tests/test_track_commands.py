@@ -18,8 +18,8 @@ from contactlearn.mechanics.rigid_body import contact_velocity
 from contactlearn.mechanics.shapes import Ellipse
 from contactlearn.report.figures.tracks import refused_figure
 from contactlearn.simulation import recordings
+from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
-from contactlearn.simulation.recordings.camera import Camera
 
 SHAPE = Ellipse(SEMI_AXES)
 PLAIN = Camera(frames=220)

@@ -10,13 +10,12 @@ import pandas as pd
 import pytest
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.data.recordings.frame import matrices
 from contactlearn.data.recordings.markers import pose_of_markers
-from contactlearn.data.recordings.readers import columns, read, recording_files
-from contactlearn.data.recordings.readers.layout import Layout
-from contactlearn.data.recordings.rotations import matrices
+from contactlearn.data.recordings.readers import Layout, columns, read, recording_files
 from contactlearn.data.recordings.track import Recording, turn
+from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import AXES, simulate, write_recordings
-from contactlearn.simulation.recordings.camera import Camera
 
 FLAT, _ = simulate(2, Camera(frames=40, lost=0.1), seed=1)
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -301,7 +300,7 @@ def test_markers_give_the_pose(dimensions):
 @pytest.mark.parametrize(("suffix", "library"), [(".h5", "h5py"), (".c3d", "ezc3d"), (".mcap", "rosbags")])
 def test_formats_of_the_extra_ask_for_it(tmp_path, monkeypatch, suffix, library):
     for name in [library, *(name for name in sys.modules if name.startswith("contactlearn.data.recordings.readers."))]:
-        if name != "contactlearn.data.recordings.readers.layout":
+        if name != "contactlearn.data.recordings.readers":
             monkeypatch.setitem(sys.modules, name, None) if name == library else monkeypatch.delitem(sys.modules, name)
     path = tmp_path / f"drop{suffix}"
     path.touch()

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from contactlearn.core.errors import DataError
+from contactlearn.data.recordings.contacts import find_contacts
 from contactlearn.data.recordings.conventions import find_frame
-from contactlearn.data.recordings.detection import FlightOptions, find_flights
-from contactlearn.data.recordings.events import find_contacts
-from contactlearn.data.recordings.flight import Air, fit
+from contactlearn.data.recordings.flights import Air, FlightOptions, find_flights, fit
 from contactlearn.data.recordings.result import Reason
 from contactlearn.data.recordings.track import Recording, Track, continuous, turn
+from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import simulate
-from contactlearn.simulation.recordings.camera import Camera
 
 RATE, SIGMA = 250.0, np.array((5e-5, 5e-5, math.radians(0.1)))
 CHI_3 = 7.815  # 95 % quantile with three degrees of freedom

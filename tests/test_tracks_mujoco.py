@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from contactlearn.data import tracks
-from contactlearn.data.recordings.detection import FlightOptions, find_flights
+from contactlearn.data.recordings.flights import FlightOptions, find_flights
 from contactlearn.data.recordings.result import Reason
 from contactlearn.data.recordings.track import turn
 from contactlearn.simulation import recordings_mujoco
-from contactlearn.simulation.mujoco.bench import Bench, Hidden
+from contactlearn.simulation.camera import Camera
+from contactlearn.simulation.mujoco import Bench, Hidden
 from contactlearn.simulation.recordings import write_recordings
-from contactlearn.simulation.recordings.camera import Camera
 
 CONTACT_TIME, RATE = 1e-3, 250.0  # s, frames/s
 CAMERA = Camera(rate=RATE, frames=250)

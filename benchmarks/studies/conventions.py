@@ -5,8 +5,13 @@ from typing import NamedTuple
 
 import torch
 
-from contactlearn.data.audit.convention_findings import consistent_note, impossible_findings, inertia_findings
-from contactlearn.data.audit.conventions import ConventionComparison, compare
+from contactlearn.data.audit.conventions import (
+    ConventionComparison,
+    compare,
+    consistent_note,
+    impossible_findings,
+    inertia_findings,
+)
 from contactlearn.data.audit.findings import audit
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.mechanics.impacts import Impacts

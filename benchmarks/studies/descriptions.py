@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from contactlearn import laws
-from contactlearn.data.audit.averaging import averaged
+from contactlearn.data.audit.model_checks import averaged
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates

@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from contactlearn.data.recordings.detection import FlightOptions
-from contactlearn.data.recordings.events import find_contacts
+from contactlearn.data.recordings.contacts import find_contacts
+from contactlearn.data.recordings.flights import FlightOptions
 from contactlearn.data.recordings.floor import find_floor, off_the_floor
 from contactlearn.data.recordings.result import Hit, Reason
 from contactlearn.data.recordings.track import Recording, Track, continuous
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import Ellipse
+from contactlearn.simulation.camera import Camera, TrueContacts
 from contactlearn.simulation.recordings import SEMI_AXES, simulate
-from contactlearn.simulation.recordings.camera import Camera, TrueContacts
 from studies.cases import between
 from studies.study import AllThresholds, Row, Study, each, scaled
 

@@ -8,15 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.recordings.conventions import Conventions, find_frame
-from contactlearn.data.recordings.gravity import find_gravity
+from contactlearn.data.recordings.conventions import Conventions, find_frame, find_gravity
 from contactlearn.data.recordings.result import Reason
 from contactlearn.data.recordings.survey import TrackOptions, tracked
 from contactlearn.data.recordings.track import Recording
 from contactlearn.data.tracks import find_impacts, track_options
 from contactlearn.mechanics.shapes import Ellipse
+from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
-from contactlearn.simulation.recordings.camera import Camera
 from studies.cases import between
 from studies.study import AllThresholds, Row, Study, each
 

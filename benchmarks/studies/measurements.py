@@ -5,14 +5,19 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from contactlearn.data.audit.apparatus_findings import scale_findings
 from contactlearn.data.audit.consistency import gross_outliers, outliers
-from contactlearn.data.audit.findings import energy_findings, order_findings, outlier_findings, shape_findings
-from contactlearn.data.audit.model_outliers import outliers_of
+from contactlearn.data.audit.findings import (
+    energy_findings,
+    order_findings,
+    outlier_findings,
+    scale_findings,
+    shape_findings,
+)
+from contactlearn.data.audit.model_checks import outliers_of
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
-from contactlearn.mechanics.apparatus import Apparatus, Measured
+from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import Ellipse
@@ -165,8 +170,8 @@ def _weighted(kind: str, seed: int) -> Impacts:
     off = between(0.985, 0.97, seed) ** (-1) ** seed if kind == "scale" else between(0.997, 1.003, seed)
     error = between(0.05, 0.2, seed) if kind == "badly" else between(0.002, 0.02, seed)
     noise = error * torch.randn((), generator=random(seed), dtype=torch.float64).item()
-    gravity = Measured(value=GRAVITY * off + noise, error=error)
-    exact = Measured(value=0.0, error=1e-3)
+    gravity = Estimate(value=GRAVITY * off + noise, error=error)
+    exact = Estimate(value=0.0, error=1e-3)
     known = Apparatus(gravity=gravity, drag=exact, slope=None, orientation=None, delay=exact)
     return textbook(seed, 20).replace(apparatus=known)
 

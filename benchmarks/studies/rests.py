@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from contactlearn.data.recordings.events import find_contacts
-from contactlearn.data.recordings.floor import find_floor
-from contactlearn.data.recordings.rests import find_rests
+from contactlearn.data.recordings.contacts import find_contacts
+from contactlearn.data.recordings.floor import find_floor, find_rests
 from contactlearn.data.recordings.result import Found, Hit, Reason
 from contactlearn.simulation.recordings import simulate
 from studies.cases import between

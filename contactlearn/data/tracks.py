@@ -1,37 +1,184 @@
 """Recordings of tracked poses as impacts: `data=tracks data.path=FOLDER`.
 
 Every recording of a file or folder is searched for contacts between two free flights (`contactlearn.data.recordings`).
-Units, axes and orders that are not stated are found from the flights or requested; each refusal has its reason
-and number.
+Units, axes and orders that are not stated are found from the flights; what cannot be found must be stated.  Each
+refusal has its reason and number.
+
+Unit and sense of angles follow from the moment balance of the impacts, I Δω = r_x P_n − r_y P_t: it holds in the right
+unit and sense alone, of bodies that spin.  A stated reading in which it does not hold, though it holds in another one,
+contradicts the recordings.
 """
 
 import math
 import os
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import torch
 from jaxtyping import Float
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.numerics import finite_number, whole
-from contactlearn.data.recordings.angles import find_angles
-from contactlearn.data.recordings.conventions import Conventions, find_frame
-from contactlearn.data.recordings.detection import FlightOptions
+from contactlearn.data.recordings.conventions import ANGLES, SENSES, Conventions, find_frame
+from contactlearn.data.recordings.flights import FlightOptions
 from contactlearn.data.recordings.floor import Floor, find_floor, off_the_floor
-from contactlearn.data.recordings.hull import Centre, MarkerHull, hull_of_markers, markers_of
-from contactlearn.data.recordings.impacts import impacts_of
-from contactlearn.data.recordings.readers import read, recording_files
-from contactlearn.data.recordings.readers.layout import Layout
-from contactlearn.data.recordings.result import REASONS, Found, Refusal
+from contactlearn.data.recordings.frame import Clue
+from contactlearn.data.recordings.markers import Centre, MarkerHull, hull_of_markers, markers_of
+from contactlearn.data.recordings.readers import Layout, read, recording_files
+from contactlearn.data.recordings.result import REASONS, Found, Hit, Refusal
 from contactlearn.data.recordings.survey import Progress, Survey, TrackOptions, sample, survey, tracked
 from contactlearn.data.recordings.track import Array, Recording
-from contactlearn.mechanics.apparatus import Apparatus, Measured
+from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.bodies import make_shapes
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.shapes import Shape
+from contactlearn.mechanics.shapes import Shape, contact_point
+
+
+def moment_imbalance(contacts: Sequence[Hit], shape: Shape, gyration_squared: float, sense: int = 1) -> float:
+    """Median share of the moment balance that is left over, in [0, 1], if angles grow in this sense."""
+    angles = torch.tensor([sense * float(contact.pose[2]) for contact in contacts], dtype=torch.float64)
+    r = contact_point(shape, angles).numpy()
+    change = np.stack([contact.v_post - contact.v_pre for contact in contacts]) * (1, 1, sense)
+    terms = np.stack(
+        (change[:, 2], -r[:, 0] * change[:, 1] / gyration_squared, r[:, 1] * change[:, 0] / gyration_squared)
+    )
+    return float(np.median(np.abs(terms.sum(0)) / np.maximum(np.abs(terms).sum(0), 1e-12)))
+
+
+def impacts_of(
+    contacts: Sequence[Hit],
+    shape: Shape,
+    mass: float,
+    inertia: float,
+    name: str,
+    source: str,
+    apparatus: Apparatus | None = None,
+) -> Impacts:
+    """Return the impacts of contacts with the floor.
+
+    Args:
+        contacts: in their order.
+        shape: of the body.
+        mass: in kg.
+        inertia: in kg m² about the centre of mass.
+        name: of the body.
+        source: of the impacts.
+        apparatus: what is known of it.
+
+    Raises:
+        DataError: there are none, or two have one name.
+    """
+    if not contacts:
+        raise DataError(f"{source}: no contact between two free flights was found")
+    twice = [name for name, count in Counter(contact.name for contact in contacts).items() if count > 1]
+    if twice:
+        name = twice[0].rpartition("#")[0]
+        raise DataError(f"{source}: two recordings are called {name!r}; each needs a name of its own")
+    n = len(contacts)
+    covariance = torch.from_numpy(np.stack([contact.covariance for contact in contacts]))
+    pose = torch.from_numpy(np.stack([contact.pose for contact in contacts]))
+    return Impacts(
+        mass=torch.full((n,), mass, dtype=torch.float64),
+        inertia=torch.full((n,), inertia, dtype=torch.float64),
+        r=contact_point(shape, pose[:, 2]),
+        q=pose,
+        v_pre=torch.from_numpy(np.stack([contact.v_pre for contact in contacts])),
+        v_post=torch.from_numpy(np.stack([contact.v_post for contact in contacts])),
+        v_pre_cov=covariance[:, :3, :3],
+        v_post_cov=covariance[:, 3:6, 3:6],
+        trial=tuple(contact.name for contact in contacts),
+        object=(name,) * n,
+        shape=shape,
+        source=source,
+        apparatus=apparatus,
+    )
+
+
+_TELL = 3  # contacts that tell it, at least
+
+_Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
+
+
+def find_angles(
+    recordings: Sequence[Recording], options: TrackOptions, shape: Shape, gyration: float
+) -> tuple[Conventions, Clue]:
+    """Find the unit and sense of angles that are not stated, and check those that are.
+
+    Args:
+        recordings: a few.
+        options: with the conventions that are stated.
+        shape: of the body.
+        gyration: squared radius of gyration in m².
+
+    Raises:
+        DataError: a stated reading contradicts the impacts, or one is neither stated nor found.
+    """
+    stated, limit, source = options.conventions, options.thresholds.frame.reading, recordings[0].source
+    known = [*ANGLES] if recordings[0].quaternion is None else [stated.angle]
+    units = [stated.angle] if stated.angle else known
+    left = _left_over(recordings, options, units, [stated.sense] if stated.sense else [*SENSES], shape, gyration)
+    best, *others = sorted(left, key=lambda reading: left[reading])
+    if left[best] > limit and (len(units) < len(known) or stated.sense):
+        every = _left_over(recordings, options, known, [*SENSES], shape, gyration)
+        closing = min(every, key=lambda reading: every[reading])
+        if every[closing] <= limit * min(left[best], 1.0):
+            leaves = f"leaves {left[best]:.2g} with it" if left[best] < math.inf else "cannot be told with it"
+            raise DataError(
+                f"{source}: the impacts contradict {_settings(stated.angle, stated.sense)}: their moment balance "
+                f"{leaves}, and {every[closing]:.2g} with {_settings(*closing)}"
+            )
+    if others and not left[best] <= limit * left[others[0]]:
+        asked = _settings("…" if len(units) > 1 else None, None if stated.sense else "…")
+        raise DataError(
+            f"{source}: in which unit and sense angles are measured is not seen: the moment balance of impacts leaves "
+            f"{left[best]:.2f} with one reading and {left[others[0]]:.2f} with another; state {asked}"
+        )
+    clue = Clue(
+        convention="angles",
+        value=", ".join(name for name in best if name),
+        stated=not others,
+        quantity="moment balance left over",
+        number=left[best],
+        unit="–",
+    )
+    return replace(stated, angle=best[0], sense=best[1]), clue
+
+
+def _settings(angle: str | None, sense: str | None) -> str:
+    """The settings of a reading, as they are stated."""
+    named = (("angle", angle), ("sense", sense))
+    return " and ".join(f"data.{name}={value}" for name, value in named if value)
+
+
+def _left_over(
+    recordings: Sequence[Recording],
+    options: TrackOptions,
+    units: Sequence[str | None],
+    senses: Sequence[str],
+    shape: Shape,
+    gyration: float,
+) -> dict[_Reading, float]:
+    """Share of the moment balance that each reading leaves over; infinite where contacts are too few to tell."""
+    left: dict[_Reading, float] = {}
+    for unit in units:
+        contacts = _contacts(recordings, replace(options.conventions, angle=unit, sense="as_read"), options)
+        for sense in senses:
+            enough = len(contacts) >= _TELL
+            left[unit, sense] = moment_imbalance(contacts, shape, gyration, SENSES[sense]) if enough else math.inf
+    return left
+
+
+def _contacts(recordings: Sequence[Recording], conventions: Conventions, options: TrackOptions) -> list[Hit]:
+    """Contacts of a few recordings under some conventions."""
+    frame = find_frame(recordings, conventions, options.thresholds.frame)
+    ready = options.in_air(frame)
+    return [contact for recording in recordings for contact in tracked(recording, frame, ready).contacts]
+
 
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _INSTANT = 1e-6  # s, error of the instants at which flights meet, at least
@@ -229,11 +376,11 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
     """What the recordings tell without any impact; states at contact may be off by a part of its duration."""
     frame, shown = found.frame, len(found.contacts) + floor.rests
     return Apparatus(
-        gravity=Measured(value=math.hypot(*frame.gravity), error=frame.gravity_error),
-        drag=Measured(value=frame.drag, error=frame.drag_error) if math.isfinite(frame.drag_error) else None,
+        gravity=Estimate(value=math.hypot(*frame.gravity), error=frame.gravity_error),
+        drag=Estimate(value=frame.drag, error=frame.drag_error) if math.isfinite(frame.drag_error) else None,
         slope=floor.slope if shown >= options.thresholds.floor.contacts_of_a_slope else None,
         orientation=floor.orientation,
-        delay=Measured(value=0.0, error=max(options.flight.contact_time / math.sqrt(12), _INSTANT)),
+        delay=Estimate(value=0.0, error=max(options.flight.contact_time / math.sqrt(12), _INSTANT)),
     )
 
 

@@ -25,7 +25,7 @@ from pathlib import Path
 import torch
 
 from contactlearn.data.audit.findings import audit
-from contactlearn.data.audit.model_outliers import outliers_of
+from contactlearn.data.audit.model_checks import outliers_of
 from contactlearn.diagnosis.drift import blocked_folds, drift_finding, measurement_drift, ordered_candidates
 from contactlearn.diagnosis.events import AuditFindings, LawsCompared, OnEvent, ignore
 from contactlearn.diagnosis.record import Record

@@ -18,8 +18,8 @@ from typing import TypeVar
 import torch
 
 from contactlearn.core.errors import ContactLearnError, DataError
-from contactlearn.data.audit.averaging import averaged
 from contactlearn.data.audit.corrections import correct
+from contactlearn.data.audit.model_checks import averaged
 from contactlearn.diagnosis.budget import error_budget, error_limits
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment, reachable
 from contactlearn.diagnosis.discrimination.rivals import FittedRival, find_rivals

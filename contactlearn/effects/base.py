@@ -42,7 +42,7 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.effects.identity import EffectId
 from contactlearn.effects.state import Coefficients, State
-from contactlearn.mechanics.apparatus import Measured
+from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.impacts import Impacts
 
 PLACES = ("state", "law", "wrench", "velocity")
@@ -53,7 +53,7 @@ class Parameter:
     """A fitted number of an effect: its plausible range, and the value at which the effect vanishes.
 
     `vanishing` is None for a parameter that need not vanish because another does; `start` is then a typical value.
-    `flight` is what is known of it without any impact, where that limits the range.
+    `prior_from_flight` is its estimate from free flight, where that limits the range.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Parameter:
     high: float
     vanishing: float | None = 0.0
     start: float = 0.0
-    flight: Measured | None = None
+    prior_from_flight: Estimate | None = None
 
 
 def parameter(

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from contactlearn.core.errors import harmless
 from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS
-from contactlearn.report.text.known import known_sentence
+from contactlearn.report.text.tracks import known_sentence
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate
 from contactlearn.results.evaluation import LearningCurve
 from contactlearn.results.transfer import BodyTransfer

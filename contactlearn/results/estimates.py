@@ -8,7 +8,7 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import HEADLINE, Interval
-from contactlearn.inference.identification.known import KnownParameter
+from contactlearn.mechanics.apparatus import KnownParameter
 
 _HIGHEST = 1e9  # of an error that a page can draw
 

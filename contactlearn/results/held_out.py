@@ -9,7 +9,7 @@ import torch
 from contactlearn.core.errors import DataError
 from contactlearn.data import table
 from contactlearn.data.blocks import sampled
-from contactlearn.data.table.large import table_blocks
+from contactlearn.data.table import table_blocks
 from contactlearn.mechanics.bodies import make_shapes
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.results.evaluation import BEST_POST_HOC, IRB, Evaluation

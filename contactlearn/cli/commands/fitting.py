@@ -87,7 +87,7 @@ def fit_with_effects(
     fits, options = {}, settings.fit_options(cfg)
     for chosen in track(({}, effects), f"fitting {law.name} and its effects", on_event):
         fit = identify_jointly(law, chosen, impacts, rows, options=options)
-        if any(p.flight for p in fit.parameters):
+        if any(p.prior_from_flight for p in fit.parameters):
             alone = identify_jointly(law, chosen, impacts.replace(apparatus=None), rows, options=options)
             fit = replace(fit, alone=alone)
         fits[augmented_name(law.name, chosen)] = fit

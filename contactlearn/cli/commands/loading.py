@@ -27,8 +27,7 @@ from contactlearn.core.numerics import random_share
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import quick_audit
 from contactlearn.data.blocks import BLOCK, Blocks, sampled
-from contactlearn.data.table import Table
-from contactlearn.data.table.large import blocks_of, is_large
+from contactlearn.data.table import Table, blocks_of, is_large
 from contactlearn.data.tracks import Tracked
 from contactlearn.diagnosis.events import OnEvent, TaskProgress
 from contactlearn.inference.evaluation.sums import refuse_rest

@@ -22,7 +22,6 @@ from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.evaluation.sums import ErrorSums
 from contactlearn.inference.identification.joint import JointFit
-from contactlearn.inference.identification.known import known_parameters
 from contactlearn.inference.identification.shared import SharedFit
 from contactlearn.inference.learning.recipe import TARGETS, Recipe
 from contactlearn.mechanics.impacts import Impacts
@@ -108,7 +107,7 @@ def joint_estimate(fit: JointFit) -> JointEstimate:
         converged=bool(fit.converged),
         trials=len(fit.weight),
         outliers=fit.outliers,
-        known=known_parameters(fit),
+        known=fit.known_parameters(),
     )
 
 

@@ -24,10 +24,9 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
-from contactlearn.data.audit import known
-from contactlearn.data.audit.columns import Columns
-from contactlearn.data.audit.consistency import outliers, repeated, torque
+from contactlearn.data.audit.consistency import Columns, outliers, repeated, torque
 from contactlearn.data.audit.thresholds import OutlierThresholds
+from contactlearn.mechanics.apparatus import Apparatus
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 
@@ -45,7 +44,7 @@ class Correction:
 
     description: str
     function: Callable[[Impacts, OutlierThresholds], Impacts]
-    apparatus: known.Known = known.kept
+    apparatus: Callable[[Apparatus], Apparatus] = lambda apparatus: apparatus
     of_all: bool = False
 
 
@@ -184,6 +183,11 @@ def _ordered_by_time(impacts: Impacts, _: OutlierThresholds) -> Impacts:
     return impacts.replace(order=impacts.time.argsort(stable=True).argsort() + 1)
 
 
+def _forget(*names: str) -> Callable[[Apparatus], Apparatus]:
+    """Drop estimates that make no sense in other units or axes."""
+    return lambda apparatus: apparatus.without(*names)
+
+
 CORRECTIONS = {
     "swapped_pre_post": Correction(
         "what is called before contact was measured after it: velocities and poses", _swapped_pre_post
@@ -191,37 +195,37 @@ CORRECTIONS = {
     "mirrored_y": Correction(
         "y points down: positions, velocities and the contact point",
         _scaled(((1, -1, 1), (*_POSES, *_VELOCITIES)), ((1, -1), ("r",))),
-        known.mirrored_y,
+        Apparatus.with_y_mirrored,
     ),
     "swapped_axes": Correction(
         "x and y are exchanged: positions, velocities, contact point",
         _swapped_axes,
-        known.without("slope", "orientation"),
+        _forget("slope", "orientation"),
     ),
     "mirrored_x": Correction(
         "x points left in positions and velocities, but not in θ, ω and the contact point, or θ and ω are clockwise",
         _scaled(((-1, 1, 1), (*_POSES, *_VELOCITIES))),
-        known.mirrored_x,
+        Apparatus.with_x_mirrored,
     ),
     "mirrored_theta": Correction(
         "θ and ω are positive clockwise",
         _scaled(((1, 1, -1), (*_POSES, *_VELOCITIES))),
-        known.mirrored_theta,
+        Apparatus.with_theta_mirrored,
     ),
     "mirrored_omega": Correction("ω is positive clockwise, θ is not", _scaled(((1, 1, -1), _VELOCITIES))),
     "contact_point_sign": Correction("r points from the contact to the centre of mass", _scaled(((-1, -1), ("r",)))),
     "contact_point_mirrored": Correction("x of the contact point points left", _scaled(((-1, 1), ("r",)))),
     "degrees_omega": Correction("ω is in °/s", _scaled(((1, 1, _DEGREE), _VELOCITIES))),
-    "degrees_theta": Correction("θ is in degrees", _scaled(((1, 1, _DEGREE), _POSES)), known.without("orientation")),
+    "degrees_theta": Correction("θ is in degrees", _scaled(((1, 1, _DEGREE), _POSES)), _forget("orientation")),
     "degrees": Correction(
         "θ is in degrees and ω in °/s",
         _scaled(((1, 1, _DEGREE), (*_POSES, *_VELOCITIES))),
-        known.without("orientation"),
+        _forget("orientation"),
     ),
     "millimetres": Correction(
         "positions and the contact point are in mm",
         _scaled(((1e-3, 1e-3, 1), _POSES), ((1e-3, 1e-3), ("r",))),
-        known.millimetres,
+        Apparatus.from_millimetres,
     ),
     "millimetres_velocity": Correction("velocities are in mm/s", _scaled(((1e-3, 1e-3, 1), _VELOCITIES))),
     "grams": Correction("the mass is in g", _in_grams),

@@ -1,16 +1,16 @@
 """From recordings of poses to contacts between free flights, with their errors.
 
-track       recordings as read, and tracks in the plane of motion
-readers     one small module a format
-conventions units, axes, quaternion order: found from free flight, or asked for
-flight      robust fits of free flights
-detection   free flights of a track
-contact     the instant at which two flights meet, and the state there
-events      contacts and refusals of a track
-rests       bodies at rest
-angles      unit and sense of angles: stated or found from the moment balance of the impacts
-floor       the floor that contacts and bodies at rest share
-result      what was found, as types
+track        recordings as read, and tracks in the plane of motion
+readers      one small module a format
+conventions  gravity, units, axes, quaternion order: found from free flight or stated
+frame        the way from a recording to a track
+markers      poses and shapes from markers
+flights      free flights of a track
+contacts     contacts between two flights, and refusals
+floor        bodies at rest, and the floor that they share with contacts
+survey       all recordings of a file or folder
+result       types of what is found
+thresholds   every limit of a decision
 """
 
 TYPE_CHECKING = False

@@ -2,13 +2,24 @@
 
 heights    of contact points and of bodies at rest: on one line, whose slope is the floor's.  A zero of θ that is off by
            ζ moves contact points up and down as the body turns: y + r_y(θ + ζ) = h + x tan φ
-angles     of bodies at rest: θ + ζ is that of the side they lie on, and the floor's (`recordings.rests`)
+angles     of bodies at rest: θ + ζ is that of the side they lie on, and the floor's
 approach   v_n < 0 before contact and P_n > 0, or whatever was touched was no floor
 
-Both kinds have one scatter each, which the fit estimates with the floor (variance components, Förstner 1979): what
-bodies at rest miss each other by is their error, and not the scatter of frames, which drift together.
+Heights and angles have one scatter each, which the fit estimates with the floor (variance components, Förstner 1979):
+it includes the scatter between bodies at rest, whose frames drift together.
+
+A body is still where the means of its pose over a tenth of a second stay within the noise of a frame.  It rests on a
+side that the foot of the perpendicular from its centre of mass is on, or on the flat pole of an ellipse.  On a floor
+of slope φ, where gravity leans by γ, the sum of θ and the offset of its zero is then
+
+    polygon      α + φ
+    ellipse      α + γ + g (φ − γ) − δ cos(α − β) / (a²/b − b)      g = a² / (a² − b²),  a > b
+
+where the side or pole is below at α on level ground.  An ellipse turns further than the floor, until its centre of mass
+is above the contact; one that is δ off along the major axis, at β or 0, turns it to opposite sides on both poles.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,22 +27,106 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from contactlearn.data.recordings.flight import Indices
-from contactlearn.data.recordings.rests import Lying
+from contactlearn.data.recordings.flights import Indices
 from contactlearn.data.recordings.result import Hit, Reason, Refusal, Rest
-from contactlearn.data.recordings.thresholds import FloorThresholds
-from contactlearn.data.recordings.track import Array, Mask, turn
-from contactlearn.mechanics.apparatus import Measured
+from contactlearn.data.recordings.thresholds import FloorThresholds, RestThresholds
+from contactlearn.data.recordings.track import Array, Mask, Track, turn
+from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.rigid_body import contact_velocity
-from contactlearn.mechanics.shapes import Shape, contact_point
+from contactlearn.mechanics.shapes import Ellipse, Polygon, Shape, contact_point
+
+_BLOCK = 0.1  # s
+_LEAST_NOISE = np.array((2e-5, 2e-5, 3e-4))  # m, m, rad: no frame of a body at rest is better
+_ROUND = 1e-3  # relative difference of an ellipse's semi-axes, or change of the height with θ, of a round body
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Lying:
+    """Poses in which a body comes to rest.
+
+    Args:
+        angles: θ in rad on level ground, one for each stable side or pole; none of a disc.
+        gain: turn of the body with the slope of the floor.
+        arms: turn in rad per m by which the centre of mass is off along the major axis, at each of the angles.
+    """
+
+    angles: Float[Array, " k"]
+    gain: float
+    arms: Float[Array, " k"]
+
+    @classmethod
+    def of(cls, shape: Shape) -> "Lying":
+        """Poses in which a shape comes to rest; none of one that is round or unknown."""
+        match shape:
+            case Polygon():
+                angles = np.array(_sides(shape))
+                return cls(angles=angles, gain=1.0, arms=np.zeros(len(angles)))
+            case Ellipse(semi_axes=(first, second)) if abs(first / second - 1) > _ROUND:
+                a, b = max(first, second), min(first, second)
+                base, arm = 0.0 if first > second else math.pi / 2, b / (a**2 - b**2)
+                angles = np.array((base, base + math.pi))
+                return cls(angles=angles, gain=a**2 / (a**2 - b**2), arms=arm * np.array((-1.0, 1.0)))
+            case _:
+                return cls(angles=np.zeros(0), gain=1.0, arms=np.zeros(0))
+
+    def nearest(self, theta: float) -> int:
+        """Number of the side or pole on which a body with this θ lies."""
+        return int(np.abs(turn(theta - self.angles)).argmin())
+
+    def apart(self, theta: float) -> float:
+        """Angle in rad from there."""
+        return float(turn(theta - self.angles[self.nearest(theta)]))
+
+
+def _sides(shape: Polygon) -> list[float]:
+    """θ at which each stable side of a polygon is below."""
+    corners, angles = np.array(shape.vertices), list[float]()
+    for p, q in zip(corners, np.roll(corners, -1, 0), strict=True):
+        along = q - p
+        if 0 < -(p @ along) < along @ along:
+            out = p - along * (p @ along) / (along @ along)
+            angles.append(-math.pi / 2 - math.atan2(out[1], out[0]))
+    return angles
+
+
+def find_rests(
+    track: Track,
+    spans: Sequence[tuple[float, float]],
+    sigma: Float[Array, "3"],
+    limits: RestThresholds,
+) -> tuple[Rest, ...]:
+    """Find where a body is still.
+
+    Args:
+        track: of it.
+        spans: times in s of first and last frames between which to look; of each the longest rest is found.
+        sigma: standard deviations of a frame's (x, y, θ).
+        limits: that decide.
+    """
+    size = max(round(_BLOCK / track.step), 2)
+    fewest = max(round(limits.lasts / (size * track.step)), 2)
+    found = list[Rest]()
+    for begin, end in spans:
+        frames = np.flatnonzero(track.seen & (track.time >= begin) & (track.time <= end))[::-1]
+        blocks = frames[: len(frames) // size * size].reshape(-1, size)
+        means = track.pose[blocks].mean(1)
+        moves = np.abs(np.diff(means, axis=0)) > limits.moves * np.maximum(sigma, _LEAST_NOISE)
+        edges = np.concatenate(([0], np.flatnonzero(moves.any(1)) + 1, [len(blocks)]))
+        longest = int(np.diff(edges).argmax())
+        run = means[edges[longest] : edges[longest + 1]]
+        if len(run) >= fewest:
+            error, pose = run.std(0, ddof=1) / math.sqrt(len(run)), run.mean(0)
+            pose[2] = turn(pose[2])
+            found.append(Rest(recording=track.name, pose=pose, error=np.maximum(error, _LEAST_NOISE / size)))
+    return tuple(found)
+
 
 _ROUNDS, _TURNS, _COMPONENTS = 10, 2, 6
 _FEW = 3  # heights to which a slope is fitted, so that those off it can be refused
 _STEP = 1e-4  # rad, of a difference quotient
-_ROUND = 1e-3  # relative change of the height with θ up to which a body is round
 _FAR = 7.5  # times the median distance: five standard deviations
 _LEAST, _SCATTER = 1e-9, 1e-4  # m or rad: of any scatter; m, of heights at first
-_UPRIGHT = Measured(value=0.0, error=0.0)
+_UPRIGHT = Estimate(value=0.0, error=0.0)
 _ENOUGH = 6  # bodies at rest whose heights show their own scatter; fewer are believed as contacts are
 
 
@@ -47,9 +142,9 @@ class Floor:
         rests: bodies at rest that it is fitted to.
     """
 
-    height: Measured
-    slope: Measured | None
-    orientation: Measured | None
+    height: Estimate
+    slope: Estimate | None
+    orientation: Estimate | None
     scatter: float
     rests: int
 
@@ -71,7 +166,7 @@ def find_floor(
     shape: Shape,
     rests: Sequence[Rest] = (),
     *,
-    lean: Measured = _UPRIGHT,
+    lean: Estimate = _UPRIGHT,
     limits: FloorThresholds = FloorThresholds(),
 ) -> Floor:
     """Fit the floor to contact points and bodies at rest, robustly.
@@ -108,7 +203,7 @@ class _Problem:
     rests: Sequence[Rest]
     shape: Shape
     lying: Lying
-    lean: Measured
+    lean: Estimate
     limits: FloorThresholds
 
     def solved(self, turned: float) -> tuple[Floor, Mask]:
@@ -124,9 +219,9 @@ class _Problem:
         found = {name: (float(x), float(error)) for name, x, error in zip(told, fit, errors, strict=True)}
         slope, zero = found.get("slope"), found.get("orientation")
         floor = Floor(
-            height=Measured(value=found["height"][0], error=found["height"][1]),
-            slope=slope and Measured(value=float(np.arctan(slope[0])), error=slope[1] / (1 + slope[0] ** 2)),
-            orientation=zero and Measured(value=turned + zero[0], error=zero[1]),
+            height=Estimate(value=found["height"][0], error=found["height"][1]),
+            slope=slope and Estimate(value=float(np.arctan(slope[0])), error=slope[1] / (1 + slope[0] ** 2)),
+            orientation=zero and Estimate(value=turned + zero[0], error=zero[1]),
             scatter=spread,
             rests=len(self.rests),
         )
@@ -148,21 +243,21 @@ class _Problem:
         by_height = len(theta) >= 2 * enough and np.std(rising) > _ROUND * size
         n, none = len(side) if by_angle else 0, np.zeros(len(rests))
         parts: dict[str, tuple[Array, Array | float]] = {"height": (np.ones(len(x)), 0.0)}
-        known: dict[str, Measured] = {}
+        known: dict[str, Estimate] = {}
         if len(x) >= _FEW and np.ptp(x) > 0:
             parts["slope"] = (x, lying.gain)
         if len(rests):
             parts["raised"] = (np.repeat((0.0, 1.0), (len(theta), len(rests))), 0.0)
-            known["raised"] = Measured(value=0.0, error=self.limits.off_least)
+            known["raised"] = Estimate(value=0.0, error=self.limits.off_least)
         if by_angle or by_height:
             parts["orientation"] = (np.append(-rising, none), -1.0)
         if by_height:
             parts["sine"] = (np.sin(np.append(theta, lies)), 0.0)
             parts["cosine"] = (np.cos(np.append(theta, lies)), 0.0)
-            known |= dict.fromkeys(("sine", "cosine"), Measured(value=0.0, error=size))
+            known |= dict.fromkeys(("sine", "cosine"), Estimate(value=0.0, error=size))
         if by_angle and lying.gain != 1:
             parts |= {"poise": (0 * x, lying.arms[side]), "lean": (0 * x, 1 - lying.gain)}
-            known |= {"poise": Measured(value=0.0, error=size), "lean": self.lean}
+            known |= {"poise": Estimate(value=0.0, error=size), "lean": self.lean}
         told = dict[str, Array]()
         for name, (high, turns) in parts.items():
             prior = [(other == name) / max(one.error, _LEAST) for other, one in known.items()]

@@ -1,17 +1,28 @@
-"""Poses from markers: the rotation that brings the markers of a reference frame nearest to those of a frame.
+"""Poses from markers, and the shape of a body that is known by its markers alone: their convex hull.
 
-In a plane it is the angle of Σ a_k · conj(b_k) as complex numbers, in space that of Kabsch's decomposition.
-Unless the markers' places in the body are known, the tracked point is their mean, which is not the centre of mass.
+The pose is the rotation that brings the markers of a reference frame nearest to those of a frame: in a plane the angle
+of Σ a_k · conj(b_k) as complex numbers, in space Kabsch's decomposition.  Unless the markers' places in the body are
+known, the tracked point is their mean, which is not the centre of mass.
+
+For the hull, markers on the outline or its corners are assumed: the contact point is then the lowest of them.  Markers
+further in make a body that is too small, and every contact point is too high by as much, which no recording shows: the
+floor's height is free.  Unless the centre of mass is stated, it is that of a hull of uniform density.
 Source: Kabsch 1976; Umeyama 1991.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+import torch
 from jaxtyping import Float
+from scipy.spatial import ConvexHull, QhullError
 
 from contactlearn.core.errors import DataError
+from contactlearn.data.recordings.frame import Frame, matrices
+from contactlearn.data.recordings.result import Hit
 from contactlearn.data.recordings.track import Array, Recording, finite
+from contactlearn.mechanics.shapes import Polygon, contact_point
 
 
 def pose_of_markers(
@@ -83,3 +94,120 @@ def _quaternion(R: Float[Array, "t 3 3"]) -> Float[Array, "t 4"]:
     K[:, 0, 1:] = K[:, 1:, 0] = vector
     K[:, 1:, 1:] = R + R.transpose(0, 2, 1) - K[:, :1, :1] * np.eye(3)
     return np.linalg.eigh(K)[1][:, :, -1]
+
+
+_FEWEST = 3
+_FLAT = 1e-3  # width of a hull over its length, at least
+
+Centre = str | Sequence[float] | None
+"""Of mass: None for that of a uniform hull, "mean" of the markers, or weights of the markers."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MarkerHull:
+    """The hull of a body's markers.
+
+    Args:
+        shape: about the centre of mass.
+        places: of the markers [m, d] in the body about the centre of mass, in the files' unit and axes.
+        error: standard error in m of a marker's place along an axis, by the scatter over recordings; 0 of a single one.
+    """
+
+    shape: Polygon
+    places: Float[Array, "m d"]
+    error: float
+
+    def contact_covariance(self, contacts: Sequence[Hit]) -> Float[Array, "n 2 2"]:
+        """Covariances of the contact points relative to the centre of mass in m²: by θ's error and the marker's place.
+
+        Which marker is the lowest is taken for certain; where two are equally low the point may be the other one.
+        """
+        theta = torch.tensor([float(contact.pose[2]) for contact in contacts], dtype=torch.float64)
+        r = contact_point(self.shape, theta).numpy()
+        across = np.stack((-r[:, 1], r[:, 0]), 1)
+        variance = np.array([contact.covariance[8, 8] for contact in contacts])
+        return variance[:, None, None] * across[:, :, None] * across[:, None, :] + self.error**2 * np.eye(2)
+
+
+def hull_of_markers(recordings: Sequence[Recording], frame: Frame, centre: Centre = None) -> MarkerHull:
+    """Find the hull of the markers in the plane of motion.
+
+    Args:
+        recordings: of one body, whose orientations are relative to the same places of the markers.
+        frame: of the recordings.
+        centre: of mass.
+
+    Raises:
+        DataError: no markers, fewer than three, all on a line, or a centre of mass outside of them.
+    """
+    places = np.stack([markers_of(recording) for recording in recordings])
+    projection = _projection(recordings[0], frame)
+    planar = places @ projection.T
+    spread = float(np.sqrt(planar.var(0, ddof=1).mean() / len(planar))) if len(planar) > 1 else 0.0
+    mean, points = places.mean(0), planar.mean(0)
+    try:
+        corners = points[ConvexHull(points).vertices]
+    except QhullError:
+        corners = points[:0]
+    width = np.linalg.svd(points - points.mean(0), compute_uv=False)
+    if not len(corners) or width[1] < _FLAT * width[0]:
+        raise DataError(f"{recordings[0].source}: the markers are on a line, which is no body; state data.shape")
+    middle = _centroid(corners) if centre is None else _weights(centre, len(points)) @ points
+    vertices = tuple((float(x), float(y)) for x, y in corners - middle)
+    return MarkerHull(shape=Polygon(vertices), places=mean - np.linalg.pinv(projection) @ middle, error=spread)
+
+
+def markers_of(recording: Recording) -> Float[Array, "m d"]:
+    """Mean places of a recording's markers in the body.
+
+    Raises:
+        DataError: it has none, or fewer than three.
+    """
+    if recording.markers is None:
+        raise DataError(
+            f"{recording.source}: data.shape must be given: the contact point is the lowest point of the body's shape, "
+            "and without markers (data.columns.markers) nothing else tells it"
+        )
+    if len(recording.markers) < _FEWEST:
+        raise DataError(
+            f"{recording.source}: data.shape must be given: {len(recording.markers)} markers have no hull; "
+            f"{_FEWEST} or more on the body's outline do"
+        )
+    return recording.markers
+
+
+def _projection(recording: Recording, frame: Frame) -> Float[Array, "2 d"]:
+    """The way from places in the body, in the file's unit and axes, to the body's plane at θ = 0, in m."""
+    k = int(np.argmax(recording.seen))
+    theta = float(frame.track(recording).pose[k, 2])
+    if recording.quaternion is not None:
+        R = matrices(recording.quaternion[k : k + 1], frame.order)[0]
+    else:
+        assert recording.angle is not None
+        R = _turned(float(recording.angle[k]))
+    return frame.scale * _turned(-theta) @ frame.axes[:2] @ R
+
+
+def _turned(angle: float) -> Float[Array, "2 2"]:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array(((c, -s), (s, c)))
+
+
+def _weights(centre: str | Sequence[float], count: int) -> Float[Array, " m"]:
+    if centre == "mean":
+        return np.full(count, 1 / count)
+    try:
+        weights = np.array([float(x) for x in centre])
+    except (TypeError, ValueError):
+        weights = np.zeros(0)
+    if len(weights) != count or not np.isfinite(weights).all() or weights.sum() == 0:
+        raise DataError(f"data.centre must be mean, or {count} weights of the markers, got {centre!r}")
+    return weights / weights.sum()
+
+
+def _centroid(corners: Float[Array, "v 2"]) -> Float[Array, "2"]:
+    """Of the area inside of corners in order; about the first of them, so that places far away cost no digits."""
+    p = corners - corners[0]
+    q = np.roll(p, -1, 0)
+    share = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
+    return corners[0] + share @ (p + q) / (3 * share.sum())

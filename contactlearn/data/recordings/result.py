@@ -5,7 +5,7 @@ from enum import StrEnum
 
 from jaxtyping import Float
 
-from contactlearn.data.recordings.flight import Flight
+from contactlearn.data.recordings.flights import Flight
 from contactlearn.data.recordings.track import Array, Track
 
 

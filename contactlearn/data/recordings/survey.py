@@ -17,13 +17,12 @@ import numpy as np
 
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.workers import WorkerPool
+from contactlearn.data.recordings.contacts import find_contacts
 from contactlearn.data.recordings.conventions import Conventions, find_frame
-from contactlearn.data.recordings.detection import FlightOptions
-from contactlearn.data.recordings.events import find_contacts
+from contactlearn.data.recordings.flights import FlightOptions
+from contactlearn.data.recordings.floor import find_rests
 from contactlearn.data.recordings.frame import Frame
-from contactlearn.data.recordings.readers import read, recording_files
-from contactlearn.data.recordings.readers.layout import Layout
-from contactlearn.data.recordings.rests import find_rests
+from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal, Rest
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Recording, Track

@@ -18,13 +18,15 @@ World axes: x right, y up (the floor's normal), theta counter-clockwise.  Column
 Other names are mapped (`columns`), other units and clockwise rotations are stated (`units`), and other
 columns are not used.  A cell is a number or a name, never code.  The body's shape is not a column: it is named beside
 the path, with lengths in m, or a shape for each name in the column object.  What `save` writes, `load` gives back:
-every bit of every number, every name as written.
+every bit of every number, every name as written.  A small
+table is read into memory, a large one again and again, in blocks of rows.
 """
 
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +36,18 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import written_whole
-from contactlearn.data.table import known, sheet
-from contactlearn.data.table.columns import COLUMNS, NAMES, REQUIRED, name_columns
-from contactlearn.data.table.units import SI, Units
+from contactlearn.data import table
+from contactlearn.data.blocks import BLOCK, LARGE, Blocks
+from contactlearn.data.table.columns import (
+    COLUMNS,
+    NAMES,
+    REQUIRED,
+    SI,
+    Units,
+    apparatus_columns,
+    apparatus_of,
+    name_columns,
+)
 from contactlearn.mechanics.bodies import (
     AnyShape,
     Shapes,
@@ -196,7 +207,7 @@ def _impacts(
     }
     if shape is not None:
         values |= _computed(cells.path, computed, shape, values)
-    source, apparatus = str(cells.path), known.apparatus_of(cells)
+    source, apparatus = str(cells.path), apparatus_of(cells)
     try:
         return Impacts(**values, shape=shape, source=source, validate=validate, apparatus=apparatus)
     except DataError as error:
@@ -288,7 +299,7 @@ def _columns(impacts: Impacts) -> sheet.Columns:
         if value is not None:
             columns |= zip(names, value[:, *UPPER].T.numpy(), strict=True)
     if impacts.apparatus is not None:
-        columns |= known.columns_of(impacts.apparatus, len(impacts))
+        columns |= apparatus_columns(impacts.apparatus, len(impacts))
     return columns
 
 
@@ -306,3 +317,48 @@ def _suffix(path: Path) -> str:
     if suffix not in _READERS:
         raise DataError(f"{path}: a table is a .csv or .parquet file, got suffix {suffix!r}; export it as CSV")
     return suffix
+
+
+def table_blocks(path: Path, shape: AnyShape | None) -> Blocks:
+    """Return the impacts of a table file as `table.save` writes it.
+
+    Raises:
+        DataError: see `table.read`.
+    """
+    if not is_large(path):
+        return Blocks.of(table.load(path, shape))
+    return Blocks.survey(lambda: blocks_of(table.read_blocks(path, BLOCK, shape=shape), lambda one: one.impacts))
+
+
+def blocks_of(tables: Iterator[Table], impacts_of: Callable[[Table], Impacts]) -> Iterator[Impacts]:
+    """Yield the impacts of a table that is read in blocks; errors name the row of the whole table.
+
+    Args:
+        tables: the blocks, for which rows are right already.
+        impacts_of: corrects the impacts of a block.
+
+    Raises:
+        DataError: impacts that break a rule once corrected.
+    """
+    trials = 0
+    for one in tables:
+        try:
+            impacts = impacts_of(one)
+        except DataError as error:
+            raise error.below(trials) from None
+        trials += len(impacts)
+        yield impacts
+
+
+def is_large(path: Path) -> bool:
+    """Whether a table file has more than `LARGE` rows; what cannot be read is not large."""
+    try:
+        if path.suffix.lower() == ".parquet":
+            from pyarrow import parquet
+
+            with parquet.ParquetFile(path) as file:
+                return file.metadata.num_rows > LARGE
+        with path.open("rb") as file:
+            return sum(1 for _ in islice(file, LARGE + 2)) > LARGE + 1
+    except (OSError, ValueError):  # pyarrow's errors are these
+        return False

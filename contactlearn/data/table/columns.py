@@ -1,28 +1,161 @@
-"""Columns of a table by our names: those of the file are mapped, checked, and what is not used is set aside.
+"""Columns of a table: their names, their units, and the estimates of the apparatus.
 
     columns={vx: speed_x}       the file's column speed_x is our vx
     columns={inertia: null}     the file has no inertia, whatever its columns are called
 
-`vx_pre, vy_pre, omega_pre` are understood as `vx, vy, omega` where the file does not have these.
-A column that is unknown and near a missing known one is a slip and refused; other unknown columns are not used.
-Where the body's shape is known, `rx, ry` may be left out, and `inertia` as well.
+`vx_pre, vy_pre, omega_pre` are read as `vx, vy, omega` where the file lacks these.  An unknown column whose name is
+near a missing one is refused as a slip; other unknown columns are not used.  Where the body's shape is known, `rx, ry`
+may be left out, and `inertia` as well.
+
+Four units are stated, and the sense in which θ and ω are positive; all others follow: velocities are lengths a time, an
+inertia is a mass times a squared length, a covariance is the product of its two velocities.  Rotations that are
+positive clockwise are angles with a negative factor.
+
+Estimates of the apparatus are the same numbers in every row, always in SI: a column survives a dropped row, another
+program that saves the table, and CSV.
 """
 
+import math
 import re
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from difflib import SequenceMatcher
 from itertools import product
+from types import MappingProxyType
 
 from contactlearn.core.errors import DataError, UnknownNameError, suggest
-from contactlearn.data.table import known
 from contactlearn.data.table.sheet import Sheet
+from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, OPTIONAL
 
+SI = MappingProxyType({"length": "m", "mass": "kg", "angle": "rad", "time": "s", "rotation": "counterclockwise"})
+"""The stated units of a table as `save` writes it."""
+
+CHOICES: dict[str, dict[str, float]] = {
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254},
+    "mass": {"kg": 1.0, "g": 1e-3},
+    "angle": {"rad": 1.0, "deg": math.pi / 180},
+    "time": {"s": 1.0, "ms": 1e-3},
+    "rotation": {"counterclockwise": 1.0, "clockwise": -1.0},
+}
+"""Factors to SI by quantity and unit."""
+
+_LENGTH, _VELOCITY = {"length": 1}, {"length": 1, "time": -1}
+_POWERS: dict[str, dict[str, int]] = {
+    "mass": {"mass": 1},
+    "inertia": {"mass": 1, "length": 2},
+    "rx": _LENGTH,
+    "ry": _LENGTH,
+    "x": _LENGTH,
+    "y": _LENGTH,
+    "theta": {"angle": 1},
+    "vx": _VELOCITY,
+    "vy": _VELOCITY,
+    "omega": {"angle": 1, "time": -1},
+    "time": {"time": 1},
+}
+"""Dimensions of columns, of which those after contact and covariances follow."""
+
+
+class Units:
+    """The stated units of a table; those that are not stated are SI.
+
+    Raises:
+        DataError: not a mapping of quantities to units.
+        UnknownNameError: a quantity or unit that does not exist.
+    """
+
+    def __init__(self, stated: Mapping[str, str]):
+        if not isinstance(stated, Mapping):
+            raise DataError(f"data.units is given as {{length: mm, angle: deg}}, got {stated!r}")
+        for quantity, unit in stated.items():
+            if quantity not in CHOICES:
+                raise UnknownNameError("quantity in data.units:", str(quantity), CHOICES)
+            if unit not in CHOICES[quantity]:
+                raise UnknownNameError(f"unit in data.units.{quantity}:", str(unit), CHOICES[quantity])
+        self._stated = {**SI, **stated}
+
+    def factor(self, column: str) -> float:
+        """Return the factor that takes the numbers of a column to SI."""
+        powers = _powers(column)
+        powers |= {"rotation": powers.get("angle", 0)}
+        return math.prod(CHOICES[quantity][self._stated[quantity]] ** power for quantity, power in powers.items())
+
+    def text(self, column: str) -> str:
+        """Return the unit of a column as it is written in the table."""
+        if column == "order":
+            return "trials"
+        over, under = (
+            " ".join(
+                self._stated[quantity] + {1: "", 2: "²"}[abs(power)]
+                for quantity in ("mass", "length", "angle", "time")
+                if (power := _powers(column).get(quantity, 0)) * sign > 0
+            )
+            for sign in (1, -1)
+        )
+        return f"{over}/{under}" if under else over
+
+
+def _powers(column: str) -> dict[str, int]:
+    """Powers of the quantities in the unit of a column; none where it is always the same."""
+    name = column.removesuffix("_post")
+    if not name.startswith("cov_"):
+        return {**_POWERS.get(name, {})}
+    first, second = (_POWERS[part] for part in name.split("_")[1:])
+    return {quantity: first.get(quantity, 0) + second.get(quantity, 0) for quantity in (*first, *second)}
+
+
+PAIRS = {field.name: (f"apparatus_{field.name}", f"apparatus_{field.name}_error") for field in fields(Apparatus)}
+"""The columns of a value and its standard error, by the field of `Apparatus` that they fill."""
+NEEDED = tuple(column for name in ("gravity", "delay") for column in PAIRS[name])
+"""Those without which there are none."""
+_UNITS = {"gravity": "m/s²", "drag": "1/s", "slope": "rad", "orientation": "rad", "delay": "s"}
+
+
+def apparatus_columns(known: Apparatus, rows: int) -> dict[str, list[float]]:
+    """Return the columns of what is known."""
+    pairs = {PAIRS[field.name]: getattr(known, field.name) for field in fields(Apparatus)}
+    return {
+        name: [value] * rows
+        for names, one in pairs.items()
+        if one is not None
+        for name, value in zip(names, (one.value, one.error), strict=True)
+    }
+
+
+def apparatus_of(cells: Sheet) -> Apparatus | None:
+    """Return what a table says of the apparatus, or None.
+
+    Raises:
+        DataError: a cell is no number, rows differ, or an error is negative.
+    """
+    known = {
+        field: Estimate(value=_one(cells, names[0], _UNITS[field]), error=_one(cells, names[1], _UNITS[field], 0.0))
+        for field, names in PAIRS.items()
+        if names[0] in cells.header
+    }
+    return Apparatus(**{field: known.get(field) for field in PAIRS}) if known else None  # pyright: ignore[reportArgumentType]  (`NEEDED`)
+
+
+def _one(cells: Sheet, column: str, unit: str, least: float = float("-inf")) -> float:
+    """The number of a column, the same in every row."""
+    values = cells.numbers(column, unit)
+    bad = ((values != values[0]) | (values < least)).nonzero()[0]
+    if len(bad):
+        row, value = cells.first + int(bad[0]) + 1, values[bad[0]]
+        rule = f"must be at least {least:g}" if value < least else "must be the same in every row"
+        raise DataError(
+            f"{cells.path}: row {row}, column {column}: {rule}, got {value:g} after {values[0]:g}; tables of two "
+            "apparatus are two tables, or one without these columns",
+            row=row,
+        )
+    return float(values[0])
+
+
 NAMES = ("trial", "object")
-COLUMNS = NAMES + tuple(column for columns in (COMPONENTS | COVARIANCES | known.PAIRS).values() for column in columns)
+COLUMNS = NAMES + tuple(column for columns in (COMPONENTS | COVARIANCES | PAIRS).values() for column in columns)
 REQUIRED = tuple(column for field, columns in COMPONENTS.items() if field not in OPTIONAL for column in columns)
 BEFORE = {f"{column}_pre": column for column in COMPONENTS["v_pre"]}
 COMPUTED = {"inertia": ("inertia",), "r": ("rx", "ry")}
@@ -164,10 +297,10 @@ def _quoted(name: str) -> str:
 def _refuse_incomplete(cells: Sheet, ours: Sequence[str]) -> None:
     """Refuse a table that has a part of columns that come together."""
     groups = [(COMPONENTS["q_post"], "all three"), *((columns, "all six") for columns in COVARIANCES.values())]
-    groups += [(pair, "both") for pair in known.PAIRS.values()]
-    if any(column in ours for pair in known.PAIRS.values() for column in pair):
-        groups.append((known.NEEDED, "all four"))
+    groups += [(pair, "both") for pair in PAIRS.values()]
+    if any(column in ours for pair in PAIRS.values() for column in pair):
+        groups.append((NEEDED, "all four"))
     for group, count in groups:
         lacking = [column for column in group if column not in ours]
-        if lacking and (len(lacking) < len(group) or group is known.NEEDED):
+        if lacking and (len(lacking) < len(group) or group is NEEDED):
             raise DataError(f"{cells.path}: {', '.join(group)} come {count} or none; missing: {', '.join(lacking)}")

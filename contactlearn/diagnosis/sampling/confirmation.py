@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from contactlearn.core.numerics import Z_95
-from contactlearn.data.audit.model_outliers import outliers_of
+from contactlearn.data.audit.model_checks import outliers_of
 from contactlearn.diagnosis.failure.regions import find_regions
 from contactlearn.diagnosis.noise import noise_floor
 from contactlearn.diagnosis.result import Confirmation, Diagnosis, FailingRegion, Record

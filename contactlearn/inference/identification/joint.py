@@ -22,6 +22,7 @@ from contactlearn.inference.identification.ranges import suited
 from contactlearn.inference.identification.shared import Box
 from contactlearn.inference.identification.thresholds import FitThresholds
 from contactlearn.laws import Law, named
+from contactlearn.mechanics.apparatus import Estimate, KnownParameter
 from contactlearn.mechanics.impacts import Impacts, require_impacts
 from contactlearn.models.contact_model import ContactModel
 
@@ -103,7 +104,7 @@ class JointFit:
     agreement: Tensor  # [...] share of the starts followed to the end that reached this minimum
     converged: Tensor  # [...] whether the best start converged
     thresholds: FitThresholds = field(default_factory=FitThresholds, repr=False)
-    alone: "JointFit | None" = None  # to the impacts alone, where flight has measured a parameter
+    alone: "JointFit | None" = None  # to the impacts alone, where free flight has an estimate
 
     @property
     def standard_errors(self) -> Tensor:
@@ -126,12 +127,32 @@ class JointFit:
         """Number of trials of negligible weight, over all subsets."""
         return int((~self.inliers).sum())
 
+    def known_parameters(self) -> tuple[KnownParameter, ...]:
+        """Return a single subset's parameters that free flight limits, beside their fit to the impacts alone."""
+        if self.alone is None:
+            return ()
+        alone = zip(self.alone.values.tolist(), self.alone.standard_errors.tolist(), strict=True)
+        return tuple(
+            KnownParameter(
+                name=p.name,
+                symbol=p.symbol,
+                unit=p.unit,
+                value=value,
+                alone=Estimate(value=there, error=error),
+                flight=p.prior_from_flight,
+            )
+            for p, value, (there, error) in zip(self.parameters, self.values.tolist(), alone, strict=True)
+            if p.prior_from_flight is not None
+        )
+
     def undetermined(self) -> dict[str, str]:
         """Explain which parameters a single subset does not determine: parameter → reasons with their numbers.
 
-        Those that flight has measured are left to `known_parameters`.
+        Those with an estimate from free flight are left to `known_parameters`.
         """
-        reasons = {p.name: " and ".join(self._open(k)) for k, p in enumerate(self.parameters) if p.flight is None}
+        reasons = {
+            p.name: " and ".join(self._open(k)) for k, p in enumerate(self.parameters) if p.prior_from_flight is None
+        }
         return {name: said for name, said in reasons.items() if said}
 
     def _open(self, k: int) -> list[str]:
@@ -157,7 +178,7 @@ class JointFit:
         """Explain which parameters of a single subset end at a bound, but for those: parameter → the meaning."""
         found = {}
         for p, value, error in zip(self.parameters, self.values.tolist(), self.standard_errors.tolist(), strict=True):
-            if p.low < value < p.high or p.flight is not None:
+            if p.low < value < p.high or p.prior_from_flight is not None:
                 continue
             if value == p.vanishing:
                 found[p.name] = f"is not seen: |{p.symbol}| < {1.645 * error:.2g} {p.unit} with 95 %".replace(" –", "")
@@ -258,7 +279,7 @@ def named_parameters(effects: Mapping[str, Effect], box: Box, impacts: Impacts) 
             within = max(low, flight.range[0]), min(high, flight.range[1])
             flight = None if within == (low, high) else flight
             low, high = within
-        own.append(replace(p, name=f"{name}.{p.name}", low=low, high=high, flight=flight))
+        own.append(replace(p, name=f"{name}.{p.name}", low=low, high=high, prior_from_flight=flight))
     return (*shared, *own)
 
 

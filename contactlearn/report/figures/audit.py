@@ -18,8 +18,14 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE
-from contactlearn.data.audit.consistency import contradictions, gross_outliers, kinetic_energy, outliers, torque
-from contactlearn.data.audit.moments import balance
+from contactlearn.data.audit.consistency import (
+    balance,
+    contradictions,
+    gross_outliers,
+    kinetic_energy,
+    outliers,
+    torque,
+)
 from contactlearn.data.audit.result import Finding
 from contactlearn.data.audit.thresholds import AuditThresholds, OutlierThresholds
 from contactlearn.mechanics.bodies import contact_points

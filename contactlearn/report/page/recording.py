@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from contactlearn.core.numerics import measured
-from contactlearn.data.recordings.flight import Flight, Indices
+from contactlearn.data.recordings.flights import Flight, Indices
 from contactlearn.data.recordings.result import REASONS, Found, Hit, Reason, Refusal
 from contactlearn.data.recordings.track import Array, Track, turn
 from contactlearn.report.page.trials import digits

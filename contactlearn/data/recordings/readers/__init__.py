@@ -11,13 +11,109 @@ A reader yields one recording after the other, so that a long file is never in m
 file that is not as it must be is yielded as its error.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
+
 from contactlearn.core.errors import ContactLearnError, DataError, installing
-from contactlearn.data.recordings.readers.layout import Layout
-from contactlearn.data.recordings.track import Recording
+from contactlearn.data.recordings.track import Array, Recording, mean_step
+
+LARGEST = 2**30
+"""Bytes of a file that is read as one recording."""
+_APART = 0.01  # relative distance of a stated frame rate from that of the time stamps
+
+
+def _strings(names: Sequence[str]) -> tuple[str, ...]:
+    return tuple(map(str, names))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """Names of columns; of each the first that the file has is taken.
+
+    Args:
+        time: of the time in s; None if the frame rate says it.
+        rate: frames a second, for files without a column of times; one that contradicts this column is an error.
+        position: of x and y, or of x, y and z.
+        angle: of the angle in the plane.
+        quaternion: of its four components; the order is read off names that end in w, x, y and z.
+        recording: of the recording's name, in a file with several; None if there is one a file.
+        markers: of each marker's x and y, or x, y and z, from which the pose is found; none if the file has poses.
+        body: of the rigid body, topic or group, where a file has several.
+        places: of the markers in the body about its centre of mass, in the file's unit, where they are known: poses are
+            then those of this body.
+    """
+
+    time: str | None = "time"
+    rate: float | None = None
+    position: Sequence[str] = ("x", "y", "z")
+    angle: str = "theta"
+    quaternion: Sequence[str] = ("qw", "qx", "qy", "qz")
+    recording: str | None = "recording"
+    markers: Sequence[Sequence[str]] = field(default=())
+    body: str | None = None
+    places: Sequence[Sequence[float]] = field(default=())
+
+    def __post_init__(self) -> None:
+        for name in ("position", "quaternion"):
+            object.__setattr__(self, name, _strings(getattr(self, name)))
+        object.__setattr__(self, "markers", tuple(_strings(names) for names in self.markers))
+        if self.rate is not None and not 0 < self.rate < np.inf:
+            raise DataError(f"data.rate must be a positive number of frames a second, got {self.rate}")
+        if len(self.quaternion) != 4:
+            raise DataError(f"data.columns.quaternion must name four columns, got {self.quaternion}")
+
+    def times(self, frames: int, source: str) -> Array:
+        """Times of frames by the frame rate.
+
+        Raises:
+            DataError: there is none.
+        """
+        if self.rate is None:
+            if self.time is None:
+                raise DataError(f"{source}: has no times; state data.rate")
+            raise DataError(f"{source}: has no column {self.time!r}; name it (data.columns.time), or state data.rate")
+        return np.arange(frames) / self.rate
+
+    def checked(self, stamps: Array, source: str) -> Array:
+        """Time stamps, unless the stated frame rate is another one.
+
+        Raises:
+            DataError: they are more than 1 % apart.
+        """
+        if self.rate is None or len(stamps) < 2 or not (np.diff(stamps) > 0).all():  # the last is `Recording`'s error
+            return stamps
+        if abs(mean_step(stamps) * self.rate - 1) > _APART:
+            raise DataError(
+                f"{source}: frames are {mean_step(stamps):.4g} s apart by their time stamps, and {1 / self.rate:.4g} s "
+                f"by data.rate={self.rate:g}; leave out the wrong one, time stamps by time: null in data.columns"
+            )
+        return stamps
+
+    def poses(self, path: Path, rows: Sequence[Sequence[float]], order: str) -> Recording:
+        """Return the recording of rows of time, position in m and quaternion.
+
+        Raises:
+            DataError: there are none.
+        """
+        if not rows:
+            raise DataError(f"{path}: holds no frames")
+        values = np.array(rows, dtype=np.float64)
+        time = values[:, 0] if self.rate is None else self.times(len(values), str(path))
+        position, quaternion = values[:, 1:4], values[:, 4:]
+        return Recording(
+            name=path.stem, source=str(path), time=time, position=position, quaternion=quaternion, unit="m", order=order
+        )
+
+    @property
+    def order(self) -> str | None:
+        """Order of the quaternion's components by the last letters of its names."""
+        letters = "".join(name[-1:].lower() for name in self.quaternion)
+        return letters if letters in ("wxyz", "xyzw") else None
+
 
 _MODULES = {
     ".csv": "columns",

@@ -12,7 +12,7 @@ import numpy as np
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.markers import pose_of_markers
-from contactlearn.data.recordings.readers.layout import Layout
+from contactlearn.data.recordings.readers import Layout
 from contactlearn.data.recordings.track import Recording
 
 

@@ -17,7 +17,7 @@ from pyarrow import parquet
 
 from contactlearn.core.errors import DataError, suggest
 from contactlearn.data.recordings.markers import pose_of_markers
-from contactlearn.data.recordings.readers.layout import Layout
+from contactlearn.data.recordings.readers import Layout
 from contactlearn.data.recordings.track import Array, Recording
 
 _ROWS = 200_000  # that are read at once

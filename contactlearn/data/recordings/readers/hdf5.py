@@ -13,7 +13,7 @@ import h5py  # pyright: ignore[reportMissingImports]  (an extra)
 import numpy as np
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.recordings.readers.layout import Layout
+from contactlearn.data.recordings.readers import Layout
 from contactlearn.data.recordings.track import Array, Recording
 
 

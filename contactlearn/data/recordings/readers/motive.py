@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from contactlearn.core.errors import DataError, UnknownNameError
-from contactlearn.data.recordings.readers.layout import LARGEST, Layout
+from contactlearn.data.recordings.readers import LARGEST, Layout
 from contactlearn.data.recordings.track import Recording
 
 _HEADER = 20  # lines among which the header ends

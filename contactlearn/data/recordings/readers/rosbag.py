@@ -12,7 +12,7 @@ from rosbags.highlevel import AnyReader  # pyright: ignore[reportMissingImports]
 from rosbags.typesys import Stores, get_typestore  # pyright: ignore[reportMissingImports]
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.recordings.readers.layout import Layout
+from contactlearn.data.recordings.readers import Layout
 from contactlearn.data.recordings.track import Recording
 
 _KINDS = ("PoseStamped", "PoseWithCovarianceStamped", "TransformStamped", "Odometry")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.recordings.readers.layout import LARGEST, Layout
+from contactlearn.data.recordings.readers import LARGEST, Layout
 from contactlearn.data.recordings.track import Recording
 
 _COLUMNS = 8

@@ -1,9 +1,8 @@
 """A tracker that follows moving bodies, with the faults of real ones, and the truth about every contact."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -34,7 +33,7 @@ class Camera:
         rate: frames a second.
         frames: of a recording.
         noise: standard deviation of x and y in m.
-        angle_noise: of θ in rad, about any axis in space.
+        angle_noise: standard deviation of θ in rad, about any axis in space.
         held: s for which a hand holds the body still before it is thrown.
         exposure: s over which a frame is the mean pose.
         lost: share of frames that are marked as lost.
@@ -44,8 +43,13 @@ class Camera:
         length: the file's units of length in a metre, 1000 for mm.
         degrees: whether an angle in the plane is in degrees.
         wrapped: whether it is brought to one turn.
-        axes: rows are the file's axes in world axes (right, up, away), [2 or 3][3]; in space a quaternion is recorded.
+        axes: one of `AXES`, or the file's axes in world axes (right, up, away) as rows [2 or 3][3]; in space a
+            quaternion is recorded.
         order: of the quaternion's components, wxyz or xyzw.
+
+    Raises:
+        DataError: a value out of its range.
+        UnknownNameError: no such axes.
     """
 
     rate: float = 250.0
@@ -61,95 +65,44 @@ class Camera:
     length: float = 1.0
     degrees: bool = False
     wrapped: bool = True
-    axes: Sequence[Sequence[float]] = field(default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+    axes: str | Sequence[Sequence[float]] = "plane"
     order: str = "wxyz"
 
+    def __post_init__(self) -> None:
+        rate = finite_number("rate", self.rate, 20, 1e5)
+        limits = {"noise": math.inf, "angle_noise": math.inf, "exposure": 1 / rate, "lost": 1, "bad": 1, "skipped": 1}
+        for name, high in limits.items():
+            finite_number(name, getattr(self, name), 0, high)
+        if isinstance(self.axes, str) and self.axes not in AXES:
+            raise UnknownNameError("axes of a tracker", self.axes, AXES)
+        if self.order not in ("wxyz", "xyzw"):
+            raise DataError(f"order must be wxyz or xyzw, got {self.order!r}")
 
-class Motion(Protocol):
+    @property
+    def world_axes(self) -> Float[Array, "d 3"]:
+        """The file's axes in world axes, as rows."""
+        return np.asarray(AXES[self.axes] if isinstance(self.axes, str) else self.axes, dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Motion:
     """Flights of N bodies, K each at most; where a body has fewer, its `start` is infinite.
 
-    A flight starts at an instant at which it and the one before it meet; `v` and `v_before` are the velocities of the
-    two there.
-    """
-
-    @property
-    def start(self) -> Float[Tensor, "n k"]:
-        """Instants in s at which flights start; that of the first is 0."""
-        ...
-
-    @property
-    def q(self) -> Float[Tensor, "n k 3"]:
-        """Poses at the start."""
-        ...
-
-    @property
-    def v(self) -> Float[Tensor, "n k 3"]:
-        """Velocities at the start."""
-        ...
-
-    @property
-    def v_before(self) -> Float[Tensor, "n k 3"]:
-        """Velocities before the contact that the flight starts with."""
-        ...
-
-    @property
-    def rests(self) -> Float[Tensor, " n"]:
-        """Instants in s from when on a body stays on the floor; infinite where it still flies."""
-        ...
-
-    def poses(self, time: Float[Tensor, "n t"]) -> Float[Tensor, "n t 3"]:
-        """Poses of the bodies at instants of their own."""
-        ...
-
-
-def camera_of(
-    seconds: float,
-    *,
-    rate: float = 250.0,
-    noise: float = 5e-5,
-    angle_noise: float = math.radians(0.1),
-    exposure: float = 0.0,
-    lost: float = 0.0,
-    bad: float = 0.0,
-    skipped: float = 0.0,
-    stated_rate: float | None = None,
-    axes: str = "plane",
-    order: str = "wxyz",
-) -> Camera:
-    """Return a camera as a configuration states it, for recordings of so many seconds.
-
     Args:
-        seconds: of a recording.
-        rate: frames a second.
-        noise: standard deviation of x and y in m, and `angle_noise` that of θ in rad.
-        exposure: s over which a frame is the mean pose.
-        lost: share of lost frames.
-        bad: share of frames with a gross error.
-        skipped: share of recordings that skip frames at the first contact.
-        stated_rate: frames a second that the time stamps pretend.
-        axes: of the tracker, one of `AXES`.
-        order: of quaternions' components.
-
-    Raises:
-        DataError: a value out of its range.
-        UnknownNameError: no such axes.
+        start: [N, K] instants in s at which a flight and the one before it meet; that of the first is 0.
+        q: poses [N, K, 3] at the start.
+        v: velocities [N, K, 3] at the start.
+        v_before: velocities [N, K, 3] before the contact that the flight starts with.
+        rests: [N] instants in s from when on a body stays on the floor; infinite where it still flies.
+        poses: poses [N, T, 3] of the bodies at instants [N, T] of their own.
     """
-    if axes not in AXES:
-        raise UnknownNameError("axes of a tracker", axes, AXES)
-    rate = finite_number("rate", rate, 20, 1e5)
-    return Camera(
-        rate=rate,
-        frames=round(seconds * rate),
-        noise=finite_number("noise", noise, 0),
-        angle_noise=finite_number("angle_noise", angle_noise, 0),
-        exposure=finite_number("exposure", exposure, 0, 1 / rate),
-        lost=finite_number("lost", lost, 0, 1),
-        bad=finite_number("bad", bad, 0, 1),
-        skipped=finite_number("skipped", skipped, 0, 1),
-        stated_rate=stated_rate,
-        axes=AXES[axes],
-        order=order,
-    )
+
+    start: Float[Tensor, "n k"]
+    q: Float[Tensor, "n k 3"]
+    v: Float[Tensor, "n k 3"]
+    v_before: Float[Tensor, "n k 3"]
+    rests: Float[Tensor, " n"]
+    poses: Callable[[Tensor], Tensor]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -228,7 +181,7 @@ def _truth(motion: Motion, clock: Array, skips: NDArray[np.int64]) -> TrueContac
 
 
 def _recording(name: str, time: Array, pose: Array, camera: Camera, rng: np.random.Generator) -> Recording:
-    axes = np.asarray(camera.axes, dtype=np.float64)
+    axes = camera.world_axes
     source = f"{name}.csv"
     if len(axes) == 2:
         flipped = np.linalg.det(axes[:, :2]) < 0  # angles are counted from the first axis to the second
@@ -246,7 +199,5 @@ def _recording(name: str, time: Array, pose: Array, camera: Camera, rng: np.rand
     vector = np.column_stack((wobble * np.cos(half)[:, None], np.sin(half))) @ axes.T * np.linalg.det(axes)
     quaternion = np.column_stack((np.cos(half), vector))
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-    if camera.order not in ("wxyz", "xyzw"):
-        raise DataError(f"order must be wxyz or xyzw, got {camera.order!r}")
     quaternion = quaternion if camera.order == "wxyz" else np.roll(quaternion, -1, axis=1)
     return Recording(name=name, source=source, time=time, position=position, quaternion=quaternion)

@@ -1,12 +1,18 @@
-"""Outliers of a fitted model: trials that it makes all but impossible, and spins of the wrong sign.
+"""Checks of the measurements against fitted models: outliers, and velocities before impact that vary by noise alone.
 
-The residual of v_post has a multivariate Student's t distribution, whose scatter and degrees of freedom are fitted to
-it, so that heavy tails are no outliers.  Where covariances are stated, residuals are in units of them (`noise_weight`).
-A trial is one
+**Outliers** are trials that a model makes all but impossible, and spins of the wrong sign.  The residual of v_post has
+a multivariate Student's t distribution, whose scatter and degrees of freedom are fitted to it, so that heavy tails are
+no outliers.  Where covariances are stated, residuals are in units of them (`noise_weight`).  A trial is an outlier
 
     where fewer than `false_outliers` trials of the whole table would have so large a residual by chance, or
     where another sign of ω before or after impact makes it so much more likely that fewer would by chance: the ratio of
     the densities exceeds its threshold c in at most 1/c of ordinary trials (Markov), whatever their distribution.
+
+**Averaging**: a law that is given velocities that vary by no more than their noise (a constant height of the drops, no
+spin) predicts worse than one that is given their mean, and an effect that weakens the dependence on them looks as if
+it were missing (regression dilution).  Where the spread of a column is not much larger than the residual of flexible
+models in the outcome, its mean replaces it if the law then predicts held-out trials at least as well.
+Source: Carroll, Ruppert, Stefanski & Crainiceanu 2006, Ch. 4: the limit of regression calibration.
 """
 
 import math
@@ -17,8 +23,10 @@ from jaxtyping import Bool, Float
 from scipy.special import fdtrc
 from torch import Tensor
 
+from contactlearn.core.numerics import MAD_SCALE
+from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.result import Evidence, Finding
-from contactlearn.data.audit.thresholds import OutlierThresholds
+from contactlearn.data.audit.thresholds import AuditThresholds, OutlierThresholds
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.noise_weight import noise_weight
 
@@ -121,3 +129,46 @@ def _fitted(residual: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "3"], Float[T
             best, chosen = likelihood, (centre, scatter, freedom)
     assert chosen is not None
     return chosen
+
+
+_COLUMNS = (("averaged_vx", "v_x", "m/s"), ("averaged_vy", "v_y", "m/s"), ("averaged_omega", "ω", "rad/s"))
+
+
+def averaged(
+    impacts: Impacts,
+    predicted: Float[Tensor, "n 3"],
+    held_out: Callable[[Impacts], float],
+    thresholds: AuditThresholds = AuditThresholds(),
+) -> tuple[Finding, ...]:
+    """Find the velocities before impact whose mean serves the law at least as well as their measurements.
+
+    Args:
+        impacts: measurements.
+        predicted: v_post in (m/s, m/s, rad/s) by flexible models on held-out trials, nan where there is none.
+        held_out: error of the law on held-out trials, from the impacts.
+        thresholds: of the audit.
+
+    Returns:
+        A note for each such velocity, with its correction.
+    """
+    found, error = [], held_out(impacts)
+    residual = MAD_SCALE * (impacts.v_post - predicted).abs().nanmedian(0).values
+    for k, (name, letter, unit) in enumerate(_COLUMNS):
+        spread = impacts.v_pre[:, k].std().item()
+        if not 0 < spread < thresholds.noisy_spread * residual[k].item():
+            continue
+        changed = correct(impacts, [name])
+        with_mean = held_out(changed)
+        if with_mean <= error:
+            sentence = (
+                f"{CORRECTIONS[name].description}: {letter} has a standard deviation of {spread:.2g} {unit}; on trials "
+                f"held out the law leaves {with_mean:.4g} with its mean and {error:.4g} with its measurements"
+            )
+            evidence = (
+                Evidence(quantity="spread", value=spread, unit=unit),
+                Evidence(quantity="error_before", value=error),
+                Evidence(quantity="error_after", value=with_mean),
+            )
+            found.append(Finding(name=name, sentence=sentence, evidence=evidence, correction=name, mistake=False))
+            impacts, error = changed, with_mean
+    return tuple(found)

@@ -1,0 +1,355 @@
+"""Contacts of a track between two free flights, with their covariance; everything else is refused with its number.
+
+At contact the flights before and after meet in all three coordinates.  About an instant t they are apart by
+
+    d(δ) = p⁻ − p⁺ + (v⁻ − v⁺) δ        δ̂ = −(Δvᵀ S⁻¹ d) / (Δvᵀ S⁻¹ Δv)        S = cov p⁻ + cov p⁺
+
+which gives the instant between frames; the two degrees of freedom that are left test whether they meet at all.  If the
+recording skips m frames at contact without a gap in its time stamps, whatever follows contact happened m frame times
+later than it states: each m is tried, and its probability follows from how well the flights then meet.
+
+The history of the impulse is not resolved: where friction and normal force act at different times the flights miss each
+other by the difference of their velocities in a part of the contact's duration, which `contact_time` allows for.
+
+before the first flight, after the last   a hand, a body at rest, rolling or sliding, or frames that are too few
+between two flights                       one contact if both meet at an instant; otherwise
+    frames that are in neither flight       several hits, sliding, rest, a hand
+    flights that miss each other            several hits within a frame
+    no change of velocity                   frames that are missing in the middle of a flight
+    more frames lost than can be counted    unknown
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+
+from contactlearn.data.recordings.flights import Air, Flight, FlightOptions, Flights, Indices, apart, find_flights, fit
+from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal
+from contactlearn.data.recordings.thresholds import FlightThresholds
+from contactlearn.data.recordings.track import Array, Track, turn
+
+_SKIPS = 0.02  # prior probability that one more frame is missing
+_QUARTER = 0.25  # of the contact's duration: by so much the instants of two coordinates differ
+_ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Meeting:
+    """The two flights of a contact at the instant at which they meet.
+
+    Args:
+        time: of contact in s.
+        missing: frames that the recording skips there.
+        certainty: probability of that number.
+        apart: squared distance in standard deviations, the contact's duration allowed for.
+        distance: in m, of the two poses, without θ.
+        gain: derivative [3] of the instant in the distance p⁻ − p⁺.
+    """
+
+    time: float
+    missing: int
+    certainty: float
+    apart: float
+    distance: float
+    gain: Float[Array, "3"]
+
+
+def meeting(before: Flight, after: Flight, window: tuple[float, float], step: float, options: FlightOptions) -> Meeting:
+    """Find where two flights meet.
+
+    Args:
+        before: flight before contact.
+        after: flight after contact.
+        window: times in s of the last frame before contact and of the first after it.
+        step: time between two frames in s.
+        options: of the search.
+    """
+    skipped: Array = np.arange(options.most_missing + 1.0) * step
+    low, high = window[0], window[1] + skipped
+    time = (low + high) / 2
+    told, gain = np.ones_like(time), np.zeros((len(time), 3))
+    for _ in range(_ROUNDS):
+        d, S, change = _apart(before, after, time, skipped)
+        told = (change**2 / S).sum(1)
+        gain = -change / S / told[:, None]
+        time = np.clip(time + (gain * d).sum(1), low - 2 * step, high + 2 * step)
+    d, S, change = _apart(before, after, time, skipped)
+    S = S + (_QUARTER * options.contact_time * change) ** 2
+    loose = (change**2 / S).sum(1)
+    d = d - change * ((change * d / S).sum(1) / loose)[:, None]  # at the nearest point, in units of the softer scatter
+    outside = np.maximum(np.maximum(low - time, time - high), 0.0)
+    apart = (d**2 / S).sum(1) + (outside / (told**-0.5 + options.contact_time / 2)) ** 2
+    weight = -(apart + np.log(loose) + np.log(S).sum(1)) / 2 + skipped / step * np.log(_SKIPS)
+    share = np.exp(weight - weight.max())
+    best = int(share.argmax())
+    return Meeting(
+        time=float(time[best]),
+        missing=best,
+        certainty=float(share[best] / share.sum()),
+        apart=float(apart[best]),
+        distance=float(np.hypot(d[best, 0], d[best, 1])),
+        gain=gain[best],
+    )
+
+
+def _apart(before: Flight, after: Flight, time: Array, skipped: Array) -> tuple[Array, Array, Array]:
+    """Distance p⁻ − p⁺ [M, 3], its variance and the difference of velocities, for each number of missing frames."""
+    d = before.poses(time) - after.poses(time - skipped)
+    d[:, 2] = turn(d[:, 2])
+    S = before.spread(time) ** 2 + after.spread(time - skipped) ** 2
+    return d, S, before.velocities(time) - after.velocities(time - skipped)
+
+
+def cut(
+    track: Track,
+    flights: Sequence[Flight],
+    meetings: Sequence[Meeting | None],
+    found: Flights,
+    options: FlightOptions,
+) -> list[Flight]:
+    """Fit flights again without frames that are nearer to a contact than its duration, or beyond it.
+
+    Where no one contact ends a flight, frames of what is there may be among its own: see `_own`.
+
+    Args:
+        track: of the flights.
+        flights: in their order.
+        meetings: of each with the next, where one contact may be between them.
+        found: noise of a frame, and width of a window.
+        options: of the search.
+    """
+    sigma = found.sigma
+    fitted: list[Flight] = []
+    ends = (None, *meetings, None)
+    for flight, start, end in zip(flights, ends, ends[1:], strict=False):
+        when, kept = track.time[flight.frames], np.ones(len(flight.frames), dtype=np.bool_)
+        if start is not None:
+            kept &= when >= start.time - start.missing * track.step + options.contact_time
+        if end is not None:
+            kept &= when <= end.time - options.contact_time
+        frames = flight.frames[kept]
+        if len(frames) < 4:
+            frames = flight.frames
+        if start is None and flight.first > 0:
+            frames = _own(track, frames[::-1], found, flight.air)[::-1]
+        if end is None and flight.last < len(track) - 1:
+            frames = _own(track, frames, found, flight.air)
+        changed = len(frames) < len(flight.frames)
+        fitted.append(fit(track.time, track.pose, frames, sigma, flight.air) if changed else flight)
+    return fitted
+
+
+def _own(track: Track, frames: Indices, found: Flights, air: Air) -> Indices:
+    """Frames of a flight without its last one, and without those before it that are of something else.
+
+    The last m frames are as they are left out if χ² of the flight falls by more than twice their 3 m numbers (Akaike
+    1974): each of them may be near the flight where all of them together are not.  The others' errors are independent
+    of what was asked.  A window of frames stays, with which a flight is not too short.
+    """
+    frames, sigma = frames[:-1], found.sigma
+    most = min(len(frames) // 3, len(frames) - found.width)
+    if most < 1:
+        return frames
+    fits = [fit(track.time, track.pose, np.sort(frames[: len(frames) - m]), sigma, air) for m in range(most + 1)]
+    total = np.array([((one.residual / sigma) ** 2).sum() for one in fits])
+    gain = total[0] - total - 6 * np.arange(most + 1)
+    return frames[: len(frames) - int(gain.argmax())]
+
+
+def close(before: Flight, after: Flight, options: FlightOptions) -> bool:
+    """Whether so few frames are between two flights that it may be one contact."""
+    return after.first - before.last - 1 <= 2 * options.most_missing + 2
+
+
+def meet(track: Track, before: Flight, after: Flight, options: FlightOptions) -> Meeting:
+    """Find where two flights of a track meet."""
+    window = (float(track.time[before.last]), float(track.time[after.first]))
+    return meeting(before, after, window, track.step, options)
+
+
+def hit_of(track: Track, number: int, found: Meeting, flights: Sequence[Flight], place: int) -> Hit:
+    """State before and after contact at its instant with all covariances; `place` is that of the flight before."""
+    before, after = flights[place : place + 2]
+    (a, A), (b, B) = before.at(found.time), after.at(found.time - found.missing * track.step)
+    errors = np.zeros((12, 12))
+    errors[:6, :6], errors[6:, 6:] = A, B
+    instant = np.concatenate((found.gain, np.zeros(3), -found.gain, np.zeros(3)))
+    trust = np.diag(A)[:3] / (np.diag(A)[:3] + np.diag(B)[:3])  # of the pose after contact
+    apart = b[:3] - a[:3]
+    apart[2] = turn(apart[2])
+    pose = a[:3] + trust * apart
+    pose[2] = turn(pose[2])
+    moving = (1 - trust) * a[3:] + trust * b[3:]
+    jacobian = np.zeros((10, 12))
+    jacobian[:3, 3:6] = jacobian[3:6, 9:12] = np.eye(3)
+    jacobian[:3] += np.outer(before.acceleration(a[3:]), instant)
+    jacobian[3:6] += np.outer(after.acceleration(b[3:]), instant)
+    jacobian[6:9, :3], jacobian[6:9, 6:9] = np.diag(1 - trust), np.diag(trust)
+    jacobian[6:9] += np.outer(moving, instant)
+    jacobian[9] = instant
+    lost = int((~track.seen[before.last + 1 : after.first]).sum())
+    return Hit(
+        recording=track.name,
+        number=number,
+        time=found.time,
+        v_pre=a[3:].copy(),
+        v_post=b[3:].copy(),
+        pose=pose,
+        covariance=jacobian @ errors @ jacobian.T,
+        missing=found.missing,
+        certainty=found.certainty,
+        lost=lost,
+        apart=found.apart,
+        flight=place,
+    )
+
+
+_EDGES = 2  # frames that a flight may be shorter than a window, if it is seen where it ends
+
+
+def find_contacts(
+    track: Track, options: FlightOptions = FlightOptions(), limits: FlightThresholds = FlightThresholds()
+) -> Found:
+    """Find the contacts of a track between free flights, and refuse everything else."""
+    found = find_flights(track, options, limits)
+    flights, contacts, refusals = list(found.flights), list[Hit](), list[Refusal]()
+    if not flights:
+        refusals = [_gap(track, 0, len(track) - 1, found, limits)]
+        return Found(track=track, sigma=found.sigma, flights=(), contacts=(), refusals=tuple(refusals))
+    if flights[0].first > 0:
+        refusals.append(_gap(track, 0, flights[0].first - 1, found, limits))
+    meetings = [_one_contact(track, *pair, options, limits) for pair in pairwise(flights)]
+    flights = cut(track, flights, meetings, found, options)
+    known = [flights[0].first == 0, *(close(*pair, options) for pair in pairwise(flights))]
+    known.append(flights[-1].last == len(track) - 1)
+    for k, (before, after) in enumerate(pairwise(flights)):
+        result = _between(track, before, after, (known[k], known[k + 2]), found, options, limits)
+        if isinstance(result, Meeting):
+            contacts.append(hit_of(track, len(contacts) + 1, result, flights, k))
+        else:
+            refusals.append(result)
+    if flights[-1].last < len(track) - 1:
+        refusals.append(_gap(track, flights[-1].last + 1, len(track) - 1, found, limits))
+    return Found(
+        track=track, sigma=found.sigma, flights=tuple(flights), contacts=tuple(contacts), refusals=tuple(refusals)
+    )
+
+
+def _one_contact(
+    track: Track, before: Flight, after: Flight, options: FlightOptions, limits: FlightThresholds
+) -> Meeting | None:
+    """Where two flights meet if one contact may be between them: it then ends both."""
+    if not close(before, after, options):
+        return None
+    met = meet(track, before, after, options)
+    return met if met.apart <= limits.meets and _neither(track, before, after, met, options) <= 1 else None
+
+
+def _neither(track: Track, before: Flight, after: Flight, met: Meeting, options: FlightOptions) -> int:
+    """Frames in neither flight that are further from a contact than its duration."""
+    between = slice(before.last + 1, after.first)
+    far = np.abs(track.time[between] - met.time) > options.contact_time
+    return int((track.seen[between] & far).sum())
+
+
+def _between(
+    track: Track,
+    before: Flight,
+    after: Flight,
+    known: tuple[bool, bool],
+    found: Flights,
+    options: FlightOptions,
+    limits: FlightThresholds,
+) -> Meeting | Refusal:
+    """Where two flights meet at a contact, or why there is none; `known` says whether it is seen what ends them."""
+    first, last = before.last, after.first
+    if not close(before, after, options):
+        return _gap(track, first + 1, last - 1, found, limits)
+    met = meet(track, before, after, options)
+    change, _ = apart(before, after, met.time)
+    errors = before.covariance[3:, 3:] + after.covariance[3:, 3:]
+    moved = float(change[3:] @ np.linalg.solve(errors, change[3:]))
+    lost = int((~track.seen[first + 1 : last]).sum())
+    neither = _neither(track, before, after, met, options)
+    few = _too_few((before, after), known, found, options)
+    jump = 1e3 * float(np.hypot(*change[:2]))
+    skipped = _skipped(before, after, met.time, track.step, options.most_missing, limits.same)
+    reasons = (
+        (skipped > 0, Reason.LOST_FRAMES, "frames skipped in flight", skipped, "frames"),
+        (lost > options.most_missing, Reason.LOST_FRAMES, "frames lost at contact", lost, "frames"),
+        (moved < limits.moved, Reason.LOST_FRAMES, "jump without a change of velocity", jump, "mm"),
+        (neither > 1, Reason.DOUBLE_HIT, "frames in neither flight", neither, "frames"),
+        (met.apart > limits.meets, Reason.DOUBLE_HIT, "distance of the flights", 1e3 * met.distance, "mm"),
+        (met.certainty < limits.certainty, Reason.LOST_FRAMES, "certainty of the missing frames", met.certainty, "–"),
+        (few > 0, Reason.TOO_FEW_FRAMES, "frames of a flight", few, "frames"),
+    )
+    for holds, reason, quantity, value, unit in reasons:
+        if holds:
+            return _refusal(track, first, last, reason, quantity, value, unit)
+    return met
+
+
+def _too_few(flights: tuple[Flight, Flight], known: tuple[bool, bool], found: Flights, options: FlightOptions) -> int:
+    """Frames of the shorter flight of those with too few, or 0.
+
+    One that ends at no contact that is told apart may have frames of what follows: it needs a whole window.
+    """
+    counts = [
+        len(flight.frames)
+        for flight, ends in zip(flights, known, strict=True)
+        if len(flight.frames) < max(options.fewest, found.width - _EDGES * ends)
+    ]
+    return min(counts, default=0)
+
+
+def _skipped(before: Flight, after: Flight, time: float, step: float, most: int, same: float) -> int:
+    """Frames that a recording skips if two flights are one but for them, or 0."""
+    for count in range(1, most + 1):
+        (a, A), (b, B) = before.at(time), after.at(time - count * step)
+        difference = b - a
+        difference[2] = turn(difference[2])
+        if difference @ np.linalg.solve(A + B, difference) <= same:
+            return count
+    return 0
+
+
+def _gap(track: Track, first: int, last: int, found: Flights, limits: FlightThresholds) -> Refusal:
+    """Why frames from the first to the last are in no flight."""
+    frames = np.arange(first, last + 1)
+    seen = frames[track.seen[frames]]
+    if len(seen) < max(2, len(frames) // 2):
+        lost = len(frames) - len(seen)
+        return _refusal(track, first, last, Reason.LOST_FRAMES, "frames lost", lost, "frames")
+    heights = track.pose[track.seen, 1]
+    above, most = float(track.pose[seen, 1].mean() - heights.min()), float(np.ptp(heights))
+    few = found.width // 2 if found.flights else found.width
+    if above > limits.high * most and most > limits.uneven * found.sigma[1] and len(seen) >= few:
+        return _refusal(track, first, last, Reason.HAND_OR_WALL, "height above the lowest frame", 1e3 * above, "mm")
+    if len(seen) < found.width:
+        ends = first == 0 or last == len(track) - 1
+        reason = Reason.TOO_FEW_FRAMES if ends else Reason.DOUBLE_HIT
+        return _refusal(track, first, last, reason, "frames in no flight", len(seen), "frames")
+    speed = _speed(track, seen)
+    reason = Reason.REST if speed < limits.still else Reason.SLIDING
+    return _refusal(track, first, last, reason, "median speed", speed, "m/s")
+
+
+def _speed(track: Track, frames: Sequence[int] | np.ndarray) -> float:
+    """Median speed in m/s over a tenth of the frames, which takes the noise away; a turn of θ counts as 10 mm/rad."""
+    stride = max(1, len(frames) // 10)
+    moved = np.diff(track.pose[frames][::stride], axis=0) * (1.0, 1.0, 0.01)
+    return float(np.median(np.linalg.norm(moved, axis=1) / np.diff(track.time[frames][::stride])))
+
+
+def _refusal(track: Track, first: int, last: int, reason: Reason, quantity: str, value: float, unit: str) -> Refusal:
+    return Refusal(
+        recording=track.name,
+        reason=reason,
+        quantity=quantity,
+        value=value,
+        unit=unit,
+        time=(float(track.time[first]), float(track.time[last])),
+    )

@@ -1,0 +1,361 @@
+"""Drops simulated by MuJoCo: an engine that shares no equation with this package's laws.
+
+An ellipse or a box, held in the plane by two slides and a hinge, starts where it touches the floor
+with a random velocity; MuJoCo resolves the contact in about a hundred small steps.  Spreads:
+
+    θ ~ U(−π, π) rad    v_x ~ ±U(0.3, 0.9) m/s    v_y ~ U(−2.9, −2.2) m/s    ω ~ N(0, 6²) rad/s
+
+v_pre is the velocity at first touch and v_post that at separation, with gravity acting in between.
+Left out and drawn again: approaches that the measurement would not show as such, second contacts
+until the sample, a box that changes corners or lands on a side, and contacts that do not end.
+
+**The contact.** MuJoCo gives its penetration r < 0 the acceleration −k r − c ṙ, as long as that pushes: a
+spring and dashpot, scaled to the effective mass.  With ζ = c / (2 √k) = cos β the restitution is
+ε = exp(−2β / tan β), the same for all poses and speeds but for the coupling with friction.  A soft
+constraint (impedance 0.005) with a stiff friction (impratio 10⁵) is Coulomb's cone; MuJoCo's
+default impedance, 0.9 and above, would add to the normal force where there is slip.
+
+**Hidden effects**, each off at 0, act in the simulation and are not reported: what comes back is what a
+laboratory would believe, a flat floor, a uniform body, and the velocity of its geometric centre.
+
+Source: Todorov, Erez and Tassa (2012), IROS; the engine's own manual, "Computation", for solref.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError, installing
+from contactlearn.core.numerics import finite_number, random, whole
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import contact_velocity, rotate
+from contactlearn.mechanics.shapes import Ellipse, Polygon, Shape, contact_point
+
+KINDS = ("ellipse", "box")
+GRAVITY = 9.81  # m/s²
+STEPS = 100  # in one contact time
+
+# y points away from the reader, who sees x to the right and z up, so counter-clockwise is about −y.
+MODEL = """
+<mujoco>
+  <option timestep="{step}" gravity="0 0 {gravity}" cone="elliptic" impratio="1e5" tolerance="0" iterations="20">
+    <flag diagexact="enable"/>
+  </option>
+  <asset>{asset}</asset>
+  <worldbody>
+    <geom name="floor" type="plane" size="0 0 1" quat="{quat}"/>
+    <body>
+      <joint type="slide" axis="1 0 0" damping="{drag}"/>
+      <joint type="slide" axis="0 0 1" damping="{drag}"/>
+      <joint type="hinge" axis="0 -1 0" damping="{spin_drag}"/>
+      <inertial pos="{com}" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>
+      <geom name="body" {geom}/>
+    </body>
+  </worldbody>
+  <contact>
+    <pair geom1="floor" geom2="body" condim="3" friction="{mu} {mu} 0 0 0" solimp="{soft} {soft} 1"
+          solref="{spring}" solreffriction="{grip}"/>
+  </contact>
+  <sensor><contact geom1="floor" geom2="body" data="found"/></sensor>
+</mujoco>
+"""
+SOFT = 0.005  # impedance of the constraint; what slip adds to the normal force is in proportion to it
+GRIP = 50  # times that slip would decay by a factor e in one contact time, if friction could
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hidden:
+    """Effects that act in the simulation and are not reported, each off at 0; see `mujoco.load`."""
+
+    tilt: float = 0.0
+    com_offset: Sequence[float] = (0.0, 0.0)
+    inertia_error: float = 0.0
+    damping: float = 0.0
+    delay: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """The simulated experiment: body, contact and hidden effects, as `mujoco.load` takes them.
+
+    Raises:
+        DataError: a value out of its range.
+        UnknownNameError: no such kind of body.
+    """
+
+    kind: str
+    semi_axes: Sequence[float]
+    mass: float
+    mu: float
+    eps: float
+    contact_time: float
+    hidden: Hidden
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise UnknownNameError("kind of body", self.kind, KINDS)
+        a, b = _pair("semi_axes", self.semi_axes, (1e-3, 1e-3), (10, 10))
+        hidden = Hidden(
+            tilt=finite_number("tilt", self.hidden.tilt, -0.5, 0.5),
+            com_offset=_pair("com_offset", self.hidden.com_offset, (-a, -b), (a, b)),
+            inertia_error=finite_number("inertia_error", self.hidden.inertia_error, -1, 1),
+            damping=finite_number("damping", self.hidden.damping, 0, 1e6),
+            delay=finite_number("delay", self.hidden.delay, 0, 0.1),
+        )
+        checked = {
+            "semi_axes": (a, b),
+            "mass": finite_number("mass", self.mass, 1e-6, 1e3),
+            "mu": finite_number("mu", self.mu, 0, 100),
+            "eps": finite_number("eps", self.eps, 0.2, 1),
+            "contact_time": finite_number("contact_time", self.contact_time, 1e-5, 1e-3),
+            "hidden": hidden,
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @cached_property
+    def body(self) -> Shape:
+        """The body as drawn, of uniform density."""
+        a, b = self.semi_axes
+        return Ellipse((a, b)) if self.kind == "ellipse" else Polygon(((a, b), (-a, b), (-a, -b), (a, -b)))
+
+    @cached_property
+    def nominal_inertia(self) -> float:
+        """Moment of inertia in kg m² of the body as drawn: the reported one."""
+        return self.mass * self.body.gyration_squared()
+
+    def touch(self, theta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 2"]:
+        """Where the body meets the tilted floor, from its geometric centre, in world axes in m."""
+        tilt = torch.tensor(self.hidden.tilt, dtype=torch.float64)
+        return rotate(contact_point(self.body, theta - tilt), tilt)
+
+    def approaches(self, theta: Float[Tensor, "*batch"], v: Float[Tensor, "*batch 3"]) -> Bool[Tensor, "*batch"]:
+        """Whether the touching point moves into the tilted floor."""
+        velocity = contact_velocity(self.touch(theta), v)
+        return velocity[..., 1] * math.cos(self.hidden.tilt) < velocity[..., 0] * math.sin(self.hidden.tilt)
+
+    def spec(self) -> str:
+        """The experiment in MuJoCo's own language."""
+        a, b = self.body.outline()[:, 0].max().item(), self.body.outline()[:, 1].max().item()
+        spring, grip = _solref(self.eps, self.contact_time), (1.0, SOFT * GRIP / self.contact_time)
+        # A box is a double pyramid with its rectangle in the middle: a corner touches at one point, not two.
+        corners = " ".join(f"{x} 0 {z}" for x, z in ((a, b), (-a, b), (-a, -b), (a, -b)))
+        ellipse = isinstance(self.body, Ellipse)
+        inertia = self.nominal_inertia * math.exp(self.hidden.inertia_error)
+        return MODEL.format(
+            step=self.contact_time / STEPS,
+            gravity=-GRAVITY,
+            quat=f"{math.cos(self.hidden.tilt / 2)} 0 {-math.sin(self.hidden.tilt / 2)} 0",
+            asset="" if ellipse else f'<mesh name="box" vertex="{corners} 0 {b} 0 0 {-b} 0"/>',
+            geom=f'type="ellipsoid" size="{a} {b} {b}"' if ellipse else 'type="mesh" mesh="box"',
+            com=f"{self.hidden.com_offset[0]} 0 {self.hidden.com_offset[1]}",
+            mass=self.mass,
+            inertia=inertia,
+            drag=self.hidden.damping * self.mass,
+            spin_drag=self.hidden.damping * inertia,
+            mu=self.mu,
+            soft=SOFT,
+            spring=f"{-spring[0]} {-spring[1]}",
+            grip=f"{-grip[0]} {-grip[1]}",
+        )
+
+
+def _solref(eps: float, contact_time: float) -> tuple[float, float]:
+    """Stiffness k in 1/s² and damping c in 1/s of a spring and dashpot that only push.
+
+    The penetration is x = −(v/ω_d) e^{−ζωt} sin ω_d t, and the force k x + c ẋ vanishes at ω_d t = 2β
+    for ζ = cos β; from there on the body flies freely with ε = exp(−ζω t) = exp(−2β / tan β).
+    """
+    beta, low, high = 0.0, 0.0, math.pi / 2  # ε grows with β from e⁻² to 1
+    for _ in range(60):
+        beta = (low + high) / 2
+        low, high = (beta, high) if math.exp(-2 * beta / math.tan(beta)) < eps else (low, beta)
+    omega = math.pi / contact_time
+    return omega**2, 2 * math.cos(beta) * omega
+
+
+def _pair(
+    name: str, values: Sequence[float], low: tuple[float, float], high: tuple[float, float]
+) -> tuple[float, float]:
+    try:
+        first, second = values
+    except (TypeError, ValueError):
+        raise DataError(f"{name} must be two numbers in m, got {values!r}") from None
+    return finite_number(name, first, low[0], high[0]), finite_number(name, second, low[1], high[1])
+
+
+WINDOW = 3  # contact times simulated; a contact that has not ended by then is left out
+FLIGHT_STEP = 1e-4  # s, between separation and a late sample
+BATCH = 500  # drops simulated at once, so that their histories take a few MB
+
+
+def collect(
+    size: int, bench: Bench, sigma: Float[Tensor, "3"], generator: torch.Generator
+) -> tuple[Float[Tensor, "{size} 3"], ...]:
+    """q, v_pre, q_post and v_post of `size` single contacts, with noise of standard deviation `sigma` on velocities.
+
+    Raises:
+        ContactLearnError: MuJoCo is not installed.
+        DataError: hardly any drop is a single contact.
+    """
+    mujoco, rollout = engine()
+    model = mujoco.MjModel.from_xml_string(bench.spec())
+    data = mujoco.MjData(model)
+    kept, found, drawn = [], 0, 0
+    with rollout.Rollout(nthread=0) as runner:
+        while found < size and drawn < 50 * size + BATCH:
+            q, v, noise = _draw(min(BATCH, size), bench, sigma, generator)
+            drawn += min(BATCH, size)
+            q_post, v_post, clean = _drop(runner, model, data, bench, q, v)
+            kept.append([part[clean] for part in (q, v + noise[:, 0], q_post, v_post + noise[:, 1])])
+            found += int(clean.sum())
+    if found < size:
+        raise DataError(
+            f"only {found} of {drawn} drops are single contacts, {size} are wanted: "
+            "a shorter delay or contact_time, a rounder body or less noise leaves out fewer"
+        )
+    return tuple(torch.cat(parts)[:size] for parts in zip(*kept, strict=True))
+
+
+def _draw(size: int, bench: Bench, sigma: Tensor, generator: torch.Generator) -> tuple[Tensor, ...]:
+    """Pose and true velocity [n, 3] at touch and noise [n, 2, 3], n ≤ size; those that seem to approach."""
+    low, high = torch.tensor(((0.08, -math.pi, 0.3, -2.9), (0.5, math.pi, 0.9, -2.2)), dtype=torch.float64)
+    x, theta, v_x, v_y = (low + (high - low) * random(torch.rand, (size, 4), generator)).unbind(-1)
+    v_x = torch.where(random(torch.rand, (size,), generator) < 0.5, -v_x, v_x)
+    v = torch.stack((v_x, v_y, 6 * random(torch.randn, (size,), generator)), -1)
+    noise = sigma * random(torch.randn, (size, 2, 3), generator)
+    point = bench.touch(theta)
+    y = (x + point[:, 0]) * math.tan(bench.hidden.tilt) - point[:, 1]  # the point is on the floor
+    measured = contact_velocity(contact_point(bench.body, theta), v + noise[:, 0])
+    chosen = bench.approaches(theta, v) & (measured[:, 1] < 0)
+    return torch.stack((x, y, theta), -1)[chosen], v[chosen], noise[chosen]
+
+
+def _drop(runner: Any, model: Any, data: Any, bench: Bench, q: Tensor, v: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """q and v [n, 3] at the sample, and whether the drop was one contact at one point: bool [n]."""
+    if len(q) == 0:
+        return q, v, torch.ones(0, dtype=torch.bool)
+    model.opt.timestep = bench.contact_time / STEPS
+    # Half a step early: the engine's force then starts at touch (its error is of second order), and rounding,
+    # 10⁻⁹ m in a box's corners, cannot tell whether it starts a step late.
+    states, contacts = simulated(runner, model, data, q - v * model.opt.timestep / 2, v, WINDOW * STEPS)
+    # contacts[:, k] counts those before step k, and states[:, k] is what follows it.
+    touching, step = contacts > 0, torch.arange(contacts.shape[1])
+    last = torch.where(touching, step, -1).amax(1)
+    first = torch.where(touching, step, len(step)).amin(1)
+    lasting = touching.sum(1) == last - first + 1
+    state = states[torch.arange(len(q)), last]
+    clean = (first <= 2) & lasting & (last < len(step) - 1) & (contacts.amax(1) == 1) & state.isfinite().all(-1)
+    moved = rotate(bench.touch(state[:, 2]), -state[:, 2]) - rotate(bench.touch(q[:, 2]), -q[:, 2])
+    clean &= (moved.norm(dim=-1) < 1e-9) | torch.tensor(isinstance(bench.body, Ellipse))  # the same corner
+    if bench.hidden.delay > 0:
+        steps = math.ceil(bench.hidden.delay / FLIGHT_STEP)
+        model.opt.timestep = bench.hidden.delay / steps
+        q, v = state.split(3, -1)
+        states, contacts = simulated(runner, model, data, q, v, steps)
+        state = states[:, -1]
+        clean &= contacts.amax(1) == 0
+    q, v = state.split(3, -1)
+    return q, v, clean
+
+
+def simulated(runner: Any, model: Any, data: Any, q: Tensor, v: Tensor, steps: int) -> tuple[Tensor, Tensor]:
+    """(q, v) [n, steps, 6] after each step, and the number of contacts [n, steps] before it."""
+    start = torch.cat((torch.zeros_like(q[:, :1]), q, v), -1)  # the time comes first
+    states, contacts = runner.rollout(model, data, start.numpy(), nstep=steps)
+    return torch.from_numpy(states)[..., 1:], torch.from_numpy(contacts)[..., 0]
+
+
+def engine() -> tuple[Any, Any]:
+    """Return MuJoCo and its module `rollout`.
+
+    Raises:
+        ContactLearnError: MuJoCo is not installed.
+    """
+    try:
+        import mujoco
+        from mujoco import rollout
+    except ImportError as error:
+        raise ContactLearnError(
+            f"drops by MuJoCo need the engine ({error}); install it with: {installing('mujoco')}"
+        ) from None
+    return mujoco, rollout
+
+
+__all__ = ["GRAVITY", "KINDS", "load"]
+
+
+def load(
+    size: int = 500,
+    kind: str = "ellipse",
+    semi_axes: Sequence[float] = (0.035, 0.025),
+    mass: float = 0.0364,
+    mu: float = 0.12,
+    eps: float = 0.55,
+    contact_time: float = 2e-4,
+    tilt: float = 0.0,
+    com_offset: Sequence[float] = (0.0, 0.0),
+    inertia_error: float = 0.0,
+    damping: float = 0.0,
+    delay: float = 0.0,
+    velocity_noise: float = 0.01,
+    spin_noise: float = 0.5,
+    seed: int = 0,
+) -> Impacts:
+    """Simulated drops; the same arguments and version of MuJoCo give the same drops.
+
+    Args:
+        size: number of drops, at least 1.
+        kind: of body, ellipse or box.
+        semi_axes: (a, b) in m along the body's x and y axes; half the sides of a box;
+            in [0.001, 10].
+        mass: in kg, in [10⁻⁶, 10³].
+        mu: coefficient of friction, in [0, 100]; the engine's own least is 10⁻⁵.
+        eps: restitution of the spring and dashpot, in [0.2, 1].
+        contact_time: how long they would take to rebound undamped, half a period, in s; in [10⁻⁵, 10⁻³].
+        tilt: hidden: the floor is turned counter-clockwise by it, rad, in [−0.5, 0.5].
+        com_offset: hidden: centre of mass minus the geometric centre, body axes, m; inside the semi-axes.
+        inertia_error: hidden: κ in [−1, 1]; the true inertia is e^κ times the reported one.
+        damping: hidden: drag at this rate in 1/s, m·rate on the tracked centre and I·rate on the spin,
+            from touch to sample; in [0, 10⁶].
+        delay: hidden: v_post is sampled this long after separation, in s; at most 0.1.
+        velocity_noise: standard deviation in m/s of the noise on v_x and v_y, before and after.
+        spin_noise: standard deviation in rad/s of the noise on ω, before and after.
+        seed: of the random states and noise, an integer in [0, 2⁶³).
+
+    Raises:
+        ContactLearnError: MuJoCo is not installed.
+        DataError: a value out of its range, or settings under which hardly any drop is a single contact.
+        UnknownNameError: no such kind of body.
+    """
+    size, seed = whole("size", size, 1), whole("seed", seed, 0)
+    hidden = Hidden(tilt=tilt, com_offset=com_offset, inertia_error=inertia_error, damping=damping, delay=delay)
+    bench = Bench(kind=kind, semi_axes=semi_axes, mass=mass, mu=mu, eps=eps, contact_time=contact_time, hidden=hidden)
+    sigma_v, sigma_omega = (
+        finite_number("velocity_noise", velocity_noise, 0),
+        finite_number("spin_noise", spin_noise, 0),
+    )
+    sigma = torch.tensor((sigma_v, sigma_v, sigma_omega), dtype=torch.float64)
+    return _reported(bench, *collect(size, bench, sigma, torch.Generator().manual_seed(seed)), seed=seed)
+
+
+def _reported(bench: Bench, q: Tensor, v_pre: Tensor, q_post: Tensor, v_post: Tensor, *, seed: int) -> Impacts:
+    masses = torch.full((len(q),), bench.mass, dtype=torch.float64)
+    return Impacts(
+        mass=masses,
+        inertia=torch.full_like(masses, bench.nominal_inertia),
+        r=contact_point(bench.body, q[:, 2]),
+        q=q,
+        v_pre=v_pre,
+        v_post=v_post,
+        q_post=q_post,
+        object=(bench.kind,) * len(q),
+        shape=bench.body,
+        source=f"MuJoCo drops (seed {seed})",
+    )
