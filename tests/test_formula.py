@@ -14,10 +14,11 @@ from torch import Tensor
 from contactlearn import laws
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.effects import PLACES, State, catalogue, find_effect
+from contactlearn.effects.base import OUTPUTS
 from contactlearn.effects.configuration_dependent_restitution import QuadraticLeverRestitution
 from contactlearn.effects.formula.effect import WrenchFormula, formula
 from contactlearn.effects.formula.expression import CONSTANTS, FUNCTIONS, MAX_DEPTH, MAX_LENGTH, MAX_STEPS, Expression
-from contactlearn.effects.formula.symbols import OUTPUTS, SYMBOLS, at_place, of_state, symbols
+from contactlearn.effects.formula.symbols import SYMBOLS, at_place, of_state, symbols
 from contactlearn.effects.orientation_offset import OrientationOffset
 from contactlearn.effects.spin_damping import SpinDampingAfter
 from contactlearn.mechanics.impacts import Impacts
@@ -467,7 +468,7 @@ NULL = {"low": 0.0, "high": 1.0, "vanishing": None}
 UNFIT = {
     "constant": (
         {"tau": "rx*Pn + c", "parameters": C},
-        r"at c = 0 'rx\*Pn \+ c' adds up to 0\.\d+ N m s to tau; a fac",
+        r"rx\*Pn \+ c\) must .* at c = 0 it adds up to 0\.\d+ N m s to tau; a fac",
     ),
     "factor": ({"mu": "exp(c*vt)", "parameters": C}, "adds up to 1 – to mu; a factor is missing"),
     "vanishing": ({"mu": "c - 0.5", "parameters": C}, "adds up to 0.5"),

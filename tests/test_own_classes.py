@@ -56,7 +56,10 @@ SLIPS = {
         "depends on u, but has no gradient",
     ),
     "rounded": (lambda u, v: columns(v[..., 0] + (9 * u).round(), v[..., 1], v[..., 2]), "depends on u, but has no"),
-    "never vanishes": (lambda u, v: columns(v[..., 0] + u + 0.1, v[..., 1], v[..., 2]), r"at u = 0, but .* by 0\.1"),
+    "never vanishes": (
+        lambda u, v: columns(v[..., 0] + u + 0.1, v[..., 1], v[..., 2]),
+        r"at u = 0 it adds .* 0\.1 m/s",
+    ),
 }
 
 

@@ -6,8 +6,9 @@ What can be read is tried on a few measurements and used in a model, with its de
 import torch
 
 from contactlearn import laws
+from contactlearn.effects.base import OUTPUTS
 from contactlearn.effects.formula import formula
-from contactlearn.effects.formula.symbols import OUTPUTS, SYMBOLS
+from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
 from fuzz.target import Target

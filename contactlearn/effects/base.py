@@ -45,7 +45,15 @@ from contactlearn.effects.state import Coefficients, State
 from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.impacts import Impacts
 
-PLACES = ("state", "law", "wrench", "velocity")
+OUTPUTS = {
+    "state": {"rx": "m", "ry": "m", "theta": "rad"},
+    "law": {"mu": "–", "eps": "–"},
+    "wrench": {"Pt": "N s", "Pn": "N s", "tau": "N m s"},
+    "velocity": {"vx_post": "m/s", "vy_post": "m/s", "omega_post": "rad/s"},
+}
+"""Units of the quantities that an effect changes by their names, by the place where it acts."""
+
+PLACES = tuple(OUTPUTS)
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,10 @@ import re
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.result import Formula
 from contactlearn.effects import Effect
+from contactlearn.effects.base import OUTPUTS
 from contactlearn.effects.formula.effect import formula
 from contactlearn.effects.formula.expression import FUNCTIONS
-from contactlearn.effects.formula.symbols import OUTPUTS, at_place
+from contactlearn.effects.formula.symbols import at_place
 
 EXAMPLE = "tau = -c*rx*Pn; c = [-1, 1]"
 _LONGEST = 500

@@ -21,8 +21,9 @@ from contactlearn.core.errors import ContactLearnError, installing
 from contactlearn.diagnosis.result.remainder import WrenchComponent
 from contactlearn.diagnosis.thresholds import FormulaThresholds
 from contactlearn.effects import State
+from contactlearn.effects.base import OUTPUTS
 from contactlearn.effects.formula.expression import Expression
-from contactlearn.effects.formula.symbols import OUTPUTS, symbols
+from contactlearn.effects.formula.symbols import symbols
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel, wrench_per_parameter
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
-from contactlearn.effects.base import Parameter
+from contactlearn.effects.base import OUTPUTS, Parameter
 from contactlearn.effects.formula.expression import CONSTANTS, FUNCTIONS, Expression
-from contactlearn.effects.formula.symbols import OUTPUTS, SYMBOLS, at_place
+from contactlearn.effects.formula.symbols import SYMBOLS, at_place
 
 _KEYS = ("low", "high", "unit", "vanishing", "start", "symbol")
 

@@ -28,9 +28,9 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects.base import Effect, Parameter, require_shape
+from contactlearn.effects.checks import named_outputs, violations
 from contactlearn.effects.formula.declaration import Declaration, place_of_outputs
 from contactlearn.effects.formula.symbols import SYMBOLS, symbols
-from contactlearn.effects.formula.trial import check_on, named_outputs
 from contactlearn.effects.state import Coefficients, State, columns
 from contactlearn.mechanics.impacts import Impacts
 
@@ -118,7 +118,8 @@ class _Formula:
         """
         if "theta" in self.expressions:
             require_shape(self.name, impacts)
-        check_on(self, impacts)
+        for broken in violations(self, impacts):
+            raise ContactLearnError(f"the formula {self.equation} {broken}")
         return self
 
     def added(self, state: State, so_far: Mapping[str, Tensor]) -> dict[str, Tensor]:

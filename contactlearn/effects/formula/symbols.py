@@ -17,16 +17,8 @@ import torch
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
-from contactlearn.effects.base import PLACES
+from contactlearn.effects.base import OUTPUTS, PLACES
 from contactlearn.effects.state import State, columns
-
-OUTPUTS = {
-    "state": ("rx", "ry", "theta"),
-    "law": ("mu", "eps"),
-    "wrench": ("Pt", "Pn", "tau"),
-    "velocity": ("vx_post", "vy_post", "omega_post"),
-}
-"""What an effect of each place changes."""
 
 
 @dataclass(frozen=True)
