@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from contactlearn.diagnosis.search.calibration import calibrated
+from contactlearn.diagnosis.search.ladder import calibrated
 
 SURE = {"share": 0.99, "gain": 0.3, "left": 0.0}
 

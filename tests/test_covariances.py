@@ -6,7 +6,7 @@ import torch
 from contactlearn.core.errors import DataError
 from contactlearn.data import table
 from contactlearn.data.audit.corrections import correct
-from contactlearn.diagnosis.noise import noise_floor
+from contactlearn.diagnosis.error_budget import noise_floor
 from contactlearn.diagnosis.result import NoiseSource
 from contactlearn.diagnosis.unexplained.processes import Processes
 from contactlearn.inference.evaluation.metrics import mass_error

@@ -86,7 +86,7 @@ def test_a_line_of_mathematics_is_the_effect_that_it_spells(tmp_path):
     assert "mine: τ ← τ + (-c*I*omega_post), c = " in str(model)
 
 
-def test_a_class_of_ones_own(tmp_path, monkeypatch):
+def test_a_class_user_candidates(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "examples")
     printed, results = trained(tmp_path, "+effect.cable._target_=cable_torque.CableTorque")
     assert "wang_mason + cable" in results["joint"]

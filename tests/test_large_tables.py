@@ -1,6 +1,7 @@
 """Large tables: subsamples that are even, grow until the answer stays, and are tested on all trials."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import pytest
 import torch
@@ -11,11 +12,10 @@ from contactlearn.cli.commands.parts import forget
 from contactlearn.data.audit.consistency import repeated
 from contactlearn.diagnosis.events import SubsampleStarted, ignore
 from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.question import Question
 from contactlearn.diagnosis.result import Diagnosis, Limit, Record, Verdict
 from contactlearn.diagnosis.sampling.confirmation import confirm
-from contactlearn.diagnosis.sampling.draw import space_filling
-from contactlearn.diagnosis.sampling.rounds import Rounds
-from contactlearn.diagnosis.stages import Study
+from contactlearn.diagnosis.sampling.subsamples import affordable, diagnose_subsamples, space_filling
 from contactlearn.diagnosis.thresholds import SampleThresholds, Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.identification.joint import FitOptions
@@ -65,18 +65,21 @@ def test_every_trial_is_as_likely_to_be_drawn(many):
 # Growth
 
 
-def study(memory=None, thresholds=SMALL, kept=None):
-    return Study(
-        given={}, candidates={}, laws={}, options=FitOptions(), limits={}, thresholds=thresholds, seconds=60.0,
-        memory=memory, kept=kept, on_event=ignore, generator=seeded(),
+def grown(impacts, diagnosed, thresholds=SMALL, on_event=ignore, **options):
+    """The diagnosis on subsamples, each of which another function diagnoses."""
+    question = Question(
+        law=None, given={}, candidates={}, laws={}, options=FitOptions(), limits={}, thresholds=thresholds,
+        seconds=60.0, on_event=on_event,
     )  # fmt: skip
+    with patch("contactlearn.diagnosis.sampling.subsamples.diagnose_audited", diagnosed):
+        return diagnose_subsamples(question, impacts, (), seed=0, **options)
 
 
 def answering(laws, sizes):
     """A diagnosis that finds one law after the other."""
     left = iter(laws)
 
-    def diagnosed(_, some):
+    def diagnosed(_, some, *others):
         sizes.append(len(some))
         return replace(made_up(30), law=next(left))
 
@@ -94,7 +97,7 @@ def answering(laws, sizes):
 )
 def test_subsamples_grow_until_two_answers_agree(many, laws, sizes, limit):
     asked = []
-    found = Rounds(study(), 0, (), answering(laws, asked)).run(many[slice(0, 2000)])
+    found = grown(many[slice(0, 2000)], answering(laws, asked))
     assert asked == sizes
     assert found.sample.limit is limit
     assert [one.law for one in found.sample.answers] == list(laws[: len(sizes)])
@@ -108,10 +111,9 @@ def test_subsamples_grow_until_two_answers_agree(many, laws, sizes, limit):
 def test_memory_takes_the_smaller_road(many):
     asked = []
     large = Thresholds(sample=SampleThresholds(whole=5000, first=2000, most=8000))
-    rounds = Rounds(study(0.5e9, large), 0, (), answering(("mirtich",), asked))
-    assert rounds.whole(1000)
-    assert not rounds.whole(4000)
-    found = rounds.run(many)
+    assert affordable(1000, 0.5e9)
+    assert not affordable(4000, 0.5e9)
+    found = grown(many, answering(("mirtich",), asked), large, memory=0.5e9)
     assert asked == [1000]
     assert found.sample.limit is Limit.MEMORY
     assert "memory" in samples.summary_of(found.sample)[0]
@@ -120,22 +122,22 @@ def test_memory_takes_the_smaller_road(many):
 def test_a_stopped_run_goes_on_behind_its_finished_subsamples(many, tmp_path):
     table, asked, events = many[slice(0, 2000)], [], RecordingObserver()
 
-    def stopped(_, some):
+    def stopped(_, some, *others):
         if len(some) > 150:
             raise KeyboardInterrupt
         return replace(made_up(30), law="mirtich")
 
-    asking = replace(study(kept=tmp_path / "parts"), on_event=events)
+    resumed = {"on_event": events, "resume_folder": tmp_path / "parts"}
     with pytest.raises(KeyboardInterrupt):
-        Rounds(asking, 0, (), stopped).run(table)
-    found = Rounds(asking, 0, (), answering(["mirtich"], asked)).run(table)
+        grown(table, stopped, **resumed)
+    found = grown(table, answering(["mirtich"], asked), **resumed)
     assert asked == [300]
     heard = [(one.trials, one.resumed) for one in events.of(SubsampleStarted)]
     assert heard == [(150, False), (300, False), (150, True), (300, False)]
-    undisturbed = Rounds(study(), 0, (), answering(["mirtich"] * 2, [])).run(table)
+    undisturbed = grown(table, answering(["mirtich"] * 2, []))
     assert found == undisturbed
     (tmp_path / "parts" / "150" / "record.npz").write_bytes(b"half")  # what cannot be read is made again
-    Rounds(asking, 0, (), answering(["mirtich"], asked)).run(table)
+    grown(table, answering(["mirtich"], asked), **resumed)
     assert asked == [300, 150]
     forget(tmp_path / "parts")
     assert not (tmp_path / "parts").exists()
@@ -198,11 +200,9 @@ def test_equal_rows_are_found_as_by_hand(many):
 @pytest.fixture(scope="module")
 def large():
     """A diagnosis of 4000 of 20 000 trials."""
-    asked = []
     found = made_up(4000, EffectId("surface_tilt", "computed"), EffectId("side_drag", "linear"))
     thresholds = Thresholds(sample=SampleThresholds(whole=300, first=2000, most=4000))
-    rounds = Rounds(study(thresholds=thresholds), 0, (), lambda _, some: asked.append(len(some)) or found)
-    return rounds.run(synthetic.load(size=20_000, seed=2))
+    return grown(synthetic.load(size=20_000, seed=2), lambda *_: found, thresholds)
 
 
 def test_the_page_of_a_large_table_is_small(large):

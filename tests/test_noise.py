@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from contactlearn.diagnosis.noise import noise_floor
+from contactlearn.diagnosis.error_budget import noise_floor
 from contactlearn.diagnosis.result import NoiseSource
 from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.identification.joint import identify_jointly

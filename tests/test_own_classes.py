@@ -112,7 +112,7 @@ def test_no_law_is_refused():
         try_law(find(name), name)
 
 
-def test_the_command_tries_a_law_of_ones_own(monkeypatch):
+def test_the_command_tries_a_law_user_candidates(monkeypatch):
     law = law_with(lambda P: (torch.zeros_like(P), P / 0))
     monkeypatch.setitem(globals(), "Mine", type(law))
     with pytest.raises(ContactLearnError, match=r"Mine\.solve gives an impulse that is no finite number"):

@@ -188,7 +188,7 @@ def test_a_floor_that_is_dented_where_it_was_hit():
     assert found.width == pytest.approx(0.013, abs=0.003)
     assert found.trials == pytest.approx(10)
     assert follows(replace(found, width=0.0132)) == (
-        "restitution depends on how many of the last 10 impacts were within 13 mm of the place"
+        "restitution depends on how many of the last 10 impacts were within 13 mm of the same place"
     )
 
 

@@ -3,7 +3,7 @@
     python benchmarks/blind/calibrate.py learn.jsonl [poorer.jsonl …] [--report report.jsonl]
 
 The files are answers of `run.py` on the independent suite, also with a poorer catalogue.  Printed are the coefficients
-for `contactlearn.diagnosis.search.calibration`, and tables of stated against observed.
+for `contactlearn.diagnosis.search.ladder`, and tables of stated against observed.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 from blind.judge import Answer
 from blind.report import judged, reliability_of
 from blind.run import read
-from contactlearn.diagnosis.search.calibration import COEFFICIENTS, regressors
+from contactlearn.diagnosis.search.ladder import COEFFICIENTS, regressors
 
 PRIOR = np.array([1.0, 1.0, 1.0, 4.0])
 """Standard deviations of the coefficients about MEAN."""

@@ -1,159 +1,132 @@
-"""Stages of a diagnosis after the audit: search, what the effects explain, what they do not.
+"""Stages of a diagnosis after the audit, in the order in which they run and draw from the generator.
 
-    Study            the question: given effects, candidates, laws, options, and the random source of all stages
-    search_effects   the selection around a law, and the failures of that law
-    assess_state_dependence  dependence of what remains on the state, and the model without proxy effects
-    compare_effects  the ladder of the effects, their rivals, and the experiment that separates them
-    decompose_error  the predictable part of the residual, formulas for it, and the error budget
+    laws         held-out error of each law alone
+    selection    a law, the given one or any, with effects of the catalogue: searched together, fitted jointly
+    limits       error of the law, of processes that learn all they can, of the best rigid contact
+    regions      where the law alone fails
+    drift        errors that wander with the sequence; then the search runs again on blocked folds, without effects over
+                 the order
+    state        dependence of what remains on the state of each trial; proxy effects are dropped
+    ladder       law, each effect, flexible model, noise: held-out errors, also by region
+    rivals       effects that explain these data as well, and the drops that separate them
+    remainder    the part of the residual that a flexible model still predicts, and formulas for it
+    budget       noise, and the shares of the law's error
+    choices      every subset of the effects, fitted, for the reader to compare
 
-Each stage is a function of the study and of the results before it.  The generator is drawn from in this order.
+All errors are the held-out mass error.  `result` holds the types; docs/diagnosis.md is the schema of diagnosis.json.
 """
 
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
-from typing import TypeVar
 
 import torch
 
-from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.data.audit.corrections import correct
-from contactlearn.data.audit.model_checks import averaged
-from contactlearn.diagnosis.budget import error_budget, error_limits
-from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment, reachable
+from contactlearn.data.audit.model_checks import averaged, outliers_of
+from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment
 from contactlearn.diagnosis.discrimination.rivals import FittedRival, find_rivals
+from contactlearn.diagnosis.drift import blocked_folds, drift_finding, measurement_drift, ordered_candidates
+from contactlearn.diagnosis.error_budget import error_budget, error_limits, noise_floor
 from contactlearn.diagnosis.events import (
+    AuditFindings,
     CandidatesExcluded,
     EffectsFound,
     FormulasSkipped,
     LawChanged,
+    LawsCompared,
     LimitsEstimated,
-    OnEvent,
     RegionsFound,
     RemainderLearned,
     VelocitiesAveraged,
     track,
 )
 from contactlearn.diagnosis.failure.regions import find_regions
-from contactlearn.diagnosis.noise import noise_floor
+from contactlearn.diagnosis.question import Question
+from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result import (
+    Diagnosis,
     ErrorBudget,
     ErrorLimits,
     Experiment,
     Finding,
     Formula,
+    FrontierModel,
     LawFit,
+    MissingEffect,
+    PlausibleModel,
     Region,
+    Rung,
+    RungKind,
     StateDependence,
+    Verdict,
+    clearly_better,
 )
-from contactlearn.diagnosis.search.candidates import usable
-from contactlearn.diagnosis.search.ladder import Ladder, ladder
-from contactlearn.diagnosis.search.selection import Selection, select
+from contactlearn.diagnosis.search.candidates import usable, user_candidates
+from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
+from contactlearn.diagnosis.search.ladder import Ladder, calibrated, ladder
+from contactlearn.diagnosis.search.selection import Selection, select, validated
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.formulas import formulas
 from contactlearn.diagnosis.unexplained.proxy_effects import drop_proxies
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder, learn_remainder
 from contactlearn.diagnosis.unexplained.serial_dependence import find_serial_dependence
 from contactlearn.diagnosis.unexplained.state_dependence import find_state_dependence
-from contactlearn.effects import Effect, EffectId
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.effects import EffectId
+from contactlearn.inference.evaluation.partial_residuals import partial_residuals
+from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.inference.validation import CrossValidation, Folds, ValidatedFit, held_out_error, held_out_interval
 from contactlearn.laws import Law
-from contactlearn.mechanics.impacts import Impacts, require_impacts
+from contactlearn.mechanics.impacts import Impacts
 
-_Item = TypeVar("_Item")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Study:
-    """The question: given effects, candidates, laws, options, and the random source of all stages."""
-
-    given: Mapping[str, Effect]
-    candidates: Mapping[EffectId, Effect]
-    laws: Mapping[str, Law]
-    options: FitOptions
-    limits: Mapping[str, tuple[float, float]]
-    thresholds: Thresholds
-    seconds: float
-    memory: float | None
-    kept: Path | None
-    on_event: OnEvent
-    generator: torch.Generator
-    ordered: bool = True
-
-    def check(self, impacts: Impacts) -> None:
-        """Refuse what are no impacts, too few trials, and limits that make no sense, before any work is done."""
-        require_impacts(impacts)
-        fewest = self.thresholds.fewest_trials
-        if len(impacts) < fewest:
-            raise DataError(f"{impacts.source}: a diagnosis needs at least {fewest} trials, got {len(impacts)}")
-        reachable(impacts, self.limits)
-
-    def without_order(self, ordered: Container[EffectId]) -> "Study":
-        """Return the question without some candidates, and with flexible models that do not see the order either."""
-        kept = {key: effect for key, effect in self.candidates.items() if key not in ordered}
-        return replace(self, candidates=kept, ordered=False)
-
-    def progress(self, task: str) -> Callable[[Iterable[_Item]], Iterable[_Item]]:
-        """Return a wrapper that reports the progress through the items of a long task."""
-        return lambda items: track(items, task, self.on_event)
-
-    def law_fits(self, impacts: Impacts, folds: Folds) -> tuple[LawFit, ...]:
-        """Each law: its held-out error with the given effects, and its coefficients alone."""
-        laws = track(self.laws.values(), "laws", self.on_event)
-        return tuple(self._law_fit(law, impacts, folds) for law in laws)
-
-    def _law_fit(self, law: Law, impacts: Impacts, folds: Folds) -> LawFit:
-        """One law: its coefficients alone, and its held-out error with the given effects."""
-        alone = self.alone(law, impacts)
-        start = None if self.given else torch.stack(alone.coefficients)
-        return LawFit.of(alone, held_out_error(law, self.given, impacts, folds, self.options, start))
-
-    def alone(self, law: Law, impacts: Impacts) -> Law:
-        """A law without any effect, fitted to all trials."""
-        return identify_jointly(law, {}, impacts, options=replace(self.options, starts=2)).model.law
-
-    def base(self, law: Law, impacts: Impacts, folds: Folds) -> ValidatedFit:
-        """Fit a law with the given effects and validate it."""
-        models = CrossValidation(law=law, impacts=impacts, folds=folds, options=self.options)
-        return models.validated(self.given, models.fit(self.given))
-
-    def held_out(self, law: Law, impacts: Impacts, folds: Folds) -> float:
-        """Held-out error of a law with the given effects."""
-        return held_out_error(law, self.given, impacts, folds, self.options)
-
-    def usable(self, impacts: Impacts) -> dict[EffectId, Effect]:
-        """The candidates that these measurements can decide about."""
-        among = usable(self.candidates, impacts, self.thresholds.selection)
-        if left_out := [candidate for candidate in self.candidates if candidate not in among]:
-            self.on_event(CandidatesExcluded(candidates=tuple(left_out)))
-        return among
-
-    def remainder(self, model: ValidatedFit, impacts: Impacts, folds: Folds) -> LearnedRemainder:
-        """The predictable part of the residual of a model."""
-        fit, limits = model.fit, self.thresholds.remainder
-        impacts = impacts if self.ordered else impacts.replace(order=torch.zeros_like(impacts.order))
-        return learn_remainder(
-            impacts, fit.model, folds, generator=self.generator, inliers=fit.inliers, thresholds=limits
-        )
-
-    def failures(self, selection: Selection, ceiling: LearnedRemainder) -> tuple[ErrorLimits, tuple[Region, ...]]:
-        """The limits of the law's error, and the regions in which it fails."""
-        limits = error_limits(selection, ceiling, self.generator)
-        self.on_event(LimitsEstimated(limits=limits))
-        prediction = selection.base.fit.model.predict(selection.impacts)
-        regions = find_regions(
-            selection.impacts, prediction, generator=self.generator, thresholds=self.thresholds.regions
-        )
-        self.on_event(RegionsFound(regions=tuple(regions)))
-        return limits, regions
+_FEW = 600  # trials up to which the cross-validation is repeated
 
 
-def corrected(impacts: Impacts, findings: Iterable[Finding], thresholds: Thresholds) -> Impacts:
-    """The impacts with the corrections of all findings."""
-    names = [finding.correction for finding in findings if finding.correction]
-    return correct(impacts, names, thresholds.audit.outliers)
+def diagnose_audited(
+    question: Question, impacts: Impacts, findings: Sequence[Finding], generator: torch.Generator
+) -> Diagnosis:
+    """Diagnose audited and corrected impacts in one pass through all stages.
+
+    Args:
+        question: what is given, what may be missing, and all settings.
+        impacts: measurements, corrected.
+        findings: findings of the audit.
+        generator: random source of all stages.
+    """
+    folds = Folds.draw(len(impacts), generator, repeats=2 if len(impacts) <= _FEW else 1)
+    fits = compare_laws(question, impacts, folds)
+    law = question.law or question.laws[min(fits, key=lambda fit: fit.error).name]
+    question.on_event(LawsCompared(law=law.name, fits=fits))
+    search = search_effects(question, law, fits, impacts, folds, generator)
+    drift = measurement_drift(search.selection, question.thresholds, generator)
+    if drift is None:
+        search = drop_proxy_effects(question, search, generator)
+    else:
+        unordered = question.without_order(ordered_candidates(search.selection, drift))
+        if unordered.candidates:
+            question, findings = unordered, (*findings, drift_finding(drift))
+            question.on_event(AuditFindings(findings=findings[-1:]))
+            folds = blocked_folds(drift, search.selection, generator)
+            search = search_effects(question, law, fits, impacts, folds, generator)
+            search = drop_proxy_effects(question, search, generator, drift.found.block)
+    comparison = compare_effects(question, search, generator)
+    decomposition = decompose_error(question, search, comparison.ladder, generator)
+    return _result(question, search, comparison, decomposition, fits, (*findings, *search.notes), generator)
+
+
+def compare_laws(question: Question, impacts: Impacts, folds: Folds) -> tuple[LawFit, ...]:
+    """Compute the held-out error of each law with the given effects, and its coefficients without any."""
+    found = []
+    for law in track(question.laws.values(), "laws", question.on_event):
+        alone = _fit_alone(question, law, impacts)
+        start = None if question.given else torch.stack(alone.coefficients)
+        found.append(LawFit.of(alone, held_out_error(law, question.given, impacts, folds, question.options, start)))
+    return tuple(found)
+
+
+def _fit_alone(question: Question, law: Law, impacts: Impacts) -> Law:
+    """Fit a law without any effect to all trials."""
+    return identify_jointly(law, {}, impacts, options=replace(question.options, starts=2)).model.law
 
 
 # --- Search ------------------------------------------------------------------------------------
@@ -161,7 +134,15 @@ def corrected(impacts: Impacts, findings: Iterable[Finding], thresholds: Thresho
 
 @dataclass(frozen=True, kw_only=True)
 class SearchResult:
-    """The selection after its run, and the failures of the law that it is around."""
+    """A selection, and the failures of its law.
+
+    Args:
+        selection: the chosen model.
+        notes: velocities that were replaced by their means before the search.
+        limits: errors between which an effect can move the law.
+        regions: regions in which the law fails.
+        state_dependence: dependence of what remains on the state of each trial.
+    """
 
     selection: Selection
     notes: tuple[Finding, ...]
@@ -169,71 +150,110 @@ class SearchResult:
     regions: tuple[Region, ...]
     state_dependence: StateDependence | None = None
 
-    @classmethod
-    def around(
-        cls, study: Study, selection: Selection, notes: tuple[Finding, ...], ceiling: LearnedRemainder | None = None
-    ) -> "SearchResult":
-        """Find the failures of a selection's law, with the predictable part of its residual if that is known."""
-        if ceiling is None:
-            ceiling = study.remainder(selection.base, selection.impacts, selection.folds)
-        limits, regions = study.failures(selection, ceiling)
-        return cls(selection=selection, notes=notes, limits=limits, regions=regions)
-
 
 def search_effects(
-    study: Study, law: Law, fits: Sequence[LawFit], chosen: bool, impacts: Impacts, folds: Folds
+    question: Question,
+    law: Law,
+    fits: Sequence[LawFit],
+    impacts: Impacts,
+    folds: Folds,
+    generator: torch.Generator,
 ) -> SearchResult:
-    """Select a law and effects; the law is the given one, or any where it was only `chosen` as the best alone."""
-    among = study.usable(impacts)
-    ceiling = study.remainder(study.base(law, impacts, folds), impacts, folds)
-    notes = averaged(impacts, ceiling.v_post, lambda drops: study.held_out(law, drops, folds), study.thresholds.audit)
+    """Select effects around the given law, or a law and effects if none is given; `law` is then the best alone."""
+    candidates = usable(question.candidates, impacts, question.thresholds.selection)
+    if excluded := [key for key in question.candidates if key not in candidates]:
+        question.on_event(CandidatesExcluded(candidates=tuple(excluded)))
+    validation = CrossValidation(law=law, impacts=impacts, folds=folds, options=question.options)
+    base = validation.validated(question.given, validation.fit(question.given))
+    ceiling = _learn(question, base, impacts, folds, generator)
+
+    def error_on(drops: Impacts) -> float:
+        return held_out_error(law, question.given, drops, folds, question.options)
+
+    notes = averaged(impacts, ceiling.v_post, error_on, question.thresholds.audit)
     if notes:
-        study.on_event(VelocitiesAveraged(findings=notes))
-        impacts = corrected(impacts, notes, study.thresholds)
+        question.on_event(VelocitiesAveraged(findings=notes))
+        corrections = [note.correction for note in notes if note.correction]
+        impacts = correct(impacts, corrections, question.thresholds.audit.outliers)
+    starts = {one.name: torch.tensor((one.mu, one.eps), dtype=torch.float64) for one in fits}
     selection = select(
-        study.laws if chosen else {law.name: law},
+        question.laws if question.law is None else {law.name: law},
         impacts,
-        among,
+        candidates,
         folds,
-        given=study.given,
-        starts={} if study.given else {one.name: torch.tensor((one.mu, one.eps), dtype=torch.float64) for one in fits},
-        options=study.options,
-        thresholds=study.thresholds.selection,
-        seconds=study.seconds,
-        generator=study.generator,
-        progress=study.progress("effects"),
+        given=question.given,
+        starts={} if question.given else starts,
+        options=question.options,
+        thresholds=question.thresholds.selection,
+        seconds=question.seconds,
+        generator=generator,
+        progress=question.progress("effects"),
     )
-    same = selection.law.name == law.name
-    if not same:
-        study.on_event(LawChanged(law=selection.law.name))
-    return SearchResult.around(study, selection, notes, ceiling if same and not notes else None)
+    changed = selection.law.name != law.name
+    if changed:
+        question.on_event(LawChanged(law=selection.law.name))
+    return _with_failures(question, selection, notes, None if changed or notes else ceiling, generator)
 
 
-def assess_state_dependence(study: Study, searched: SearchResult, block: int = 1) -> SearchResult:
-    """Find what the state of the trials tells, and choose the model without effects that only stand for it.
+def _with_failures(
+    question: Question,
+    selection: Selection,
+    notes: tuple[Finding, ...],
+    ceiling: LearnedRemainder | None,
+    generator: torch.Generator,
+) -> SearchResult:
+    """Add the limits of the law's error, and the regions in which it fails, to a selection.
 
-    Errors of so many neighbouring trials, a `block`, may resemble each other.
+    `ceiling` is the predictable part of the law's residual, if it has been learned.
     """
-    selection, impacts, limits = searched.selection, searched.selection.impacts, study.thresholds
-    ask = partial(find_state_dependence, impacts, options=study.options, thresholds=limits, block=block)
-    found = ask(selection.present.fit, selection.pool.best().fit)
-    asked = replace(searched, state_dependence=found)
+    impacts = selection.impacts
+    ceiling = ceiling or _learn(question, selection.base, impacts, selection.folds, generator)
+    limits = error_limits(selection, ceiling, generator)
+    question.on_event(LimitsEstimated(limits=limits))
+    prediction = selection.base.fit.model.predict(impacts)
+    regions = find_regions(impacts, prediction, generator=generator, thresholds=question.thresholds.regions)
+    question.on_event(RegionsFound(regions=tuple(regions)))
+    return SearchResult(selection=selection, notes=notes, limits=limits, regions=regions)
+
+
+def drop_proxy_effects(
+    question: Question, search: SearchResult, generator: torch.Generator, block: int = 1
+) -> SearchResult:
+    """Test what remains against the state, and choose the model without effects that are proxies for this dependence.
+
+    Errors of `block` neighbouring trials may resemble each other.
+    """
+    selection, impacts = search.selection, search.selection.impacts
+    options, thresholds = question.options, question.thresholds
+    fit = selection.present.fit
+    found = find_state_dependence(impacts, fit, selection.pool.best().fit, options, thresholds, block)
+    tested = replace(search, state_dependence=found)
     if found is None or not found.large:
-        return asked
+        return tested
     path = selection.path()
-    fewest = drop_proxies(impacts, [one.fit for one in path], study.options, limits.state_dependence, block)
-    spec = path[fewest].spec
+    spec = path[drop_proxies(impacts, [one.fit for one in path], options, thresholds.state_dependence, block)].spec
     if spec == selection.spec:
-        return asked
-    less = selection.at(spec, limits.selection.window, study.generator)
-    found = ask(less.present.fit, less.present.fit)
+        return tested
+    smaller = selection.at(spec, thresholds.selection.window, generator)
+    found = find_state_dependence(impacts, smaller.present.fit, smaller.present.fit, options, thresholds, block)
     if found is None or not found.large:
-        return asked
+        return tested
     found = replace(found, superseded_effects=tuple(sorted(selection.spec.effects - spec.effects)))
     if spec.law == selection.spec.law:
-        return replace(searched, selection=less, state_dependence=found)
-    study.on_event(LawChanged(law=spec.law))
-    return replace(SearchResult.around(study, less, searched.notes), state_dependence=found)
+        return replace(search, selection=smaller, state_dependence=found)
+    question.on_event(LawChanged(law=spec.law))
+    search = _with_failures(question, smaller, search.notes, None, generator)
+    return replace(search, state_dependence=found)
+
+
+def _learn(
+    question: Question, model: ValidatedFit, impacts: Impacts, folds: Folds, generator: torch.Generator
+) -> LearnedRemainder:
+    """Learn the predictable part of the residual of a model."""
+    if not question.ordered:
+        impacts = impacts.replace(order=torch.zeros_like(impacts.order))
+    fit, thresholds = model.fit, question.thresholds.remainder
+    return learn_remainder(impacts, fit.model, folds, generator=generator, inliers=fit.inliers, thresholds=thresholds)
 
 
 # --- What the effects explain, and what they do not --------------------------------------------
@@ -248,19 +268,19 @@ class EffectComparison:
     experiment: Experiment | None
 
 
-def compare_effects(study: Study, searched: SearchResult) -> EffectComparison:
-    """Order the effects, and look for what else could explain the same."""
-    selection = searched.selection
-    rungs = ladder(selection, searched.regions, study.generator)
-    study.on_event(EffectsFound(effects=tuple(rungs.missing), regions=searched.regions))
-    rivals = find_rivals(selection, study.thresholds.rivals, study.progress("rivals of the effects"))
+def compare_effects(question: Question, search: SearchResult, generator: torch.Generator) -> EffectComparison:
+    """Order the effects by what they explain, and find what else could explain the same."""
+    selection = search.selection
+    rungs = ladder(selection, search.regions, generator)
+    question.on_event(EffectsFound(effects=tuple(rungs.missing), regions=search.regions))
+    rivals = find_rivals(selection, question.thresholds.rivals, question.progress("rivals of the effects"))
     models = {
         Substitution(effect, one.rival.effect): one.fitted.fit.model for effect, some in rivals.items() for one in some
     }
     experiment = None
     if models:
         chosen = selection.present.fit.model
-        experiment = next_experiment(selection.impacts, chosen, models, generator=study.generator, limits=study.limits)
+        experiment = next_experiment(selection.impacts, chosen, models, generator=generator, limits=question.limits)
     return EffectComparison(ladder=rungs, rivals=rivals, experiment=experiment)
 
 
@@ -273,40 +293,175 @@ class ErrorDecomposition:
     budget: ErrorBudget
 
 
-def decompose_error(study: Study, searched: SearchResult, rungs: Ladder) -> ErrorDecomposition:
+def decompose_error(
+    question: Question, search: SearchResult, rungs: Ladder, generator: torch.Generator
+) -> ErrorDecomposition:
     """Learn what the full model leaves, and divide the error of the law."""
-    selection = searched.selection
-    impacts, fit = selection.impacts, selection.present.fit
-    learned = study.remainder(selection.present, impacts, selection.folds)
-    large = learned.remainder.large
-    serial_dependence = find_serial_dependence(impacts, fit, study.options, study.thresholds) if study.ordered else None
-    told = replace(learned.remainder, serial_dependence=serial_dependence, state_dependence=searched.state_dependence)
-    learned = replace(learned, remainder=told)
-    study.on_event(RemainderLearned(remainder=told))
-    written = _formulas(study, selection, learned) if large else ()
+    selection = search.selection
+    impacts, fit, thresholds = selection.impacts, selection.present.fit, question.thresholds
+    learned = _learn(question, selection.present, impacts, selection.folds, generator)
+    serial = find_serial_dependence(impacts, fit, question.options, thresholds) if question.ordered else None
+    remainder = replace(learned.remainder, serial_dependence=serial, state_dependence=search.state_dependence)
+    learned = replace(learned, remainder=remainder)
+    question.on_event(RemainderLearned(remainder=remainder))
+    found = ()
+    if remainder.large:
+        try:
+            component = remainder.components[0]
+            found = formulas(impacts, fit.model, component, selection.folds, thresholds=thresholds.formulas)
+        except ContactLearnError as error:  # the library that finds formulas is not installed
+            question.on_event(FormulasSkipped(reason=str(error)))
     floor = noise_floor(
         impacts,
         fit.model,
-        generator=study.generator,
-        noise=study.options.noise,
+        generator=generator,
+        noise=question.options.noise,
         inliers=fit.inliers,
-        predicted=learned.v_post if large else None,
+        predicted=learned.v_post if remainder.large else None,
     )
     budget = error_budget(
-        searched.limits,
+        search.limits,
         base=rungs.rungs[0].error,
         named=rungs.rungs[-1].error,
-        flexible=held_out_interval(learned.error, study.generator),
+        flexible=held_out_interval(learned.error, generator),
         floor=floor,
     )
-    return ErrorDecomposition(learned=learned, formulas=written, budget=budget)
+    return ErrorDecomposition(learned=learned, formulas=found, budget=budget)
 
 
-def _formulas(study: Study, selection: Selection, learned: LearnedRemainder) -> tuple[Formula, ...]:
-    """For the component that reduces the error most; none without the library that finds them."""
-    component, model = learned.remainder.components[0], selection.present.fit.model
-    try:
-        return formulas(selection.impacts, model, component, selection.folds, thresholds=study.thresholds.formulas)
-    except ContactLearnError as error:
-        study.on_event(FormulasSkipped(reason=str(error)))
-        return ()
+# --- The result --------------------------------------------------------------------------------
+
+
+def _result(
+    question: Question,
+    search: SearchResult,
+    comparison: EffectComparison,
+    decomposition: ErrorDecomposition,
+    laws: Sequence[LawFit],
+    findings: Sequence[Finding],
+    generator: torch.Generator,
+) -> Diagnosis:
+    """Assemble the diagnosis."""
+    selection, thresholds, budget = search.selection, question.thresholds, decomposition.budget
+    impacts, model, remainder = selection.impacts, selection.present.fit.model, decomposition.learned.remainder
+    choices, missing = _choices(question, selection, comparison)
+    missing = tuple(replace(one, confidence=_confidence(one, decomposition)) for one in missing)
+    outliers = outliers_of(impacts, lambda some: model.predict(some).v_post, thresholds.audit.outliers)
+    findings = (*findings, *([outliers] if outliers is not None else []))
+    laws = _law_fits(question, search, laws, bool(missing))
+    physics = _physics(missing, decomposition, laws, selection.complete, thresholds)
+    return Diagnosis(
+        verdict=Verdict.BAD_DATA if any(finding.mistake for finding in findings) else physics,
+        physics=physics,
+        law=selection.law.name,
+        variant=selection.law.variant,
+        given=tuple(EffectId(name, effect.form) for name, effect in question.given.items()),
+        findings=findings,
+        laws=laws,
+        missing=missing,
+        ladder=(
+            *comparison.ladder.rungs,
+            Rung(kind=RungKind.PROCESSES, error=budget.flexible),
+            Rung(kind=RungKind.NOISE, error=budget.noise),
+        ),
+        budget=budget,
+        regions=search.regions,
+        equation=str(model),
+        experiment=comparison.experiment,
+        remainder=remainder,
+        formulas=decomposition.formulas,
+        choices=choices.choices,
+        models=tuple(
+            PlausibleModel(law=one.model.spec.law, effects=tuple(sorted(one.model.spec.effects)), share=one.share)
+            for one in selection.plausible
+        ),
+        unwanted=_unwanted(selection, missing),
+        frontier=_frontier(selection, generator),
+        complete=selection.complete,
+        thresholds=thresholds,
+        record=Record(
+            impacts=impacts,
+            base=selection.base.fit.model,
+            model=model,
+            outcomes=choices.outcomes,
+            residuals=tuple(partial_residuals(model, impacts, one.effect.name) for one in missing),
+        ),
+    )
+
+
+def _law_fits(question: Question, search: SearchResult, fits: Sequence[LawFit], missing: bool) -> tuple[LawFit, ...]:
+    """Refit the laws alone where velocities were averaged, and add their errors with the missing effects."""
+    selection = search.selection
+    if search.notes:
+        fits = [LawFit.of(_fit_alone(question, question.laws[fit.name], selection.impacts), fit.error) for fit in fits]
+    if missing:
+        fits = [replace(fit, error_with_effects=selection.error_around(question.laws[fit.name])) for fit in fits]
+    return tuple(fits)
+
+
+def _physics(
+    missing: Sequence[MissingEffect],
+    decomposition: ErrorDecomposition,
+    laws: Sequence[LawFit],
+    complete: bool,
+    thresholds: Thresholds,
+) -> Verdict:
+    """Return the verdict about the corrected measurements.
+
+    A predictable remainder is unknown physics only to a complete search.
+    """
+    if clearly_better(laws, decomposition.budget.named.mean, thresholds) is not None:
+        return Verdict.UNKNOWN
+    if decomposition.learned.remainder.unknown:
+        return Verdict.UNKNOWN if complete else Verdict.UNFINISHED
+    return Verdict.EFFECTS if missing else Verdict.NONE
+
+
+def _choices(
+    question: Question, selection: Selection, comparison: EffectComparison
+) -> tuple[FittedChoices, tuple[MissingEffect, ...]]:
+    """Fit every subset of the missing effects, and add rivals and reductions on all trials to these."""
+    impacts, generator = selection.impacts, torch.Generator().manual_seed(0)
+    missing = comparison.ladder.missing
+    choices = fit_choices(
+        impacts,
+        selection.present.fit.model,
+        [one.effect for one in missing],
+        generator=generator,
+        options=question.options,
+        progress=question.progress("choices of effects"),
+    )
+    complete = tuple(
+        replace(
+            one,
+            rivals=tuple(rival.rival for rival in comparison.rivals[one.effect]),
+            reduction_on_all_trials=choices.reduction(impacts, one.effect, generator),
+        )
+        for one in missing
+    )
+    return choices, complete
+
+
+def _confidence(one: MissingEffect, decomposition: ErrorDecomposition) -> float:
+    """Compute the probability that a name is right."""
+    gain = one.error_reduction / (decomposition.budget.named.mean + max(one.error_reduction, 0.0) or 1.0)
+    return calibrated(one.share, gain, decomposition.learned.remainder.share.mean)
+
+
+def _unwanted(selection: Selection, missing: Sequence[MissingEffect]) -> tuple[EffectId, ...]:
+    """List the user's own candidates that are in no plausible model and are no rival of an effect."""
+    wanted = {effect for one in selection.plausible for effect in one.model.spec.effects} | selection.spec.effects
+    wanted |= {rival.effect for one in missing for rival in one.rivals}
+    return tuple(key for key in user_candidates(selection.pool.candidates) if key not in wanted)
+
+
+def _frontier(selection: Selection, generator: torch.Generator) -> tuple[FrontierModel, ...]:
+    """Validate the best model of each number of effects, up to the best score's and to one more than were chosen."""
+    pool, found = selection.pool, []
+    for size in range(max(len(selection.spec.effects) + 1, len(pool.best().spec.effects)) + 1):
+        models = [model for model in pool.models.values() if len(model.spec.effects) == size]
+        if models:
+            best = pool.best(models)
+            error = held_out_interval(validated(pool, selection.folds, best).error, generator)
+            found.append(FrontierModel(law=best.spec.law, effects=tuple(sorted(best.spec.effects)), error=error))
+    return tuple(found)

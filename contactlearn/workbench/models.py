@@ -18,7 +18,7 @@ from contactlearn import laws
 from contactlearn.cli.commands.loading import Split, load_data, split
 from contactlearn.cli.hydra_main import compose
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
-from contactlearn.diagnosis.noise import NoiseFloor, noise_floor
+from contactlearn.diagnosis.error_budget import NoiseFloor, noise_floor
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
 from contactlearn.effects import Effect, find_effect, from_settings
 from contactlearn.inference.evaluation import bounds

@@ -70,7 +70,7 @@ def _found(cfg: DictConfig, impacts: Impacts, on_event: OnEvent, parts: Path) ->
         seed=cfg.seed,
         seconds=cfg.seconds,
         memory=available_memory(),
-        kept=parts,
+        resume_folder=parts,
         on_event=on_event,
     )
 

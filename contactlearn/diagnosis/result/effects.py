@@ -69,7 +69,7 @@ class MissingEffect:
         error_reduction: mean error without it, the other effects refitted, less that of the full model.
         reduction_on_all_trials: the same between fits to all trials, not held out; None if it is always on.
         share: of the plausible models that have the effect, in whatever form.
-        confidence: probability that the name is right, see `search.calibration`; the share until that is known.
+        confidence: probability that the name is right, see `search.ladder.calibrated`; the share until that is known.
         inadmissible_before: share of impulses that gain energy, pull or leave penetration, on the rung before.
         inadmissible_after: the same on its rung.
         improvements: one for each region of the diagnosis, in that order.

@@ -33,7 +33,7 @@ def all_laws() -> list[Law]:
     return [find(name) for name in SEARCHED_LAWS]
 
 
-def of_ones_own(candidates: Iterable[EffectId]) -> tuple[EffectId, ...]:
+def user_candidates(candidates: Iterable[EffectId]) -> tuple[EffectId, ...]:
     """Keep the candidates that do not come with this package: classes of another one, and lines of mathematics."""
     kinds = catalogue()
     shipped = {name for name, forms in kinds.items() if forms[0].__module__.startswith("contactlearn.effects.")}

@@ -7,7 +7,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from contactlearn.core.numerics import is_number, measured
-from contactlearn.diagnosis.noise import NoiseFloor
+from contactlearn.diagnosis.error_budget import NoiseFloor
 from contactlearn.effects import Effect, Parameter, catalogue
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.text import brief_interval, effect_label, label, law_label

@@ -1,6 +1,8 @@
-"""The noise floor: the error of a model that misses nothing but the noise.
+"""The error budget: the error of a law in noise, explained, unexplained, and beyond any rigid contact.
 
-    stated      noise of the measured velocities is drawn anew before and after impact, and carried through the model
+The noise floor is the error of a model that misses nothing but the noise:
+
+    stated      noise of the measured velocities is drawn before and after impact, and carried through the model
     measured    the same, with the covariances of its own that each trial carries
     estimated   residuals of trials with similar states before impact differ by their noise alone: half the squared
                 difference of neighbours against their squared distance is a line, and its intercept is the noise
@@ -18,10 +20,14 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from contactlearn.diagnosis.result import NoiseSource
+from contactlearn.diagnosis.result import ErrorBudget, ErrorLimits, ErrorShares, NoiseSource
+from contactlearn.diagnosis.search.selection import Selection
+from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state
+from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_error
+from contactlearn.inference.validation import RESAMPLES, held_out_interval
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
 
@@ -125,3 +131,54 @@ def _intercept(distance: Float[Tensor, "*batch k"], difference: Float[Tensor, "*
     away = distance - distance.mean(-1, keepdim=True)
     slope = (away * difference).sum(-1) / away.square().sum(-1).clamp_min(1e-300)
     return (difference.mean(-1) - slope.clamp_min(0) * distance.mean(-1)).clamp_min(0)
+
+
+# --- The budget --------------------------------------------------------------------------------
+
+
+def error_limits(selection: Selection, ceiling: LearnedRemainder, generator: torch.Generator) -> ErrorLimits:
+    """Compute the errors of the law, of processes on top of it that see the whole state, and of the best rigid contact.
+
+    Args:
+        selection: around the law.
+        ceiling: the processes on the residual of its base.
+        generator: of the bootstrap.
+    """
+    impacts = selection.impacts
+    return ErrorLimits(
+        base=held_out_interval(selection.base.error, generator),
+        ceiling=held_out_interval(ceiling.error, generator),
+        bound=bootstrap(mass_error(impacts, bounds.irb(impacts, "mass")), generator, RESAMPLES),
+    )
+
+
+def error_budget(
+    limits: ErrorLimits, *, base: Interval, named: Interval, flexible: Interval, floor: NoiseFloor
+) -> ErrorBudget:
+    """Divide the error of the law into shares.
+
+    Args:
+        limits: of the law alone.
+        base: error of the law, on the ladder.
+        named: error with all effects, on the ladder.
+        flexible: error with processes on the residual of that model.
+        floor: the noise.
+    """
+    noise = floor.error.mean
+    whole = base.mean or 1.0  # of exact data
+    shares = ErrorShares(
+        noise=noise / whole,
+        explained=(base.mean - named.mean) / whole,
+        unexplained=max(0.0, named.mean - noise) / whole,
+        beyond_rigid=max(0.0, limits.bound.mean - noise) / whole,
+    )
+    return ErrorBudget(
+        base=base,
+        ceiling=limits.ceiling,
+        bound=limits.bound,
+        named=named,
+        flexible=flexible,
+        noise=floor.error,
+        noise_source=floor.source,
+        shares=shares,
+    )

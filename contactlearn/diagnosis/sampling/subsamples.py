@@ -1,0 +1,243 @@
+"""Diagnosis of a large table on subsamples, each twice as large as the one before, until two answers agree.
+
+A subsample is even over objects, the sequence of the trials, and the inputs: the trials of each object are halved at
+the median of the order, each half at that of θ, and so on through the inputs, as a k-d tree is built, until the cells
+hold a few trials.  In the order of the cells every k-th trial is taken, a random one of its cell.  So every trial is as
+likely to be taken as any other, and means over the sample are those of the table; but each corner of the space has its
+share, which a random draw may miss.
+
+Finished subsamples are kept in a folder, each in one named by its number of trials: the files of its record, and
+diagnosis.json, which is written last.  A later run reuses them, and repeats what cannot be read.
+Sources: Bentley 1975, for the tree; Madow & Madow 1944, for the systematic draw.
+"""
+
+import math
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.numerics import written_whole
+from contactlearn.data.audit.corrections import correct
+from contactlearn.diagnosis.events import SampleConfirmed, SubsampleStarted
+from contactlearn.diagnosis.question import Question
+from contactlearn.diagnosis.result import Answer, Diagnosis, Finding, Limit, Record, Sample
+from contactlearn.diagnosis.sampling.confirmation import confirm
+from contactlearn.diagnosis.stages import diagnose_audited
+from contactlearn.diagnosis.thresholds import SampleThresholds
+from contactlearn.mechanics.impacts import Impacts
+
+_BYTES, _BYTES_A_TRIAL = 0.3e9, 1.7e5  # of a diagnosis, measured: benchmarks/large_diagnoses.py
+_SECONDS, _SECONDS_A_TRIAL = 13.0, 3e-3  # likewise, of one core; of later ones the first says how fast it is
+_LEAST = 250  # trials of a subsample, whatever the memory
+_OUTSIDE = 0.2  # share of the trials that is in no subsample, at least
+_RESULT = "diagnosis.json"
+
+
+def affordable(trials: int, memory: float | None) -> bool:
+    """Tell whether the diagnosis of so many trials fits into a memory in bytes; None is unlimited."""
+    return memory is None or _BYTES + _BYTES_A_TRIAL * trials <= memory
+
+
+def diagnose_subsamples(
+    question: Question,
+    impacts: Impacts,
+    findings: Sequence[Finding],
+    *,
+    seed: int,
+    memory: float | None = None,
+    resume_folder: Path | None = None,
+) -> Diagnosis:
+    """Diagnose subsamples of audited impacts until two answers agree, and test the last one on all trials.
+
+    Args:
+        question: what is given, what may be missing, and all settings.
+        impacts: the whole table, corrected.
+        findings: findings of its audit.
+        seed: seed of the first subsample and its stages; the next ones count up from it.
+        memory: bytes that a diagnosis may take.
+        resume_folder: folder for the results of finished subsamples, which a later run reuses.
+    """
+    sizes, limit = _sizes(len(impacts), question.thresholds.sample, memory)
+    answers, found, rows, speed = list[Answer](), None, torch.empty(0), 1.0
+    objects = object_numbers(impacts)
+    for k, size in enumerate(sizes):
+        generator = torch.Generator().manual_seed(seed + k)
+        rows = space_filling(impacts, size, generator)
+        found = None if resume_folder is None else _finished(resume_folder / str(size))
+        expected = _SECONDS + _SECONDS_A_TRIAL * size
+        question.on_event(
+            SubsampleStarted(
+                trials=size,
+                table_trials=len(impacts),
+                objects=int(objects.max()) + 1,
+                objects_seen=len(objects[rows].unique()),
+                seconds=speed * expected,
+                gigabytes=1e-9 * (_BYTES + _BYTES_A_TRIAL * size),
+                resumed=found is not None,
+            )
+        )
+        if found is None:
+            began = time.monotonic()
+            found = diagnose_audited(question, impacts[rows], findings, generator)
+            speed = (time.monotonic() - began) / expected
+            if resume_folder is not None:
+                _finish(resume_folder / str(size), found)
+        answers.append(_answer(found, size))
+        if len(answers) > 1 and answers[-1].agrees(answers[-2]):
+            limit = None
+            break
+    assert found is not None
+    return _confirmed(question, found, impacts, findings, rows, tuple(answers), limit, seed)
+
+
+def _confirmed(
+    question: Question,
+    found: Diagnosis,
+    impacts: Impacts,
+    findings: Sequence[Finding],
+    rows: Int[Tensor, " k"],
+    answers: tuple[Answer, ...],
+    limit: Limit | None,
+    seed: int,
+) -> Diagnosis:
+    """Test the diagnosis of the last subsample on all trials; outliers then refer to the whole table."""
+    assert found.record is not None
+    objects = object_numbers(impacts)
+    corrections = found.corrections[sum(one.correction is not None for one in findings) :]  # those of the stages
+    confirmation = confirm(
+        found,
+        found.record,
+        correct(impacts, corrections),
+        rows,
+        generator=torch.Generator().manual_seed(seed),
+        noise=question.options.noise,
+        thresholds=question.thresholds,
+    )
+    sample = Sample(
+        of=len(impacts),
+        objects=int(objects.max()) + 1,
+        objects_seen=len(objects[rows].unique()),
+        answers=answers,
+        limit=limit,
+        confirmation=confirmation,
+    )
+    question.on_event(SampleConfirmed(sample=sample))
+    left = [one for one in found.findings if one.name != "model_outliers"]  # those of the whole table take their place
+    left += [confirmation.outliers] if confirmation.outliers is not None else []
+    return replace(found, findings=tuple(left), sample=sample)
+
+
+def _sizes(trials: int, thresholds: SampleThresholds, memory: float | None) -> tuple[list[int], Limit]:
+    """Plan the sizes of the subsamples, and name what limits the last one."""
+    most = int((1 - _OUTSIDE) * trials)
+    first = min(thresholds.first, most)
+    while first > _LEAST and not affordable(first, memory):
+        first = max(_LEAST, first // 2)
+    sizes = [first]
+    while 2 * sizes[-1] <= min(thresholds.most, most):
+        if not affordable(2 * sizes[-1], memory):
+            return sizes, Limit.MEMORY
+        sizes.append(2 * sizes[-1])
+    return sizes, Limit.SIZE
+
+
+def _answer(found: Diagnosis, trials: int) -> Answer:
+    """Return the answer of a subsample."""
+    assert found.law is not None
+    assert found.physics is not None
+    assert found.budget is not None
+    effects = tuple(missing.effect for missing in found.missing)
+    return Answer(trials=trials, law=found.law, effects=effects, physics=found.physics, error=found.budget.named)
+
+
+def _finish(folder: Path, found: Diagnosis) -> None:
+    """Write the diagnosis of a subsample."""
+    assert found.record is not None
+    with suppress(FileNotFoundError):  # the same command beside this one has ended, and removed the folder
+        found.record.save(folder, {})
+        with written_whole(folder / _RESULT) as path:
+            path.write_text(found.to_json(), encoding="utf-8")
+
+
+def _finished(folder: Path) -> Diagnosis | None:
+    """Read the diagnosis of a subsample; None if it was not finished."""
+    try:
+        found = Diagnosis.from_json((folder / _RESULT).read_bytes())
+        return replace(found, record=Record.load(folder))
+    except (OSError, ContactLearnError):
+        return None
+
+
+# --- The draw ----------------------------------------------------------------------------------
+
+
+def space_filling(impacts: Impacts, size: int, generator: torch.Generator) -> Int[Tensor, " size"]:
+    """Draw rows, ascending, without repetition.
+
+    An object without a trial takes the place of one of another object that has several, unless there are more objects
+    than half of the rows.
+
+    Args:
+        impacts: measurements.
+        size: rows, as many as there are at most.
+        generator: of the choice within cells.
+    """
+    n = len(impacts)
+    shuffled = torch.randperm(n, generator=generator)  # ties, and places within a cell, are at random
+    objects = object_numbers(impacts)
+    along = _cells(impacts, objects, size, shuffled)
+    place = (torch.arange(size, dtype=torch.float64) + torch.rand(1, generator=generator).double()) * (n / size)
+    rows = along[place.long().clamp_max(n - 1)]
+    return _with_every_object(rows, objects, shuffled).sort().values
+
+
+def object_numbers(impacts: Impacts) -> Int[Tensor, " n"]:
+    """Number the objects from 0, in the order in which they appear."""
+    known = {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
+    return torch.tensor([known[name] for name in impacts.object])
+
+
+def _cells(impacts: Impacts, objects: Int[Tensor, " n"], size: int, shuffled: Tensor) -> Int[Tensor, " n"]:
+    """The rows, cell after cell."""
+    inputs = _inputs(impacts)[shuffled]
+    cell = objects[shuffled]
+    halvings = math.ceil(math.log2(max(2, size / (1 + int(objects.max())))))
+    for level in range(halvings):
+        order = inputs[:, level % inputs.shape[1]].argsort(stable=True)
+        order = order[cell[order].argsort(stable=True)]
+        here, counts = cell[order].unique_consecutive(return_counts=True)
+        first = (counts.cumsum(0) - counts).repeat_interleave(counts)
+        upper = 2 * (torch.arange(len(order)) - first) >= counts.repeat_interleave(counts)
+        cell[order] = 2 * here.repeat_interleave(counts) + upper
+    return shuffled[cell.argsort(stable=True)]
+
+
+def _inputs(impacts: Impacts) -> Float[Tensor, "n d"]:
+    """Columns in the order in which they are halved; the sequence twice, for what changes along it is often sudden."""
+    order, theta = impacts.order, impacts.q[:, 2].remainder(2 * math.pi)
+    columns = (order, theta, *impacts.v_c.unbind(-1), impacts.v_pre[:, 2], order, impacts.r[:, 0], impacts.q[:, 0])
+    return torch.stack(columns, -1)
+
+
+def _with_every_object(
+    rows: Int[Tensor, " size"], objects: Int[Tensor, " n"], shuffled: Int[Tensor, " n"]
+) -> Int[Tensor, " size"]:
+    """The rows with one of each object that has none, in place of some whose object has several."""
+    drawn = objects[rows]
+    seen = torch.bincount(drawn, minlength=int(objects.max()) + 1)
+    missing = (seen == 0).nonzero()[:, 0]
+    if not len(missing) or len(seen) > len(rows) // 2:
+        return rows
+    order = drawn.argsort(stable=True)
+    several = order[1:][drawn[order].diff() == 0]
+    rows[several[torch.linspace(0, len(several) - 1, len(missing)).long()]] = torch.zeros(
+        len(seen), dtype=torch.long
+    ).scatter(0, objects[shuffled], shuffled)[missing]
+    return rows
