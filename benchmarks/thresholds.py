@@ -29,7 +29,6 @@ from studies import (
     frames,
     measurements,
     residuals,
-    rests,
     rivals,
     samples,
     search,
@@ -42,7 +41,6 @@ from studies.study import AllThresholds, Row, paths, replaced
 ROWS: tuple[Row, ...] = (
     *flights.ROWS,
     *frames.ROWS,
-    *rests.ROWS,
     *measurements.ROWS,
     *conventions.ROWS,
     *search.ROWS,

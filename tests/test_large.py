@@ -199,7 +199,7 @@ def test_of_many_trials_a_sample_is_fitted_and_shown(drops, small_blocks, tmp_pa
     monkeypatch.setattr("contactlearn.results.held_out.SHOWN", 30)
     path, folder = table.save(drops, tmp_path / "drops.parquet"), tmp_path / "out"
     said = run("evaluate.py", *SETTINGS, f"data.path={path}", f"hydra.run.dir={folder}")
-    assert "fits are to 60 of those, figures and the page show 30" in said
+    assert "models are fitted to 60 trials, figures and page show 30" in said
     assert "172 for identification, 58 held out" in said
     assert len(pd.read_parquet(folder / "predictions.parquet")) == 58 * 8
     page = (folder / "report.html").read_bytes()

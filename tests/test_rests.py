@@ -14,7 +14,6 @@ from repetitions import repeated
 from contactlearn.data import tracks
 from contactlearn.data.recordings.floor import Lying, find_floor, find_rests
 from contactlearn.data.recordings.result import Rest
-from contactlearn.data.recordings.thresholds import RestThresholds
 from contactlearn.data.recordings.track import Track, turn
 from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point
@@ -176,13 +175,13 @@ def lying_track(change, frames=250, sigma=5e-5):
 
 def test_a_body_is_still_from_when_on_it_no_longer_rocks():
     track, sigma = lying_track(lambda t: 0.3 * np.exp(-t / 0.1) * np.cos(12 * t))
-    (rest,) = find_rests(track, [(0.0, 1.0)], sigma, RestThresholds())
+    (rest,) = find_rests(track, [(0.0, 1.0)], sigma)
     np.testing.assert_allclose(rest.pose, (0.1, 0.025, 0.01), atol=4 * rest.error.max())
     assert rest.error[2] < 5e-4
     rocks, sigma = lying_track(lambda t: 0.1 * np.cos(12 * t))
-    assert find_rests(rocks, [(0.0, 1.0)], sigma, RestThresholds()) == ()
-    assert find_rests(track, [(0.8, 1.0)], sigma, RestThresholds()) == ()
-    assert find_rests(track, [(0.0, 0.05)], sigma, RestThresholds()) == ()
+    assert find_rests(rocks, [(0.0, 1.0)], sigma) == ()
+    assert find_rests(track, [(0.8, 1.0)], sigma) == ()
+    assert find_rests(track, [(0.0, 0.05)], sigma) == ()
 
 
 @pytest.mark.parametrize("zero", repeated(2.5, 0.0))

@@ -15,7 +15,7 @@ from contactlearn.mechanics.shapes import Ellipse
 from contactlearn.simulation.camera import Camera, TrueContacts
 from contactlearn.simulation.recordings import SEMI_AXES, simulate
 from studies.cases import between
-from studies.study import AllThresholds, Row, Study, each, scaled
+from studies.study import AllThresholds, Row, Study, each
 
 BODY = Ellipse(SEMI_AXES)
 CAMERAS = {
@@ -57,7 +57,7 @@ def _matched(recorded: Recorded, thresholds: AllThresholds) -> tuple[int, int, i
     for k, track in enumerate(recorded.tracks):
         mine = np.flatnonzero(truth.recording == k)
         sure = {int(j) for j in mine if truth.frames[j].min() > 2 * FlightOptions().fewest}
-        hits = find_contacts(track, limits=thresholds.tracks.flight).contacts
+        hits = find_contacts(track, limits=thresholds.tracks).contacts
         nearest = [int(mine[np.abs(truth.time[mine] - hit.time).argmin()]) if len(mine) else -1 for hit in hits]
         right = {
             j for j, hit in zip(nearest, hits, strict=True)
@@ -106,7 +106,7 @@ def _crafted(kind: str, seed: int) -> Track:
 
 def _called(reason: Reason):
     def called(track: Track, thresholds: AllThresholds) -> bool:
-        refusals = find_contacts(track, limits=thresholds.tracks.flight).refusals
+        refusals = find_contacts(track, limits=thresholds.tracks).refusals
         return any(refusal.reason is reason for refusal in refusals)
 
     return called
@@ -142,7 +142,7 @@ def _on_a_floor(kind: str, seed: int) -> list[Hit]:
 
 
 def _struck(hits: list[Hit], thresholds: AllThresholds) -> bool:
-    limits = thresholds.tracks.floor
+    limits = thresholds.tracks
     return bool(off_the_floor(hits, BODY, find_floor(hits, BODY, limits=limits), limits)[1])
 
 
@@ -154,7 +154,7 @@ FLOOR = Study(
 def _zeroed(hits: list[Hit], thresholds: AllThresholds) -> bool:
     """Whether any number of the contacts, from eight on, says that the zero of θ is off."""
     for count in (8, 16, 24, len(hits)):
-        zero = find_floor(hits[:count], BODY, limits=thresholds.tracks.floor).orientation
+        zero = find_floor(hits[:count], BODY, limits=thresholds.tracks).orientation
         if zero is not None and abs(zero.value) > 3 * zero.error:
             return True
     return False
@@ -163,17 +163,13 @@ def _zeroed(hits: list[Hit], thresholds: AllThresholds) -> bool:
 ZERO = Study(name="zero of θ", null=each(20, "floor"), planted=each(20, "turned"), prepare=_on_a_floor, alarm=_zeroed)
 
 ROWS = (
-    Row(field="tracks.flight.rest_power", values=scaled(150.0, 1 / 25, 1 / 5, 1, 2, 5, 25), study=CONTACTS),
-    Row(field="tracks.flight.excess", values=(1.5, 3.0, 6.0, 12.0, 48.0), study=CONTACTS),
-    Row(field="tracks.flight.continued", values=(1.0, 2.0, 3.0, 5.0, 10.0), study=CONTACTS),
-    Row(field="tracks.flight.same", values=scaled(60.0, 1 / 12, 1 / 3, 1, 3, 12), study=CONTACTS),
-    Row(field="tracks.flight.meets", values=(3.0, 9.0, 18.0, 50.0, 500.0), study=CONTACTS),
-    Row(field="tracks.flight.certainty", values=(0.0, 0.8, 0.95, 0.999, 1 - 1e-9), study=CONTACTS),
-    Row(field="tracks.flight.moved", values=(0.0, 9.0, 25.0, 100.0, 1000.0), study=JUMPS),
-    Row(field="tracks.flight.still", values=(0.003, 0.01, 0.03, 0.1, 0.3), study=SLIDING),
-    Row(field="tracks.flight.high", values=(0.05, 0.15, 0.3, 0.5, 0.8), study=HAND),
-    Row(field="tracks.flight.uneven", values=(0.0, 5.0, 20.0, 80.0, 1e4), study=HAND),
-    Row(field="tracks.floor.off_sigmas", values=(2.0, 4.0, 8.0, 16.0, 32.0), study=FLOOR),
-    Row(field="tracks.floor.off_least", values=(0.0, 3e-4, 1e-3, 3e-3, 1e-2), study=FLOOR),
-    Row(field="tracks.floor.contacts_of_a_slope", values=(3, 6, 12, 20, 40), study=ZERO),
+    Row(field="tracks.excess", values=(1.5, 3.0, 6.0, 12.0, 48.0), study=CONTACTS),
+    Row(field="tracks.meets", values=(3.0, 9.0, 18.0, 50.0, 500.0), study=CONTACTS),
+    Row(field="tracks.certainty", values=(0.0, 0.8, 0.95, 0.999, 1 - 1e-9), study=CONTACTS),
+    Row(field="tracks.velocity_change", values=(0.0, 9.0, 25.0, 100.0, 1000.0), study=JUMPS),
+    Row(field="tracks.rest_speed", values=(0.003, 0.01, 0.03, 0.1, 0.3), study=SLIDING),
+    Row(field="tracks.hand_height", values=(0.05, 0.15, 0.3, 0.5, 0.8), study=HAND),
+    Row(field="tracks.off_sigmas", values=(2.0, 4.0, 8.0, 16.0, 32.0), study=FLOOR),
+    Row(field="tracks.off_least", values=(0.0, 3e-4, 1e-3, 3e-3, 1e-2), study=FLOOR),
+    Row(field="tracks.contacts_of_a_slope", values=(3, 6, 12, 20, 40), study=ZERO),
 )

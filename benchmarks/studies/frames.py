@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.recordings.conventions import Conventions, find_frame, find_gravity
+from contactlearn.data.recordings.conventions import Conventions, find_frame
 from contactlearn.data.recordings.result import Reason
 from contactlearn.data.recordings.survey import TrackOptions, tracked
 from contactlearn.data.recordings.track import Recording
@@ -40,7 +40,7 @@ def _caught(stated: Conventions):
 
     def caught(recordings: list[Recording], thresholds: AllThresholds) -> bool:
         try:
-            find_frame(recordings, stated, thresholds.tracks.frame)
+            find_frame(recordings, stated, thresholds.tracks)
         except DataError:
             return True
         return False
@@ -63,10 +63,6 @@ SCALE = Study(
 def _turned(kind: str, seed: int) -> list[Recording]:
     """A camera that is turned by so many degrees."""
     low, high = {
-        "straight": (1e-9, 1e-8),
-        "rolled": (0.1, 1.5),
-        "upright": (0.1, 1.5),
-        "leans": (2.5, 9),
         "level": (1, 8),
         "wrong": (12, 90),
     }[kind]
@@ -74,19 +70,6 @@ def _turned(kind: str, seed: int) -> list[Recording]:
     return simulate(6, Camera(axes=leaning(angle), noise=between(5e-5, 5e-4, seed + 1)), seed=seed)[0]
 
 
-def _corrected(recordings: list[Recording], thresholds: AllThresholds) -> bool:
-    """Whether up is taken from gravity and not from an axis of the file."""
-    axes = find_frame(recordings, limits=thresholds.tracks.frame).axes
-    return bool(np.abs(axes).max() < 1)
-
-
-UPRIGHT = Study(
-    name="upright cameras", null=each(16, "upright"), planted=each(16, "leans"), prepare=_turned, alarm=_corrected
-)
-ROLLED = Study(
-    name="gravity that leans", null=each(20, "straight"), planted=each(20, "rolled"), prepare=_turned,
-    alarm=lambda recordings, thresholds: find_frame(recordings, limits=thresholds.tracks.frame).gravity[0] != 0,
-)  # fmt: skip
 LEANING = Study(
     name="stated up", null=each(16, "level"), planted=each(16, "wrong"), prepare=_turned,
     alarm=_caught(Conventions(up="y")),
@@ -94,7 +77,7 @@ LEANING = Study(
 
 
 def _in_space(kind: str, seed: int) -> list[Recording]:
-    """Recordings in space: of bodies that fly about a plane or are dropped in place, or leave it, or tilt."""
+    """Recordings in space: of bodies that fly about a plane, or leave it, or tilt."""
     noise = math.radians(between(0.1, 1, seed))
     order = "xyzw" if kind == "wrong" else "wxyz"
     axes = np.array(spatial(seed))
@@ -102,12 +85,9 @@ def _in_space(kind: str, seed: int) -> list[Recording]:
     away, right = axes[:, 2], axes[:, 0]
     found = []
     for recording in recordings:
-        along, swing = recording.position @ right, np.sin(6 * recording.time)
+        swing = np.sin(6 * recording.time)
         position, quaternion = recording.position, recording.quaternion
         match kind:
-            case "dropped":
-                noise_along = np.random.default_rng(seed).normal(0, between(1e-5, 1e-3, seed), len(along))
-                position = position - np.outer(along - noise_along, right)
             case "near" | "leaves":
                 reach = between(0.0005, 0.004, seed) if kind == "near" else between(0.006, 0.03, seed)
                 position = position + np.outer(reach * swing, away)
@@ -129,35 +109,6 @@ def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
 ORDER = Study(
     name="order of quaternions", null=each(12, "thrown"), planted=each(12, "wrong"), prepare=_in_space,
     alarm=_caught(Conventions(order="wxyz")),
-)  # fmt: skip
-
-
-def _plane(recordings: list[Recording], seed: int, thresholds: AllThresholds) -> float | None:
-    """Angle in degrees by which the plane of motion is missed; None where none is found."""
-    try:
-        normal = find_frame(recordings, Conventions(order="wxyz"), thresholds.tracks.frame).axes[2]
-    except DataError:
-        return None
-    return math.degrees(math.acos(min(1.0, abs(float(normal @ np.array(spatial(seed))[:, 2])))))
-
-
-def _with_seed(kind: str, seed: int) -> tuple[list[Recording], int]:
-    return _in_space(kind, seed), seed
-
-
-def _right_plane(material: tuple[list[Recording], int], thresholds: AllThresholds) -> bool:
-    off = _plane(*material, thresholds)
-    return off is not None and off < 5
-
-
-def _wrong_plane(material: tuple[list[Recording], int], thresholds: AllThresholds) -> bool:
-    off = _plane(*material, thresholds)
-    return off is not None and off >= 5
-
-
-PLANE = Study(
-    name="plane of motion", null=each(8, "thrown", "dropped"), planted=each(8, "thrown", "dropped"),
-    prepare=_with_seed, alarm=_right_plane, false_alarm=_wrong_plane,
 )  # fmt: skip
 
 
@@ -210,25 +161,11 @@ READING = Study(
 )  # fmt: skip
 
 
-def _in_air(kind: str, seed: int) -> list[Recording]:
-    drag = between(0.05, 0.3, seed) if kind == "drag" else 0.0
-    return simulate(8, Camera(noise=between(5e-5, 3e-4, seed + 1)), drag=drag, seed=seed)[0]
-
-
-DRAG = Study(
-    name="drag", null=each(20, "vacuum"), planted=each(20, "drag"), prepare=_in_air,
-    alarm=lambda recordings, thresholds: find_gravity(recordings, None, thresholds.tracks.frame.drag_sigmas).drag > 0,
-)  # fmt: skip
-
 ROWS = (
-    Row(field="tracks.apart", values=(0.0005, 0.002, 0.005, 0.01, 0.05), study=APART),
-    Row(field="tracks.tilted", values=tuple(math.radians(x) for x in (1, 2.5, 5, 10, 30)), study=TILTED),
-    Row(field="tracks.frame.scale", values=(0.005, 0.015, 0.03, 0.06, 0.2), study=SCALE),
-    Row(field="tracks.frame.upright", values=tuple(math.radians(x) for x in (0.2, 1, 2, 4, 10)), study=UPRIGHT),
-    Row(field="tracks.frame.leaning", values=tuple(math.radians(x) for x in (3, 5, 10, 20, 45)), study=LEANING),
-    Row(field="tracks.frame.aligned", values=tuple(math.radians(x) for x in (0.2, 2, 8, 20, 60)), study=ORDER),
-    Row(field="tracks.frame.flat", values=(0.01, 0.05, 0.2, 0.5, 2.0), study=PLANE),
-    Row(field="tracks.frame.reading", values=(0.1, 0.3, 0.5, 0.7, 0.95), study=READING),
-    Row(field="tracks.frame.lean_sigmas", values=(0.0, 1.0, 2.0, 4.0, 12.0), study=ROLLED),
-    Row(field="tracks.frame.drag_sigmas", values=(0.5, 2.0, 3.0, 5.0, 20.0), study=DRAG),
+    Row(field="tracks.plane_distance", values=(0.0005, 0.002, 0.005, 0.01, 0.05), study=APART),
+    Row(field="tracks.plane_tilt", values=tuple(math.radians(x) for x in (1, 2.5, 5, 10, 30)), study=TILTED),
+    Row(field="tracks.scale", values=(0.005, 0.015, 0.03, 0.06, 0.2), study=SCALE),
+    Row(field="tracks.leaning", values=tuple(math.radians(x) for x in (3, 5, 10, 20, 45)), study=LEANING),
+    Row(field="tracks.aligned", values=tuple(math.radians(x) for x in (0.2, 2, 8, 20, 60)), study=ORDER),
+    Row(field="tracks.reading", values=(0.1, 0.3, 0.5, 0.7, 0.95), study=READING),
 )

@@ -118,7 +118,7 @@ def find_angles(
     Raises:
         DataError: a stated reading contradicts the impacts, or one is neither stated nor found.
     """
-    stated, limit, source = options.conventions, options.thresholds.frame.reading, recordings[0].source
+    stated, limit, source = options.conventions, options.thresholds.reading, recordings[0].source
     known = [*ANGLES] if recordings[0].quaternion is None else [stated.angle]
     units = [stated.angle] if stated.angle else known
     left = _left_over(recordings, options, units, [stated.sense] if stated.sense else [*SENSES], shape, gyration)
@@ -175,7 +175,7 @@ def _left_over(
 
 def _contacts(recordings: Sequence[Recording], conventions: Conventions, options: TrackOptions) -> list[Hit]:
     """Contacts of a few recordings under some conventions."""
-    frame = find_frame(recordings, conventions, options.thresholds.frame)
+    frame = find_frame(recordings, conventions, options.thresholds)
     ready = options.in_air(frame)
     return [contact for recording in recordings for contact in tracked(recording, frame, ready).contacts]
 
@@ -333,7 +333,7 @@ def find_impacts(
         raise DataError(
             f"{path}: no contact between two free flights in {found.recordings} recordings; refused: {counts}"
         )
-    limits = options.thresholds.floor
+    limits = options.thresholds
     floor = find_floor(found.contacts, known, found.rests, lean=found.frame.lean, limits=limits)
     contacts, refusals = off_the_floor(found.contacts, known, floor, limits)
     found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
@@ -367,7 +367,7 @@ def _by_markers(path: Path, options: TrackOptions, centre: Centre) -> tuple[Trac
     conventions = replace(stated, angle=stated.angle or "rad", sense=stated.sense or "as_read")
     options = replace(options, conventions=conventions, layout=replace(options.layout, places=places))
     recordings = sample(files, options.layout)
-    frame = find_frame(recordings, options.conventions, options.thresholds.frame)
+    frame = find_frame(recordings, options.conventions, options.thresholds)
     hull = hull_of_markers(recordings, frame, centre)
     return replace(options, layout=replace(options.layout, places=hull.places.tolist())), hull
 
@@ -378,7 +378,7 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
     return Apparatus(
         gravity=Estimate(value=math.hypot(*frame.gravity), error=frame.gravity_error),
         drag=Estimate(value=frame.drag, error=frame.drag_error) if math.isfinite(frame.drag_error) else None,
-        slope=floor.slope if shown >= options.thresholds.floor.contacts_of_a_slope else None,
+        slope=floor.slope if shown >= options.thresholds.contacts_of_a_slope else None,
         orientation=floor.orientation,
         delay=Estimate(value=0.0, error=max(options.flight.contact_time / math.sqrt(12), _INSTANT)),
     )

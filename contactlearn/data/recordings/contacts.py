@@ -26,9 +26,19 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from contactlearn.data.recordings.flights import Air, Flight, FlightOptions, Flights, Indices, apart, find_flights, fit
+from contactlearn.data.recordings.flights import (
+    Air,
+    Flight,
+    FlightOptions,
+    Flights,
+    Indices,
+    apart,
+    find_flights,
+    fit,
+    same_flight,
+)
 from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal
-from contactlearn.data.recordings.thresholds import FlightThresholds
+from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Array, Track, turn
 
 _SKIPS = 0.02  # prior probability that one more frame is missing
@@ -207,11 +217,12 @@ def hit_of(track: Track, number: int, found: Meeting, flights: Sequence[Flight],
     )
 
 
+_UNEVEN = 20.0  # range of heights in standard deviations of a frame from which on they differ; 20 to 80 decide alike
 _EDGES = 2  # frames that a flight may be shorter than a window, if it is seen where it ends
 
 
 def find_contacts(
-    track: Track, options: FlightOptions = FlightOptions(), limits: FlightThresholds = FlightThresholds()
+    track: Track, options: FlightOptions = FlightOptions(), limits: TrackThresholds = TrackThresholds()
 ) -> Found:
     """Find the contacts of a track between free flights, and refuse everything else."""
     found = find_flights(track, options, limits)
@@ -239,7 +250,7 @@ def find_contacts(
 
 
 def _one_contact(
-    track: Track, before: Flight, after: Flight, options: FlightOptions, limits: FlightThresholds
+    track: Track, before: Flight, after: Flight, options: FlightOptions, limits: TrackThresholds
 ) -> Meeting | None:
     """Where two flights meet if one contact may be between them: it then ends both."""
     if not close(before, after, options):
@@ -262,7 +273,7 @@ def _between(
     known: tuple[bool, bool],
     found: Flights,
     options: FlightOptions,
-    limits: FlightThresholds,
+    limits: TrackThresholds,
 ) -> Meeting | Refusal:
     """Where two flights meet at a contact, or why there is none; `known` says whether it is seen what ends them."""
     first, last = before.last, after.first
@@ -276,11 +287,11 @@ def _between(
     neither = _neither(track, before, after, met, options)
     few = _too_few((before, after), known, found, options)
     jump = 1e3 * float(np.hypot(*change[:2]))
-    skipped = _skipped(before, after, met.time, track.step, options.most_missing, limits.same)
+    skipped = _skipped(before, after, met.time, track.step, options.most_missing)
     reasons = (
         (skipped > 0, Reason.LOST_FRAMES, "frames skipped in flight", skipped, "frames"),
         (lost > options.most_missing, Reason.LOST_FRAMES, "frames lost at contact", lost, "frames"),
-        (moved < limits.moved, Reason.LOST_FRAMES, "jump without a change of velocity", jump, "mm"),
+        (moved < limits.velocity_change, Reason.LOST_FRAMES, "jump without a change of velocity", jump, "mm"),
         (neither > 1, Reason.DOUBLE_HIT, "frames in neither flight", neither, "frames"),
         (met.apart > limits.meets, Reason.DOUBLE_HIT, "distance of the flights", 1e3 * met.distance, "mm"),
         (met.certainty < limits.certainty, Reason.LOST_FRAMES, "certainty of the missing frames", met.certainty, "–"),
@@ -305,18 +316,12 @@ def _too_few(flights: tuple[Flight, Flight], known: tuple[bool, bool], found: Fl
     return min(counts, default=0)
 
 
-def _skipped(before: Flight, after: Flight, time: float, step: float, most: int, same: float) -> int:
+def _skipped(before: Flight, after: Flight, time: float, step: float, most: int) -> int:
     """Frames that a recording skips if two flights are one but for them, or 0."""
-    for count in range(1, most + 1):
-        (a, A), (b, B) = before.at(time), after.at(time - count * step)
-        difference = b - a
-        difference[2] = turn(difference[2])
-        if difference @ np.linalg.solve(A + B, difference) <= same:
-            return count
-    return 0
+    return next((n for n in range(1, most + 1) if same_flight(before, after, time, late=n * step)), 0)
 
 
-def _gap(track: Track, first: int, last: int, found: Flights, limits: FlightThresholds) -> Refusal:
+def _gap(track: Track, first: int, last: int, found: Flights, limits: TrackThresholds) -> Refusal:
     """Why frames from the first to the last are in no flight."""
     frames = np.arange(first, last + 1)
     seen = frames[track.seen[frames]]
@@ -326,14 +331,14 @@ def _gap(track: Track, first: int, last: int, found: Flights, limits: FlightThre
     heights = track.pose[track.seen, 1]
     above, most = float(track.pose[seen, 1].mean() - heights.min()), float(np.ptp(heights))
     few = found.width // 2 if found.flights else found.width
-    if above > limits.high * most and most > limits.uneven * found.sigma[1] and len(seen) >= few:
+    if above > limits.hand_height * most and most > _UNEVEN * found.sigma[1] and len(seen) >= few:
         return _refusal(track, first, last, Reason.HAND_OR_WALL, "height above the lowest frame", 1e3 * above, "mm")
     if len(seen) < found.width:
         ends = first == 0 or last == len(track) - 1
         reason = Reason.TOO_FEW_FRAMES if ends else Reason.DOUBLE_HIT
         return _refusal(track, first, last, reason, "frames in no flight", len(seen), "frames")
     speed = _speed(track, seen)
-    reason = Reason.REST if speed < limits.still else Reason.SLIDING
+    reason = Reason.REST if speed < limits.rest_speed else Reason.SLIDING
     return _refusal(track, first, last, reason, "median speed", speed, "m/s")
 
 

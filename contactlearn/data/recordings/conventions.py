@@ -25,7 +25,7 @@ from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.numerics import is_number
 from contactlearn.data.recordings.flights import frame_noise, window_blocks, windows
 from contactlearn.data.recordings.frame import Clue, Frame, body_axes, rotation_axis
-from contactlearn.data.recordings.thresholds import FrameThresholds
+from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Array, Recording, mean_step
 from contactlearn.mechanics.rigid_body import GRAVITY
 
@@ -89,15 +89,12 @@ class _Motions:
         return _Motions(**{name: value[rows] for name, value in vars(self).items()})
 
 
-def find_gravity(
-    recordings: Sequence[Recording], drag: float | None = None, drag_sigmas: float = FrameThresholds().drag_sigmas
-) -> Gravity:
+def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> Gravity:
     """Find gravity and drag in recordings.
 
     Args:
         recordings: a few.
         drag: that is stated, in 1/s.
-        drag_sigmas: standard errors of a drag that is allowed for.
 
     Raises:
         DataError: no acceleration is common.
@@ -111,7 +108,7 @@ def find_gravity(
         agree = apart <= _NEAR * sizes[tried, None] + 3 * motions.error
         best = agree[int(agree.sum(1).argmax())]
         if best.sum() >= _FEWEST:
-            return _shared(motions, best, drag, drag_sigmas)
+            return _shared(motions, best, drag)
     raise DataError(
         f"{recordings[0].source}: no free flight is seen: no acceleration is common to the recordings; check "
         f"that frames are {mean_step(recordings[0].time):.4g} s apart (time stamps, data.rate), and that the body "
@@ -123,7 +120,7 @@ def _together(parts: Sequence[_Motions]) -> _Motions:
     return _Motions(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
 
 
-def _shared(motions: _Motions, agree: Array, stated: float | None, sigmas: float) -> Gravity:
+def _shared(motions: _Motions, agree: Array, stated: float | None) -> Gravity:
     """Gravity and drag of the windows that agree, and of those that then do."""
     known, covariance = _fitted(motions[agree])
     for _ in range(_ROUNDS):
@@ -131,7 +128,7 @@ def _shared(motions: _Motions, agree: Array, stated: float | None, sigmas: float
         agree = left <= _NEAR * np.linalg.norm(known[:-1]) + 3 * motions.error
         known, covariance = _fitted(motions[agree])
     error = float(covariance[-1, -1] ** 0.5) if _told(motions[agree]) else np.inf
-    seen = known[-1] > sigmas * error
+    seen = known[-1] > _DRAG_SIGMAS * error
     drag = stated if stated is not None else float(known[-1]) if seen else 0.0
     if stated is not None or not seen:
         known, covariance = _fitted(motions[agree], drag)
@@ -220,6 +217,10 @@ ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 SENSES = {"as_read": 1, "mirrored": -1}
 _CLOCKS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+_DRAG_SIGMAS = 3.0  # standard errors of a drag that is allowed for; 2 to 5 raise no false alarm
+_LEAN_SIGMAS = 2.0  # cautious standard errors of a gravity that leans: its error would bias all velocities
+_UPRIGHT = np.radians(2)  # angle of gravity from an axis of the file that is taken for up
+_FLAT = 0.2  # spread across the plane over that along it, up to which positions show it; 0.01 to 0.5 decide alike
 _HALF = 0.5  # of the horizontal spread, up to which an axis of rotation is across the motion all the same
 
 
@@ -256,14 +257,14 @@ class Conventions:
 def find_frame(
     recordings: Sequence[Recording],
     stated: Conventions = Conventions(),
-    limits: FrameThresholds = FrameThresholds(),
+    limits: TrackThresholds = TrackThresholds(),
 ) -> Frame:
     """Find the conventions that are not stated, and check those that are.
 
     Raises:
         DataError: a convention contradicts the recordings, or is neither stated nor found.
     """
-    gravity, first = find_gravity(recordings, stated.drag, limits.drag_sigmas), recordings[0]
+    gravity, first = find_gravity(recordings, stated.drag), recordings[0]
     stated = replace(stated, unit=stated.unit or first.unit, order=stated.order or first.order)
     scale, unit = _unit(gravity, stated.unit, first, limits)
     up, direction = _up(gravity, stated.up, first.source, limits)
@@ -277,7 +278,7 @@ def find_frame(
         frame,
         angle=angle,
         sense=SENSES[stated.sense or "as_read"],
-        gravity=_in_plane(gravity, frame, limits.lean_sigmas),
+        gravity=_in_plane(gravity, frame),
         gravity_error=gravity.error * scale,
         drag=gravity.drag,
         drag_error=gravity.drag_error if stated.drag is None else 0.0,
@@ -285,10 +286,10 @@ def find_frame(
     )
 
 
-def _in_plane(gravity: Gravity, frame: Frame, sigmas: float) -> tuple[float, float]:
+def _in_plane(gravity: Gravity, frame: Frame) -> tuple[float, float]:
     """Gravity in m/s², straight down unless it is seen to lean: its error would be one of all velocities alike."""
     right, up = frame.axes[:2] @ gravity.vector * frame.scale
-    leans = abs(right) > sigmas * gravity.error_along(frame.axes[0]) * frame.scale
+    leans = abs(right) > _LEAN_SIGMAS * gravity.error_along(frame.axes[0]) * frame.scale
     return (float(right), float(up)) if leans else (0.0, -float(np.hypot(right, up)))
 
 
@@ -306,7 +307,7 @@ def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:
 
 
 def _unit(
-    gravity: Gravity, stated: str | float | None, first: Recording, limits: FrameThresholds
+    gravity: Gravity, stated: str | float | None, first: Recording, limits: TrackThresholds
 ) -> tuple[float, Clue]:
     """Metres in the unit of length."""
     source = first.source
@@ -349,7 +350,7 @@ def _unit(
     return 1 / counts[name], clue
 
 
-def _check_clock(gravity: Gravity, first: Recording, limits: FrameThresholds) -> None:
+def _check_clock(gravity: Gravity, first: Recording, limits: TrackThresholds) -> None:
     """Raise where gravity is 9.81 m/s² in a unit of length if time stamps are in thousandths of a second or less."""
     for clock, factor in _CLOCKS.items():
         size = gravity.size * factor**2
@@ -369,7 +370,7 @@ def _axis(name: str, dimensions: int) -> Array:
     return np.eye(dimensions)[k] * (-1 if name.startswith("-") else 1)
 
 
-def _up(gravity: Gravity, stated: str | None, source: str, limits: FrameThresholds) -> tuple[Array, Clue]:
+def _up(gravity: Gravity, stated: str | None, source: str, limits: TrackThresholds) -> tuple[Array, Clue]:
     """Unit vector up in the file's axes: an axis, or against gravity where no axis is."""
     measured = -gravity.vector / gravity.size
     near = AXES[int(np.abs(measured).argmax())]
@@ -382,7 +383,7 @@ def _up(gravity: Gravity, stated: str | None, source: str, limits: FrameThreshol
             f"{source}: bodies fall {np.degrees(np.pi - leaning):.3g}° off the axis {stated} that data.up calls up; "
             f"is up {near}?"
         )
-    upright = leaning <= limits.upright or stated is not None
+    upright = leaning <= _UPRIGHT or stated is not None
     value = name if upright else f"{np.degrees(leaning):.1f}° off {name}"
     clue = Clue(
         convention="up",
@@ -401,7 +402,7 @@ def _right(direction: Array) -> Array:
 
 
 def _spatial(
-    recordings: Sequence[Recording], up: Array, scale: float, order: str | None, limits: FrameThresholds
+    recordings: Sequence[Recording], up: Array, scale: float, order: str | None, limits: TrackThresholds
 ) -> tuple[Frame, tuple[Clue, ...]]:
     """Axes of the plane of motion and order of the quaternions, of recordings in space."""
     source = recordings[0].source
@@ -411,8 +412,8 @@ def _spatial(
     off: dict[str, float] = {}
     for name, (axis, _) in axes_of.items():
         level = axis - (axis @ up) * up
-        crosses = flat > limits.flat and level @ scatter @ level > _HALF**2 * scatter.trace()
-        against = 0.0 if crosses else abs(axis @ across) if flat <= limits.flat else float(np.linalg.norm(level))
+        crosses = flat > _FLAT and level @ scatter @ level > _HALF**2 * scatter.trace()
+        against = 0.0 if crosses else abs(axis @ across) if flat <= _FLAT else float(np.linalg.norm(level))
         off[name] = float(np.arccos(np.clip(against, 0, 1)))
     turned = max(total for _, total in axes_of.values())
     fits = [name for name in ORDERS if off[name] <= limits.aligned]
@@ -430,7 +431,7 @@ def _spatial(
             "state data.order=wxyz or data.order=xyzw"
         )
     chosen = order or fits[0]
-    normal = across if flat <= limits.flat else axes_of[chosen][0]
+    normal = across if flat <= _FLAT else axes_of[chosen][0]
     normal = normal - (normal @ up) * up
     normal /= np.linalg.norm(normal)
     right = _right(np.cross(up, normal))

@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from contactlearn.data.recordings.thresholds import FlightThresholds
+from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Array, Mask, Track, finite, turn
 from contactlearn.mechanics.rigid_body import GRAVITY
 
@@ -252,6 +252,9 @@ def windows(time: Float[Array, " t"], pose: Float[Array, "t 3"], width: int, deg
 
 _LEAST_NOISE = np.array((1e-7, 1e-7, 1e-6))  # m, m, rad: rounding of exact tracks
 _WIDEST = 80  # frames
+_REST_POWER = 150.0  # χ² that a body at rest makes in the shortest window of a flight; 150 to 750 decide alike
+_CONTINUED = 3.0  # standard deviations up to which a frame continues a flight; less loses contacts, 10 decides alike
+_SAME = 60.0  # χ² with six degrees of freedom up to which two flights are one; 5 to 180 decide alike
 _MARGIN = 3  # frames of a window on each side of a bad one
 
 
@@ -283,12 +286,12 @@ class Flights:
 
 
 def find_flights(
-    track: Track, options: FlightOptions = FlightOptions(), limits: FlightThresholds = FlightThresholds()
+    track: Track, options: FlightOptions = FlightOptions(), limits: TrackThresholds = TrackThresholds()
 ) -> Flights:
     """Find the free flights of a track."""
     pose, time = track.pose.copy(), track.time
     sigma = frame_noise(time, pose, options.fewest)
-    width = min(_width(sigma, track.step, options, limits.rest_power), len(track))
+    width = min(_width(sigma, track.step, options, _REST_POWER), len(track))
     if width < options.fewest:
         return Flights(flights=(), sigma=sigma, width=options.fewest)
     if width > options.fewest:
@@ -300,8 +303,8 @@ def find_flights(
             break
         pose[bad_frames] = np.nan
     found = [_first(time, pose, run, sigma, options.air, width) for run in _runs(good, width)]
-    found = _joined(time, track.pose, [flight for flight in found if flight is not None], sigma, width, limits.same)
-    found = [_extended(track, flight, sigma, width, limits.continued) for flight in found]
+    found = _joined(time, track.pose, [flight for flight in found if flight is not None], sigma, width)
+    found = [_extended(track, flight, sigma, width, _CONTINUED) for flight in found]
     sigma = _pooled(found, sigma)
     return Flights(
         flights=tuple(fit(time, track.pose, f.frames, sigma, f.air) for f in found), sigma=sigma, width=width
@@ -385,22 +388,30 @@ def _first(time: Array, pose: Array, run: tuple[int, int], sigma: Array, air: Ai
     return fit(time, pose, frames, sigma, air) if len(frames) >= 4 else None
 
 
-def apart(one: Flight, other: Flight, time: float) -> tuple[Float[Array, "6"], float]:
-    """Difference of two flights' states at an instant, and its squared size in standard deviations."""
-    (a, A), (b, B) = one.at(time), other.at(time)
+def apart(one: Flight, other: Flight, time: float, late: float = 0.0) -> tuple[Float[Array, "6"], float]:
+    """Difference of two flights' states at an instant, and its squared size in standard deviations.
+
+    The clock of the other flight may be late, in s.
+    """
+    (a, A), (b, B) = one.at(time), other.at(time - late)
     difference = b - a
     difference[2] = turn(difference[2])
     return difference, float(difference @ np.linalg.solve(A + B, difference))
 
 
-def _joined(time: Array, pose: Array, found: Sequence[Flight], sigma: Array, width: int, same: float) -> list[Flight]:
+def same_flight(one: Flight, other: Flight, time: float, late: float = 0.0) -> bool:
+    """Whether two flights agree at an instant as one flight does."""
+    return apart(one, other, time, late)[1] <= _SAME
+
+
+def _joined(time: Array, pose: Array, found: Sequence[Flight], sigma: Array, width: int) -> list[Flight]:
     """Neighbouring flights that agree, as one: only bad or lost frames were between them."""
     joined: list[Flight] = []
     for flight in found:
         if joined:
             last = joined[-1]
             middle = (time[last.last] + time[flight.first]) / 2
-            if flight.first - last.last <= 2 * width and apart(last, flight, middle)[1] <= same:
+            if flight.first - last.last <= 2 * width and same_flight(last, flight, middle):
                 between = np.arange(last.first, flight.last + 1)
                 between = between[finite(pose[between])]
                 joined[-1] = fit(time, pose, between, sigma, flight.air)

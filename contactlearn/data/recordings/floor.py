@@ -29,13 +29,15 @@ from jaxtyping import Float
 
 from contactlearn.data.recordings.flights import Indices
 from contactlearn.data.recordings.result import Hit, Reason, Refusal, Rest
-from contactlearn.data.recordings.thresholds import FloorThresholds, RestThresholds
+from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Array, Mask, Track, turn
 from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.rigid_body import contact_velocity
 from contactlearn.mechanics.shapes import Ellipse, Polygon, Shape, contact_point
 
 _BLOCK = 0.1  # s
+_MOVES = 1.5  # change of a block's mean in standard deviations of a frame, of a body at rest; 1 to 15 decide alike
+_LASTS = 0.3  # s of a rest, at least; 0.1 to 0.3 decide alike, 0.8 finds half
 _LEAST_NOISE = np.array((2e-5, 2e-5, 3e-4))  # m, m, rad: no frame of a body at rest is better
 _ROUND = 1e-3  # relative difference of an ellipse's semi-axes, or change of the height with θ, of a round body
 
@@ -93,7 +95,6 @@ def find_rests(
     track: Track,
     spans: Sequence[tuple[float, float]],
     sigma: Float[Array, "3"],
-    limits: RestThresholds,
 ) -> tuple[Rest, ...]:
     """Find where a body is still.
 
@@ -101,16 +102,15 @@ def find_rests(
         track: of it.
         spans: times in s of first and last frames between which to look; of each the longest rest is found.
         sigma: standard deviations of a frame's (x, y, θ).
-        limits: that decide.
     """
     size = max(round(_BLOCK / track.step), 2)
-    fewest = max(round(limits.lasts / (size * track.step)), 2)
+    fewest = max(round(_LASTS / (size * track.step)), 2)
     found = list[Rest]()
     for begin, end in spans:
         frames = np.flatnonzero(track.seen & (track.time >= begin) & (track.time <= end))[::-1]
         blocks = frames[: len(frames) // size * size].reshape(-1, size)
         means = track.pose[blocks].mean(1)
-        moves = np.abs(np.diff(means, axis=0)) > limits.moves * np.maximum(sigma, _LEAST_NOISE)
+        moves = np.abs(np.diff(means, axis=0)) > _MOVES * np.maximum(sigma, _LEAST_NOISE)
         edges = np.concatenate(([0], np.flatnonzero(moves.any(1)) + 1, [len(blocks)]))
         longest = int(np.diff(edges).argmax())
         run = means[edges[longest] : edges[longest + 1]]
@@ -167,7 +167,7 @@ def find_floor(
     rests: Sequence[Rest] = (),
     *,
     lean: Estimate = _UPRIGHT,
-    limits: FloorThresholds = FloorThresholds(),
+    limits: TrackThresholds = TrackThresholds(),
 ) -> Floor:
     """Fit the floor to contact points and bodies at rest, robustly.
 
@@ -204,7 +204,7 @@ class _Problem:
     shape: Shape
     lying: Lying
     lean: Estimate
-    limits: FloorThresholds
+    limits: TrackThresholds
 
     def solved(self, turned: float) -> tuple[Floor, Mask]:
         """The floor, linearised about a body that is turned further by an angle in rad, and which rests are on it."""
@@ -238,7 +238,7 @@ class _Problem:
         x, y = np.append(points[:, 0], pose[:, 0]), np.append(points[:, 1], pose[:, 1] + down)
         higher, lower = (_lowest(self.contacts, self.shape, turned + step)[:, 1] for step in (_STEP, -_STEP))
         rising, enough = (higher - lower) / (2 * _STEP), self.limits.contacts_of_a_slope
-        by_angle = len(side) >= self.limits.rests_of_a_zero and len(x) >= enough and np.ptp(x) > 0
+        by_angle = len(side) >= enough // 2 and len(x) >= enough and np.ptp(x) > 0
         by_angle = by_angle and (lying.gain == 1 or len(set(side)) > 1)  # on one pole its centre of mass may be off
         by_height = len(theta) >= 2 * enough and np.std(rising) > _ROUND * size
         n, none = len(side) if by_angle else 0, np.zeros(len(rests))
@@ -323,7 +323,7 @@ def _between(squares: Array, free: Array, own: float) -> float:
 
 
 def off_the_floor(
-    contacts: Sequence[Hit], shape: Shape, floor: Floor, limits: FloorThresholds = FloorThresholds()
+    contacts: Sequence[Hit], shape: Shape, floor: Floor, limits: TrackThresholds = TrackThresholds()
 ) -> tuple[list[Hit], list[Refusal]]:
     """Contacts with the floor, and refusals of those with a hand or a wall."""
     kept, refusals = [], []

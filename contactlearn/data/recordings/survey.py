@@ -93,7 +93,7 @@ def survey(path: Path, options: TrackOptions = TrackOptions(), *, progress: Prog
         DataError: no recording can be read, or a convention is neither stated nor found.
     """
     files = recording_files(path)
-    frame = find_frame(sample(files, options.layout), options.conventions, options.thresholds.frame)
+    frame = find_frame(sample(files, options.layout), options.conventions, options.thresholds)
     whole = _Part()
     for part in _parts(files, frame, options.in_air(frame), progress):
         whole.add(part)
@@ -142,9 +142,9 @@ def tracked(recording: Recording, frame: Frame, options: TrackOptions) -> Found:
     leaves = _out_of_plane(track, options.thresholds)
     if leaves is not None:
         return Found(track=track, sigma=np.zeros(3), flights=(), contacts=(), refusals=(leaves,))
-    found = find_contacts(track, options.flight, options.thresholds.flight)
+    found = find_contacts(track, options.flight, options.thresholds)
     lies = [refusal.time for refusal in found.refusals if refusal.reason in (Reason.REST, Reason.SLIDING)]
-    return replace(found, rests=find_rests(track, lies, found.sigma, options.thresholds.rest))
+    return replace(found, rests=find_rests(track, lies, found.sigma))
 
 
 def _out_of_plane(track: Track, limits: TrackThresholds) -> Refusal | None:
@@ -155,8 +155,8 @@ def _out_of_plane(track: Track, limits: TrackThresholds) -> Refusal | None:
     tilted = float(np.quantile(np.abs(track.tilted[seen]), 0.95))
     whole = (float(track.time[0]), float(track.time[-1]))
     for value, limit, quantity, unit, factor in (
-        (apart, limits.apart, "distance from the plane of motion", "mm", 1e3),
-        (tilted, limits.tilted, "tilt out of the plane of motion", "°", 180 / np.pi),
+        (apart, limits.plane_distance, "distance from the plane of motion", "mm", 1e3),
+        (tilted, limits.plane_tilt, "tilt out of the plane of motion", "°", 180 / np.pi),
     ):
         if value > limit:
             return Refusal(
