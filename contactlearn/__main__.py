@@ -52,7 +52,7 @@ def _run_tool(words: list[str]) -> int:
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
-    from contactlearn.cli.configuration import explained
+    from contactlearn.cli.config_files import explained
 
     try:
         print(harmless(options.run(options)))

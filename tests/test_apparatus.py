@@ -12,7 +12,6 @@ from repetitions import crossed, repeated
 
 from contactlearn import laws
 from contactlearn.cli.commands.fitting import fit_with_effects
-from contactlearn.cli.hydra_main import compose
 from contactlearn.core.errors import DataError
 from contactlearn.data import table, tracks
 from contactlearn.data.audit.corrections import correct
@@ -22,7 +21,7 @@ from contactlearn.data.recordings.conventions import find_frame, find_gravity
 from contactlearn.data.recordings.floor import find_floor
 from contactlearn.diagnosis.events import ignore
 from contactlearn.effects import find_effect
-from contactlearn.inference.identification.joint import identify_jointly, named_parameters
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly, named_parameters
 from contactlearn.inference.identification.shared import Box
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.shapes import Disc, Ellipse, contact_point
@@ -228,9 +227,7 @@ def test_a_fit_says_whether_flight_or_the_impacts_know_better(planted, noise, sl
     scatter = noise * torch.randn(v_post.shape, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     flight = Estimate(value=slope[0], error=slope[1])
     impacts = states.replace(v_post=v_post + scatter, apparatus=replace(KNOWN, slope=flight))
-    (_, fit) = fit_with_effects(
-        compose("evaluate", ["fit.starts=2"]), model, {"t": TILT()}, impacts, torch.arange(120), ignore
-    ).values()
+    (_, fit) = fit_with_effects(model, {"t": TILT()}, impacts, torch.arange(120), FitOptions(starts=2), ignore).values()
     (known,) = fit.known_parameters()
     assert said in known_sentence(known)
     assert known.flight == flight

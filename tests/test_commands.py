@@ -16,8 +16,8 @@ import contactlearn
 from contactlearn import laws
 from contactlearn.__main__ import main
 from contactlearn.cli import hydra_main
-from contactlearn.cli.commands.results import called
-from contactlearn.cli.configuration import check_settings
+from contactlearn.cli.config_files import check_settings
+from contactlearn.cli.job import invocation
 from contactlearn.data import table
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.learning import curves
@@ -430,7 +430,7 @@ def test_every_shipped_setting_is_known(name):
 )
 def test_printed_commands_are_called_as_this_one_was(program, words, monkeypatch):
     monkeypatch.setattr("sys.argv", [program])
-    assert called("evaluate") == words
+    assert invocation("evaluate") == words
 
 
 @pytest.mark.parametrize(

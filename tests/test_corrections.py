@@ -3,9 +3,9 @@
 import pytest
 import torch
 from corruptions import CORRUPTIONS, corrupt
-from omegaconf import OmegaConf
 
-from contactlearn.cli.commands import load_data
+from contactlearn.cli.commands.loading import load_data
+from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.data import table
 from contactlearn.data.audit.consistency import torque
@@ -121,8 +121,12 @@ def test_names(drops):
 # --- Through the configuration -----------------------------------------------------------------
 
 
+FIVE = {"_target_": "contactlearn.simulation.synthetic.load", "size": 5}
+
+
 def config(path, **changes):
-    return OmegaConf.create({"_target_": "contactlearn.data.table.load", "path": str(path), "shape": None, **changes})
+    values = {"_target_": "contactlearn.data.table.load", "path": str(path), "shape": None, **changes}
+    return SourceSettings.from_values(values)
 
 
 @pytest.mark.parametrize("name", ["swapped_pre_post", "mirrored_y", "swapped_axes"])
@@ -142,20 +146,20 @@ def test_a_table_that_would_be_refused_is_corrected(tmp_path, drops, name):
 
 
 def test_every_source_can_be_corrected():
-    cfg = OmegaConf.create({"_target_": "contactlearn.simulation.synthetic.load", "size": 5, "correct": ["mirrored_x"]})
-    corrected = load_data(cfg)
+    corrected = load_data(SourceSettings.from_values({**FIVE, "correct": ["mirrored_x"]}))
     assert_equal(corrected, corrupt(synthetic.load(size=5), "mirrored_x"))
     assert corrected.source.endswith("(corrected: mirrored_x)")
-    assert cfg.correct == ["mirrored_x"]  # the configuration is as it was
 
 
 def test_configured_corrections_must_be_a_list_of_known_names():
-    cfg = OmegaConf.create({"_target_": "contactlearn.simulation.synthetic.load", "size": 5})
     with pytest.raises(UnknownNameError, match="did you mean 'mirrored_x'"):
-        load_data(OmegaConf.merge(cfg, {"correct": ["miror_x"]}))
+        load_data(SourceSettings.from_values({**FIVE, "correct": ["miror_x"]}))
     with pytest.raises(ContactLearnError, match=r"such as \[mirrored_x\]"):
-        load_data(OmegaConf.merge(cfg, {"correct": "mirrored_x"}))
-    assert load_data(OmegaConf.merge(cfg, {"correct": None})).source == "synthetic drops (wang_mason, seed 0)"
+        SourceSettings.from_values({**FIVE, "correct": "mirrored_x"})
+    assert (
+        load_data(SourceSettings.from_values({**FIVE, "correct": None})).source
+        == "synthetic drops (wang_mason, seed 0)"
+    )
 
 
 @pytest.mark.parametrize("named", [True, False], ids=["names", "no names"])

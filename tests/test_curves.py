@@ -7,8 +7,8 @@ import pytest
 import torch
 from scipy.interpolate import CubicSpline
 
-from contactlearn.cli.commands import settings
 from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import TrainSettings
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import State, catalogue, columns, find_effect
 from contactlearn.effects.functions import Spline
@@ -162,15 +162,15 @@ def test_settling_is_a_share_of_all_trials():
 def test_a_checkpoint_and_the_command_line_know_curves(tmp_path):
     impacts = _wide(60, 4)
     name = "velocity_dependent_restitution"
-    (effect,) = settings.effects(compose("train", [f"effect=[{name}]", f"effect.{name}.form=curve"])).values()
+    words = [f"effect=[{name}]", f"effect.{name}.form=curve"]
+    (effect,) = TrainSettings.from_config(compose("train", words)).effects.values()
     assert effect.id == find_effect(name, "curve").id
     model = identify_jointly(find("mirtich"), {name: effect}, impacts).model
     checkpoint.save(model, tmp_path / "model.pt", provenance={})
     again, _ = checkpoint.load(tmp_path / "model.pt")
     assert torch.equal(again.predict(impacts).v_post, model.predict(impacts).v_post)
     assert again.effects[name].knots == model.effects[name].knots
-    (given,) = settings.effects(
-        compose("train", [f"effect=[{name}]", f"effect.{name}.form=curve", f"+effect.{name}.knots=[1,2,3,4]"])
-    ).values()
+    words.append(f"+effect.{name}.knots=[1,2,3,4]")
+    (given,) = TrainSettings.from_config(compose("train", words)).effects.values()
     assert given.knots == (1, 2, 3, 4)
     assert columns(*given.values).tolist() == [0, 0, 0]

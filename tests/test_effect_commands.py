@@ -8,8 +8,8 @@ import pytest
 import torch
 from commands import ROOT, SMALL, TRAIN, run
 
-from contactlearn.cli.commands import settings
 from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import TrainSettings
 from contactlearn.core.errors import DataError
 from contactlearn.effects import EffectId, find_effect
 from contactlearn.laws import find
@@ -109,7 +109,7 @@ FORMS = {
 
 @pytest.mark.parametrize(("arguments", "form"), FORMS.values(), ids=FORMS)
 def test_a_form_is_a_setting(arguments, form):
-    (effect,) = settings.effects(compose("train", arguments)).values()
+    (effect,) = TrainSettings.from_config(compose("train", arguments)).effects.values()
     assert effect.id == EffectId("spin_damping", form)
 
 

@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 
 from contactlearn.cli import hydra_main
-from contactlearn.cli.commands import settings
 from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings
 from contactlearn.core.errors import ContactLearnError, harmless
 from contactlearn.data import table
 from contactlearn.report.results_table import write_table
@@ -113,10 +113,11 @@ def test_results_keep_the_names_as_they_are(run):
 )
 def test_names_of_settings_are_words(part, name):
     """Files, charts and columns are named by them."""
-    cfg = compose("diagnose" if part == "candidate" else "evaluate", [])
+    command, settings = ("diagnose", DiagnoseSettings) if part == "candidate" else ("evaluate", EvaluateSettings)
+    cfg = compose(command, [])
     cfg[part] = {name: {"tau": "-c*Pn", "parameters": {"c": [0, 1]}}}
     with pytest.raises(ContactLearnError, match=f"a name in {part} has 1 to 60 letters"):
-        settings.check(cfg)
+        settings.from_config(cfg)
 
 
 def test_cells_of_tables_are_no_markup(capsys, monkeypatch):

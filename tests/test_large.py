@@ -12,6 +12,7 @@ from pyarrow import parquet
 
 from contactlearn.cli.commands import loading
 from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import blocks as blocks_module
 from contactlearn.data import table
@@ -115,11 +116,11 @@ def test_corrections_go_block_by_block_or_are_made_in_memory(drops, small_blocks
 
     def loaded(*names):
         words = ["data=table", f"data.path={path}", f"data.correct=[{','.join(names)}]"]
-        return loading.load_blocks(compose("evaluate", words).data)
+        return loading.load_blocks(SourceSettings.from_config(compose("evaluate", words)))
 
     assert len([*loaded("mirrored_x", "mirrored_theta").read()]) == 7
     assert loaded("drop_duplicates").trials == 230
-    monkeypatch.setattr("contactlearn.cli.commands.means.available_memory", lambda: 1000.0)
+    monkeypatch.setattr("contactlearn.cli.resource_limits.available_memory", lambda: 1000.0)
     with pytest.raises(ContactLearnError, match=r"drop_duplicates\] looks at all trials of .* are free"):
         loaded("drop_duplicates")
 
@@ -260,7 +261,7 @@ def test_a_parquet_file_is_not_kept_while_it_is_read(tmp_path):
 
 
 def test_a_training_larger_than_memory_is_made_smaller(drops, tmp_path, monkeypatch):
-    monkeypatch.setattr("contactlearn.cli.commands.means.available_memory", lambda: 50 * 8000.0)
+    monkeypatch.setattr("contactlearn.cli.resource_limits.available_memory", lambda: 50 * 8000.0)
     path = table.save(drops, tmp_path / "drops.parquet")
     words = ("data=table", f"data.path={path}", "train.size=150", "train.repetitions=2", "bootstrap=40")
     assert "50 trials are used" in run("train.py", *words, f"hydra.run.dir={tmp_path / 'out'}")

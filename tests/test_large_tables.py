@@ -8,7 +8,6 @@ import torch
 from diagnoses import ERROR, few, made_up, provenance_of
 from observers import RecordingObserver
 
-from contactlearn.cli.commands.parts import forget
 from contactlearn.data.audit.consistency import repeated
 from contactlearn.diagnosis.events import SubsampleStarted, ignore
 from contactlearn.diagnosis.pipeline import diagnose
@@ -139,8 +138,6 @@ def test_a_stopped_run_goes_on_behind_its_finished_subsamples(many, tmp_path):
     (tmp_path / "parts" / "150" / "record.npz").write_bytes(b"half")  # what cannot be read is made again
     grown(table, answering(["mirtich"], asked), **resumed)
     assert asked == [300, 150]
-    forget(tmp_path / "parts")
-    assert not (tmp_path / "parts").exists()
 
 
 # Answer

@@ -13,7 +13,7 @@ from commands import run
 from omegaconf import OmegaConf
 
 from contactlearn.cli import hydra_main
-from contactlearn.cli.sweeps.resources import GIB, jobs_at_a_time
+from contactlearn.cli.resource_limits import GIB, jobs_at_a_time
 from contactlearn.cli.sweeps.sweep import _limit
 from contactlearn.core.errors import installing
 

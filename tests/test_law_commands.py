@@ -11,12 +11,12 @@ from commands import ROOT, SMALL, TRAIN, run
 from test_new_parts import LAW
 
 from contactlearn import laws
-from contactlearn.cli.commands.laws import chosen_law, compared_laws
-from contactlearn.cli.commands.settings import check
 from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings, TrainSettings
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.models import checkpoint
 
+SETTINGS = {"train": TrainSettings, "evaluate": EvaluateSettings, "diagnose": DiagnoseSettings}
 CHOSEN = ("law._target_=bumpy.BumpyFloor", "+law.share=0.5")
 
 
@@ -82,20 +82,20 @@ ERRORS = {
 @pytest.mark.parametrize(("command", "words", "message"), ERRORS.values(), ids=ERRORS)
 def test_what_is_no_law_is_refused(command, words, message):
     with pytest.raises(ContactLearnError, match=re.escape(message)):
-        check(compose(command, words))
+        SETTINGS[command].from_config(compose(command, words))
 
 
 def test_variants_and_options():
     """A name of the configuration's own file, and a law in full or by name, in any variant."""
-    cfg = compose(
-        "evaluate", ["law=chatterjee_ruina", "law.e_t=0.3", "laws=[mirtich,wang_mason]", "variant=fazeli2017"]
-    )
-    law, laws = chosen_law(cfg), compared_laws(cfg)
+    words = ["law=chatterjee_ruina", "law.e_t=0.3", "laws=[mirtich,wang_mason]", "variant=fazeli2017"]
+    settings = EvaluateSettings.from_config(compose("evaluate", words))
+    law, laws = settings.law, settings.laws
     assert (law.name, law.variant, law.options) == ("chatterjee_ruina", "textbook", {"e_t": 0.3})
     assert [(one.name, one.variant, one.options) for one in laws.values()] == [
         ("mirtich", "fazeli2017", {}),
         ("wang_mason", "textbook", {}),  # the authors computed the textbook's
         ("chatterjee_ruina", "textbook", {"e_t": 0.3}),
     ]
-    assert type(chosen_law(compose("train", ["law=mirtich", "variant=fazeli2017"]))).__name__ == "MirtichFazeli2017"
-    assert chosen_law(compose("diagnose", [])) is None
+    train = TrainSettings.from_config(compose("train", ["law=mirtich", "variant=fazeli2017"]))
+    assert type(train.law).__name__ == "MirtichFazeli2017"
+    assert DiagnoseSettings.from_config(compose("diagnose", [])).law is None

@@ -47,11 +47,12 @@ NEW = {
 }
 ENTRIES = "[contactlearn.effects]\nspin_loss = spin_loss:SpinLoss\n[contactlearn.laws]\nbumpy = bumpy\n"
 CATALOGUES = """
-from contactlearn.cli.commands.laws import compared_laws
 from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.effects import catalogue
 
-print(*compared_laws(compose('evaluate', ['laws=[bumpy_floor,mirtich]'])), 'spin_loss' in catalogue())
+settings = EvaluateSettings.from_config(compose('evaluate', ['laws=[bumpy_floor,mirtich]']))
+print(*settings.laws, 'spin_loss' in catalogue())
 """
 
 

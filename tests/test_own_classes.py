@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from contactlearn.cli.commands.laws import law_of
-from contactlearn.cli.commands.own import in_one_line, try_effect, try_law
+from contactlearn.cli.own import in_one_line, try_effect, try_law
+from contactlearn.cli.settings import law_of
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import Effect, catalogue, columns, parameter
 from contactlearn.laws import Law, find, names

@@ -19,6 +19,7 @@ from test_report_page import HOSTILE, data_of, draw_everything, into_view, opene
 
 from contactlearn.cli.commands.loading import load_data
 from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import tracks
 from contactlearn.data.recordings.result import Reason
@@ -164,9 +165,10 @@ def test_the_command_writes_the_page(takes, tmp_path):
 
 
 def settings(takes, *more):
-    """The `data` part of a configuration."""
+    """The settings of a source."""
     shape = f"data.shape={{kind:ellipse,semi_axes:[{SEMI_AXES[0]},{SEMI_AXES[1]}]}}"
-    return compose("evaluate", ["data=tracks", f"data.path={takes}", f"data.mass={MASS}", shape, *more]).data
+    words = ["data=tracks", f"data.path={takes}", f"data.mass={MASS}", shape, *more]
+    return SourceSettings.from_config(compose("evaluate", words))
 
 
 def test_a_run_leaves_the_page_in_its_folder(takes, found, tmp_path):

@@ -17,10 +17,11 @@ from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from repetitions import repeated
 
 from contactlearn.cli import hydra_main
-from contactlearn.cli.commands import job as door
+from contactlearn.cli import job as door
+from contactlearn.cli.resource_limits import GIB, available_memory, jobs_at_a_time
+from contactlearn.cli.settings import TrainSettings
 from contactlearn.cli.sweeps.identity import code_version, data_fingerprint, job_identity
 from contactlearn.cli.sweeps.jobs import Job
-from contactlearn.cli.sweeps.resources import GIB, available_memory, jobs_at_a_time
 from contactlearn.cli.sweeps.rounds import run_jobs
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.results import folder as results
@@ -134,12 +135,13 @@ def test_a_failing_job_stops_no_other(tmp_path):
 def test_an_unexpected_failure_stops_no_other(tmp_path):
     """And leaves its place in the program; the next call runs it again."""
     words = ("-m", *SMALL, "train.size=10,20", f"hydra.sweep.dir={tmp_path}")
-    with patch("contactlearn.cli.commands.train.settings.check", side_effect=[ZeroDivisionError("by chance"), None]):
+    one = TrainSettings.from_config(hydra_main.compose("train", [*SMALL, "train.size=20"]))
+    with patch.object(TrainSettings, "from_config", side_effect=[ZeroDivisionError("by chance"), one]):
         printed = run("train.py", *words, status=1)
     assert "1 finished, 1 failed" in printed
     assert "failed   train.size=10: ZeroDivisionError: by chance" in printed
     (failed,) = tmp_path.glob("train.size=10-*")
-    assert "settings.check" in json.loads((failed / FAILED).read_text())["traceback"]
+    assert "from_config" in json.loads((failed / FAILED).read_text())["traceback"]
     assert "2 finished" in run("train.py", *words)
     assert not list(tmp_path.glob(f"*/{FAILED}"))
 
@@ -389,7 +391,7 @@ def test_other_sweepers_lose_nothing(tmp_path):
 
 
 def test_interrupted_runs_leave_no_folder(tmp_path):
-    with patch("contactlearn.cli.commands.train.settings.check", side_effect=KeyboardInterrupt):
+    with patch("contactlearn.cli.commands.train.loading.split", side_effect=KeyboardInterrupt):
         assert "stopped" in run("train.py", *SMALL, cwd=tmp_path, status=130)
     assert list(tmp_path.iterdir()) == []
 
@@ -489,12 +491,12 @@ def test_reasons_are_one_line(error, said):
 
 
 def test_no_more_jobs_than_memory_allows():
-    with patch("contactlearn.cli.sweeps.resources.available_memory", return_value=5.5 * GIB):
+    with patch("contactlearn.cli.resource_limits.available_memory", return_value=5.5 * GIB):
         assert jobs_at_a_time(8, 2) == 2
         assert jobs_at_a_time(1, 2) == 1
         assert jobs_at_a_time(8, 100) == 1
         assert jobs_at_a_time(-1, 0.001) == len(os.sched_getaffinity(0))
-    with patch("contactlearn.cli.sweeps.resources.available_memory", return_value=None):
+    with patch("contactlearn.cli.resource_limits.available_memory", return_value=None):
         assert jobs_at_a_time(8, 2) == 8
 
 
@@ -502,7 +504,7 @@ def test_available_memory(tmp_path):
     assert 0 < available_memory() < 2**50
     (tmp_path / "memory.max").write_text(str(3 * GIB))
     (tmp_path / "memory.current").write_text(str(GIB))
-    with patch("contactlearn.cli.sweeps.resources._CGROUP", tmp_path):
+    with patch("contactlearn.cli.resource_limits._CGROUP", tmp_path):
         assert available_memory() <= 2 * GIB
         (tmp_path / "memory.max").write_text("max\n")
         assert available_memory() > 0

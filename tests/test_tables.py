@@ -13,9 +13,10 @@ from commands import run
 from corruptions import corrupt
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from omegaconf import OmegaConf
 
-from contactlearn.cli.commands import load_data, loading
+from contactlearn.cli.commands import loading
+from contactlearn.cli.commands.loading import load_data
+from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data import table
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
@@ -175,7 +176,7 @@ def test_further_columns_are_not_used_and_named(tmp_path, drops, capsys):
     assert found.unused == ("friction", "", "temperature")
     assert found.impacts.incomplete == ()
     assert_close(found.impacts, drops)
-    load_data(OmegaConf.create({"_target_": "contactlearn.data.table.load", "path": str(path)}))
+    load_data(SourceSettings(target="contactlearn.data.table.load", options={"path": str(path)}))
     assert capsys.readouterr().out == "columns not used: friction, '', temperature\n"
 
 
@@ -183,7 +184,7 @@ def test_further_columns_are_not_used_and_named(tmp_path, drops, capsys):
 def test_a_table_of_our_own_uses_and_computes_everything(tmp_path, drops, capsys, suffix):
     path = table.save(drops, tmp_path / f"drops{suffix}")
     assert (table.read(path, shape=SHAPE).unused, table.read(path, shape=SHAPE).computed) == ((), ())
-    load_data(OmegaConf.create({"_target_": "contactlearn.data.table.load", "path": str(path)}))
+    load_data(SourceSettings(target="contactlearn.data.table.load", options={"path": str(path)}))
     assert capsys.readouterr().out == ""
 
 
@@ -291,7 +292,7 @@ def test_computed_contact_points_follow_corrections(tmp_path, drops, names):
     columns = {name: values for name, values in columns_of(wrong).items() if name not in ("rx", "ry")}
     path = written(tmp_path / "own.csv", columns)
     cfg = {"_target_": "contactlearn.data.table.load", "path": str(path), "shape": SHAPE, "correct": names}
-    corrected = load_data(OmegaConf.create(cfg))
+    corrected = load_data(SourceSettings.from_values(cfg))
     assert (corrected.validate, corrected.source) == (True, f"{path} (corrected: {', '.join(names)})")
     torch.testing.assert_close(corrected.inertia, drops.inertia, rtol=0.05, atol=0)
     torch.testing.assert_close(corrected.r, drops.r, rtol=1e-9, atol=1e-12)

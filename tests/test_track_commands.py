@@ -11,6 +11,7 @@ from commands import run
 
 from contactlearn.cli.commands.loading import load_data
 from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data import table, tracks
 from contactlearn.data.recordings.result import Reason
@@ -198,12 +199,13 @@ def test_refusals_name_settings_as_the_command_has_them(tmp_path, plain):
 
 def test_the_sources_compose(tmp_path, plain):
     overrides = ["data=tracks_synthetic", "data.size=4", f"data.folder={tmp_path / 'drops'}", "data.lost=0.02"]
-    impacts = load_data(compose("evaluate", overrides).data)
+    impacts = load_data(SourceSettings.from_config(compose("evaluate", overrides)))
     assert impacts.v_post_cov is not None
     path, found = plain
     words = ["data=tracks", f"data.path={path}", f"data.mass={MASS}"]
     words += [f"data.shape={{kind:ellipse,semi_axes:[{SEMI_AXES[0]},{SEMI_AXES[1]}]}}"]
-    assert load_data(compose("evaluate", words).data).fingerprint() == found.impacts.fingerprint()
+    impacts = load_data(SourceSettings.from_config(compose("evaluate", words)))
+    assert impacts.fingerprint() == found.impacts.fingerprint()
 
 
 def test_settings_of_simulated_recordings_are_checked(tmp_path):

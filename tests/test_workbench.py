@@ -129,10 +129,10 @@ def test_a_line_is_the_effect_of_the_command(session, models):
     effect = lines.effect_of(LINE)
     assert effect.equation == "τ ← τ + (-c*rx*Pn)"
     words = [*session.data, *lines.overrides(LINE, "mine")]
-    from contactlearn.cli.commands.settings import effects
     from contactlearn.cli.hydra_main import compose
+    from contactlearn.cli.settings import EvaluateSettings
 
-    assert effects(compose("evaluate", words))["mine"].options == effect.options
+    assert EvaluateSettings.from_config(compose("evaluate", words)).effects["mine"].options == effect.options
 
 
 @pytest.mark.parametrize(

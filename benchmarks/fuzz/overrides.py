@@ -13,13 +13,14 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from contactlearn.cli.commands import settings
-from contactlearn.cli.configuration import CONFIGS, check_choices, check_settings, explained
-from contactlearn.cli.trust import check_targets, readable_words
+from contactlearn.cli.config_files import CONFIGS, check_choices, check_settings, explained
+from contactlearn.cli.config_security import check_targets, readable_words
+from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings, TrainSettings
 from contactlearn.core.errors import ContactLearnError
 from fuzz.target import Target
 
-COMMANDS = ("train", "evaluate", "diagnose")
+SETTINGS = {"train": TrainSettings, "evaluate": EvaluateSettings, "diagnose": DiagnoseSettings}
+COMMANDS = tuple(SETTINGS)
 WORDS = (
     "evaluate\ntrain.size=50\nmodel=[x1_wrench]",
     "train\neffect=[surface_tilt,spin_damping]\neffect.spin_damping.form=during",
@@ -43,8 +44,7 @@ def read(content: bytes) -> None:
             cfg = composed(command, words)
         check_settings(cfg, command)
         check_targets(cfg, words)
-        settings.check(cfg)
-        settings.effects(cfg)
+        SETTINGS[command].from_config(cfg)
     except (HydraException, OmegaConfBaseException) as error:
         said = explained(error, command, words)
         if not said or "\n" in said:

@@ -24,8 +24,8 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from contactlearn.cli.configuration import CONFIGS, check_choices, check_settings, choices, explained
-from contactlearn.cli.trust import check_targets, nothing_foreign, readable_words
+from contactlearn.cli.config_files import CONFIGS, check_choices, check_settings, choices, explained
+from contactlearn.cli.config_security import check_targets, nothing_foreign, readable_words
 from contactlearn.core.errors import ContactLearnError, harmless
 from contactlearn.core.signals import defer_interrupts, graceful_exit
 
@@ -38,30 +38,31 @@ _WIDTH = 80  # columns of help
 _FULL = "HYDRA_FULL_ERROR"
 
 
-def _run(job: Callable[[DictConfig], None], cfg: DictConfig) -> None:
-    """Run a job in its folder; an error that the user can mend is one message and exit status 2."""
+def _run(command: str, cfg: DictConfig) -> None:
+    """Run a command in its folder; an error that the user can mend is one message and exit status 2."""
     import torch
     from threadpoolctl import threadpool_limits
 
-    from contactlearn.cli.commands.job import run_job
+    from contactlearn.cli.job import run_job
 
     # The tensors here are small: threads cost more than they give, and sweeps run jobs side by side.
-    if isinstance(cfg.threads, int) and cfg.threads > 0:  # settings.check refuses anything else
+    if isinstance(cfg.threads, int) and cfg.threads > 0:  # anything else is refused with the other settings
         torch.set_num_threads(cfg.threads)
         threadpool_limits(cfg.threads)  # the BLAS of NumPy and SciPy
-    logging.getLogger("fontTools").setLevel(logging.WARNING)  # it tells of every glyph that a PDF embeds
+    logging.getLogger("fontTools").setLevel(logging.WARNING)  # it reports every glyph that a PDF embeds
+    sweeping = HydraConfig.get().mode == RunMode.MULTIRUN
     try:
-        run_job(job, cfg)
+        run_job(command, _load_commands().COMMANDS[command], cfg)
     except ContactLearnError as error:
-        if HydraConfig.get().mode == RunMode.MULTIRUN:  # the sweep lists it at its end
+        if sweeping:  # the sweep lists it at its end
             raise
         _end(f"error: {error}", 2)
-    if HydraConfig.get().mode == RunMode.MULTIRUN:
-        _settle()
+    if sweeping:
+        _freeze_loaded()
 
 
 @functools.cache
-def _settle() -> None:
+def _freeze_loaded() -> None:
     """After the first job of a sweep, let collections of garbage pass over what it has loaded; joblib makes many.
 
     None is made here: Ctrl-C in the midst of one can be lost.
@@ -70,7 +71,7 @@ def _settle() -> None:
 
 
 @functools.cache
-def _app() -> ModuleType:
+def _load_commands() -> ModuleType:
     """Load the commands without collections of garbage, each of which would pass over all that is loaded so far."""
     gc.disable()
     try:
@@ -123,7 +124,7 @@ def _said(error: Exception, command: str) -> str:
         return str(error)
     if isinstance(error, HydraException | OmegaConfBaseException):
         return explained(error, command, sys.argv)
-    from contactlearn.cli.commands.job import reason
+    from contactlearn.cli.job import reason
 
     return reason(error)
 
@@ -159,19 +160,19 @@ def _folded(line: str) -> str:
 @_command
 def train(cfg: DictConfig) -> None:
     """Train one model."""
-    _run(_app().train, cfg)
+    _run("train", cfg)
 
 
 @_command
 def evaluate(cfg: DictConfig) -> None:
     """Compare laws and learned models with the bounds."""
-    _run(_app().evaluate, cfg)
+    _run("evaluate", cfg)
 
 
 @_command
 def diagnose(cfg: DictConfig) -> None:
     """Find out which physical effect is missing."""
-    _run(_app().diagnose, cfg)
+    _run("diagnose", cfg)
 
 
 def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool = False) -> DictConfig:

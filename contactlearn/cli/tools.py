@@ -12,42 +12,52 @@ from typing import TYPE_CHECKING
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 
 if TYPE_CHECKING:
-    from omegaconf import DictConfig
+    from contactlearn.cli.settings import SourceSettings
 
 
-def _data(command: str, words: Sequence[str]) -> "DictConfig":
-    """The `data` part of the configuration that words compose; a setting of anything else would do nothing."""
+def _source(command: str, words: Sequence[str], path: str | None = None) -> "SourceSettings":
+    """The source that words choose, and its file; a setting of anything else would do nothing."""
     from contactlearn.cli.hydra_main import compose
+    from contactlearn.cli.settings import SourceSettings
 
     cfg = compose("evaluate", list(words))
     for word in words:
         if word.lstrip("+~").partition("=")[0].partition(".")[0] != "data":
             raise ContactLearnError(f"{command} takes data=… and data.KEY=… alone, got {word}")
-    return cfg.data
+    if path is not None:
+        cfg.data.path = path
+    return SourceSettings.from_config(cfg)
 
 
 def run_audit(options: argparse.Namespace) -> str:
-    """Return the findings of the audit of a table or of any data source."""
+    """Return the findings of the audit of a table or of any data source, and the setting that corrects them."""
     from pathlib import Path
 
-    from contactlearn.cli.commands.audit import audit_text
+    from contactlearn.cli.commands.loading import load_data
+    from contactlearn.data.audit.findings import audit
+    from contactlearn.report.text import sentence, stages
 
     files = [word for word in options.words if "=" not in word or Path(word).is_file()]
     if len(files) > 1:
         raise ContactLearnError(f"one table is audited at a time, got {', '.join(files)}")
-    source = ["data=table"] if files else []
-    cfg = _data("audit", [*source, *(word for word in options.words if word not in files)])
-    if files:
-        cfg.path = files[0]
-    return audit_text(cfg)
+    words = [word for word in options.words if word not in files]
+    source = _source("audit", ["data=table", *words], path=files[0]) if files else _source("audit", words)
+    impacts = load_data(source, validate=False)
+    findings = audit(impacts)
+    lines = [f"{impacts.source}: {len(impacts)} impacts"]
+    lines += [f"{'wrong' if finding.mistake else 'note'}: {sentence(finding.sentence)}" for finding in findings]
+    lines += [] if findings else [f"note: {stages.CONSISTENT}"]
+    setting = stages.correct_setting(source.corrections, findings)
+    lines += [f"to correct it: {setting} on any command"] if setting else []
+    return "\n".join(lines).replace("\u00a0", " ")
 
 
 def run_export(options: argparse.Namespace) -> str:
     """Write a data source to a table; say so."""
-    from contactlearn.cli.commands import load_data
+    from contactlearn.cli.commands.loading import load_data
     from contactlearn.data import table
 
-    impacts = load_data(_data("export", options.overrides))
+    impacts = load_data(_source("export", options.overrides))
     path = table.save(impacts, options.file)
     return f"{len(impacts)} impacts from {impacts.source} written to {path}"
 
@@ -60,8 +70,9 @@ def run_impacts(options: argparse.Namespace) -> str:
     from omegaconf.errors import OmegaConfBaseException
 
     from contactlearn.cli.commands.impacts import own_names, write_impacts
-    from contactlearn.cli.configuration import explained
+    from contactlearn.cli.config_files import explained
     from contactlearn.cli.hydra_main import compose
+    from contactlearn.cli.settings import SourceSettings
 
     every = [*map(str, compose("evaluate", ["data=tracks"]).data)]
     known = [name for name in every if name not in ("_target_", "path", "correct")]  # which come otherwise, or later
@@ -71,11 +82,11 @@ def run_impacts(options: argparse.Namespace) -> str:
         if name not in known:
             raise UnknownNameError("setting of impacts", name, known)
     try:
-        data = compose("evaluate", ["data=tracks", *words]).data
+        cfg = compose("evaluate", ["data=tracks", *words])
     except (HydraException, OmegaConfBaseException) as error:
         raise ContactLearnError(own_names(explained(error, "evaluate", words), every)) from None
-    data.path = options.path
-    return write_impacts(data, Path(options.out))
+    cfg.data.path = options.path
+    return write_impacts(SourceSettings.from_config(cfg), Path(options.out))
 
 
 def run_reveal(options: argparse.Namespace) -> str:

@@ -10,8 +10,8 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from contactlearn.cli.commands.plain import plain_values
 from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import plain_values
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import is_number
 from contactlearn.effects import Effect, EffectId, find_effect, from_settings

@@ -17,6 +17,7 @@ from torch import Tensor
 from contactlearn import laws
 from contactlearn.cli.commands.loading import Split, load_data, split
 from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import EvaluateSettings, SourceSettings
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.diagnosis.error_budget import NoiseFloor, noise_floor
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
@@ -100,7 +101,7 @@ class Models:
         """
         with self._composing:
             cfg = compose("evaluate", list(session.data))
-        return load_data(cfg.data, validate=False)
+        return load_data(SourceSettings.from_config(cfg), validate=False)
 
     def fingerprint(self, session: Session) -> str:
         """Return the hash of the data of a session, and the body's shape, which the data alone do not have."""
@@ -179,7 +180,7 @@ class Models:
     def _load(self, session: Session) -> Split:
         with self._composing:
             cfg = compose("evaluate", [*session.data, f"seed={session.seed}", "train.size=2", "model=[]"])
-        return split(cfg)
+        return split(EvaluateSettings.from_config(cfg).split)
 
 
 def held_out(test: Impacts, prediction: Prediction) -> Interval:

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import torch
 
-from contactlearn.cli.commands.settings import recipes_around
-from contactlearn.cli.configuration import CONFIGS, choices
+from contactlearn.cli.config_files import CONFIGS, choices
 from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.inference.learning.curves import nested_orders
@@ -57,7 +57,7 @@ def learned_steps(models: Models, session: Session) -> Iterator[StudyStep]:
     """Train every learned model on the training part, those with a law around the model of the session."""
     data, fitted = models.split(session), models.fitted(session)
     names = ",".join(choices(Path(CONFIGS, "model")))
-    recipes = recipes_around(compose("evaluate", [*words_of(session), f"model=[{names}]"]))
+    recipes = EvaluateSettings.from_config(compose("evaluate", [*words_of(session), f"model=[{names}]"])).learnable
     found: dict[str, Points] = {}
     for done, (name, recipe) in enumerate(recipes.items()):
         yield StudyStep(done=done, total=len(recipes), errors=dict(found))

@@ -1,24 +1,31 @@
-"""Commands, from a composed configuration to a run folder: compute, write the typed result, then show it.
+"""Commands, from typed settings to a run folder: compute, write the typed result, then show it.
 
-    plain      a configuration's parts as plain values
-    settings   checks of a configuration, and the laws, effects and models that it names
     loading    data and their split
-    fitting    fits that several commands ask for
-    results    fits as the types of `contactlearn.results`, the run folder and provenance
+    fitting    fits that several commands make
+    results    fits as the types of `contactlearn.results`, and provenance
     record     TensorBoard, card and figures of a result
     train      one model from one random subset
-    evaluate   laws and learned models beside the bounds; `curves` has the learning curves
+    evaluate   laws and learned models beside the bounds; `curves` has the learning curves, `evaluation_record` figures
     transfer   a trained model on other bodies
     diagnose   the missing effects
-    audit      mistakes in the measurements alone
+    impacts    recordings to a table of impacts
 
 A run folder holds the configuration (`.hydra/`), results.json or diagnosis.json, tables, figures as PNG and PDF,
-metrics.jsonl and TensorBoard's events.  These modules alone know the configuration's shape.
+metrics.jsonl and TensorBoard's events.
 """
 
-from contactlearn.cli.commands.diagnose import diagnose
-from contactlearn.cli.commands.evaluate import evaluate
-from contactlearn.cli.commands.loading import load_data
-from contactlearn.cli.commands.train import train
+from collections.abc import Callable, Mapping
+from functools import partial
 
-__all__ = ["diagnose", "evaluate", "load_data", "train"]
+from omegaconf import DictConfig
+
+from contactlearn.cli.commands import diagnose, evaluate, train
+from contactlearn.cli.job import Run
+from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings, TrainSettings
+
+COMMANDS: Mapping[str, Callable[[DictConfig], Callable[[Run], None]]] = {
+    "train": lambda cfg: partial(train.train, TrainSettings.from_config(cfg)),
+    "evaluate": lambda cfg: partial(evaluate.evaluate, EvaluateSettings.from_config(cfg)),
+    "diagnose": lambda cfg: partial(diagnose.diagnose, DiagnoseSettings.from_config(cfg)),
+}
+"""By name: each parses a composed configuration, and returns what runs in a folder."""

@@ -1,24 +1,28 @@
-"""Fits that several commands ask for, with the options of a configuration."""
+"""Fits that several commands make: laws alone and with effects, cost surfaces, and the models of an evaluation."""
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float, Int
-from omegaconf import DictConfig
 from torch import Tensor
 
-from contactlearn.cli.commands import settings
-from contactlearn.cli.commands.means import FITTED
+from contactlearn.cli.commands.loading import Split
+from contactlearn.cli.resource_limits import FITTED
+from contactlearn.cli.settings import EvaluateSettings, IdentificationSettings
+from contactlearn.core.devices import moved
 from contactlearn.data.blocks import sampled
 from contactlearn.diagnosis.events import OnEvent, track
 from contactlearn.effects import Effect
+from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.identification import shared
-from contactlearn.inference.identification.joint import JointFit, identify_jointly
+from contactlearn.inference.identification.joint import FitOptions, JointFit, identify_jointly
+from contactlearn.inference.identification.per_trial import TrialFit, identify_trials
 from contactlearn.inference.identification.shared import SharedFit
 from contactlearn.laws import Law
-from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.results.evaluation import BEST_POST_HOC, IRB
 
 _DRAWN = 5_000  # trials of a cost surface
 
@@ -35,56 +39,55 @@ class CostSurface:
 
 
 def identify_law(
-    cfg: DictConfig,
     law: Law,
     pool: Impacts,
+    settings: IdentificationSettings,
     generator: torch.Generator,
     on_event: OnEvent,
     *,
-    sizes: Sequence[int] | None = None,
+    sizes: Sequence[int],
     repetitions: int | None = None,
     orders: Int[Tensor, "m n"] | None = None,
 ) -> SharedFit:
-    """Identify the shared (μ, ε) of a law.
+    """Identify the shared (μ, ε) of a law on random subsets.
 
     Args:
-        cfg: the configuration.
         law: with any μ and ε.
         pool: the trials to draw subsets from.
+        settings: compared impulse, limits and number of subsets.
         generator: source of the subsets.
         on_event: receives the progress.
-        sizes: of the subsets; `train.size` if None, but at most `FITTED`.
-        repetitions: number of subsets; `train.repetitions` if None.
+        sizes: of the subsets.
+        repetitions: number of subsets, if it is not that of the settings.
         orders: of the pool's trials, the subsets being the first of each; drawn if None.
     """
-    sizes = (min(cfg.train.size, FITTED),) if sizes is None else sizes
     verb = "converging" if len(sizes) > 1 else "identifying"
     return shared.identify(
         law,
         pool,
         sizes=sizes,
-        repetitions=cfg.train.repetitions if repetitions is None else repetitions,
+        repetitions=settings.repetitions if repetitions is None else repetitions,
         orders=orders,
         generator=generator,
-        target=cfg.train.target,
-        box=settings.box(cfg),
+        target=settings.target,
+        box=settings.box,
         progress=lambda blocks: track(blocks, f"{verb} {law.name}", on_event),
     )
 
 
 def fit_with_effects(
-    cfg: DictConfig,
     law: Law,
     effects: Mapping[str, Effect],
     impacts: Impacts,
     rows: Int[Tensor, "*subsets n"],
+    options: FitOptions,
     on_event: OnEvent,
 ) -> dict[str, JointFit]:
     """Fit the law alone and with its effects, by name, both to the same trials in the same way.
 
     Where flight limits a parameter the fit to the impacts alone stands beside.
     """
-    fits, options = {}, settings.fit_options(cfg)
+    fits = {}
     for chosen in track(({}, effects), f"fitting {law.name} and its effects", on_event):
         fit = identify_jointly(law, chosen, impacts, rows, options=options)
         if any(p.prior_from_flight for p in fit.parameters):
@@ -99,22 +102,50 @@ def augmented_name(law: str, effects: Iterable[str]) -> str:
     return " + ".join((law, *effects))
 
 
-def law_surface(cfg: DictConfig, law: Law, pool: Impacts) -> CostSurface:
+def law_surface(law: Law, pool: Impacts, settings: IdentificationSettings) -> CostSurface:
     """Evaluate the cost of a law over the whole box, and find its minimum, on the pool or a random sample of it."""
-    mu, eps = settings.box(cfg).axes()
+    box, target = settings.box, settings.target
+    mu, eps = box.axes()
     pool = pool[sampled(torch.ones(len(pool), dtype=torch.bool), _DRAWN)]
-    least = shared.identify(
-        law, pool, sizes=(len(pool),), repetitions=1, box=settings.box(cfg), target=cfg.train.target
-    )
-    cost = shared.cost_surface(law, pool, mu, eps, target=cfg.train.target)
+    least = shared.identify(law, pool, sizes=(len(pool),), repetitions=1, box=box, target=target)
+    cost = shared.cost_surface(law, pool, mu, eps, target=target)
     return CostSurface(law=law, mu=mu, eps=eps, cost=cost, minimum=least.mean())
 
 
-def workers(cfg: DictConfig) -> int:
-    """Return the number of processes to train in: as asked for, or one for each core that this process may use.
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """Fits to the pool, (μ, ε) of single trials by law, the norm of the bounds, and the device that computes them."""
 
-    On a GPU it is one, this process itself.
-    """
-    if cfg.workers is not None or settings.device(cfg).type != "cpu":
-        return cfg.workers or 1
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    fits: tuple[SharedFit, ...]
+    joint: Mapping[str, JointFit]
+    trials: Mapping[str, TrialFit]
+    norm: str
+    device: torch.device
+
+    def predict(self, trials: Impacts) -> dict[str, Prediction]:
+        """Predict impacts with every model and bound, by name; computed on the device, and taken back."""
+        impacts = moved(trials, self.device)
+        found = {fit.law.name: ContactModel(fit.to_law()).predict(impacts) for fit in self.fits}
+        best, _ = bounds.best_post_hoc(impacts, found, self.norm)
+        found |= {BEST_POST_HOC: best, IRB: bounds.irb(impacts, self.norm)}
+        return moved(found | {name: fit.model.predict(impacts) for name, fit in self.joint.items()}, "cpu")
+
+
+def compare_models(settings: EvaluateSettings, data: Split, on_event: OnEvent) -> Comparison:
+    """Fit the laws to the pool, and `law` with the effects if there are any; and every law to every trial."""
+    device, how, laws = settings.device, settings.identification, settings.laws
+    pool, impacts = moved(data.pool, device), moved(data.impacts, device)
+    sizes = (min(data.train_size, FITTED),)
+    fits = tuple(identify_law(law, pool, how, data.generator, on_event, sizes=sizes) for law in laws.values())
+    joint: dict[str, JointFit] = {}
+    if settings.effects:
+        rows = torch.arange(len(pool))
+        found = fit_with_effects(settings.law, settings.effects, pool, rows, settings.fit, on_event)
+        joint = {f"{name} (joint)" if name in laws else name: fit for name, fit in found.items()}
+    shown = settings.figures.parameters
+    every = {**laws, shown.name: shown}
+    trials = {
+        name: identify_trials(law, impacts, target=how.target, box=how.box)
+        for name, law in track(every.items(), "every trial", on_event)
+    }
+    return Comparison(fits=fits, joint=joint, trials=trials, norm=settings.norm, device=device)

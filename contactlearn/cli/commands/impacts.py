@@ -6,9 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
-from omegaconf import DictConfig, OmegaConf
 
-from contactlearn.cli.commands.plain import plain_values
+from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import written_whole
 from contactlearn.data import table, tracks
@@ -25,13 +24,13 @@ _CONTACTS, _REFUSED = 3, 24  # recordings that are drawn
 _LONGEST = 60  # characters of a recording's name in the name of a file
 
 
-def write_impacts(cfg: DictConfig, out: Path) -> str:
+def write_impacts(source: SourceSettings, out: Path) -> str:
     """Find the impacts of recordings and write them; return what was found, in words.
 
     Settings are named as this command has them, without `data.`.
 
     Args:
-        cfg: the `data` part of a configuration with data=tracks.
+        source: `data` of a configuration with data=tracks.
         out: a .csv or .parquet file; NAME.refused.csv beside it holds the refusals, NAME.recordings.html shows all.
 
     Raises:
@@ -39,9 +38,9 @@ def write_impacts(cfg: DictConfig, out: Path) -> str:
         DataError: see `contactlearn.data.tracks.find_impacts`; or a file cannot be written.
     """
     try:
-        return _written(cfg, out)
+        return _written(source, out)
     except ContactLearnError as error:
-        error.args = (own_names(str(error), map(str, cfg)),)
+        error.args = (own_names(str(error), source.options),)
         raise
 
 
@@ -50,16 +49,16 @@ def own_names(text: str, settings: Iterable[str]) -> str:
     return re.sub(rf"(?<![\w./])data\.(?=(?:{'|'.join(settings)})\b)", "", text)
 
 
-def _written(cfg: DictConfig, out: Path) -> str:
-    """What `write_impacts` does and says; errors have the names of any other command."""
-    for missing in sorted(OmegaConf.missing_keys(cfg)):
+def _written(source: SourceSettings, out: Path) -> str:
+    """Do what `write_impacts` does; errors have the names of any other command."""
+    for missing in source.missing:
         raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data/tracks.yaml")
     table.check_suffix(out)
-    entries = plain_values(cfg)
+    entries = dict(source.options)
     body = {name: entries.pop(name) for name in ("mass", "shape", "inertia", "centre")}
     path = Path(entries.pop("path"))
     try:
-        options = tracks.track_options(**{key: x for key, x in entries.items() if key not in ("_target_", "correct")})
+        options = tracks.track_options(**entries)
     except TypeError as error:  # a setting that the source does not have
         raise ContactLearnError(f"impacts: {error}") from None
     with progress() as on_event:
@@ -69,7 +68,7 @@ def _written(cfg: DictConfig, out: Path) -> str:
             options=options,
             progress=lambda parts: track(parts, "searching recordings", on_event),
         )
-    found = replace(found, survey=_renamed(found.survey, cfg))
+    found = replace(found, survey=_renamed(found.survey, source))
     table.save(found.impacts, out)
     refused = out.with_name(f"{out.stem}.refused.csv")
     save_refusals(found.survey.refusals, refused)
@@ -78,9 +77,9 @@ def _written(cfg: DictConfig, out: Path) -> str:
     return "\n".join([*tracks_summary(found, out, refused), f"figures  {figures}", f"page     {page}"])
 
 
-def _renamed(survey: Survey, cfg: DictConfig) -> Survey:
+def _renamed(survey: Survey, source: SourceSettings) -> Survey:
     """What recordings hold, with the command's names of settings in the words about what was refused."""
-    refusals = (replace(one, message=own_names(one.message, map(str, cfg))) for one in survey.refusals)
+    refusals = (replace(one, message=own_names(one.message, source.options)) for one in survey.refusals)
     return replace(survey, refusals=tuple(refusals))
 
 

@@ -1,11 +1,11 @@
-"""Data of a run: the `data` part of a configuration as impacts, and their split.
+"""Data of a run: a source of measurements as impacts, and their split.
 
 Tables of more than `LARGE` rows are read in blocks.  What is computed trial by trial goes over all of them; what is
 fitted, drawn or shown has a random sample in memory, see docs/large-data.md.
 """
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from inspect import signature
@@ -15,12 +15,11 @@ from typing import Any
 
 import torch
 from jaxtyping import Bool
-from omegaconf import DictConfig, OmegaConf, flag_override
 from torch import Tensor
 
 from contactlearn import data, simulation
-from contactlearn.cli.commands.means import FITTED, MEMORY_PER_BYTE, refuse_too_large
-from contactlearn.cli.commands.plain import plain_values
+from contactlearn.cli.resource_limits import FITTED, MEMORY_PER_BYTE, affordable_train_size, refuse_too_large
+from contactlearn.cli.settings import SourceSettings, SplitSettings
 from contactlearn.core.devices import described
 from contactlearn.core.errors import ContactLearnError, DataError, suggest
 from contactlearn.core.numerics import random_share
@@ -51,6 +50,7 @@ class Split:
         impacts: those in memory, which are all if they are few: pool and test.
         pool: to fit to.
         test: held out, to draw and to show.
+        train_size: number of training trials of a subset of the pool.
         generator: the run's random source.
     """
 
@@ -59,6 +59,7 @@ class Split:
     impacts: Impacts
     pool: Impacts
     test: Impacts
+    train_size: int
     generator: torch.Generator
 
     @property
@@ -71,8 +72,8 @@ class Split:
         return iter((self.test,)) if len(self.test) == self.unseen_trials else self.blocks.where(self.held_out)
 
 
-def load_data(cfg: DictConfig, validate: bool = True, folder: Path | None = None) -> Impacts:
-    """Load the `data` part of a configuration as impacts, corrected; nothing but this package's own sources is run.
+def load_data(source: SourceSettings, validate: bool = True, folder: Path | None = None) -> Impacts:
+    """Load a source as impacts, corrected; nothing but this package's own sources is run.
 
     Columns of a table that are not used, and fields that were computed, are printed.  Without `validate` a table
     is read, and stays, without the rule that contacts approach the floor: for the audit.  Recordings leave
@@ -82,90 +83,73 @@ def load_data(cfg: DictConfig, validate: bool = True, folder: Path | None = None
         ContactLearnError: a setting that the source does not have, or a correction that does not exist.
         DataError: the source's own.
     """
-    source, names = _source_and_corrections(cfg)
-    impacts, computed = _read(source, names, folder, validate=validate)
-    return correct(impacts, names, computed_contact="r" in computed).replace(validate=validate)
-
-
-def _source_and_corrections(cfg: DictConfig) -> tuple[DictConfig, list[str]]:
-    """The settings of a source alone, and the names of corrections that stand among them."""
-    source = cfg.copy()  # it still knows its place in the whole, which messages name
-    with flag_override(source, ["struct", "readonly"], False):
-        names = source.pop("correct", None) or []
-    if isinstance(names, str):
-        raise ContactLearnError(f"data.correct must be a list of names, such as [{names}], got {names!r}")
-    return source, list(names)
-
-
-def _read(cfg: DictConfig, names: list[str], folder: Path | None, *, validate: bool) -> tuple[Impacts, tuple[str, ...]]:
-    """The impacts of a source before the named corrections, and those of their fields that were computed.
-
-    A table that is to be corrected need not be valid, and recordings leave a page in the folder.
-    """
-    target = str(cfg.get("_target_", ""))
-    if target not in _sources():
+    known = [f"{room.__name__}.{one.name}.load" for room in (data, simulation) for one in iter_modules(room.__path__)]
+    if source.target not in known:
         raise ContactLearnError(
-            f"data._target_ must be a source under contactlearn.data or contactlearn.simulation, got {target!r}"
+            f"data._target_ must be a source under contactlearn.data or contactlearn.simulation, got {source.target!r}"
         )
-    for missing in sorted(OmegaConf.missing_keys(cfg)):
+    for missing in source.missing:
         raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data")
-    settings = _settings(cfg)
-    if target == _TABLE:
-        table: Table = _made(target, "read", settings | _lenient(names, validate=validate))
+    computed: tuple[str, ...] = ()
+    if source.target == _TABLE:
+        table: Table = _call(source, "read", _lenient(source, validate=validate))
         show_columns(table.unused, table.computed)
-        return table.impacts, table.computed
-    if target not in SOURCES:
-        return _made(target, "load", settings), ()
-    found: Tracked = _made(target, "find", settings)
-    if folder is not None:
-        write_recordings_page(folder / RECORDINGS, found)
-    return found.impacts, ()
+        impacts, computed = table.impacts, table.computed
+    elif source.target in SOURCES:
+        found: Tracked = _call(source, "find", {})
+        if folder is not None:
+            write_recordings_page(folder / RECORDINGS, found)
+        impacts = found.impacts
+    else:
+        impacts = _call(source, "load", {})
+    return correct(impacts, source.corrections, computed_contact="r" in computed).replace(validate=validate)
 
 
-def _sources() -> list[str]:
-    """The sources of this package, as a configuration names them."""
-    return [
-        f"{room.__name__}.{module.name}.load" for room in (data, simulation) for module in iter_modules(room.__path__)
-    ]
-
-
-def _made(target: str, function: str, settings: dict[str, Any]) -> Any:
-    """What a function of a source returns; settings are data, whatever they look like."""
-    source = import_module(target.removesuffix(".load"))
-    if not hasattr(source, function):
+def _call(source: SourceSettings, function: str, settings: Mapping[str, Any]) -> Any:
+    """Return what a function of a source gives; settings are data, whatever they look like."""
+    module = import_module(source.target.removesuffix(".load"))
+    if not hasattr(module, function):
         raise ContactLearnError(
-            f"data._target_ must be a source under contactlearn.data or contactlearn.simulation, got {target!r}"
+            f"data._target_ must be a source under contactlearn.data or contactlearn.simulation, got {source.target!r}"
         )
     try:
-        return getattr(source, function)(**settings)
+        return getattr(module, function)(**source.options, **settings)
     except ContactLearnError:
         raise
     except (TypeError, ValueError, OverflowError) as error:  # a setting that it does not have, or of another kind
-        known = signature(source.load).parameters
-        meant = next((suggest(key, known) for key in settings if key not in known), "")
-        raise ContactLearnError(f"{target}: {' '.join(str(error).split())}{meant}") from error
+        known = signature(module.load).parameters
+        near = next((suggest(key, known) for key in source.options if key not in known), "")
+        raise ContactLearnError(f"{source.target}: {' '.join(str(error).split())}{near}") from error
 
 
-def load_blocks(cfg: DictConfig, folder: Path | None = None) -> Blocks:
-    """Load the `data` part of a configuration as `load_data` does, a large table in blocks.
+def _lenient(source: SourceSettings, *, validate: bool) -> dict[str, bool]:
+    """Settings of a table, which may break the rules of impacts if it is to be corrected."""
+    return {
+        "validate": validate and not source.corrections,
+        "drop_incomplete": "drop_incomplete" in source.corrections,
+    }
+
+
+def load_blocks(source: SourceSettings, folder: Path | None = None) -> Blocks:
+    """Load a source as `load_data` does, a large table in blocks.
 
     Raises:
         ContactLearnError: see `load_data`; or a correction that looks at all trials, of a table too large for memory.
         DataError: the source's own, or a row anywhere in a table.
     """
-    if cfg.get("_target_") != _TABLE or OmegaConf.is_missing(cfg, "path") or not is_large(Path(str(cfg.path))):
-        return Blocks.of(load_data(cfg, folder=folder))
-    source, names = _source_and_corrections(cfg)
+    path = Path(str(source.options.get("path", "")))
+    if source.target != _TABLE or source.missing or not is_large(path):
+        return Blocks.of(load_data(source, folder=folder))
+    names = source.corrections
     together = [name for name in names if name in CORRECTIONS and CORRECTIONS[name].of_all]
     if together:
-        needed = Path(str(cfg.path)).stat().st_size * MEMORY_PER_BYTE
-        refuse_too_large(needed, f"data.correct=[{', '.join(together)}] looks at all trials of {cfg.path} together")
-        return Blocks.of(load_data(cfg, folder=folder))
+        needed = path.stat().st_size * MEMORY_PER_BYTE
+        refuse_too_large(needed, f"data.correct=[{', '.join(together)}] looks at all trials of {path} together")
+        return Blocks.of(load_data(source, folder=folder))
     shown: list[bool] = []
 
     def read() -> Iterator[Impacts]:
-        tables = _made(_TABLE, "read_blocks", _settings(source) | _lenient(names, validate=True) | {"rows": BLOCK})
-        return blocks_of(tables, corrected)
+        return blocks_of(_call(source, "read_blocks", {**_lenient(source, validate=True), "rows": BLOCK}), corrected)
 
     def corrected(one: Table) -> Impacts:
         if not shown:
@@ -176,55 +160,48 @@ def load_blocks(cfg: DictConfig, folder: Path | None = None) -> Blocks:
     return Blocks.survey(read)
 
 
-def _settings(cfg: DictConfig) -> dict[str, Any]:
-    """Settings of a source as plain values."""
-    return {name: value for name, value in plain_values(cfg).items() if name != "_target_"}
+def split(settings: SplitSettings, folder: Path | None = None) -> Split:
+    """Load the data, print the doubts of a quick audit, and hold out a share `test`; recordings leave recordings.html.
 
-
-def _lenient(names: Sequence[str], *, validate: bool) -> dict[str, bool]:
-    """Settings of a table that is to be corrected."""
-    return {"validate": validate and not names, "drop_incomplete": "drop_incomplete" in names}
-
-
-def split(cfg: DictConfig, folder: Path | None = None) -> Split:
-    """Load the data, say what a quick audit doubts, and hold out a share `test`; recordings leave recordings.html.
-
-    `train.size` is set where it was left open.  Of many trials the audit sees those in memory.
+    The number of training trials is the usual one where it was left open, and lowered where memory does not suffice.
+    Of many trials the audit sees those in memory.
 
     Raises:
-        DataError: fewer trials than `train.size`, or an outcome at rest, to which no error is relative.
+        DataError: fewer trials than training trials, or an outcome at rest, to which no error is relative.
     """
-    blocks = load_blocks(cfg.data, folder)
-    generator = torch.Generator().manual_seed(cfg.seed)
-    held_out = random_share(blocks.trials, cfg.test, generator, blocks.source)
-    if cfg.train.size is None:
-        cfg.train.size = max(1, min(_USUAL, 4 * int((~held_out).sum()) // 5))
-    fitted, shown = sampled(~held_out, max(FITTED, cfg.train.size)), sampled(held_out, SHOWN)
-    kept = fitted | shown
-    impacts = blocks.pick(kept)
-    show_mistakes(quick_audit(impacts), cfg.data.get("correct") or ())
-    pool, test = impacts[~shown[kept]], impacts[shown[kept]]
-    if len(pool) < cfg.train.size:
+    wanted = affordable_train_size(settings.train_size)
+    blocks = load_blocks(settings.source, folder)
+    generator = torch.Generator().manual_seed(settings.seed)
+    held_out = random_share(blocks.trials, settings.test, generator, blocks.source)
+    size = max(1, min(_USUAL, 4 * int((~held_out).sum()) // 5)) if wanted is None else wanted
+    fitted, shown = sampled(~held_out, max(FITTED, size)), sampled(held_out, SHOWN)
+    in_memory = fitted | shown
+    impacts = blocks.pick(in_memory)
+    show_mistakes(quick_audit(impacts), settings.source.corrections)
+    pool, test = impacts[~shown[in_memory]], impacts[shown[in_memory]]
+    if len(pool) < size:
         raise DataError(
-            f"{impacts.source}: train.size={cfg.train.size}, but {len(pool)} of {blocks.trials} trials are left to "
-            f"draw from after holding out a share test={cfg.test}; use train.size={len(pool)} or less"
+            f"{impacts.source}: train.size={size}, but {len(pool)} of {blocks.trials} trials are left to draw from "
+            f"after holding out a share test={settings.test}; use train.size={len(pool)} or less"
         )
     refuse_rest(test)
-    return Split(blocks=blocks, held_out=held_out, impacts=impacts, pool=pool, test=test, generator=generator)
+    return Split(
+        blocks=blocks, held_out=held_out, impacts=impacts, pool=pool, test=test, train_size=size, generator=generator
+    )
 
 
-def show_split(data: Split, asked: str, device: torch.device) -> None:
-    """Print the source of the data, the sizes of split and samples, and where a device was asked for, which it is."""
+def show_split(data: Split, device_name: str, device: torch.device) -> None:
+    """Print the source of the data, the sizes of split and samples, and the device if it is not the usual one."""
     trials, unseen = data.blocks.trials, data.unseen_trials
     terminal.show_data(data.blocks.source, trials - unseen, unseen)
     if len(data.impacts) < trials:
         terminal.show_samples(len(data.pool), len(data.test))
-    if asked != "cpu":
-        terminal.say(f"device={asked}: computed on {described(device)}")
+    if device_name != "cpu":
+        terminal.say(f"device={device_name}: computed on {described(device)}")
 
 
-def watched(on_event: OnEvent, blocks: Iterator[Impacts], trials: int, what: str) -> Iterator[Impacts]:
-    """Yield blocks of so many trials in all, and say after the first of several how long the others will take."""
+def track_blocks(on_event: OnEvent, blocks: Iterator[Impacts], trials: int, what: str) -> Iterator[Impacts]:
+    """Yield blocks of so many trials in all; after the first of several, print how long the others will take."""
     begin, done = time.monotonic(), 0
     on_event(TaskProgress(task=what, done=0, total=trials))
     for block in blocks:

@@ -1,19 +1,13 @@
-"""Results of a run as their types: where it writes, where they come from, and fits as plain numbers."""
+"""Fits and errors as the types of `contactlearn.results`, and the provenance of a run."""
 
 import platform
-import shlex
-import sys
 from collections.abc import Mapping
 from importlib.metadata import version
-from pathlib import Path
 
 import torch
-from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
 
 import contactlearn
-from contactlearn.cli.commands import settings
-from contactlearn.cli.commands.plain import plain_values
+from contactlearn.cli.job import Run
 from contactlearn.core import devices
 from contactlearn.data.blocks import Blocks
 from contactlearn.diagnosis.result.effects import FittedParameter
@@ -32,33 +26,26 @@ from contactlearn.results.evaluation import BEST_POST_HOC, IRB
 from contactlearn.results.provenance import DataSource, Provenance
 
 
-def command_line() -> str:
-    """Return the command of this run."""
-    job = HydraConfig.get()
-    return shlex.join([*called(job.job.name), *job.overrides.task])
+def provenance(run: Run, data: Impacts | Blocks, device: torch.device, train_size: int | None = None) -> Provenance:
+    """Return the data, code, configuration and command that give the result of a run.
 
-
-def called(command: str) -> list[str]:
-    """Return the words that call a command in the way in which this run was called: as a script or by the package."""
-    by_package = Path(sys.argv[0]).name.startswith("contactlearn")
-    return ["python", "-m", "contactlearn", command] if by_package else ["python", f"{command}.py"]
-
-
-def run_folder() -> Path:
-    """Return the folder that this run writes to."""
-    return Path(HydraConfig.get().runtime.output_dir)
-
-
-def provenance(data: Impacts | Blocks, cfg: DictConfig) -> Provenance:
-    """Say which data, code, configuration and command give the result of this run."""
+    Args:
+        run: the run.
+        data: all impacts of its source.
+        device: that computed.
+        train_size: number of training trials, which the configuration may leave open.
+    """
     blocks = Blocks.of(data) if isinstance(data, Impacts) else data
     packages = {name: version(name) for name in ("torch", "gpytorch", "numpy")}
+    config = dict(run.config)
+    if train_size is not None:
+        config["train"] = {**config["train"], "size": train_size}
     return Provenance(
         data=DataSource(source=blocks.source, trials=blocks.trials, sha256=blocks.sha256),
         versions={"contactlearn": contactlearn.__version__, "python": platform.python_version(), **packages},
-        config=plain_values(cfg),
-        command=command_line(),
-        device=devices.described(settings.device(cfg)),
+        config=config,
+        command=run.command_line,
+        device=devices.described(device),
     )
 
 

@@ -1,21 +1,17 @@
 """A model trained on one body, on other bodies: as it is, and corrected from few of their trials."""
 
 from dataclasses import asdict
-from pathlib import Path
 
 import torch
 from matplotlib.figure import Figure
-from omegaconf import DictConfig, OmegaConf
 
-from contactlearn.cli.commands import fitting, loading, record, results, settings
-from contactlearn.cli.commands.laws import given_law
+from contactlearn.cli.commands import curves, loading, record, results
 from contactlearn.cli.commands.loading import Split
-from contactlearn.cli.commands.parts import forget, parts_folder
-from contactlearn.cli.commands.plain import plain_values
+from contactlearn.cli.commands.record import RunRecord
+from contactlearn.cli.job import Run
+from contactlearn.cli.settings import EvaluateSettings, TransferSettings
 from contactlearn.core.devices import moved
-from contactlearn.diagnosis.events import track
 from contactlearn.inference.evaluation import metrics
-from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.learning import curves as study
 from contactlearn.inference.learning.curves import Curve
 from contactlearn.inference.learning.kept import kept_trainings
@@ -26,8 +22,7 @@ from contactlearn.models.contact_model import ContactModel
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.figures import learning
-from contactlearn.report.tensorboard import Tracker
-from contactlearn.results import folder as run_folder
+from contactlearn.results import folder
 from contactlearn.results.transfer import BodyTransfer, Transfer
 
 _ORDER = ("zero_shot", "prior", "scratch")  # of the resamples, whatever is trained first
@@ -37,107 +32,102 @@ Bodies = dict[str, tuple[Impacts, Impacts]]
 """Pool and held-out trials by body."""
 
 
-def transfer(cfg: DictConfig) -> None:
+def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> None:
     """Train each model on `train.size` trials of the data's body, and follow it on each of `transfer.bodies`.
 
     The two questions that end the paper: how good is the model on another body, and does it make
     fewer trials of that body enough?
     """
-    folder = results.run_folder()
-    data = loading.split(cfg, folder)
-    loading.show_split(data, cfg.device, settings.device(cfg))
-    source = data.pool[torch.randperm(len(data.pool), generator=data.generator)[: cfg.train.size]]
-    bodies = _bodies(cfg, data)
-    provenance = results.provenance(data.blocks, cfg)
-    found, parts = {}, parts_folder(cfg)
-    terminal.show_kept(kept_trainings(parts))
-    for name, recipe in settings.recipes(cfg).items():
-        model, curves = _transferred(cfg, name, recipe, source, bodies, data.generator, parts / name)
-        checkpoint.save(model, folder / f"{name}.pt", provenance=asdict(provenance))
+    data = loading.split(settings.split, run.folder)
+    loading.show_split(data, str(run.config["device"]), settings.device)
+    source = data.pool[torch.randperm(len(data.pool), generator=data.generator)[: data.train_size]]
+    bodies = {
+        name: loading.load_data(one).split(settings.split.test, data.generator) for name, one in wanted.bodies.items()
+    }
+    provenance = results.provenance(run, data.blocks, settings.device, data.train_size)
+    terminal.show_kept(kept_trainings(run.partial))
+    found = {}
+    for name, recipe in settings.recipes.items():
+        model, by_body = _transferred(settings, wanted, name, recipe, source, bodies, data, run)
+        checkpoint.save(model, run.folder / f"{name}.pt", provenance=asdict(provenance))
         found[name] = {
-            body: BodyTransfer(**{way: _intervals(cfg, ways[way], data.generator) for way in _ORDER})
-            for body, ways in curves.items()
+            body: BodyTransfer(
+                **{
+                    way: curves.curve_intervals(ways[way], metrics.HEADLINE, data.generator, settings.bootstrap)
+                    for way in _ORDER
+                }
+            )
+            for body, ways in by_body.items()
         }
-    result = Transfer(provenance=provenance, sizes=tuple(cfg.transfer.sizes), transfer=found)
-    run_folder.write_result(folder, result)
+    result = Transfer(provenance=provenance, sizes=wanted.sizes, transfer=found)
+    folder.write_result(run.folder, result)
     for name, entries in found.items():
         terminal.show_transfer(name, entries, result.sizes)
-    _record(cfg, folder, result)
-    forget(parts)
-    terminal.show_folder(folder)
-
-
-def _bodies(cfg: DictConfig, data: Split) -> Bodies:
-    """Load and split the other bodies; those without a source of their own are the data with some changes."""
-    bodies = {}
-    for name, changes in plain_values(cfg.transfer.bodies).items():
-        same = {} if "_target_" in changes else plain_values(cfg.data)
-        bodies[name] = loading.load_data(OmegaConf.create({**same, **changes})).split(cfg.test, data.generator)
-    return bodies
+    record.write_record(run, provenance, _record(settings, result, data.train_size))
+    run.remove_partial_results()
+    terminal.show_folder(run.folder)
 
 
 def _transferred(
-    cfg: DictConfig, name: str, recipe: Recipe, source: Impacts, bodies: Bodies, generator: torch.Generator, kept: Path
+    settings: EvaluateSettings,
+    wanted: TransferSettings,
+    name: str,
+    recipe: Recipe,
+    source: Impacts,
+    bodies: Bodies,
+    data: Split,
+    run: Run,
 ) -> tuple[ContactModel, dict[str, dict[str, Curve]]]:
     """Train one model, and compute its curves by body and way."""
-    source, bodies = moved((source, bodies), settings.device(cfg))
-    with progress(results.run_folder()) as on_event:
+    source, bodies = moved((source, bodies), settings.device)
+    with progress(run.folder) as on_event:
         found = study.transfer_curves(
             recipe,
             source,
             bodies,
-            list(cfg.transfer.sizes),
-            cfg.transfer.seeds,
-            generator,
-            impulse=cfg.train.target,
-            box=settings.box(cfg),
-            work=study.Work(
-                processes=fitting.workers(cfg),
-                kept=kept,
-                progress=lambda done, total: track(done, f"transfer of {name}", on_event, total),
-            ),
+            list(wanted.sizes),
+            wanted.seeds,
+            data.generator,
+            impulse=settings.identification.target,
+            box=settings.identification.box,
+            work=curves.training_work(settings, run.partial / name, on_event, f"transfer of {name}"),
         )
     return moved(found, "cpu")
 
 
-def _intervals(cfg: DictConfig, curve: Curve, generator: torch.Generator) -> tuple[Interval, ...]:
-    rows = curve.intervals(metrics.HEADLINE, generator, cfg.bootstrap)
-    return tuple(Interval(*row) for row in rows.tolist())
-
-
-def _record(cfg: DictConfig, folder: Path, result: Transfer) -> None:
-    """Log the result to TensorBoard, and save the figures."""
+def _record(settings: EvaluateSettings, result: Transfer, train_size: int) -> RunRecord:
+    """Figures, and for TensorBoard the errors of every model on every body."""
     headline = f"transfer_{metrics.HEADLINE}"
-    with Tracker(folder, cfg.train.size) as tracker:
-        for name, bodies in result.transfer.items():
-            for place, size in enumerate(result.sizes):
-                for body, found in bodies.items():
-                    tags = {f"{headline}/{body}/{name}/{way}": getattr(found, way)[place] for way in WAYS}
-                    tracker.scalars(tags, size)
-        record.save_figures(_drawn(cfg, result), folder, tracker)
-        chart = {"Each model from scratch, and with the trained one as prior": [f"{headline}/"]}
-        tracker.charts(record.charts() | {"Transfer to other bodies, against their training impacts": chart})
-        source, models = result.provenance.data.source, ", ".join(result.transfer)
-        record.log_hyperparameters(tracker, cfg, source, cfg.train.size, given_law(cfg).name, (), models)
-        record.log_card(tracker, result.provenance, (), {})
+    chart = {"Each model from scratch, and with the trained one as prior": [f"{headline}/"]}
+    return RunRecord(
+        trained_on=train_size,
+        scalars=[
+            (size, {f"{headline}/{body}/{name}/{way}": getattr(found, way)[place] for way in WAYS})
+            for name, bodies in result.transfer.items()
+            for place, size in enumerate(result.sizes)
+            for body, found in bodies.items()
+        ],
+        charts={"Transfer to other bodies, against their training impacts": chart},
+        figures=_drawn(settings, result),
+        law=settings.law.name,
+        effects=(),
+        model=", ".join(result.transfer),
+        equations=(),
+        errors={},
+    )
 
 
-def _drawn(cfg: DictConfig, result: Transfer) -> dict[str, Figure]:
+def _drawn(settings: EvaluateSettings, result: Transfer) -> dict[str, Figure]:
     """Draw the curves of every model on the other bodies, by file name."""
     return {
         f"transfer_{name}": learning.transfer_errors(
             result.sizes,
             {
-                body: {label: _rows(getattr(found, way)) for way, label in WAYS.items()}
+                body: {label: curves.as_rows(getattr(found, way)) for way, label in WAYS.items()}
                 for body, found in bodies.items()
             },
             {body: tuple(found.zero_shot[0]) for body, found in bodies.items()},
-            record.headline_axis(cfg),
+            record.headline_axis(settings.norm),
         )
         for name, bodies in result.transfer.items()
     }
-
-
-def _rows(intervals: tuple[Interval, ...]) -> torch.Tensor:
-    """As rows (mean, low, high) of a tensor."""
-    return torch.tensor([list(one) for one in intervals], dtype=torch.float64)

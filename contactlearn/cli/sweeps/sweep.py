@@ -10,9 +10,9 @@ from hydra.core.utils import JobStatus
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, open_dict
 
-from contactlearn.cli.configuration import check_settings
+from contactlearn.cli.config_files import check_settings
+from contactlearn.cli.resource_limits import GIB, jobs_at_a_time
 from contactlearn.cli.sweeps.jobs import Job, Plan, planned
-from contactlearn.cli.sweeps.resources import GIB, jobs_at_a_time
 from contactlearn.cli.sweeps.rounds import Launch, Outcome, run_jobs
 from contactlearn.core.errors import ContactLearnError, harmless, installing
 

@@ -123,6 +123,13 @@ def _declared(command: str) -> set[str]:
 
 
 @lru_cache
+def required_settings(command: str) -> list[str]:
+    """Return the dotted keys of all settings that a command's own file declares, each part before its settings."""
+    own = _content(Path(CONFIGS, f"{command}.yaml"))
+    return ["data", "law", *(key for key in _keys(own) if key.partition(".")[0] not in ("defaults", "hydra"))]
+
+
+@lru_cache
 def _data_keys() -> set[str]:
     return {f"data.{key}" for path in Path(CONFIGS, "data").glob("*.yaml") for key in _content(path)}
 

@@ -12,7 +12,7 @@ from itertools import chain
 import torch
 from torch import Tensor
 
-from contactlearn.cli.commands.job import reason
+from contactlearn.cli.job import reason
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import Effect
 from contactlearn.effects.checks import describe, lost_gradients, violations

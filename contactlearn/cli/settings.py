@@ -1,0 +1,584 @@
+"""Settings of the commands: a composed configuration is parsed once, here, and travels on as frozen types.
+
+    TrainSettings, EvaluateSettings, DiagnoseSettings   all settings of one command
+    SourceSettings                                      a source of measurements: `data`, or a body of `transfer.bodies`
+
+Parsing checks every value against its rule and builds laws, effects and learned models, before any data is read: a
+wrong setting costs seconds, not a run.
+"""
+
+import inspect
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import reduce
+from importlib import import_module
+from typing import Any, TypeVar
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+
+from contactlearn import laws
+from contactlearn.cli.config_files import required_settings
+from contactlearn.cli.own import in_one_line, try_effect, try_law
+from contactlearn.cli.resource_limits import usable_cores
+from contactlearn.core import devices
+from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
+from contactlearn.core.numerics import is_number, is_whole
+from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
+from contactlearn.effects import Effect, catalogue, from_settings
+from contactlearn.effects.formula.effect import formula
+from contactlearn.inference.evaluation import bounds
+from contactlearn.inference.identification.joint import FitOptions
+from contactlearn.inference.identification.shared import Box
+from contactlearn.inference.learning.recipe import Recipe
+from contactlearn.laws import PAPER_LAWS, Law
+from contactlearn.mechanics.impacts import IMPULSE_TARGETS
+from contactlearn.results.tables import FORMATS
+
+_BEST = "best"  # law of a diagnosis: the one with the least held-out error
+_IDENTIFIED = "parameters_identified"  # target of learned models that identify each trial's (μ, ε) with the law alone
+_MISSING = "???"  # OmegaConf's mark of a value that must be given
+Base = TypeVar("Base")
+_Rule = tuple[Callable[[Any], bool], str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceSettings:
+    """A source of measurements.
+
+    Args:
+        target: its function, such as contactlearn.data.table.load.
+        options: its settings as plain values, by name.
+        corrections: names of corrections, in the order in which they are applied.
+        missing: dotted names of settings that must be given and are not.
+    """
+
+    target: str
+    options: Mapping[str, Any]
+    corrections: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any], name: str = "data") -> "SourceSettings":
+        """Parse the part `name` of a configuration.
+
+        Raises:
+            ContactLearnError: corrections that are no list.
+        """
+        names = values.get("correct") or []
+        if isinstance(names, str):
+            raise ContactLearnError(f"{name}.correct must be a list of names, such as [{names}], got {names!r}")
+        return cls(
+            target=str(values.get("_target_", "")),
+            options={key: value for key, value in values.items() if key not in ("_target_", "correct")},
+            corrections=tuple(names),
+            missing=tuple(sorted(f"{name}.{key}" for key, value in values.items() if value == _MISSING)),
+        )
+
+    @classmethod
+    def from_config(cls, cfg: DictConfig) -> "SourceSettings":
+        """Parse `data` of a composed configuration.
+
+        Raises:
+            ContactLearnError: see `from_values`.
+        """
+        return cls.from_values(plain_values(cfg.data))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplitSettings:
+    """The measurements, the share `test` to hold out, and the number of training trials; None for the usual one."""
+
+    source: SourceSettings
+    test: float
+    seed: int
+    train_size: int | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentificationSettings:
+    """The compared impulse, the limits of (μ, ε), and the number of random subsets of the trials."""
+
+    target: str
+    box: Box
+    repetitions: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransferSettings:
+    """Numbers of trials of another body, subsets at each, and the source of each body by name."""
+
+    sizes: tuple[int, ...]
+    seeds: int
+    bodies: Mapping[str, SourceSettings]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FigureSettings:
+    """The trial to draw, the laws of cost surface and of per-trial parameters, and subsets of the convergence."""
+
+    trial: str | None
+    surface: Law
+    parameters: Law
+    repetitions: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainSettings:
+    """One model to train: its name and recipe, None for a law alone, with the law and the effects that it has."""
+
+    split: SplitSettings
+    identification: IdentificationSettings
+    fit: FitOptions
+    device: torch.device
+    bootstrap: int
+    model: str
+    recipe: Recipe | None
+    law: Law | None
+    effects: Mapping[str, Effect]
+
+    @classmethod
+    def from_config(cls, cfg: DictConfig) -> "TrainSettings":
+        """Parse the configuration of `train`.
+
+        Raises:
+            ContactLearnError: a setting that breaks its rule; no model, or several; effects around a model that has
+                no law, or that takes (μ, ε) from the law alone.
+        """
+        config = _checked(cfg, "train")
+        law, effects, recipes = _law(config), _effects(config, "effect"), _recipes(config)
+        names = list(config["model"] or {})
+        if len(names) != 1:
+            raise ContactLearnError(
+                f"one model is trained at a time, got {names}; sweep over several with -m model=a,b"
+            )
+        (name,) = names
+        recipe = recipes.get(name)
+        if effects and recipe is not None and recipe.law is None:
+            raise ContactLearnError(f"effects act around a law, and model {name} has none: {', '.join(effects)}")
+        if effects and recipe is not None and recipe.target == _IDENTIFIED:
+            raise ContactLearnError(
+                f"model {name} takes each trial's (μ, ε) from the law alone, but there are effects "
+                f"({', '.join(effects)}); use model=parameters_likelihood"
+            )
+        return cls(
+            split=_split(config),
+            identification=_identification(config),
+            fit=_fit_options(config),
+            device=_device(config),
+            bootstrap=config["bootstrap"],
+            model=name,
+            recipe=recipe,
+            law=law if recipe is None or effects else recipe.law,
+            effects=effects,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateSettings:
+    """Laws, learned models and bounds to compare; `laws` are those of the error table, `law` has the effects."""
+
+    split: SplitSettings
+    identification: IdentificationSettings
+    fit: FitOptions
+    device: torch.device
+    workers: int | None
+    bootstrap: int
+    law: Law
+    laws: Mapping[str, Law]
+    effects: Mapping[str, Effect]
+    recipes: Mapping[str, Recipe]
+    norm: str
+    patch: float
+    curve_sizes: tuple[int, ...]
+    curve_seeds: int
+    transfer: TransferSettings | None
+    figures: FigureSettings
+    tables: str
+    reference: Mapping[str, Mapping[str, tuple[float, ...]]]
+
+    @classmethod
+    def from_config(cls, cfg: DictConfig) -> "EvaluateSettings":
+        """Parse the configuration of `evaluate`.
+
+        Raises:
+            ContactLearnError: a setting that breaks its rule.
+        """
+        config = _checked(cfg, "evaluate")
+        law, effects, recipes = _law(config), _effects(config, "effect"), _recipes(config)
+        figures, own = config["figures"], [] if law.name in PAPER_LAWS else [law.name]
+        drawn = _named_laws(config, law, (figures["surface"], figures["parameters"]))
+        return cls(
+            split=_split(config),
+            identification=_identification(config),
+            fit=_fit_options(config),
+            device=_device(config),
+            workers=config["workers"],
+            bootstrap=config["bootstrap"],
+            law=law,
+            laws=_named_laws(config, law, (*config["laws"], *own)),
+            effects=effects,
+            recipes=recipes,
+            norm=config["bounds"]["norm"],
+            patch=config["bounds"]["patch"],
+            curve_sizes=tuple(config["curves"]["sizes"]),
+            curve_seeds=config["curves"]["seeds"],
+            transfer=_transfer(config, recipes, effects),
+            figures=FigureSettings(
+                trial=None if figures["trial"] is None else str(figures["trial"]),
+                surface=drawn[str(figures["surface"])],
+                parameters=drawn[str(figures["parameters"])],
+                repetitions=figures["repetitions"],
+            ),
+            tables=config["tables"],
+            reference=_reference(config),
+        )
+
+    @property
+    def learnable(self) -> dict[str, Recipe]:
+        """The learned models that can be learnt around the law with its effects; all where there are no effects."""
+        return {name: one for name, one in self.recipes.items() if not self.effects or one.target != _IDENTIFIED}
+
+    @property
+    def processes(self) -> int:
+        """Number of processes to train in: as given, one alone on a GPU, else one for each core of this process."""
+        if self.workers is not None or self.device.type != "cpu":
+            return self.workers or 1
+        return usable_cores()
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseSettings:
+    """What a diagnosis searches: laws, effects in the model already, candidates of the user's own, and limits.
+
+    Args:
+        law: the law, or None for the one with the least held-out error of `laws`.
+        noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), where they are known.
+        limits: of the proposed drops by variable, in m, rad, m/s, rad/s.
+        seconds: time for the search, s.
+    """
+
+    source: SourceSettings
+    seed: int
+    seconds: float
+    law: Law | None
+    laws: tuple[Law, ...]
+    effects: Mapping[str, Effect]
+    candidates: Mapping[str, Effect]
+    noise: tuple[float, float, float] | None
+    limits: Mapping[str, tuple[float, float]]
+
+    @classmethod
+    def from_config(cls, cfg: DictConfig) -> "DiagnoseSettings":
+        """Parse the configuration of `diagnose`.
+
+        Raises:
+            ContactLearnError: a setting that breaks its rule, or a candidate with the name of another effect.
+        """
+        config = _checked(cfg, "diagnose")
+        law = law_of(config["law"], str(config["variant"]))
+        effects, own = _effects(config, "effect"), _effects(config, "candidate")
+        for name, effect in own.items():  # a class that was imported is in the catalogue under its own name
+            if name in effects or (name in catalogue() and type(effect) not in catalogue()[name]):
+                raise ContactLearnError(f"candidate.{name} has the name of another effect; give it one of its own")
+        return cls(
+            source=SourceSettings.from_values(config["data"]),
+            seed=config["seed"],
+            seconds=config["seconds"],
+            law=law,
+            laws=tuple(_named_laws(config, law, SEARCHED_LAWS).values()),
+            effects=effects,
+            candidates=own,
+            noise=_fit_options(config).noise,
+            limits={name: tuple(ends) for name, ends in (config["limits"] or {}).items()},
+        )
+
+
+def plain_values(part: DictConfig) -> dict[str, Any]:
+    """Return a part of a configuration as plain values by name, with every reference replaced by its value."""
+    values = OmegaConf.to_container(part, resolve=True)
+    assert isinstance(values, dict)  # a part that is given and not null
+    return {str(name): value for name, value in values.items() if name != "hydra"}
+
+
+def law_of(entry: Any, variant: str) -> Law | None:
+    """Return the law of a name, or of a mapping with `_target_` and options; None for `best` and for no `_target_`.
+
+    A class of the variant `textbook` stands for its family, so that the variant can be chosen beside it.
+
+    Raises:
+        ContactLearnError: a `_target_` that is no law, or a class of the user's own that fails.
+        UnknownNameError: no such law, variant or option.
+    """
+    if not isinstance(entry, Mapping):
+        return None if entry == _BEST else laws.find(str(entry), variant)
+    target = entry.get("_target_")
+    if target is None:
+        return None
+    kind = _subclass(target, Law)
+    if inspect.isabstract(kind):
+        raise ContactLearnError(f"_target_={target} has no closed form; a law must define solve(contact, mu, eps)")
+    options = {key: tuple(x) if isinstance(x, list) else x for key, x in entry.items() if key != "_target_"}
+    with in_one_line(target, kind):
+        law = laws.find(kind.name, variant if kind.variant == "textbook" else kind.variant, **options)
+        if not str(target).startswith("contactlearn."):
+            try_law(law, target)
+    return law
+
+
+# Rules of single values
+
+
+def _whole(least: int) -> _Rule:
+    return lambda x: is_whole(x, least), f"a whole number, {least} or more"
+
+
+def _whole_or_null(rule: str) -> _Rule:
+    return lambda x: x is None or is_whole(x, 1), f"a whole number, 1 or more, or null for {rule}"
+
+
+def _number(accept: Callable[[float], bool], rule: str) -> _Rule:
+    return lambda x: is_number(x) and accept(x), rule
+
+
+def _pair(example: str) -> _Rule:
+    return lambda x: isinstance(x, list) and len(x) == 2 and all(map(is_number, x)), f"[low, high], such as {example}"
+
+
+def _is_increasing(x: Any) -> bool:
+    whole = isinstance(x, list) and len(x) > 0 and all(is_whole(one, 2) for one in x)
+    return whole and x == sorted(set(x))
+
+
+_SIZES = _is_increasing, "an increasing list of whole numbers, 2 or more, such as [10, 20, 50]"
+_RULES: Mapping[str, _Rule] = {
+    "test": _number(lambda x: 0 < x < 1, "a share in (0, 1)"),
+    "seed": _whole(0),
+    "threads": _whole(1),
+    "seconds": _number(lambda x: x > 0, "a positive number of seconds"),
+    "train.size": _whole_or_null("as many as there are"),
+    "train.repetitions": _whole(1),
+    "train.mu": _pair("[0, 1]"),
+    "train.eps": _pair("[0, 1]"),
+    "bounds.patch": _number(lambda x: x > 0, "a positive half-width in m"),
+    "bootstrap": _whole(10),
+    "curves.sizes": _SIZES,
+    "curves.seeds": _whole(1),
+    "transfer.sizes": _SIZES,
+    "transfer.seeds": _whole(1),
+    "fit.starts": _whole(2),
+    "workers": _whole_or_null("one a core"),
+    "figures.repetitions": _whole(1),
+    "laws": (lambda x: isinstance(x, list) and len(x) > 0, "a list of at least one law, such as [whittaker]"),
+}
+_CHOICES = {
+    "train.target": ("impulse target", IMPULSE_TARGETS),
+    "bounds.norm": ("norm", bounds.NORMS),
+    "tables": ("table format", FORMATS),
+}
+_NAMING = ("effect", "candidate", "model", "transfer.bodies")  # parts whose keys become names of files and charts
+_NULLABLE = (*_NAMING, "limits", "reference", "transfer")
+_PARTS = (*_NULLABLE, "data", "train", "fit", "bounds", "curves", "figures")
+_NAME = re.compile(r"\w[\w -]{0,59}")
+_ABSENT = object()
+
+
+def _checked(cfg: DictConfig, command: str) -> dict[str, Any]:
+    """Return a configuration as plain values, each of which obeys its rule.
+
+    Raises:
+        ContactLearnError: naming the setting, the rule and the value; or a setting that was taken out.
+        UnknownNameError: a variant, target, norm or format that does not exist.
+    """
+    config = plain_values(cfg)
+    for key in required_settings(command):
+        if _at(config, key, _ABSENT) is _ABSENT and _at(config, key.rpartition(".")[0], {}) is not _ABSENT:
+            raise ContactLearnError(f"{key} is missing: {command} needs it")
+    for part in sorted(_PARTS):  # transfer before its parts
+        entries = _at(config, part, {})
+        if not isinstance(entries, dict) and not (entries is None and part in _NULLABLE):
+            raise ContactLearnError(f"{part} must hold settings by name, such as {part}.NAME=…, got {entries!r}")
+        for name in (entries or ()) if part in _NAMING else ():
+            if not _NAME.fullmatch(str(name)):
+                raise ContactLearnError(f"a name in {part} has 1 to 60 letters, digits, blanks, _ and -, got {name!r}")
+    values = {key: _at(config, key, _ABSENT) for key in (*_RULES, *_CHOICES)}
+    pairs = {f"limits.{name}": _pair("[-3, -1]") for name in config.get("limits") or {}}
+    values |= {f"limits.{name}": ends for name, ends in (config.get("limits") or {}).items()}
+    for key, (accept, rule) in {**_RULES, **pairs}.items():
+        if values[key] is not _ABSENT and not accept(values[key]):
+            raise ContactLearnError(f"{key} must be {rule}, got {values[key]!r}")
+    for key, (kind, known) in _CHOICES.items():
+        if values[key] is not _ABSENT and values[key] not in known:
+            raise UnknownNameError(kind, str(values[key]), known)
+    laws.find(PAPER_LAWS[0], str(config["variant"]))
+    return config
+
+
+def _at(config: Mapping[str, Any], key: str, default: Any) -> Any:
+    """The value under a dotted key; the default where a part of the way is missing or null."""
+    *way, last = key.split(".")
+    part = reduce(lambda found, name: found.get(name) if isinstance(found, dict) else None, way, config)
+    return part.get(last, default) if isinstance(part, dict) else default
+
+
+# Parts of the settings
+
+
+def _split(config: Mapping[str, Any]) -> SplitSettings:
+    return SplitSettings(
+        source=SourceSettings.from_values(config["data"]),
+        test=config["test"],
+        seed=config["seed"],
+        train_size=config["train"]["size"],
+    )
+
+
+def _identification(config: Mapping[str, Any]) -> IdentificationSettings:
+    train = config["train"]
+    return IdentificationSettings(target=train["target"], box=_box(config), repetitions=train["repetitions"])
+
+
+def _box(config: Mapping[str, Any]) -> Box:
+    train = config.get("train")
+    return Box(tuple(train["mu"]), tuple(train["eps"])) if train else Box()
+
+
+def _fit_options(config: Mapping[str, Any]) -> FitOptions:
+    fit = config["fit"]
+    noise = fit["noise"]
+    sigma = None if noise is None else tuple(noise if isinstance(noise, list) else [noise])
+    return FitOptions(
+        box=_box(config), noise=sigma, **{name: fit[name] for name in ("target", "starts") if name in fit}
+    )
+
+
+def _device(config: Mapping[str, Any]) -> torch.device:
+    """The device to compute on; processes side by side are for the CPU."""
+    found = devices.find(str(config["device"]))
+    if found.type != "cpu" and (config.get("workers") or 1) > 1:
+        raise ContactLearnError(
+            f"workers={config['workers']} is for the CPU; with device={config['device']} use workers=1"
+        )
+    return found
+
+
+def _law(config: Mapping[str, Any]) -> Law:
+    """The law `law` of a command that cannot choose one."""
+    law = law_of(config["law"], str(config["variant"]))
+    if law is None:
+        raise ContactLearnError("law=best is a choice of diagnose.py alone; name a law, such as law=wang_mason")
+    return law
+
+
+def _named_laws(config: Mapping[str, Any], law: Law | None, names: Iterable[Any]) -> dict[str, Law]:
+    """Laws by name in the variant of the configuration; `law` has the options that are given to it."""
+    known = {} if law is None else {law.name: law}
+    return {name: known.get(name) or laws.find(name, str(config["variant"])) for name in map(str, names)}
+
+
+def _recipes(config: Mapping[str, Any]) -> dict[str, Recipe]:
+    """The learned models of `model` by name; a law alone is none of them."""
+    found = {}
+    for name, entry in (config.get("model") or {}).items():
+        settings = entry if isinstance(entry, dict) else {}
+        unknown = settings.keys() - {"features", "target", "law"}
+        if not settings or unknown:
+            wrong = f"unknown {', '.join(sorted(unknown))}" if unknown else repr(entry)
+            raise ContactLearnError(f"model.{name} must hold features, target and law; got {wrong}")
+        if settings.keys() == {"law"}:
+            continue
+        missing = {"features", "target"} - settings.keys()
+        if missing:
+            raise ContactLearnError(f"model.{name} lacks {', '.join(sorted(missing))}; see configs/model")
+        base = settings.get("law")
+        law = None if base is None else law_of(base, str(config["variant"]))
+        found[name] = Recipe(settings["features"], settings["target"], law)
+    return found
+
+
+def _effects(config: Mapping[str, Any], part: str) -> dict[str, Effect]:
+    """The effects of a part of the configuration, `effect` or `candidate`, by name."""
+    found = {}
+    for name, entry in (config.get(part) or {}).items():
+        if not isinstance(entry, dict) or not entry:
+            raise ContactLearnError(
+                f"{part}.{name} must hold _target_, a class, or a line of mathematics such as tau: '-c*rx*Pn'; "
+                f"got {entry!r}"
+            )
+        try:
+            found[name] = _effect(entry)
+        except ContactLearnError as error:
+            raise ContactLearnError(f"{part}.{name}: {error}") from error
+    return found
+
+
+def _effect(entry: Mapping[str, Any]) -> Effect:
+    """The effect of a class or of lines of mathematics; that of a foreign class is tried on a few drops."""
+    settings = dict(entry)
+    target = settings.pop("_target_", None)
+    if target is None:
+        return formula(**settings)
+    kind = _subclass(target, Effect)
+    with in_one_line(target, kind):
+        effect = from_settings(kind, settings)
+        if not isinstance(getattr(effect, "formula", None), str):
+            raise ContactLearnError(f'{target} must say what it does, such as formula = "v_x⁺ ← v_x⁺ + u"')
+        if not str(target).startswith("contactlearn."):
+            try_effect(effect, target)
+    return effect
+
+
+def _transfer(
+    config: Mapping[str, Any], recipes: Mapping[str, Recipe], effects: Mapping[str, Effect]
+) -> TransferSettings | None:
+    """Other bodies; one without a source of its own is `data` with some changes."""
+    entry = config["transfer"]
+    if entry is None:
+        return None
+    if effects:
+        raise ContactLearnError("transfer is studied without effects; use effect=[]")
+    if not recipes or not entry.get("bodies") or not entry.keys() >= {"sizes", "seeds"}:
+        raise ContactLearnError("transfer needs a learned model and a body; see configs/experiment/transfer.yaml")
+    bodies = {}
+    for name, changes in entry["bodies"].items():
+        key = f"transfer.bodies.{name}"
+        if not isinstance(changes, dict):
+            raise ContactLearnError(f"{key} must hold settings by name, such as {key}.mass=…, got {changes!r}")
+        same = {} if "_target_" in changes else config["data"]
+        bodies[name] = SourceSettings.from_values({**same, **changes}, key)
+    return TransferSettings(sizes=tuple(entry["sizes"]), seeds=entry["seeds"], bodies=bodies)
+
+
+def _reference(config: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, ...]]]:
+    """Published parameters by law, (mean, standard deviation) each; none where the configuration has none."""
+    found = {}
+    for law, entry in (config["reference"] or {}).items():
+        pairs = [entry.get(name) if isinstance(entry, dict) else None for name in ("mu", "eps")]
+        if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
+            raise ContactLearnError(f"reference.{law} must hold mu: [mean, std] and eps: [mean, std], got {entry}")
+        found[str(law)] = dict(zip(("mu", "eps"), map(tuple, pairs), strict=True))
+    return found
+
+
+def _subclass(target: object, base: type[Base]) -> type[Base]:
+    """The class that a dotted path names; nothing but a subclass of `base`."""
+    place, _, name = str(target).rpartition(".")
+    if not place:
+        raise ContactLearnError(
+            f"_target_ must be a class in its module, such as {target}.{base.__name__}, got {target}"
+        )
+    try:
+        module = import_module(place)
+    except Exception as error:
+        missing = isinstance(error, ModuleNotFoundError) and f"{place}.".startswith(f"{error.name}.")
+        why = "is its package installed, or its folder on PYTHONPATH?" if missing else f"mend {place} first"
+        seen = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise ContactLearnError(f"_target_={target} cannot be imported ({seen}); {why}") from None
+    kind = getattr(module, name, None)
+    if kind is None:
+        raise ContactLearnError(f"_target_={target}: {place} has no {name!r}{suggest(name, vars(module))}")
+    if not isinstance(kind, type) or not issubclass(kind, base) or kind is base:
+        package = base.__module__.rpartition(".")[0]
+        raise ContactLearnError(f"_target_ must be a subclass of {package}.{base.__name__}, got {target}")
+    return kind
