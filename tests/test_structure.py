@@ -215,6 +215,13 @@ def test_importing_is_cheap(statement):
     subprocess.run([sys.executable, "-c", f"{statement}\nimport sys\nassert not {heavy}"], check=True, cwd=ROOT)
 
 
+def test_diagnose_loads_no_more_than_it_needs():
+    """Beside torch; SciPy, pandas and GPyTorch are loaded where something is computed with them."""
+    heavy = "{'scipy', 'pandas', 'pyarrow', 'gpytorch', 'sympy', 'omegaconf', 'matplotlib', 'rich'} & set(sys.modules)"
+    words = f"from contactlearn import diagnose\nimport sys\nassert not {heavy}, {heavy}"
+    subprocess.run([sys.executable, "-c", words], check=True, cwd=ROOT)
+
+
 def test_importing_is_quiet():
     """What other packages warn of each other is not shown to everybody."""
     words = ("-W", "error::DeprecationWarning", "-W", "error::FutureWarning", "-c", "from contactlearn import diagnose")

@@ -22,13 +22,7 @@ _RETURNS = {
     "velocity": "v_post, a tensor [..., N, 3]",
 }
 _FREE = (None, 0.25, 0.75)  # values of parameters that need not vanish: the start, and shares of the range
-_SHARES = (
-    -0.4,
-    -0.15,
-    0.1,
-    0.3,
-    0.45,
-)  # of a parameter's range, from its start on: values that may tell a lost gradient
+_SHARES = (-0.4, -0.15, 0.1, 0.3, 0.45)  # of a parameter's range from its start, where its gradient is tried
 
 
 def violations(effect: Effect, impacts: Impacts, *, rounding: float = 0.0) -> Iterator[str]:

@@ -27,14 +27,12 @@ from contactlearn.effects import Effect, columns
 from contactlearn.laws import Law
 from contactlearn.models.contact_model import RESIDUALS, ContactModel
 from contactlearn.models.features import SPACES, Standardisation
-from contactlearn.models.gp.exact import ExactGPs
-from contactlearn.models.gp.sparse import SparseGPs
 from contactlearn.models.regressor import Regressor
 
 FORMAT = 2
 """Number of the file format; a file of a higher one is refused.  Format 1 has an effect's form among its options."""
 
-_KINDS = {kind.__name__: kind for kind in (ContactModel, Regressor, Standardisation, ExactGPs, SparseGPs)}
+_KINDS = {kind.__name__: kind for kind in (ContactModel, Regressor, Standardisation)}
 _INFINITE = (".scale", "_bound")  # may be so: of a constant column, of GPyTorch's constraints
 _FIX = "copy the file again, upgrade contactlearn if a newer one wrote it, or save the model again"
 
@@ -132,7 +130,7 @@ def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         own = {key: value for key, value in vars(part).items() if key not in plain}
         said = {"kind": "Law", "name": part.name, "variant": part.variant} | ({"options": plain} if plain else {})
         return said | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
-    if isinstance(part, ExactGPs | SparseGPs):
+    if isinstance(part, torch.nn.Module):  # Gaussian processes
         own = {"x": part.train_inputs[0][..., 0, :, :], "y": part.train_targets, "weight": part.likelihood.weight}
         own |= part.state_dict()
     else:
@@ -153,18 +151,26 @@ def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         return {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
     if kind == "Law":
         return _build_law(description, name, tensors)
-    kind = _KINDS[kind]
     own = {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
-    if kind in (ExactGPs, SparseGPs):
-        gps = kind(*(own.pop(key) for key in ("x", "y", "weight")))
-        gps.load_state_dict(own)
-        return gps.eval()
-    part = kind(**own)
+    if kind not in _KINDS:
+        return _build_processes(kind, own)
+    part = _KINDS[kind](**own)
     if isinstance(part, ContactModel) and part.target not in RESIDUALS:
         raise UnknownNameError("target", part.target, RESIDUALS)
     if isinstance(part, Regressor):
         _check_space(part, name)
     return part
+
+
+def _build_processes(kind: str, own: dict[str, Tensor]) -> torch.nn.Module:
+    """Gaussian processes of a class by name, from their training data and the other tensors."""
+    from contactlearn.models.gp.exact import ExactGPs  # GPyTorch takes long to load
+    from contactlearn.models.gp.sparse import SparseGPs
+
+    family = {"ExactGPs": ExactGPs, "SparseGPs": SparseGPs}[kind]
+    gps = family(*(own.pop(key) for key in ("x", "y", "weight")))
+    gps.load_state_dict(own)
+    return gps.eval()
 
 
 def _check_space(part: Regressor, name: str) -> None:

@@ -1,6 +1,7 @@
 """Regressor: Gaussian processes from a feature space of impacts to any quantity of theirs."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -8,8 +9,10 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.features import Standardisation, features
-from contactlearn.models.gp.exact import ExactGPs, Fit
-from contactlearn.models.gp.sparse import SparseGPs
+
+if TYPE_CHECKING:  # GPyTorch takes long to load
+    from contactlearn.models.gp.exact import ExactGPs, Fit
+    from contactlearn.models.gp.sparse import SparseGPs
 
 EXACT_LIMIT = 2000
 """Training trials beyond which the processes are sparse and variational."""
@@ -22,8 +25,8 @@ class Regressor:
     space: str
     inputs: Standardisation  # [..., 1, D]
     outputs: Standardisation  # [..., 1, O]
-    gps: ExactGPs | SparseGPs
-    status: Fit | None = None
+    gps: "ExactGPs | SparseGPs"
+    status: "Fit | None" = None
 
     @classmethod
     def fit(
@@ -51,6 +54,9 @@ class Regressor:
             DataError: fewer than two trials.
             UnknownNameError: no such space.
         """
+        from contactlearn.models.gp.exact import ExactGPs
+        from contactlearn.models.gp.sparse import SparseGPs
+
         if rows.shape[-1] < 2:
             raise DataError(f"a learned model needs at least 2 training trials, got {rows.shape[-1]}")
         x = features(space, impacts)[rows]
@@ -60,7 +66,7 @@ class Regressor:
         return cls(space, inputs, outputs, gps, gps.fit(like and like.gps))
 
     @property
-    def training(self) -> Fit:
+    def training(self) -> "Fit":
         """How the hyperparameters were found.
 
         Raises:
@@ -73,6 +79,8 @@ class Regressor:
     @property
     def kind(self) -> str:
         """Exact processes, or sparse ones and why."""
+        from contactlearn.models.gp.exact import ExactGPs
+
         if isinstance(self.gps, ExactGPs):
             return "exact"
         points = self.gps.covar_module.inducing_points.shape[-2]

@@ -20,7 +20,6 @@ from collections.abc import Callable
 
 import torch
 from jaxtyping import Bool, Float
-from scipy.special import fdtrc
 from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE
@@ -48,6 +47,8 @@ def outliers_of(
         predict: v_post in (m/s, m/s, rad/s) by the model, of impacts.
         thresholds: with the number of false outliers that is expected in a table.
     """
+    from scipy.special import fdtrc  # SciPy takes long to load
+
     residual, weight = impacts.v_post - predict(impacts), noise_weight(impacts, "velocity")
     weight = torch.ones_like(residual) if weight is None else weight
     centre, scatter, freedom = _fitted(weight * residual)

@@ -21,7 +21,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import pandas as pd
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -159,7 +158,8 @@ def _search(
 def _ranks(errors: Float[Tensor, " n"], within: Bool[Tensor, " n"]) -> Float[Tensor, " n"]:
     """Ranks of the errors among those within, 0 for the others and on the average; ties share theirs."""
     ranks = torch.zeros_like(errors)
-    ranks[within] = torch.from_numpy(pd.Series(errors[within].numpy()).rank().to_numpy(copy=True))
+    _, place, count = errors[within].unique(return_inverse=True, return_counts=True)
+    ranks[within] = (count.cumsum(0) - (count - 1) / 2).to(ranks)[place]
     return torch.where(within, ranks - (within.sum() + 1) / 2, 0.0)
 
 

@@ -11,10 +11,10 @@ Sources: Pati, Rezaiifar & Krishnaprasad 1993; White 1980 for the test; Brunton,
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import torch
 from jaxtyping import Float
-from scipy.special import ndtri
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, installing
@@ -110,7 +110,7 @@ class Library:
         others = self.columns[:, [k for k in which if k != last]]
         own = own - others @ (others.T @ own)
         sigmas = (own @ y).abs() / (own * residual).norm().clamp_min(1e-300)  # White's standard error
-        return sigmas.item() > -ndtri(_CHANCE / 2 / len(self.terms))
+        return sigmas.item() > -NormalDist().inv_cdf(_CHANCE / 2 / len(self.terms))
 
     def coefficients(self, terms: Sequence[str], y: Float[Tensor, " n"]) -> Float[Tensor, " t"]:
         """Fit the coefficients of terms, in their own units, by least squares."""

@@ -1,6 +1,7 @@
 """Gaussian processes that learn the wrench that a model leaves, from the full state and the order of the trials."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import torch
 from jaxtyping import Float, Int
@@ -12,7 +13,9 @@ from contactlearn.effects.formula.symbols import of_state
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.noise_weight import noise_weight
 from contactlearn.models.features import Standardisation
-from contactlearn.models.gp.exact import ExactGPs
+
+if TYPE_CHECKING:  # GPyTorch takes long to load
+    from contactlearn.models.gp.exact import ExactGPs
 
 _INPUTS = ("m", "I", "rx", "ry", "x", "y", "theta", "vx", "vy", "omega", "order")
 
@@ -28,7 +31,7 @@ class Processes:
     unit: Float[Tensor, "n 3"]
     inputs: Standardisation
     outputs: Standardisation
-    gps: ExactGPs
+    gps: "ExactGPs"
 
     @classmethod
     def of(cls, impacts: Impacts, residual: Float[Tensor, "n 3"], rows: Int[Tensor, "b m"]) -> "Processes":
@@ -37,6 +40,8 @@ class Processes:
         Raises:
             DataError: fewer than two rows.
         """
+        from contactlearn.models.gp.exact import ExactGPs
+
         if rows.shape[-1] < 2:
             raise DataError(f"what remains needs at least 2 trials to learn from, got {rows.shape[-1]}")
         x = torch.cat([columns for columns in input_columns(impacts).values()], -1)

@@ -9,6 +9,7 @@ in units of its scatter: friction moves few trials, and those in the spin, which
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -22,7 +23,9 @@ from contactlearn.inference.identification.joint import JointFit
 from contactlearn.inference.validation import Folds, robust_covariance
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import predict_with
-from contactlearn.models.gp.exact import ExactGPs
+
+if TYPE_CHECKING:  # GPyTorch takes long to load
+    from contactlearn.models.gp.exact import ExactGPs
 
 _TELLING = 0.02  # of the mean information of a trial, below which it does not tell of a coefficient
 
@@ -36,7 +39,7 @@ class VaryingCoefficientFit:
 
     share: Interval
     v_post: Float[Tensor, "n 3"]
-    gps: ExactGPs
+    gps: "ExactGPs"
     x: Float[Tensor, "b m d"]
     unit: Float[Tensor, "b 1 o"]
 
@@ -115,6 +118,8 @@ class VaryingCoefficientModel:
         telling: Bool[Tensor, " n"],
     ) -> tuple[Float[Tensor, "n o"], Callable[[Interval, Tensor], VaryingCoefficientFit]]:
         """Learn y over the inputs; its value on held-out trials."""
+        from contactlearn.models.gp.exact import ExactGPs
+
         rows = [part[telling[part]] for part in self.folds.fitted]
         size = min(map(len, rows))
         rows = torch.stack([part[:size] for part in rows])

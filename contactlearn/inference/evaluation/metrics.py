@@ -10,11 +10,11 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
-from scipy.special import chdtri, ndtri  # scipy.stats takes half a second to load
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
@@ -99,6 +99,8 @@ CHI_SQUARED_95 = 7.8147279
 
 def calibration(distance: Float[Tensor, "k"]) -> tuple[Float[Tensor, "levels"], Float[Tensor, "levels"]]:
     """Return nominal levels [L], and the shares [L] of squared distances [K] inside the ellipsoids of those levels."""
+    from scipy.special import chdtri  # SciPy takes long to load
+
     levels = torch.linspace(0.02, 0.98, 49, dtype=distance.dtype)
     radii = torch.from_numpy(chdtri(3, 1 - levels.numpy())).to(distance.device)
     return levels.to(distance.device), torch.searchsorted(distance.sort().values, radii, right=True) / len(distance)
@@ -134,7 +136,7 @@ _DRAWN = 1 << 23  # resampled errors in memory at a time
 
 def gaussian_interval(mean: float, variance: float, trials: int, level: float = 0.95) -> Interval:
     """Return a mean over many trials with the interval in which the central limit theorem expects it."""
-    reach = float(ndtri((1 + level) / 2)) * math.sqrt(variance / trials)
+    reach = NormalDist().inv_cdf((1 + level) / 2) * math.sqrt(variance / trials)
     return Interval(mean, mean - reach, mean + reach)
 
 

@@ -14,7 +14,6 @@ import math
 import numpy as np
 import torch
 from jaxtyping import Float, Int
-from scipy.linalg import blas, lapack
 from torch import Tensor
 
 _CHUNK = 1 << 17  # matrix elements worked on at once, 1 MB: more falls out of the cache
@@ -107,6 +106,8 @@ def _invert(K: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
         factor.masked_fill_(info[:, None, None] > 0, torch.nan)
         K.copy_(torch.cholesky_inverse(factor))
         return factor.diagonal(dim1=1, dim2=2), (K @ y[..., None])[..., 0]
+    from scipy.linalg import blas, lapack  # SciPy takes long to load
+
     root, alpha = torch.empty_like(y), torch.empty_like(y)
     for matrix, right, diagonal, solution in zip(*(part.numpy() for part in (K, y, root, alpha)), strict=True):
         # LAPACK counts columns first: its upper triangle is our lower one.
@@ -129,5 +130,7 @@ def _symmetric_matmul(lower: Tensor, right: Tensor) -> Tensor:
     """Product of symmetric matrices, of which the lower triangle is read, with a few columns."""
     if not _on_lapack(lower):
         return (lower.tril() + lower.tril(-1).mT) @ right
+    from scipy.linalg import blas  # SciPy takes long to load
+
     pairs = zip(lower.numpy(), right.numpy(), strict=True)
     return torch.from_numpy(np.stack([blas.dsymm(1.0, matrix.T, columns, lower=0) for matrix, columns in pairs]))

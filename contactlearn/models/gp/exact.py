@@ -7,6 +7,7 @@ gradient of `evidence`, from two starts, since the likelihood has several optima
 """
 
 import math
+from functools import cache
 from typing import Any, NamedTuple
 
 import gpytorch
@@ -28,8 +29,15 @@ Outputs = Float[Tensor, "*batch o n"]
 # Of standardised data: length scales, output scale and noise variance.
 LENGTH, SCALE, NOISE = (0.05, 1e3), (1e-3, 1e3), (1e-6, 10.0)
 STARTS = (0.5, 2.5)  # log length scale; each finds optima that the other misses
-_BLAS = ThreadpoolController()
 _TOLERANCE = 3e-5  # nats a point
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    """Control of the threads of every BLAS, with SciPy's, which is loaded for it."""
+    import scipy.linalg  # noqa: F401
+
+    return ThreadpoolController()
 
 
 class Fit(NamedTuple):
@@ -101,7 +109,7 @@ class ExactGPs(gpytorch.models.ExactGP):
             value, gradient = value + 0.5 * (away * (phi - mean)).sum(-1), gradient + away
             return value, gradient, None if information is None else information + precision.diag()
 
-        with _BLAS.limit(limits=1):  # matrices this small gain nothing from threads, which spin against each other
+        with _blas().limit(limits=1):  # matrices this small gain nothing from threads, which spin against each other
             found = minimise(objective, starts, *bounds.T, tolerance=_TOLERANCE, starts=len(starts) // B)
         value, x, converged, evaluations = (
             part.unflatten(0, (-1, B)) for part in (found.value, found.x, found.converged, found.evaluations)
