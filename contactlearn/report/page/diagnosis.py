@@ -25,7 +25,7 @@ from contactlearn.report.text import (
     effect_label,
     headline,
     label,
-    opened,
+    capitalize_first,
     rung_label,
     samples,
     search,
@@ -87,7 +87,7 @@ def _telling(found: Diagnosis) -> list[dict[str, str]]:
     figures += [
         {
             "id": f"telling-{k}",
-            "what": f"{opened(effect_label(one.effect))}: residual without it, of trials in grey and of their means in "
+            "what": f"{capitalize_first(effect_label(one.effect))}: residual without it, of trials in grey and of their means in "
             "black, the effect in red, and what remains in blue",
         }
         for k, one in enumerate(found.missing[:_TELLING])

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from contactlearn.core.numerics import written_whole
 from contactlearn.report.page.arrays import compressed
-from contactlearn.report.text import brief_interval, error, number, percent, spaced
+from contactlearn.report.text import brief_interval, error, number, percent, fix_spacing
 
 FILE = "report.html"
 _SCRIPTS = ("data.js", "numbers.js", "figures.js", "live.js")
@@ -83,7 +83,7 @@ def _templates() -> Environment:
         "interval": brief_interval,
         "pretty": _pretty,
         "percent": percent,
-        "spaced": spaced,
+        "spaced": fix_spacing,
     }
     return templates
 

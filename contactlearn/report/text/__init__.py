@@ -20,9 +20,9 @@ from contactlearn.report.text.names import (
     effect_label,
     label,
     law_label,
-    listed,
+    join_words,
     model_labels,
-    opened,
+    capitalize_first,
     rung_label,
     sentence,
 )
@@ -32,7 +32,7 @@ from contactlearn.report.text.numbers import (
     error,
     interval,
     percent,
-    spaced,
+    fix_spacing,
 )
 from contactlearn.report.text.verdict import conclusion, confidence, headline, summary, support
 
@@ -49,15 +49,15 @@ __all__ = [
     "interval",
     "label",
     "law_label",
-    "listed",
+    "join_words",
     "measured",
     "model_labels",
     "number",
-    "opened",
+    "capitalize_first",
     "percent",
     "rung_label",
     "sentence",
-    "spaced",
+    "fix_spacing",
     "summary",
     "support",
 ]

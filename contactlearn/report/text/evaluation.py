@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from contactlearn.core.numerics import number
 from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.report.text.names import listed, shortened
+from contactlearn.report.text.names import join_words, shortened
 from contactlearn.report.text.numbers import interval
 
 _FEW = 2  # models that a headline names beside the best
@@ -29,7 +29,7 @@ def evaluation_headline(labels: Mapping[str, str], best: str, behind: Mapping[st
     if not near:
         return f"{said}."
     most = len(near) if len(near) == _FEW + 1 else _FEW
-    return f"{said}, but these data cannot distinguish it from {listed(shortened(near, most, 'model'), 'or')}."
+    return f"{said}, but these data cannot distinguish it from {join_words(shortened(near, most, 'model'), 'or')}."
 
 
 def evaluation_summary(

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from contactlearn import laws
 from contactlearn.diagnosis.result import Coefficient, Diagnosis, NoiseSource, Rung, RungKind, WrenchComponent
 from contactlearn.effects import EffectId
-from contactlearn.report.text.numbers import spaced
+from contactlearn.report.text.numbers import fix_spacing
 from contactlearn.results.evaluation import Evaluation
 
 WRENCH = {WrenchComponent.TANGENTIAL: "P_t", WrenchComponent.NORMAL: "P_n", WrenchComponent.MOMENT: "τ"}
@@ -89,7 +89,7 @@ def model_labels(result: Evaluation) -> dict[str, str]:
 def base_label(found: Diagnosis) -> str:
     """Write the law of a diagnosis with the effects that were given."""
     given = [effect_label(effect) for effect in found.given]
-    return (law_label(found.law) if found.law else "any law") + (f" with {listed(given)}" if given else "")
+    return (law_label(found.law) if found.law else "any law") + (f" with {join_words(given)}" if given else "")
 
 
 def rung_label(rung: Rung, base: str) -> str:
@@ -99,7 +99,7 @@ def rung_label(rung: Rung, base: str) -> str:
     return {RungKind.LAW: base, RungKind.PROCESSES: f"+ {PROCESSES}", RungKind.NOISE: NOISE_FLOOR}[rung.kind]
 
 
-def listed(names: Iterable[str], word: str = "and") -> str:
+def join_words(names: Iterable[str], word: str = "and") -> str:
     """Write a list of one or more names: one, two and three."""
     *first, last = names
     return f"{', '.join(first)} {word} {last}" if first else last
@@ -113,7 +113,7 @@ def shortened(names: Sequence[str], most: int, kind: str) -> list[str]:
     return [*names[:most], f"one other {kind}" if rest == 1 else f"{rest} other {kind}s"]
 
 
-def opened(text: str) -> str:
+def capitalize_first(text: str) -> str:
     """Write a capital first, unless the text opens with a number or a symbol, such as x."""
     first = text.partition(" ")[0].rstrip(",:")
     word = first == "a" or (len(first) > 1 and first.isascii() and first.replace("-", "").isalpha())
@@ -122,4 +122,4 @@ def opened(text: str) -> str:
 
 def sentence(text: str) -> str:
     """Write a clause as a sentence: a capital first, a full stop last, spaces before %."""
-    return spaced(opened(text)) + ("" if text.endswith((".", "?", "!")) else ".")
+    return fix_spacing(capitalize_first(text)) + ("" if text.endswith((".", "?", "!")) else ".")

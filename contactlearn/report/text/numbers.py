@@ -76,7 +76,7 @@ def p_value(p: float) -> str:
     return f"p = {number(p, 1)}"
 
 
-def spaced(text: str) -> str:
+def fix_spacing(text: str) -> str:
     """Write `78%` and `3e-5` in a text as 78 % and 3e−5."""
     return re.sub(r"(?<=\de)-(?=\d)", "−", re.sub(r"(?<=\d)%", "\u00a0%", text))
 

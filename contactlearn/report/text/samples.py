@@ -2,7 +2,7 @@
 
 from contactlearn.diagnosis.events import SubsampleStarted
 from contactlearn.diagnosis.result import Answer, Confirmation, Diagnosis, FailingRegion, Limit, Sample
-from contactlearn.report.text.names import effect_label, law_label, listed, sentence
+from contactlearn.report.text.names import effect_label, law_label, join_words, sentence
 from contactlearn.report.text.numbers import counted, error, interval, p_value, percent, times
 from contactlearn.report.text.verdict import VERDICTS
 
@@ -81,7 +81,7 @@ def _settled(sample: Sample) -> str:
     why = _LIMITS[sample.limit]
     if not before:
         return f"It is not known whether more trials would change the answer: {why}."
-    given = listed(f"{counted(one.trials)} trials gave {answer(one)}" for one in before)
+    given = join_words(f"{counted(one.trials)} trials gave {answer(one)}" for one in before)
     return f"The answer still changed with the size of the sample ({given}) and is not settled: {why}."
 
 

@@ -2,7 +2,7 @@
 
 from contactlearn.diagnosis.result import StateDependence
 from contactlearn.effects.formula.symbols import SYMBOLS
-from contactlearn.report.text.names import COEFFICIENTS, label, listed
+from contactlearn.report.text.names import COEFFICIENTS, label, join_words
 from contactlearn.report.text.numbers import p_value, share_interval
 
 
@@ -10,7 +10,7 @@ def depends(found: StateDependence) -> str:
     """Say what acts like a coefficient that depends on which variables, in a clause."""
     coefficient = COEFFICIENTS[found.coefficient]
     first, *others = (SYMBOLS[one.symbol].letter if one.symbol in SYMBOLS else "the body" for one in found.variables)
-    on = f"{first} together with {listed(others)}" if others else first
+    on = f"{first} together with {join_words(others)}" if others else first
     if found.coefficient is None:
         return f"{coefficient} depends on {on} in an unknown way"
     same = "" if found.form_of is None else f", as in {label(found.form_of)} but with another functional form"

@@ -7,7 +7,7 @@ from dash import html
 from dash.development.base_component import Component
 
 from contactlearn.diagnosis.result import Region
-from contactlearn.report.text import opened, spaced
+from contactlearn.report.text import capitalize_first, fix_spacing
 from contactlearn.report.text.stages import NO_REGION, region
 from contactlearn.workbench.panes.parts import figure, note, press
 
@@ -62,7 +62,7 @@ def region_buttons(found: Sequence[Region]) -> list[Component]:
     if not found:
         return [note(NO_REGION)]
     rows = [
-        html.Li([press("region", "Select", of=str(k)), f" {spaced(opened(region(one)))}"])
+        html.Li([press("region", "Select", of=str(k)), f" {fix_spacing(capitalize_first(region(one)))}"])
         for k, one in enumerate(found)
     ]
     return [html.H3("Regions in which the model fails"), html.Ul(rows, className="plain")]

@@ -18,7 +18,7 @@ from contactlearn.report.page.runs.reading import Progress, absolute, read_runs,
 from contactlearn.report.page.runs.rows import HASH, LAW, Row, printable
 from contactlearn.report.page.runs.settings import Settings, shared, telling, varying
 from contactlearn.report.page.trials import digits, plotly_style
-from contactlearn.report.text import effect_label, interval, label, listed
+from contactlearn.report.text import effect_label, interval, label, join_words
 from contactlearn.results.folder import is_run
 
 MARK = "contactlearn report"
@@ -203,14 +203,14 @@ def _numeric(values: Iterable[str | None]) -> bool:
 
 def _with(run: Row) -> str:
     """The law with the effects that were given to it."""
-    law, given = plotly_style(run.law or "no law")["label"], listed(map(_words, run.given)) if run.given else ""
+    law, given = plotly_style(run.law or "no law")["label"], join_words(map(_words, run.given)) if run.given else ""
     return f"{law} with {given}" if given else law
 
 
 def _sentences(runs: Sequence[Row]) -> list[str]:
     """How many there are, and which leaves the least error on each set of data."""
     commands = {run.command: sum(other.command == run.command for other in runs) for run in runs}
-    said = [f"Runs of {listed(f'{command}.py ({count})' for command, count in commands.items())}."]
+    said = [f"Runs of {join_words(f'{command}.py ({count})' for command, count in commands.items())}."]
     for data in {run.data.sha256: run.data for run in runs}.values():
         there = [(run, run.error) for run in runs if run.data.sha256 == data.sha256 and run.error]
         if len(there) < 2:
@@ -243,7 +243,7 @@ def _warnings(runs: Sequence[Row], settings: Settings) -> list[str]:
     split = [key for key, _ in settings if key in ("seed", "test")]
     if len(held_out) > 1 and split:
         said.append(
-            f"Runs that differ in {listed(split)} hold out different trials, so their errors differ by chance too."
+            f"Runs that differ in {join_words(split)} hold out different trials, so their errors differ by chance too."
         )
     versions = sorted({run.version for run in runs})
     if len(versions) > 1:

@@ -1,0 +1,227 @@
+"""The sentences of the report: templates with typed values, which terminal, page, figures and workbench share.
+
+    templates/diagnosis.txt.j2   each stage of a diagnosis, its search, its verdict, the subsamples of a large table
+    templates/fits.txt.j2        evaluations, and parameters that free flight has measured
+
+A macro is one sentence, or several; `phrase` and `phrases` render it by its name.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from functools import cache
+from operator import getitem
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2.environment import TemplateModule
+
+from contactlearn.core.numerics import measured, number
+from contactlearn.diagnosis.result import (
+    Diagnosis,
+    Finding,
+    FittedParameter,
+    Formula,
+    Limit,
+    MissingEffect,
+    NoiseSource,
+    Past,
+    PlausibleModel,
+    RungKind,
+    Verdict,
+)
+from contactlearn.diagnosis.thresholds import NoiseThresholds
+from contactlearn.effects.formula.symbols import SYMBOLS
+from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.report.text import names, numbers
+
+_MOST_MODELS = 5  # in the list of plausible models
+_LEAST_SHARE = 0.01  # of belief, from which on a plausible model is listed
+
+_VERDICTS = {
+    Verdict.EFFECTS: "effects are missing",
+    Verdict.NONE: "no missing effect is detectable",
+    Verdict.UNKNOWN: "an unknown effect is missing",
+    Verdict.UNFINISHED: "something is missing, and the search ran out of time",
+    Verdict.BAD_DATA: "the measurements are inconsistent",
+}
+_LIMITS = {
+    Limit.SIZE: "larger subsamples are not diagnosed",
+    Limit.MEMORY: "the free memory is too small for a larger one",
+}
+_PAST_QUANTITIES = {
+    Past.NORMAL_SPEED: "normal speed",
+    Past.NORMAL_IMPULSE: "normal impulse",
+    Past.SLIP: "signed slip velocity",
+    Past.SLIP_SPEED: "slip speed",
+    Past.SPIN: "signed spin",
+    Past.SPIN_RATE: "spin rate",
+    Past.TANGENTIAL_IMPULSE: "signed tangential impulse",
+}
+
+
+def phrase(macro: str, *values: Any) -> str:
+    """Render a macro of the templates as text on one line; empty where it has nothing to say.
+
+    Raises:
+        AttributeError: no template has such a macro.
+    """
+    return numbers.fix_spacing(_fold(getattr(_module(macro), macro)(*values)))
+
+
+def phrases(macro: str, *values: Any) -> list[str]:
+    """Render a macro of several sentences as a list of them."""
+    return [text for one in phrase(macro, *values).split("¶") if (text := one.strip(" "))]
+
+
+def conclusion(verdict: Verdict, physics: Verdict | None, corrections: Sequence[str] = ()) -> str:
+    """Write a verdict in a clause; of corrected data also the conclusion about them.
+
+    Args:
+        verdict: of the diagnosis.
+        physics: the conclusion about the corrected data; None where they are refused.
+        corrections: names of the corrections.
+    """
+    return phrase("conclusion", verdict, physics, corrections)
+
+
+def headline(found: Diagnosis) -> str:
+    """Write the verdict in one line."""
+    return phrase("headline", found)
+
+
+def support(found: Diagnosis) -> str:
+    """Write in one sentence what a headline rests on; empty for data that were refused."""
+    return phrase("support", found)
+
+
+def summary(found: Diagnosis) -> list[str]:
+    """Write the numbers behind a verdict, a sentence each."""
+    return phrases("summary", found)
+
+
+def search_notes(found: Diagnosis) -> list[str]:
+    """List confidences, proxies, rejected candidates, simpler models and equal laws, a sentence each."""
+    belief: dict[str, float] = {}
+    for model in found.models:
+        belief[model.law] = belief.get(model.law, 0.0) + model.share
+    equal = {law: x for law, x in belief.items() if law == found.law or x >= _LEAST_SHARE}
+    ranked = dict(sorted(equal.items(), key=lambda one: -one[1])) if found.law in equal else {}
+    return phrases("notes", found, ranked)
+
+
+def confidence(missing: MissingEffect) -> str:
+    """Write the probability that a name is correct; calibration on planted effects resolves no more than 99 %."""
+    return numbers.percent(min(missing.confidence, 0.99))
+
+
+def misfit(found: Diagnosis, thresholds: NoiseThresholds | None = None) -> str:
+    """Question stated noise that does not agree with the residual; empty where it does, or is not stated."""
+    budget, left = found.budget, found.remainder
+    if budget is None or left is None or budget.noise_source is not NoiseSource.STATED:
+        return ""
+    limit = (thresholds or NoiseThresholds()).stated_ratio
+    ratio = budget.named.mean / budget.noise.mean if budget.noise.mean else 1.0
+    if ratio >= 1 / limit and (ratio <= limit or left.found):
+        return ""
+    return phrase("misfit", ratio)
+
+
+def listed_models(found: Diagnosis) -> tuple[PlausibleModel, ...]:
+    """Return the models that are worth a line: the chosen one, and then the likeliest others."""
+    chosen = [model for model in found.models if _is_chosen(found, model)]
+    others = [model for model in found.models if model not in chosen and model.share >= _LEAST_SHARE]
+    return (*chosen, *others[: _MOST_MODELS - len(chosen)])
+
+
+def listed_name(found: Diagnosis, model: PlausibleModel) -> str:
+    """Name a model of the list, and mark the chosen one where there are others."""
+    name = phrase("model", model.law, model.effects)
+    return f"{name} (chosen)" if len(found.models) > 1 and _is_chosen(found, model) else name
+
+
+def _is_chosen(found: Diagnosis, model: PlausibleModel) -> bool:
+    """Whether a model is that of the verdict, which need not have the largest share of belief."""
+    return model.law == found.law and {*model.effects} == {one.effect for one in found.missing}
+
+
+def parameter(found: FittedParameter) -> str:
+    """Write a fitted parameter with its standard error and unit: φ = 0.0020 ± 0.0010 rad."""
+    return f"{found.symbol} = {measured(found.value, found.standard_error, found.unit)}"
+
+
+def correct_setting(made: Sequence[str], findings: Sequence[Finding]) -> str:
+    """Write the setting with the corrections that were made and those of the findings; empty where these have none."""
+    proposed = [finding.correction for finding in findings if finding.correction]
+    return f"data.correct=[{','.join([*made, *proposed])}]" if proposed else ""
+
+
+def formula_overrides(found: Formula) -> str:
+    """Write a formula as it stands behind a command, quoted for a shell."""
+    return " ".join(f"'{one}'" for one in found.overrides())
+
+
+def _error_after(found: Diagnosis) -> Interval:
+    """Return the error of the ladder with all missing effects."""
+    return next(rung.error for rung in reversed(found.ladder) if rung.kind is RungKind.EFFECT)
+
+
+def _fold(text: str) -> str:
+    """Make all white space one blank, and none before a punctuation mark or after an opening bracket."""
+    text = re.sub(r"[ \n]+", " ", text)
+    return re.sub(r" (?=[,;.:?)]+(?:\s|$))|(?<=\() ", "", text).strip(" ")
+
+
+@cache
+def _module(macro: str) -> TemplateModule:
+    """Return the template that has a macro."""
+    modules = _modules()
+    return next((one for one in modules if hasattr(one, macro)), modules[0])
+
+
+@cache
+def _modules() -> tuple[TemplateModule, ...]:
+    templates = Environment(
+        loader=PackageLoader("contactlearn.report.text"),
+        undefined=StrictUndefined,
+        autoescape=False,  # plain text; a page escapes it
+    )
+    templates.filters |= {
+        "capitalize_first": names.capitalize_first,
+        "coefficient": names.COEFFICIENTS.__getitem__,
+        "compared": numbers.compared,
+        "confidence": confidence,
+        "counted": numbers.counted,
+        "degrees": math.degrees,
+        "effect": names.effect_label,
+        "error": numbers.error,
+        "fine_percent": numbers.fine_percent,
+        "fold": _fold,
+        "interval": numbers.interval,
+        "label": names.label,
+        "law": names.law_label,
+        "letter": names.WRENCH.__getitem__,
+        "measured": measured,
+        "noise_source": names.NOISE_SOURCES.__getitem__,
+        "number": number,
+        "of": lambda key, mapping: getitem(mapping, key),
+        "p_value": numbers.p_value,
+        "parameter": parameter,
+        "percent": numbers.percent,
+        "sentence": names.sentence,
+        "share": numbers.share_of_whole,
+        "share_interval": numbers.share_interval,
+        "shortened": names.shortened,
+        "symbol": lambda name: SYMBOLS[name].letter if name in SYMBOLS else "the body",
+        "times": numbers.times,
+        "words": names.join_words,
+    }
+    templates.globals |= {
+        "LIMITS": _LIMITS,
+        "PAST_QUANTITIES": _PAST_QUANTITIES,
+        "Past": Past,
+        "VERDICTS": _VERDICTS,
+        "Verdict": Verdict,
+        "error_after": _error_after,
+    }
+    return tuple(templates.get_template(f"{name}.txt.j2").module for name in ("diagnosis", "fits"))
