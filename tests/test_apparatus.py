@@ -26,7 +26,7 @@ from contactlearn.inference.identification.shared import Box
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.shapes import Disc, Ellipse, contact_point
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.text.tracks import known_sentence
+from contactlearn.report.text import phrase
 from contactlearn.simulation import synthetic
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate, write_recordings
@@ -229,7 +229,7 @@ def test_a_fit_says_whether_flight_or_the_impacts_know_better(planted, noise, sl
     impacts = states.replace(v_post=v_post + scatter, apparatus=replace(KNOWN, slope=flight))
     (_, fit) = fit_with_effects(model, {"t": TILT()}, impacts, torch.arange(120), FitOptions(starts=2), ignore).values()
     (known,) = fit.known_parameters()
-    assert said in known_sentence(known)
+    assert said in phrase("known_parameter", known)
     assert known.flight == flight
     assert not {"t.phi"} & {*fit.undetermined(), *fit.at_bounds()}
 

@@ -23,7 +23,7 @@ from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.page.diagnosis import of_diagnosis
 from contactlearn.report.page.page import render
 from contactlearn.report.page.trials import EMBEDDED
-from contactlearn.report.text import samples
+from contactlearn.report.text import phrase, phrases
 from contactlearn.simulation import hidden_effects, synthetic
 
 SMALL = Thresholds(sample=SampleThresholds(whole=300, first=150, most=600))
@@ -102,7 +102,7 @@ def test_subsamples_grow_until_two_answers_agree(many, laws, sizes, limit):
     assert [one.law for one in found.sample.answers] == list(laws[: len(sizes)])
     assert found.law == laws[-1]
     assert found.sample.confirmation.trials == 2000 - sizes[-1]
-    said = " ".join(samples.summary_of(found.sample))
+    said = " ".join(phrases("sample_summary", found.sample))
     assert ("is not settled" in said) is (limit is Limit.SIZE)
     assert f"Diagnosed on {sizes[-1]} of 2000 trials" in said
 
@@ -115,7 +115,7 @@ def test_memory_takes_the_smaller_road(many):
     found = grown(many, answering(("mirtich",), asked), large, memory=0.5e9)
     assert asked == [1000]
     assert found.sample.limit is Limit.MEMORY
-    assert "memory" in samples.summary_of(found.sample)[0]
+    assert "memory" in phrases("sample_summary", found.sample)[0]
 
 
 def test_a_stopped_run_goes_on_behind_its_finished_subsamples(many, tmp_path):
@@ -156,7 +156,7 @@ def test_a_large_table_is_diagnosed_on_samples():
     assert sample.confirmation.named.mean < 0.9 * sample.confirmation.base.mean
     assert sum(sample.confirmation.map.trials) == 900
     assert Diagnosis.from_json(found.to_json()) == found.without_record()
-    assert "300 of 900 trials" in samples.support_of(found)
+    assert "300 of 900 trials" in phrase("sample_support", found.sample)
 
 
 # All trials
@@ -218,7 +218,7 @@ def test_the_page_of_a_table_diagnosed_whole_says_nothing_of_samples():
     content = of_diagnosis(found, provenance_of(found.record.impacts))
     assert "sample" not in content
     assert content["trials"]["count"] == 30
-    assert samples.support_of(found) == ""
+    assert phrase("sample_support", found.sample) == ""
 
 
 def test_an_answer_is_names_law_and_verdict(large):

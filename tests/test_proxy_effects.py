@@ -12,7 +12,7 @@ from contactlearn.diagnosis.unexplained.proxy_effects import drop_proxies
 from contactlearn.effects import State, find_effect
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.laws import find
-from contactlearn.report.text import search
+from contactlearn.report.text import search_notes
 from contactlearn.report.text.names import effect_label
 
 STAND_IN, TRUE = "slip_dependent_restitution", "side_drag"
@@ -57,5 +57,5 @@ def test_a_diagnosis_says_what_was_left_out():
     (left_out,) = found.remainder.state_dependence.superseded_effects
     assert left_out.name == STAND_IN
     said = f"no larger model predicts clearly better: {effect_label(left_out)} would only be a proxy for it"
-    assert any(said in note for note in search.notes(found))
+    assert any(said in note for note in search_notes(found))
     assert Diagnosis.from_json(found.to_json()) == found

@@ -1,11 +1,14 @@
 """The words of terminal and page: verdicts, names, numbers and comparisons."""
 
+import ast
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from diagnoses import SIX, made_up, missing, remainder
 from evaluations import evaluation, joint_estimate
 
+import contactlearn
 from contactlearn.data.audit.result import Finding
 from contactlearn.diagnosis.events import AuditFindings, EffectsFound, RegionsFound
 from contactlearn.diagnosis.result import (
@@ -35,14 +38,21 @@ from contactlearn.report.text import (
     conclusion,
     effect_label,
     error,
+    formula_overrides,
     headline,
     interval,
+    listed_models,
+    listed_name,
     measured,
+    misfit,
     model_labels,
+    phrase,
+    phrases,
     rung_label,
-    search,
+    search_notes,
     sentence,
-    stages,
+    sentences,
+    share_of_whole,
     summary,
     support,
 )
@@ -167,11 +177,11 @@ def test_something_unknown_has_its_size(found):
     assert "and so is something unknown, 12 % of the law's error:" in said(0.123)
     assert "and so is something unknown, less than 0.1 % of the law's error:" in said(0.0002)
     assert "and so is something unknown: no effect" in said(0.0)  # noise alone is as large
-    text = plain(stages.shares(replace(found.budget, shares=shares)))
+    text = plain(phrase("shares", replace(found.budget, shares=shares)))
     assert "the effects explain 99 %, <1 % is noise and <1 % is unexplained." in text
     whole = replace(shares, explained=0.998, noise=0.0, unexplained=0.002)
     assert "the effects explain over 99 %, 0 % is noise and <1 %" in plain(
-        stages.shares(replace(found.budget, shares=whole))
+        phrase("shares", replace(found.budget, shares=whole))
     )
 
 
@@ -197,7 +207,7 @@ def test_the_verdict_says_what_remains(found):
     assert said in text
     assert "The predicted residual depends on ω (61 %) and θ (20 %)." in text
     assert "The best formula for the residual: τ ← τ + c1*omega reduces the held-out error by 25 % ± 0 %." in text
-    assert stages.formula_overrides(BEST) == "'+effect.mine.tau=\"c1*omega\"' '+effect.mine.parameters.c1=[-1,1]'"
+    assert formula_overrides(BEST) == "'+effect.mine.tau=\"c1*omega\"' '+effect.mine.parameters.c1=[-1,1]'"
 
 
 def test_the_conclusion_names_the_corrections():
@@ -213,10 +223,10 @@ def test_the_conclusion_names_the_corrections():
 def test_laws_are_compared_with_the_next_and_the_worst():
     errors = {"wang_mason": 0.1, "mirtich": 0.12, "whittaker": 0.4}
     fits = [LawFit(name=law, variant="textbook", error=x, mu=0.1, eps=0.5) for law, x in errors.items()]
-    assert plain(stages.laws("wang_mason", fits)) == (
+    assert plain(phrase("laws", "wang_mason", fits)) == (
         "Wang–Mason has a held-out mass error of 0.1000, 17 % less than Mirtich; Whittaker has the largest, 0.4000."
     )
-    assert plain(stages.laws("whittaker", fits)) == (
+    assert plain(phrase("laws", "whittaker", fits)) == (
         "Whittaker has a held-out mass error of 0.4000, Wang–Mason 0.1000, 4.0 times less."
     )
 
@@ -228,15 +238,15 @@ def test_an_effect_has_its_parameters_inadmissible_impulses_and_regions():
         before=0.25, after=0.15, rest_before=0.1, rest_after=0.08, change=change, excess=excess, share=0.8
     )
     effect = replace(missing(SIX[2]), parameters=(parameter,), inadmissible_after=0.021, improvements=(helped,))
-    assert plain(stages.missing_effect(effect)) == (
+    assert plain(phrase("missing_effect", effect)) == (
         "contact patch (linear): held-out error 0.1000 → 0.1000; c = 0.1051 ± 0.0041 m; with this effect 2.1 % of the "
         "impulses gain energy, pull or penetrate, without it 0.0 %"
     )
     said = "-3 ≤ ω < 2.5 rad/s: error 0.25 → 0.15 (rest 0.1 → 0.08)"
-    assert stages.improvements(effect, [REGION]) == [said]
+    assert phrases("improvements", effect, [REGION]) == [said]
     unhelped = replace(effect, improvements=(replace(helped, change=Interval(-0.1, -0.15, 0.05)),))
-    assert stages.improvements(unhelped, [REGION]) == []
-    assert stages.region(REGION) == "-3 ≤ ω < 2.5 rad/s: error 2.3 times that of the rest, 3 trials, p = 3e−8"
+    assert phrases("improvements", unhelped, [REGION]) == []
+    assert phrase("region", REGION) == "-3 ≤ ω < 2.5 rad/s: 2.3 times the rest's error, 3 trials, p = 3e−8"
 
 
 def test_the_next_experiment_says_where_and_how_many():
@@ -246,12 +256,12 @@ def test_the_next_experiment_says_where_and_how_many():
     )
     drop = Drop(theta=0.5, v_x=-1.0, v_y=-2.0, omega=3.0, differences=(3.2, 0.4))
     experiment = Experiment(separations=separations, drops=(drop,))
-    assert stages.drop(drop, experiment) == (
+    assert phrase("drop", drop, experiment) == (
         "A drop at θ = 28.6°, v = (−1, −2) m/s, ω = 3 rad/s: the prediction differs by 3.2 σ from side drag "
         "(linear) in place of surface tilt (computed) and 0.4 σ from sampling delay in place of surface tilt "
         "(computed)."
     )
-    assert [stages.needed_drops(one) for one in separations] == [
+    assert [phrase("needed_drops", one) for one in separations] == [
         "About 4 drops like these distinguish surface tilt (computed) from side drag (linear).",
         "No feasible drop distinguishes surface tilt (computed) from sampling delay.",
     ]
@@ -260,11 +270,11 @@ def test_the_next_experiment_says_where_and_how_many():
 def test_stated_noise_that_does_not_agree_is_questioned(found):
     budget = replace(found.budget, noise_source=NoiseSource.STATED, noise=Interval(0.02, 0.01, 0.03))
     quiet = remainder(Interval(0.0, -0.1, 0.1))
-    said = stages.misfit(replace(found, budget=budget, remainder=quiet))
+    said = misfit(replace(found, budget=budget, remainder=quiet))
     assert said.startswith("The residual is 5 times as large as the stated noise implies")
-    assert stages.misfit(replace(found, remainder=quiet)) == ""  # it was estimated
+    assert misfit(replace(found, remainder=quiet)) == ""  # it was estimated
     agreeing = replace(budget, noise=Interval(0.09, 0.08, 0.1))
-    assert stages.misfit(replace(found, budget=agreeing, remainder=quiet)) == ""
+    assert misfit(replace(found, budget=agreeing, remainder=quiet)) == ""
 
 
 def test_a_model_with_fewer_effects_that_does_nearly_as_well_is_named(found):
@@ -278,14 +288,14 @@ def test_a_model_with_fewer_effects_that_does_nearly_as_well_is_named(found):
     near = with_frontier((0.2, ()), one, both)
     assert near.simpler is near.frontier[1]
     said = "Mirtich + surface tilt (computed) has 5 % more error: spin damping (after) may only compensate for "
-    assert plain(search.simpler(near)) == said + "imperfect functional forms of the others."
-    assert search.simpler(near) in search.notes(near)
+    assert plain(phrase("simpler", near)) == said + "imperfect functional forms of the others."
+    assert phrase("simpler", near) in search_notes(near)
     none = with_frontier((0.109, ()), one, both)
     said = "Mirtich has 9 % more error: surface tilt (computed) and spin damping (after) contribute little."
-    assert plain(search.simpler(none)) == said
+    assert plain(phrase("simpler", none)) == said
     for clear in (with_frontier((0.2, ()), (0.111, (tilt,)), both), replace(near, missing=())):
         assert clear.simpler is None
-        assert not search.simpler(clear)
+        assert not phrase("simpler", clear)
 
 
 def test_the_chosen_model_is_listed_first_whatever_its_share(found):
@@ -294,28 +304,28 @@ def test_the_chosen_model_is_listed_first_whatever_its_share(found):
     others = tuple(PlausibleModel(law=law, effects=effects, share=0.19) for law in laws)
     chosen = PlausibleModel(law="wang_mason", effects=effects[::-1], share=0.004)
     many = replace(found, models=(*others, chosen))
-    assert search.listed_models(many) == (chosen, *others[:4])
-    assert search.listed_name(many, chosen).endswith("surface tilt (computed) (chosen)")
-    assert not search.listed_name(many, others[0]).endswith("(chosen)")
-    assert plain(search.share(chosen)) == "<1 %"
+    assert listed_models(many) == (chosen, *others[:4])
+    assert listed_name(many, chosen).endswith("surface tilt (computed) (chosen)")
+    assert not listed_name(many, others[0]).endswith("(chosen)")
+    assert plain(share_of_whole(chosen.share)) == "<1 %"
     alone = replace(found, models=(replace(chosen, share=1.0),))
-    assert [search.listed_name(alone, one) for one in search.listed_models(alone)] == [
+    assert [listed_name(alone, one) for one in listed_models(alone)] == [
         "Wang–Mason + spin damping (after) + surface tilt (computed)"
     ]
 
 
 def test_candidates_of_ones_own_that_nothing_asks_for_are_told(found):
-    assert "not selected" not in " ".join(search.notes(found))
+    assert "not selected" not in " ".join(search_notes(found))
     asked = replace(found, unwanted=(EffectId("kick"), EffectId("wind")))
-    assert "Tested, not selected: kick and wind." in search.notes(asked)
+    assert "Tested, not selected: kick and wind." in search_notes(asked)
 
 
 def test_a_law_that_does_better_alone_is_named(found):
     better = LawFit(name="mirtich", variant="textbook", error=0.05, mu=0.1, eps=0.5)
     unknown = replace(found, physics=Verdict.UNKNOWN, laws=(better,))
-    assert stages.better_law(unknown).endswith("try law=mirtich.")
+    assert phrase("better_law", unknown).endswith("try law=mirtich.")
     assert "Mirtich alone has an error of 0.0500" in headline(unknown)
-    assert stages.better_law(replace(unknown, laws=(replace(better, error=0.095),))) == ""
+    assert phrase("better_law", replace(unknown, laws=(replace(better, error=0.095),))) == ""
 
 
 def test_the_terminal_prints_the_sentences_of_the_page(found, capsys):
@@ -329,11 +339,21 @@ def test_the_terminal_prints_the_sentences_of_the_page(found, capsys):
     for said in (
         "audit: 50 % in grams. The data are corrected from here on; data.correct=[g] applies the same correction in "
         "any command.",
-        f"region: {stages.NO_REGION}",
-        f"missing: {stages.missing_effect(found.missing[0])}",
+        f"region: {phrase('no_region')}",
+        f"missing: {phrase('missing_effect', found.missing[0])}",
         "residual: Gaussian processes on the residual reduce the held-out error by 40 % (30 % to 50 %), in τ.",
         "  0.1000  0.0900–0.1100  + surface tilt (computed)\n",
         f"verdict: {headline(replace(found, remainder=remainder(Interval(0.4, 0.3, 0.5))))}",
         "to use it: python evaluate.py",
     ):
         assert said in printed
+
+
+def test_every_phrase_has_its_macro():
+    """A name or a number of values that no template has would fail only where it is shown."""
+    for path in Path(contactlearn.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("phrase", "phrases"):
+                name, *values = node.args
+                if isinstance(name, ast.Constant):
+                    assert len(sentences.macro(str(name.value)).arguments) == len(values), f"{path.name}: {name.value}"

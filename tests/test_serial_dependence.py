@@ -23,8 +23,7 @@ from contactlearn.effects import State
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.text import headline, stages
-from contactlearn.report.text.serial_dependence import follows
+from contactlearn.report.text import headline, phrase, phrases
 
 
 def sawtooth(drops):
@@ -146,7 +145,7 @@ def test_a_diagnosis_calls_it_unknown_and_says_what_follows(sets):
     assert found.remainder is not None
     assert found.verdict is (Verdict.UNKNOWN if sets else Verdict.NONE)
     assert (found.remainder.serial_dependence is not None) == bool(sets)
-    assert ("friction changes along the sequence" in headline(found)) == bool(sets)
+    assert ("friction changes periodically along the sequence" in headline(found)) == bool(sets)
     assert Diagnosis.from_json(found.to_json()) == found
 
 
@@ -159,15 +158,15 @@ def test_it_is_said_in_words():
         share=Interval(0.2, 0.15, 0.25),
         large=True,
     )
-    assert follows(found) == "restitution depends on the previous impact's normal speed"
+    assert phrase("serial_dependence", found) == "restitution depends on the previous impact's normal speed"
     period = replace(found, coefficient=Coefficient.FRICTION, variable=LaggedVariable.PERIOD, trials=23.04)
-    assert follows(period) == "friction changes periodically along the sequence, every 23 trials"
+    assert phrase("serial_dependence", period) == "friction changes periodically along the sequence, every 23 trials"
     left = replace(remainder(Interval(0.01, -0.01, 0.03)), serial_dependence=found)
     assert left.found
     assert left.unknown
     assert not left.predictable
-    said = stages.residual(left)
-    assert said[0] == stages.NOT_PREDICTABLE
+    said = phrases("residual", left)
+    assert said[0] == phrase("not_predictable")
     assert "none of the known effects explains it" in said[-1]
 
 
@@ -187,7 +186,7 @@ def test_a_floor_that_is_dented_where_it_was_hit():
     assert found.variable is LaggedVariable.PLACE
     assert found.width == pytest.approx(0.013, abs=0.003)
     assert found.trials == pytest.approx(10)
-    assert follows(replace(found, width=0.0132)) == (
+    assert phrase("serial_dependence", replace(found, width=0.0132)) == (
         "restitution depends on how many of the last 10 impacts were within 13 mm of the same place"
     )
 

@@ -25,8 +25,7 @@ from contactlearn.inference.identification.joint import FitOptions, identify_joi
 from contactlearn.models.contact_model import predict_with
 from contactlearn.report.events import show_verdict
 from contactlearn.report.page.effects import residual_content
-from contactlearn.report.text import headline, stages
-from contactlearn.report.text.state_dependence import depends
+from contactlearn.report.text import headline, phrase, phrases
 
 OPTIONS = FitOptions()
 
@@ -137,7 +136,7 @@ def test_another_form_of_an_effect_of_the_model_is_not_unknown(name, striped):
     assert (found.coefficient, symbols(found), found.form_of) == (Coefficient.RESTITUTION, {"x"}, form_of)
     assert found.large == (form_of is None)
     known = "as in location-dependent restitution but with another functional form"
-    assert (known in depends(found)) == (form_of is not None)
+    assert (known in phrase("state_dependence", found)) == (form_of is not None)
 
 
 def test_another_form_of_no_effect_is_unknown(striped):
@@ -159,8 +158,8 @@ def test_one_of_two_bodies_is_named():
     assert found is not None
     assert found.coefficient is Coefficient.RESTITUTION
     assert symbols(found) == {"theta", "object"}
-    assert "θ" in depends(found)
-    assert "the body" in depends(found)
+    assert "θ" in phrase("state_dependence", found)
+    assert "the body" in phrase("state_dependence", found)
 
 
 def test_errors_of_v_pre_are_no_physics():
@@ -226,14 +225,14 @@ def test_it_is_said_in_words():
         share=Interval(0.12, 0.08, 0.16),
         large=True,
     )
-    assert depends(found) == "the residual behaves like friction that depends on v_t together with θ"
+    assert phrase("state_dependence", found) == "the residual behaves like friction that depends on v_t together with θ"
     outcome = replace(found, coefficient=None, variables=found.variables[:1])
-    assert depends(outcome) == "the outcome depends on v_t in an unknown way"
+    assert phrase("state_dependence", outcome) == "the outcome depends on v_t in an unknown way"
     left = replace(remainder(Interval(0.01, -0.01, 0.03)), state_dependence=found)
     assert left.found
     assert left.unknown
     assert not left.predictable
-    assert "reduces the held-out residual by 12\u00a0%" in stages.residual(left)[-1]
+    assert "reduces the held-out residual by 12\u00a0%" in phrases("residual", left)[-1]
     besides = replace(
         made_up(20, next(iter(all_candidates()))), verdict=Verdict.UNKNOWN, physics=Verdict.UNKNOWN, remainder=left
     )

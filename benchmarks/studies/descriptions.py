@@ -19,7 +19,7 @@ from contactlearn.inference.identification.joint import FitOptions, identify_joi
 from contactlearn.inference.validation import Folds, held_out_error
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.text.stages import misfit
+from contactlearn.report.text import misfit
 from studies.cases import between, random, textbook
 from studies.memory import remember
 from studies.residuals import ACTS, Learning, residual

@@ -35,7 +35,7 @@ def run_audit(options: argparse.Namespace) -> str:
 
     from contactlearn.cli.commands.loading import load_data
     from contactlearn.data.audit.findings import audit
-    from contactlearn.report.text import sentence, stages
+    from contactlearn.report.text import correct_setting, phrase, sentence
 
     files = [word for word in options.words if "=" not in word or Path(word).is_file()]
     if len(files) > 1:
@@ -46,8 +46,8 @@ def run_audit(options: argparse.Namespace) -> str:
     findings = audit(impacts)
     lines = [f"{impacts.source}: {len(impacts)} impacts"]
     lines += [f"{'wrong' if finding.mistake else 'note'}: {sentence(finding.sentence)}" for finding in findings]
-    lines += [] if findings else [f"note: {stages.CONSISTENT}"]
-    setting = stages.correct_setting(source.corrections, findings)
+    lines += [] if findings else [f"note: {phrase('consistent')}"]
+    setting = correct_setting(source.corrections, findings)
     lines += [f"to correct it: {setting} on any command"] if setting else []
     return "\n".join(lines).replace("\u00a0", " ")
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
 from contactlearn.report.terminal import say
-from contactlearn.report.text import sentence, stages
+from contactlearn.report.text import correct_setting, sentence
 
 _COMPUTED = {
     "r": "rx, ry from the shape and theta (rad and counter-clockwise, unless data.units says otherwise)",
@@ -28,7 +28,7 @@ def show_mistakes(findings: Sequence[Finding], corrected: Sequence[str]) -> None
         findings: mistakes.
         corrected: corrections that were made before.
     """
-    setting = stages.correct_setting(corrected, findings)
+    setting = correct_setting(corrected, findings)
     for finding in findings:
         name = finding.correction
         if name is None:

@@ -28,8 +28,23 @@ from contactlearn.diagnosis.events import (
     append_event,
 )
 from contactlearn.diagnosis.result import Diagnosis, Finding
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.terminal import console, say
-from contactlearn.report.text import base_label, error, headline, rung_label, samples, search, sentence, stages
+from contactlearn.report.text import (
+    base_label,
+    error,
+    formula_overrides,
+    headline,
+    listed_models,
+    listed_name,
+    misfit,
+    phrase,
+    phrases,
+    rung_label,
+    search_notes,
+    sentence,
+    share_of_whole,
+)
 
 _LONG = 5.0  # s after which a task is named where no bar is seen
 
@@ -85,38 +100,38 @@ def event_lines(event: Event) -> list[str]:
     """Describe an event in lines of text; none for bare progress, and for what the verdict describes."""
     match event:
         case AuditFindings():
-            return [_finding_line("audit", one) for one in event.findings] or [f"audit: {stages.CONSISTENT}"]
+            return [_finding_line("audit", one) for one in event.findings] or [f"audit: {phrase('consistent')}"]
         case SubsampleStarted():
-            return [f"sample: {samples.step(event)}"]
+            return [f"sample: {phrase('step', event)}"]
         case LawsCompared():
-            return [f"law: {stages.laws(event.law, event.fits)}"]
+            return [f"law: {phrase('laws', event.law, event.fits)}"]
         case CandidatesExcluded():
-            return [f"note: {stages.left_out(event.candidates)}"]
+            return [f"note: {phrase('left_out', event.candidates)}"]
         case VelocitiesAveraged():
             return [_finding_line("note", one) for one in event.findings]
         case LimitsEstimated():
-            return [f"budget: {stages.limits(event.limits)}"]
+            return [f"budget: {phrase('limits', event.limits)}"]
         case RegionsFound():
-            return [f"region: {stages.region(one)}" for one in event.regions] or [f"region: {stages.NO_REGION}"]
+            return [f"region: {phrase('region', one)}" for one in event.regions] or [f"region: {phrase('no_region')}"]
         case LawChanged():
-            return [f"law: {stages.law_changed(event.law)}"]
+            return [f"law: {phrase('law_changed', event.law)}"]
         case EffectsFound():
             lines: list[str] = []
             for effect in event.effects:
-                lines.append(f"missing: {stages.missing_effect(effect)}")
-                lines += [f"  {improvement}" for improvement in stages.improvements(effect, event.regions)]
+                lines.append(f"missing: {phrase('missing_effect', effect)}")
+                lines += [f"  {improvement}" for improvement in phrases("improvements", effect, event.regions)]
             return lines
         case FormulasSkipped():
             return [f"note: no formulas for the residual: {event.reason}"]
         case SampleConfirmed():
-            return [f"all trials: {one}" for one in samples.summary_of(event.sample)]
+            return [f"all trials: {one}" for one in phrases("sample_summary", event.sample)]
         case TaskProgress() | RemainderLearned() | LearningProgress():
             return []
 
 
 def _finding_line(kind: str, finding: Finding) -> str:
     """Describe a finding, and its correction if it is corrected."""
-    return f"{kind}: {sentence(finding.sentence)} {stages.correction_note(finding)}".rstrip()
+    return f"{kind}: {sentence(finding.sentence)} {phrase('correction_note', finding)}".rstrip()
 
 
 def show_verdict(found: Diagnosis, command: str) -> None:
@@ -130,27 +145,32 @@ def show_verdict(found: Diagnosis, command: str) -> None:
     _show_rivals(found)
     _show_residual(found)
     for rung in found.ladder:
-        mean, low, high = map(error, rung.error)
-        say(f"  {mean}  {low}–{high}  {rung_label(rung, base_label(found))}")
+        say(f"  {_error_columns(rung.error)}  {rung_label(rung, base_label(found))}")
     if found.budget is not None:
-        say(f"budget: {stages.noise(found.budget)} {stages.shares(found.budget)}")
+        say(f"budget: {phrase('noise', found.budget)} {phrase('shares', found.budget)}")
     if found.equation:
         say(found.equation)
     say(f"verdict: {headline(found)}")
-    for note in (stages.misfit(found), stages.better_law(found)):
+    for note in (misfit(found), phrase("better_law", found)):
         if note:
             say(f"note: {note}")
     if found.missing:
         say(f"to use it: {command}")
 
 
+def _error_columns(x: Interval) -> str:
+    """Write a mean error and its 95 % interval in columns."""
+    mean, low, high = map(error, x)
+    return f"{mean}  {low}–{high}"
+
+
 def _show_search(found: Diagnosis) -> None:
     """The best model of each number of effects, and the models that the data do not distinguish."""
     for model in found.frontier:
-        say(f"frontier: {search.frontier_line(model)}")
-    for model in search.listed_models(found):
-        say(f"model: {search.share(model)}  {search.listed_name(found, model)}")
-    for note in search.notes(found):
+        say(f"frontier: {_error_columns(model.error)}  {phrase('model', model.law, model.effects)}")
+    for model in listed_models(found):
+        say(f"model: {share_of_whole(model.share)}  {listed_name(found, model)}")
+    for note in search_notes(found):
         say(f"note: {note}")
 
 
@@ -158,17 +178,17 @@ def _show_rivals(found: Diagnosis) -> None:
     """Effects that the data do not distinguish, and the drops that do."""
     for missing in found.missing:
         if missing.rivals:
-            say(f"rivals: {stages.rivals(missing)}")
+            say(f"rivals: {phrase('rivals', missing)}")
     if found.experiment is not None:
         for drop in found.experiment.drops:
-            say(f"next experiment: {stages.drop(drop, found.experiment)}")
+            say(f"next experiment: {phrase('drop', drop, found.experiment)}")
         for separation in found.experiment.separations:
-            say(f"next experiment: {stages.needed_drops(separation)}")
+            say(f"next experiment: {phrase('needed_drops', separation)}")
 
 
 def _show_residual(found: Diagnosis) -> None:
     """The predictable part of the residual, and formulas for it."""
     if found.remainder is not None:
-        say(f"residual: {' '.join(stages.residual(found.remainder))}")
+        say(f"residual: {' '.join(phrases('residual', found.remainder))}")
     for formula in found.formulas:
-        say(f"formula: {stages.formula_change(formula)}: {stages.formula_overrides(formula)}")
+        say(f"formula: {phrase('formula_change', formula)}: {formula_overrides(formula)}")

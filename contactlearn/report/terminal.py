@@ -14,7 +14,7 @@ from rich.text import Text
 
 from contactlearn.core.errors import harmless
 from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS
-from contactlearn.report.text.tracks import known_sentence
+from contactlearn.report.text import phrase
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate
 from contactlearn.results.evaluation import LearningCurve
 from contactlearn.results.transfer import BodyTransfer
@@ -96,7 +96,7 @@ def show_joint(name: str, fit: JointEstimate) -> None:
     for parameter, meaning in fit.at_bounds.items():
         say(f"note: {parameter} {meaning}")
     for parameter in fit.known:
-        say(f"note: {known_sentence(parameter)}")
+        say(f"note: {phrase('known_parameter', parameter)}")
     if fit.trials < _MANY:
         say(f"note: standard errors from {fit.trials} trials are too small; they are reliable from {_MANY} trials on")
     if fit.outliers:

@@ -22,7 +22,7 @@ from contactlearn.diagnosis.result import Record, Region
 from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS, mass_error
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import dots, legend_below
-from contactlearn.report.text import fix_spacing, stages
+from contactlearn.report.text import fix_spacing, phrase
 
 _BLUE, _RED, _YELLOW = st.CONTRAST
 _LOOKS: tuple[dict[str, Any], ...] = ({"color": _BLUE}, {"color": _RED, "linestyle": (0, (4, 1.5))})
@@ -75,7 +75,7 @@ def _draw_region(axes: Axes, region: Region, variable: Variable, errors: Mapping
         axes.set_xlabel("")
     axes.set_xlim(ends)
     axes.set_ylim(0, law.quantile(0.98).item())
-    title = st.plain(fix_spacing(region.where), 60), st.plain(stages.region_error(region), 60)
+    title = st.plain(fix_spacing(region.where), 60), st.plain(phrase("region_error", region), 60)
     axes.set_title("\n".join(title))
 
 

@@ -22,7 +22,7 @@ from contactlearn.effects.formula.symbols import SYMBOLS, of_state
 from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, binned, share_explained
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import dots, legend_below
-from contactlearn.report.text import percent, stages
+from contactlearn.report.text import percent, phrase
 
 _RED = st.CONTRAST[1]
 _SYMBOLS = 2  # columns of panels, at most
@@ -62,7 +62,7 @@ def _tests(found: Remainder) -> list[ComponentTest]:
 
 def _titled(found: Remainder, columns: int, rows: int) -> Figure:
     """An empty figure with the share of the error that is predictable above it."""
-    title = stages.residual_share(found) if found.predictable else stages.NOT_PREDICTABLE
+    title = phrase("residual_share", found) if found.predictable else phrase("not_predictable")
     lines = wrap(title.replace("\u00a0", " "), 54 if columns == 1 else 112)
     figure = st.new_figure((st.COLUMN, st.PAGE)[columns - 1], 0.5 + st.ROW * len(lines) + 2.0 * rows)
     figure.suptitle("\n".join(lines))

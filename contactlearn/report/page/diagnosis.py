@@ -22,15 +22,17 @@ from contactlearn.report.page.sample import places, sample_content, thinned
 from contactlearn.report.page.trials import REACH, bounded, digits, finely, of_laws, of_trials, plotly_style
 from contactlearn.report.text import (
     base_label,
+    capitalize_first,
     effect_label,
     headline,
     label,
-    capitalize_first,
+    listed_models,
+    listed_name,
+    phrase,
     rung_label,
-    samples,
-    search,
+    search_notes,
     sentence,
-    stages,
+    share_of_whole,
     summary,
     support,
 )
@@ -62,11 +64,11 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
         "verdict": {
             "key": str(found.verdict),
             "headline": headline(found),
-            "support": f"{support(found)} {samples.support_of(found)}".strip(),
+            "support": f"{support(found)} {phrase('sample_support', found.sample)}".strip(),
             "sentences": summary(found),
         },
         "findings": [_finding(finding) for finding in found.findings],
-        "consistent": stages.CONSISTENT,
+        "consistent": phrase("consistent"),
         "law": (plotly_style(found.law) if found.law else {}) | {"name": found.law},
         "reproduce": reproduced(provenance, use),
         "trials": None,
@@ -87,8 +89,8 @@ def _telling(found: Diagnosis) -> list[dict[str, str]]:
     figures += [
         {
             "id": f"telling-{k}",
-            "what": f"{capitalize_first(effect_label(one.effect))}: residual without it, of trials in grey and of their means in "
-            "black, the effect in red, and what remains in blue",
+            "what": f"{capitalize_first(effect_label(one.effect))}: residual without it, of trials in "
+            "grey and of their means in black, the effect in red, and what remains in blue",
         }
         for k, one in enumerate(found.missing[:_TELLING])
     ]
@@ -102,7 +104,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "name": label(finding.name),
         "sentence": sentence(finding.sentence),
         "evidence": [[label(one.quantity), digits(one.value), _unit(one.unit)] for one in finding.evidence],
-        "note": stages.correction_note(finding),
+        "note": phrase("correction_note", finding),
         "fatal": finding.fatal,
     }
 
@@ -123,18 +125,16 @@ def _ladder(found: Diagnosis) -> dict[str, Any]:
         ],
         "laws": [{**plotly_style(one.name), "error": finely(one.error)} for one in compared],
         "regions": [_region(region, shown) for region in found.regions],
-        "no_region": stages.NO_REGION,
+        "no_region": phrase("no_region"),
     } | _search(found)
 
 
 def _search(found: Diagnosis) -> dict[str, Any]:
     """The best model of each number of effects, and the models that the data cannot tell apart."""
     return {
-        "frontier": [{"name": search.model_name(m.law, m.effects), **bounded(m.error)} for m in found.frontier],
-        "plausible": [
-            {"name": search.listed_name(found, m), "share": search.share(m)} for m in search.listed_models(found)
-        ],
-        "search_notes": search.notes(found),
+        "frontier": [{"name": phrase("model", m.law, m.effects), **bounded(m.error)} for m in found.frontier],
+        "plausible": [{"name": listed_name(found, m), "share": share_of_whole(m.share)} for m in listed_models(found)],
+        "search_notes": search_notes(found),
     }
 
 
@@ -163,7 +163,7 @@ def _budget(found: Diagnosis, budget: ErrorBudget) -> dict[str, Any]:
     if not found.missing:
         del shown["named"], shown["flexible"]
     rows = [{"name": words[key], **bounded(error)} for key, error in shown.items()]
-    return {"budget": rows, "shares": stages.shares(budget)}
+    return {"budget": rows, "shares": phrase("shares", budget)}
 
 
 def _models(found: Diagnosis, choices: Choices) -> dict[str, Any]:
@@ -198,7 +198,7 @@ def _effects(found: Diagnosis) -> dict[str, Any]:
             effect_content(missing, partial, found.regions)
             for missing, partial in zip(found.missing, partials, strict=True)
         ],
-        "no_effect": stages.NO_EFFECT,
+        "no_effect": phrase("no_effect"),
         "experiment": None if found.experiment is None else experiment_content(found.experiment),
         "residual": None if found.remainder is None else residual_content(found.remainder, found.formulas),
         "equation": found.equation,

@@ -8,8 +8,16 @@ from contactlearn.diagnosis.result import Experiment, FittedParameter, Formula, 
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, Partial
 from contactlearn.report.page.trials import bounded, digits, finely
-from contactlearn.report.text import WRENCH, confidence, effect_label, measured, sentence, stages
-from contactlearn.report.text.stages import separation_label
+from contactlearn.report.text import (
+    WRENCH,
+    confidence,
+    effect_label,
+    formula_overrides,
+    measured,
+    phrase,
+    phrases,
+    sentence,
+)
 
 
 class _Axis(NamedTuple):
@@ -32,7 +40,7 @@ _AXES = {
 def effect_content(missing: MissingEffect, partial: Partial, regions: Sequence[Region]) -> dict[str, Any]:
     """Return a missing effect with its parameters, rivals and the curve of its partial residuals."""
     on_all = missing.reduction_on_all_trials
-    inadmissible = stages.inadmissible(missing)
+    inadmissible = phrase("inadmissible", missing)
     return {
         "name": str(missing.effect),
         "label": effect_label(missing.effect),
@@ -44,7 +52,7 @@ def effect_content(missing: MissingEffect, partial: Partial, regions: Sequence[R
         "confidence": confidence(missing),
         "parameters": [_parameter(one) for one in missing.parameters],
         "inadmissible": sentence(inadmissible) if inadmissible else "",
-        "improvements": stages.improvements(missing, regions),
+        "improvements": phrases("improvements", missing, regions),
         "rivals": [_rival(one) for one in missing.rivals],
         "curve": curve_content(partial),
     }
@@ -84,7 +92,9 @@ def experiment_content(experiment: Experiment) -> dict[str, Any]:
             {"name": name, "column": axis.column, "label": axis.label, "scale": axis.scale}
             for name, axis in axes.items()
         ],
-        "rivals": [{"name": separation_label(one), "said": stages.needed_drops(one)} for one in experiment.separations],
+        "rivals": [
+            {"name": phrase("separation", one), "said": phrase("needed_drops", one)} for one in experiment.separations
+        ],
         "drops": [
             digits({name: axis.scale * getattr(drop, name) for name, axis in axes.items()}, 3)
             | {"body": drop.body, "differences": [digits(difference, 2) for difference in drop.differences]}
@@ -96,7 +106,7 @@ def experiment_content(experiment: Experiment) -> dict[str, Any]:
 def residual_content(left: Remainder, formulas: Sequence[Formula]) -> dict[str, Any]:
     """Return the predictable part of the residual by component and variable, and formulas for it."""
     return {
-        "said": " ".join((stages.residual(left)[0], *stages.besides(left))),
+        "said": " ".join((phrases("residual", left)[0], *phrases("dependences", left))),
         "components": [
             {
                 "name": WRENCH[one.component],
@@ -113,5 +123,5 @@ def residual_content(left: Remainder, formulas: Sequence[Formula]) -> dict[str, 
             }
             for one in left.variables
         ],
-        "formulas": [{"code": stages.formula_overrides(one), "said": stages.formula_gain(one)} for one in formulas],
+        "formulas": [{"code": formula_overrides(one), "said": phrase("formula_gain", one)} for one in formulas],
     }

@@ -12,8 +12,7 @@ from contactlearn.report.figures.style import BOUNDS
 from contactlearn.report.page.arrays import packed
 from contactlearn.report.page.reproduce import reproduced
 from contactlearn.report.page.trials import REACH, finely, of_laws, of_trials, plotly_style
-from contactlearn.report.text import model_labels
-from contactlearn.report.text.evaluation import evaluation_headline, evaluation_summary
+from contactlearn.report.text import model_labels, phrase, phrases
 from contactlearn.results.estimates import ModelErrors
 from contactlearn.results.evaluation import Evaluation
 from contactlearn.results.held_out import HeldOut
@@ -41,7 +40,7 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
         "title": f"Evaluation on {test.source}",
         "verdict": {
             "key": "evaluation",
-            "headline": evaluation_headline(labels, result.best, result.differences),
+            "headline": phrase("evaluation_headline", labels, result.best, result.differences),
             "support": said[0],
             "sentences": said[1:],
         },
@@ -71,7 +70,7 @@ def _model(name: str, label: str, errors: ModelErrors) -> dict[str, Any]:
 def _sentences(result: Evaluation, labels: Mapping[str, str], closest: str, trials: int) -> list[str]:
     """The numbers behind the headline, and where the learned models are."""
     errors = {name: entry.headline for name, entry in result.errors.items()}
-    said = evaluation_summary(labels, errors, result.best, result.differences, closest, trials)
+    said = phrases("evaluation_summary", labels, errors, result.best, result.differences, closest, trials)
     return said + (["Learned models are under Learning curves."] if result.learning_curves else [])
 
 

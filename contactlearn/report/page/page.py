@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from contactlearn.core.numerics import written_whole
 from contactlearn.report.page.arrays import compressed
-from contactlearn.report.text import brief_interval, error, number, percent, fix_spacing
+from contactlearn.report.text import brief_interval, error, fix_spacing, number, percent
 
 FILE = "report.html"
 _SCRIPTS = ("data.js", "numbers.js", "figures.js", "live.js")

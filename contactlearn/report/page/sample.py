@@ -10,7 +10,7 @@ from torch import Tensor
 from contactlearn.diagnosis.result import Diagnosis, ErrorMap, Record, Sample
 from contactlearn.inference.evaluation.partial_residuals import Partial
 from contactlearn.report.page.trials import EMBEDDED, bounded, digits
-from contactlearn.report.text import samples
+from contactlearn.report.text import phrase, phrases
 from contactlearn.report.text.numbers import counted
 
 
@@ -22,9 +22,9 @@ def sample_content(found: Diagnosis) -> dict[str, Any]:
     shown = f"The figures below show {counted(min(EMBEDDED, sample.trials))} of the {counted(sample.trials)} diagnosed"
     return {
         "sample": {
-            "sentences": samples.summary_of(sample),
+            "sentences": phrases("sample_summary", sample),
             "answers": [
-                {"trials": counted(one.trials), "answer": samples.answer(one), "error": bounded(one.error)}
+                {"trials": counted(one.trials), "answer": phrase("answer", one), "error": bounded(one.error)}
                 for one in sample.answers
             ],
             "map": _map(sample.confirmation.map),

@@ -1,14 +1,9 @@
 """The words and number formats of terminal, page, figures and run cards, each in one place.
 
+    sentences    templates of all sentences about a diagnosis, an evaluation and fitted parameters
+    names        laws, models, effects, rungs and components as a person writes them; lists and sentences
     numbers      errors, shares, comparisons
-    names        laws, models, effects, rungs and components as a person writes them
-    stages       the result of each stage of a diagnosis in a sentence
-    sequence     what remains and follows the sequence of the trials
-    samples      the subsamples of a large table, and the test on all of it
-    search       error against number of effects, and models that the data cannot tell apart
-    verdict      the conclusion of a diagnosis in one line, and the numbers behind it
-    known        parameters that flight has measured, and what the impacts say of them
-    evaluation   the model with the least error, and its distance to the others
+    tracks       impacts found in recordings
 
 A no-break space stands between a number and its % sign; the terminal prints it as a space.
 """
@@ -17,12 +12,12 @@ from contactlearn.core.numerics import measured, number
 from contactlearn.report.text.names import (
     WRENCH,
     base_label,
+    capitalize_first,
     effect_label,
+    join_words,
     label,
     law_label,
-    join_words,
     model_labels,
-    capitalize_first,
     rung_label,
     sentence,
 )
@@ -30,34 +25,58 @@ from contactlearn.report.text.numbers import (
     brief_interval,
     compared,
     error,
+    fix_spacing,
     interval,
     percent,
-    fix_spacing,
+    share_of_whole,
 )
-from contactlearn.report.text.verdict import conclusion, confidence, headline, summary, support
+from contactlearn.report.text.sentences import (
+    conclusion,
+    confidence,
+    correct_setting,
+    formula_overrides,
+    headline,
+    listed_models,
+    listed_name,
+    misfit,
+    phrase,
+    phrases,
+    search_notes,
+    summary,
+    support,
+)
 
 __all__ = [
     "WRENCH",
     "base_label",
     "brief_interval",
+    "capitalize_first",
     "compared",
     "conclusion",
     "confidence",
+    "correct_setting",
     "effect_label",
     "error",
+    "fix_spacing",
+    "formula_overrides",
     "headline",
     "interval",
+    "join_words",
     "label",
     "law_label",
-    "join_words",
+    "listed_models",
+    "listed_name",
     "measured",
+    "misfit",
     "model_labels",
     "number",
-    "capitalize_first",
     "percent",
+    "phrase",
+    "phrases",
     "rung_label",
+    "search_notes",
     "sentence",
-    "fix_spacing",
+    "share_of_whole",
     "summary",
     "support",
 ]

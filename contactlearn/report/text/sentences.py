@@ -15,6 +15,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from jinja2.environment import TemplateModule
+from jinja2.runtime import Macro
 
 from contactlearn.core.numerics import measured, number
 from contactlearn.diagnosis.result import (
@@ -22,10 +23,10 @@ from contactlearn.diagnosis.result import (
     Finding,
     FittedParameter,
     Formula,
+    LaggedVariable,
     Limit,
     MissingEffect,
     NoiseSource,
-    Past,
     PlausibleModel,
     RungKind,
     Verdict,
@@ -49,29 +50,29 @@ _LIMITS = {
     Limit.SIZE: "larger subsamples are not diagnosed",
     Limit.MEMORY: "the free memory is too small for a larger one",
 }
-_PAST_QUANTITIES = {
-    Past.NORMAL_SPEED: "normal speed",
-    Past.NORMAL_IMPULSE: "normal impulse",
-    Past.SLIP: "signed slip velocity",
-    Past.SLIP_SPEED: "slip speed",
-    Past.SPIN: "signed spin",
-    Past.SPIN_RATE: "spin rate",
-    Past.TANGENTIAL_IMPULSE: "signed tangential impulse",
+_LAGGED_QUANTITIES = {
+    LaggedVariable.NORMAL_SPEED: "normal speed",
+    LaggedVariable.NORMAL_IMPULSE: "normal impulse",
+    LaggedVariable.SLIP: "signed slip velocity",
+    LaggedVariable.SLIP_SPEED: "slip speed",
+    LaggedVariable.SPIN: "signed spin",
+    LaggedVariable.SPIN_RATE: "spin rate",
+    LaggedVariable.TANGENTIAL_IMPULSE: "signed tangential impulse",
 }
 
 
-def phrase(macro: str, *values: Any) -> str:
+def phrase(name: str, *values: Any) -> str:
     """Render a macro of the templates as text on one line; empty where it has nothing to say.
 
     Raises:
         AttributeError: no template has such a macro.
     """
-    return numbers.fix_spacing(_fold(getattr(_module(macro), macro)(*values)))
+    return numbers.fix_spacing(_fold(macro(name)(*values)))
 
 
-def phrases(macro: str, *values: Any) -> list[str]:
+def phrases(name: str, *values: Any) -> list[str]:
     """Render a macro of several sentences as a list of them."""
-    return [text for one in phrase(macro, *values).split("¶") if (text := one.strip(" "))]
+    return [text for one in phrase(name, *values).split("¶") if (text := one.strip(" "))]
 
 
 def conclusion(verdict: Verdict, physics: Verdict | None, corrections: Sequence[str] = ()) -> str:
@@ -145,7 +146,7 @@ def _is_chosen(found: Diagnosis, model: PlausibleModel) -> bool:
     return model.law == found.law and {*model.effects} == {one.effect for one in found.missing}
 
 
-def parameter(found: FittedParameter) -> str:
+def fitted_value(found: FittedParameter) -> str:
     """Write a fitted parameter with its standard error and unit: φ = 0.0020 ± 0.0010 rad."""
     return f"{found.symbol} = {measured(found.value, found.standard_error, found.unit)}"
 
@@ -172,11 +173,14 @@ def _fold(text: str) -> str:
     return re.sub(r" (?=[,;.:?)]+(?:\s|$))|(?<=\() ", "", text).strip(" ")
 
 
-@cache
-def _module(macro: str) -> TemplateModule:
-    """Return the template that has a macro."""
-    modules = _modules()
-    return next((one for one in modules if hasattr(one, macro)), modules[0])
+def macro(name: str) -> Macro:
+    """Return the macro of a name, of whichever template has it.
+
+    Raises:
+        AttributeError: no template has such a macro.
+    """
+    diagnosis, fits = _modules()
+    return getattr(fits if hasattr(fits, name) else diagnosis, name)
 
 
 @cache
@@ -206,7 +210,7 @@ def _modules() -> tuple[TemplateModule, ...]:
         "number": number,
         "of": lambda key, mapping: getitem(mapping, key),
         "p_value": numbers.p_value,
-        "parameter": parameter,
+        "parameter": fitted_value,
         "percent": numbers.percent,
         "sentence": names.sentence,
         "share": numbers.share_of_whole,
@@ -218,8 +222,8 @@ def _modules() -> tuple[TemplateModule, ...]:
     }
     templates.globals |= {
         "LIMITS": _LIMITS,
-        "PAST_QUANTITIES": _PAST_QUANTITIES,
-        "Past": Past,
+        "LAGGED_QUANTITIES": _LAGGED_QUANTITIES,
+        "LaggedVariable": LaggedVariable,
         "VERDICTS": _VERDICTS,
         "Verdict": Verdict,
         "error_after": _error_after,

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from contactlearn.core.numerics import measured, number
+from contactlearn.core.numerics import number
 from contactlearn.data.recordings.frame import Clue
 from contactlearn.data.recordings.result import REASONS, Reason, Refusal
 from contactlearn.data.tracks import Tracked
-from contactlearn.mechanics.apparatus import Estimate, KnownParameter
+from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.rigid_body import GRAVITY
 
 
@@ -106,18 +106,3 @@ def _refused(refusals: Sequence[Refusal], path: Path) -> list[str]:
     said = ", ".join(f"{REASONS[reason]} {count}" for reason, count in refusals_by_reason(refusals))
     lines = [f"{len(refusals)} parts of recordings were refused, see {path}: {said}"]
     return lines + [f"  left out {r.message}" for r in refusals if r.reason is Reason.NOT_READ]
-
-
-def known_sentence(known: KnownParameter) -> str:
-    """Say which of flight and impacts knows a parameter better, or that the impacts ask for more than flight allows."""
-    flight, alone = (f"{measured(one.value, one.error, known.unit)}" for one in (known.flight, known.alone))
-    both = f"{known.symbol} = {flight} from free flight, {alone} from the impacts alone"
-    if known.contradicted and known.more:
-        limit = f"the fit stops at the limit, {number(known.value, 3)}"
-        why = "another effect acts in the same way, or other parameters are biased"
-        return f"the impacts imply more {known.name} than free flight allows: {both}; {limit}; {why}"
-    if known.contradicted:
-        return f"the impacts imply less {known.name} than free flight shows: {both}"
-    if known.better_in_flight:
-        return f"free flight determines {known.name} more precisely than the impacts: {both}"
-    return f"impacts and free flight agree on {known.name}: {both}"

@@ -7,8 +7,7 @@ from dash import html
 from dash.development.base_component import Component
 
 from contactlearn.diagnosis.result import Region
-from contactlearn.report.text import capitalize_first, fix_spacing
-from contactlearn.report.text.stages import NO_REGION, region
+from contactlearn.report.text import capitalize_first, fix_spacing, phrase
 from contactlearn.workbench.panes.parts import figure, note, press
 
 _MAP = (
@@ -60,9 +59,9 @@ def fails_pane() -> Component:
 def region_buttons(found: Sequence[Region]) -> list[Component]:
     """Return the regions in which the model fails, each to select its trials."""
     if not found:
-        return [note(NO_REGION)]
+        return [note(phrase("no_region"))]
     rows = [
-        html.Li([press("region", "Select", of=str(k)), f" {fix_spacing(capitalize_first(region(one)))}"])
+        html.Li([press("region", "Select", of=str(k)), f" {fix_spacing(capitalize_first(phrase('region', one)))}"])
         for k, one in enumerate(found)
     ]
     return [html.H3("Regions in which the model fails"), html.Ul(rows, className="plain")]

@@ -7,8 +7,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from contactlearn.data.audit.result import Finding
-from contactlearn.report.text import sentence
-from contactlearn.report.text.stages import correct_setting
+from contactlearn.report.text import correct_setting, sentence
 from contactlearn.workbench.panes import compare, fails, hints, missing, model, saved
 from contactlearn.workbench.panes.parts import button, note, press
 from contactlearn.workbench.session import Session

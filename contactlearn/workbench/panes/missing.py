@@ -8,8 +8,18 @@ from dash.development.base_component import Component
 
 from contactlearn.diagnosis.result import Diagnosis, FrontierModel, PlausibleModel
 from contactlearn.effects import catalogue
-from contactlearn.report.text import effect_label, error, headline, label, percent, stages
-from contactlearn.report.text.search import listed_models, model_name, notes, share
+from contactlearn.report.text import (
+    effect_label,
+    error,
+    headline,
+    label,
+    listed_models,
+    percent,
+    phrase,
+    phrases,
+    search_notes,
+    share_of_whole,
+)
 from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.workbench.lines import line_of
 from contactlearn.workbench.panes.parts import bars, button, note, press, progress_bar
@@ -97,14 +107,14 @@ def _take(text: str, session: Session, found: FrontierModel | PlausibleModel) ->
     other = Session(
         data=session.data, seed=session.seed, trial=session.trial, law=found.law, effects=tuple(found.effects)
     )
-    return press("adopt", text, of=other.address, label=f"Take {model_name(found.law, found.effects)}")
+    return press("adopt", text, of=other.address, label=f"Take {phrase('model', found.law, found.effects)}")
 
 
 def _frontier(found: Diagnosis, session: Session) -> list[Component]:
     if not found.frontier:
         return []
     most = 1.05 * max(one.error.high for one in found.frontier)
-    rows = [(model_name(one.law, one.effects), one.error) for one in found.frontier]
+    rows = [(phrase("model", one.law, one.effects), one.error) for one in found.frontier]
     takes = [_take(f"Take {len(one.effects)}", session, one) for one in found.frontier]
     head = "The best model of each number of effects, held out:"
     return [html.H4("Frontier"), note(head), bars(rows, most), html.P(takes, className="controls")]
@@ -112,21 +122,21 @@ def _frontier(found: Diagnosis, session: Session) -> list[Component]:
 
 def _plausible(found: Diagnosis, session: Session) -> list[Component]:
     rows = [
-        html.Li([_take("Take", session, one), f" {share(one)}  {model_name(one.law, one.effects)}"])
+        html.Li([_take("Take", session, one), f" {share_of_whole(one.share)}  {phrase('model', one.law, one.effects)}"])
         for one in listed_models(found)
     ]
     if not rows:
         return []
-    said = [html.P(text) for text in notes(found)]
+    said = [html.P(text) for text in search_notes(found)]
     return [html.H4("Models that these data cannot tell apart"), html.Ul(rows, className="plain"), *said]
 
 
 def _remains(found: Diagnosis) -> list[Component]:
     if found.remainder is None:
         return []
-    said = [html.P(text) for text in stages.residual(found.remainder)]
+    said = [html.P(text) for text in phrases("residual", found.remainder)]
     lines = [
-        html.Li([press("line", "Add", of=line_of(one)), f" {stages.formula_change(one)}"]) for one in found.formulas
+        html.Li([press("line", "Add", of=line_of(one)), f" {phrase('formula_change', one)}"]) for one in found.formulas
     ]
     return [html.H4("What remains"), *said, *([html.Ul(lines, className="plain")] if lines else [])]
 
@@ -134,6 +144,6 @@ def _remains(found: Diagnosis) -> list[Component]:
 def _experiment(found: Diagnosis) -> list[Component]:
     if found.experiment is None:
         return []
-    needed = [html.P(stages.needed_drops(one)) for one in found.experiment.separations]
-    drops = [html.Li(stages.drop(one, found.experiment)) for one in found.experiment.drops]
+    needed = [html.P(phrase("needed_drops", one)) for one in found.experiment.separations]
+    drops = [html.Li(phrase("drop", one, found.experiment)) for one in found.experiment.drops]
     return [html.H4("The next experiment"), *needed, html.Ol(drops)]

@@ -18,7 +18,7 @@ from contactlearn.report.page.runs.reading import Progress, absolute, read_runs,
 from contactlearn.report.page.runs.rows import HASH, LAW, Row, printable
 from contactlearn.report.page.runs.settings import Settings, shared, telling, varying
 from contactlearn.report.page.trials import digits, plotly_style
-from contactlearn.report.text import effect_label, interval, label, join_words
+from contactlearn.report.text import effect_label, interval, join_words, label
 from contactlearn.results.folder import is_run
 
 MARK = "contactlearn report"
