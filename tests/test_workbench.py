@@ -1,12 +1,10 @@
-"""The workbench without a browser: addresses, lines, caches, models, promises, commands, jobs, saved runs."""
+"""The workbench without a browser: addresses, lines, caches, models, commands, background and saved runs."""
 
 import base64
 import sys
 import threading
 import time
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +20,7 @@ from dash import no_update
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.data import table
+from contactlearn.diagnosis.events import AuditFindings, EffectsFound, LawsCompared, RemainderLearned
 from contactlearn.diagnosis.result import Formula, WrenchComponent
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
@@ -29,21 +28,17 @@ from contactlearn.report.text import brief_interval
 from contactlearn.report.text.numbers import error
 from contactlearn.results.folder import read_result
 from contactlearn.simulation import synthetic
-from contactlearn.workbench import commands, lines
-from contactlearn.workbench.actions import actions_of
+from contactlearn.workbench import background, commands, content, lines
+from contactlearn.workbench.actions import Actions
 from contactlearn.workbench.arrays import inside, of_model
-from contactlearn.workbench.cache import Cache
-from contactlearn.workbench.jobs import BackgroundRun, Jobs, RunStatus
-from contactlearn.workbench.keeping import Keeping
-from contactlearn.workbench.models import Models
-from contactlearn.workbench.page import Page
-from contactlearn.workbench.panes.model import parts
-from contactlearn.workbench.previews import Previews
-from contactlearn.workbench.promises import Promises
-from contactlearn.workbench.saved import Saved, diagnosed
+from contactlearn.workbench.background import BackgroundRuns, RunStatus
+from contactlearn.workbench.background_callbacks import diagnosis_progress
+from contactlearn.workbench.file_callbacks import FileCallbacks
+from contactlearn.workbench.models import Cache, Models
+from contactlearn.workbench.saved_runs import SavedRuns, diagnosed_session
 from contactlearn.workbench.session import Option, Session, Window
+from contactlearn.workbench.session_callbacks import SessionCallbacks
 from contactlearn.workbench.studies import learned_steps
-from contactlearn.workbench.tasks import StudyRuns
 
 LINE = "tau = -c*rx*Pn; c = [-1, 1]"
 DRAG = EffectId("side_drag", "linear")
@@ -78,7 +73,7 @@ SESSIONS = {
     "shape": Session(data=("data=table", "data.path=a b.csv", "data.shape={kind:disc,radius:0.02}")),
     "all": Session(
         law="mirtich", effects=(DRAG, EffectId("surface_tilt")), lines=(LINE, "eps = c; c = [-1, 1]"),
-        hand=(("mu", 0.1),), options=(
+        manual=(("mu", 0.1),), options=(
             Option(effect="side_drag", name="x", value=(0.5,)), Option(effect="side_drag", name="y", value=(-1.0, 2.0)),
         ),
         seed=3, trial=12, windows=(Window(variable="v_x", low=-0.1, high=1e-9),),
@@ -93,12 +88,12 @@ def test_an_address_is_the_session(session):
 
 
 @pytest.mark.parametrize(
-    ("address", "said"),
+    ("address", "message"),
     [
-        ("?hand.mu=much", "an address holds numbers such as 0.25, got 'much'"),
-        ("?hand.mu=nan", "finite numbers alone"),
+        ("?manual.mu=much", "an address holds numbers such as 0.25, got 'much'"),
+        ("?manual.mu=nan", "finite numbers only"),
         ("?option.side_drag=1", "an option is option.EFFECT.NAME"),
-        ("?option.a.b=inf", "finite numbers alone"),
+        ("?option.a.b=inf", "finite numbers only"),
         ("?seed=-1", "seed is a whole number"),
         ("?trial=x", "trial is a whole number"),
         ("?window=v_x:1", "a window is variable:low:high"),
@@ -109,24 +104,24 @@ def test_an_address_is_the_session(session):
         ("?law=" + 30_000 * "x", "up to 20000 characters"),
     ],
 )
-def test_a_wrong_address_is_one_clear_error(address, said):
-    with pytest.raises(ContactLearnError, match=said):
+def test_a_wrong_address_is_one_clear_error(address, message):
+    with pytest.raises(ContactLearnError, match=message):
         Session.read(address)
 
 
 def test_a_tick_takes_the_place_of_another_form():
-    session = Session(effects=(DRAG, EffectId("surface_tilt")), hand=(("mu", 0.1),))
-    other = session.ticked(EffectId("side_drag", "quadratic"))
+    session = Session(effects=(DRAG, EffectId("surface_tilt")), manual=(("mu", 0.1),))
+    other = session.with_effect(EffectId("side_drag", "quadratic"))
     assert [str(one) for one in other.effects] == ["side_drag:quadratic", "surface_tilt"]
-    assert other.hand == ()  # the values of another model
-    assert session.ticked(DRAG, False).effects == (EffectId("surface_tilt"),)
+    assert other.manual == ()  # the values of another model
+    assert session.without_effect(DRAG.name).effects == (EffectId("surface_tilt"),)
 
 
 # Lines
 
 
 def test_a_line_is_the_effect_of_the_command(session, models):
-    effect = lines.effect_of(LINE)
+    effect = lines.parse_effect(LINE)
     assert effect.equation == "τ ← τ + (-c*rx*Pn)"
     words = [*session.data, *lines.overrides(LINE, "mine")]
     from contactlearn.cli.hydra_main import compose
@@ -136,7 +131,7 @@ def test_a_line_is_the_effect_of_the_command(session, models):
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         ("tau", "write an output and its expression"),
         ("tau = c*Pn; c", "a parameter has a range"),
@@ -147,9 +142,9 @@ def test_a_line_is_the_effect_of_the_command(session, models):
         ("tau = c*" + 600 * "1" + "; c = [0, 1]", "up to 500 characters"),
     ],
 )
-def test_a_wrong_line_is_one_clear_error(line, said):
-    with pytest.raises(ContactLearnError, match=said):
-        lines.effect_of(line)
+def test_a_wrong_line_is_one_clear_error(line, message):
+    with pytest.raises(ContactLearnError, match=message):
+        lines.parse_effect(line)
 
 
 def test_a_line_is_completed():
@@ -164,7 +159,7 @@ def test_a_formula_of_a_diagnosis_is_a_line():
         component=WrenchComponent.MOMENT, terms=("Pn*sin(3*theta)",), ranges=((-0.5, 0.5),), coefficients=(0.1,),
         error_reduction=0.1, standard_error=0.01,
     )  # fmt: skip
-    assert lines.effect_of(lines.line_of(found)).equation == "τ ← τ + (c1*Pn*sin(3*theta))"
+    assert lines.parse_effect(lines.formula_line(found)).equation == "τ ← τ + (c1*Pn*sin(3*theta))"
 
 
 # Caches
@@ -201,48 +196,48 @@ def test_a_cache_keeps_no_error():
 
 
 def test_an_effect_that_is_planted_lowers_the_held_out_error(session, models):
-    alone, ticked = models.fitted(session), models.fitted(session.ticked(DRAG))
+    alone, ticked = models.fitted(session), models.fitted(session.with_effect(DRAG))
     assert ticked.error.mean < 0.5 * alone.error.mean
     value = dict(zip((p.name for p in ticked.fit.parameters), ticked.fit.values.tolist(), strict=True))["side_drag.c"]
     assert value == pytest.approx(0.2, abs=0.01)
-    assert [one.error.mean for one in models.ladder(session.ticked(DRAG))] == [alone.error.mean, ticked.error.mean]
+    assert [one.error.mean for one in models.ladder(session.with_effect(DRAG))] == [alone.error.mean, ticked.error.mean]
 
 
-def test_the_promise_of_a_planted_effect_is_kept(session, models):
-    promises = Promises(models).of(session)
-    first, kept = promises[0], models.fitted(session.ticked(promises[0].effect)).error.mean
+def test_the_predicted_gain_of_a_planted_effect_is_near_the_fitted_one(session, models):
+    first = models.predicted_gains(session)[0]
+    fitted = models.fitted(session.with_effect(first.effect)).error.mean
     assert first.effect.name == "side_drag"
-    assert 0.8 * kept < first.error < 0.5 * models.fitted(session).error.mean
-    assert all(one.effect.name != "side_drag" for one in Promises(models).of(session.ticked(DRAG)))
+    assert 0.8 * fitted < first.error < 0.5 * models.fitted(session).error.mean
+    assert all(one.effect.name != "side_drag" for one in models.predicted_gains(session.with_effect(DRAG)))
 
 
 def test_a_parameter_moves_by_hand_and_back(session, models):
-    actions, fitted = actions_of(models, Promises(models)), models.fitted(session)
+    actions, fitted = Actions(models=models), models.fitted(session)
     moved = actions.slide(session, "mu", 0.5)
-    assert models.moved(moved).error.mean > fitted.error.mean
-    assert models.moved(moved).model.law.mu == 0.5
+    assert models.manual(moved).error.mean > fitted.error.mean
+    assert models.manual(moved).model.law.mu == 0.5
     assert actions.slide(moved, "mu", 0.5) is moved  # the slider was set to what it says
-    assert actions.kinds["fit"](moved, "mu", 1) == session
-    assert models.moved(session).error == fitted.error
+    assert actions.handlers["fit"](moved, "mu", 1) == session
+    assert models.manual(session).error == fitted.error
     with pytest.raises(UnknownNameError, match="unknown parameter of this model 'nu'"):
-        models.moved(replace(session, hand=(("nu", 1.0),)))
+        models.manual(replace(session, manual=(("nu", 1.0),)))
 
 
 def test_a_slider_that_is_dragged_is_answered_with_what_its_place_would_change(session, models):
-    previews = Previews(models, actions_of(models, Promises(models)))
-    session = session.ticked(DRAG)
-    sent = previews.moved(session.address, "side_drag.c", 0.3)
-    moved = models.moved(session.moved("side_drag.c", 0.3))
+    page = SessionCallbacks(models)
+    session = session.with_effect(DRAG)
+    sent = page.preview(session.address, "side_drag.c", 0.3)
+    moved = models.manual(session.with_value("side_drag.c", 0.3))
     assert _floats(sent["v_post"]).reshape(-1, 3) == pytest.approx(moved.v_post.numpy(), rel=1e-5, abs=1e-6)
     partial = partial_residuals(moved.model, models.split(session).impacts, "side_drag")
     component = ("v_x⁺", "v_y⁺", "ω⁺").index(partial.component)
     change = _floats(sent["changes"]).reshape(1, -1, 3)[0, :, component]
     assert change == pytest.approx(partial.explained.numpy(), rel=1e-5, abs=1e-6)
-    _, number, rest = sent["said"]
+    _, number, rest = sent["summary"]
     assert number == brief_interval(moved.error)
-    assert "moved by hand" in rest
+    assert "set by hand" in rest
     fitted = models.fitted(session).fit.values[2].item()
-    assert "moved by hand" not in previews.moved(session.address, "side_drag.c", fitted)["said"][2]
+    assert "set by hand" not in page.preview(session.address, "side_drag.c", fitted)["summary"][2]
 
 
 def _floats(text):
@@ -250,30 +245,29 @@ def _floats(text):
 
 
 def test_a_tick_takes_the_most_promising_form(session, models):
-    actions = actions_of(models, Promises(models))
-    ticked = actions.kinds["ticks"](session, "side_drag", True)
-    best = next(one.effect for one in Promises(models).of(session) if one.effect.name == "side_drag")
+    actions = Actions(models=models)
+    ticked = actions.handlers["ticks"](session, "side_drag", True)
+    best = next(one.effect for one in models.predicted_gains(session) if one.effect.name == "side_drag")
     assert ticked.effects == (best,)
-    assert actions.kinds["ticks"](ticked, "side_drag", False) == session
+    assert actions.handlers["ticks"](ticked, "side_drag", False) == session
 
 
 def test_trials_are_stepped_through_by_their_errors(session, models):
-    actions = actions_of(models, Promises(models))
+    actions = Actions(models=models)
     order = actions.ranked(session)
-    first = actions.kinds["worst"](session, "", 1)
+    first = actions.handlers["worst"](session, "", 1)
     assert first.trial == order[0]
-    assert actions.kinds["worse"](first, "", 1).trial == order[1]
-    assert actions.kinds["next"](replace(session, trial=len(order) - 1), "", 1).trial == 0
+    assert actions.handlers["worse"](first, "", 1).trial == order[1]
+    assert actions.handlers["next"](replace(session, trial=len(order) - 1), "", 1).trial == 0
     assert actions.trial(replace(session, trial=10**8)) == len(order) - 1
 
 
-def test_the_same_numbers_of_a_body_without_a_shape_promise_nothing_that_needs_it(session):
+def test_without_a_shape_no_effect_that_needs_it_has_a_predicted_gain(session):
     models = Models()
-    promises = Promises(models)
     shape = "data.shape={kind:ellipse,semi_axes:[0.04,0.02]}"
-    shaped = {one.effect.name for one in promises.of(replace(session, data=(*session.data, shape)))}
+    shaped = {one.effect.name for one in models.predicted_gains(replace(session, data=(*session.data, shape)))}
     assert "shape_error" in shaped
-    assert "shape_error" not in {one.effect.name for one in promises.of(session)}
+    assert "shape_error" not in {one.effect.name for one in models.predicted_gains(session)}
 
 
 def test_a_changed_file_is_read_again(session, models, tmp_path):
@@ -288,7 +282,7 @@ def test_a_changed_file_is_read_again(session, models, tmp_path):
 
 def test_a_line_that_never_vanishes_is_refused(session, models):
     with pytest.raises(ContactLearnError, match="must change nothing where it vanishes"):
-        actions_of(models, Promises(models)).add_line(session, "tau = c + Pn; c = [-1, 1]", None)
+        Actions(models=models).add_line(session, "tau = c + Pn; c = [-1, 1]", None)
 
 
 def test_windows_hold_trials_also_around_the_circle(session, models):
@@ -305,7 +299,7 @@ def test_windows_hold_trials_also_around_the_circle(session, models):
 
 def test_many_trials_have_no_curves(session, models, monkeypatch):
     monkeypatch.setattr("contactlearn.workbench.arrays._CURVE_TRIALS", 10)
-    fitted, impacts = models.fitted(session.ticked(DRAG)), models.split(session).impacts
+    fitted, impacts = models.fitted(session.with_effect(DRAG)), models.split(session).impacts
     sent = of_model(impacts, fitted.v_post, fitted.v_post, fitted.model)
     assert sent["effects"] == []
 
@@ -323,10 +317,10 @@ def turned(tmp_path_factory):
 
 
 def test_what_the_audit_recommends_is_applied_and_taken_back(turned, models, drops):
-    page = Page(models, Promises(models), actions_of(models, Promises(models)))
+    page = SessionCallbacks(models)
     _, wrong = page.findings("drawn", turned.address)
     (button,) = _buttons(wrong)
-    assert getattr(button, "data-press") == "correct"
+    assert getattr(button, "data-action") == "correct"
     press = {"n": 1, "kind": "correct", "of": getattr(button, "data-of"), "value": None}
     address, history, *_ = page.act([press], None, turned.address, None)
     corrected = Session.read(address)
@@ -337,7 +331,7 @@ def test_what_the_audit_recommends_is_applied_and_taken_back(turned, models, dro
     assert OmegaConf.create(commands.experiment(corrected)).data.correct == ["mirrored_x"]
     _, right = page.findings("drawn", address)
     (button,) = _buttons(right)
-    back = {"n": 2, "kind": getattr(button, "data-press"), "of": "", "value": None}
+    back = {"n": 2, "kind": getattr(button, "data-action"), "of": "", "value": None}
     assert page.act([back], 1, address, history)[0] == turned.address
     assert page.act([{"n": 2, "kind": "undo", "of": "", "value": None}], 1, address, history)[0] == turned.address
     assert "unknown correction" in page.act([press | {"of": "x]', y"}], None, address, history)[3]
@@ -351,29 +345,29 @@ def test_data_that_break_a_rule_are_offered_corrected(models, tmp_path):
         r=impacts.r * down[:2],
     )  # fmt: skip
     table.save(impacts, tmp_path / "down.csv")
-    keeping = Keeping(models, Saved(tmp_path), tmp_path)
+    files = FileCallbacks(models, SavedRuns(tmp_path))
     content = base64.b64encode((tmp_path / "down.csv").read_bytes()).decode()
-    down = Session(data=("data=table", f"data.path={keeping.kept('down.csv', f'data:text/csv;base64,{content}')}"))
+    down = Session(data=("data=table", f"data.path={files.store_table('down.csv', f'data:text/csv;base64,{content}')}"))
     with pytest.raises(ContactLearnError):
         models.split(down)
-    (button,) = _buttons(keeping.offered(down))
+    (button,) = _buttons(files.corrections(down))
     corrected = Session.read(getattr(button, "data-of"))
     assert corrected.corrections == ("mirrored_y",)
     assert len(models.split(corrected).impacts) == 160
 
 
 def _buttons(parts):
-    return [one for part in parts for one in part._traverse() if hasattr(one, "data-press")]
+    return [one for part in parts for one in part._traverse() if hasattr(one, "data-action")]
 
 
 # Options of effects
 
 
 def test_an_option_is_written_fitted_and_in_the_command(session, models):
-    actions, name = actions_of(models, Promises(models)), "velocity_dependent_restitution"
-    plain = session.ticked(EffectId(name, "power")).ticked(EffectId("location_dependent_friction"))
-    opted = actions.kinds["option"](plain, f"{name}.v_ref", "0.7")
-    opted = actions.kinds["option"](opted, "location_dependent_friction.span", "[−0.05, 0.1]")
+    actions, name = Actions(models=models), "velocity_dependent_restitution"
+    plain = session.with_effect(EffectId(name, "power")).with_effect(EffectId("location_dependent_friction"))
+    opted = actions.handlers["option"](plain, f"{name}.v_ref", "0.7")
+    opted = actions.handlers["option"](opted, "location_dependent_friction.span", "[−0.05, 0.1]")
     effects = models.fitted(opted).effects
     assert effects[name].v_ref == 0.7
     assert effects["location_dependent_friction"].span == (-0.05, 0.1)
@@ -381,17 +375,21 @@ def test_an_option_is_written_fitted_and_in_the_command(session, models):
     assert Session.read(opted.address) == opted
     assert replace(commands.session_of(commands.words_of(opted)), data=opted.data) == opted
     assert OmegaConf.create(commands.experiment(opted)).effect[name].v_ref == 0.7
-    assert actions.kinds["option"](opted, f"{name}.v_ref", "").options == opted.options[:1]
-    assert opted.ticked(EffectId(name, "linear")).options == opted.options[:1]  # another form begins anew
-    fields = [str(one.id) for part in parts(opted, models.fitted(opted), models.moved(opted)) for one in _inputs(part)]
+    assert actions.handlers["option"](opted, f"{name}.v_ref", "").options == opted.options[:1]
+    assert opted.with_effect(EffectId(name, "linear")).options == opted.options[:1]  # another form begins anew
+    fields = [
+        str(one.id)
+        for part in content.parts(opted, models.fitted(opted), models.manual(opted))
+        for one in _inputs(part)
+    ]
     assert len(fields) == 2
     for text, said in (("fast", "v_ref is a number"), ("-1", "must be a positive"), ("1, 2", "must be a positive")):
         with pytest.raises(ContactLearnError, match=said):
-            models.fitted(actions.kinds["option"](plain, f"{name}.v_ref", text))
+            models.fitted(actions.handlers["option"](plain, f"{name}.v_ref", text))
     with pytest.raises(ContactLearnError, match="a span must be"):
-        models.fitted(actions.kinds["option"](plain, "location_dependent_friction.span", "3"))
+        models.fitted(actions.handlers["option"](plain, "location_dependent_friction.span", "3"))
     with pytest.raises(ContactLearnError, match="has no setting"):
-        models.fitted(actions.kinds["option"](plain, f"{name}.w_ref", "1"))
+        models.fitted(actions.handlers["option"](plain, f"{name}.w_ref", "1"))
 
 
 def _inputs(part):
@@ -416,7 +414,7 @@ def test_what_the_workbench_does_not_take_is_refused(words):
 
 @pytest.mark.parametrize("way", repeated("command", "experiment"))
 def test_the_shell_gives_the_same_error(way, session, models, tmp_path):
-    session = replace(session.ticked(DRAG), lines=("eps = -c*vn; c = [-0.5, 0.5]",))
+    session = replace(session.with_effect(DRAG), lines=("eps = -c*vn; c = [-0.5, 0.5]",))
     words = [*commands.words_of(session), "model=[]", "fit.starts=4"]
     if way == "experiment":
         (tmp_path / "experiment").mkdir()
@@ -429,152 +427,140 @@ def test_the_shell_gives_the_same_error(way, session, models, tmp_path):
 
 
 def test_the_experiment_file_says_what_it_leaves_out(session):
-    text = commands.experiment(session.moved("mu", 0.25))
-    assert "moved by hand, which no command does: mu = 0.25" in text
+    text = commands.experiment(session.with_value("mu", 0.25))
+    assert "set by hand, which no command can do: mu = 0.25" in text
     assert OmegaConf.create(text).seed == 0
 
 
-# Jobs and saved runs
+# Background and saved runs
 
 
-def test_a_diagnosis_runs_beside_the_page_and_is_taken_over(drops, models, tmp_path, monkeypatch):
-    monkeypatch.setattr("contactlearn.workbench.jobs._COMMAND", (sys.executable, COMMAND, "diagnose"))
+def ended(run, seconds=120):
+    """Wait for a background run; return its status."""
+    end = time.monotonic() + seconds
+    while run.status is RunStatus.RUNNING and time.monotonic() < end:
+        time.sleep(0.1)
+    return run.status
+
+
+def test_a_diagnosis_runs_in_the_background_and_its_model_is_taken_over(drops, models, tmp_path, monkeypatch):
+    monkeypatch.setattr(background, "_DIAGNOSE", (sys.executable, COMMAND, "diagnose"))
     (tmp_path / "few.csv").write_text("\n".join(drops.read_text().splitlines()[:101]))
     session = Session(data=("data=table", f"data.path={tmp_path / 'few.csv'}"))
-    jobs, saved = Jobs(tmp_path / "outputs"), Saved(tmp_path / "outputs")
+    runs, saved = BackgroundRuns(tmp_path / "outputs"), SavedRuns(tmp_path / "outputs")
     speed = EffectId("velocity_dependent_restitution", "linear")  # it takes a constant from the data
-    words = [*commands.words_of(session.ticked(DRAG).ticked(speed)), "seconds=1"]
-    job = jobs.start(words)
-    assert jobs.start(words) is job
-    assert job.status is RunStatus.RUNNING
-    end = time.monotonic() + 120
-    while job.status is RunStatus.RUNNING and time.monotonic() < end:
-        time.sleep(0.1)
-    assert job.status is RunStatus.DONE, "\n".join(job.lines)
-    (listed,) = saved.listed()
-    assert listed.page
+    words = [*commands.words_of(session.with_effect(DRAG).with_effect(speed)), "seconds=1"]
+    name = runs.diagnose(words)
+    run = runs.find(name)
+    assert runs.diagnose(words) == name
+    assert (run.status, run.events) == (RunStatus.RUNNING, [])
+    assert ended(run) is RunStatus.DONE, run.error
+    progress = [diagnosis_progress(run.events[:k]) for k in range(len(run.events) + 1)]
+    assert progress == sorted(progress)
+    assert (progress[0], progress[-1]) == (0, pytest.approx(5.9 / 6))
+    assert {type(one) for one in run.events} >= {AuditFindings, LawsCompared, EffectsFound, RemainderLearned}
+    (listed,) = saved.latest()
+    assert listed.has_page
     assert listed.session is not None
     assert DRAG in listed.session.effects
     assert models.fitted(listed.session).error.mean < 0.5 * models.fitted(session).error.mean
-    assert diagnosed(saved.diagnosis(listed.name)) == listed.session
-    for name in ("report.html", "diagnosis.json", "metrics.jsonl"):
-        assert (tmp_path / "outputs" / listed.name / name).exists()
+    assert diagnosed_session(saved.diagnosis(listed.name)) == listed.session
+    for file in ("report.html", "diagnosis.json", "metrics.jsonl"):
+        assert (tmp_path / "outputs" / listed.name / file).exists()
     saved.compare([listed.name])
     assert (tmp_path / "outputs" / "runs.html").exists()
 
 
-def test_a_job_is_cancelled_and_no_more_than_two_run(session, tmp_path):
-    jobs = Jobs(tmp_path)
-    first, second = (jobs.start([*session.data, f"seed={seed}"]) for seed in range(2))
+def test_diagnoses_are_cancelled_fail_with_their_error_and_no_more_than_two_run(session, tmp_path):
+    runs = BackgroundRuns(tmp_path)
+    first, second = (runs.find(runs.diagnose([*session.data, f"seed={seed}"])) for seed in range(2))
     with pytest.raises(ContactLearnError, match="2 diagnoses are running"):
-        jobs.start([*session.data, "seed=2"])
+        runs.diagnose([*session.data, "seed=2"])
     first.cancel()
-    first.process.wait(20)
-    assert first.status is RunStatus.CANCELLED
-    jobs.close()
-    second.process.wait(20)
-    assert second.status is RunStatus.CANCELLED
-    assert jobs.find(first.folder.name) is first
-
-
-def test_the_progress_of_a_search_follows_its_stages():
-    process = SimpleNamespace(poll=lambda: None)
-    job, seen = BackgroundRun((), Path("run"), process), []
-    for line in (
-        "mystery drops",
-        "audit: sound",
-        "law: Mirtich",
-        "  law",
-        "frontier: 0.1",
-        "law: again",
-        "results  run",
-    ):
-        job.lines.append(line)
-        seen.append(job.progress)
-    assert seen == sorted(seen)
-    assert (seen[0], seen[-1]) == (0, 1)
-    assert seen[2] < seen[4] < 1
+    assert ended(first) is RunStatus.CANCELLED
+    wrong = runs.find(runs.diagnose(["data=mysterious"]))
+    assert ended(wrong) is RunStatus.FAILED
+    assert "did you mean 'mystery'" in wrong.error
+    runs.close()
+    assert ended(second) is RunStatus.CANCELLED
 
 
 # Studies
 
 
 @pytest.mark.nightly  # the next two have a process that is cancelled, and the steps of the other study
-def test_a_study_runs_once_beside_the_server_and_ends_where_the_model_is(session, models):
-    tasks, ticked = StudyRuns(models), session.ticked(DRAG)
-    name = tasks.start("curve", ticked.moved("mu", 0.5))
-    task = tasks.find(name)
-    assert tasks.start("curve", ticked) == name
-    assert tasks.find(name) is task
-    task.wait(120)
-    assert task.status is RunStatus.DONE
-    sizes = [size for size, _ in task.step.errors["model"]]
-    assert sizes == [20, 50, 100, 180]
-    assert task.step.errors["model"][-1][1].mean == pytest.approx(models.fitted(ticked).error.mean, rel=1e-6)
-    assert task.step.errors["alone"][-1][1].mean == pytest.approx(models.alone(session).error.mean, rel=1e-6)
+def test_a_study_runs_once_and_ends_at_the_error_of_the_model(session, models, tmp_path):
+    runs, ticked = BackgroundRuns(tmp_path), session.with_effect(DRAG)
+    name = runs.study("curve", ticked, models.fingerprint(session))
+    run = runs.find(name)
+    assert runs.study("curve", ticked.with_value("mu", 0.5).model_only, models.fingerprint(session)) == name
+    assert runs.find(name) is run
+    assert ended(run) is RunStatus.DONE
+    errors = run.events[-1].errors
+    assert [size for size, _ in errors["model"]] == [20, 50, 100, 180]
+    assert errors["model"][-1][1].mean == pytest.approx(models.fitted(ticked).error.mean, rel=1e-6)
+    assert errors["alone"][-1][1].mean == pytest.approx(models.law_alone(session).error.mean, rel=1e-6)
 
 
-def test_a_study_is_cancelled_at_once_and_can_be_started_again(session, models):
-    tasks = StudyRuns(models)
-    first = tasks.find(tasks.start("learned", session))
-    second = tasks.find(tasks.start("curve", session))
+def test_studies_are_cancelled_fail_with_their_error_and_can_be_started_again(session, tmp_path):
+    runs = BackgroundRuns(tmp_path)
+    first, second = (runs.find(runs.study(kind, session, "")) for kind in ("learned", "curve"))
     with pytest.raises(ContactLearnError, match="2 studies are running"):
-        tasks.start("curve", session.ticked(DRAG))
-    for task in (first, second):
-        task.cancel()
-        task.wait(10)
-        assert task.status is RunStatus.CANCELLED
-        assert not task.process.is_alive()
-    again = tasks.find(tasks.start("learned", session))
+        runs.study("curve", session.with_effect(DRAG), "")
+    for study in (first, second):
+        study.cancel()
+        assert ended(study, 10) is RunStatus.CANCELLED
+    again = runs.find(runs.study("learned", session, ""))
     assert again is not first
+    wrong = runs.find(runs.study("curve", replace(session, law="mirtisch"), ""))
+    assert ended(wrong) is RunStatus.FAILED
+    assert "did you mean 'mirtich'" in wrong.error
     again.cancel()
 
 
 def test_learned_models_are_those_of_the_configuration_around_the_model(session, models, monkeypatch):
     few = ["analytical", "parameters_identified", "residual_impulse", "x2_impulse"]
     monkeypatch.setattr("contactlearn.workbench.studies.choices", lambda _: few)
-    steps = list(learned_steps(models, session.ticked(DRAG)))
+    steps = list(learned_steps(models, session.with_effect(DRAG)))
     assert [(one.done, one.total, len(one.errors)) for one in steps] == [(0, 2, 0), (1, 2, 1), (2, 2, 2)]
     around, free = (steps[-1].errors[name][0] for name in ("residual_impulse", "x2_impulse"))
     assert around[0] == free[0] == len(models.split(session).pool)
-    assert around[1].mean < 1.2 * models.fitted(session.ticked(DRAG)).error.mean < free[1].mean
+    assert around[1].mean < 1.2 * models.fitted(session.with_effect(DRAG)).error.mean < free[1].mean
     assert len(list(learned_steps(models, session))) == 4  # without effects the third of them is learnt, too
 
 
 @pytest.mark.parametrize("name", ["..", "../..", "/etc", "diagnose/../../x"])
 def test_no_path_leads_out_of_the_runs(name, tmp_path):
     with pytest.raises(ContactLearnError, match="a folder below"):
-        Saved(tmp_path / "outputs").inside(name)
+        SavedRuns(tmp_path / "outputs").inside(name)
 
 
 def test_what_is_dropped_is_read_by_the_reader_of_tables(drops, models, tmp_path):
-    keeping = Keeping(models, Saved(tmp_path), tmp_path)
+    files = FileCallbacks(models, SavedRuns(tmp_path))
 
     def sent(content):
         return f"data:text/csv;base64,{base64.b64encode(content).decode()}"
 
-    path = keeping.kept("mine.CSV", sent(drops.read_bytes()))
+    path = files.store_table("mine.CSV", sent(drops.read_bytes()))
     assert path.read_bytes() == drops.read_bytes()
-    assert path == keeping.kept("other.csv", sent(drops.read_bytes()))
+    assert path == files.store_table("other.csv", sent(drops.read_bytes()))
     with pytest.raises(DataError, match=r"^bad.csv: 13 columns are missing, .*not used: 'a'"):
-        keeping.kept("bad.csv", sent(b"a\n1\n"))
+        files.store_table("bad.csv", sent(b"a\n1\n"))
     with pytest.raises(DataError, match=r"a table is a .csv or .parquet file"):
-        keeping.kept("model.pkl", sent(b"x"))
+        files.store_table("model.pkl", sent(b"x"))
     with pytest.raises(DataError, match="did not arrive whole"):
-        keeping.kept("x.csv", "data:text/csv;base64,!!!")
+        files.store_table("x.csv", "data:text/csv;base64,!!!")
     assert len(list((tmp_path / "uploads").iterdir())) == 1
 
 
 def test_numbers_are_written_as_in_the_report(session, models):
-    from contactlearn.workbench.panes.model import said
-
     fitted = models.fitted(session)
-    assert error(fitted.error.mean) in "".join(said(fitted, models.moved(session), fitted, False))
+    assert error(fitted.error.mean) in "".join(content.error_summary(session, fitted, models.manual(session), fitted))
 
 
 def test_what_was_not_answered_is_done_once_and_what_cannot_be_fitted_is_refused(session, models):
     """The page sends actions again until they are answered; `done` says up to which they are in the address."""
-    page = Page(models, Promises(models), actions_of(models, Promises(models)))
+    page = SessionCallbacks(models)
     tick = {"n": 1, "kind": "ticks", "of": "side_drag", "value": True}
     law = {"n": 2, "kind": "law", "of": "mirtich", "value": None}
     address, history, done, trouble, *_ = page.act([tick, law], None, session.address, None)

@@ -43,11 +43,11 @@ def served(tmp_path_factory):
     """The address of a workbench that runs in a folder of its own, and whose diagnoses search and draw little."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("workbench"))
-        patch.setattr("contactlearn.workbench.jobs._COMMAND", (sys.executable, COMMAND, "diagnose"))
-        server, door = listen("127.0.0.1", 0, Models())
+        patch.setattr("contactlearn.workbench.background._DIAGNOSE", (sys.executable, COMMAND, "diagnose"))
+        server, address = listen("127.0.0.1", 0, Models())
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
-        yield door.address
+        yield address.url
         server.shutdown()
         thread.join()
         server.server_close()
@@ -95,7 +95,7 @@ def heard(browser):
 
 
 def held_out(browser):
-    return float(text(browser, "said").split()[2])
+    return float(text(browser, "summary").split()[2])
 
 
 def in_width(browser):
@@ -116,25 +116,25 @@ def test_the_whole_loop_on_hidden_physics(browser, served, tmp_path):
     until(browser, "document.getElementById('parts').textContent.startsWith('Mirtich')")
     alone = held_out(browser)
     click(browser, "fails", "Worst")
-    until(browser, "document.getElementById('trial-said').textContent.startsWith('Trial')")
+    until(browser, "document.getElementById('trial-status').textContent.startsWith('Trial')")
     browser.execute_script("document.getElementById('impulse').scrollIntoView()")
     until(browser, "document.querySelector('#impulse .main-svg') !== null")
     until(browser, "document.querySelector('#missing label .value')?.textContent?.includes('(−')")
     first = browser.execute_script("return document.querySelector('#missing label .name').textContent")
     click(browser, "missing", first)
     until(browser, "location.search.includes('effect=')")
-    until(browser, f"parseFloat(document.getElementById('said').textContent.split(' ')[2]) < {0.8 * alone}")
+    until(browser, f"parseFloat(document.getElementById('summary').textContent.split(' ')[2]) < {0.8 * alone}")
     ticked = held_out(browser)
     until(browser, "document.querySelectorAll('#ladder tr').length === 3")
     browser.execute_script("document.getElementById('curve-0').scrollIntoView()")
     until(browser, "document.querySelector('#curve-0 .main-svg') !== null")
     click(browser, "bar", "Undo")
-    until(browser, f"parseFloat(document.getElementById('said').textContent.split(' ')[2]) === {alone}")
+    until(browser, f"parseFloat(document.getElementById('summary').textContent.split(' ')[2]) === {alone}")
     click(browser, "bar", "Redo")
-    until(browser, f"parseFloat(document.getElementById('said').textContent.split(' ')[2]) === {ticked}")
+    until(browser, f"parseFloat(document.getElementById('summary').textContent.split(' ')[2]) === {ticked}")
     click(browser, "keep", "Save run")
-    until(browser, "document.getElementById('job-said').textContent.startsWith('Written')", 240)
-    (path,) = (path for path in find_results("outputs") if path.parent.name in text(browser, "job-said"))
+    until(browser, "document.getElementById('diagnosis-status').textContent.startsWith('Written')", 240)
+    (path,) = (path for path in find_results("outputs") if path.parent.name in text(browser, "diagnosis-status"))
     assert [one.name for one in read_result(path).diagnosis.given] == _ticked(browser)
     assert (path.parent / "report.html").exists()
     assert in_width(browser)
@@ -147,11 +147,11 @@ def _ticked(browser):
 
 
 def test_a_link_shows_the_same_and_a_wrong_one_says_why(browser, served):
-    link = f"{served}{MYSTERY}&law=mirtich&effect=sampling_delay&hand.mu=0.3&trial=4"
-    said = text(opened(browser, link), "said")
-    assert "moved by hand" in said
+    link = f"{served}{MYSTERY}&law=mirtich&effect=sampling_delay&manual.mu=0.3&trial=4"
+    said = text(opened(browser, link), "summary")
+    assert "set by hand" in said
     browser.get("about:blank")
-    assert text(opened(browser, link), "said") == said
+    assert text(opened(browser, link), "summary") == said
     assert browser.execute_script("return state.trial") == 4
     browser.get(f"{served}{MYSTERY}&law=mirtisch")
     until(browser, "document.getElementById('trouble')?.textContent.includes(\"did you mean 'mirtich'\")")
@@ -161,7 +161,7 @@ def test_a_slider_moves_the_curves_and_the_fitted_value_is_a_click_away(browser,
     from selenium.webdriver.common.keys import Keys
 
     opened(browser, f"{served}{MYSTERY}&effect=sampling_delay")
-    fitted = text(browser, "said")
+    fitted = text(browser, "summary")
     thumb = browser.find_element("css selector", ".parameter [role=slider]")
     assert thumb.get_attribute("aria-label").startswith("μ = ")
     browser.execute_script("document.getElementById('curve-0').scrollIntoView()")
@@ -170,23 +170,23 @@ def test_a_slider_moves_the_curves_and_the_fitted_value_is_a_click_away(browser,
     # As a pointer drags, before it lets go; again and again, for a page that has just come may be drawn once more.
     until(browser, "(preview({of: 'mu', value: 0.5}), document.documentElement.dataset.moving) === 'yes'")
     until(browser, f"JSON.stringify(get('curve-0').data[4].y) !== {json.dumps(json.dumps(residual))}")
-    assert not browser.find_element("id", "said").is_displayed()
-    assert "hand.mu" not in browser.execute_script("return location.search")
+    assert not browser.find_element("id", "summary").is_displayed()
+    assert "manual.mu" not in browser.execute_script("return location.search")
     shown = browser.execute_script("return Number(document.documentElement.dataset.shown)")
     thumb = browser.find_element("css selector", ".parameter [role=slider]")
     thumb.send_keys(Keys.ARROW_RIGHT * 20)
     until(browser, f"Number(document.documentElement.dataset.shown) > {shown}")
-    until(browser, "location.search.includes('hand.mu')")
-    until(browser, "document.getElementById('said').textContent.includes('moved by hand')")
+    until(browser, "location.search.includes('manual.mu')")
+    until(browser, "document.getElementById('summary').textContent.includes('set by hand')")
     assert in_width(browser)
     click(browser, "parts", "Fitted value")
-    until(browser, "!location.search.includes('hand.mu')")
-    until(browser, f"document.getElementById('said').textContent === {json.dumps(fitted)}")
+    until(browser, "!location.search.includes('manual.mu')")
+    until(browser, f"document.getElementById('summary').textContent === {json.dumps(fitted)}")
     assert not heard(browser)
 
 
 def test_nothing_is_wider_than_a_narrow_window(chrome, served):
-    shown = opened(of_width(chrome, 360), f"{served}{MYSTERY}&effect=sampling_delay&hand.mu=0.5")
+    shown = opened(of_width(chrome, 360), f"{served}{MYSTERY}&effect=sampling_delay&manual.mu=0.5")
     for figure in ("map", "curve-0"):
         shown.execute_script(f"document.getElementById('{figure}').scrollIntoView()")
         until(shown, f"document.querySelector('#{figure} .main-svg') !== null")
@@ -198,7 +198,7 @@ def test_a_box_on_the_map_selects_trials(browser, served):
     opened(browser, served + MYSTERY)
     box = [{"variable": "theta", "low": -90, "high": 90}, {"variable": "slip_speed", "low": 0, "high": 1}]
     browser.execute_script("document.getElementById('map').emit('plotly_selected', arguments[0])", _event(box))
-    until(browser, "/trials are selected/.test(document.getElementById('window-said').textContent)")
+    until(browser, "/trials are selected/.test(document.getElementById('window-status').textContent)")
     assert browser.execute_script("return new URLSearchParams(location.search).getAll('window').length") == 2
     click(browser, "fails", "Clear selection")
     until(browser, "!location.search.includes('window')")
@@ -213,7 +213,7 @@ def test_a_box_is_written_by_keyboard(browser, served):
     low = browser.find_element("css selector", "#box input")
     assert low.get_attribute("aria-label") == "|v_t| (m/s), lowest"
     low.send_keys("0.5" + Keys.ARROW_UP + Keys.ENTER)
-    until(browser, "/trials are selected/.test(document.getElementById('window-said').textContent)")
+    until(browser, "/trials are selected/.test(document.getElementById('window-status').textContent)")
     (window,) = browser.execute_script("return new URLSearchParams(location.search).getAll('window')")
     name, start, end = window.split(":")
     assert name == "slip_speed"
@@ -269,10 +269,10 @@ def test_a_line_of_mathematics_is_completed_checked_and_added(browser, served):
     line.send_keys("tau = -c*rx*P")
     until(browser, "document.querySelectorAll('#completions option').length === 2")
     line.send_keys("m; c = [-1, 1]")
-    until(browser, "document.getElementById('line-said').textContent.includes(\"unknown symbol or parameter 'Pm'\")")
+    until(browser, "document.getElementById('line-status').textContent.includes(\"unknown symbol or parameter 'Pm'\")")
     line.send_keys(Keys.BACKSPACE * 14 + "n; c = [-1, 1]" + Keys.ENTER)
     until(browser, "document.querySelectorAll('#ladder tr').length === 3")
-    assert "τ ← τ" in text(browser, "line-said")
+    assert "τ ← τ" in text(browser, "line-status")
     assert not heard(browser)
 
 
@@ -287,7 +287,7 @@ def test_learned_models_and_learning_curve_come_beside_the_laws_or_are_cancelled
         browser, "document.querySelector('#learned-found tr') !== null", 120
     )  # the first of them, while others follow
     browser.execute_script("document.getElementById('learned-cancel').click()")
-    until(browser, "document.getElementById('learned-said').textContent.endsWith('cancelled')")
+    until(browser, "document.getElementById('learned-status').textContent.endsWith('cancelled')")
     assert browser.execute_script("return document.getElementById('learned-bar').hidden")
     until(browser, "document.getElementById('curve-bar').hidden", 120)
     browser.execute_script("document.getElementById('curve').scrollIntoView()")
@@ -300,5 +300,5 @@ def test_random_clicks_do_no_harm(count, browser, served):
     opened(browser, served + MYSTERY).set_script_timeout(280)
     assert browser.execute_async_script(_CLICKS, count) == count
     click(browser, "fails", "Worst")
-    until(browser, "document.getElementById('said').textContent.startsWith('Held-out error')")
+    until(browser, "document.getElementById('summary').textContent.startsWith('Held-out error')")
     assert not heard(browser)

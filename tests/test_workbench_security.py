@@ -14,7 +14,7 @@ pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'conta
 from contactlearn.__main__ import main
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.workbench.models import Models
-from contactlearn.workbench.security import LARGEST_BODY, Door
+from contactlearn.workbench.security import LARGEST_BODY, ServerAddress
 from contactlearn.workbench.server import listen, make_app
 
 PORT, TOKEN = 8765, "secret-token"
@@ -28,7 +28,7 @@ def app(tmp_path_factory):
     (outputs / "diagnose" / "run").mkdir(parents=True)
     (outputs / "diagnose" / "run" / "report.html").write_text("<p>report</p>")
     (outputs / "diagnose" / "run" / "model.pt").write_text("no page")
-    return make_app(Door(host="127.0.0.1", port=PORT, token=TOKEN), Models(), outputs)
+    return make_app(ServerAddress(host="127.0.0.1", port=PORT, token=TOKEN), Models(), outputs)
 
 
 @pytest.fixture
@@ -142,7 +142,7 @@ def test_a_dragged_slider_is_answered_to_the_page_alone(client, stranger, header
     asked = {"address": "?data=synthetic&data.size=60", "of": "mu", "value": 0.3}
     assert client.post("/moved", base_url=HOME, json=asked, headers=headers).status_code == status
     answer = client.post("/moved", base_url=HOME, json=asked)
-    assert answer.json["said"][0] == "Held-out error "
+    assert answer.json["summary"][0] == "Held-out error "
     client.delete_cookie(f"contactlearn-{PORT}", domain="127.0.0.1")
     assert stranger.post("/moved", base_url=HOME, json=asked).status_code == 403
 
@@ -186,14 +186,14 @@ def test_pages_of_runs_and_nothing_else_are_served(client):
 
 
 def test_other_addresses_of_this_machine_need_the_token_too(tmp_path):
-    door = Door(host="0.0.0.0", port=PORT, token=TOKEN)
-    client = make_app(door, Models(), tmp_path).server.test_client()
+    address = ServerAddress(host="0.0.0.0", port=PORT, token=TOKEN)
+    client = make_app(address, Models(), tmp_path).server.test_client()
     own = {"Host": f"192.168.1.5:{PORT}"}
     assert client.get("/", base_url=HOME, headers=own).status_code == 403
     assert client.get(f"/?token={TOKEN}", base_url=HOME, headers=own).status_code == 302
     assert client.get(f"/?token={TOKEN}", base_url=HOME, headers={"Host": f"evil.example:{PORT}"}).status_code == 403
-    assert door.known(f"{socket.gethostname()}:{PORT}")
-    assert not Door(host="127.0.0.1", port=PORT, token=TOKEN).known(f"192.168.1.5:{PORT}")
+    assert address.matches(f"{socket.gethostname()}:{PORT}")
+    assert not ServerAddress(host="127.0.0.1", port=PORT, token=TOKEN).matches(f"192.168.1.5:{PORT}")
 
 
 def test_the_server_listens_on_this_machine_alone_and_every_token_is_new():

@@ -1,21 +1,18 @@
 """The workbench: the loop of compare, see, learn, add and watch, live in a browser.
 
-    session    everything that is chosen, immutable, written as the address of the page and read back
+    session    all choices, immutable, written as the address of the page and read back
     lines      an effect as one line of mathematics
-    cache      results by configuration and data, each computed once, the oldest forgotten
-    models     sessions to data, fits, errors and ladders
-    promises   the error that each effect of the catalogue would leave, from a linearisation
     commands   sessions as command line and experiment file, and back
-    jobs       diagnoses in processes of their own, which can be cancelled
+    models     sessions to data, fits, errors, ladders and predicted gains, cached
+    actions    controls to changes of the session
     studies    learning curves and learned models, step by step
-    tasks      studies in processes of their own, which can be cancelled
-    saved      run folders below `outputs`
+    background diagnoses and studies in processes of their own, which report events and can be cancelled
+    saved_runs run folders below `outputs`
     arrays     numbers for the figures of the page, which are those of the report
-    previews   answers to a slider that is being dragged
+    components, layout, content   the parts of the page
+    session_callbacks, background_callbacks, file_callbacks   the callbacks of the page
     security   refusal of foreign hosts, origins and requests without the token
-    panes/     the parts of the page as components
-    page       the page and its callbacks
     server     the command
 
-The server keeps no state of a tab: a request brings its address, and caches forget without harm.
+The server has no state of a tab: a request brings its address, and caches can drop results without harm.
 """

@@ -1,78 +1,167 @@
-"""Callbacks of searches and saved runs in processes of their own."""
+"""Diagnoses and learning studies in processes of their own, which report events and can be cancelled.
 
-from typing import Any
+A diagnosis is the command `diagnose`; its name is that of its run folder, which is also its result.  A study is
+`python -m contactlearn.workbench.studies`; its name has its kind, data and model, so it runs once however many tabs
+start it.  Each process appends its events to a file (`contactlearn.diagnosis.events`), from which the page reads them.
+All processes end with the server.
+"""
 
-from dash import Dash, Input, Output, State, ctx, no_update
-from dash.development.base_component import Component
+import atexit
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from enum import StrEnum
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Lock
 
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.workbench.commands import words_of
-from contactlearn.workbench.jobs import BackgroundRun, Jobs, RunStatus
-from contactlearn.workbench.panes import missing
-from contactlearn.workbench.saved import Saved
+from contactlearn.diagnosis.events import FILE, Event, read_events
 from contactlearn.workbench.session import Session
 
-_LINES = 6
-_WORDS = {
-    RunStatus.RUNNING: "Running",
-    RunStatus.DONE: "Done",
-    RunStatus.FAILED: "Failed",
-    RunStatus.CANCELLED: "Cancelled",
-}
+AT_ONCE = 2
+"""Diagnoses that run at the same time, and studies."""
+_DIAGNOSE = (sys.executable, "-m", "contactlearn", "diagnose")
+_STUDY = (sys.executable, "-m", "contactlearn.workbench.studies")
+_KEPT = 100  # runs that have ended
+_ERROR_LINES = 6
 
 
-class Background:
-    """The callbacks of jobs."""
+class RunStatus(StrEnum):
+    """Status of a background run."""
 
-    def __init__(self, jobs: Jobs, saved: Saved) -> None:
-        self.jobs, self.saved = jobs, saved
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
 
-    def register(self, app: Dash) -> None:
-        """Connect the callbacks with an app."""
-        app.callback(
-            Output("job", "data"), Output("trouble", "children", allow_duplicate=True),
-            Input("search", "n_clicks"), Input("save", "n_clicks"), Input("cancel", "n_clicks"),
-            State("address", "search"), State("job", "data"), prevent_initial_call=True,
-        )(self.press)  # fmt: skip
-        app.callback(
-            Output("job-said", "children"), Output("job-lines", "children"), Output("job-lines", "hidden"),
-            Output("clock", "disabled"), Output("found", "children"), Output("job-bar", "value"),
-            Output("job-bar", "hidden"), Output("cancel", "hidden"),
-            Input("clock", "n_intervals"), Input("job", "data"), State("address", "search"),
-        )(self.follow)  # fmt: skip
 
-    def press(self, *values: Any) -> tuple[Any, Any]:
-        """Start a search or the run of the present model, or cancel what is running."""
-        *_, address, name = values
-        try:
-            session = Session.read(address or "")
-            if ctx.triggered_id == "search":
-                return self.jobs.start([*session.data, "law=best", f"seed={session.seed}"]).folder.name, ""
-            if ctx.triggered_id == "save":
-                return self.jobs.start(words_of(session)).folder.name, ""
-        except ContactLearnError as error:
-            return no_update, str(error)
-        if name and (job := self.jobs.find(name)):
-            job.cancel()
-        return no_update, no_update
+@dataclass(eq=False, kw_only=True)
+class BackgroundRun:
+    """A command in a process of its own.
 
-    def follow(self, _: int | None, name: str | None, address: str | None) -> tuple[Any, ...]:
-        """Say where the job of this page stands, and show what it has found once it is done."""
-        job = self.jobs.find(name) if name else None
-        still = ("0", True, True)  # no bar, nothing to cancel
-        if not name:
-            return "", "", True, True, no_update, *still
-        if job is not None and job.status is RunStatus.RUNNING:
-            lines = "\n".join(list(job.lines)[-_LINES:])
-            return self._said(job), lines, not lines, False, no_update, f"{job.progress:.3f}", False, False
-        try:
-            run = self.saved.diagnosis(f"diagnose/{name}")
-        except ContactLearnError as error:
-            said = str(error) if job is None else self._said(job)
-            lines = "" if job is None or job.status is RunStatus.CANCELLED else "\n".join(list(job.lines)[-_LINES:])
-            return said, lines, not lines, True, no_update, *still
-        found: list[Component] = missing.found_content(run, f"diagnose/{name}", Session.read(address or ""))
-        return f"Written to diagnose/{name}.", "", True, True, found, *still
+    Args:
+        question: the words of a diagnosis, or the session of a study.
+        events_file: file of its events.
+        errors_file: file of its error messages.
+        process: the process.
+    """
 
-    def _said(self, job: BackgroundRun) -> str:
-        return f"{_WORDS[job.status]}: {job.folder.name}, {job.seconds:.0f} s"
+    question: tuple[str, ...] | Session
+    events_file: Path
+    errors_file: Path
+    process: "subprocess.Popen[bytes]"
+    began: float = field(default_factory=time.monotonic)
+    cancelled: bool = False
+    _ended: float | None = None
+
+    @property
+    def status(self) -> RunStatus:
+        """Current status."""
+        code = self.process.poll()
+        if code is None:
+            return RunStatus.RUNNING
+        self._ended = self._ended or time.monotonic()
+        if self.cancelled:
+            return RunStatus.CANCELLED
+        return RunStatus.DONE if code == 0 else RunStatus.FAILED
+
+    @property
+    def seconds(self) -> float:
+        """Elapsed time."""
+        return (time.monotonic() if self.status is RunStatus.RUNNING else self._ended or 0.0) - self.began
+
+    @property
+    def events(self) -> list[Event]:
+        """The events so far."""
+        return read_events(self.events_file)
+
+    @property
+    def error(self) -> str:
+        """The last lines of the error messages."""
+        lines = self.errors_file.read_text(encoding="utf-8", errors="replace").splitlines()
+        return "\n".join(lines[-_ERROR_LINES:])
+
+    def cancel(self) -> None:
+        """End the process."""
+        if self.process.poll() is None:
+            self.cancelled = True
+            self.process.terminate()
+
+
+class BackgroundRuns:
+    """The background runs of a server.
+
+    Args:
+        outputs: folder of the run folders.
+    """
+
+    def __init__(self, outputs: Path) -> None:
+        self._outputs, self._runs, self._lock = outputs, dict[str, BackgroundRun](), Lock()
+        self._scratch = TemporaryDirectory()
+        atexit.register(self.close)
+
+    def find(self, name: str) -> BackgroundRun | None:
+        """Return the run of a name."""
+        return self._runs.get(name)
+
+    def diagnose(self, words: Sequence[str]) -> str:
+        """Start a diagnosis with the words of a command, unless the same one is running; return its name.
+
+        Raises:
+            ContactLearnError: too many are running.
+        """
+        with self._lock:
+            for name, run in self._runs.items():
+                if run.question == tuple(words) and run.status is RunStatus.RUNNING:
+                    return name
+            folder = base = self._outputs / "diagnose" / datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
+            count = 1
+            while folder.exists() or folder.name in self._runs:
+                count += 1
+                folder = base.with_name(f"{base.name}_{count}")
+            command = [*_DIAGNOSE, *words, f"hydra.run.dir={folder}"]
+            self._start(folder.name, tuple(words), command, folder / FILE)
+            return folder.name
+
+    def study(self, kind: str, session: Session, fingerprint: str) -> str:
+        """Start a study of the model of a session, unless it runs or is done; return its name.
+
+        Args:
+            kind: of `studies.STUDIES`.
+            session: without choices that change neither data nor model, see `Session.model_only`.
+            fingerprint: of the data.
+
+        Raises:
+            ContactLearnError: too many are running.
+        """
+        name = f"{kind} {fingerprint} {session.address}"
+        with self._lock:
+            known = self._runs.get(name)
+            if known is None or known.status in (RunStatus.FAILED, RunStatus.CANCELLED):
+                events = Path(self._scratch.name, f"{time.monotonic_ns()}.jsonl")
+                command = [*_STUDY, kind, session.address, str(events)]
+                self._start(name, session, command, events)
+        return name
+
+    def _start(self, name: str, question: tuple[str, ...] | Session, command: list[str], events: Path) -> None:
+        kind = type(question)
+        running = [run for run in self._runs.values() if type(run.question) is kind and run.status is RunStatus.RUNNING]
+        if len(running) >= AT_ONCE:
+            plural = "studies" if kind is Session else "diagnoses"
+            raise ContactLearnError(f"{len(running)} {plural} are running; wait for one, or cancel it")
+        ended = [key for key, run in self._runs.items() if run.status is not RunStatus.RUNNING]
+        for key in (name, *ended[: max(0, len(ended) - _KEPT)]):
+            self._runs.pop(key, None)
+        errors = Path(self._scratch.name, f"{time.monotonic_ns()}.txt")
+        with errors.open("wb") as file:
+            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=file)
+        self._runs[name] = BackgroundRun(question=question, events_file=events, errors_file=errors, process=process)
+
+    def close(self) -> None:
+        """Cancel all running processes."""
+        for run in self._runs.values():
+            run.cancel()

@@ -1,7 +1,7 @@
 """Sessions as command line and experiment file, and command lines as sessions.
 
 `evaluate` with the words of a session makes the same split and the same joint fit, so its held-out error is the same.
-Parameters that were moved by hand, the selected trial and the windows of the map are in the address alone.
+Parameters that are set by hand, the selected trial and the windows of the map are in the address alone.
 """
 
 import shlex
@@ -15,7 +15,7 @@ from contactlearn.cli.settings import plain_values
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import is_number
 from contactlearn.effects import Effect, EffectId, find_effect, from_settings
-from contactlearn.workbench.lines import name_of, overrides, parse
+from contactlearn.workbench.lines import line_name, overrides, parse
 from contactlearn.workbench.models import STARTS
 from contactlearn.workbench.session import Option, Session
 
@@ -84,7 +84,7 @@ def words_of(session: Session) -> list[str]:
     words += [f"effect.{one.name}.form={one.form}" for one in session.effects if one.form is not None]
     words += [f"effect.{one.effect}.{one.name}={_written(one)}" for one in session.options]
     for place, line in enumerate(session.lines):
-        words += overrides(line, name_of(place))
+        words += overrides(line, line_name(place))
     return [*words, f"seed={session.seed}"]
 
 
@@ -115,10 +115,10 @@ def experiment(session: Session) -> str:
         effects.setdefault(one.effect, {})[one.name] = one.setting
     for place, line in enumerate(session.lines):
         output, expression, ranges = parse(line)
-        effects[name_of(place)] = {output: expression, "parameters": ranges}
+        effects[line_name(place)] = {output: expression, "parameters": ranges}
     entries |= {"data": plain_values(data)} if keys else {}
     entries |= {"effect": effects} if effects else {}
     head = ["# @package _global_", f"# {command(session)}"]
-    if session.hand:
-        head.append(f"# moved by hand, which no command does: {', '.join(f'{k} = {x:g}' for k, x in session.hand)}")
+    if session.manual:
+        head.append(f"# set by hand, which no command can do: {', '.join(f'{k} = {x:g}' for k, x in session.manual)}")
     return "\n".join([*head, OmegaConf.to_yaml(OmegaConf.create(entries))])

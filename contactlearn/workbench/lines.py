@@ -19,7 +19,7 @@ _LONGEST = 500
 _RANGE = re.compile(r"\[\s*([^\s,\]]+)\s*,\s*([^\s,\]]+)\s*\]")
 
 
-def name_of(place: int) -> str:
+def line_name(place: int) -> str:
     """Name the effect of a line by its place among them, counted from 0."""
     return f"line{place + 1}"
 
@@ -49,13 +49,13 @@ def parse(line: str) -> tuple[str, str, dict[str, list[float]]]:
     return output, expression, ranges
 
 
-def line_of(found: Formula) -> str:
+def formula_line(found: Formula) -> str:
     """Write a formula that a diagnosis found as a line."""
     ranges = (f"c{k} = [{low:.4g}, {high:.4g}]" for k, (low, high) in enumerate(found.ranges, 1))
     return "; ".join((f"{found.component.output} = {found.text}", *ranges))
 
 
-def effect_of(line: str) -> Effect:
+def parse_effect(line: str) -> Effect:
     """Return the effect of a line.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Refusals: the workbench answers its own page in its own browser, and nobody else.
+"""Refusals: the workbench answers only its own page in its own browser.
 
     Host      any other than the address that was printed: 403, so that a foreign name that is led here (DNS
               rebinding) reads nothing
@@ -32,7 +32,7 @@ _HEADERS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Door:
+class ServerAddress:
     """Address and token of a server."""
 
     host: str
@@ -40,8 +40,8 @@ class Door:
     token: str
 
     @property
-    def address(self) -> str:
-        """The address to print, with the token."""
+    def url(self) -> str:
+        """The URL to print, with the token."""
         host = "127.0.0.1" if self.host in _EVERYWHERE else self.host
         return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/?token={self.token}"
 
@@ -50,8 +50,8 @@ class Door:
         """Name of the cookie; servers on other ports have others."""
         return f"contactlearn-{self.port}"
 
-    def known(self, netloc: str) -> bool:
-        """Whether a host and port, as in a Host header or behind an origin's scheme, are this server's."""
+    def matches(self, netloc: str) -> bool:
+        """Compare a host and port, as in a Host header or after the scheme of an origin, with this server's."""
         try:
             parts = urlsplit(f"//{netloc}")
             host, port = parts.hostname or "", parts.port or 80
@@ -64,15 +64,17 @@ class Door:
         return self.host in _EVERYWHERE and (host == socket.gethostname().lower() or _is_ip(host))
 
 
-def protect(server: Flask, door: Door, policy: str) -> None:
-    """Refuse whatever the module says, and send the policy and the other headers with every answer."""
+def protect(server: Flask, address: ServerAddress, policy: str) -> None:
+    """Refuse requests as the module describes, and send the policy and the other headers with every answer."""
     server.config["MAX_CONTENT_LENGTH"] = LARGEST_BODY
 
     def refuse() -> Answer | None:
         origin = request.headers.get("Origin")
-        if not door.known(request.headers.get("Host", "")):
+        if not address.matches(request.headers.get("Host", "")):
             abort(403, "This host is not the workbench's: open the address that it printed.")
-        if origin is not None and not (origin.startswith("http://") and door.known(origin.removeprefix("http://"))):
+        if origin is not None and not (
+            origin.startswith("http://") and address.matches(origin.removeprefix("http://"))
+        ):
             abort(403, "Requests from other origins are refused.")
         if request.headers.get("Sec-Fetch-Site", "none") in ("cross-site", "same-site") and request.method != "GET":
             abort(403, "Requests from other sites are refused.")
@@ -80,7 +82,7 @@ def protect(server: Flask, door: Door, policy: str) -> None:
             abort(411, "A request says how long it is.")
         if (request.content_length or 0) > LARGEST_BODY:
             abort(413, f"A request has up to {LARGEST_BODY >> 20} MiB.")
-        return _identified(door)
+        return _identified(address)
 
     def finish(response: Response) -> Response:
         for name, value in (_HEADERS | {"Content-Security-Policy": policy}).items():
@@ -91,17 +93,17 @@ def protect(server: Flask, door: Door, policy: str) -> None:
     server.after_request(finish)
 
 
-def _identified(door: Door) -> Answer | None:
-    """Nothing for a request with the cookie; the cookie, and the way on, for one with the token in its address."""
+def _identified(address: ServerAddress) -> Answer | None:
+    """Accept a request with the cookie; redirect one with the token in its address, and set the cookie."""
     given = request.args.get("token")
-    if given is not None and request.method == "GET" and request.path == "/" and _equal(given, door.token):
+    if given is not None and request.method == "GET" and request.path == "/" and _equal(given, address.token):
         rest = [
             (key, value) for key, value in parse_qsl(request.query_string.decode("utf-8", "replace")) if key != "token"
         ]
         answer = redirect("/" + (f"?{urlencode(rest)}" if rest else ""))
-        answer.set_cookie(door.cookie, door.token, httponly=True, samesite="Strict", path="/")
+        answer.set_cookie(address.cookie, address.token, httponly=True, samesite="Strict", path="/")
         return answer
-    if not _equal(request.cookies.get(door.cookie, ""), door.token):
+    if not _equal(request.cookies.get(address.cookie, ""), address.token):
         abort(403, "The token is missing or wrong: open the address that the workbench printed.")
     return None
 

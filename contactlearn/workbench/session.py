@@ -1,14 +1,14 @@
-"""Session: everything that is chosen on the workbench, as an immutable value that is the address of the page.
+"""Session: all choices on the workbench, as an immutable value that is the address of the page.
 
     data     the words of a command line that name the data: data=mystery data.seed=7
     law      name of the law
     effect   effects in the order in which they were ticked, name or name:form
     line     effects as lines of mathematics, see `lines`
     option.X.Y  option Y of effect X, such as velocity_dependent_restitution.v_ref: a number, or low:high
-    hand.X   parameter X, such as mu or side_drag.c, moved by hand; the others keep their fitted values
+    manual.X parameter X, such as mu or side_drag.c, set by hand; the others keep their fitted values
     seed     of the split into training and held-out trials
     trial    row of the selected trial, counted from 0
-    window   variable:low:high, the trials that are selected on the map lie in every window
+    window   variable:low:high; the trials that are selected on the map lie in every window
 
 An address holds what differs from the defaults, in this order, so equal sessions have equal addresses.
 """
@@ -57,7 +57,7 @@ class Session:
     """See the module.
 
     Raises:
-        ContactLearnError: words that do not name data, an effect twice, or a number that is none.
+        ContactLearnError: words that do not name data, an effect twice, or a number that is not finite.
     """
 
     data: tuple[str, ...] = ("data=synthetic",)
@@ -65,7 +65,7 @@ class Session:
     effects: tuple[EffectId, ...] = ()
     lines: tuple[str, ...] = ()
     options: tuple[Option, ...] = ()
-    hand: tuple[tuple[str, float], ...] = ()
+    manual: tuple[tuple[str, float], ...] = ()
     seed: int = 0
     trial: int | None = None
     windows: tuple[Window, ...] = ()
@@ -79,11 +79,11 @@ class Session:
             raise ContactLearnError(f"an effect is in the model once, in one form; got {', '.join(names)}")
         numbers = (
             [x for one in self.options for x in one.value]
-            + [x for _, x in self.hand]
+            + [x for _, x in self.manual]
             + [x for one in self.windows for x in (one.low, one.high)]
         )
         if not all(is_number(x) and math.isfinite(x) for x in numbers):
-            raise ContactLearnError(f"an address holds finite numbers alone, got {numbers}")
+            raise ContactLearnError(f"an address holds finite numbers only, got {numbers}")
 
     @property
     def address(self) -> str:
@@ -96,7 +96,7 @@ class Session:
         pairs += [("effect", str(effect)) for effect in self.effects]
         pairs += [("line", line) for line in self.lines]
         pairs += [(f"option.{one.effect}.{one.name}", ":".join(map(repr, one.value))) for one in self.options]
-        pairs += [(f"hand.{name}", f"{value!r}") for name, value in self.hand]
+        pairs += [(f"manual.{name}", f"{value!r}") for name, value in self.manual]
         pairs += [("seed", str(self.seed))] if self.seed != plain.seed else []
         pairs += [("trial", str(self.trial))] if self.trial is not None else []
         pairs += [("window", f"{one.variable}:{one.low!r}:{one.high!r}") for one in self.windows]
@@ -119,11 +119,11 @@ class Session:
                 raise UnknownNameError("correction", name, CORRECTIONS)
         words = tuple(word for word in self.data if not word.startswith(_CORRECT))
         words += (f"{_CORRECT}[{','.join(names)}]",) if names else ()
-        return replace(self, data=words, hand=(), trial=None, windows=())
+        return replace(self, data=words, manual=(), trial=None, windows=())
 
     @classmethod
     def read(cls, address: str) -> "Session":
-        """Read an address; keys that are none of a session's are passed over.
+        """Read an address; other keys than those of a session are ignored.
 
         Raises:
             ContactLearnError: an entry that breaks a rule.
@@ -140,7 +140,7 @@ class Session:
             effects=tuple(EffectId.parse(value) for key, value in pairs if key == "effect"),
             lines=tuple(value for key, value in pairs if key == "line"),
             options=tuple(_option(key, value) for key, value in pairs if key.startswith("option.")),
-            hand=tuple((key.removeprefix("hand."), _float(value)) for key, value in pairs if key.startswith("hand.")),
+            manual=tuple((key[len("manual.") :], _float(value)) for key, value in pairs if key.startswith("manual.")),
             seed=_whole("seed", known.get("seed", "0")),
             trial=_whole("trial", known["trial"]) if "trial" in known else None,
             windows=tuple(_window(value) for key, value in pairs if key == "window"),
@@ -152,26 +152,34 @@ class Session:
         names = [one.name for one in self.effects]
         return self.law, self.effects, self.lines, tuple(one for one in self.options if one.effect in names)
 
-    def ticked(self, effect: EffectId, on: bool = True) -> "Session":
-        """Return the session with an effect in the model, in place of another form of it, or without it."""
-        rest = tuple(one for one in self.effects if one.name != effect.name)
-        if on and effect.name in [one.name for one in self.effects]:  # another form keeps the place
-            rest = tuple(effect if one.name == effect.name else one for one in self.effects)
-        elif on:
-            rest = (*rest, effect)
-        options = tuple(one for one in self.options if one.effect != effect.name)
-        return replace(self, effects=rest, options=options, hand=())
+    @property
+    def model_only(self) -> "Session":
+        """The session with data and model alone: nothing set by hand or selected."""
+        return replace(self, manual=(), trial=None, windows=())
 
-    def opted(self, effect: str, name: str, value: tuple[float, ...]) -> "Session":
-        """Return the session with an option of an effect; without it if there is no value."""
+    def with_effect(self, effect: EffectId) -> "Session":
+        """Return the session with an effect in the model, which replaces another form of it."""
+        if effect.name in [one.name for one in self.effects]:
+            effects = tuple(effect if one.name == effect.name else one for one in self.effects)
+        else:
+            effects = (*self.effects, effect)
+        return replace(self.without_effect(effect.name), effects=effects)
+
+    def without_effect(self, name: str) -> "Session":
+        """Return the session without an effect and its options."""
+        rest = tuple(one for one in self.effects if one.name != name)
+        return replace(self, effects=rest, options=tuple(one for one in self.options if one.effect != name), manual=())
+
+    def with_option(self, effect: str, name: str, value: tuple[float, ...]) -> "Session":
+        """Return the session with an option of an effect; an empty value restores the default."""
         rest = tuple(one for one in self.options if (one.effect, one.name) != (effect, name))
         rest += (Option(effect=effect, name=name, value=value),) if value else ()
-        return replace(self, options=tuple(sorted(rest, key=lambda one: (one.effect, one.name))), hand=())
+        return replace(self, options=tuple(sorted(rest, key=lambda one: (one.effect, one.name))), manual=())
 
-    def moved(self, name: str, value: float | None) -> "Session":
-        """Return the session with a parameter moved by hand, or at its fitted value if that is None."""
-        rest = tuple(pair for pair in self.hand if pair[0] != name)
-        return replace(self, hand=rest if value is None else (*rest, (name, value)))
+    def with_value(self, name: str, value: float | None) -> "Session":
+        """Return the session with a parameter set by hand; None restores its fitted value."""
+        rest = tuple(pair for pair in self.manual if pair[0] != name)
+        return replace(self, manual=rest if value is None else (*rest, (name, value)))
 
 
 def _float(text: str) -> float:

@@ -97,7 +97,7 @@ function showCurves() {
 }
 
 function showTrial() {
-  const line = get("trial-said");
+  const line = get("trial-status");
   if (!trials || !errors || !line) return;
   const i = state.trial, all = massErrors(state.model);
   const parts = errorParts(state.model, i).map((part, k) => `${(100 * part).toFixed(0)} % in ${["v_x", "v_y", "ω"][k]}`);
@@ -107,7 +107,7 @@ function showTrial() {
 
 // The mean errors inside the windows of the map and in the rest.
 function showWindow() {
-  const line = get("window-said"), rows = page.regions[0]?.rows;
+  const line = get("window-status"), rows = page.regions[0]?.rows;
   if (!line || !trials) return;
   if (!rows?.length) { line.textContent = rows ? "No trial lies in these windows." : "Draw a box on the map to select trials, or click one."; return; }
   const inside = new Set(rows), mean = (model, is) => {
@@ -209,10 +209,10 @@ function chosenAxes() {
 const named = place => JSON.parse(place.closest('[id^="{"]')?.id ?? "{}");
 
 document.addEventListener("click", ({target}) => {
-  const button = target.closest?.("[data-press]");
+  const button = target.closest?.("[data-action]");
   if (!button) return;
-  const {press, of} = button.dataset;
-  act(press, press === "line" && !of ? get("line").value : of);
+  const {action, of} = button.dataset;
+  act(action, action === "line" && !of ? get("line").value : of);
 });
 document.addEventListener("change", ({target}) => {
   const {set, of} = named(target);

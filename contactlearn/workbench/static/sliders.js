@@ -50,7 +50,7 @@ async function moved(one) {
   } catch { return null; }
 }
 
-function showMoved({v_post, changes, said}) {
+function showMoved({v_post, changes, summary}) {
   const N = trials.count, outcome = floats(v_post), change = floats(changes);
   if (outcome.length !== 3 * N || change.length !== 3 * N * page.effects.length) return;  // of other data, or another model
   arrays.outcome.set(outcome, 3 * N);
@@ -58,9 +58,9 @@ function showMoved({v_post, changes, said}) {
   arrays.explained = (i, k) => change[(k * N + i) * 3 + page.effects[k].curve.component];
   page.effects.forEach(({curve}, k) => { if (curve.own) curve.x = trials.name.map((_, i) => arrays.explained(i, k)); });
   document.documentElement.dataset.moving = "yes";
-  const [before, number, after] = said, strong = document.createElement("b");
+  const [before, number, after] = summary, strong = document.createElement("b");
   strong.textContent = number;
-  get("said-moving").replaceChildren(before, strong, after);
+  get("summary-moving").replaceChildren(before, strong, after);
   const curves = page.effects.map((_, k) => `curve-${k}`), view = curves.filter(id => inView(id) && get(id).data);
   for (const id of view) moveCurve(id, curves.indexOf(id));
   redrawSoon("map", "picture", "impulse", ...curves.filter(id => !view.includes(id)));
@@ -92,7 +92,7 @@ function inView(id) {
 // A slider is named by the line above it.
 function nameSliders() {
   for (const part of document.querySelectorAll(".parameter")) {
-    part.querySelector("[role=slider]")?.setAttribute("aria-label", part.querySelector(".said span").textContent);
+    part.querySelector("[role=slider]")?.setAttribute("aria-label", part.querySelector(".parameter-value span").textContent);
   }
 }
 

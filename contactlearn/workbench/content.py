@@ -1,0 +1,320 @@
+"""The content of the panes: functions from typed results to components."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from dash import dcc, html
+from dash.development.base_component import Component
+
+from contactlearn import laws
+from contactlearn.core.numerics import is_number, measured
+from contactlearn.data.audit.result import Finding
+from contactlearn.diagnosis.error_budget import NoiseFloor
+from contactlearn.diagnosis.result import Diagnosis, FrontierModel, PlausibleModel, Region
+from contactlearn.effects import Effect, Parameter, catalogue
+from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.report.text import (
+    brief_interval,
+    capitalize_first,
+    correct_setting,
+    effect_label,
+    error,
+    fix_spacing,
+    headline,
+    label,
+    law_label,
+    listed_models,
+    percent,
+    phrase,
+    phrases,
+    search_notes,
+    sentence,
+    share_of_whole,
+)
+from contactlearn.report.text.names import NOISE_SOURCES, model_label
+from contactlearn.results.diagnosis import DiagnosisRun
+from contactlearn.workbench.components import Child, action_button, bar, bars, controls, items, note
+from contactlearn.workbench.lines import formula_line, line_name
+from contactlearn.workbench.models import FittedModel, ManualModel, PredictedGain
+from contactlearn.workbench.saved_runs import SavedRun
+from contactlearn.workbench.session import Session
+
+_STEPS, _SIGMAS, _LEAST = 400, 25.0, 0.1  # of a slider: steps, half width in standard errors, least share of the range
+_OPTIONS = {
+    "v_ref": "Reference speed (m/s)",
+    "omega_s": "Spin below which it fades (rad/s)",
+    "span": "From x, to x (m)",
+}
+
+# --- Header and bar ----------------------------------------------------------------------------
+
+
+def audit_notes(found: Sequence[Finding]) -> list[Component]:
+    """Return the findings of the audit that are no mistakes."""
+    rows = [html.Li(sentence(one.sentence)) for one in found if not one.mistake]
+    return [html.Ul(rows)] if rows else []
+
+
+def mistakes(found: Sequence[Finding], session: Session, loaded: bool = True) -> list[Component]:
+    """Return the mistakes in the data, with buttons that correct them and take corrections back.
+
+    Data that could not be loaded (`loaded=False`) are loaded corrected.
+    """
+    wrong = [one for one in found if one.mistake]
+    names = [one.correction for one in wrong if one.correction]
+    shown: list[Component] = [html.Ul([html.Li(sentence(one.sentence)) for one in wrong])] if wrong else []
+    if names:
+        correct = action_button("correct", "Correct it", of=",".join(names))
+        if not loaded:
+            address = session.corrected([*session.corrections, *names]).address
+            correct = action_button("adopt", "Load it corrected", of=address)
+        shown.append(html.P([correct, " ", html.Code(correct_setting(session.corrections, wrong))]))
+    if session.corrections and loaded:
+        back = action_button("uncorrect", "As measured", label="Take the corrections back")
+        shown.append(html.P([f"Corrected: {', '.join(session.corrections)}. ", back]))
+    return shown
+
+
+def model_title(session: Session) -> str:
+    """Name the model of a session."""
+    names = [law_label(session.law), *map(effect_label, session.effects)]
+    names += [line.partition(";")[0] for line in session.lines]
+    return " + ".join(names) + (" (by hand)" if session.manual else "")
+
+
+def error_summary(
+    session: Session, fitted: FittedModel, manual: ManualModel, law_alone: FittedModel
+) -> tuple[str, str, str]:
+    """Return the error of the model in one line: the text before the number, the number, and the text after it."""
+    change = manual.error.mean / law_alone.error.mean - 1 if law_alone.error.mean else 0.0
+    rest = ""
+    if fitted is not law_alone or session.manual:
+        rest = f", {'−' if change < 0 else '+'}{abs(100 * change):.0f}\u00a0% against the law alone"
+    if session.manual:
+        rest += f"; set by hand, fitted {brief_interval(fitted.error)}"
+    return "Held-out error ", brief_interval(manual.error), rest
+
+
+# --- Compare -----------------------------------------------------------------------------------
+
+
+def largest_error(errors: Mapping[str, Interval], fitted: FittedModel) -> float:
+    """Return the error at the end of the bars: the largest one, but at most three times that of the best or the model.
+
+    Laws that are hopeless do not set the scale.
+    """
+    highs = [error.high for error in errors.values()]
+    return 1.05 * min(max(highs), 3 * max(fitted.error.high, min(highs)))
+
+
+def law_options(errors: Mapping[str, Interval], largest: float) -> list[dict[str, Any]]:
+    """Return every law as an option with its error, the smallest first; laws without an error are at the end."""
+    options: list[dict[str, Any]] = []
+    for name in sorted(laws.names(), key=lambda name: errors[name].mean if name in errors else math.inf):
+        row: list[Component] = [html.Span(law_label(name), className="name")]
+        if name in errors:
+            row += [html.Span(brief_interval(errors[name]), className="value"), bar(errors[name], largest)]
+        options.append({"label": html.Span(row, className="row"), "value": name})
+    return options
+
+
+def bounds(errors: Mapping[str, Interval], session: Session, fitted: FittedModel, largest: float) -> Component:
+    """Return the errors of the bounds and of the model."""
+    rows = [(model_label(name), error) for name, error in errors.items() if name not in laws.names()]
+    return bars([*rows, (model_title(session), fitted.error)], largest)
+
+
+def learned_bars(errors: Mapping[str, Interval], session: Session, trials: int, largest: float) -> list[Component]:
+    """Return the errors of the learned models, the smallest first."""
+    if not errors:
+        return []
+    rows = [(model_label(name), error) for name, error in sorted(errors.items(), key=lambda pair: pair[1].mean)]
+    text = f"Trained on all {trials} training trials; those with a law learn the residual of {model_title(session)}."
+    return [bars(rows, largest), note(text)]
+
+
+# --- Where it fails ----------------------------------------------------------------------------
+
+
+def region_buttons(found: Sequence[Region]) -> list[Component]:
+    """Return the regions in which the model fails, each with a button that selects its trials."""
+    if not found:
+        return [note(phrase("no_region"))]
+    rows: list[list[Child]] = [
+        [action_button("region", "Select", of=str(k)), f" {fix_spacing(capitalize_first(phrase('region', one)))}"]
+        for k, one in enumerate(found)
+    ]
+    return [html.H3("Regions in which the model fails"), *items(rows)]
+
+
+# --- What is missing ---------------------------------------------------------------------------
+
+
+def effect_options(session: Session, gains: Sequence[PredictedGain], present: float) -> list[dict[str, Any]]:
+    """Return all effects: those in the model, then by predicted error, then those without a predicted gain."""
+    options = [_effect_option(one.name, effect_label(one), "in the model", True) for one in session.effects]
+    best = {one.effect.name: one for one in reversed(gains)}  # the best form of each
+    for one in sorted(best.values(), key=lambda one: (one.gain <= 0, one.error if one.gain > 0 else 0.0)):
+        name = one.effect.name
+        if one.gain > 0 and one.error < present:
+            text = f"{error(one.error)} ({percent(one.error / present - 1)})"
+            options.append(_effect_option(name, effect_label(one.effect), text, True))
+        else:
+            options.append(_effect_option(name, label(name), "no predicted gain", False))
+    shown = {option["value"] for option in options}
+    rest = (name for name in catalogue() if name not in shown)
+    return options + [_effect_option(name, label(name), "cannot be decided by these data", False) for name in rest]
+
+
+def _effect_option(name: str, text: str, value: str, strong: bool) -> dict[str, Any]:
+    parts = [html.Span(text, className="name"), html.Span(value, className="value" if strong else "value faint")]
+    return {"label": html.Span(parts, className="row"), "value": name}
+
+
+def diagnosis_content(run: DiagnosisRun, folder: str, session: Session) -> list[Component]:
+    """Return a diagnosis: verdict, frontier, plausible models, residual with formulas, the next experiment."""
+    found = run.diagnosis
+    page = html.A("the whole report", href=f"/runs/{folder}/report.html", target="_blank")
+    plausible: list[list[Child]] = [
+        [_adopt_button("Take", session, one), f" {share_of_whole(one.share)}  {phrase('model', one.law, one.effects)}"]
+        for one in listed_models(found)
+    ]
+    return [
+        html.H3("Result of the search"),
+        html.P(headline(found), className="headline"),
+        note("Of ", html.Code(folder), ": ", page, "."),
+        *_frontier(found, session),
+        *items(plausible, "Models that these data cannot distinguish"),
+        *(html.P(text) for text in search_notes(found) if plausible),
+        *_residual(found),
+        *_experiment(found),
+    ]
+
+
+def _adopt_button(text: str, session: Session, found: FrontierModel | PlausibleModel) -> Component:
+    """Return a button that goes to the same data with another model."""
+    other = Session(
+        data=session.data, seed=session.seed, trial=session.trial, law=found.law, effects=tuple(found.effects)
+    )
+    return action_button("adopt", text, of=other.address, label=f"Take {phrase('model', found.law, found.effects)}")
+
+
+def _frontier(found: Diagnosis, session: Session) -> list[Component]:
+    if not found.frontier:
+        return []
+    rows = [(phrase("model", one.law, one.effects), one.error) for one in found.frontier]
+    buttons = (_adopt_button(f"Take {len(one.effects)}", session, one) for one in found.frontier)
+    head = note("The best model of each number of effects, held out:")
+    return [html.H4("Frontier"), head, bars(rows, 1.05 * max(x.high for _, x in rows)), controls(*buttons)]
+
+
+def _residual(found: Diagnosis) -> list[Component]:
+    if found.remainder is None:
+        return []
+    formulas: list[list[Child]] = [
+        [action_button("line", "Add", of=formula_line(one)), f" {phrase('formula_change', one)}"]
+        for one in found.formulas
+    ]
+    return [html.H4("Residual"), *map(html.P, phrases("residual", found.remainder)), *items(formulas)]
+
+
+def _experiment(found: Diagnosis) -> list[Component]:
+    if found.experiment is None:
+        return []
+    needed = (html.P(phrase("needed_drops", one)) for one in found.experiment.separations)
+    drops = [html.Li(phrase("drop", one, found.experiment)) for one in found.experiment.drops]
+    return [html.H4("The next experiment"), *needed, html.Ol(drops)]
+
+
+# --- The model ---------------------------------------------------------------------------------
+
+
+def ladder_bars(session: Session, steps: Sequence[FittedModel], floor: NoiseFloor) -> list[Component]:
+    """Return the errors of the law, then with one more effect each, and of noise alone."""
+    names = [law_label(session.law), *(f"+ {effect_label(one)}" for one in session.effects)]
+    names += [f"+ {line.partition(';')[0]}" for line in session.lines]
+    rows = [*zip(names, (step.error for step in steps), strict=True), ("Noise floor", floor.error)]
+    text = f"Held-out errors. The noise floor is {NOISE_SOURCES[floor.source]}, of all trials."
+    return [bars(rows, 1.05 * max(x.high for _, x in rows)), note(text)]
+
+
+def parts(session: Session, fitted: FittedModel, manual: ManualModel) -> list[Component]:
+    """Return law, effects and lines with their parameters."""
+    names = [p.name for p in fitted.fit.parameters]
+    best, errors, values = (
+        dict(zip(names, column.tolist(), strict=True))
+        for column in (fitted.fit.values, fitted.fit.standard_errors, manual.values)
+    )
+    by_hand, warnings = {name for name, _ in session.manual}, fitted.fit.undetermined() | fitted.fit.at_bounds()
+
+    def part(prefix: str, *head: Component) -> Component:
+        sliders = [
+            _slider(p, best[p.name], errors[p.name], values[p.name], p.name in by_hand, warnings.get(p.name, ""))
+            for p in fitted.fit.parameters
+            if p.name.rpartition(".")[0] == prefix
+        ]
+        return html.Div([*head, *sliders], className="part")
+
+    found = [part("", html.H3(law_label(session.law)))]
+    for one in session.effects:
+        effect, title = fitted.effects[one.name], effect_label(one)
+        head = html.H3([title, " ", action_button("drop", "Remove", of=one.name, label=f"Remove {title}")])
+        found.append(part(one.name, head, *_forms(effect), *_options(effect), note(effect.equation)))
+    for place, line in enumerate(session.lines):
+        remove = action_button("unline", "Remove", of=str(place), label=f"Remove {line}")
+        found.append(part(line_name(place), html.H3([html.Code(line), " ", remove])))
+    return found
+
+
+def _slider(p: Parameter, best: float, error: float, value: float, by_hand: bool, warning: str) -> Component:
+    """Return a parameter with its fitted value, and a slider around it within the plausible range."""
+    half = max(_SIGMAS * error if math.isfinite(error) else 0.0, _LEAST * (p.high - p.low))
+    low, high = max(p.low, best - half), min(p.high, best + half)
+    head: list[Child] = [html.Span(f"{p.symbol} = {measured(best, error, p.unit)}")]
+    if by_hand:
+        head = [html.Span(f"{p.symbol} = {measured(best, error, p.unit)}; by hand {value:.4g}")]
+        head.append(action_button("fit", "Fitted value", of=p.name, label=f"Fitted value of {p.symbol}"))
+    slider = dcc.Slider(
+        id={"set": "slider", "of": p.name}, min=low, max=high, step=(high - low) / _STEPS,
+        value=min(max(value, low), high), marks=None, updatemode="mouseup", allow_direct_input=False,
+    )  # fmt: skip
+    shown = [html.Label(head, className="parameter-value"), slider, *([note(warning)] if warning else [])]
+    return html.Div(shown, className="parameter")
+
+
+def _forms(effect: Effect) -> list[Component]:
+    """Return a choice among the forms of an effect that has several."""
+    if effect.form is None:
+        return []
+    names = [kind.form for kind in catalogue()[effect.name] if kind.form is not None]
+    identity, options = {"set": "form", "of": effect.name}, [{"label": label(name), "value": name} for name in names]
+    return [dcc.RadioItems(id=identity, options=options, value=effect.form, inline=True, className="forms")]
+
+
+def _options(effect: Effect) -> list[Component]:
+    """Return a field for each numeric option of an effect; an empty field is the default."""
+    fields: list[Component] = []
+    for name, value in effect.options.items():
+        numbers = value if isinstance(value, tuple) else (value,)
+        if numbers and all(map(is_number, numbers)):
+            identity, text = {"set": "option", "of": f"{effect.name}.{name}"}, ", ".join(f"{x:g}" for x in numbers)
+            field = dcc.Input(id=identity, type="text", value=text, autoComplete="off")
+            fields.append(html.Label([f"{_OPTIONS.get(name, label(name))} ", field], className="option"))
+    return fields
+
+
+# --- Keep it -----------------------------------------------------------------------------------
+
+
+def run_list(runs: Sequence[SavedRun]) -> list[Component]:
+    """Return the saved runs, the newest first, with links to their pages and buttons that take their models over."""
+    rows: list[list[Child]] = []
+    for run in runs:
+        row: list[Child] = [html.Code(run.name), f" ({run.kind}): {run.description} "]
+        if run.has_page:
+            row += [html.A("open", href=f"/runs/{run.name}/report.html", target="_blank"), " "]
+        if run.session is not None:
+            row.append(action_button("adopt", "Take its model", of=run.session.address))
+        rows.append(row)
+    return items(rows) or [note("There are no runs yet.")]

@@ -1,0 +1,261 @@
+"""Callbacks that change and show a session: controls, results, figures, and sliders that are being dragged.
+
+A control changes the session, that is the address (`act`).  The address is answered at once with the fitted model and
+its error (`show`); once that is settled, comparison, predicted gains, ladder and regions follow separately.  Figures
+are drawn by scripts from the numbers that are sent (`arrays`).
+
+A page asks at /moved for the outcomes of a slider that is being dragged, without a round of callbacks:
+
+    {"address": …, "of": parameter, "value": number}  →  {"v_post", "changes", "summary"}, see `arrays.of_moved`
+
+Releasing the slider is an action like any other.  `security` guards this path as it guards all others.
+"""
+
+import contextlib
+import json
+from collections.abc import Callable
+from threading import Lock
+from typing import Any
+
+from dash import ALL, ClientsideFunction, Dash, Input, Output, State, html, no_update
+from flask import Response, abort, jsonify, request
+
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.core.numerics import is_number
+from contactlearn.data.audit.findings import audit
+from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
+from contactlearn.report.text import law_label
+from contactlearn.workbench import arrays, content
+from contactlearn.workbench.actions import Actions
+from contactlearn.workbench.commands import command
+from contactlearn.workbench.lines import completions, parse_effect
+from contactlearn.workbench.models import Cache, Models, PredictedGain
+from contactlearn.workbench.session import Session
+
+_TICKS, _LAW = {"set": "ticks", "of": ""}, {"set": "law", "of": ""}
+_History = dict[str, list[str]]
+_STEPS, _TABS = 200, 100  # steps of Undo, tabs whose address is known
+
+
+class SessionCallbacks:
+    """The callbacks that change and show a session."""
+
+    def __init__(self, models: Models) -> None:
+        self.models, self.actions = models, Actions(models=models)
+        self._latest: Cache[dict[str, str]] = Cache(_TABS)
+        self._slow = Lock()
+
+    def register(self, app: Dash) -> None:
+        """Connect the callbacks with an app."""
+        address, settled, tab = Input("address", "search"), Input("settled", "data"), State("tab", "data")
+        ticks, law = Output(_TICKS, "value", allow_duplicate=True), Output(_LAW, "value", allow_duplicate=True)
+        app.callback(
+            Output("address", "search"), Output("history", "data"), Output("done", "data"),
+            Output("trouble", "children"), ticks, law,
+            Input("acted", "data"), State("done", "data"), State("address", "search"), State("history", "data"),
+            prevent_initial_call=True,
+        )(self.act)  # fmt: skip
+        app.callback(
+            Output("source", "children"), Output("summary", "children"), Output("parts", "children"),
+            Output("fitted", "data"), Output(_TICKS, "value"), Output(_LAW, "value"), Output("command", "children"),
+            Output("words", "value"),
+            Output("trouble", "children", allow_duplicate=True), address, State(_TICKS, "value"), State(_LAW, "value"),
+            prevent_initial_call="initial_duplicate",
+        )(self.show)  # fmt: skip
+        app.callback(
+            Output("data-sent", "data"), Output("model-sent", "data"), Output("settled", "data"),
+            Input("fitted", "data"), State("data-drawn", "children"), tab,
+        )(self.draw)  # fmt: skip
+        app.callback(Output("trial-sent", "data"), Output("windows-sent", "data"), settled)(self.trial)
+        app.callback(Output(_LAW, "options"), Output("bounds", "children"), settled)(self.compare)
+        app.callback(Output(_TICKS, "options"), settled, tab)(self.missing)
+        app.callback(Output("ladder", "children"), settled, tab)(self.ladder)
+        app.callback(Output("regions", "children"), settled, tab)(self.regions)
+        app.callback(
+            Output("findings", "children"), Output("mistakes", "children"),
+            Input("data-drawn", "children"), State("address", "search"),
+        )(self.findings)  # fmt: skip
+        app.callback(
+            Output("completions", "children"), Output("line-status", "children"),
+            Input("line", "value"), State("address", "search"),
+        )(self.complete)  # fmt: skip
+        scripts = [("slider", Input({"set": "slider", "of": ALL}, "value"))]
+        scripts += [("drag", Input({"set": "slider", "of": ALL}, "drag_value")), ("done", Input("done", "data"))]
+        scripts += [(name, Input(f"{name}-sent", "data")) for name in ("data", "model", "trial", "windows")]
+        for name, sent in scripts:
+            drawn = Output(f"{name}-drawn", "children")
+            app.clientside_callback(ClientsideFunction("workbench", name), drawn, sent)
+        app.server.add_url_rule("/moved", "moved", self._answer_slider, methods=["POST"])
+
+    def act(
+        self, acted: list[dict[str, Any]] | None, done: int | None, address: str | None, history: _History | None
+    ) -> tuple[Any, ...]:
+        """Change the session by all actions since the last answer, in order.
+
+        An action whose model cannot be fitted is refused with its error.  The page repeats unanswered actions with the
+        next ones, so nothing is lost when answers overtake each other.
+        """
+        fresh = [one for one in acted or [] if one["n"] > (done or 0)]
+        if not fresh:
+            return (no_update,) * 6
+        steps, session, trouble = history or {"past": [], "future": []}, Session(), ""
+        with contextlib.suppress(ContactLearnError):  # an address that cannot be read is replaced by the defaults
+            session = Session.read(address or "")
+        before = session
+        for one in fresh:
+            try:
+                session, steps = self._changed(session, steps, one["kind"], one["of"], one["value"])
+            except ContactLearnError as error:
+                trouble = str(error)
+        moved = (session.address or "?", steps) if session != before else (no_update, no_update)
+        listed = ([one.name for one in session.effects], session.law) if trouble else (no_update, no_update)
+        return *moved, fresh[-1]["n"], trouble, *listed
+
+    def _changed(self, session: Session, steps: _History, kind: str, of: str, value: Any) -> tuple[Session, _History]:
+        """Return the session after one action, and the addresses before it and after it."""
+        past, future = steps["past"], steps["future"]
+        if kind == "undo" and past:
+            return Session.read(past[-1]), {"past": past[:-1], "future": [session.address, *future]}
+        if kind == "redo" and future:
+            return Session.read(future[0]), {"past": [*past, session.address], "future": future[1:]}
+        if kind in ("undo", "redo"):
+            return session, steps
+        if kind not in self.actions.handlers:
+            raise UnknownNameError("action", kind, self.actions.handlers)
+        after = self.actions.handlers[kind](session, of, value)
+        if after == session:
+            return session, steps
+        self.models.manual(after)
+        return after, {"past": [*past, session.address][-_STEPS:], "future": []}
+
+    def show(self, address: str | None, ticks: list[str] | None, law: str | None) -> tuple[Any, ...]:
+        """Fit the model of the address and show it; an error leaves the page as it is."""
+        try:
+            session = Session.read(address or "")
+            fitted, manual, data = self.models.fitted(session), self.models.manual(session), self.models.split(session)
+        except ContactLearnError as error:
+            return (*[no_update] * 8, str(error))
+        names = [one.name for one in session.effects]
+        before, number, after = content.error_summary(session, fitted, manual, self.models.law_alone(session))
+        return (
+            f"{data.impacts.source}: {len(data.pool)} trials to fit to, {len(data.test)} held out.",
+            [before, html.B(number), after],
+            content.parts(session, fitted, manual),
+            session.address or "?",
+            no_update if set(ticks or []) == set(names) else names,
+            no_update if law == session.law else session.law,
+            command(session),
+            " ".join(session.data),
+            "",
+        )
+
+    def draw(self, address: str | None, shown: str | None, tab: str) -> tuple[Any, Any, Any]:
+        """Send the numbers of the model to the figures, with the trials if other ones are shown."""
+        if address is None:
+            return no_update, no_update, no_update
+        session, trials = Session.read(address), no_update
+        self._latest.get(tab, dict)["address"] = address
+        data, manual, alone = self.models.split(session), self.models.manual(session), self.models.law_alone(session)
+        source = f"{self.models.fingerprint(session)} {session.seed}"
+        if shown != source:
+            trials = arrays.of_data(data.impacts, alone.model.predict(data.impacts)) | {"source": source}
+        names = [law_label(session.law), content.model_title(session)]
+        sent = arrays.of_model(data.impacts, alone.v_post, manual.v_post, manual.model)
+        return trials, sent | {"names": names, "count": len(data.impacts), "error": manual.error.mean}, address
+
+    def trial(self, address: str | None) -> tuple[Any, Any]:
+        """Send the selected trial, and the trials in the windows of the map."""
+        if address is None:
+            return no_update, no_update
+        session = Session.read(address)
+        impacts, laws = self.models.split(session).impacts, dict.fromkeys((*SEARCHED_LAWS, session.law))
+        known = {name: self.models.law_alone(session, name).model.law for name in laws}
+        among = arrays.map_variables(impacts, self.models.fitted(session).model.predict(impacts))
+        rows = arrays.inside(session.windows, among).nonzero()[:, 0].tolist() if session.windows else None
+        windows = [{"variable": one.variable, "low": one.low, "high": one.high} for one in session.windows]
+        trial = arrays.of_trial(impacts, self.actions.trial(session), known) | {"law": session.law}
+        return trial, {"windows": windows, "rows": rows}
+
+    def compare(self, address: str | None) -> tuple[Any, Any]:
+        """Show laws, bounds and the model side by side."""
+        if address is None:
+            return no_update, no_update
+        session = Session.read(address)
+        errors, fitted = self.models.comparison(session), self.models.fitted(session)
+        largest = content.largest_error(errors, fitted)
+        return content.law_options(errors, largest), content.bounds(errors, session, fitted, largest)
+
+    def missing(self, address: str | None, tab: str) -> Any:
+        """Show the predicted gain of each effect."""
+
+        def options(session: Session) -> list[dict[str, Any]]:
+            gains: tuple[PredictedGain, ...] = ()
+            with contextlib.suppress(ContactLearnError):  # too few trials for any effect
+                gains = self.models.predicted_gains(session)
+            return content.effect_options(session, gains, self.models.fitted(session).error.mean)
+
+        return self._delayed(address, tab, options)
+
+    def ladder(self, address: str | None, tab: str) -> Any:
+        """Show the ladder so far, above the noise floor."""
+        models = self.models
+        return self._delayed(
+            address, tab, lambda one: content.ladder_bars(one, models.ladder(one), models.noise_floor(one))
+        )
+
+    def regions(self, address: str | None, tab: str) -> Any:
+        """Show the regions in which the model fails."""
+        return self._delayed(address, tab, lambda one: content.region_buttons(self.models.regions(one)))
+
+    def _delayed(self, address: str | None, tab: str, make: Callable[[Session], Any]) -> Any:
+        """Make slow content, one at a time, and only while the tab still shows that model."""
+        if address is None:
+            return no_update
+        with self._slow:
+            if self._latest.get(tab, dict).get("address", address) != address:
+                return no_update
+            return make(Session.read(address))
+
+    def findings(self, drawn: str | None, address: str | None) -> tuple[Any, Any]:
+        """Show the findings of the audit, and the corrections of the data."""
+        if not drawn:
+            return no_update, no_update
+        session = Session.read(address or "")
+        found = audit(self.models.split(session).impacts)
+        return content.audit_notes(found), content.mistakes(found, session)
+
+    def complete(self, line: str | None, address: str | None) -> tuple[Any, str]:
+        """Show completions of a line, and its equation or its error."""
+        options = [html.Option(value=text) for text in completions(line or "")]
+        if not line:
+            return options, ""
+        try:
+            effect = parse_effect(line)
+            effect.prepare(self.models.split(Session.read(address or "")).pool)
+        except ContactLearnError as error:
+            return options, str(error)
+        return options, effect.equation
+
+    def preview(self, address: str, of: str, value: float) -> dict[str, Any]:
+        """Return the outcomes and the error of the model of an address with one parameter moved.
+
+        Raises:
+            ContactLearnError: an address that cannot be read, or a number that is not finite.
+        """
+        session = self.actions.slide(Session.read(address), of, value)
+        fitted, manual = self.models.fitted(session), self.models.manual(session)
+        summary = content.error_summary(session, fitted, manual, self.models.law_alone(session))
+        return arrays.of_moved(self.models.split(session).impacts, manual.v_post, manual.model) | {"summary": summary}
+
+    def _answer_slider(self) -> Response:
+        question: Any = None
+        with contextlib.suppress(ValueError):
+            question = json.loads(request.get_data(), parse_int=float)  # a whole number may be too large for a float
+        fields = ("address", "of", "value")
+        address, of, value = map(question.get, fields) if isinstance(question, dict) else (None,) * 3
+        if not isinstance(address, str) or not isinstance(of, str) or not is_number(value):
+            abort(400, "The request needs an address, a parameter and a number.")
+        try:
+            return jsonify(self.preview(address, of, value))
+        except ContactLearnError as error:  # the slider is of an earlier model
+            abort(400, str(error))
