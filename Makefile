@@ -41,7 +41,7 @@ test test-all: .venv/ready browser
 
 bench: .venv/ready
 	$(PIP) -q -c requirements.lock -c benchmarks/requirements.lock -e '.[test,bench]'
-	for script in benchmarks/[a-z]*.py; do $(PY) $$script || exit 1; done
+	for script in benchmarks/speed/*.py benchmarks/accuracy/*.py benchmarks/sensitivity/*.py; do $(PY) $$script || exit 1; done
 
 docs: .venv/ready
 	$(PY) -m sphinx -W --keep-going -q -d .sphinx -c docs . site

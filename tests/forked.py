@@ -16,7 +16,7 @@ _FORKS.set_forkserver_preload(["contactlearn.cli.commands", "contactlearn.cli.sw
 
 
 class Forked:
-    """A sweep as `studies.sweeps.started` gives it, which takes half a second and not five to begin."""
+    """A sweep as `speed.sweeps.started` gives it, which takes half a second and not five to begin."""
 
     def __init__(self, folder, *words):
         self._printed = Path(tempfile.mkstemp(prefix="sweep-", suffix=".txt")[1])

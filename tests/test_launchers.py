@@ -18,7 +18,7 @@ from contactlearn.cli.sweeps.sweep import _limit
 from contactlearn.core.errors import installing
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
-from studies.sweeps import COUNT, JOBS, content, ended, finished, nothing_half_written, started, survive
+from speed.sweeps import COUNT, JOBS, content, ended, finished, nothing_half_written, started, survive
 
 LAUNCHERS = {
     "joblib": ("joblib", "hydra_plugins.hydra_joblib_launcher"),

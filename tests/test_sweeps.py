@@ -29,7 +29,7 @@ from contactlearn.results.folder import find_results, read_result
 from contactlearn.results.state import DONE, FAILED, Failed, fail, finish, held, is_held, read_done, unfinished
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
-from studies.sweeps import COUNT, JOBS, content, ended, finished, nothing_half_written, started, survive
+from speed.sweeps import COUNT, JOBS, content, ended, finished, nothing_half_written, started, survive
 
 SMALL = ("data.size=80", "train.repetitions=2", "bootstrap=20")
 
@@ -253,7 +253,7 @@ def test_jobs_at_once_are_limited(tmp_path):
 def test_killed_at_random_moments(kills, undisturbed, tmp_path):
     """Nothing finished is lost, nothing half-written is read, and the results are those of an undisturbed sweep.
 
-    Fifty kills are in benchmarks/sweeps.py.
+    Fifty kills are in benchmarks/speed/sweeps.py.
     """
     hits, lost = survive(tmp_path, kills=kills, longest=3, start=Forked)
     assert (hits, lost) == (kills, [])

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
-import thresholds as benchmark
-from studies.study import AllThresholds, paths, replaced
+from sensitivity import thresholds as benchmark
+from sensitivity.studies.study import AllThresholds, paths, replaced
 
 DEFAULTS = dict(paths(AllThresholds()))
 

@@ -1,6 +1,6 @@
 """Thresholds of the diagnosis: every number that decides what a user is told, with its unit and its reason.
 
-The row of `benchmarks/thresholds.py` that shows false alarms and power over a range of a threshold has its name, such
+The row of `benchmarks/sensitivity` that shows false alarms and power over a range of a threshold has its name, such
 as regions.ratio.  Sizes of grids, numbers of starts and tolerances of fits are no thresholds and stay where they are
 used.  Figures draw the same fields.
 """

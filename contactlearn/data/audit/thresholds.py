@@ -1,6 +1,6 @@
 """Thresholds of the audit: every number that decides whether the measurements are doubted.
 
-Each field has its unit, its reason, and the row of `benchmarks/thresholds.py` that shows false alarms and power over
+Each field has its unit, its reason, and the row of `benchmarks/sensitivity` that shows false alarms and power over
 a range of its values.  Numbers that only scale an answer between 0 and 1 are defined where they are used.
 """
 

@@ -1,6 +1,6 @@
 """Thresholds of recordings: every number that decides which contacts are accepted and which conventions are found.
 
-Each field has its unit, its reason, and the row of `benchmarks/thresholds.py` that shows false alarms and power over a
+Each field has its unit, its reason, and the row of `benchmarks/sensitivity` that shows false alarms and power over a
 range of its values.  Constants of the numerical methods stand beside their code.
 """
 

@@ -1,6 +1,6 @@
 """Thresholds of a joint fit: every number that decides which trials count and which parameters are determined.
 
-The row of `benchmarks/thresholds.py` that shows a range of a threshold is named behind its reason.
+The row of `benchmarks/sensitivity` that shows a range of a threshold is named behind its reason.
 """
 
 from dataclasses import dataclass

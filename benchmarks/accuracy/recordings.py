@@ -1,0 +1,256 @@
+"""From tracks to impacts on simulated recordings with known truth: found, false, errors, coverage, conventions, time.
+
+    python benchmarks/accuracy/recordings.py [--size 300] [--seed 1000] [--what contacts conventions files diagnosis]
+
+A contact is clean if the flights before and after it have one frame more than the search asks for.  An accepted one
+is false if one of its flights has three frames fewer, or if no true contact is within half a frame.  Shares have
+Wilson's 95 % intervals.
+"""
+
+import argparse
+import math
+import tempfile
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.numerics import Z_95
+from contactlearn.data.recordings.contacts import find_contacts
+from contactlearn.data.recordings.flights import find_flights
+from contactlearn.data.recordings.track import Track, continuous, turn
+from contactlearn.data.tracks import Tracked, find_impacts, track_options
+from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.effects import find_effect
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Ellipse, contact_point
+from contactlearn.simulation.camera import Camera, TrueContacts
+from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
+
+CHI_3 = 7.815
+PLAIN = Camera()
+GRID = {
+    "250/s, 0.05 mm, 0.1°": PLAIN,
+    "100/s": replace(PLAIN, rate=100.0, frames=200),
+    "500/s": replace(PLAIN, rate=500.0, frames=1000),
+    "1000/s": replace(PLAIN, rate=1000.0, frames=2000),
+    "0.02 mm, 0.04°": replace(PLAIN, noise=2e-5, angle_noise=math.radians(0.04)),
+    "0.2 mm, 0.4°": replace(PLAIN, noise=2e-4, angle_noise=math.radians(0.4)),
+    "0.5 mm, 1°": replace(PLAIN, noise=5e-4, angle_noise=math.radians(1)),
+    "blur of 2 ms": replace(PLAIN, exposure=0.002),
+    "2 % lost, 1 % bad": replace(PLAIN, lost=0.02, bad=0.01),
+    "half skip 1 or 2 frames": replace(PLAIN, skipped=0.5),
+    "held by a hand": replace(PLAIN, held=0.2),
+}
+
+
+def wilson(good: int, of: int) -> str:
+    """Share with its 95 % interval."""
+    if not of:
+        return "–"
+    p, z = good / of, Z_95
+    middle, half = (
+        (p + z * z / 2 / of) / (1 + z * z / of),
+        z / (1 + z * z / of) * math.sqrt(p * (1 - p) / of + z * z / 4 / of**2),
+    )
+    return f"{100 * p:.1f} [{100 * max(middle - half, 0):.1f}, {100 * min(middle + half, 1):.1f}]"
+
+
+def contacts(size: int, seed: int) -> None:
+    """A row of the table for every camera."""
+    titles = (
+        "tracks",
+        "found, %",
+        "false, %",
+        "v_pre in its region, %",
+        "v_post, %",
+        "largest bias, σ",
+        "instant, frames",
+    )
+    print(f"| {' | '.join((*titles, 'missing right, %', 'ms'))} |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+    for number, (name, camera) in enumerate(GRID.items()):
+        print(f"| {name} | {row(size, camera, seed + number)} |", flush=True)
+
+
+def row(size: int, camera: Camera, seed: int) -> str:
+    """Everything that is measured with one camera."""
+    recordings, truth = simulate(size, camera, seed=seed)
+    found, false, errors, inside, instants, missing, accepted, spent = set(), 0, [], [], [], 0, 0, 0.0
+    widths = []
+    for k, recording in enumerate(recordings):
+        start = time.process_time()
+        pose = np.column_stack((recording.position, continuous(recording.angle, recording.time)))
+        zero = np.zeros(len(pose))
+        track = Track(name=recording.name, time=recording.time, pose=pose, apart=zero, tilted=zero)
+        result = find_contacts(track)
+        spent += time.process_time() - start
+        width = find_flights(track).width
+        mine = np.flatnonzero(truth.recording == k)
+        widths.append((mine, width))
+        for contact in result.contacts:
+            accepted += 1
+            j = int(mine[np.abs(truth.time[mine] - contact.time).argmin()]) if len(mine) else -1
+            if j < 0 or abs(truth.time[j] - contact.time) > 0.5 / camera.rate or truth.frames[j].min() < width - 2:
+                false += 1
+                continue
+            found.add(j)
+            error = np.concatenate((contact.v_pre - truth.v_pre[j], contact.v_post - truth.v_post[j]))
+            errors.append(error / np.sqrt(contact.covariance.diagonal()[:6]))
+            inside.append(
+                [
+                    error[s] @ np.linalg.solve(contact.covariance[s, s], error[s]) < CHI_3
+                    for s in (slice(3), slice(3, 6))
+                ]
+            )
+            instants.append((contact.time - truth.time[j]) * camera.rate)
+            missing += contact.missing == truth.skipped[j]
+    clean = {int(j) for mine, width in widths for j in mine if truth.frames[j].min() >= width + 1}
+    held = np.array(inside)
+    bias = np.abs(np.mean(errors, 0)).max()
+    rms = math.sqrt(np.mean(np.square(instants)))
+    cells = (
+        wilson(len(found & clean), len(clean)), wilson(false, accepted), wilson(int(held[:, 0].sum()), len(held)),
+        wilson(int(held[:, 1].sum()), len(held)), f"{bias:.2f} ± {1 / math.sqrt(len(errors)):.2f}",
+        f"{rms:.3f}, at most {np.abs(instants).max():.2f}", wilson(int(missing), len(errors)),
+        f"{1e3 * spent / size:.0f}",
+    )  # fmt: skip
+    return " | ".join(cells)
+
+
+def turned(degrees: float, axes) -> tuple:
+    """Axes of a tracker that is turned about up."""
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    about_up = np.array(((c, 0, s), (0, 1, 0), (-s, 0, c)))
+    return tuple(map(tuple, np.asarray(axes) @ about_up))
+
+
+QUATERNION = {"columns": {"quaternion": ["q1", "q2", "q3", "q4"]}}
+MIRRORED = ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+CONVENTIONS = {
+    "mm, y down, degrees": (replace(PLAIN, axes=AXES["image"], length=1e3, degrees=True), {}),
+    "cm stated as m": (replace(PLAIN, length=100.0), {"unit": "m"}),
+    "240/s for 250/s": (replace(PLAIN, stated_rate=240.0), {}),
+    "240/s for 250/s, unit stated": (replace(PLAIN, stated_rate=240.0), {"unit": "m"}),
+    "30/s for 250/s": (replace(PLAIN, stated_rate=30.0), {}),
+    "y down stated as up": (replace(PLAIN, axes=AXES["image"]), {"up": "y"}),
+    "space, y up, wxyz": (replace(PLAIN, axes=turned(20, AXES["y_up"])), QUATERNION),
+    "space, z up, xyzw": (replace(PLAIN, axes=turned(-35, AXES["z_up"]), order="xyzw", length=1e3), QUATERNION),
+    "xyzw stated as wxyz": (
+        replace(PLAIN, axes=turned(20, AXES["y_up"]), order="xyzw"),
+        QUATERNION | {"order": "wxyz"},
+    ),
+    "left-handed axes": (replace(PLAIN, axes=MIRRORED), QUATERNION),
+    "degrees stated as radians": (replace(PLAIN, degrees=True), {"angle": "rad"}),
+    "mirrored angles": (replace(PLAIN, axes=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))), {"sense": "mirrored"}),
+}
+
+
+def conventions(size: int, seed: int, sets: int = 10) -> None:
+    """Outcomes of sets of recordings with wrong or unstated conventions: right, caught or asked for, wrong."""
+    print("| recordings | found and right | caught or asked for | wrong |\n| --- | --- | --- | --- |")
+    for number, (name, (camera, settings)) in enumerate(CONVENTIONS.items()):
+        outcomes = Counter(outcome(size, camera, settings, seed + 100 * number + k) for k in range(sets))
+        print(f"| {name} | {outcomes['right']} | {outcomes['caught']} | {outcomes['wrong']} |", flush=True)
+
+
+def outcome(size: int, camera: Camera, settings: dict, seed: int) -> str:
+    """Whether velocities are right, or an error says what is the matter."""
+    recordings, truth = simulate(size, camera, seed=seed)
+    with tempfile.TemporaryDirectory() as folder:
+        write_recordings(recordings, Path(folder))
+        try:
+            found = find_impacts(folder, mass=MASS, shape=Ellipse(SEMI_AXES), options=track_options(**settings))
+        except ContactLearnError:
+            return "caught"
+    scores = []
+    for contact in found.survey.contacts:
+        mine = np.flatnonzero(truth.recording == int(contact.recording) - 1)
+        j = mine[np.abs(truth.time[mine] - contact.time).argmin()]
+        scores.append(np.abs(contact.v_pre - truth.v_pre[j]) / np.sqrt(contact.covariance.diagonal()[:3]))
+        scores.append(
+            abs(turn(2 * (contact.pose[2] - truth.q[j, 2]))) / 0.02 * np.ones(3)
+        )  # of an ellipse, up to half a turn
+    return "right" if np.median(scores) < 2 else "wrong"
+
+
+PLANTED = {
+    "spin_damping": {"c": 0.2},
+    "tangential_restitution": {"beta": 0.2},
+    "velocity_dependent_restitution": {"v_ref": 1.5, "p": -0.15},
+    "directional_friction": {"a": 0.3},
+    "contact_patch": {"k": 0.05},
+    "inertia_error": {"kappa": 0.1},
+}
+
+
+def diagnosis(size: int, seed: int, sets: int = 2) -> None:
+    """Names found from recordings, and from true states of the same impacts with noise of the stated covariances."""
+    print("| planted | impacts | from recordings | from a table |\n| --- | --- | --- | --- |")
+    for number, (name, values) in enumerate([("nothing", {}), *PLANTED.items()]):
+        effects = {name: find_effect(name)(**values)} if values else {}
+        for k in range(sets):
+            recordings, truth = simulate(size, PLAIN, effects=effects, seed=seed + 100 * number + k)
+            with tempfile.TemporaryDirectory() as folder:
+                write_recordings(recordings, Path(folder))
+                found = find_impacts(folder, mass=MASS, shape=Ellipse(SEMI_AXES))
+            answers = [named(impacts) for impacts in (found.impacts, tabled(found, truth, seed + k))]
+            print(f"| {name} | {len(found.impacts)} | {answers[0]} | {answers[1]} |", flush=True)
+
+
+def tabled(found: Tracked, truth: TrueContacts, seed: int) -> Impacts:
+    """The true states of the impacts that were found, with noise of their covariances."""
+    impacts, rows = found.impacts, []
+    for contact in found.survey.contacts:
+        mine = np.flatnonzero(truth.recording == int(contact.recording) - 1)
+        rows.append(mine[np.abs(truth.time[mine] - contact.time).argmin()])
+    generator = torch.Generator().manual_seed(seed)
+    noisy = {}
+    for when in ("v_pre", "v_post"):
+        factor = torch.linalg.cholesky(getattr(impacts, f"{when}_cov"))
+        normal = torch.randn(len(impacts), 3, 1, generator=generator, dtype=torch.float64)
+        noisy[when] = torch.from_numpy(getattr(truth, when)[rows]) + (factor @ normal)[..., 0]
+    q = torch.from_numpy(truth.q[rows])
+    return impacts.replace(q=q, r=contact_point(found.shape, q[:, 2]), apparatus=None, **noisy)
+
+
+def named(impacts: Impacts) -> str:
+    """The names that a diagnosis gives, with their confidence, or its verdict."""
+    answer = diagnose(impacts)
+    said = ", ".join(f"{one.effect} {one.confidence:.2f}" for one in answer.missing) or "no name"
+    return f"{said}; {answer.verdict}"
+
+
+def files(size: int, seed: int) -> None:
+    """Time of the whole way from CSV files to impacts."""
+    recordings, _ = simulate(size, PLAIN, seed=seed)
+    with tempfile.TemporaryDirectory() as folder:
+        write_recordings(recordings, Path(folder))
+        start, cpu = time.perf_counter(), time.process_time()
+        found = find_impacts(folder, mass=MASS, shape=Ellipse(SEMI_AXES))
+        wall, cpu = time.perf_counter() - start, time.process_time() - cpu
+        print(f"{size} files of {PLAIN.frames} frames: {len(found.impacts)} impacts in {wall:.1f} s, {cpu:.1f} s CPU")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--size", type=int, default=300, help="recordings of a row")
+    parser.add_argument("--seed", type=int, default=1000)
+    parser.add_argument("--what", nargs="+", default=["contacts", "conventions", "files", "diagnosis"])
+    options = parser.parse_args()
+    if "contacts" in options.what:
+        contacts(options.size, options.seed)
+    if "conventions" in options.what:
+        conventions(max(8, options.size // 25), options.seed)
+    if "files" in options.what:
+        files(options.size, options.seed)
+    if "diagnosis" in options.what:
+        diagnosis(max(8, options.size // 5), options.seed)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,171 @@
+"""Studies of recordings: units, axes, orders and readings that are found, caught or missed; motion out of the plane."""
+
+import math
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from contactlearn.core.errors import DataError
+from contactlearn.data.recordings.conventions import Conventions, find_frame
+from contactlearn.data.recordings.result import Reason
+from contactlearn.data.recordings.survey import TrackOptions, tracked
+from contactlearn.data.recordings.track import Recording
+from contactlearn.data.tracks import find_impacts, track_options
+from contactlearn.mechanics.shapes import Ellipse
+from contactlearn.simulation.camera import Camera
+from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
+from sensitivity.studies.cases import between
+from sensitivity.studies.study import AllThresholds, Row, Study, each
+
+RATE = Camera().rate
+
+
+def leaning(radians: float) -> tuple[tuple[float, ...], ...]:
+    """Axes of a camera in the plane that is turned against the floor."""
+    c, s = math.cos(radians), math.sin(radians)
+    return (c, s, 0.0), (-s, c, 0.0)
+
+
+def spatial(seed: int) -> tuple[tuple[float, ...], ...]:
+    """Axes of a tracker in space that is turned about up."""
+    angle = between(0.1, 0.9, seed) * (-1) ** seed
+    c, s = math.cos(angle), math.sin(angle)
+    return tuple(map(tuple, np.asarray(AXES["y_up"]) @ np.array(((c, 0, s), (0, 1, 0), (-s, 0, c)))))
+
+
+def _caught(stated: Conventions):
+    """Whether recordings contradict what is stated."""
+
+    def caught(recordings: list[Recording], thresholds: AllThresholds) -> bool:
+        try:
+            find_frame(recordings, stated, thresholds.tracks)
+        except DataError:
+            return True
+        return False
+
+    return caught
+
+
+def _timed(kind: str, seed: int) -> list[Recording]:
+    off = between(0.003, 0.008, seed) if kind == "right" else between(0.01, 0.1, seed)
+    camera = Camera(stated_rate=RATE * (1 + off * (-1) ** seed), noise=between(5e-5, 5e-4, seed + 1))
+    return simulate(6, camera, seed=seed)[0]
+
+
+SCALE = Study(
+    name="scale of recordings", null=each(16, "right"), planted=each(16, "wrong"), prepare=_timed,
+    alarm=_caught(Conventions(unit="m")),
+)  # fmt: skip
+
+
+def _turned(kind: str, seed: int) -> list[Recording]:
+    """A camera that is turned by so many degrees."""
+    low, high = {
+        "level": (1, 8),
+        "wrong": (12, 90),
+    }[kind]
+    angle = math.radians(between(low, high, seed)) * (-1) ** seed
+    return simulate(6, Camera(axes=leaning(angle), noise=between(5e-5, 5e-4, seed + 1)), seed=seed)[0]
+
+
+LEANING = Study(
+    name="stated up", null=each(16, "level"), planted=each(16, "wrong"), prepare=_turned,
+    alarm=_caught(Conventions(up="y")),
+)  # fmt: skip
+
+
+def _in_space(kind: str, seed: int) -> list[Recording]:
+    """Recordings in space: of bodies that fly about a plane, or leave it, or tilt."""
+    noise = math.radians(between(0.1, 1, seed))
+    order = "xyzw" if kind == "wrong" else "wxyz"
+    axes = np.array(spatial(seed))
+    recordings = simulate(6, Camera(axes=axes, order=order, angle_noise=noise), seed=seed)[0]
+    away, right = axes[:, 2], axes[:, 0]
+    found = []
+    for recording in recordings:
+        swing = np.sin(6 * recording.time)
+        position, quaternion = recording.position, recording.quaternion
+        match kind:
+            case "near" | "leaves":
+                reach = between(0.0005, 0.004, seed) if kind == "near" else between(0.006, 0.03, seed)
+                position = position + np.outer(reach * swing, away)
+            case "steady" | "tilts":
+                tilt = math.radians(between(0.5, 3, seed) if kind == "steady" else between(6, 20, seed)) * swing
+                turn = np.column_stack((np.cos(tilt / 2), np.outer(np.sin(tilt / 2), right)))
+                quaternion = _product(turn, quaternion)
+        found.append(replace(recording, position=position, quaternion=quaternion))
+    return found
+
+
+def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Products of quaternions (w, x, y, z), one a frame."""
+    scalar = p[:, 0] * q[:, 0] - (p[:, 1:] * q[:, 1:]).sum(1)
+    vector = p[:, :1] * q[:, 1:] + q[:, :1] * p[:, 1:] + np.cross(p[:, 1:], q[:, 1:])
+    return np.column_stack((scalar, vector))
+
+
+ORDER = Study(
+    name="order of quaternions", null=each(12, "thrown"), planted=each(12, "wrong"), prepare=_in_space,
+    alarm=_caught(Conventions(order="wxyz")),
+)  # fmt: skip
+
+
+def _refused(recordings: list[Recording], thresholds: AllThresholds) -> bool:
+    """Whether most recordings leave the plane."""
+    options = TrackOptions(conventions=Conventions(order="wxyz"), thresholds=thresholds.tracks)
+    frame = find_frame(recordings, options.conventions)
+    refusals = [tracked(recording, frame, options.in_air(frame)).refusals for recording in recordings]
+    return sum(any(one.reason is Reason.OUT_OF_PLANE for one in of) for of in refusals) > len(recordings) / 2
+
+
+APART = Study(
+    name="out of the plane", null=each(12, "near"), planted=each(12, "leaves"), prepare=_in_space, alarm=_refused
+)
+TILTED = Study(
+    name="tilt out of the plane", null=each(12, "steady"), planted=each(12, "tilts"), prepare=_in_space, alarm=_refused
+)
+
+
+def _read(kind: str, seed: int) -> list[Recording]:
+    """Recordings in the plane, in radians or degrees, of a poor tracker; or each with a zero of θ of its own."""
+    camera = Camera(angle_noise=math.radians(between(1, 15, seed)), degrees=seed % 2 == 1)
+    recordings, turn = simulate(3, camera, seed=seed)[0], 360.0 if camera.degrees else 2 * math.pi
+    if kind == "clear":
+        return recordings
+    zeros = turn * np.random.default_rng(seed).random(len(recordings))
+    return [replace(one, angle=one.angle + zero) for one, zero in zip(recordings, zeros, strict=True)]
+
+
+def _reading(right: bool):
+    """Whether the right reading of angles is found, or a wrong one."""
+
+    def found(recordings: list[Recording], thresholds: AllThresholds) -> bool:
+        in_degrees = max(float(np.nanmax(np.abs(one.angle))) for one in recordings) > 10
+        options = replace(track_options(), thresholds=thresholds.tracks)
+        with tempfile.TemporaryDirectory() as folder:
+            write_recordings(recordings, Path(folder))
+            try:
+                frame = find_impacts(folder, mass=MASS, shape=Ellipse(SEMI_AXES), options=options).survey.frame
+            except DataError:
+                return False
+        return ((frame.angle < 1) == in_degrees and frame.sense == 1) == right
+
+    return found
+
+
+READING = Study(
+    name="reading of angles", null=each(24, "unzeroed"), planted=each(16, "clear"), prepare=_read,
+    alarm=_reading(True), false_alarm=_reading(False),
+)  # fmt: skip
+
+
+ROWS = (
+    Row(field="tracks.plane_distance", values=(0.0005, 0.002, 0.005, 0.01, 0.05), study=APART),
+    Row(field="tracks.plane_tilt", values=tuple(math.radians(x) for x in (1, 2.5, 5, 10, 30)), study=TILTED),
+    Row(field="tracks.scale", values=(0.005, 0.015, 0.03, 0.06, 0.2), study=SCALE),
+    Row(field="tracks.leaning", values=tuple(math.radians(x) for x in (3, 5, 10, 20, 45)), study=LEANING),
+    Row(field="tracks.aligned", values=tuple(math.radians(x) for x in (0.2, 2, 8, 20, 60)), study=ORDER),
+    Row(field="tracks.reading", values=(0.1, 0.3, 0.5, 0.7, 0.95), study=READING),
+)

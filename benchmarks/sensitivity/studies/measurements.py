@@ -1,0 +1,248 @@
+"""Studies of the audit of single trials, energy, shape and order."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from contactlearn.data.audit.consistency import gross_outliers, outliers
+from contactlearn.data.audit.findings import (
+    energy_findings,
+    order_findings,
+    outlier_findings,
+    scale_findings,
+    shape_findings,
+)
+from contactlearn.data.audit.model_checks import outliers_of
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.laws import find
+from contactlearn.mechanics.apparatus import Apparatus, Estimate
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import GRAVITY
+from contactlearn.mechanics.shapes import Ellipse
+from contactlearn.models.contact_model import ContactModel
+from sensitivity.studies.cases import after, between, heavy, nature, random, some, spiked, textbook
+from sensitivity.studies.study import Row, Study, each, scaled
+
+
+class Marked(NamedTuple):
+    """Measurements, and the trials that were spoilt."""
+
+    impacts: Impacts
+    rows: Tensor
+
+
+class Modelled(NamedTuple):
+    """Measurements, and a law that was fitted to them."""
+
+    impacts: Impacts
+    model: ContactModel
+
+
+def _marked(kind: str, seed: int) -> Marked:
+    """Outliers of every reason, and data that look a little like them."""
+    impacts = textbook(seed, 100, *((0.0, 0.0) if kind == "exact" else ()))
+    rows = some(impacts, 0.01, seed)
+    match kind:
+        case "heavy":
+            return Marked(heavy(impacts, seed), rows & False)
+        case "exact":
+            return Marked(after(impacts, (impacts.v_post / 1e-4).round() * 1e-4), rows & False)
+        case "spin":
+            step = torch.tensor((0.0, 0.0, between(5, 100, seed)), dtype=torch.float64)
+            return Marked(after(impacts, impacts.v_post + rows[:, None] * step), rows)
+        case "velocity":
+            step = torch.tensor((between(0.2, 4, seed), 0.0, 0.0), dtype=torch.float64)
+            return Marked(after(impacts, impacts.v_post + rows[:, None] * step), rows)
+        case "rough":  # 3 to 15 % of the speed: slow drops before a camera
+            level = between(0.08, 0.4, seed)
+            return Marked(textbook(seed, 100, level, 10 * level), rows & False)
+        case "fast":
+            return Marked(after(impacts, torch.where(rows[:, None], between(1.5, 5, seed), 1.0) * impacts.v_post), rows)
+        case "scatter":
+            return Marked(_weighed(impacts, torch.ones_like(rows), between(1.05, 1.3, seed), seed), rows & False)
+        case "two bodies":
+            rows = some(impacts, between(0.12, 0.5, seed), seed)
+            return Marked(
+                impacts.replace(mass=torch.where(rows, between(1.5, 6, seed), 1.0) * impacts.mass), rows & False
+            )
+        case "slip":
+            factor = (10.0, 0.1, 2.2, 1000.0, 1 / 2.2)[seed % 5]
+            rows = some(impacts, between(0.01, 0.08, seed), seed)
+            return Marked(impacts.replace(mass=torch.where(rows, factor, 1.0) * impacts.mass), rows)
+    return Marked(impacts, rows & False)
+
+
+def _weighed(impacts: Impacts, rows: Tensor, factor: float, seed: int) -> Impacts:
+    """Masses off at random, by such a factor as one standard deviation."""
+    off = factor ** torch.randn(len(impacts), generator=random(seed), dtype=torch.float64)
+    return impacts.replace(mass=torch.where(rows, off, 1.0) * impacts.mass)
+
+
+def _found(reason: str):
+    def alarm(marked: Marked, thresholds: Thresholds) -> bool:
+        bad = gross_outliers(marked.impacts, thresholds.audit.outliers)[reason]
+        return bool(bad[marked.rows].all() if marked.rows.any() else bad.any())
+
+    return alarm
+
+
+MOMENT = Study(
+    name="moments of single trials", null=each(8, "gaussian", "heavy", "exact"), planted=each(12, "spin", "velocity"),
+    prepare=_marked, alarm=_found("moment"),
+)  # fmt: skip
+GAIN = Study(
+    name="energy of single trials", null=each(12, "gaussian", "rough"), planted=each(24, "fast"),
+    prepare=_marked, alarm=_found("energy"),
+)  # fmt: skip
+WEIGHT = Study(
+    name="masses of single trials", null=each(12, "scatter", "two bodies"), planted=each(24, "slip"),
+    prepare=_marked, alarm=_found("mass"),
+)  # fmt: skip
+
+
+def _spiked(share: tuple[float, float], seed: int) -> Impacts:
+    impacts = textbook(seed, 100)
+    return spiked(impacts, some(impacts, between(*share, seed), seed), seed, 50, 200)
+
+
+def _not_dropped(impacts: Impacts, thresholds: Thresholds) -> bool:
+    """Whether outliers are reported as too many to be dropped."""
+    return any(finding.correction is None for finding in outlier_findings(impacts, thresholds.audit))
+
+
+DROPPED = Study(
+    name="share of outliers", null=each(20, ((0.01, 0.12),)), planted=each(20, ((0.25, 0.5),)),
+    prepare=_spiked, alarm=_not_dropped,
+)  # fmt: skip
+
+
+def _gains(impacts: Impacts, thresholds: Thresholds) -> bool:
+    """Whether bodies are said to gain energy, outliers apart."""
+    return bool(energy_findings(impacts[~outliers(impacts, thresholds.audit.outliers)], thresholds.audit))
+
+
+def _driven(kind: str, seed: int) -> Impacts:
+    """Bounces off a floor at rest, also by laws that may add energy, or off one that moves up."""
+    if kind == "rough":
+        level = between(0.03, 0.3, seed)
+        return textbook(seed, 100, level, 10 * level)
+    impacts = textbook(seed, 100, law="anitescu_potra_newton")
+    if kind == "driven":
+        rows = some(impacts, between(0.06, 0.8, seed), seed)
+        gain = between(1.2, 2.5, seed + 1)  # of the energy
+        before, now = (v.square()[:, :2].sum(-1) for v in (impacts.v_pre, impacts.v_post))
+        factor = torch.where(rows, (gain * before / now).sqrt(), 1.0)
+        return after(impacts, factor[:, None] * impacts.v_post)
+    return impacts
+
+
+DRIVEN = Study(
+    name="driven floor", null=each(10, "newton", "rough"), planted=each(20, "driven"),
+    prepare=_driven, alarm=_gains,
+)  # fmt: skip
+
+
+def _shaped(kind: str, seed: int) -> Impacts:
+    """Contact points of a body that a physical effect moves a little, or of another body than is said."""
+    if kind not in ("axes", "scale", "turned"):
+        return nature(seed, (kind,), strength=(4, 8))[0]
+    impacts = nature(seed)[0]
+    a, b = impacts.shape.semi_axes
+    if kind == "turned":
+        turn = torch.tensor((0.0, 0.0, between(0.3, 1.5, seed)), dtype=torch.float64)
+        return impacts.replace(q=impacts.q + turn, validate=False)
+    factor = between(1.15, 3, seed)
+    return impacts.replace(shape=Ellipse((b, a) if kind == "axes" else (factor * a, factor * b)), validate=False)
+
+
+SHAPE = Study(
+    name="contact point of the shape",
+    null=each(5, "surface_tilt", "com_offset", "shape_error", "orientation_offset"),
+    planted=each(7, "axes", "scale", "turned"), prepare=_shaped,
+    alarm=lambda drops, thresholds: bool(shape_findings(drops, thresholds.audit)),
+)  # fmt: skip
+
+
+def _weighted(kind: str, seed: int) -> Impacts:
+    """Gravity somewhere on earth, measured well or badly, or under a wrong scale."""
+    off = between(0.985, 0.97, seed) ** (-1) ** seed if kind == "scale" else between(0.997, 1.003, seed)
+    error = between(0.05, 0.2, seed) if kind == "badly" else between(0.002, 0.02, seed)
+    noise = error * torch.randn((), generator=random(seed), dtype=torch.float64).item()
+    gravity = Estimate(value=GRAVITY * off + noise, error=error)
+    exact = Estimate(value=0.0, error=1e-3)
+    known = Apparatus(gravity=gravity, drag=exact, slope=None, orientation=None, delay=exact)
+    return textbook(seed, 20).replace(apparatus=known)
+
+
+SCALE = Study(
+    name="scale", null=each(16, "well", "badly"), planted=each(16, "scale"), prepare=_weighted,
+    alarm=lambda drops, thresholds: bool(scale_findings(drops, thresholds.audit)),
+)  # fmt: skip
+
+
+def _timed(kind: str, seed: int) -> Impacts:
+    """Times within each recording, or a clock of the session with the trials out of order."""
+    n = 60
+    impacts, uniform = textbook(seed, n), torch.rand(n, generator=random(seed), dtype=torch.float64)
+    order = torch.arange(n, dtype=torch.float64)
+    match kind:
+        case "recording":  # the impact comes so long after the recording began
+            return impacts.replace(time=between(0.1, 10, seed) * (0.2 + uniform))
+        case "clock":
+            return impacts.replace(time=(order + uniform) * between(0.2, 60, seed))
+        case "names":  # read in the order 1, 10, 11, …, 2, 20
+            rank = torch.tensor(sorted(range(n), key=str), dtype=torch.float64)
+            return impacts.replace(time=(rank + uniform) * between(0.2, 60, seed))
+    swapped = order.clone()
+    k = int(between(2, n - 2, seed))
+    swapped[[k - 1, k]] = swapped[[k, k - 1]]
+    return impacts.replace(time=(swapped + uniform / 4) * between(0.2, 60, seed))
+
+
+ORDER = Study(
+    name="order", null=each(10, "recording", "clock"), planted=each(10, "names", "swapped"),
+    prepare=_timed,
+    alarm=lambda drops, thresholds: bool(order_findings(drops, thresholds.audit)),
+)  # fmt: skip
+
+
+def _modelled(kind: str, seed: int) -> Modelled:
+    """Clean drops, heavy-tailed ones, or drops of which a few spins have the wrong sign, with a law fitted to them."""
+    impacts = textbook(seed, 150, law="wang_mason")
+    if kind == "heavy":
+        impacts = heavy(impacts, seed)
+    if kind == "turned":
+        rows = some(impacts, 0.01, seed)
+        mirror = torch.where(rows[:, None], torch.tensor((1.0, 1.0, -1.0), dtype=torch.float64), 1.0)
+        impacts = after(impacts, impacts.v_post * mirror)
+    return Modelled(impacts, identify_jointly(find("wang_mason"), {}, impacts).model)
+
+
+def _called(modelled: Modelled, thresholds: Thresholds) -> bool:
+    limits = thresholds.audit.outliers
+    return outliers_of(modelled.impacts, lambda drops: modelled.model.predict(drops).v_post, limits) is not None
+
+
+MODELLED = Study(
+    name="outliers of a model", null=each(16, "clean", "heavy"), planted=each(16, "turned"), prepare=_modelled,
+    alarm=_called,
+)  # fmt: skip
+
+ROWS = (
+    Row(field="audit.outliers.false_outliers", values=(1e-6, 1e-3, 0.05, 1.0, 10.0), study=MODELLED),
+    Row(field="audit.outliers.moment_sigmas", values=(3.0, 6.0, 12.0, 24.0, 48.0), study=MOMENT),
+    Row(field="audit.outliers.imbalance", values=(0.0, 1 / 6, 1 / 3, 2 / 3, 0.9), study=MOMENT),
+    Row(field="audit.outliers.energy_ratio", values=(1.25, 1.5, 2.0, 3.0, 5.0), study=GAIN),
+    Row(field="audit.outliers.mass_ratio", values=(1.2, 1.5, 2.0, 4.0, 8.0), study=WEIGHT),
+    Row(field="audit.outliers.common", values=(0.025, 0.05, 0.1, 0.2, 0.4), study=WEIGHT),
+    Row(field="audit.dropped_share", values=(0.05, 0.1, 0.2, 0.3, 0.4), study=DROPPED),
+    Row(field="audit.energy_gain", values=(1.0, 1.1, 1.25, 1.5, 2.0), study=DRIVEN),
+    Row(field="audit.energy_share", values=(0.0, 0.02, 0.05, 0.1, 0.2), study=DRIVEN),
+    Row(field="audit.contact_point_off", values=scaled(0.15, 1 / 4, 1 / 2, 1, 2, 4), study=SHAPE),
+    Row(field="audit.scale_off", values=(0.0, 0.005, 0.01, 0.02, 0.04), study=SCALE),
+    Row(field="audit.apparatus_sigmas", values=(0.0, 1.0, 3.0, 10.0, 30.0), study=SCALE),
+    Row(field="audit.seconds_per_trial", values=scaled(0.5, 0.04, 1 / 5, 1, 5, 25), study=ORDER),
+    Row(field="audit.rank_correlation", values=(0.2, 0.5, 0.8, 0.95, 1.0), study=ORDER),
+)

@@ -1,0 +1,172 @@
+"""Studies of the regions in which a law fails, and of the predictable part of a residual."""
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from contactlearn import laws
+from contactlearn.core.numerics import wrapped
+from contactlearn.diagnosis.failure.regions import find_regions
+from contactlearn.diagnosis.result import Remainder
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.processes import Processes
+from contactlearn.diagnosis.unexplained.remainder import learn_remainder
+from contactlearn.inference.identification.joint import JointFit, identify_jointly
+from contactlearn.inference.validation import Folds
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from sensitivity.studies.cases import between, drops, heavy, random
+from sensitivity.studies.memory import remember
+from sensitivity.studies.study import Row, Study, each
+
+remember("of", Processes)
+
+
+class Failing(NamedTuple):
+    """A prediction, and windows [k, n] in which its errors are enlarged."""
+
+    impacts: Impacts
+    prediction: Prediction
+    windows: Tensor
+
+
+def _failing(kind: str, seed: int) -> Failing:
+    """A law on its own drops, with errors exchanged among the trials and enlarged in windows, or on other drops."""
+    effects = () if kind in ("clean", "heavy", "exchanged", "one", "two") else (kind,)
+    impacts, law = drops(effects, 300, seed)
+    if kind == "heavy":
+        impacts = heavy(impacts, seed)
+    prediction, windows = identify_jointly(laws.find(law), {}, impacts).model.predict(impacts), _windows(impacts, seed)
+    if effects:
+        return Failing(impacts, prediction, torch.ones(1, 300, dtype=torch.bool))
+    windows = windows[: {"one": 1, "two": 2}.get(kind, 0)]
+    if kind in ("exchanged", "one", "two"):
+        size = impacts.v_post.square().sum(-1, keepdim=True).sqrt()  # of one body: as good as in the mass norm
+        relative = ((impacts.v_post - prediction.v_post) / size)[torch.randperm(300, generator=random(seed))]
+        factor = torch.where(windows.any(0), between(1.4, 4, seed), 1.0)
+        prediction = Prediction(impacts.v_post - factor[:, None] * relative * size, prediction.wrench)
+    return Failing(impacts, prediction, windows)
+
+
+def _windows(impacts: Impacts, seed: int) -> Tensor:
+    """Orientations within 20 to 60° of a random one, and a third to a sixth of the places."""
+    centre, place = torch.rand(2, generator=random(seed), dtype=torch.float64)
+    half = math.radians(between(20, 60, seed))
+    turned = wrapped(impacts.q[:, 2] - 2 * math.pi * centre).abs() < half
+    share = between(1 / 6, 1 / 3, seed + 1)
+    low, high = impacts.q[:, 0].quantile(torch.stack((place * (1 - share), place * (1 - share) + share)))
+    return torch.stack((turned, (impacts.q[:, 0] >= low) & (impacts.q[:, 0] <= high)))
+
+
+def _regions(failing: Failing, thresholds: Thresholds) -> list[Tensor]:
+    """Trials [n] of the regions that are reported."""
+    found = find_regions(
+        failing.impacts, failing.prediction, generator=torch.Generator().manual_seed(0), thresholds=thresholds.regions
+    )
+    masks = []
+    for region in found:
+        masks.append(torch.zeros(len(failing.impacts), dtype=torch.bool))
+        masks[-1][list(region.rows)] = True
+    return masks
+
+
+def _reported(failing: Failing, thresholds: Thresholds) -> bool:
+    """Whether a region is reported; where errors were enlarged, one that lies there for more than half."""
+    found = _regions(failing, thresholds)
+    if not len(failing.windows):
+        return bool(found)
+    return any(window[rows].double().mean() > 0.5 for window in failing.windows for rows in found)
+
+
+def _second(failing: Failing, thresholds: Thresholds) -> bool:
+    """Whether two regions are reported; where two were enlarged, one in each."""
+    found = _regions(failing, thresholds)
+    if len(failing.windows) < 2:
+        return len(found) > 1
+    return all(any(window[rows].double().mean() > 0.5 for rows in found) for window in failing.windows)
+
+
+REGIONS = Study(
+    name="regions", null=(*each(12, "exchanged"), *each(6, "clean", "heavy")),
+    planted=(*each(16, "one"), *each(2, "orientation_dependent_restitution", "location_dependent_restitution")),
+    prepare=_failing, alarm=_reported,
+)  # fmt: skip
+SECOND = Study(name="second region", null=each(20, "one"), planted=each(20, "two"), prepare=_failing, alarm=_second)
+
+
+class Learning(NamedTuple):
+    """A law with a residual, and the component and the variables in which something unknown acts."""
+
+    impacts: Impacts
+    fit: JointFit
+    component: str
+    variables: frozenset[str]
+
+
+ACTS = {
+    "magnetic_pull": ("tau", {"theta"}),
+    "elastic_strap": ("t", {"x", "vy"}),
+    "spin_lift": ("n", {"omega", "vx"}),
+}
+
+
+def residual(kind: str, strength: tuple[float, float], seed: int) -> Learning:
+    """Nature's law, alone on its drops, on some with noise of heavy tails, or with something unknown."""
+    impacts, law = drops((kind,) if kind in ACTS else (), 100, seed, strength)
+    impacts = heavy(impacts, seed) if kind == "heavy" else impacts
+    component, variables = ACTS.get(kind, ("", set()))
+    return Learning(impacts, identify_jointly(laws.find(law), {}, impacts), component, frozenset(variables))
+
+
+def _learned(learning: Learning, thresholds: Thresholds) -> Remainder:
+    impacts, fit = learning.impacts, learning.fit
+    folds = Folds.draw(len(impacts), torch.Generator().manual_seed(0), repeats=1)
+    generator = torch.Generator().manual_seed(0)
+    return learn_remainder(
+        impacts, fit.model, folds, generator=generator, inliers=fit.inliers, thresholds=thresholds.remainder
+    ).remainder
+
+
+def _unknown(learning: Learning, thresholds: Thresholds) -> bool:
+    return _learned(learning, thresholds).large
+
+
+def _component(learning: Learning, thresholds: Thresholds) -> bool:
+    """Whether the right component is named; where nothing is hidden, whether any is."""
+    named = _learned(learning, thresholds).components
+    return learning.component in named if learning.component else bool(named)
+
+
+def _wrong_variable(learning: Learning, thresholds: Thresholds) -> bool:
+    return bool({one.symbol for one in _learned(learning, thresholds).variables} - learning.variables)
+
+
+def _right_variables(learning: Learning, thresholds: Thresholds) -> bool:
+    return learning.variables <= {one.symbol for one in _learned(learning, thresholds).variables}
+
+
+_NOTHING = each(5, ("clean", (2, 5)), ("heavy", (2, 5)))
+_WEAK = each(4, *((kind, (0.5, 2)) for kind in ACTS))
+_CLEAR = each(4, *((kind, (2, 5)) for kind in ACTS))
+UNKNOWN = Study(name="unknown remainder", null=_NOTHING, planted=_WEAK, prepare=residual, alarm=_unknown)
+COMPONENT = Study(name="component of the remainder", null=_NOTHING, planted=_WEAK, prepare=residual, alarm=_component)
+VARIABLES = Study(
+    name="variables of the remainder", null=_CLEAR, planted=_CLEAR, prepare=residual,
+    alarm=_right_variables, false_alarm=_wrong_variable,
+)  # fmt: skip
+
+_R, _U = "regions.", "remainder."
+ROWS = (
+    Row(field=_R + "level", values=(0.001, 0.01, 0.05, 0.2, 0.5), study=REGIONS),
+    Row(field=_R + "ratio", values=(1.0, 1.25, 1.5, 2.0, 3.0), study=REGIONS),
+    Row(field=_R + "most", values=(1, 2, 5, 10, 20), study=SECOND),
+    Row(field=_R + "gross", values=(2.0, 3.0, 5.0, 10.0, 1e9), study=REGIONS),
+    Row(field=_R + "new", values=(0.0, 0.25, 0.5, 0.75, 1.0), study=SECOND),
+    Row(field=_U + "share", values=(0.025, 0.05, 0.1, 0.2, 0.4), study=UNKNOWN),
+    Row(field=_U + "certain_share", values=(-1e9, 0.0, 0.05, 0.1, 0.2), study=UNKNOWN),
+    Row(field=_U + "component_sigmas", values=(0.0, 1.5, 3.0, 6.0, 12.0), study=COMPONENT),
+    Row(field=_U + "component_r_squared", values=(0.0, 0.02, 0.04, 0.08, 0.2), study=COMPONENT),
+    Row(field=_U + "variable_share", values=(0.01, 0.025, 0.05, 0.1, 0.2), study=VARIABLES),
+    Row(field=_U + "follows", values=(0.3, 0.6, 0.85, 0.95, 1.0), study=VARIABLES),
+)

@@ -1,0 +1,121 @@
+"""Studies of the choice of a law and of missing effects."""
+
+from typing import NamedTuple
+
+import torch
+
+from contactlearn import laws
+from contactlearn.core.errors import DataError
+from contactlearn.diagnosis.discrimination import rivals
+from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.search import pool, quadratic
+from contactlearn.diagnosis.search.candidates import all_candidates, usable
+from contactlearn.diagnosis.search.selection import Selection, select
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.inference import validation
+from contactlearn.inference.validation import Folds
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.simulation import hidden_effects
+from sensitivity.studies.cases import drops, heavy
+from sensitivity.studies.memory import remember
+from sensitivity.studies.study import Row, Study, each
+
+remember("identify_jointly", validation, pool)
+remember("linearise", quadratic, rivals)
+
+
+class Hidden(NamedTuple):
+    """Measurements with hidden effects, and the law that nature's contacts agree with."""
+
+    impacts: Impacts
+    law: str
+    effects: tuple[str, ...] = ()
+
+    def folds(self) -> Folds:
+        """One repeat of five folds."""
+        return Folds.draw(len(self.impacts), torch.Generator().manual_seed(0), repeats=1)
+
+    def selection(self, thresholds: Thresholds, law: str | None = None) -> Selection:
+        """The selection around a law, nature's if None."""
+        limits, law = thresholds.selection, law or self.law
+        among = usable(all_candidates(), self.impacts, limits)
+        return select(
+            {law: laws.find(law)}, self.impacts, among, self.folds(), given={}, thresholds=limits,
+            generator=torch.Generator().manual_seed(0),
+        )  # fmt: skip
+
+
+def _hidden(effects: tuple[str, ...], strength: tuple[float, float], size: int, seed: int) -> Hidden:
+    """Nature's drops; ("heavy",) has no effect, but noise of heavy tails."""
+    named = tuple(name for name in effects if name != "heavy")
+    impacts, law = drops(named, size, seed, strength)
+    known = tuple(name for name in named if name in hidden_effects.EFFECTS)
+    return Hidden(heavy(impacts, seed) if "heavy" in effects else impacts, law, known)
+
+
+def _named(hidden: Hidden, thresholds: Thresholds) -> bool:
+    """Whether all hidden effects are named; where the catalogue has none of them, whether any effect is."""
+    found = hidden.selection(thresholds).present.effects
+    return set(hidden.effects) <= set(found) if hidden.effects else bool(found)
+
+
+def _more(hidden: Hidden, thresholds: Thresholds) -> bool:
+    """Whether any effect is named beside the hidden ones, whose forms are not quite nature's."""
+    return bool(set(hidden.selection(thresholds).present.effects) - set(hidden.effects))
+
+
+_WEAK, _CLEAR, _STRONG = (0.7, 2.0), (2.0, 5.0), (8.0, 16.0)
+_EFFECTS = tuple(((name,), _WEAK, 100) for name in hidden_effects.EFFECTS)
+_UNKNOWN = tuple(((name,), _CLEAR, 100) for name in hidden_effects.UNKNOWN)
+_PAIRS = tuple(
+    (pair, _CLEAR, 100)
+    for pair in (
+        ("contact_patch", "side_drag"), ("directional_friction", "surface_tilt"),
+        ("parameter_drift", "tangential_restitution"), ("com_offset", "velocity_dependent_restitution"),
+    )
+)  # fmt: skip
+
+SELECTION = Study(
+    name="missing effects",
+    null=(*each(4, ((), _CLEAR, 100)), *each(3, (("heavy",), _CLEAR, 100)), *each(1, *_UNKNOWN)),
+    planted=(*each(1, *_EFFECTS[::2]), *each(1, *_PAIRS[:1])), prepare=_hidden, alarm=_named,
+)  # fmt: skip
+PARTS = Study(
+    name="small parts",
+    null=each(1, *(((name,), _STRONG, 200) for name in list(hidden_effects.EFFECTS)[::3])),
+    planted=each(1, *_PAIRS), prepare=_hidden, alarm=_named, false_alarm=_more,
+)  # fmt: skip
+SMALL = Study(
+    name="missing effects, few trials",
+    null=each(5, ((), _CLEAR, 20), ((), _CLEAR, 40)),
+    planted=each(1, *((effect, _CLEAR, size) for effect, *_ in _EFFECTS[::4] for size in (20, 40))),
+    prepare=_hidden, alarm=_named,
+)  # fmt: skip
+
+
+def _diagnosed(hidden: Hidden, thresholds: Thresholds) -> bool:
+    """Whether the data are diagnosed at all and the hidden effect is named, or any where there is none."""
+    try:
+        found = diagnose(hidden.impacts, laws.find(hidden.law), thresholds=thresholds).missing
+    except DataError:  # too few trials
+        return False
+    names = {missing.effect.name for missing in found}
+    return bool(names & set(hidden.effects)) if hidden.effects else bool(names)
+
+
+FEW = Study(
+    name="few trials in all", null=each(3, ((), _CLEAR, 20), ((), _CLEAR, 30), ((), _CLEAR, 40)),
+    planted=each(1, *((effect, _CLEAR, size) for effect, *_ in _EFFECTS[::7] for size in (20, 30, 40))),
+    prepare=_hidden, alarm=_diagnosed,
+)  # fmt: skip
+
+_S = "selection."
+ROWS = (
+    Row(field="fewest_trials", values=(20, 25, 35, 50), study=FEW),
+    Row(field=_S + "trials_per_parameter", values=(1, 5, 10, 20, 40), study=SMALL),
+    Row(field=_S + "least_gain", values=(0.0, 0.01, 0.02, 0.03, 0.06, 0.12), study=SELECTION),
+    Row(field=_S + "least_part", values=(0.0, 0.02, 0.05, 0.1, 0.2), study=PARTS),
+    Row(field=_S + "clear_gain", values=(0.02, 0.05, 0.1, 0.2, 1.0), study=PARTS),
+    Row(field=_S + "gain_sigmas", values=(-1e9, 1.0, 2.0, 2.5, 3.0, 5.0), study=SELECTION),
+    Row(field=_S + "most_effects", values=(1, 2, 8), study=SELECTION),
+)

@@ -1,0 +1,219 @@
+"""Studies of what depends on the sequence of the trials: drops whose coefficients follow it, or whose errors do."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from contactlearn import laws
+from contactlearn.core.numerics import random as drawn
+from contactlearn.diagnosis.result import SerialDependence
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.serial_dependence import find_serial_dependence
+from contactlearn.effects import Effect, State, find_effect
+from contactlearn.inference.identification.joint import FitOptions, JointFit, identify_jointly
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Ellipse
+from contactlearn.models.contact_model import predict_with
+from contactlearn.simulation import synthetic
+from sensitivity.studies.cases import between, random
+from sensitivity.studies.follows import DEPENDS, FOLLOWS
+from sensitivity.studies.study import Row, Study, each
+
+LAWS = ("wang_mason", "mirtich", "anitescu_potra_poisson")
+NAMED: Mapping[str, tuple[float, ...]] = {
+    "spin_damping": (0.15,),
+    "directional_friction": (0.3,),
+    "parameter_drift": (0.15,),
+    "surface_tilt": (0.02,),
+}
+"""Effects that are in nature and in the fitted model."""
+
+ERRORS = ("iid", "heavy", "ar1", "weak ar1", "wander", "hetero", "before")
+"""Errors of measurement; `before` are errors of v_pre as large as those of v_post."""
+DESIGNS = ("drops", "throws", "ascending", "turned")
+"""How bodies are thrown: dropped, thrown to both sides, ever faster, each orientation many times in a row."""
+NARROW, BODIES = "alike", "two bodies"
+"""Two designs more: throws that are alike within 5 %, and two bodies in turn."""
+
+
+class Drops(NamedTuple):
+    """Drops with the true model fitted to them."""
+
+    impacts: Impacts
+    fit: JointFit
+
+
+def made(
+    seed: int,
+    *,
+    size: int = 300,
+    design: str = "throws",
+    errors: str = "iid",
+    follows: str = "",
+    coefficient: str = "mu",
+    strength: float = 1.0,
+    named: str = "",
+    missed: float = 0.0,
+) -> Drops:
+    """Make drops and fit the true model, without what follows the sequence.
+
+    Args:
+        seed: of everything.
+        size: trials.
+        design: of `DESIGNS`.
+        errors: of `ERRORS`.
+        follows: of `FOLLOWS` or `DEPENDS`; nothing if empty.
+        coefficient: mu or eps; or velocity, for the outcome whatever the impact.
+        strength: size of what follows the sequence, in standard deviations of the noise.
+        named: of `NAMED`, in nature and in the model; nothing if empty.
+        missed: size of a restitution over orientation that the model lacks, likewise.
+    """
+    generator = random(seed)
+    law, mu, eps = laws.find(LAWS[seed % len(LAWS)]), between(0.12, 0.4, seed), between(0.35, 0.75, seed + 1)
+    impacts = _thrown(design, size, generator)
+    effects = {named: _at(named, impacts)} if named else {}
+    coefficients = torch.tensor((mu, eps), dtype=torch.float64).repeat(size, 1)
+    base = predict_with(law, impacts, coefficients, effects)
+    noise = between(0.015, 0.06, seed + 2) * torch.tensor((1.0, 1.0, 15.0), dtype=torch.float64)
+    shift = torch.zeros(size, 3, dtype=torch.float64)
+    if follows:
+        own = FOLLOWS[follows] if follows in FOLLOWS else DEPENDS[follows][1]
+        change = own(State.of(impacts), base.wrench, generator)
+        if coefficient == "velocity":
+            shift = change - change.mean(0)
+            shift = strength * shift / (shift / noise).square().mean().sqrt()
+        else:
+            change = _standard(change)
+            coefficients = _scaled(impacts, law, effects, coefficients, coefficient, change, strength, noise)
+    if missed:
+        change = _standard((2 * State.of(impacts).theta).cos())
+        coefficients = _scaled(impacts, law, effects, coefficients, "eps", change, missed, noise)
+    exact = predict_with(law, impacts, coefficients, effects).v_post + shift
+    after = _errors(errors, exact, generator) * noise
+    before = drawn(torch.randn, (size, 3), generator) * noise if errors == "before" else torch.zeros(size, 3)
+    impacts = impacts.replace(v_pre=impacts.v_pre + before, v_post=exact + after, validate=False)
+    impacts = impacts[impacts.v_c[:, 1] < -0.01].replace(validate=True)
+    fitted = {named: find_effect(named)()} if named else {}
+    return Drops(impacts, identify_jointly(law, fitted, impacts, options=FitOptions(starts=4)))
+
+
+def _at(name: str, impacts: Impacts) -> Effect:
+    values = torch.tensor(NAMED[name], dtype=torch.float64)
+    effect = find_effect(name)().prepare(impacts)
+    return effect.at(values)
+
+
+def _standard(x: Tensor) -> Tensor:
+    return (x - x.mean()) / x.std()
+
+
+def _thrown(design: str, size: int, generator: torch.Generator) -> Impacts:
+    """States before impact; outcomes are still to be made."""
+    seed = int(torch.randint(2**31, (), generator=generator))
+    kinds = {"drops": Ellipse((0.035, 0.025)), "turned": Ellipse((0.05, 0.03))}
+    impacts = synthetic.load(
+        3 * size, "wang_mason", 0.2, 0.5, kinds.get(design), velocity_noise=0.0, spin_noise=0.0, seed=seed
+    )
+    if design == "drops":
+        return impacts[:size]
+    if design == BODIES:
+        other = synthetic.load(
+            3 * size, "wang_mason", 0.2, 0.5, Ellipse((0.05, 0.03)), 0.08, velocity_noise=0.0, spin_noise=0.0, seed=seed
+        )
+        second = torch.arange(3 * size) % 2 == 1
+        mixed = {
+            name: torch.where(second.view(-1, *[1] * (own.ndim - 1)), getattr(other, name), own)
+            for name in ("mass", "inertia", "r", "q")
+            if (own := getattr(impacts, name)) is not None
+        }
+        names = tuple("second" if one else "first" for one in second.tolist())
+        impacts = impacts.replace(**mixed, v_post=impacts.v_pre, object=names, shape=None, validate=False)
+    speed = 1 + 2.5 * drawn(torch.rand, (3 * size,), generator)
+    if design == "ascending":
+        speed = speed.sort().values
+    down = math.radians(25) + math.radians(50) * drawn(torch.rand, (3 * size,), generator)
+    side = 2.0 * torch.randint(0, 2, (3 * size,), generator=generator) - 1
+    spin = 9 * drawn(torch.randn, (3 * size,), generator)
+    v_pre = torch.stack((side * speed * down.cos(), -speed * down.sin(), spin), -1)
+    if design == NARROW:
+        v_pre = torch.tensor((0.8, -2.0, 3.0)) + 0.1 * drawn(torch.randn, (3 * size, 3), generator)
+    impacts = impacts.replace(v_pre=v_pre, v_post=v_pre, validate=False)
+    if design == "turned":
+        impacts = impacts[(impacts.q[:, 2] / (math.pi / 6)).round().argsort(stable=True)]
+    impacts = impacts[impacts.v_c[:, 1] < -0.2]
+    kept = torch.linspace(0, len(impacts) - 1, size).round().long()
+    order = torch.arange(1, size + 1)
+    return impacts[kept].replace(order=order, trial=tuple(map(str, order.tolist())), validate=True)
+
+
+def _scaled(
+    impacts: Impacts, law: Any, effects: Mapping[str, Effect], at: Tensor, name: str, change: Tensor, size: float,
+    noise: Tensor,
+) -> Tensor:  # fmt: skip
+    """Coefficients [n, 2] of which one changes v_post by `size` standard deviations of the noise."""
+    k, before = ("mu", "eps").index(name), predict_with(law, impacts, at, effects).v_post
+    low, high = 0.0, 0.6
+    moved = at.clone()
+    for _ in range(30):
+        middle = (low + high) / 2
+        moved[:, k] = (at[:, k] + middle * change).clamp(0.01, 2.0 if k == 0 else 0.98)
+        off = (predict_with(law, impacts, moved, effects).v_post - before) / noise
+        low, high = (middle, high) if off.square().mean().sqrt() < size else (low, middle)
+    return moved
+
+
+def _errors(kind: str, exact: Tensor, generator: torch.Generator) -> Tensor:
+    """Standardised errors [n, 3]."""
+    z = drawn(torch.randn, tuple(exact.shape), generator)
+    if kind == "heavy":
+        z = z / drawn(torch.randn, (len(z), 4), generator).square().mean(-1, keepdim=True).sqrt() / math.sqrt(2)
+    if kind in ("ar1", "weak ar1"):
+        keep = 0.5 + 0.45 * torch.rand((), generator=generator, dtype=torch.float64)
+        rows = [z[0]]
+        for step in z[1:]:
+            rows.append(keep * rows[-1] + (1 - keep**2).sqrt() * step)
+        share = 1.0 if kind == "ar1" else 0.15
+        z = math.sqrt(share) * torch.stack(rows) + math.sqrt(1 - share) * drawn(torch.randn, tuple(z.shape), generator)
+    if kind == "wander":
+        slow = drawn(torch.randn, tuple(z.shape), generator).cumsum(0)
+        z = 0.5 * (slow - slow.mean(0)) / slow.std(0) + 0.87 * z
+    if kind == "hetero":
+        z = z * (0.3 + exact.norm(dim=-1, keepdim=True) / exact.norm(dim=-1).mean())
+    return z
+
+
+def serial_dependence(drops: Drops, thresholds: Thresholds) -> SerialDependence | None:
+    """What the diagnosis says of the sequence."""
+    return find_serial_dependence(drops.impacts, drops.fit, FitOptions(), thresholds)
+
+
+def _studied(kind: str, seed: int) -> Drops:
+    """Drops whose errors are of a kind, or with a faint sawtooth or memory."""
+    if kind in FOLLOWS:
+        return made(
+            seed, follows=kind, coefficient=("mu", "eps")[seed % 2], strength=between(0.25, 1.0, seed), size=200
+        )
+    return made(seed, errors=kind, design=DESIGNS[seed % len(DESIGNS)], size=200)
+
+
+def _said(drops: Drops, thresholds: Thresholds) -> bool:
+    """Whether a coefficient is said to follow the sequence."""
+    return serial_dependence(drops, thresholds) is not None
+
+
+def _large(drops: Drops, thresholds: Thresholds) -> bool:
+    """Whether so much of the error follows the sequence that something unknown is missing."""
+    found = serial_dependence(drops, thresholds)
+    return found is not None and found.large
+
+
+_NULL, _PLANTED = each(8, "iid", "heavy", "before"), each(6, "sawtooth", "last speed", "walk")
+SEQUENCE = Study(name="sequence", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_said)
+UNKNOWN = Study(name="unknown in the sequence", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_large)
+ROWS = (
+    Row(field="serial_dependence.level", values=(0.004, 0.01, 0.05, 0.2), study=SEQUENCE),
+    Row(field="serial_dependence.share", values=(0.0, 0.02, 0.05, 0.2), study=UNKNOWN),
+)

@@ -1,0 +1,136 @@
+"""The same work on the CPU and on a GPU: seconds, their ratio, and how far the numbers are apart.
+
+    python benchmarks/speed/devices.py [--device cuda] [--threads 1] [--rounds 5] [--quick]
+
+Rows are the work of other benchmarks, ours alone: laws on a grid of (μ, ε) (`law_rates.py`), μ and ε of single trials
+(`identification.py`), joint fits (`joint_fit.py`), exact processes (`gp_fits.py`) and sparse ones (`large_tables.py`).
+Data lie on the device before the clock starts, which stops once the device has finished.  Rounds are interleaved, the
+first call of each is left out, and medians are given.  Without a GPU there is the column of the CPU alone.
+"""
+
+import argparse
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import torch
+from threadpoolctl import threadpool_limits
+from torch import Tensor
+
+from contactlearn.core import devices
+from contactlearn.core.devices import moved
+from contactlearn.inference.evaluation import bounds
+from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification.shared import identify
+from contactlearn.laws import PAPER_LAWS, find
+from contactlearn.models.gp.sparse import SparseGPs
+from contactlearn.simulation import synthetic
+from speed.gp_fits import draw, load, ours
+from speed.joint_fit import measured
+from speed.law_rates import ellipse_contacts
+
+Work = tuple[Callable[..., Tensor], tuple]
+"""A function, and what it is applied to on each device; what it returns is compared."""
+
+
+def laws_on_grid(W: Tensor, v_c: Tensor, mu: Tensor, eps: Tensor, out: Tensor) -> Tensor:
+    """The last impulses of the six laws at all (μ, ε)."""
+    for name in PAPER_LAWS:
+        find(name).at(mu[:, None, None], eps[:, None]).impulse(W, v_c, out=out)
+    return out[-1, -1]
+
+
+def sparse(x: Tensor, y: Tensor) -> Tensor:
+    gps = SparseGPs(x, y)
+    gps.fit()
+    return gps.predict(x[:500])[0]
+
+
+def works(quick: bool) -> dict[str, Work]:
+    """Every row by its name."""
+    trials, grid, many = (60, 8, 3000) if quick else (1718, 64, 100_000)
+    W, v_c = ellipse_contacts(trials, seed=0)
+    mu, eps = (torch.linspace(0, high, grid, dtype=torch.float64) for high in (1.2, 1.0))
+    drops, effects, _ = measured()
+    drops, law, generator = drops[:trials], find("wang_mason"), torch.Generator().manual_seed(0)
+    subsets = torch.stack([torch.randperm(trials, generator=generator)[: min(100, trials)] for _ in range(20)])
+    found: dict[str, Work] = {
+        f"six laws, {trials} contacts x {grid} x {grid}": (
+            laws_on_grid,
+            (W, v_c, mu, eps, torch.empty((grid, grid, trials, 2), dtype=torch.float64)),
+        ),
+        f"shared μ and ε, 100 subsets of {trials}": (
+            lambda drops: identify(law, drops, sizes=(min(120, trials),)).mu,
+            (drops,),
+        ),
+        f"μ and ε of {trials} single trials": (lambda drops: identify_trials(law, drops).error, (drops,)),
+        f"a law with five effects, {trials} trials": (
+            lambda drops: identify_jointly(law, effects, drops).values,
+            (drops,),
+        ),
+        f"the same, 20 subsets of {subsets.shape[1]}": (
+            lambda *given: identify_jointly(law, effects, *given).values,
+            (drops, subsets),
+        ),
+        f"IRB bound of {many} trials": (lambda drops: bounds.irb(drops).v_post, (synthetic.load(size=many),)),
+    }
+    for n in (30,) if quick else (100, 450):
+        found[f"30 exact processes, n = {n}"] = ours, draw(load("synthetic"), n)[:2]
+    size = 500 if quick else 20_000
+    x = torch.randn(size, 5, generator=generator, dtype=torch.float64)
+    y = torch.stack([x.sin().sum(-1), x.square().sum(-1) / 5, x[:, 0]])
+    y = y + 0.1 * torch.randn(3, size, generator=generator, dtype=torch.float64)
+    return found | {f"three sparse processes, n = {size}": (sparse, (x, y))}
+
+
+def timed(work: Work, device: torch.device) -> tuple[Tensor, float]:
+    function, given = work
+    there = moved(given, device)
+    finished(device)
+    begin = time.perf_counter()
+    result = function(*there)
+    finished(device)
+    return result.cpu(), time.perf_counter() - begin
+
+
+def finished(device: torch.device) -> None:
+    """Wait until the device has done what it was asked for."""
+    if device.type == "cuda":
+        torch.cuda.synchronize(device)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--device", choices=devices.NAMES, default="auto")
+    parser.add_argument("--threads", type=int, default=1, help="of the CPU")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--quick", action="store_true", help="small sizes, one round: does it run?")
+    given = parser.parse_args()
+    torch.set_num_threads(given.threads)
+    cpu, other = torch.device("cpu"), devices.find(given.device)
+    compared = [cpu] if other.type == "cpu" else [cpu, other]
+    print(f"torch {torch.__version__}, {given.threads} thread(s), {' and '.join(map(devices.described, compared))}")
+    if len(compared) == 1:
+        print("no GPU that PyTorch sees: the CPU alone")
+    with threadpool_limits(given.threads):
+        for name, work in works(given.quick).items():
+            times: dict[torch.device, list[float]] = {device: [] for device in compared}
+            results = {device: timed(work, device)[0] for device in compared}  # warm up
+            for _ in range(1 if given.quick else given.rounds):
+                for device in compared:
+                    times[device].append(timed(work, device)[1])
+            seconds = [statistics.median(times[device]) for device in compared]
+            line = f"{name:<48}{seconds[0]:10.4f} s"
+            if len(compared) > 1:
+                apart = (results[other] - results[cpu]).abs().max() / results[cpu].abs().max()
+                line += f"{seconds[1]:10.4f} s{seconds[0] / seconds[1]:8.2f} x   apart {apart:.1e}"
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,213 @@
+"""Time sweeps that skip finished jobs, share cores, are killed, and are gathered by the thousand.
+
+    python benchmarks/speed/sweeps.py [--what skipped cores kills table] [--kills 50] [--jobs 32] [--runs 10000]
+
+`cores` needs contactlearn[joblib].  A kill is SIGKILL to the whole sweep at a random moment; the same command then
+resumes, and no finished job may be lost.  Each line states the requirement.
+"""
+
+import argparse
+import importlib.util
+import json
+import os
+import random
+import shutil
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from contactlearn.core.serialisation import to_json
+from contactlearn.results.folder import find_results, read_result
+from contactlearn.results.state import Done, finish, held, read_done
+
+ROOT = Path(__file__).resolve().parents[2]
+JOBS = ("data.size=80", "train.repetitions=2", "bootstrap=20", "train.size=10,15,20", "law=wang_mason,whittaker")
+COUNT = 6
+CORES = {"short": (800, 300), "long": (2400, 1200)}  # trials and training trials of a job
+
+
+def started(folder, *words, command="train.py"):
+    """Start a sweep in a process group of its own."""
+    return subprocess.Popen(
+        [sys.executable, str(ROOT / command), "-m", *words, f"hydra.sweep.dir={folder}"],
+        cwd=ROOT,
+        env=os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(map(str, [ROOT, *sys.path[1:]]))},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # what runs in the background ignores Ctrl-C
+    )
+
+
+def ended(process, timeout=300):
+    """Wait for a sweep; return its exit status and output."""
+    printed, _ = process.communicate(timeout=timeout)
+    return process.returncode, printed
+
+
+def killed(process, after):
+    """Kill a sweep and all its processes after some seconds; return whether it was still running."""
+    try:
+        process.communicate(timeout=after)
+        return False
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        return True
+
+
+def content(folder):
+    """Return errors, fits and settings of the finished jobs by name."""
+    found = {}
+    for path in find_results(folder):
+        if path.name == "results.json":
+            result = json.loads(path.read_text("utf-8"))
+            found[path.parent.name] = (result["errors"], result["fits"], result["provenance"]["config"])
+    return found
+
+
+def finished(folder):
+    """Return the names of finished jobs and the time at which each finished."""
+    return {path.parent.name: path.stat().st_mtime_ns for path in Path(folder).glob("*/done.json")}
+
+
+def nothing_half_written(folder):
+    """Assert that every result can be read and belongs to a finished job, and that every marker is complete."""
+    for path in find_results(folder):
+        if path.is_file():
+            read_result(path)
+            assert (path.parent / "done.json").exists()
+    assert all(read_done(path.parent) is not None for path in Path(folder).glob("*/done.json"))
+
+
+def survive(folder, kills, longest, seed=0, words=JOBS, start=started):
+    """Kill a sweep at random moments and resume it; return the kills that hit it, and the finished jobs it lost."""
+    moments = random.Random(seed)
+    hits, lost = 0, []
+    before = {}
+    begun = time.monotonic()
+    while hits < kills and time.monotonic() - begun < 1500:
+        if len(before) == COUNT:  # start over: nothing is left to kill
+            before = {}
+            for path in Path(folder).iterdir():
+                subprocess.run(["rm", "-rf", str(path)], check=True)
+        hits += killed(start(folder, *words), moments.uniform(0.5, longest))
+        nothing_half_written(folder)
+        now = finished(folder)
+        lost += [name for name, when in before.items() if now.get(name) != when]
+        before = now
+    return hits, lost
+
+
+def seconds(folder, *words):
+    """Return the seconds that a sweep takes as a command."""
+    start = time.perf_counter()
+    status, printed = ended(started(folder, *words), timeout=3600)
+    assert status == 0, printed
+    return time.perf_counter() - start
+
+
+def skipped(folder, counts=(8, 1008)):
+    """Time a sweep with nothing to do at two numbers of jobs; their difference is the cost of the jobs."""
+    small = ("data.size=40", "train.size=10", "train.repetitions=1", "bootstrap=10")
+    times = {}
+    for count in counts:
+        words = (*small, f"seed=range({count})")
+        mark_finished(folder / str(count), small, count)
+        times[count] = statistics.median(seconds(folder / str(count), *words) for _ in range(5))
+    few, many = counts
+    cost = 1000 * (times[many] - times[few]) / (many - few)
+    print(f"skipped  {cost:.2f} ms a job (≤ 5), {times[few]:.1f} s for a sweep of {few}, {times[many]:.1f} s of {many}")
+
+
+def mark_finished(folder, words, count):
+    """Write the markers of finished jobs for every job of a sweep without running any."""
+    from omegaconf import OmegaConf
+
+    from contactlearn.cli.hydra_main import compose
+    from contactlearn.cli.sweeps.identity import code_version, typed
+
+    cfg = compose("train", [], return_hydra_config=True)
+    OmegaConf.set_struct(cfg, False)
+    for seed in range(count):
+        job = [*words, f"seed={seed}"]
+        digest = f"{seed:012x}"
+        done = Done(job=digest, config="0" * 64, data="", code=code_version(), words=typed(cfg.hydra, job))
+        place = folder / f"seed={seed}-{digest}"
+        with held(place):
+            finish(place, done)
+
+
+def cores(folder, jobs):
+    """Time one process after the other against all cores, in turn, twice each, for short and for long jobs."""
+    if importlib.util.find_spec("hydra_plugins.hydra_joblib_launcher") is None:
+        print("cores    left out: needs contactlearn[joblib]")
+        return
+    for kind, (trials, trained) in CORES.items():
+        words = ("model=residual_wrench", f"data.size={trials}", f"train.size={trained}", f"seed=range({jobs})")
+        times = {"basic": [], "joblib": []}
+        for turn in range(2):
+            for launcher, found in times.items():
+                found.append(seconds(folder / f"{kind}-{launcher}{turn}", *words, f"hydra/launcher={launcher}"))
+        one, all_ = (min(found) for found in times.values())
+        print(
+            f"cores    {jobs} {kind} jobs of {one / jobs:.1f} s: {one:.0f} s one by one, {all_:.0f} s on all cores, "
+            f"{one / all_:.2f} times (≥ 1.8)"
+        )
+
+
+def kills(folder, count):
+    """Count the kills that hit a sweep and the lost jobs, and compare the results with an undisturbed sweep."""
+    seconds(folder / "undisturbed", *JOBS)
+    hits, lost = survive(folder / "disturbed", kills=count, longest=8, seed=16)
+    seconds(folder / "disturbed", *JOBS)
+    nothing_half_written(folder / "disturbed")
+    same = content(folder / "disturbed") == content(folder / "undisturbed")
+    print(f"kills    {hits} of {count}, {len(lost)} finished jobs lost, the same results: {same}")
+
+
+def table(folder, runs):
+    """Time `contactlearn results` and `contactlearn report` over copies of real runs."""
+    seconds(folder / "sweep", *JOBS)
+    real = sorted((folder / "sweep").glob("*-*"))
+    for k in range(runs):
+        copy = folder / "many" / f"seed={k}-{k:012x}"
+        copy.mkdir(parents=True)
+        result = json.loads((real[k % len(real)] / "results.json").read_text("utf-8"))
+        result["provenance"]["config"]["seed"] = k
+        (copy / "results.json").write_text(json.dumps(result), "utf-8")
+        done = Done(job=f"{k:012x}", config="0" * 64, data="", code="0")
+        for name, text in ((".lock", ""), ("done.json", to_json(done))):
+            (copy / name).write_text(text)
+    for what, words in {"table": ["results", "-o", str(folder / "a.parquet")], "page": ["report"]}.items():
+        start = time.perf_counter()
+        command = [sys.executable, "-m", "contactlearn", *words[:1], str(folder / "many"), *words[1:]]
+        subprocess.run(command, check=True, capture_output=True, cwd=ROOT)
+        print(f"table    {what} of {runs} runs: {time.perf_counter() - start:.1f} s")
+    page = folder / "many" / "report.html"
+    print(f"table    the page has {page.stat().st_size / 2**20:.1f} MB")
+
+
+def main():
+    """Run the chosen measurements."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--what", nargs="+", default=["skipped", "cores", "kills", "table"])
+    parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--jobs", type=int, default=32)
+    parser.add_argument("--runs", type=int, default=10_000)
+    options = parser.parse_args()
+    number = {"kills": options.kills, "cores": options.jobs, "table": options.runs}
+    for name in options.what:
+        folder = Path(tempfile.mkdtemp(prefix="sweeps-"))
+        measure = {"skipped": skipped, "cores": cores, "kills": kills, "table": table}[name]
+        measure(folder, *([number[name]] if name in number else []))
+        shutil.rmtree(folder)
+
+
+if __name__ == "__main__":
+    main()
