@@ -98,7 +98,7 @@ def test_every_mistake_is_named(body, seed, known):
 def test_what_cannot_be_told_apart_is_said():
     (finding,) = audit(corrupt(drops("disc"), "mirrored_theta"))
     assert finding.alternatives == (("mirrored_theta",), ("mirrored_omega",))
-    assert finding.sentence.endswith("this data cannot tell it from mirrored_theta; mirrored_omega")
+    assert finding.sentence.endswith("these data cannot distinguish it from mirrored_theta; mirrored_omega")
     (finding,) = audit(corrupt(drops(known=False), "mirrored_theta"))
     assert finding.alternatives == (("mirrored_omega",),)  # no shape shows θ
     (finding,) = audit(corrupt(drops(), "mirrored_theta"))
@@ -174,7 +174,7 @@ def test_the_statement_of_consistency_has_the_coefficients():
     assert [note.value(key) for key in ("a_measured", "b_measured")] == pytest.approx([1, 1], abs=NOISE)
     assert "the moment balance closes: I Δω = a r_x P_n − b r_y P_t gives a = +" in note.sentence
     (note,) = audit(drops("disc", size=12, mu=0.0))
-    assert note.sentence.endswith("the moment balance cannot be judged: there is next to no moment in these data")
+    assert note.sentence.endswith("the moment balance cannot be judged: the moments in these data are negligible")
 
 
 def test_coefficients_that_are_not_1_are_not_said_to_close():
@@ -184,7 +184,7 @@ def test_coefficients_that_are_not_1_are_not_said_to_close():
     assert (note.name, note.mistake) == ("consistent", False)
     assert note.value("b_measured") < 0.5
     assert "closes" not in note.sentence
-    assert "but its coefficients are not 1 (noise of the velocities, an inertia that is off" in note.sentence
+    assert "but its coefficients are not 1 (possible causes: noise of the velocities, a wrong inertia" in note.sentence
 
 
 def test_a_correction_that_changes_no_coefficient_does_not_cite_them():

@@ -306,7 +306,7 @@ def _doubted(impacts: Impacts, thresholds: Thresholds) -> bool:
 
 
 def _untested(impacts: Impacts, thresholds: Thresholds) -> bool:
-    return "hardly tested" in consistent_note(impacts, thresholds.audit).sentence
+    return "weakly tested" in consistent_note(impacts, thresholds.audit).sentence
 
 
 OPEN = Study(

@@ -314,8 +314,8 @@ class Balance:
 
     def __str__(self) -> str:
         numbers = {name: map(_signed, term) for name, term in self.terms.items()}
-        said = " and ".join(f"{name} = {x} [{low}, {high}]" for name, (x, low, high) in numbers.items())
-        return f"{said or 'no coefficient'} (95 %, R² = {self.r_squared:.2f})"
+        text = " and ".join(f"{name} = {x} [{low}, {high}]" for name, (x, low, high) in numbers.items())
+        return f"{text or 'no coefficient'} (95 %, R² = {self.r_squared:.2f})"
 
 
 def _signed(value: float) -> str:

@@ -1,19 +1,18 @@
 """Conventions of units and axes: hypotheses about them, compared by the contradictions in the measurements under each.
 
 A hypothesis is a few named corrections; `consistency.contradictions` asks the same questions under each.  The moment
-balance alone knows the signs of its two terms only: turning θ looks like turning r.  The other questions tell these
-apart, except for what is truly the same (a disc seen from behind).  Contradictions are bounded, so that no outlier
+balance alone knows the signs of its two terms only: turning θ looks like turning r.  The other questions distinguish
+these, except for equivalent ones (a disc seen from behind).  Contradictions are bounded, so that no outlier
 decides; their mean over the trials is compared pairwise, with its standard error.
 
 All sensible combinations of up to five corrections are compared, shorter ones first.  Those of one correction are
 compared on all trials, longer ones on a sample of them, from which the best few go on to all trials.  A hypothesis is
-accepted only if the moments balance under it and hardly any contradiction is left; otherwise the data stay as given.
+accepted only if the moments balance under it and contradictions are negligible; otherwise the data stay as given.
 
 Each finding states the moment balance with its two coefficients and their 95 % intervals, whether it closes or not.
 """
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -24,7 +23,7 @@ from torch import Tensor
 
 from contactlearn.data.audit.consistency import Balance, Columns, balance, contradictions, torque
 from contactlearn.data.audit.corrections import CORRECTIONS, units_and_axes
-from contactlearn.data.audit.result import Evidence, Finding
+from contactlearn.data.audit.result import Evidence, Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds, ConventionThresholds, OutlierThresholds
 from contactlearn.mechanics.impacts import Impacts
 
@@ -49,7 +48,7 @@ A swap of the axes and a mirror of y are a turn by 90°, whose sense depends on 
 """
 _TURN = 3  # step of the mirror of y that follows a swap
 _DEPTH = 5  # corrections at once
-_SAMPLE, _FOLLOWED = 64, 8  # trials on which combinations are compared, and combinations that go on to all trials
+_SAMPLE, _FINALISTS = 64, 8  # trials on which combinations are compared, and combinations that go on to all trials
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +82,7 @@ class Hypothesis:
 
     @property
     def closed(self) -> bool:
-        """Whether hardly a contradiction is left, of the moments as of all else."""
+        """Whether contradictions are negligible, those of the moments included."""
         return self.score < self.thresholds.consistent
 
     def means(self) -> dict[str, float]:
@@ -101,7 +100,7 @@ def hypothesis_text(names: tuple[str, ...]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class ConventionComparison:
-    """The data as given, the best hypothesis, those of the same length as good as it, and the number compared."""
+    """The data as given, the best hypothesis, others of its length as good as it, and the number compared."""
 
     given: Hypothesis
     best: Hypothesis
@@ -160,7 +159,7 @@ class _Screened(NamedTuple):
 
     def best(self) -> list[tuple[str, ...]]:
         """The few with the fewest contradictions."""
-        ranked = self.scores.argsort(stable=True)[:_FOLLOWED].tolist()
+        ranked = self.scores.argsort(stable=True)[:_FINALISTS].tolist()
         return [self.names[k] for k in ranked if self.scores[k] < math.inf]
 
 
@@ -172,9 +171,9 @@ def _screened(impacts: Impacts, depth: int, thresholds: ConventionThresholds) ->
     columns = Columns.of(impacts)
     for step, name in enumerate(_STEPS):
         before = [k for k, have in enumerate(names) if len(have) < depth and _sensible(have, step)]
-        changed, meant = _changed(columns[torch.tensor(before, dtype=torch.long)], name, thresholds)
-        names += [(*names[k], name) for k, good in zip(before, meant.tolist(), strict=True) if good]
-        columns = columns.and_also(changed[meant])
+        changed, plausible = _changed(columns[torch.tensor(before, dtype=torch.long)], name, thresholds)
+        names += [(*names[k], name) for k, good in zip(before, plausible.tolist(), strict=True) if good]
+        columns = columns.and_also(changed[plausible])
     long = torch.tensor([len(have) == depth for have in names])
     names, columns = [have for have in names if len(have) == depth], columns[long]
     first, *others = contradictions(columns, thresholds).values()
@@ -206,8 +205,8 @@ def _changed(columns: Columns, name: str, thresholds: ConventionThresholds) -> t
     if name != "inertia_scaled":
         return units_and_axes(columns, name), torch.ones(len(columns.mass), dtype=torch.bool)
     factor = torque(columns).inertia_factor
-    meant = (factor.log().abs() > math.log(thresholds.inertia_factor)) & factor.isfinite()
-    return columns.replace(inertia=columns.inertia * factor[:, None]), meant
+    plausible = (factor.log().abs() > math.log(thresholds.inertia_factor)) & factor.isfinite()
+    return columns.replace(inertia=columns.inertia * factor[:, None]), plausible
 
 
 def _applied(given: Hypothesis, names: tuple[str, ...]) -> Hypothesis | None:
@@ -228,6 +227,7 @@ def wrong_inertia(factor: float, thresholds: ConventionThresholds) -> bool:
 _INERTIA_UNITS = {1e-3: "g m²", 1e-6: "kg mm²", 1e-9: "g mm²", 1e-4: "kg cm²", 1e-7: "g cm²"}
 _SHOWN = 0.005  # change of a mean contradiction from which on it is part of the evidence
 _MUST = "I Δω = a r_x P_n − b r_y P_t, which must give +1 and +1,"
+_Quantity = tuple[str, float]
 
 
 def convention_findings(comparison: ConventionComparison) -> list[Finding]:
@@ -235,53 +235,52 @@ def convention_findings(comparison: ConventionComparison) -> list[Finding]:
     given, best = comparison.given, comparison.best
     if not best.names:
         return []
-    evidence, numbers = _shared(comparison)
+    evidence, numbers = _comparison_evidence(comparison)
     alternatives = tuple(equal.names for equal in comparison.equals)
     if alternatives:
-        numbers += f"; this data cannot tell it from {'; '.join(map(hypothesis_text, alternatives))}"
+        numbers += f"; these data cannot distinguish it from {'; '.join(map(hypothesis_text, alternatives))}"
     findings = []
     for name in best.names:
-        others = [other for other in best.names if other != name]
-        together = f", together with {', '.join(others)}" if others else ""
-        own, text = evidence, ""
-        if name == "inertia_scaled":
-            factor = (best.impacts.inertia / given.impacts.inertia)[0].item()
-            own, text = (*evidence, Evidence(quantity="factor", value=factor)), f", {_factor(factor)}"
-        sentence = f"{CORRECTIONS[name].description}{text}{together}: {numbers}"
-        findings.append(
-            Finding(
-                name=name,
-                sentence=sentence,
-                evidence=own,
-                correction=name,
-                hypothesis=best.names,
-                alternatives=alternatives,
-            )
+        others = ", ".join(other for other in best.names if other != name)
+        factor = (best.impacts.inertia / given.impacts.inertia)[0].item() if name == "inertia_scaled" else None
+        text = CORRECTIONS[name].description + ("" if factor is None else f", {_factor(factor)}")
+        finding = Finding(
+            name=name,
+            sentence=f"{text}{others and f', together with {others}'}: {numbers}",
+            evidence=evidence if factor is None else (*evidence, *evidence_of(("factor", factor))),
+            correction=name,
+            hypothesis=best.names,
+            alternatives=alternatives,
         )
+        findings.append(finding)
     return findings
 
 
-def _shared(comparison: ConventionComparison) -> tuple[tuple[Evidence, ...], str]:
+def _comparison_evidence(comparison: ConventionComparison) -> tuple[tuple[Evidence, ...], str]:
     """Evidence for a hypothesis, and its numbers in words."""
     given, best = comparison.given, comparison.best
     before, after = given.balance, best.balance
-    totals = given.total.mean().item(), best.total.mean().item()
+    means = {question: (mean, best.means()[question]) for question, mean in given.means().items()}
+    total = given.total.mean().item(), best.total.mean().item()
     better = (best.total < given.total).double().mean().item()
     turned = str(before) != str(after)
-    evidence = (
-        *(_balance("before", before) if turned else ()),
-        *_balance("after", after),
-        *_answers(given, best),
-        Evidence(quantity="contradictions_before", value=totals[0]),
-        Evidence(quantity="contradictions_after", value=totals[1]),
-        Evidence(quantity="standard_errors", value=comparison.sigmas),
-        Evidence(quantity="better_in", value=better),
-        Evidence(quantity="hypotheses", value=float(comparison.tried)),
+    changed = {question: pair for question, pair in means.items() if abs(pair[0] - pair[1]) > _SHOWN}
+    evidence = evidence_of(
+        *(_coefficients("before", before) if turned else ()),
+        *_coefficients("after", after),
+        *((f"{name}_{when}", pair[k]) for name, pair in changed.items() for k, when in enumerate(("before", "after"))),
+        ("contradictions_before", total[0]),
+        ("contradictions_after", total[1]),
+        ("standard_errors", comparison.sigmas),
+        ("better_in", better),
+        ("hypotheses", float(comparison.tried)),
     )
+    most = max(means, key=lambda question: means[question][0] - means[question][1])
     numbers = f"the moment balance {_MUST} gives {before} as read and {after} corrected; " if turned else ""
     numbers += (
-        f"contradictions a trial fall from {totals[0]:.2f} to {totals[1]:.2f} (mostly {_most(given, best)}; "
-        f"{comparison.sigmas:.0f} standard errors, better in {better:.0%} of {len(given.total)} trials)"
+        f"the contradictions per trial fall from {total[0]:.2f} to {total[1]:.2f} (mostly {most} {means[most][0]:.2f} "
+        f"to {means[most][1]:.2f}; {comparison.sigmas:.0f} standard errors, better in {better:.0%} of "
+        f"{len(given.total)} trials)"
     )
     return evidence, numbers
 
@@ -291,27 +290,10 @@ def _factor(factor: float) -> str:
     return f"{factor:.3g}" + (f" (is it in {unit}?)" if unit else "")
 
 
-def _balance(when: str, fit: Balance) -> Iterable[Evidence]:
+def _coefficients(when: str, fit: Balance) -> list[_Quantity]:
+    """Coefficients of the moment balance as evidence."""
     values = {"a": fit.a, "a_error": fit.a_error, "b": fit.b, "b_error": fit.b_error, "r_squared": fit.r_squared}
-    return [Evidence(quantity=f"{name}_{when}", value=value) for name, value in values.items() if math.isfinite(value)]
-
-
-def _answers(given: Hypothesis, best: Hypothesis) -> Iterable[Evidence]:
-    """Mean contradictions that differ between two hypotheses."""
-    before, after = given.means(), best.means()
-    changed = [question for question in before if abs(before[question] - after[question]) > _SHOWN]
-    return [
-        Evidence(quantity=f"{question}_{when}", value=means[question])
-        for question in changed
-        for when, means in (("before", before), ("after", after))
-    ]
-
-
-def _most(given: Hypothesis, best: Hypothesis) -> str:
-    """The question whose contradictions fall most, with their means."""
-    before, after = given.means(), best.means()
-    question = max(before, key=lambda name: before[name] - after[name])
-    return f"{question} {before[question]:.2f} to {after[question]:.2f}"
+    return [(f"{name}_{when}", value) for name, value in values.items() if math.isfinite(value)]
 
 
 def _with_inertia(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
@@ -330,15 +312,15 @@ def _judged(impacts: Impacts, thresholds: AuditThresholds) -> Balance:
 def balance_findings(
     impacts: Impacts, comparison: ConventionComparison, thresholds: AuditThresholds, *, explained: bool = False
 ) -> list[Finding]:
-    """The moment balance of the corrected impacts where it does not close, or contradictions that nothing mends.
+    """The moment balance of the corrected impacts where it does not close, or contradictions that nothing corrects.
 
     A small imbalance is a note, since effects may explain it: another inertia, a moment at the contact.  So is one that
     another inertia within the reach of an effect would close.  With `explained` other findings account for the
     contradictions, which are then not reported again.
     """
     fit, balanced = _judged(impacts, thresholds), _with_inertia(impacts, thresholds)
-    left = contradictions(balanced, thresholds.conventions)
-    means = {question: answer.mean().item() for question, answer in left.items()}
+    answers = contradictions(balanced, thresholds.conventions)
+    means = {question: answer.mean().item() for question, answer in answers.items()}
     if not fit.terms:
         del means["moment"]
     total, worst = sum(means.values()), max(means, key=lambda question: means[question])
@@ -347,36 +329,37 @@ def balance_findings(
     if not opened and not contradictory:
         return []
     doubted = contradictory or _judged(balanced, thresholds).imbalance > thresholds.doubted_balance
-    none = f"none of the known mistakes explains it ({comparison.tried} hypotheses compared)"
-    if opened:
-        sentence = f"the moment balance does not close, and {none}: {_MUST} gives {fit}"
-        sentence += "" if doubted else "; a wrong inertia, or an effect with a moment at the contact, would do this"
-    else:
-        sentence = f"the trials contradict planar rigid impacts, and {none}: {_MUST} gives {fit}"
+    rule = "the moment balance does not close" if opened else "the trials contradict planar rigid impacts"
+    sentence = (
+        f"{rule}, and none of the known mistakes explains it ({comparison.tried} hypotheses compared): {_MUST} gives "
+        f"{fit}"
+    )
+    if opened and not doubted:
+        sentence += "; a wrong inertia, or an effect with a moment at the contact, would have this effect"
     if contradictory:
-        sentence += f"; contradictions a trial sum to {total:.2f}, mostly {worst} {means[worst]:.2f}"
-    evidence = (
-        *_balance("measured", fit),
-        Evidence(quantity="imbalance", value=min(fit.imbalance, 1e3)),
-        Evidence(quantity="contradictions", value=total),
-        Evidence(quantity="hypotheses", value=float(comparison.tried)),
+        sentence += f"; the contradictions per trial sum to {total:.2f}, mostly {worst} {means[worst]:.2f}"
+    evidence = evidence_of(
+        *_coefficients("measured", fit),
+        ("imbalance", min(fit.imbalance, 1e3)),
+        ("contradictions", total),
+        ("hypotheses", float(comparison.tried)),
     )
     name = "moment_balance_open" if opened else "contradictions"
     return [Finding(name=name, sentence=sentence, evidence=evidence, mistake=doubted)]
 
 
 def consistent_note(impacts: Impacts, thresholds: AuditThresholds) -> Finding:
-    """Say that nothing contradicts planar rigid impacts, with the moment balance that was measured."""
+    """Note that nothing contradicts planar rigid impacts, with the moment balance that was measured."""
     fit = _judged(impacts, thresholds)
     limit = thresholds.open_balance
     if not fit.terms:
-        closes = "cannot be judged: there is next to no moment in these data"
+        closes = "cannot be judged: the moments in these data are negligible"
     elif fit.tested > thresholds.tested_balance:
-        closes = "is hardly tested by these data"
+        closes = "is weakly tested by these data"
     elif any(low > 1 + limit or high < 1 - limit for _, low, high in fit.terms.values()):
         closes = (
-            "is within what noise and physics can do, but its coefficients are not 1 (noise of the velocities, an "
-            "inertia that is off, or something after contact would do this)"
+            "is within the reach of noise and physics, but its coefficients are not 1 (possible causes: noise of the "
+            "velocities, a wrong inertia, or something after contact)"
         )
     else:
         closes = "closes"
@@ -385,26 +368,25 @@ def consistent_note(impacts: Impacts, thresholds: AuditThresholds) -> Finding:
         f"points; the moment balance {closes}"
     )
     sentence += f": I Δω = a r_x P_n − b r_y P_t gives {fit}" if fit.terms else ""
-    return Finding(name="consistent", sentence=sentence, evidence=(*_balance("measured", fit),), mistake=False)
+    evidence = evidence_of(*_coefficients("measured", fit))
+    return Finding(name="consistent", sentence=sentence, evidence=evidence, mistake=False)
 
 
 def inertia_findings(impacts: Impacts, thresholds: ConventionThresholds) -> list[Finding]:
-    """A wrong moment of inertia: both terms of the balance ask for the same factor, too large for physics.
+    """A wrong moment of inertia: both terms of the balance imply the same factor, too large for physics.
 
     The contradictions fall too little with it for `compare`.
     """
     factor, fit = torque(impacts).inertia_factor.item(), balance(impacts)
     terms = ((fit.a, fit.a_error), (fit.b, fit.b_error))
-    asked = [x for x, error in terms if error < thresholds.inertia_error * abs(x)]
-    if not wrong_inertia(factor, thresholds) or not asked or fit.r_squared < thresholds.inertia_r_squared:
+    precise = [x for x, error in terms if error < thresholds.inertia_error * abs(x)]
+    if not wrong_inertia(factor, thresholds) or not precise or fit.r_squared < thresholds.inertia_r_squared:
         return []
-    if any(abs(x * factor - 1) > thresholds.inertia_agreement for x in asked):
+    if any(abs(x * factor - 1) > thresholds.inertia_agreement for x in precise):
         return []
-    sentence = (
-        f"{CORRECTIONS['inertia_scaled'].description}, {_factor(factor)}: as read, I Δω = a r_x P_n − b r_y P_t, which "
-        f"must give +1 and +1, gives {fit}"
-    )
-    evidence = (Evidence(quantity="factor", value=factor), *_balance("before", fit))
+    description = CORRECTIONS["inertia_scaled"].description
+    sentence = f"{description}, {_factor(factor)}: as read, the balance {_MUST} gives {fit}"
+    evidence = evidence_of(("factor", factor), *_coefficients("before", fit))
     return [Finding(name="inertia_scaled", sentence=sentence, evidence=evidence, correction="inertia_scaled")]
 
 
@@ -413,26 +395,23 @@ def impossible_findings(comparison: ConventionComparison, thresholds: AuditThres
     best = comparison.best
     share, means, fit = max(0.0, torque(best.impacts).explained.item()), best.means(), best.balance
     moment = best.answers["moment"]
-    surely = moment.mean().item() - 2 * moment.std().item() / math.sqrt(len(moment))
-    told = bool(_judged(best.impacts, thresholds).terms)
-    unbalanced = told and surely > thresholds.imbalance and share < thresholds.unexplained
+    at_least = moment.mean().item() - 2 * moment.std().item() / math.sqrt(len(moment))
+    judged = bool(_judged(best.impacts, thresholds).terms)
+    unbalanced = judged and at_least > thresholds.imbalance and share < thresholds.unexplained
     reasons = {
-        f"the moment balance leaves {means['moment']:.0%} of its terms over and explains {share:.0%} of Δω "
-        f"(it gives {fit})": unbalanced,
+        f"the residual of the moment balance is {means['moment']:.0%} of its terms, and the balance explains "
+        f"{share:.0%} of Δω (it gives {fit})": unbalanced,
         f"the floor pulls in {means['push']:.0%} of trials": means["push"] > thresholds.reversed_trials,
         f"{means['approach']:.0%} of trials do not approach the floor": means["approach"] > thresholds.reversed_trials,
     }
-    said = [reason for reason, holds in reasons.items() if holds]
-    if not said:
+    reasons = [reason for reason, holds in reasons.items() if holds]
+    if not reasons:
         return []
     sentence = (
-        f"no planar impact of a rigid body can have produced this data: under the best of {comparison.tried} "
-        f"hypotheses about units and axes ({best}) {'; '.join(said)}. Do before and after belong to the same trials?"
+        f"no planar impact of a rigid body can have produced these data: under the best of {comparison.tried} "
+        f"hypotheses about units and axes ({best}) {'; '.join(reasons)}. Do before and after belong to the same trials?"
     )
-    evidence = (
-        Evidence(quantity="hypotheses", value=float(comparison.tried)),
-        Evidence(quantity="explained", value=share),
-        *_balance("best", fit),
-        *(Evidence(quantity=question, value=mean) for question, mean in means.items()),
+    evidence = evidence_of(
+        ("hypotheses", float(comparison.tried)), ("explained", share), *_coefficients("best", fit), *means.items()
     )
     return [Finding(name="impossible", sentence=sentence, evidence=evidence, fatal=True, hypothesis=best.names)]

@@ -1,29 +1,28 @@
 """The audit: mistakes in the measurements themselves, found before any physics is fitted to them.
 
     units, columns, axes      one finding for each correction of the best hypothesis of `conventions`
-    inertia_scaled            the moments balance, but for one factor on I, of more than 2.5
+    inertia_scaled            the moments balance up to one factor on I, of more than 2.5
     incomplete_trials         rows that were left out as the table was read: a note
     duplicated_trials         rows that repeat an earlier one bit for bit
     out_of_order              times that contradict the order of the trials
-    gross_outliers            trials that cannot be what was measured
-    energy_gained             more trials than noise explains leave with more energy than they came with
+    gross_outliers            trials that cannot be real measurements
+    energy_gained             more trials than noise explains gain energy
     contact_point_off_shape   r is not where the body's shape touches the floor at θ
     scale_off                 gravity in free flight is not 9.81 m/s²
-    apparatus                 what recordings tell without any impact: a note
+    apparatus                 estimates from recordings without any impact: a note
     impossible_speeds         faster than anything in a laboratory
-    moment_balance_open       the coefficients of the moment balance are not 1, and no hypothesis mends it
-    contradictions            the trials contradict themselves otherwise, and no hypothesis mends it
-    consistent                nothing of all this: a note with the coefficients of the moment balance
+    moment_balance_open       the coefficients of the moment balance are not 1, and no hypothesis explains it
+    contradictions            the trials contradict themselves otherwise, and no hypothesis explains it
+    consistent                none of these: a note with the coefficients of the moment balance
     impossible                no hypothesis balances the moments, pushes and approaches: fatal
 
-Findings are about mistakes that a correction, or a look at the set-up, mends.  Physical effects (a tilted
-floor, a wrong centre of mass, a moment at the contact) leave them alone unless they are enormous.  Later
-findings are made on the data as the earlier ones would correct it; nothing is corrected here.
+Findings are mistakes that a correction, or a check of the set-up, removes.  Physical effects (a tilted floor, a wrong
+centre of mass, a moment at the contact) cause none unless they are enormous.  Later findings are made on the data as
+the earlier ones would correct it; nothing is corrected here.
 """
 
 import math
 from dataclasses import replace
-from math import degrees
 
 import torch
 
@@ -37,75 +36,12 @@ from contactlearn.data.audit.conventions import (
     inertia_findings,
 )
 from contactlearn.data.audit.corrections import correct
-from contactlearn.data.audit.result import Evidence, Finding
+from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
-from contactlearn.mechanics.apparatus import Apparatus, Estimate
+from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.bodies import body_code, contact_points, shapes_among
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
-
-
-def scale_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
-    """Gravity in free flight that is not 9.81 m/s²: the scale or the frame rate is wrong."""
-    if impacts.apparatus is None:
-        return []
-    gravity = impacts.apparatus.gravity
-    off, error = gravity.value / GRAVITY - 1, gravity.error / GRAVITY
-    if abs(off) <= max(thresholds.scale_off, thresholds.apparatus_sigmas * error):
-        return []
-    wrong = "large" if off > 0 else "small"
-    sentence = (
-        f"gravity in free flight is {gravity.value:.3f} ± {gravity.error:.1g} m/s² and not {GRAVITY}: lengths "
-        f"are too {wrong} by {abs(off):.1%}, or the frame rate is by {abs((1 + off) ** 0.5 - 1):.1%}"
-    )
-    evidence = (
-        Evidence(quantity="gravity", value=gravity.value, unit="m/s²"),
-        Evidence(quantity="standard_error", value=gravity.error, unit="m/s²"),
-        Evidence(quantity="off", value=off),
-    )
-    return [Finding(name="scale_off", sentence=sentence, evidence=evidence)]
-
-
-def apparatus_notes(impacts: Impacts) -> list[Finding]:
-    """What is known of the apparatus without any impact, and what follows for the effects that say the same."""
-    if impacts.apparatus is None:
-        return []
-    known = impacts.apparatus
-    parts = [f"gravity {_said(known.gravity, 'm/s²')}"]
-    parts += [] if known.drag is None else [f"drag {_said(known.drag, '1/s')}"]
-    parts += [f"floor inclined by {_said(angle, '°')}" for angle in _angle(known.slope)]
-    parts += [f"zero of θ off by {_said(angle, '°')}" for angle in _angle(known.orientation)]
-    sentence = (
-        f"measured without any impact: {', '.join(parts)}, contact at the instant at which flights meet; effects that "
-        "say the same go no more than three standard errors beyond"
-    )
-    return [Finding(name="apparatus", sentence=sentence, evidence=_evidence(known), mistake=False)]
-
-
-def _angle(angle: Estimate | None) -> list[Estimate]:
-    """A known angle in degrees."""
-    return [] if angle is None else [Estimate(value=degrees(angle.value), error=degrees(angle.error))]
-
-
-def _said(known: Estimate, unit: str) -> str:
-    return f"{known.value:.3g} ± {known.error:.1g} {unit}".replace(" °", "°")
-
-
-def _evidence(known: Apparatus) -> tuple[Evidence, ...]:
-    values = {
-        ("gravity", "m/s²"): known.gravity,
-        ("drag", "1/s"): known.drag,
-        ("floor_slope", "rad"): known.slope,
-        ("theta_zero", "rad"): known.orientation,
-        ("delay", "s"): known.delay,
-    }
-    return tuple(
-        Evidence(quantity=quantity, value=number, unit=unit)
-        for (name, unit), one in values.items()
-        if one is not None
-        for quantity, number in ((name, one.value), (f"{name}_error", one.error))
-    )
-
 
 _LISTED = 5  # values that a sentence names
 _QUICK = 500  # trials of a quick audit
@@ -115,8 +51,7 @@ _COMPARED = 20_000  # trials on which hypotheses about units and axes are compar
 def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> tuple[Finding, ...]:
     """Find the mistakes in the measurements, most fundamental first, or note that they are consistent.
 
-    The impacts need not be validated.  The corrections of all findings, in their order, are what
-    `data.correct=[…]` takes.
+    The impacts need not be validated.  `data.correct=[…]` takes the corrections of all findings, in their order.
     """
     findings = incomplete_findings(impacts) + duplicate_findings(impacts)
     sound = impacts.replace(validate=False)[~repeated(impacts)]
@@ -141,8 +76,8 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
 
 
 def _not_recommended(finding: Finding) -> Finding:
-    """A mistake whose correction leaves the moment balance open: it is no mistake, or not the only one."""
-    sentence = f"{finding.sentence}; the moment balance does not close with this either, so it is not recommended"
+    """A mistake whose correction leaves the moment balance open: there is another one, or none."""
+    sentence = f"{finding.sentence}; the moment balance does not close after it, so it is not recommended"
     return replace(finding, sentence=sentence, correction=None)
 
 
@@ -152,14 +87,14 @@ def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds(
     Repeated trials and their order are looked at in all of them.
     """
     found = [*duplicate_findings(impacts), *order_findings(impacts, thresholds)]
-    sound = impacts.replace(validate=False, time=None)[~repeated(impacts)]  # times of some say nothing about the order
+    sound = impacts.replace(validate=False, time=None)[~repeated(impacts)]  # times of a subset do not show the order
     rows = torch.linspace(0, len(sound) - 1, min(len(sound), _QUICK)).round().long()
     found = (*audit(sound[rows], thresholds), *found)
     return tuple(finding for finding in found if finding.mistake)
 
 
 def _some(impacts: Impacts) -> Impacts:
-    """As many trials as hypotheses are compared on, since each of them is a table of its own."""
+    """A subsample: every hypothesis holds its own copy of the data."""
     if len(impacts) <= _COMPARED:
         return impacts
     rows = torch.randperm(len(impacts), generator=torch.Generator().manual_seed(0))[:_COMPARED]
@@ -176,20 +111,69 @@ def _of_trials(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
     return findings + order_findings(impacts, thresholds)
 
 
+def scale_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """Gravity in free flight that is not 9.81 m/s²: the scale or the frame rate is wrong."""
+    if impacts.apparatus is None:
+        return []
+    gravity = impacts.apparatus.gravity
+    off, error = gravity.value / GRAVITY - 1, gravity.error / GRAVITY
+    if abs(off) <= max(thresholds.scale_off, thresholds.apparatus_sigmas * error):
+        return []
+    wrong = "large" if off > 0 else "small"
+    sentence = (
+        f"gravity in free flight is {gravity.value:.3f} ± {gravity.error:.1g} m/s² instead of {GRAVITY} m/s²: lengths "
+        f"are too {wrong} by {abs(off):.1%}, or the frame rate is by {abs((1 + off) ** 0.5 - 1):.1%}"
+    )
+    evidence = evidence_of(("gravity", gravity.value, "m/s²"), ("standard_error", gravity.error, "m/s²"), ("off", off))
+    return [Finding(name="scale_off", sentence=sentence, evidence=evidence)]
+
+
+def apparatus_notes(impacts: Impacts) -> list[Finding]:
+    """Estimates of the apparatus without any impact, and how they limit the same effects."""
+    known = impacts.apparatus
+    if known is None:
+        return []
+    named = (
+        ("gravity", known.gravity, "m/s²"),
+        ("drag", known.drag, "1/s"),
+        ("floor_slope", known.slope, "rad"),
+        ("theta_zero", known.orientation, "rad"),
+        ("delay", known.delay, "s"),
+    )
+    estimates = {name: (one, unit) for name, one, unit in named if one is not None}
+    texts = {"gravity": "gravity", "drag": "drag", "floor_slope": "slope of the floor", "theta_zero": "offset of θ"}
+    parts = [f"{text} {_estimate_text(*estimates[name])}" for name, text in texts.items() if name in estimates]
+    sentence = (
+        f"measured without any impact: {', '.join(parts)}, contact at the instant at which flights meet; the same "
+        "effects are limited to three standard errors beyond these values"
+    )
+    evidence = evidence_of(
+        *(
+            (quantity, number, unit)
+            for name, (one, unit) in estimates.items()
+            for quantity, number in ((name, one.value), (f"{name}_error", one.error))
+        )
+    )
+    return [Finding(name="apparatus", sentence=sentence, evidence=evidence, mistake=False)]
+
+
+def _estimate_text(one: Estimate, unit: str) -> str:
+    """An estimate in words, angles in degrees."""
+    one, unit = (one.times(180 / math.pi), "°") if unit == "rad" else (one, f" {unit}")
+    return f"{one.value:.3g} ± {one.error:.1g}{unit}"
+
+
 def incomplete_findings(impacts: Impacts) -> list[Finding]:
-    """Trials that were left out as the table was read, since a number of theirs is missing; a note."""
+    """Note the trials that were left out as the table was read, because a number is missing."""
     left_out = impacts.incomplete
     if not left_out:
         return []
     names = ", ".join(map(repr, left_out[:_LISTED])) + (", …" if len(left_out) > _LISTED else "")
     sentence = (
-        f"{len(left_out)} of {len(impacts) + len(left_out)} trials of the table were left out, since a number of each "
-        f"is missing: {names}"
+        f"{len(left_out)} of {len(impacts) + len(left_out)} trials of the table were left out because a number is "
+        f"missing: {names}"
     )
-    evidence = (
-        Evidence(quantity="trials", value=float(len(left_out)), unit="trials"),
-        Evidence(quantity="names", value=", ".join(left_out)),
-    )
+    evidence = evidence_of(("trials", float(len(left_out)), "trials"), ("names", ", ".join(left_out)))
     return [Finding(name="incomplete_trials", sentence=sentence, evidence=evidence, mistake=False)]
 
 
@@ -200,12 +184,8 @@ def duplicate_findings(impacts: Impacts) -> list[Finding]:
     if not count:
         return []
     first = impacts.trial[int(twice.nonzero()[0, 0])]
-    sentence = f"{count} of {len(impacts)} trials repeat an earlier one to the last digit, the first is {first!r}"
-    evidence = (
-        Evidence(quantity="trials", value=float(count), unit="trials"),
-        Evidence(quantity="share", value=count / len(impacts)),
-        Evidence(quantity="first", value=first),
-    )
+    sentence = f"{count} of {len(impacts)} trials repeat an earlier trial to the last digit, the first is {first!r}"
+    evidence = evidence_of(("trials", float(count), "trials"), ("share", count / len(impacts)), ("first", first))
     return [Finding(name="duplicated_trials", sentence=sentence, evidence=evidence, correction="drop_duplicates")]
 
 
@@ -221,10 +201,10 @@ def order_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
     if not back or not (long or abs(agreement) > thresholds.rank_correlation):
         return []
     sentence = (
-        f"the order of the trials is not that of their times: time runs back in {back:.0%} of steps "
+        f"the trials are not in the order of their times: time runs back in {back:.0%} of steps "
         f"(rank correlation {agreement:+.2f})"
     )
-    evidence = (Evidence(quantity="back", value=back), Evidence(quantity="rank_correlation", value=agreement))
+    evidence = evidence_of(("back", back), ("rank_correlation", agreement))
     return [Finding(name="out_of_order", sentence=sentence, evidence=evidence, correction="ordered_by_time")]
 
 
@@ -236,26 +216,26 @@ def outlier_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Find
     count, share = int(bad.sum()), bad.double().mean().item()
     if not count:
         return []
-    said = ", ".join(f"{name} {n:.0f}" for name, n in reasons.items())
+    counts = ", ".join(f"{name} {n:.0f}" for name, n in reasons.items())
     first = impacts.trial[int(bad.nonzero()[0, 0])]
     sentence = (
-        f"{count} of {len(impacts)} trials ({share:.1%}) cannot be what was measured ({said}), the first is {first!r}"
+        f"{count} of {len(impacts)} trials ({share:.1%}) cannot be real measurements ({counts}), the first is {first!r}"
     )
     few = share <= thresholds.dropped_share
     if not few:
-        sentence += "; too many to be dropped"
-    evidence = (
-        Evidence(quantity="trials", value=float(count), unit="trials"),
-        Evidence(quantity="share", value=share),
-        Evidence(quantity="first", value=first),
-        *(Evidence(quantity=reason, value=n, unit="trials") for reason, n in reasons.items()),
+        sentence += "; too many to drop"
+    evidence = evidence_of(
+        ("trials", float(count), "trials"),
+        ("share", share),
+        ("first", first),
+        *((reason, n, "trials") for reason, n in reasons.items()),
     )
     correction = "drop_outliers" if few else None
     return [Finding(name="gross_outliers", sentence=sentence, evidence=evidence, correction=correction)]
 
 
 def speed_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
-    """Speeds of the body, or of its contact point about the centre of mass, that no laboratory makes."""
+    """Implausible speeds of the body, or of its contact point relative to the centre of mass."""
     limit = thresholds.conventions.fastest
     lengths = impacts.r.norm(dim=-1, keepdim=True)
     speeds = {
@@ -274,30 +254,30 @@ def speed_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
         seen.append(f"row {row + 1} (trial {impacts.trial[row]!r}) {value} {when} impact")
     more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
     sentence = (
-        f"speeds above {limit:g} m/s, of the centre of mass or of the contact point about it, in "
-        f"{int(fast.any(-1).sum())} of {len(impacts)} trials: {'; '.join(seen)}{more}; are these the columns' units?"
+        f"speeds above {limit:g} m/s, of the centre of mass or of the contact point relative to it, in "
+        f"{int(fast.any(-1).sum())} of {len(impacts)} trials: {'; '.join(seen)}{more}; are the columns' units right?"
     )
-    fastest = torch.cat([*speeds.values()], -1).max().item()
-    evidence = (
-        Evidence(quantity="trials", value=float(fast.any(-1).sum()), unit="trials"),
-        Evidence(quantity="fastest", value=fastest, unit="m/s"),
-        Evidence(quantity="rows", value=", ".join(str(row + 1) for row in sorted({*rows.tolist()})[:_LISTED])),
+    listed = sorted({*rows.tolist()})[:_LISTED]
+    evidence = evidence_of(
+        ("trials", float(fast.any(-1).sum()), "trials"),
+        ("fastest", torch.cat([*speeds.values()], -1).max().item(), "m/s"),
+        ("rows", ", ".join(str(row + 1) for row in listed)),
     )
     return [Finding(name="impossible_speeds", sentence=sentence, evidence=evidence)]
 
 
 def energy_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
-    """More trials than noise explains leave with more energy than they came with."""
+    """More trials than noise explains gain energy."""
     before, after = kinetic_energy(impacts)
     share = (after > thresholds.energy_gain * before).double().mean().item()
     if share <= thresholds.energy_share:
         return []
     ratio = (after / before).median().item()
     sentence = (
-        f"{share:.0%} of trials leave with at least a quarter more kinetic energy than they came with (median ratio "
-        f"{ratio:.2f}): is the floor driven, or are speeds before contact taken too early?"
+        f"{share:.0%} of trials gain at least a quarter of their kinetic energy (median ratio "
+        f"{ratio:.2f}): is the floor driven, or are speeds before contact measured too early?"
     )
-    evidence = (Evidence(quantity="share", value=share), Evidence(quantity="median_ratio", value=ratio))
+    evidence = evidence_of(("share", share), ("median_ratio", ratio))
     return [Finding(name="energy_gained", sentence=sentence, evidence=evidence)]
 
 
@@ -316,9 +296,9 @@ def shape_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
         return []
     ratio = (length / expected.norm(dim=-1))[rows].median().item()
     sentence = (
-        f"the contact points{worst and f' of {worst!r}'} are not those of {shapes[worst]} at θ: {median:.0%} of |r| "
-        f"off in the median ({1e3 * off[rows].median():.3g} mm; |r| is {ratio:.3g} times the shape's); is it given in "
-        "metres, and is θ measured from its axes?"
+        f"the contact points{worst and f' of {worst!r}'} are not those of {shapes[worst]} at θ: they are {median:.0%} "
+        f"of |r| off in the median ({1e3 * off[rows].median():.3g} mm; |r| is {ratio:.3g} times the shape's); is the "
+        "shape in metres, and is θ measured from its axes?"
     )
-    evidence = (Evidence(quantity="off", value=median), Evidence(quantity="length_ratio", value=ratio))
+    evidence = evidence_of(("off", median), ("length_ratio", ratio))
     return [Finding(name="contact_point_off_shape", sentence=sentence, evidence=evidence)]

@@ -24,7 +24,7 @@ from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
-from contactlearn.data.audit.result import Evidence, Finding
+from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds, OutlierThresholds
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.noise_weight import noise_weight
@@ -71,23 +71,23 @@ def _finding(
 ) -> Finding:
     """The outliers in words, those with a spin of the wrong sign first."""
     rows = bad.nonzero()[:, 0].tolist()
-    said = []
+    texts = []
     for row in sorted(rows, key=lambda row: (row not in signs, row))[:_LISTED]:
         v_x, v_y, omega = residual[row].tolist()
         name = f"row {row + 1} (trial {impacts.trial[row]!r})"
         if row in signs:
             when = _FLIPPED[signs[row]]
             spin = (impacts.v_post if when == "after" else impacts.v_pre)[row, 2].item()
-            said.append(f"the spin of {name} {when} impact, {spin:+.3g} rad/s, has the wrong sign")
+            texts.append(f"the spin of {name} {when} impact, {spin:+.3g} rad/s, has the wrong sign")
         else:
-            said.append(f"{name} is off by ({v_x:+.2g}, {v_y:+.2g}) m/s and {omega:+.3g} rad/s")
+            texts.append(f"{name} is off by ({v_x:+.2g}, {v_y:+.2g}) m/s and {omega:+.3g} rad/s")
     more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
-    sentence = f"{len(rows)} of {len(impacts)} trials are outliers of the model: {'; '.join(said)}{more}"
-    evidence = (
-        Evidence(quantity="trials", value=float(len(rows)), unit="trials"),
-        Evidence(quantity="rows", value=", ".join(str(row + 1) for row in rows)),
-        Evidence(quantity="wrong_sign", value=", ".join(str(row + 1) for row in signs) or "none"),
-        Evidence(quantity="degrees_of_freedom", value=freedom),
+    sentence = f"{len(rows)} of {len(impacts)} trials are outliers of the model: {'; '.join(texts)}{more}"
+    evidence = evidence_of(
+        ("trials", float(len(rows)), "trials"),
+        ("rows", ", ".join(str(row + 1) for row in rows)),
+        ("wrong_sign", ", ".join(str(row + 1) for row in signs) or "none"),
+        ("degrees_of_freedom", freedom),
     )
     return Finding(name="model_outliers", sentence=sentence, evidence=evidence, mistake=False)
 
@@ -162,14 +162,10 @@ def averaged(
         with_mean = held_out(changed)
         if with_mean <= error:
             sentence = (
-                f"{CORRECTIONS[name].description}: {letter} has a standard deviation of {spread:.2g} {unit}; on trials "
-                f"held out the law leaves {with_mean:.4g} with its mean and {error:.4g} with its measurements"
+                f"{CORRECTIONS[name].description}: {letter} has a standard deviation of {spread:.2g} {unit}; with its "
+                f"mean the law's error on held-out trials is {with_mean:.4g}, with its measurements {error:.4g}"
             )
-            evidence = (
-                Evidence(quantity="spread", value=spread, unit=unit),
-                Evidence(quantity="error_before", value=error),
-                Evidence(quantity="error_after", value=with_mean),
-            )
+            evidence = evidence_of(("spread", spread, unit), ("error_before", error), ("error_after", with_mean))
             found.append(Finding(name=name, sentence=sentence, evidence=evidence, correction=name, mistake=False))
             impacts, error = changed, with_mean
     return tuple(found)

@@ -12,6 +12,11 @@ class Evidence:
     unit: str = "–"
 
 
+def evidence_of(*quantities: tuple[str, float | str] | tuple[str, float | str, str]) -> tuple[Evidence, ...]:
+    """Return evidence of quantities, each a name, a value and its unit, – by default."""
+    return tuple(Evidence(quantity=name, value=value, unit=(*unit, "–")[0]) for name, value, *unit in quantities)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Finding:
     """A contradiction between the measurements and any planar rigid impact, or a note about them.
@@ -20,11 +25,11 @@ class Finding:
         name: of the kind of finding: that of its correction, or `gross_outliers`, `impossible`, ….
         sentence: the finding in words.
         evidence: the numbers behind it.
-        correction: name of the correction that undoes it; None if there is none.
-        fatal: whether no correction mends the data, so that no model is fitted to them.
-        mistake: whether the data are wrong; False for a note, such as a velocity that was replaced by its mean.
-        hypothesis: corrections of the best hypothesis about units and axes, of which this finding is a part.
-        alternatives: hypotheses that these data do not distinguish from that one.
+        correction: name of the correction that undoes it, if any.
+        fatal: whether no correction helps, so that no model is fitted.
+        mistake: whether the data are wrong; False for a note.
+        hypothesis: all corrections of the best hypothesis about units and axes, to which this finding belongs.
+        alternatives: hypotheses that these data cannot distinguish from it.
     """
 
     name: str
