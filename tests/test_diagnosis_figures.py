@@ -41,6 +41,7 @@ from contactlearn.report.figures.audit import audit_figure
 from contactlearn.report.figures.diagnosis import drawn, ladder_figure
 from contactlearn.report.figures.regions import regions_figure
 from contactlearn.report.figures.residual import residual_figure
+from contactlearn.report.text import rung_label
 from contactlearn.simulation import hidden_effects
 
 UNIT = re.compile(r"\((\$10\^\{-?\d+\}\$ )?(mN m s|mN s|mm|m/s|rad/s|rad|°|kg|m|s|–|count)\)")
@@ -387,8 +388,8 @@ def test_errors_of_law_and_model_are_those_of_all_trials(found):
         middle = line(axes, f"{label}, running median")[-1]
         last = order[-20:]
         assert middle == pytest.approx((np.median(impacts.v_pre[last, 2]), np.median(errors[last])))
-    title = axes.get_title().splitlines()
-    assert title == ["-3 ≤ ω < 2.5 rad/s", "2.3 times the rest's error, 250 trials, p = 3e−8"]
+    title = " ".join(axes.get_title().replace("\u00a0", " ").splitlines())
+    assert title == "-3 ≤ ω < 2.5 rad/s 2.3 times the rest's error, 250 trials, p = 3e−8"
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
@@ -497,9 +498,12 @@ def test_the_ladder_shows_errors_intervals_and_the_bound(found):
     (axes,) = ladder_figure(found).axes
     errors = [rung.error for rung in found.ladder]
     assert [bar.get_width() for bar in axes.patches] == [error.mean for error in errors]
-    *intervals, bound = axes.lines
-    assert [tuple(one.get_xdata()) for one in intervals] == [(error.low, error.high) for error in errors]
+    (intervals,), (bound,) = axes.collections, axes.lines
+    assert [tuple(ends[:, 0]) for ends in intervals.get_segments()] == [(error.low, error.high) for error in errors]
     assert bound.get_xdata()[0] == found.budget.bound.mean
     assert axes.get_xlim()[0] == 0
+    names = [rung_label(rung, "Wang–Mason") for rung in found.ladder]
+    written = [text.get_text() for text in axes.texts]
+    assert written == [f"{rung.error.mean:.4f}  {name}" for rung, name in zip(found.ladder, names, strict=True)]
     rungs = (Rung(kind=RungKind.EFFECT, error=errors[0], effect=EffectId(name)) for name in HOSTILE)
     assert_sound(ladder_figure(replace(found, ladder=tuple(rungs))))

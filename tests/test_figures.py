@@ -1,6 +1,8 @@
 """Figures: they draw the right numbers, say their units, and no name or data breaks or clips them."""
 
+import html
 import itertools
+import json
 import re
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from contacts import impulse
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.text import Text
 from scipy.spatial import cKDTree
 
@@ -21,7 +23,9 @@ from contactlearn.inference.identification.per_trial import identify_trials
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import laws as figures
-from contactlearn.report.figures.reach import areas, reach
+from contactlearn.report.figures import learning
+from contactlearn.report.figures.browser import as_plotly
+from contactlearn.report.figures.impulse_space import areas, compared_impulses, ellipse_vectors, reach
 from contactlearn.report.figures.style import LAW_STYLE, law_style, plain
 from contactlearn.simulation import synthetic
 
@@ -36,6 +40,8 @@ HOSTILE = (
     "x" * 60,
     "long name " * 6,
 )
+TABLE = torch.tensor([[0.3, 0.2, 0.4], [0.2, 0.1, 0.25]])
+BOUND = (0.1, 0.08, 0.12)
 PIXEL = 1.5  # px at 100 dpi: text's own extent is rounded outwards
 
 
@@ -170,6 +176,72 @@ def test_save_leaves_the_old_files_when_writing_fails(tmp_path, monkeypatch):
         figures.save(figure, tmp_path, "a")
     assert [(tmp_path / f"a{suffix}").read_bytes() for suffix in (".png", ".pdf")] == old
     assert len(list(tmp_path.iterdir())) == 2
+
+
+# --- In a browser --------------------------------------------------------------------------------
+
+
+def traces_of(shown):
+    return {trace["meta"] or trace["name"]: trace for trace in shown["data"]}
+
+
+def test_a_browser_shows_the_same_numbers_labels_and_scales(drops):
+    figure = learning.learning_curve([10, 100], {"x1_wrench": TABLE, "mirtich": TABLE + 0.1}, {"irb": BOUND}, "e (–)")
+    shown = as_plotly(figure)
+    json.dumps(shown, allow_nan=False)
+    first, second = (traces_of(shown)[name] for name in ("X1 → wrench", "Mirtich"))
+    assert (first["y"], second["y"]) == (pytest.approx([0.3, 0.2]), pytest.approx([0.4, 0.3]))
+    assert (first["xaxis"], second["xaxis"]) == ("x", "x2")
+    assert first["line"]["color"] == to_hex(law_style("x1_wrench").color).lower()
+    layout = shown["layout"]
+    assert layout["xaxis"]["type"] == "log"
+    assert layout["xaxis"]["ticktext"] == ["100", "10"]
+    assert layout["yaxis"]["range"] == list(figure.axes[0].get_ylim())
+    assert layout["yaxis"]["title"]["text"] == "e (–)"
+    assert (layout["xaxis2"]["matches"], layout["yaxis2"]["matches"]) == ("x", "y")
+    assert [note["text"] for note in layout["annotations"]] == ["Class I: data-driven", "Others"]
+    bands = [(one["y0"], one["y1"]) for one in layout["shapes"] if one["type"] == "rect"]
+    assert bands == [pytest.approx(BOUND[1:])] * 2
+    assert [one["showlegend"] for one in layout["shapes"] if one["name"] == "IRB bound"] == [True, False]
+
+
+def test_a_browser_shows_bars_boxes_and_hidden_markers(drops):
+    shown = as_plotly(comparison(("irb", "mirtich")))
+    assert shown["layout"]["yaxis"]["ticktext"] == ["IRB bound", "Mirtich"]
+    assert shown["layout"]["yaxis"]["range"][0] > shown["layout"]["yaxis"]["range"][1]
+    assert [bool(one.get("fillpattern")) for one in shown["data"] if one.get("fill")] == [True, False]
+    assert "Mean, 95 % interval" in traces_of(shown)
+    densities = as_plotly(learning.error_densities({"x1_wrench": torch.rand(50)}, "e (–)"))
+    (line,) = densities["data"]
+    assert sum(size > 0 for size in line["marker"]["size"]) == 1
+
+
+def test_a_browser_shows_every_law_in_impulse_space(drops):
+    laws_ = six("fazeli2017")
+    shown = as_plotly(compared_impulses(drops[[3]], laws_))
+    traces = traces_of(shown)
+    for place, law in enumerate(laws_.values()):
+        P = 1e3 * law.impulse(drops.W[3], drops.v_c[3])
+        assert traces[f"law {place}"]["x"] + traces[f"law {place}"]["y"] == pytest.approx(P.tolist())
+    assert shown["layout"]["xaxis"]["title"]["text"] == "Tangential impulse P<sub>t</sub> (mN s)"
+    assert shown["layout"]["yaxis"]["scaleanchor"] == "x"
+    vectors = ellipse_vectors(drops.W, drops.v_c)
+    angle = torch.linspace(0, 6, 30, dtype=torch.float64)[:, None, None]
+    P = vectors[:, 0] + angle.cos() * vectors[:, 1] + angle.sin() * vectors[:, 2]
+    energy = (drops.v_c * vectors[:, 0]).sum(-1).abs()
+    assert (rigid_body.energy_excess(drops.W, drops.v_c, P).abs() < 1e-9 * energy).all()
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_names_in_a_browser_are_text(name):
+    shown = as_plotly(patch((name, "best_post_hoc")))
+    assert "<" not in shown["layout"]["shapes"][0]["name"]
+    assert html.unescape(shown["layout"]["shapes"][0]["name"]) == plain(name).replace(r"\$", "$").strip()
+
+
+def test_an_artist_that_no_browser_shows_is_refused(drops):
+    with pytest.raises(TypeError, match="no counterpart"):
+        as_plotly(surface(drops))
 
 
 # --- Names --------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.mechanics.impacts import Prediction
-from contactlearn.mechanics.rigid_body import energy_ellipse
+from contactlearn.mechanics.rigid_body import admissible, energy_ellipse, energy_excess
 from contactlearn.report.page.diagnosis import of_diagnosis, write_page
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import embedded, render, write
@@ -323,27 +323,54 @@ def test_ticking_an_effect_moves_numbers_map_and_curves(shown, content):
     assert until(shown, "document.querySelector('#curve-0').data[2].line.dash === 'dot'")
 
 
-def test_the_errors_of_the_trials_are_those_of_the_model(shown, found):
-    impacts = found.record.impacts
-    error = torch.tensor(shown.execute_script("return massErrors(page.chosen)"), dtype=torch.float64)
-    torch.testing.assert_close(
-        error,
-        mass_error(impacts, found.record.model.predict(impacts)),
-        rtol=0,
-        atol=QUANTISED * 5,
-    )
+def test_the_errors_and_outcomes_of_the_trials_are_those_of_the_model(shown, found):
+    impacts, chosen = found.record.impacts, found.record.model.predict(found.record.impacts)
+
+    def held(array):
+        values = shown.execute_script(
+            f"return trials.name.map((_, i) => [0, 1, 2].map(k => arrays.{array}(page.chosen, i, k)))"
+        )
+        return torch.tensor(values, dtype=torch.float64)
+
+    error = torch.tensor(shown.execute_script("return errorsOf(page.chosen)"), dtype=torch.float64)
+    torch.testing.assert_close(error, mass_error(impacts, chosen), rtol=0, atol=QUANTISED * 5)
+    torch.testing.assert_close(held("v_post"), chosen.v_post, rtol=0, atol=QUANTISED * chosen.v_post.abs().max().item())
+    largest = chosen.wrench.abs().amax(0)
+    torch.testing.assert_close(held("wrench") / (1e3 * largest), chosen.wrench / largest, rtol=0, atol=5 * QUANTISED)
+    parts = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1) * (chosen.v_post - impacts.v_post) ** 2
+    torch.testing.assert_close(held("parts"), parts / parts.sum(-1, keepdim=True), rtol=0, atol=0.02)
 
 
 def test_mechanics_of_a_trial(shown, found):
-    """The energy ellipse and the measured wrench that are drawn are those of Python."""
+    """The energy ellipse, the impulses and the reach that are drawn are those of Python."""
     impacts = found.record.impacts
-    drawn = torch.tensor(shown.execute_script("return energyEllipse(contact(3))"), dtype=torch.float64)
-    torch.testing.assert_close(drawn, energy_ellipse(impacts.W[3], impacts.v_c[3]), rtol=1e-4, atol=1e-6)
-    measured = shown.execute_script("return wrench(3, minus(measured(3), before(3)))")
-    assert measured == pytest.approx(impacts.wrench[3].tolist(), rel=1e-3, abs=1e-7)
-    momentum = shown.execute_script("return Math.hypot(...contact(3).centre)")
+    into_view(shown, "impulse")
+    shown.execute_script("select(3)")
+    trace = "get('impulse').data.find(one => one.meta === '{}')"
+    until(shown, f"{trace.format('Measured')}.y[0].toFixed(1) === '{1e3 * impacts.wrench[3, 1]:.1f}'")
+
+    def drawn(name):
+        return (
+            1e-3
+            * torch.tensor(shown.execute_script(f"const one = {trace.format(name)}; return [one.x, one.y]")).mT.double()
+        )
+
+    W, v_c = impacts.W[3], impacts.v_c[3]
+    size = energy_ellipse(W, v_c).abs().max()
+    energy = -(v_c * torch.linalg.solve(W, -v_c)).sum() / 2
+    assert energy_excess(W, v_c, drawn("ellipse")).abs().max() < 1e-2 * energy.abs()
+    extent = energy_ellipse(W, v_c).aminmax(dim=0)
+    for end, known in zip(drawn("ellipse").aminmax(dim=0), extent, strict=True):
+        torch.testing.assert_close(end, known, rtol=0, atol=2e-3 * size.item())
+    assert admissible(W, v_c, drawn("admissible"), tolerance=1e-2).all()
+    compressed = v_c[1] + drawn("Maximum compression") @ W[1]
+    assert compressed.abs().max() < 1e-2 * v_c.norm()
+    sticking = v_c[0] + drawn("Sticking") @ W[0]
+    assert sticking.abs().max() < 1e-2 * v_c.norm()
+    torch.testing.assert_close(drawn("Measured")[0], impacts.wrench[3, :2], rtol=0, atol=1e-3 * size.item())
+    momentum = 1e-3 * shown.execute_script("return Math.hypot(arrays.ellipse(3, 0, 0), arrays.ellipse(3, 0, 1))")
     for k, law in enumerate(PAPER_LAWS):
-        most = find(law).at(1.0, 1.0).impulse(impacts.W[3], impacts.v_c[3])  # the last node of the reach
+        most = find(law).at(1.0, 1.0).impulse(W, v_c)  # the last node of the reach
         node = shown.execute_script(f"return [0, 1].map(j => arrays.reach({k}, 3, 8, 4, j))")
         assert [momentum * x for x in node] == pytest.approx(most.tolist(), abs=2e-3 * momentum)
 

@@ -1,8 +1,8 @@
 """Numbers for the figures of the page, which are those of the report: single-precision arrays in base64.
 
 trials   names, states, outcomes and variables of every trial, once for each data source
-model    v_post of the law alone and of the model, and what each effect changes, with every change of the model
-moved    v_post and what each effect changes, while a slider is dragged
+model    outcomes of the law alone and of the model, and what each effect changes, with every change of the model
+moved    outcomes and what each effect changes, while a slider is dragged
 trial    impulse and reach of every law for the selected trial
 """
 
@@ -18,11 +18,22 @@ from torch import Tensor
 from contactlearn.diagnosis.failure.variables import Variable
 from contactlearn.inference.evaluation.partial_residuals import changes, partial_residuals
 from contactlearn.laws import Law
-from contactlearn.mechanics.impacts import COMPONENTS, Impacts, Prediction
+from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
+from contactlearn.report.figures.effects import along
 from contactlearn.report.figures.style import array
 from contactlearn.report.page.effects import curve_content
-from contactlearn.report.page.trials import axis_content, axis_values, digits, map_variables, of_laws, outlines
+from contactlearn.report.page.trials import (
+    axis_content,
+    axis_values,
+    columns,
+    digits,
+    impulse_figure,
+    map_variables,
+    of_laws,
+    of_outcomes,
+    outlines,
+)
 from contactlearn.report.text import label
 from contactlearn.workbench.session import Window
 
@@ -32,16 +43,11 @@ _CURVE_TRIALS = 5000  # up to which curves are drawn
 
 def of_data(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
     """Return the trials of the page; the prediction decides which of them stick."""
-    fields = ("mass", "inertia", "r", "q", "v_pre", "v_post")
     return {
         "count": len(impacts),
         "name": list(impacts.trial),
         "object": list(impacts.object),
-        "columns": {
-            column: floats(values)
-            for name in fields
-            for column, values in zip(COMPONENTS[name], getattr(impacts, name).reshape(len(impacts), -1).T, strict=True)
-        },
+        "columns": {name: floats(values) for name, values in columns(impacts).items()},
         "outlines": outlines(impacts),
         "variables": [
             axis_content(one) | {"values": floats(axis_values(one))} for one in map_variables(impacts, prediction)
@@ -50,15 +56,15 @@ def of_data(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
 
 
 def of_model(impacts: Impacts, alone: Tensor, v_post: Tensor, model: ContactModel) -> dict[str, Any]:
-    """Return the outcomes [2, N, 3] of the law alone and of the model, and the curves of its effects."""
+    """Return the outcomes [2, N, …] of the law alone and of the model, and the curves of its effects."""
     partials = {name: partial_residuals(model, impacts, name) for name in _drawn(impacts, model)}
     return {
-        "v_post": floats(torch.stack((alone, v_post))),
+        **_outcomes(impacts, torch.stack((alone, v_post))),
         "effects": [
             {
                 "name": name,
                 "label": label(name),
-                "curve": {**curve_content(one), "x": floats(one.x), "own": torch.equal(one.x, one.explained)},
+                "curve": curve_content(one) | {"x": floats(along(one)[0]), "own": torch.equal(one.x, one.explained)},
             }
             for name, one in partials.items()
         ],
@@ -67,8 +73,12 @@ def of_model(impacts: Impacts, alone: Tensor, v_post: Tensor, model: ContactMode
 
 
 def of_moved(impacts: Impacts, v_post: Tensor, model: ContactModel) -> dict[str, Any]:
-    """Return the outcome [N, 3] of a model, and what each effect changes, [K, N, 3]: component and variable stay."""
-    return {"v_post": floats(v_post), "changes": floats(changes(model, impacts, _drawn(impacts, model)))}
+    """Return the outcomes [N, …] of a model, and what each effect changes, [K, N, 3]: component and variable stay."""
+    return _outcomes(impacts, v_post) | {"changes": floats(changes(model, impacts, _drawn(impacts, model)))}
+
+
+def _outcomes(impacts: Impacts, v_post: Float[Tensor, "*m n 3"]) -> dict[str, str]:
+    return {name: floats(values) for name, values in of_outcomes(impacts, v_post).items()}
 
 
 def _drawn(impacts: Impacts, model: ContactModel) -> list[str]:
@@ -79,9 +89,9 @@ def _drawn(impacts: Impacts, model: ContactModel) -> list[str]:
 def of_trial(impacts: Impacts, row: int, fitted: Mapping[str, Law]) -> dict[str, Any]:
     """Return the laws at their fitted parameters, and their impulses and reach for one trial."""
     laws, found = of_laws(impacts[[row]], fitted)
-    return {"row": row, "fitted": laws} | {
-        name: digits(values[:, 0].double().tolist()) for name, values in found.items()
-    }
+    ellipse = digits(found.pop("ellipse")[0])
+    arrays = {name: digits(values[:, 0].double().tolist()) for name, values in found.items()}
+    return {"row": row, "fitted": laws, "figure": impulse_figure(impacts, fitted), "ellipse": ellipse} | arrays
 
 
 def inside(windows: tuple[Window, ...], among: list[Variable]) -> Bool[Tensor, " n"]:

@@ -1,8 +1,10 @@
 """Callbacks of background runs: searches, saved runs and learning studies, with their progress."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
+import torch
 from dash import ClientsideFunction, Dash, Input, Output, State, ctx, no_update
 
 from contactlearn.core.errors import ContactLearnError
@@ -17,8 +19,10 @@ from contactlearn.diagnosis.events import (
     TaskProgress,
 )
 from contactlearn.report.events import event_lines
-from contactlearn.report.page.trials import bounded, plotly_style
-from contactlearn.report.text import law_label
+from contactlearn.report.figures.browser import as_plotly
+from contactlearn.report.figures.learning import learning_curve
+from contactlearn.report.figures.regions import ERROR
+from contactlearn.report.page.trials import digits
 from contactlearn.workbench import content
 from contactlearn.workbench.background import BackgroundRun, BackgroundRuns, RunStatus
 from contactlearn.workbench.commands import words_of
@@ -172,20 +176,16 @@ def _study_controls(run: BackgroundRun | None, step: LearningProgress | None) ->
     return _controls(run, 0.0 if step is None else step.done / max(step.total, 1), status)
 
 
-def _curves(run: BackgroundRun | None, step: LearningProgress | None) -> list[dict[str, Any]]:
-    """Return the learning curves so far, as the page draws them; empty before there are any."""
+def _curves(run: BackgroundRun | None, step: LearningProgress | None) -> dict[str, Any] | None:
+    """Return the figure of the learning curves so far; None before there are any."""
     if run is None or step is None or not isinstance(run.question, Session):
-        return []
-    law = run.question.law
-    return [
-        plotly_style(law)
-        | {
-            "label": f"{law_label(law)} alone" if name == ALONE else "The model",
-            "dash": "dot" if name == ALONE else "solid",
-            "level": False,
-            "sizes": [size for size, _ in points],
-            "intervals": [bounded(error) for _, error in points],
-        }
-        for name, points in step.errors.items()
-        if points
-    ]
+        return None
+    found = {name: dict(points) for name, points in step.errors.items() if points}
+    sizes, missing = sorted({size for points in found.values() for size in points}), (math.nan,) * 3
+    curves = {
+        run.question.law if name == ALONE else "The model": torch.tensor(
+            [tuple(points.get(size, missing)) for size in sizes], dtype=torch.float64
+        )
+        for name, points in found.items()
+    }
+    return digits(as_plotly(learning_curve(sizes, curves, {}, ERROR))) if curves else None

@@ -91,7 +91,7 @@ def _serve_scripts(app: Dash) -> None:
     report = resources.files("contactlearn.report.page") / "templates"
     own = resources.files("contactlearn.workbench") / "static"
     scripts = (own / name for name in ("sliders.js", "box.js", "page.js"))
-    parts = (own / "data.js", report / "numbers.js", report / "figures.js", *scripts)
+    parts = (own / "data.js", report / "figures.js", *scripts)
     script = "\n".join(part.read_text(encoding="utf-8") for part in parts)
     style = (report / "style.css").read_text(encoding="utf-8") + (own / "page.css").read_text(encoding="utf-8")
     library = (resources.files("plotly") / "package_data" / "plotly.min.js").read_bytes()

@@ -6,7 +6,7 @@ are drawn by scripts from the numbers that are sent (`arrays`).
 
 A page asks at /moved for the outcomes of a slider that is being dragged, without a round of callbacks:
 
-    {"address": …, "of": parameter, "value": number}  →  {"v_post", "changes", "summary"}, see `arrays.of_moved`
+    {"address": …, "of": parameter, "value": number}  →  {"summary", …}, see `arrays.of_moved`
 
 Releasing the slider is an action like any other.  `security` guards this path as it guards all others.
 """
@@ -161,7 +161,7 @@ class SessionCallbacks:
             trials = arrays.of_data(data.impacts, alone.model.predict(data.impacts)) | {"source": source}
         names = [law_label(session.law), content.model_title(session)]
         sent = arrays.of_model(data.impacts, alone.v_post, manual.v_post, manual.model)
-        return trials, sent | {"names": names, "count": len(data.impacts), "error": manual.error.mean}, address
+        return trials, sent | {"names": names, "count": len(data.impacts), "mean": manual.error.mean}, address
 
     def trial(self, address: str | None) -> tuple[Any, Any]:
         """Send the selected trial, and the trials in the windows of the map."""

@@ -1,22 +1,25 @@
 """All figures of a diagnosis by file name, and the ladder of held-out errors.
 
 drawn     audit, regions, residual, the curve of each effect, the ladder, the frontier
-ladder    law, effect after effect, Gaussian processes, noise
+ladder    law, effect after effect, Gaussian processes, noise; beside it the laws alone
 frontier  the best model of each number of effects
 """
+
+from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
 from contactlearn.data.audit.corrections import correct
-from contactlearn.diagnosis.result import Diagnosis
+from contactlearn.diagnosis.result import Diagnosis, RungKind
 from contactlearn.effects import EffectId
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import audit_figure, drawable
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.regions import ERROR, regions_figure
 from contactlearn.report.figures.residual import residual_figure
-from contactlearn.report.text import base_label, effect_label, rung_label
+from contactlearn.report.text import base_label, effect_label, error, rung_label
 
 
 def drawn(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
@@ -62,21 +65,36 @@ def _file(effect: EffectId) -> str:
 @st.look()
 def ladder_figure(found: Diagnosis) -> Figure:
     """Draw the held-out error of each rung with its 95 % interval; the IRB bound is a line."""
-    figure = st.new_figure(st.PAGE, 0.9 + 0.25 * len(found.ladder))
-    axes = st.name_axes(figure.subplots(), ERROR)
-    for place, rung in enumerate(found.ladder):
-        axes.barh(place, rung.error.mean, color=st.tint(st.CONTRAST[0], 0.45), height=0.6)
-        axes.plot((rung.error.low, rung.error.high), (place, place), color=st.DARK)
-    names = [st.plain(rung_label(rung, base_label(found)), 60) for rung in found.ladder]
-    axes.set_yticks(range(len(names)), names)
-    axes.tick_params(axis="y", length=0)
-    axes.invert_yaxis()
+    names = [rung_label(rung, base_label(found)) for rung in found.ladder]
+    physical = [rung.kind in (RungKind.LAW, RungKind.EFFECT) for rung in found.ladder]
+    figure = _bars(names, [rung.error for rung in found.ladder], physical)
     if found.budget is not None:
         style = st.law_style("irb")
-        bound = found.budget.bound.mean
-        axes.axvline(bound, color=style.color, linestyle=style.linestyle, label=style.label)
-    axes.set_xlim(left=0)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center")
+        look = {"color": style.color, "linestyle": style.linestyle, "zorder": 0.5}
+        figure.axes[0].axvline(found.budget.bound.mean, **look, label=style.label)
+        figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center")
+    return figure
+
+
+@st.look()
+def laws_figure(found: Diagnosis) -> Figure:
+    """Draw the held-out error of each law without effects, the least first."""
+    laws = sorted(found.laws, key=lambda one: one.error)
+    errors = [Interval(one.error, one.error, one.error) for one in laws]
+    return _bars([st.law_style(one.name).label for one in laws], errors, [True] * len(laws))
+
+
+def _bars(names: Sequence[str], errors: Sequence[Interval], physical: Sequence[bool]) -> Figure:
+    """Errors from top to bottom, each below its number and name; models without physics are grey."""
+    figure = st.new_figure(st.PAGE, 0.7 + 0.38 * len(names))
+    axes = st.name_axes(figure.subplots(), ERROR)
+    blue, grey, places = st.tint(st.CONTRAST[0], 0.45), st.tint(st.DARK, 0.2), range(len(names))
+    axes.barh(places, [x.mean for x in errors], color=[blue if one else grey for one in physical], height=0.42)
+    axes.hlines(places, [x.low for x in errors], [x.high for x in errors], color=st.DARK, linewidth=1.8)
+    for place, name in enumerate(names):
+        axes.text(0, place - 0.24, f"{error(errors[place].mean)}  {st.plain(name, 60)}", va="bottom")
+    axes.set(xlim=(0, 1.04 * max(x.high for x in errors)), ylim=(len(names) - 0.6, -0.8))
+    axes.set_yticks([])
     return figure
 
 

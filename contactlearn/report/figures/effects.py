@@ -1,83 +1,110 @@
 """Effect by effect: its partial residuals and the curve that it explains of them."""
 
-from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-from jaxtyping import Float
+import torch
+from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from torch import Tensor
 
-from contactlearn.inference.evaluation.partial_residuals import Partial, binned
+from contactlearn.core.numerics import wrapped
+from contactlearn.inference.evaluation.partial_residuals import Partial
 from contactlearn.report.figures import style as st
 from contactlearn.report.text import label
 
-_COLOR = st.CONTRAST[1]
+_BLUE, _EFFECT, _ = st.CONTRAST
+_REST = "Residual of the ticked model, mean"
+_PINK, _GREY = st.tint(_EFFECT, 0.7), st.tint(st.DARK, 0.35)
+_GROUPS = 20
+_EMPTY = 0.1  # share of the range of the variable that interrupts a curve
+
+Groups = list[Int[Tensor, " k"] | None]
 
 
 @st.look()
-def effect_curve(partial: Partial, title: str | None = None) -> Figure:
+def effect_curve(partial: Partial, title: str | None = None, *, remaining: bool = False) -> Figure:
     """Draw the measured residuals without the effect, their mean along the variable, and the effect's own change.
 
-    A dot is a trial; many trials are drawn as their density.  Impulses and moments are in mN s and mN m s.  The axis
-    leaves out the outermost percent of the residuals on each side, unless the effect goes there.
+    A dot is a trial; many trials are drawn as their density.  Impulses and moments are in mN s and mN m s, angles in
+    degrees.  The axis leaves out the outermost percent of the residuals on each side, unless the effect goes there.
 
     Args:
         partial: residuals with and without the effect.
         title: the effect in words; its name if left out.
+        remaining: whether to add the mean residual of the whole model.
     """
-    milli = st.MILLI if "N" in partial.component_unit else 1.0
-    unit = ("m" if milli != 1 else "") + partial.component_unit
-    same = partial.variable_unit == partial.component_unit
-    shown = _Shown.of(partial, milli if same else 1.0, milli)
+    scale, unit = scaled_unit(partial.component_unit)
+    x, variable_unit = along(partial)
+    measured, explained, groups = scale * partial.measured, scale * partial.explained, grouped(x)
+    middle, ends = means(groups, x), _limits(measured, explained)
     figure = st.new_figure(st.COLUMN, 2.9)
-    along = f"{partial.variable} ({unit if same else partial.variable_unit})"
-    axes = st.name_axes(figure.subplots(), along, f"Residual of {partial.component} ({unit})")
-    _draw(axes, shown)
+    across = f"{partial.variable} ({variable_unit})"
+    axes = st.name_axes(figure.subplots(), across, f"Residual of {partial.component} ({unit})")
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.axhline(0, color=st.DARK, linewidth=0.6)
+    if len(x) > st.MANY:
+        shown = (measured >= ends[0]) & (measured <= ends[1])
+        st.draw_density(axes, st.array(x[shown]), st.array(measured[shown]), st.DARK).set_label("Trials, density")
+    else:
+        dots = {"linestyle": "none", "marker": ".", "rasterized": True}
+        _plot(axes, x, measured, "Trials", "measured", color=_GREY, markersize=2.5, zorder=1, **dots)
+        _plot(axes, x, explained, "Effect, by trial", "explained", color=_PINK, markersize=2, zorder=2, **dots)
+    mean = {"linestyle": "none", "marker": "o", "markersize": 3.5, "color": st.DARK, "zorder": 4}
+    _plot(axes, middle, means(groups, measured), "Trials, mean of a twentieth", "mean", **mean)
+    _plot(axes, middle, means(groups, explained), "Effect, mean", "effect", color=_EFFECT, linewidth=1.6, zorder=3)
+    if remaining:
+        look = {"marker": "s", "markersize": 4, "markerfacecolor": "white", "linewidth": 0.9, "zorder": 5}
+        _plot(axes, middle, means(groups, measured - explained), _REST, "rest", color=_BLUE, **look)
+    axes.set_ylim(*ends)
     axes.set_title(st.plain(label(partial.effect) if title is None else title))
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
-@dataclass(frozen=True)
-class _Shown:
-    """Partial residuals in the units of the axes: by trial, and means of groups along the variable."""
-
-    x: Float[np.ndarray, " n"]
-    measured: Float[np.ndarray, " n"]
-    explained: Float[np.ndarray, " n"]
-    middle: Float[np.ndarray, " bins"]
-    mean: Float[np.ndarray, " bins"]
-    curve: Float[np.ndarray, " bins"]
-
-    @classmethod
-    def of(cls, partial: Partial, along: float, up: float) -> "_Shown":
-        trials = partial.x * along, partial.measured * up, partial.explained * up
-        return cls(*map(st.array, (*trials, *binned(*trials))))
-
-    def limits(self) -> tuple[float, float]:
-        """Ends of the axis of residuals."""
-        ranked = sorted(self.measured)
-        cut = len(ranked) // 100
-        low, high = min(ranked[cut], self.explained.min(), 0), max(ranked[-1 - cut], self.explained.max(), 0)
-        return low - 0.05 * (high - low), high + 0.05 * (high - low)
+def scaled_unit(unit: str) -> tuple[float, str]:
+    """Return the factor and the unit in which a quantity is shown: impulses and moments in thousandths."""
+    return (st.MILLI, f"m{unit}") if "N" in unit else (1.0, unit)
 
 
-def _draw(axes: Axes, shown: _Shown) -> None:
-    axes.xaxis.set_major_locator(MaxNLocator(5))
-    axes.axhline(0, color=st.DARK, linewidth=0.6)
-    if len(shown.x) > st.MANY:
-        seen = (shown.measured >= shown.limits()[0]) & (shown.measured <= shown.limits()[1])
-        st.draw_density(axes, shown.x[seen], shown.measured[seen], st.DARK).set_label("Trials, density")
-    else:
-        axes.plot(
-            shown.x, shown.measured, ".", color=st.tint(st.DARK, 0.35), markersize=2.5, rasterized=True, label="Trials",
-            zorder=1,
-        )  # fmt: skip
-        axes.plot(
-            shown.x, shown.explained, ".", color=st.tint(_COLOR, 0.7), markersize=2, label="Effect, by trial", zorder=2
-        )
-    label = "Trials, mean of a twentieth"
-    axes.plot(shown.middle, shown.mean, "o", color=st.DARK, markersize=3.5, label=label, zorder=4)
-    axes.plot(shown.middle, shown.curve, color=_COLOR, linewidth=1.6, label="Effect, mean", zorder=3)
-    axes.set_ylim(*shown.limits())
+def along(partial: Partial) -> tuple[Float[Tensor, " n"], str]:
+    """Return the variable of partial residuals as it is shown, and its unit."""
+    if partial.variable_unit == "rad":
+        return wrapped(partial.x).rad2deg(), "°"
+    if partial.variable_unit == partial.component_unit:
+        scale, unit = scaled_unit(partial.variable_unit)
+        return scale * partial.x, unit
+    return partial.x, partial.variable_unit
+
+
+def grouped(x: Float[Tensor, " n"]) -> Groups:
+    """Divide trials into groups of about equal number along x; None where a tenth of the range is empty.
+
+    A few trials far from all others are in no group.
+    """
+    order, size = x.argsort(), len(x) / min(_GROUPS, len(x))
+    steps = x[order].diff()
+    breaks = (steps > _EMPTY * (x.max() - x.min())).nonzero()[:, 0] + 1
+    groups: Groups = []
+    for run in order.tensor_split(breaks.cpu()):
+        if len(run) > size / 3:
+            groups += [None] * bool(groups) + [*run.tensor_split(max(1, round(len(run) / size)))]
+    return groups
+
+
+def means(groups: Groups, y: Float[Tensor, " n"]) -> Float[Tensor, " groups"]:
+    """Average y over each group; nan where there is none."""
+    return torch.stack([torch.full_like(y.mean(), torch.nan) if group is None else y[group].mean() for group in groups])
+
+
+def _plot(axes: Axes, x: Tensor, y: Tensor, label: str, gid: str, **look: Any) -> None:
+    axes.plot(st.array(x), st.array(y), label=label, gid=gid, **look)
+
+
+def _limits(measured: Float[Tensor, " n"], explained: Float[Tensor, " n"]) -> tuple[float, float]:
+    """Ends of the axis of residuals."""
+    cut = len(measured) // 100
+    ranked = measured.sort().values
+    low, high = min(ranked[cut], explained.min(), 0), max(ranked[-1 - cut], explained.max(), 0)
+    return float(low - 0.05 * (high - low)), float(high + 0.05 * (high - low))

@@ -1,6 +1,8 @@
 """Impulse space of one impact (Fig. 2.3): admissible impulses, the reach of each law, prediction and measurement.
 
     reachable_impulses   one panel a law
+    compared_impulses    all laws in one panel, for a browser
+    reach                the region of impulses that a law can give: its image of a box of (μ, ε), as a union of cells
 
 Impulses are computed in N s and shown in mN s.  The figure number is that of Fazeli et al. (2017).
 """
@@ -18,6 +20,7 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch, Polygon
 from matplotlib.path import Path
+from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.inference.evaluation.bounds import irb
@@ -26,7 +29,6 @@ from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts, measured_impulse
 from contactlearn.report.figures import style as st
-from contactlearn.report.figures.reach import Cells, areas, clipped, reach
 
 _GUESS: dict[str, Any] = {"markersize": 8, "markeredgecolor": "white", "markeredgewidth": 0.7, "linestyle": "none"}
 _IRB = {"marker": st.LAW_STYLE["irb"].marker, "color": st.DARK, "markersize": 6, "markerfacecolor": "white"}
@@ -42,6 +44,10 @@ _LINES: dict[str, dict[str, Any]] = {
 _ADMISSIBLE: dict[str, Any] = {"facecolor": "#EFEFEF", "edgecolor": "none"}
 _ELLIPSE: dict[str, Any] = {"color": "#777777", "linewidth": 0.8}
 _HIGHEST = 8.5  # in, of the figure
+_JUMP = 0.03  # of the ellipse's size, between the corners of a cell
+_RESOLUTION = 4000  # steps across the ellipse: finer than a printer's dot
+
+Cells = Float[np.ndarray, "_ 4 2"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +105,29 @@ def reachable_impulses(
     return figure
 
 
+@st.look()
+def compared_impulses(trial: Impacts, laws: Mapping[str, Law]) -> Figure:
+    """Draw all laws and the reach and friction cone of the first in the impulse space of one impact.
+
+    The figure is for a browser, whose script exchanges the impact, the law and the `model`, here the measurement.
+    """
+    space = _space(trial, list(laws.values()), Box(), "momentum")
+    figure = st.new_figure(st.COLUMN, st.COLUMN)
+    axes = st.name_axes(figure.subplots(), "Tangential impulse $P_t$ (mN s)", "Normal impulse $P_n$ (mN s)")
+    _draw_panel(axes, space, 0)
+    for place, law in enumerate(space.laws[1:], 1):
+        style, guess = st.law_style(law.name), space.predicted[place] * st.MILLI
+        label = st.plain(style.label)
+        axes.plot(*guess, style.marker, color=style.color, **_GUESS, zorder=5, label=label, gid=f"law {place}")
+    mu, top = float(space.laws[0].mu), st.MILLI * space.ellipse[:, 1].max()
+    cone = {"color": st.law_style(space.laws[0].name).color, "linestyle": "--"}
+    axes.plot((-mu * top, 0, mu * top), (top, 0, top), **cone, zorder=3, label="Friction cone", gid="cone")
+    model = {"markerfacecolor": "white", "markeredgecolor": st.CONTRAST[1], "markersize": 10, "linestyle": "none"}
+    axes.plot(*space.points[0] * st.MILLI, "o", **model, zorder=6, label="Chosen model", gid="model")
+    axes.set_aspect("equal")
+    return figure
+
+
 def _space(trial: Impacts, laws: Sequence[Law], box: Box, target: str) -> _Space:
     """One impact, and its image under the laws."""
     W, v_c, measured = trial.W[0], trial.v_c[0], measured_impulse(trial, target)[0]
@@ -144,10 +173,11 @@ def _draw_panel(axes: Axes, space: _Space, place: int) -> None:
     style = st.law_style(space.laws[place].name)
     _draw_space(axes, space)
     _draw_reach(axes, space.reaches[place] * st.MILLI, style.color)
-    axes.plot(*space.predicted[place] * st.MILLI, style.marker, color=style.color, **_GUESS, zorder=5)
+    label, guess = st.plain(style.label), space.predicted[place] * st.MILLI
+    axes.plot(*guess, style.marker, color=style.color, **_GUESS, zorder=5, label=label, gid=f"law {place}")
     axes.plot(*space.points.T * st.MILLI, color=st.DARK, linewidth=0.8, zorder=6)
     for point, marker in zip(space.points, _MEASURED, strict=False):
-        axes.plot(*point * st.MILLI, **marker, linestyle="none", zorder=7)
+        axes.plot(*point * st.MILLI, **marker, linestyle="none", zorder=7, gid=marker["label"])
 
 
 def _name_panel(axes: Axes, space: _Space, place: int, columns: int) -> None:
@@ -171,22 +201,23 @@ def _draw_reach(axes: Axes, cells: Cells, color: str) -> None:
         codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(corners))
         path = Path(closed.reshape(-1, 2), codes)
         look = {"facecolor": fill, "edgecolor": fill, "linewidth": linewidth, "joinstyle": "round"}
-        axes.add_artist(PathPatch(path, **look, zorder=3))  # add_patch would fit the axes to every corner, slowly
+        name = {"label": "Reach over (μ, ε)", "gid": "reach"} if fill == color else {}
+        axes.add_artist(
+            PathPatch(path, **look, **name, zorder=3)
+        )  # add_patch would fit the axes to all corners, slowly
 
 
 def _draw_space(axes: Axes, space: _Space) -> None:
     """Energy ellipse, admissible impulses, and the lines of the contact's kinematics."""
     W, v_c, ellipse = st.array(space.trial.W[0]), st.array(space.trial.v_c[0]), space.ellipse * st.MILLI
     admissible = clipped(clipped(ellipse[:-1], np.array((0.0, 1.0)), 0.0), W[1], -v_c[1] * st.MILLI)
-    axes.add_patch(Polygon(admissible, **_ADMISSIBLE, zorder=1))
-    axes.plot(*ellipse.T, **_ELLIPSE, zorder=2)
-    centre = -np.linalg.solve(W, v_c) * st.MILLI
-    # Both lines are chords through the centre: P = centre ± d with dᵀ W d = v_cᵀ M_c v_c.
-    for direction, line in zip(((W[1, 1], -W[0, 1]), (W[0, 1], -W[0, 0])), list(_LINES.values())[:2], strict=True):
-        d = np.array(direction)
-        d *= np.sqrt(-(v_c @ centre) * st.MILLI / (d @ W @ d))
-        axes.plot(*np.stack((centre - d, centre + d)).T, **line, zorder=4)
-    axes.axvline(0, **_LINES["No friction"], zorder=4)
+    axes.add_patch(Polygon(admissible, **_ADMISSIBLE, zorder=1, label="Admissible", gid="admissible"))
+    axes.plot(*ellipse.T, **_ELLIPSE, zorder=2, label="Energy ellipse", gid="ellipse")
+    centre, compression, _, sticking = st.array(ellipse_vectors(space.trial.W, space.trial.v_c)[0]) * st.MILLI
+    for chord, name in zip((compression, sticking), ("Maximum compression", "Sticking"), strict=True):
+        ends = np.stack((centre - chord, centre + chord))
+        axes.plot(*ends.T, **_LINES[name], zorder=4, label=name, gid=name)
+    axes.axvline(0, **_LINES["No friction"], zorder=4, label="No friction")
 
 
 def _title(figure: Figure, trial: Impacts, columns: int) -> None:
@@ -214,3 +245,73 @@ def _legend(figure: Figure, space: _Space, columns: int) -> None:
         list(handles.values()), list(handles), loc="outside lower center", ncols=columns, columnspacing=1.0,
         handlelength=2.0, handletextpad=0.6, handler_map={tuple: HandlerTuple(ndivide=None, pad=0.6)},
     )  # fmt: skip
+
+
+# --- The region that a law can give ----------------------------------------------------------------
+
+
+def ellipse_vectors(W: Float[Tensor, "*b 2 2"], v_c: Float[Tensor, "*b 2"]) -> Float[Tensor, "*b 4 2"]:
+    """Return centre −M_c v_c of the energy ellipse and its chords c, n and s [..., 4, 2] in N s.
+
+    The ellipse is centre + cos φ c + sin φ n.  On centre ± c, the line of maximum compression, the contact has no
+    normal velocity, and beyond it, sin φ > 0, it separates; on centre ± s it sticks.  dᵀ W d = v_cᵀ M_c v_c of each.
+    """
+    centre = -(rigid_body.effective_inertia(W) @ v_c[..., None])[..., 0]
+    none = torch.zeros_like(W[..., 0, 0])
+    components = ((W[..., 1, 1], -W[..., 0, 1]), (none, W[..., 1, 1]), (W[..., 0, 1], -W[..., 0, 0]))
+    chords = torch.stack([torch.stack(pair, -1) for pair in components], -2)
+    size = -(v_c * centre).sum(-1, keepdim=True) / ((chords @ W) * chords).sum(-1)
+    return torch.cat((centre[..., None, :], chords * size.clamp_min(0).sqrt()[..., None]), -2)
+
+
+def grid(box: Box, nodes: tuple[int, int], finer: int = 1) -> tuple[Float[Tensor, " a"], Float[Tensor, " b"]]:
+    """Nodes of μ, quadratically spaced, and of ε in a box; `finer` steps lie between each two of `nodes`."""
+    u, w = (torch.linspace(0, 1, finer * (count - 1) + 1, dtype=torch.float64) for count in nodes)
+    return box.mu[0] + u**2 * (box.mu[1] - box.mu[0]), box.eps[0] + w * (box.eps[1] - box.eps[0])
+
+
+def reach(
+    law: Law,
+    W: Float[Tensor, "2 2"],
+    v_c: Float[Tensor, "2"],
+    box: Box,
+    nodes: tuple[int, int] = (65, 33),
+    finer: int = 4,
+) -> Cells:
+    """The cells of a (μ, ε) grid as a law maps them, each as its four corners in N s, counter-clockwise.
+
+    Sticking makes μ void, and maps many cells onto one; one of them is kept.  Where P̂ jumps (Whittaker's does) a cell
+    would hold impulses that the law cannot give: it is split, and parts that jump still are left out.
+    """
+    mu, eps = grid(box, nodes, finer)
+    P = st.array(law.at(mu[:, None], eps).impulse(W, v_c))
+    size = np.linalg.norm(np.ptp(st.array(rigid_body.energy_ellipse(W, v_c)), axis=0))
+    parts, coarse = _cells(P), _cells(P[::finer, ::finer])
+    jumps = np.linalg.norm(np.ptp(parts, axis=2), axis=-1) > _JUMP * size
+    split = jumps.reshape(nodes[0] - 1, finer, nodes[1] - 1, finer).any((1, 3))
+    parts = parts[~jumps & split.repeat(finer, 0).repeat(finer, 1)]
+    unit = size / _RESOLUTION
+    cells = np.round(np.concatenate((coarse[~split], parts)) / unit)
+    cells = np.where((areas(cells) < 0)[:, None, None], cells[:, ::-1], cells)
+    return np.unique(cells, axis=0) * unit
+
+
+def areas(cells: Cells) -> Float[np.ndarray, " cells"]:
+    """Signed areas of cells."""
+    across, up = cells[:, 2] - cells[:, 0], cells[:, 3] - cells[:, 1]
+    return 0.5 * (across[:, 0] * up[:, 1] - across[:, 1] * up[:, 0])
+
+
+def clipped(polygon: Float[np.ndarray, "n 2"], normal: Float[np.ndarray, "2"], bound: float) -> np.ndarray:
+    """The part of a convex polygon where normal·P ≥ bound."""
+    kept = []
+    height = polygon @ normal - bound
+    for p, q, h, k in zip(polygon, np.roll(polygon, -1, 0), height, np.roll(height, -1), strict=True):
+        kept += [p] if h >= 0 else []
+        kept += [p + h / (h - k) * (q - p)] if h * k < 0 else []
+    return np.array(kept)
+
+
+def _cells(P: Float[np.ndarray, "a b 2"]) -> Float[np.ndarray, "c d 4 2"]:
+    """Corners of the cells between nodes, c = a − 1 by d = b − 1."""
+    return np.stack((P[:-1, :-1], P[1:, :-1], P[1:, 1:], P[:-1, 1:]), 2)

@@ -171,7 +171,9 @@ def _class_panels(names: Iterable[str], height: float) -> tuple[Figure, list[tup
     """A panel of the Class I models and one of all others, if there are any: axes, title, names."""
     first, reinforced = _among(names, st.CLASS_I), _among(names, st.CLASS_II)
     rest = [name for name in names if name not in first]
-    second = "Class II: data-reinforced" + ", and others" * (rest != reinforced) if reinforced else "Others"
+    second = (
+        "Class II: data-reinforced" + ", and others" * (rest != reinforced) if reinforced else "Others" * bool(first)
+    )
     groups = [(title, names) for title, names in (("Class I: data-driven", first), (second, rest)) if names]
     rows = max(len(first), len(rest))
     figure = st.new_figure(st.PAGE if len(groups) > 1 else st.COLUMN, height + st.ROW * rows)

@@ -75,7 +75,8 @@ def _draw_region(axes: Axes, region: Region, variable: Variable, errors: Mapping
         axes.set_xlabel("")
     axes.set_xlim(ends)
     axes.set_ylim(0, law.quantile(0.98).item())
-    title = st.plain(fix_spacing(region.where), 60), st.plain(phrase("region_error", region), 60)
+    text = wrap(phrase("region_error", region).replace(" = ", "\u00a0=\u00a0"), 48)
+    title = st.plain(fix_spacing(region.where), 60), *text
     axes.set_title("\n".join(title))
 
 

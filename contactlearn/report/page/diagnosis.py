@@ -9,17 +9,26 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor
 
-from contactlearn.diagnosis.result import Choices, Diagnosis, ErrorBudget, Finding, Record, Region
+from contactlearn.diagnosis.result import Choices, Diagnosis, ErrorBudget, Finding, Region
 from contactlearn.effects import EffectId
-from contactlearn.laws import Law
+from contactlearn.report.figures.browser import as_plotly, plotly_style
+from contactlearn.report.figures.diagnosis import ladder_figure, laws_figure
 from contactlearn.report.page.arrays import packed
 from contactlearn.report.page.effects import effect_content, experiment_content, residual_content
 from contactlearn.report.page.page import write
 from contactlearn.report.page.reproduce import reproduced
 from contactlearn.report.page.sample import places, sample_content, thinned
-from contactlearn.report.page.trials import REACH, bounded, digits, finely, of_laws, of_trials, plotly_style
+from contactlearn.report.page.trials import (
+    STEPS,
+    bounded,
+    digits,
+    finely,
+    impulse_figure,
+    of_laws,
+    of_outcomes,
+    of_trials,
+)
 from contactlearn.report.text import (
     base_label,
     capitalize_first,
@@ -77,7 +86,7 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
     if found.record is None or found.choices is None or found.budget is None:
         return content
     models = _models(found, found.choices)
-    told = {"telling": _telling(found)}
+    told = {"telling": _telling(found), "figures": _figures(found)}
     shown = replace(found, record=thinned(found.record, found.sample))
     return content | told | _ladder(found) | _budget(found, found.budget) | models | _effects(shown) | _arrays(shown)
 
@@ -97,6 +106,11 @@ def _telling(found: Diagnosis) -> list[dict[str, str]]:
     if len(found.missing) < _TELLING:
         figures.append({"id": "telling-laws", "what": "The laws without effects"})
     return figures
+
+
+def _figures(found: Diagnosis) -> dict[str, Any]:
+    """The figures that no choice changes, by their place on the page."""
+    return {"rungs": digits(as_plotly(ladder_figure(found))), "telling-laws": digits(as_plotly(laws_figure(found)))}
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
@@ -209,17 +223,10 @@ def _arrays(found: Diagnosis) -> dict[str, Any]:
     """Trials, the laws' impulses and reach, the outcome of every choice, the change by each effect."""
     record = found.record
     assert record is not None
-    fitted, arrays = of_laws(record.impacts, _fitted(found))
-    arrays |= _outcomes(record)
-    trials = of_trials(record.impacts, record.base.predict(record.impacts))
-    return {"fitted": fitted, "trials": trials, **packed(arrays, {"reach": REACH, "torn": 1.0})}
-
-
-def _outcomes(record: Record) -> dict[str, Tensor]:
-    explained = [partial.explained for partial in record.residuals]
-    return {"v_post": record.outcomes} | ({"explained": torch.stack(explained, -1)} if explained else {})
-
-
-def _fitted(found: Diagnosis) -> Mapping[str, Law]:
-    """Each law alone, with the parameters fitted to all trials."""
-    return {one.name: one.law() for one in found.laws}
+    impacts, laws = record.impacts, {one.name: one.law() for one in found.laws}  # fitted to all trials
+    fitted, arrays = of_laws(impacts, laws)
+    arrays |= of_outcomes(impacts, record.outcomes)
+    if record.residuals:
+        arrays["explained"] = torch.stack([partial.explained for partial in record.residuals], -1)
+    trials = of_trials(impacts, record.base.predict(impacts))
+    return {"fitted": fitted, "impulses": impulse_figure(impacts, laws), "trials": trials, **packed(arrays, STEPS)}

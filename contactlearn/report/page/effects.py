@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 from contactlearn.diagnosis.result import Experiment, FittedParameter, Formula, MissingEffect, Region, Remainder, Rival
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, Partial
+from contactlearn.report.figures.browser import as_plotly
+from contactlearn.report.figures.effects import along, effect_curve, grouped, scaled_unit
 from contactlearn.report.page.trials import bounded, digits, finely
 from contactlearn.report.text import (
     WRENCH,
@@ -70,16 +72,23 @@ def _rival(rival: Rival) -> dict[str, Any]:
 
 
 def curve_content(partial: Partial) -> dict[str, Any]:
-    """Return the axes of partial residuals: the component of the wrench or velocity, and the variable by trial."""
-    quantity = next(name for name, parts in QUANTITIES.items() if partial.component in dict(parts))
+    """Return the figure of partial residuals, and the arrays from which a script draws another model in it.
+
+    `quantity` and `component` are where the outcomes hold what is drawn, `scale` its unit in that of `explained`;
+    `groups` are the trials of each mean, null where the curve is interrupted.
+    """
+    name = next(name for name, parts in QUANTITIES.items() if partial.component in dict(parts))
+    figure, (x, _) = as_plotly(effect_curve(partial, "", remaining=True)), along(partial)
+    for trace in figure["data"]:
+        if trace["meta"] in ("measured", "explained"):
+            trace |= {"x": [], "y": []}
     return {
-        "quantity": quantity,
-        "component": [letter for letter, _ in QUANTITIES[quantity]].index(partial.component),
-        "letter": partial.component,
-        "unit": partial.component_unit,
-        "variable": partial.variable,
-        "variable_unit": "" if partial.variable_unit == "–" else partial.variable_unit,
-        "x": digits(partial.x, 4),
+        "figure": digits(figure),
+        "quantity": "v_post" if name == "velocity" else name,
+        "component": [letter for letter, _ in QUANTITIES[name]].index(partial.component),
+        "scale": scaled_unit(partial.component_unit)[0],
+        "x": digits(x, 4),
+        "groups": [None if group is None else group.tolist() for group in grouped(x)],
     }
 
 

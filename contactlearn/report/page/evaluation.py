@@ -6,12 +6,16 @@ from typing import Any
 
 import torch
 
-from contactlearn.inference.evaluation.metrics import METRICS
+from contactlearn.inference.evaluation.metrics import METRICS, mass_error
 from contactlearn.laws import find
+from contactlearn.report.figures.browser import as_plotly, plotly_style
+from contactlearn.report.figures.comparison import error_comparison
+from contactlearn.report.figures.learning import learning_curve
+from contactlearn.report.figures.regions import ERROR
 from contactlearn.report.figures.style import BOUNDS
 from contactlearn.report.page.arrays import packed
 from contactlearn.report.page.reproduce import reproduced
-from contactlearn.report.page.trials import REACH, finely, of_laws, of_trials, plotly_style
+from contactlearn.report.page.trials import STEPS, digits, finely, impulse_figure, of_laws, of_outcomes, of_trials
 from contactlearn.report.text import model_labels, phrase, phrases
 from contactlearn.results.estimates import ModelErrors
 from contactlearn.results.evaluation import Evaluation
@@ -35,7 +39,7 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
     closest = min(laws, key=lambda name: result.errors[name].headline.mean)
     fitted, arrays = of_laws(test, laws)
     said = _sentences(result, labels, closest, len(test))
-    arrays["v_post"] = torch.stack([predictions[name].v_post for name in names])
+    arrays |= of_outcomes(test, torch.stack([predictions[name].v_post for name in names]))
     return {
         "title": f"Evaluation on {test.source}",
         "verdict": {
@@ -51,10 +55,25 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
         "yardstick": names.index(closest),
         "trials": of_trials(test, predictions[closest]),
         "fitted": fitted,
+        "impulses": impulse_figure(test, laws),
         "curves": _curves(result),
+        "figures": _figures(result, held_out, {name: labels[name] for name in names}),
         "reproduce": reproduced(result.provenance),
-        **packed(arrays, {"reach": REACH, "torn": 1.0}),
+        **packed(arrays, STEPS),
     }
+
+
+def _figures(result: Evaluation, held_out: HeldOut, labels: Mapping[str, str]) -> dict[str, Any]:
+    """The figures that no choice changes, by their place on the page."""
+    errors = {label: mass_error(held_out.impacts, held_out.predictions[name]) for name, label in labels.items()}
+    intervals = {label: tuple(result.errors[name].headline) for name, label in labels.items()}
+    figures = {"distributions": error_comparison(errors, intervals, ERROR)}
+    if result.learning_curves:
+        curves = {name: torch.tensor([*map(tuple, one.headline)]) for name, one in result.learning_curves.items()}
+        bounds = {name: result.errors[name].headline for name in BOUNDS if name in result.errors}
+        sizes = next(iter(result.learning_curves.values())).sizes
+        figures["curve"] = learning_curve(sizes, curves, bounds, ERROR)
+    return {place: digits(as_plotly(figure)) for place, figure in figures.items()}
 
 
 def _model(name: str, label: str, errors: ModelErrors) -> dict[str, Any]:

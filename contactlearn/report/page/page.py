@@ -17,7 +17,7 @@ from contactlearn.report.page.arrays import compressed
 from contactlearn.report.text import brief_interval, error, fix_spacing, number, percent
 
 FILE = "report.html"
-_SCRIPTS = ("data.js", "numbers.js", "figures.js", "live.js")
+_SCRIPTS = ("data.js", "figures.js", "live.js")
 _ESCAPED = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
 

@@ -8,48 +8,65 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.diagnosis.failure.variables import Variable, variables
-from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.bodies import shapes_among
 from contactlearn.mechanics.impacts import COMPONENTS, Impacts, Prediction
-from contactlearn.report.figures.reach import grid
-from contactlearn.report.figures.style import law_style
+from contactlearn.report.figures.browser import as_plotly, plotly_style
+from contactlearn.report.figures.impulse_space import compared_impulses, ellipse_vectors, grid
+from contactlearn.report.figures.style import MILLI
 
 EMBEDDED = 1500
 """Trials of a large table that its page has one by one, at most."""
-REACH = 0.002
-"""Step of reachable impulses, in units of the momentum of the contact."""
+STEPS = {"reach": 0.002, "torn": 1.0, "parts": 0.004}
+"""Steps of the arrays of a page: reachable impulses are in units of the momentum of the contact."""
 _NODES, _FINER = (9, 5), 4  # of μ and ε; between two of them, to see where an impulse jumps
 _JUMP = 0.15  # of the momentum, between neighbours of the finer grid
-_SYMBOLS = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle-up", "v": "triangle-down", "P": "cross",
-            "X": "x", "*": "star", "h": "hexagon", "<": "triangle-left"}  # fmt: skip
-_DASHES = {"-": "solid", "--": "dash", "-.": "dashdot"}
 
 
 def of_trials(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
-    """Return names, states, outcomes, the outlines of bodies, and the variables in which the map is drawn.
+    """Return names, states, outcomes with their wrench, the outlines of bodies, and the variables of the map.
 
     Args:
         impacts: of the page.
         prediction: of the law; it decides which trials stick.
     """
-    fields = ("mass", "inertia", "r", "q", "v_pre", "v_post")
-    columns = {
-        column: digits(values, 6)
-        for name in fields
-        for column, values in zip(COMPONENTS[name], getattr(impacts, name).reshape(len(impacts), -1).T, strict=True)
-    }
     return {
         "count": len(impacts),
         "name": list(impacts.trial),
         "object": list(impacts.object),
-        **columns,
+        **{name: digits(values, 6) for name, values in columns(impacts).items()},
         "outlines": outlines(impacts),
         "variables": [
             axis_content(one) | {"values": digits(axis_values(one), 4)} for one in map_variables(impacts, prediction)
         ],
+    }
+
+
+def columns(impacts: Impacts) -> dict[str, Float[Tensor, " n"]]:
+    """Return contact point, pose and velocities of every trial by column, and its wrench in mN s and mN m s."""
+    found = {
+        column: values
+        for name in ("r", "q", "v_pre", "v_post")
+        for column, values in zip(COMPONENTS[name], getattr(impacts, name).T, strict=True)
+    }
+    return found | dict(zip(("P_t", "P_n", "tau"), MILLI * impacts.wrench.T, strict=True))
+
+
+def of_outcomes(impacts: Impacts, v_post: Float[Tensor, "m n 3"]) -> dict[str, Tensor]:
+    """Return what M models predict: `v_post`, the `wrench` to it [M, N, 3] in mN s and mN m s, and their errors.
+
+    `error` [M, N] is the mass error, `parts` [M, N, 3] are the shares of its square in v_x, v_y and ω.
+    """
+    wrench = rigid_body.measured_wrench(impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, v_post)
+    parts = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1) * (v_post - impacts.v_post).square()
+    return {
+        "v_post": v_post,
+        "wrench": MILLI * wrench,
+        "error": mass_error(impacts, Prediction(v_post, wrench)),
+        "parts": (parts / parts.sum(-1, keepdim=True)).nan_to_num(0.0),
     }
 
 
@@ -59,8 +76,9 @@ def outlines(impacts: Impacts) -> dict[str, Any]:
 
 
 def of_laws(impacts: Impacts, fitted: Mapping[str, Law]) -> tuple[list[dict[str, Any]], dict[str, Tensor]]:
-    """Return the laws at their fitted parameters, and arrays: their impulses [L, N, 2] in N s, and their reach.
+    """Return the laws at their fitted parameters, and arrays: their impulses [L, N, 2] in mN s, and their reach.
 
+    `ellipse` [N, 4, 2] are the vectors of `ellipse_vectors` in mN s.
     `reach` [L, N, A, B, 2] is the impulse at nodes of (μ, ε), in units of the momentum ‖M_c v_c‖; between nodes where
     `torn` [L, N, A − 1, B − 1] is 1 it jumps.
     """
@@ -71,7 +89,14 @@ def of_laws(impacts: Impacts, fitted: Mapping[str, Law]) -> tuple[list[dict[str,
     W, v_c = impacts.W, impacts.v_c
     impulses = torch.stack([law.impulse(W, v_c).detach() for law in fitted.values()])
     reach, torn = zip(*(_reach(law, W, v_c) for law in fitted.values()), strict=True)
-    return entries, {"impulse": impulses, "reach": torch.stack(reach), "torn": torch.stack(torn)}
+    found = {"impulse": MILLI * impulses, "ellipse": MILLI * ellipse_vectors(W, v_c)}
+    return entries, found | {"reach": torch.stack(reach), "torn": torch.stack(torn)}
+
+
+def impulse_figure(impacts: Impacts, fitted: Mapping[str, Law]) -> dict[str, Any]:
+    """Return the figure of impulse space in which a script shows any trial, here the first."""
+    figure = digits(as_plotly(compared_impulses(impacts[[0]], fitted)))
+    return figure | {"data": [trace | {"x": [], "y": []} for trace in figure["data"] if trace["meta"]]}
 
 
 def _reach(
@@ -86,14 +111,6 @@ def _reach(
     jumps = along[:, :, 1:] | across[:, 1:]
     cells = jumps.unflatten(2, (_NODES[1] - 1, _FINER)).unflatten(1, (_NODES[0] - 1, _FINER))
     return P[:, ::_FINER, ::_FINER], cells.any(4).any(2)
-
-
-def plotly_style(name: str) -> dict[str, str]:
-    """Return how plotly draws a law, bound or learned model."""
-    style = law_style(name)
-    line = style.linestyle
-    dash = _DASHES[line] if isinstance(line, str) else " ".join(f"{part}px" for part in line[1])
-    return {"label": style.label, "color": style.color, "symbol": _SYMBOLS[style.marker], "dash": dash}
 
 
 def digits(x: Any, count: int = 5) -> Any:

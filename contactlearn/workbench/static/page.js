@@ -5,9 +5,9 @@ const state = {
 };
 const drawn = {
   map: () => drawMap(state), picture: () => drawPicture(state), impulse: () => drawImpulse(state),
-  curve: drawLearning,
+  curve: () => show("curve", page.curve),
 };
-const needs = {map: () => errors, picture: () => true, impulse: () => page.arrays.reach, curve: () => page.curves};
+const needs = {map: () => errors, picture: () => true, impulse: () => page.arrays.reach, curve: () => page.curve};
 const stale = new Set(), near = new Set();
 
 // Actions that the server has not answered yet; it is sent all of them, so none is lost when answers are overtaken.
@@ -99,10 +99,10 @@ function showCurves() {
 function showTrial() {
   const line = get("trial-status");
   if (!trials || !errors || !line) return;
-  const i = state.trial, all = massErrors(state.model);
-  const parts = errorParts(state.model, i).map((part, k) => `${(100 * part).toFixed(0)} % in ${["v_x", "v_y", "ω"][k]}`);
+  const i = state.trial, all = errorsOf(state.model);
+  const parts = ["v_x", "v_y", "ω"].map((name, k) => `${(100 * arrays.parts(state.model, i, k)).toFixed(0)} % in ${name}`);
   line.textContent = `Trial ${trials.name[i]} of ${trials.object[i]}, θ = ${digits(trials.theta[i] * 180 / Math.PI)}°: error of the model ${
-    written(all[i])}, of the law alone ${written(massErrors(0)[i])}; of the squared error ${parts.join(", ")}.`;
+    written(all[i])}, of the law alone ${written(errorsOf(0)[i])}; of the squared error ${parts.join(", ")}.`;
 }
 
 // The mean errors inside the windows of the map and in the rest.
@@ -111,7 +111,7 @@ function showWindow() {
   if (!line || !trials) return;
   if (!rows?.length) { line.textContent = rows ? "No trial lies in these windows." : "Draw a box on the map to select trials, or click one."; return; }
   const inside = new Set(rows), mean = (model, is) => {
-    const some = massErrors(model).filter((_, i) => inside.has(i) === is);
+    const some = errorsOf(model).filter((_, i) => inside.has(i) === is);
     return some.length ? written(average(some)) : "–";
   };
   line.textContent = `${rows.length} of ${trials.count} trials are selected: mean error of the model ${mean(1, true)} (rest ${
@@ -136,8 +136,11 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
   },
   model(sent) {
     if (!sent || !trials || sent.count !== trials.count) return "";
-    const outcome = floats(sent.v_post), N = trials.count;
-    Object.assign(arrays, {outcome, v_post: (model, i, k) => outcome[(model * N + i) * 3 + k]});
+    const N = trials.count;
+    for (const [name, size] of Object.entries(OUTCOMES)) {
+      outcomes[name] = floats(sent[name]);
+      arrays[name] = (model, i, k = 0) => outcomes[name][(model * N + i) * size + k];
+    }
     errors = [];
     page.models = sent.names.map(name => ({name, label: name}));
     page.effects = sent.effects.map(one => ({...one, curve: {...one.curve, x: Array.from(floats(one.curve.x))}}));
@@ -149,15 +152,16 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
     showTrial();
     showWindow();
     shown();
-    return String(sent.error);
+    return String(sent.mean);
   },
   trial(sent) {
     if (!sent) return "";
     state.trial = sent.row;
-    page.fitted = sent.fitted;
+    Object.assign(page, {fitted: sent.fitted, impulses: sent.figure});
     state.law = Math.max(0, sent.fitted.findIndex(one => one.name === sent.law));
     page.arrays = {reach: {shape: [sent.reach.length, 1, sent.reach[0].length, sent.reach[0][0].length]}};
     arrays.impulse = (law, _, k) => sent.impulse[law][k];
+    arrays.ellipse = (_, vector, k) => sent.ellipse[vector][k];
     arrays.reach = (law, _, a, b, k) => sent.reach[law][a][b][k] ?? NaN;
     arrays.torn = (law, _, a, b) => sent.torn[law][a][b];
     if (arrays.v_post) showTrial();
@@ -180,9 +184,9 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
   },
   curve(sent) {
     if (!sent) return "";
-    page.curves = sent;
+    page.curve = sent;
     redraw("curve");
-    return String(sent.length);
+    return String(sent.data.length);
   },
   windows(sent) {
     if (!sent) return "";

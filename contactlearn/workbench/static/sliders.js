@@ -50,13 +50,13 @@ async function moved(one) {
   } catch { return null; }
 }
 
-function showMoved({v_post, changes, summary}) {
-  const N = trials.count, outcome = floats(v_post), change = floats(changes);
-  if (outcome.length !== 3 * N || change.length !== 3 * N * page.effects.length) return;  // of other data, or another model
-  arrays.outcome.set(outcome, 3 * N);
+function showMoved({changes, summary, ...outcome}) {
+  const N = trials.count, change = floats(changes);
+  if (floats(outcome.error).length !== N || change.length !== 3 * N * page.effects.length) return;  // of other data, or another model
+  for (const [name, size] of Object.entries(OUTCOMES)) outcomes[name].set(floats(outcome[name]), size * N);
   delete errors[1];
   arrays.explained = (i, k) => change[(k * N + i) * 3 + page.effects[k].curve.component];
-  page.effects.forEach(({curve}, k) => { if (curve.own) curve.x = trials.name.map((_, i) => arrays.explained(i, k)); });
+  page.effects.forEach(({curve}, k) => { if (curve.own) curve.x = trials.name.map((_, i) => curve.scale * arrays.explained(i, k)); });
   document.documentElement.dataset.moving = "yes";
   const [before, number, after] = summary, strong = document.createElement("b");
   strong.textContent = number;
@@ -73,9 +73,9 @@ function showMoved({v_post, changes, summary}) {
 
 // Plotly's way without legend, axes and margins.
 function moveCurve(id, k) {
-  const {traces} = curveFigure(state, k), frame = {duration: 0, redraw: false};
-  const data = traces.map(({x, y}) => ({x, y, marker: {maxdisplayed: MOVED_DOTS}}));
-  Plotly.animate(id, {data, traces: [...traces.keys()]}, {mode: "immediate", transition: {duration: 0}, frame});
+  const found = curve(state, k), frame = {duration: 0, redraw: false}, metas = get(id).data.map(({meta}) => meta);
+  const data = metas.map(meta => ({x: found[meta].x, y: found[meta].y, marker: {maxdisplayed: MOVED_DOTS}}));
+  Plotly.animate(id, {data, traces: [...metas.keys()]}, {mode: "immediate", transition: {duration: 0}, frame});
 }
 
 // The page shows what the server has fitted, or moved, again.

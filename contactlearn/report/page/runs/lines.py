@@ -6,10 +6,11 @@ from typing import Any
 
 from contactlearn.core.numerics import is_number
 from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.report.figures.browser import plotly_style
 from contactlearn.report.figures.style import BOUNDS, MODEL_STYLE, STYLES
 from contactlearn.report.page.runs.rows import HASH, LAW, Row
 from contactlearn.report.page.runs.settings import Settings
-from contactlearn.report.page.trials import digits, plotly_style
+from contactlearn.report.page.trials import digits
 from contactlearn.report.text import effect_label
 
 SIZE = "train.size"

@@ -12,12 +12,13 @@ from urllib.parse import quote
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.report.figures.browser import plotly_style
 from contactlearn.report.page.page import FILE, render, save
 from contactlearn.report.page.runs.lines import learning_lines
 from contactlearn.report.page.runs.reading import Progress, absolute, read_runs, silent
 from contactlearn.report.page.runs.rows import HASH, LAW, Row, printable
 from contactlearn.report.page.runs.settings import Settings, shared, telling, varying
-from contactlearn.report.page.trials import digits, plotly_style
+from contactlearn.report.page.trials import digits
 from contactlearn.report.text import effect_label, interval, join_words, label
 from contactlearn.results.folder import is_run
 

@@ -17,38 +17,53 @@ function draw(id, traces, {summary, ...layout}) {
     modebar: {bgcolor: "rgba(0,0,0,0)", color: color("muted"), activecolor: color("accent")},
     ...themed, width: div.clientWidth, height: div.clientHeight,
   };
-  div.setAttribute("aria-label", summary ? `${div.dataset.what}. ${summary}` : div.dataset.what);
+  div.setAttribute("aria-label", `${div.dataset.what}. ${summary ?? described(traces, layout)}`);
   return Plotly.react(div, traces, whole, {
-    displaylogo: false, displayModeBar: id.startsWith("telling") || id === "rungs" ? false : "hover", showSendToCloud: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
+    displaylogo: false, displayModeBar: get(id).closest(".telling") ? false : "hover", showSendToCloud: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
     toImageButtonOptions: {format: "svg", filename: id},
   });
 }
 
-// Bars with their intervals, if they have one, each below its name; what is no model is grey.
-function drawBars(id, rows) {
-  const place = rows.map((_, k) => -k), ends = rows.map(one => one.high ?? one.mean);
-  return draw(id, [{
-    type: "bar", orientation: "h", y: place, x: rows.map(one => one.mean), width: 0.42, hoverinfo: "skip", showlegend: false,
-    marker: {color: rows.map(one => one.faint ? color("line") : color("bar"))},
-    error_x: {
-      type: "data", symmetric: false, color: color("text"), thickness: 2.5, width: 0,
-      array: rows.map(one => one.mean ? (one.high ?? one.mean) - one.mean : 0), arrayminus: rows.map(one => one.mean - (one.low ?? one.mean)),
-    },
-  }], {
-    margin: {l: 8, r: 15, t: 8, b: 45}, bargap: 0, xaxis: {title: {text: "Held-out mass error"}, range: [0, 1.04 * Math.max(...ends)]},
-    yaxis: {visible: false, range: [0.55 - rows.length, 0.75], fixedrange: true},
-    annotations: rows.map((one, k) => ({
-      x: 0, y: -k + 0.23, xanchor: "left", yanchor: "bottom", showarrow: false, align: "left",
-      text: `<b>${written(one.mean)}</b>  ${plain(one.name)}`, font: {size: narrow() ? 12 : 13},
-    })),
-    summary: rows.map(one => `${one.name}: ${written(one.mean)}`).join("; ") + ".",
-  });
+// What a figure shows, for those who do not see it: its notes, and each trace's one point or first and last.
+function described(traces, {annotations = []}) {
+  const bare = text => new DOMParser().parseFromString(text, "text/html").body.textContent;
+  const ends = ({x, y}) => (x.length > 1 ? [0, -1] : [0]).map(k => `(${[x, y].map(part => digits(part.at(k) ?? NaN)).join(", ")})`).join(" to ");
+  return [...annotations.map(one => bare(one.text)), ...traces.filter(one => one.name && one.x?.length).map(one => `${bare(one.name)} ${ends(one)}`)].join("; ");
 }
+
+// A figure that Python has built, in the colours of the page; `exchanged` has parts of its traces by their `meta`.
+function show(id, {data, layout}, exchanged = {}, changed = {}) {
+  const inks = ({color: ink, ...rest}) => ({...rest, ...(typeof ink === "string" ? {color: visible(ink)} : ink && {color: ink})});
+  const traces = data.map(trace => {
+    const {line, marker, ...rest} = exchanged[trace.meta] ?? {}, look = {...trace, ...rest};
+    const own = marker ?? {}, ground = trace.marker?.line && {line: inks(trace.marker.line)};
+    return {
+      ...look, line: inks({...trace.line, ...line}), ...(trace.marker && {marker: {...inks({...trace.marker, ...own}), ...ground}}),
+      ...(trace.fillcolor && {fillcolor: shade(look.fillcolor)}),
+    };
+  });
+  const panels = Object.keys(layout).filter(key => key.startsWith("xaxis")).map(key => key.slice(5)), size = 1 / panels.length;
+  const stacked = narrow() && panels.length > 1 ? Object.fromEntries(panels.flatMap((key, k) => [
+    [`xaxis${key}`, {...layout[`xaxis${key}`], domain: [0, 1]}],
+    [`yaxis${key}`, {...layout[`yaxis${key}`], domain: [1 - (k + 0.78) * size, 1 - (k + 0.08) * size]}],
+  ])) : {};
+  const shapes = (layout.shapes ?? []).map(one => ({...one, line: inks(one.line), ...(one.fillcolor && {fillcolor: shade(one.fillcolor)})}));
+  const notes = layout.annotations?.some(one => one.yref.endsWith("domain"));
+  return draw(id, traces, {margin: {l: 50, r: 15, t: notes ? 40 : 15, b: 45}, ...layout, ...stacked, shapes, ...changed});
+}
+
+const before = i => [trials.vx[i], trials.vy[i], trials.omega[i]];
+const measured = {
+  v_post: i => [trials.vx_post[i], trials.vy_post[i], trials.omega_post[i]],
+  wrench: i => [trials.P_t[i], trials.P_n[i], trials.tau[i]],
+};
+const predicted = (model, i) => [0, 1, 2].map(k => arrays.v_post(model, i, k));
+const errorsOf = model => errors[model] ??= trials.name.map((_, i) => arrays.error(model, i));
 
 // Error over two variables; the selected trial is ringed, if there is one, trials outside the region are faint.
 function drawMap(state, id = "map") {
-  const [x, y] = [state.across, state.up].map(k => trials.variables[k]), one = state.mapped(), error = massErrors(one);
-  const most = share(massErrors(page.yardstick), 0.97), region = page.regions?.[state.region];
+  const [x, y] = [state.across, state.up].map(k => trials.variables[k]), one = state.mapped(), error = errorsOf(one);
+  const most = share(errorsOf(page.yardstick), 0.97), region = page.regions?.[state.region];
   const inside = new Set(region?.rows), marked = region && !state.brush ? [region] : page.regions ?? [], name = page.models[one].label ?? page.models[one].name;
   const spread = variable => variable.labels.length
     ? variable.values.map((value, i) => value + 0.5 * (i * 0.618 % 1 - 0.5)) : variable.values;
@@ -148,7 +163,7 @@ function drawPicture(state) {
   const i = state.trial, r = [trials.rx[i], trials.ry[i]], theta = trials.theta[i], mm = 1000;
   const com = [-r[0] * mm, -r[1] * mm], size = Math.hypot(...r) * mm;
   const velocities = [
-    ["Before", before(i), "muted", "dot"], ["After, measured", measured(i), "text", "solid"],
+    ["Before", before(i), "muted", "dot"], ["After, measured", measured.v_post(i), "text", "solid"],
     ["After, predicted", predicted(state.model, i), "red", "dash"],
   ];
   const longest = Math.max(...velocities.map(([, v]) => Math.hypot(v[0], v[1])));
@@ -196,51 +211,38 @@ function drawPicture(state) {
   });
 }
 
-// Impulses of one impact: energy ellipse, admissible part, friction cone, laws, the reach of one, and the measurement.
+// Impulse space of the selected trial: the figure of Python with the arrays of this trial, law and model.
 function drawImpulse(state) {
-  const i = state.trial, at = contact(i), milli = 1000, {W, v, centre} = at;
-  const ellipse = energyEllipse(at), law = page.fitted[state.law], ink = visible(law.color);
-  const admissible = above(above(ellipse, p => p[1]), p => v[1] + W[1] * p[0] + W[2] * p[1]);
-  const line = (points, name, style) => ({
-    type: "scatter", mode: "lines", x: points.map(p => milli * p[0]), y: points.map(p => milli * p[1]), name, hoverinfo: "name", ...style,
-  });
-  const thin = dash => ({line: {color: color("muted"), width: 1.2, dash}});
-  const chord = direction => {  // through the centre, P = centre ± d with dᵀ W d = v_cᵀ M_c v_c
-    const [a, b] = direction, size = W[0] * a * a + 2 * W[1] * a * b + W[2] * b * b;
-    const d = Math.sqrt(Math.max(0, -(v[0] * centre[0] + v[1] * centre[1])) / size);
-    return [-1, 1].map(sign => [centre[0] + sign * d * a, centre[1] + sign * d * b]);
+  const i = state.trial, law = page.fitted[state.law], pair = at => [at(0), at(1)];
+  const [centre, across, up, along] = [0, 1, 2, 3].map(one => pair(k => arrays.ellipse(i, one, k)));
+  const turn = (from, to) => Array.from({length: 121}, (_, k) => from + (to - from) * k / 120)
+    .map(angle => pair(k => centre[k] + Math.cos(angle) * across[k] + Math.sin(angle) * up[k]));
+  const chord = half => [-1, 1].map(sign => pair(k => centre[k] + sign * half[k]));
+  const ellipse = turn(0, 2 * Math.PI), top = Math.max(...ellipse.map(p => p[1]));
+  const impulses = page.fitted.map((_, one) => pair(k => arrays.impulse(one, i, k)));
+  const model = pair(k => arrays.wrench(state.model, i, k)), real = measured.wrench(i).slice(0, 2);
+  const trace = points => ({x: points.map(p => p[0]), y: points.map(p => p[1])});
+  const ink = {color: law.color}, named = {
+    admissible: trace(pushing(turn(0, Math.PI))), ellipse: trace(ellipse),
+    "Maximum compression": trace(chord(across)), Sticking: trace(chord(along)),
+    reach: {...trace(reach(state.law, i, Math.hypot(...centre))), name: `Reach of ${plain(law.label)}`, fillcolor: law.color, opacity: 0.45, line: ink},
+    cone: {...trace([[-law.mu * top, top], [0, 0], [law.mu * top, top]]), name: `Friction cone, μ = ${digits(law.mu)}`, line: ink},
+    Measured: trace([real]), model: trace([model]),
   };
-  const top = Math.max(...ellipse.map(p => p[1])), cone = [[-law.mu * top, top], [0, 0], [law.mu * top, top]];
-  const given = page.fitted.map((_, k) => [arrays.impulse(k, i, 0), arrays.impulse(k, i, 1)]);
-  const real = wrench(i, minus(measured(i), before(i)));
-  const model = wrench(i, minus(predicted(state.model, i), before(i)));
-  const point = ([x, y], name, marker) => ({
-    type: "scatter", mode: "markers", x: [milli * x], y: [milli * y], name: plain(name), hoverinfo: "text",
-    text: `${plain(name)}: P = (${digits(milli * x)}, ${digits(milli * y)}) mN s`, marker,
-  });
-  const traces = [
-    line(admissible, "Admissible", {fill: "toself", fillcolor: "rgba(128,140,155,0.16)", line: {width: 0}}),
-    line(ellipse, "Energy ellipse", {line: {color: color("muted"), width: 1.5}}),
-    line(reach(state.law, i, Math.hypot(...centre)), `Reach of ${law.label}`, {
-      fill: "toself", fillcolor: ink, opacity: 0.45, line: {color: ink, width: 2}}),
-    line(cone, `Friction cone, μ = ${digits(law.mu)}`, {line: {color: ink, width: 1.5, dash: "dash"}}),
-    line(chord([W[2], -W[1]]), "Maximum compression", thin("dash")),
-    line(chord([W[1], -W[0]]), "Sticking", thin("dashdot")),
-    ...page.fitted.map((one, k) => point(given[k], one.label, {
-      symbol: one.symbol, color: visible(one.color), size: 12, line: {width: 1, color: color("ground")}})),
-    point(model, "Chosen model", {symbol: "circle-open", size: 16, color: color("red"), line: {width: 3}}),
-    point(real, "Measured", {symbol: "x-thin", size: 13, color: color("text"), line: {width: 3, color: color("text")}}),
-  ];
-  const points = [...ellipse, ...given, real, model];
+  impulses.forEach((one, k) => { named[`law ${k}`] = trace([one]); });
+  const points = [...ellipse, ...impulses, real, model], {xaxis, yaxis} = page.impulses.layout;
   const range = k => {
-    const low = Math.min(...points.map(p => milli * p[k])), high = Math.max(...points.map(p => milli * p[k]));
+    const low = Math.min(...points.map(p => p[k])), high = Math.max(...points.map(p => p[k]));
     return [low - 0.08 * (high - low), high + 0.08 * (high - low)];
   };
-  return draw("impulse", traces, {
-    xaxis: {title: {text: "Tangential impulse P_t (mN s)"}, range: range(0)},
-    yaxis: {title: {text: "Normal impulse P_n (mN s)"}, range: range(1), scaleanchor: "x"},
-    summary: `Measured P = (${digits(milli * real[0])}, ${digits(milli * real[1])}) mN s; ` + page.fitted.map((one, k) =>
-      `${one.label} (${digits(milli * given[k][0])}, ${digits(milli * given[k][1])})`).join(", ") + ".",
+  return show("impulse", page.impulses, named, {xaxis: {...xaxis, range: range(0)}, yaxis: {...yaxis, range: range(1)}});
+}
+
+// The part of a convex polygon where the contact does not pull.
+function pushing(polygon) {
+  return polygon.flatMap((p, k) => {
+    const q = polygon[(k + 1) % polygon.length], cut = p[1] / (p[1] - q[1]);
+    return [...(p[1] >= 0 ? [p] : []), ...(p[1] * q[1] < 0 ? [[p[0] + cut * (q[0] - p[0]), 0]] : [])];
   });
 }
 
@@ -249,51 +251,32 @@ function reach(law, i, momentum) {
   const [, , A, B] = page.arrays.reach.shape, outlines = [];
   for (let a = 0; a + 1 < A; a++) for (let b = 0; b + 1 < B; b++) {
     if (arrays.torn(law, i, a, b)) continue;
-    const cell = [[a, b], [a + 1, b], [a + 1, b + 1], [a, b + 1]].map(node =>
-      [0, 1].map(k => momentum * arrays.reach(law, i, ...node, k)));
+    const cell = [[a, b], [a + 1, b], [a + 1, b + 1], [a, b + 1]].map(node => [0, 1].map(k => momentum * arrays.reach(law, i, ...node, k)));
     const [p, q, s, t] = cell, area = (s[0] - p[0]) * (t[1] - q[1]) - (s[1] - p[1]) * (t[0] - q[0]);
     const turned = area < 0 ? cell.reverse() : cell;
     outlines.push(...turned, turned[0], [null, null]);
   }
-  return outlines.map(p => p[0] === null ? [NaN, NaN] : p);
+  return outlines;
 }
 
-// Partial residuals of one effect, and the residual of the ticked model.
+// Partial residuals of one effect, and the residual of the ticked model, in the figure of Python.
 function drawCurve(state, k, id = `curve-${k}`) {
-  const {traces, layout} = curveFigure(state, k);
-  return draw(id, traces, {...layout, showlegend: id === `curve-${k}`});
+  const {figure} = page.effects[k].curve, found = curve(state, k), known = [...found.explained.y, ...found.rest.y.filter(value => value !== null), 0];
+  const ends = [share(found.measured.y, 0.01), share(found.measured.y, 0.99), ...known], low = Math.min(...ends), high = Math.max(...ends);
+  const range = [low - 0.05 * (high - low), high + 0.05 * (high - low)];
+  return show(id, figure, found, {yaxis: {...figure.layout.yaxis, range}, showlegend: id === `curve-${k}`});
 }
 
-function curveFigure(state, k) {
-  const {curve} = page.effects[k], {component, quantity} = curve;
-  const on = state.ticked(page.effects[k].name), wrenches = quantity === "wrench";
-  const milli = wrenches ? 1000 : 1, unit = `${wrenches ? "m" : ""}${curve.unit}`;
-  const [x, variableUnit] = curve.variable_unit === "rad" ? [curve.x.map(degrees), "°"]
-    : curve.variable_unit === curve.unit ? [curve.x.map(value => milli * value), unit] : [curve.x, curve.variable_unit];
-  const explained = trials.name.map((_, i) => milli * arrays.explained(i, k));
-  const residual = trials.name.map((_, i) => {
-    const difference = minus(measured(i), predicted(state.model, i));
-    return milli * (wrenches ? wrench(i, difference) : difference)[component];
-  });
-  const without = residual.map((value, i) => value + (on ? explained[i] : 0));
-  const groups = grouped(x), [middle, mean, effect, rest] = [x, without, explained, residual].map(y => means(groups, y));
-  const known = values => values.filter(value => value !== null);
-  const ends = [share(without, 0.01), share(without, 0.99), ...explained, ...known(rest), 0];
-  const low = Math.min(...ends), high = Math.max(...ends), dots = {type: "scatter", mode: "markers", hoverinfo: "skip"};
-  const traces = [
-    {...dots, x, y: without, name: "Trials without it", marker: {size: 3.5, color: color("muted"), opacity: 0.45}},
-    {...dots, x, y: explained, name: "Effect, by trial", marker: {size: 3, color: color("red"), opacity: 0.55}},
-    {type: "scatter", mode: "lines", x: middle, y: effect, name: "Effect, mean", line: {color: color("red"), width: 2.5, dash: on ? "solid" : "dot"}},
-    {type: "scatter", mode: "markers", x: middle, y: mean, name: "Trials, mean of a twentieth", marker: {size: 8, color: color("text")}},
-    {type: "scatter", mode: "lines+markers", x: middle, y: rest, name: "Residual of the ticked model, mean",
-     line: {color: color("accent"), width: 1.5}, marker: {size: 8, symbol: "square-open", color: color("accent"), line: {width: 2}}},
-  ];
-  return {traces, layout: {
-    xaxis: {title: {text: plain(curve.variable + (variableUnit && ` (${variableUnit})`))}, ...(variableUnit === "°" && quarters)},
-    yaxis: {title: {text: plain(`Residual of ${curve.letter} (${unit})`)}, range: [low - 0.05 * (high - low), high + 0.05 * (high - low)]},
-    summary: `The effect goes from ${digits(Math.min(...known(effect)))} to ${digits(Math.max(...known(effect)))} ${unit}; the mean residual of the ticked model from ${
-      digits(Math.min(...known(rest)))} to ${digits(Math.max(...known(rest)))} ${unit}.`,
-  }};
+function curve(state, k) {
+  const {quantity, component, scale, groups, x} = page.effects[k].curve, on = state.ticked(page.effects[k].name);
+  const explained = trials.name.map((_, i) => scale * arrays.explained(i, k));
+  const rest = trials.name.map((_, i) => measured[quantity](i)[component] - arrays[quantity](state.model, i, component));
+  const without = rest.map((value, i) => value + (on ? explained[i] : 0));
+  const mean = y => groups.map(group => group && average(group.map(i => y[i]))), middle = mean(x);
+  return {
+    measured: {x, y: without}, explained: {x, y: explained}, mean: {x: middle, y: mean(without)}, rest: {x: middle, y: mean(rest)},
+    effect: {x: middle, y: mean(explained), line: {dash: on ? "solid" : "dot"}},
+  };
 }
 
 // States before impact, and the drops to make next.
@@ -312,43 +295,7 @@ function drawDrops(state) {
   });
 }
 
-// Mean error of each model against the number of training trials; yardsticks are level lines.
-function drawLearning() {
-  const traces = page.curves.flatMap(({label, color: ink, symbol, dash, sizes, intervals, level}) => {
-    const band = sizes.length > 1 ? [{
-      type: "scatter", mode: "lines", x: [...sizes, ...[...sizes].reverse()], hoverinfo: "skip", showlegend: false,
-      y: [...intervals.map(one => one.high), ...intervals.map(one => one.low).reverse()],
-      fill: "toself", fillcolor: visible(ink), opacity: 0.15, line: {width: 0},
-    }] : [];
-    return [...band, {
-      type: "scatter", mode: level ? "lines" : "lines+markers", x: sizes, y: intervals.map(one => one.mean), name: plain(label),
-      line: {color: visible(ink), dash}, marker: {symbol, size: 8, color: visible(ink)},
-    }];
-  });
-  return draw("curve", traces, {
-    xaxis: {title: {text: "Training trials"}, type: "log", tickvals: page.curves[0].sizes, ticktext: page.curves[0].sizes.map(String)},
-    yaxis: {title: {text: "Mass error"}, rangemode: "tozero"},
-    summary: page.curves.map(one => `${one.label}: ${one.intervals.at(-1).mean} at ${one.sizes.at(-1)}`).join("; ") + ".",
-  });
-}
-
-// Boxes of the error of each model over the trials, whiskers at the 5th and 95th percentile.
-function drawDistributions() {
-  const shown = page.models.map((one, k) => ({...one, errors: massErrors(k)})).reverse();
-  return draw("distributions", shown.map(one => ({
-    type: "box", orientation: "h", y: [plain(one.label)], lowerfence: [share(one.errors, 0.05)], q1: [share(one.errors, 0.25)],
-    median: [share(one.errors, 0.5)], q3: [share(one.errors, 0.75)], upperfence: [share(one.errors, 0.95)], mean: [one.mean],
-    boxmean: true, showlegend: false, hoverinfo: "x", line: {color: visible(one.color), width: 1.5},
-  })), {
-    xaxis: {title: {text: "Mass error"}, rangemode: "tozero"}, yaxis: {showgrid: false, type: "category"},
-    summary: shown.map(one => `${one.label}: median ${written(share(one.errors, 0.5))}`).reverse().join("; ") + ".",
-  });
-}
-
 const quarters = {tick0: 0, dtick: 90};
-
-// An angle in radians as degrees within ±180.
-const degrees = angle => (angle * 180 / Math.PI % 360 + 540) % 360 - 180;
 
 // Relative luminance of "#rrggbb", as WCAG has it.
 function luminance(ink) {
@@ -364,7 +311,7 @@ const dark = () => luminance(color("ground")) < 0.2;
 // On a dark ground a colour is lightened until its contrast is 3:1.
 function visible(ink) {
   if (!dark() || !/^#[0-9a-f]{6}$/i.test(ink)) return ink;
-  if (ink === "#000000") return color("text");
+  if (luminance(ink) < 0.02) return color("text");
   const lighter = share => "#" + [1, 3, 5].map(k => {
     const value = parseInt(ink.slice(k, k + 2), 16);
     return Math.round(value + share * (255 - value)).toString(16).padStart(2, "0");
@@ -372,3 +319,26 @@ function visible(ink) {
   const seen = share => (luminance(lighter(share)) + 0.05) / (luminance(color("ground")) + 0.05) >= 3;
   return lighter([...Array(20).keys()].map(k => k / 20).find(seen) ?? 1);
 }
+
+// A light tint would glare on a dark ground.
+const shade = ink => dark() && luminance(ink) > 0.4 ? `${ink}40` : visible(ink);
+
+const average = values => values.reduce((sum, value) => sum + value, 0) / values.length;
+const share = (values, part) => [...values].sort((a, b) => a - b)[Math.round(part * (values.length - 1))];
+
+// Number formats: as in contactlearn/report/text/numbers.py.
+const written = x => {
+  if (Math.abs(x) >= 1e-3 || x === 0) return x.toFixed(4).replace("-", "−");
+  const [figure, power] = x.toExponential(1).split("e");
+  return Math.abs(x) >= 1e-4 ? digits(x, 2) : `${digits(Number(figure), 2)}e−${-power}`;
+};
+const compared = (x, y) => {
+  const [word, ratio] = x <= y ? ["less", y / x] : ["more", x / y];
+  if (!(Math.min(x, y) > 0)) return x === y ? "no less" : word;
+  const times = ratio < 10 ? ratio.toFixed(1) : ratio.toFixed(0);
+  const percent = 100 * Math.abs(x - y) / y;
+  return ratio >= 2 ? `${times} times ${word}` : `${percent.toFixed(percent < 1 ? 1 : 0)}\u00a0% ${word}`;
+};
+const interval = one => `${written(one.mean)} (${written(one.low)}${one.low < 0 ? " to " : "–"}${written(one.high)})`;
+
+const digits = (x, count = 3) => Number(x.toPrecision(count)).toString().replace("-", "−");

@@ -26,30 +26,30 @@ function showModel() {
     Object.assign(whisker.style, {left: width(model().low), width: width(model().high - model().low)});
   }
   page.regions?.forEach((region, k) => {
-    const cells = get("regions").tBodies[0].rows[k], inside = new Set(region.rows), error = massErrors(state.model);
+    const cells = get("regions").tBodies[0].rows[k], inside = new Set(region.rows), error = errorsOf(state.model);
     cells.querySelector(".there").textContent = written(average(error.filter((_, i) => inside.has(i))));
     cells.querySelector(".elsewhere").textContent = written(average(error.filter((_, i) => !inside.has(i))));
   });
 }
 
 function showTrial(note = "") {
-  const i = state.trial, rank = massErrors(state.model).filter(error => error > massErrors(state.model)[i]).length + 1;
+  const i = state.trial, rank = errorsOf(state.model).filter(error => error > errorsOf(state.model)[i]).length + 1;
   get("number").value = i + 1;
   get("name").value = trials.name[i];
-  const parts = errorParts(state.model, i).map((part, k) => [part, ["v_x", "v_y", "ω"][k]]).sort((a, b) => b[0] - a[0]);
-  const percent = part => part > 0 && part < 0.005 ? "below 1\u00a0%" : `${(100 * part).toFixed(0)}\u00a0%`;
+  const parts = ["v_x", "v_y", "ω"].map((name, k) => [arrays.parts(state.model, i, k), name]).sort((a, b) => b[0] - a[0]);
+  const percent = part => part < 0.005 ? "below 1\u00a0%" : `${(100 * part).toFixed(0)}\u00a0%`;
   get("trial-name").textContent = `${note}Trial ${trials.name[i]} of ${trials.object[i]}, θ = ${digits(trials.theta[i] * 180 / Math.PI)}°: error of the ${page.switches?.length ? "ticked" : "chosen"} model ${
-    written(massErrors(state.model)[i])}, number ${rank} of ${trials.count} from the worst` + (parts[0][0] ? `; ${
+    written(errorsOf(state.model)[i])}, number ${rank} of ${trials.count} from the worst` + (parts[0][0] ? `; ${
     parts.map(([part, name], k) => `${percent(part)} ${k ? "" : "of the squared error is "}in ${name}`).join(", ")}` : "") + ".";
-  const impulse = v => wrench(i, minus(v, before(i))).map(value => 1000 * value);
-  const rows = [["Before", before(i), false], ["After, measured", measured(i), true], ["After, predicted", predicted(state.model, i), true]];
-  get("numbers").tBodies[0].replaceChildren(...rows.map(([name, v, after]) => {
+  const wrench = [0, 1, 2].map(k => arrays.wrench(state.model, i, k));
+  const rows = [["Before", before(i), []], ["After, measured", measured.v_post(i), measured.wrench(i)], ["After, predicted", predicted(state.model, i), wrench]];
+  get("numbers").tBodies[0].replaceChildren(...rows.map(([name, v, impulse]) => {
     const row = document.createElement("tr"), head = document.createElement("th");
     head.textContent = name;
     head.scope = "row";
     row.append(head);
-    for (const value of [...v, ...(after ? impulse(v) : [])]) row.insertCell().textContent = digits(value, 4);
-    if (!after) row.insertCell().colSpan = 3;
+    for (const value of [...v, ...impulse]) row.insertCell().textContent = digits(value, 4);
+    if (!impulse.length) row.insertCell().colSpan = 3;
     return row;
   }));
 }
@@ -57,11 +57,10 @@ function showTrial(note = "") {
 const drawn = {
   map: () => drawMap(state), picture: () => drawPicture(state), impulse: () => drawImpulse(state),
   "whole-law": () => drawWhole("law"), "whole-named": () => drawWhole("named"),
-  drops: () => drawDrops(state), curve: drawLearning, distributions: drawDistributions,
-  rungs: () => drawBars("rungs", page.ladder.map(one => ({...one, faint: !["law", "effect"].includes(one.kind)}))),
+  drops: () => drawDrops(state),
   "telling-map": () => drawMap({...state, ...first, region: -1, trial: -1, alone: true, mapped: () => page.yardstick}, "telling-map"),
-  "telling-laws": () => drawBars("telling-laws", page.laws.map(one => ({name: one.label, mean: one.error}))),
 };
+for (const [id, figure] of Object.entries(page.figures ?? {})) drawn[id] = () => show(id, figure);
 page.effects?.forEach((_, k) => {
   drawn[`curve-${k}`] = () => drawCurve(state, k);
   drawn[`telling-${k}`] = () => drawCurve({model: page.chosen, ticked: () => true}, k, `telling-${k}`);
@@ -167,11 +166,11 @@ const reachable = new ResizeObserver(entries => {
   }
 });
 
-const worst = () => massErrors(state.model).indexOf(Math.max(...massErrors(state.model)));
+const worst = () => errorsOf(state.model).indexOf(Math.max(...errorsOf(state.model)));
 
 // The trial that comes after the selected one in the order of errors; after the best comes the worst.
 function nextWorse() {
-  const error = massErrors(state.model), order = trials.name.map((_, i) => i).sort((i, j) => error[j] - error[i]);
+  const error = errorsOf(state.model), order = trials.name.map((_, i) => i).sort((i, j) => error[j] - error[i]);
   return order[(order.indexOf(state.trial) + 1) % order.length];
 }
 

@@ -80,7 +80,7 @@ function drawBody() {
   ], {
     showlegend: true, margin: {l: 50, r: 15, t: 10, b: 45}, xaxis: {title: {text: "From the tracked point at contact (mm)"}, range: [-2 * reach, 2 * reach], zeroline: false},
     yaxis: {title: {text: "Height above it (mm)"}, range: [lowest - 0.25 * reach, 1.6 * reach], scaleanchor: "x", zeroline: false},
-    summary: `Contact ${contact.name} at θ = ${digits(degrees(theta))}°; the body's lowest point is ${digits(lowest - floor(0))} mm above the floor.`,
+    summary: `Contact ${contact.name} at θ = ${digits(theta * 180 / Math.PI)}°; the body's lowest point is ${digits(lowest - floor(0))} mm above the floor.`,
   });
 }
 
