@@ -26,13 +26,13 @@ from contactlearn.report.page.effects import curve_content
 from contactlearn.report.page.trials import (
     axis_content,
     axis_values,
-    columns,
     digits,
     impulse_figure,
     map_variables,
     of_laws,
     of_outcomes,
     outlines,
+    trial_columns,
 )
 from contactlearn.report.text import label
 from contactlearn.workbench.session import Window
@@ -47,7 +47,7 @@ def of_data(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
         "count": len(impacts),
         "name": list(impacts.trial),
         "object": list(impacts.object),
-        "columns": {name: floats(values) for name, values in columns(impacts).items()},
+        "columns": {name: floats(values) for name, values in trial_columns(impacts).items()},
         "outlines": outlines(impacts),
         "variables": [
             axis_content(one) | {"values": floats(axis_values(one))} for one in map_variables(impacts, prediction)

@@ -37,7 +37,7 @@ def of_trials(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
         "count": len(impacts),
         "name": list(impacts.trial),
         "object": list(impacts.object),
-        **{name: digits(values, 6) for name, values in columns(impacts).items()},
+        **{name: digits(values, 6) for name, values in trial_columns(impacts).items()},
         "outlines": outlines(impacts),
         "variables": [
             axis_content(one) | {"values": digits(axis_values(one), 4)} for one in map_variables(impacts, prediction)
@@ -45,7 +45,7 @@ def of_trials(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
     }
 
 
-def columns(impacts: Impacts) -> dict[str, Float[Tensor, " n"]]:
+def trial_columns(impacts: Impacts) -> dict[str, Float[Tensor, " n"]]:
     """Return contact point, pose and velocities of every trial by column, and its wrench in mN s and mN m s."""
     found = {
         column: values
