@@ -14,9 +14,13 @@ from contactlearn.inference.evaluation.partial_residuals import Partial
 from contactlearn.report.figures import style as st
 from contactlearn.report.text import label
 
-_BLUE, _EFFECT, _ = st.CONTRAST
-_REST = "Residual of the ticked model, mean"
-_PINK, _GREY = st.tint(_EFFECT, 0.7), st.tint(st.DARK, 0.35)
+_Look = dict[str, Any]
+_BLUE, _RED, _ = st.CONTRAST
+_GREY: _Look = {"color": st.tint(st.DARK, 0.35), "markersize": 2.5, "zorder": 1}
+_PINK: _Look = {"color": st.tint(_RED, 0.7), "markersize": 2, "zorder": 2}
+_EFFECT: _Look = {"label": "Effect, mean", "gid": "effect", "color": _RED, "linewidth": 1.6, "zorder": 3}
+_REST: _Look = {"label": "Residual of the ticked model, mean", "gid": "rest", "color": _BLUE, "linewidth": 0.9,
+                "marker": "s", "markersize": 4, "markerfacecolor": "white", "zorder": 5}  # fmt: skip
 _GROUPS = 20
 _EMPTY = 0.1  # share of the range of the variable that interrupts a curve
 
@@ -44,19 +48,18 @@ def effect_curve(partial: Partial, title: str | None = None, *, remaining: bool 
     axes = st.name_axes(figure.subplots(), across, f"Residual of {partial.component} ({unit})")
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.axhline(0, color=st.DARK, linewidth=0.6)
+    dots: _Look = {"linestyle": "none", "marker": ".", "rasterized": True}
+    mean: _Look = {"linestyle": "none", "marker": "o", "markersize": 3.5, "color": st.DARK, "zorder": 4}
     if len(x) > st.MANY:
         shown = (measured >= ends[0]) & (measured <= ends[1])
         st.draw_density(axes, st.array(x[shown]), st.array(measured[shown]), st.DARK).set_label("Trials, density")
     else:
-        dots = {"linestyle": "none", "marker": ".", "rasterized": True}
-        _plot(axes, x, measured, "Trials", "measured", color=_GREY, markersize=2.5, zorder=1, **dots)
-        _plot(axes, x, explained, "Effect, by trial", "explained", color=_PINK, markersize=2, zorder=2, **dots)
-    mean = {"linestyle": "none", "marker": "o", "markersize": 3.5, "color": st.DARK, "zorder": 4}
-    _plot(axes, middle, means(groups, measured), "Trials, mean of a twentieth", "mean", **mean)
-    _plot(axes, middle, means(groups, explained), "Effect, mean", "effect", color=_EFFECT, linewidth=1.6, zorder=3)
+        _plot(axes, x, measured, dots | {"label": "Trials", "gid": "measured"} | _GREY)
+        _plot(axes, x, explained, dots | {"label": "Effect, by trial", "gid": "explained"} | _PINK)
+    _plot(axes, middle, means(groups, measured), mean | {"label": "Trials, mean of a twentieth", "gid": "mean"})
+    _plot(axes, middle, means(groups, explained), _EFFECT)
     if remaining:
-        look = {"marker": "s", "markersize": 4, "markerfacecolor": "white", "linewidth": 0.9, "zorder": 5}
-        _plot(axes, middle, means(groups, measured - explained), _REST, "rest", color=_BLUE, **look)
+        _plot(axes, middle, means(groups, measured - explained), _REST)
     axes.set_ylim(*ends)
     axes.set_title(st.plain(label(partial.effect) if title is None else title))
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
@@ -98,8 +101,8 @@ def means(groups: Groups, y: Float[Tensor, " n"]) -> Float[Tensor, " groups"]:
     return torch.stack([torch.full_like(y.mean(), torch.nan) if group is None else y[group].mean() for group in groups])
 
 
-def _plot(axes: Axes, x: Tensor, y: Tensor, label: str, gid: str, **look: Any) -> None:
-    axes.plot(st.array(x), st.array(y), label=label, gid=gid, **look)
+def _plot(axes: Axes, x: Tensor, y: Tensor, look: _Look) -> None:
+    axes.plot(st.array(x), st.array(y), **look)
 
 
 def _limits(measured: Float[Tensor, " n"], explained: Float[Tensor, " n"]) -> tuple[float, float]:
