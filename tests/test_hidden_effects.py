@@ -401,7 +401,7 @@ def test_folder_that_cannot_be_written(tmp_path):
 
 def test_the_analysis_never_opens_the_truth():
     """Only the command and the workbench reveal it, when a user asks."""
-    ours, revealing = PACKAGE / "simulation" / "hidden_effects", {"cli/tools.py", "workbench/file_callbacks.py"}
+    ours, revealing = PACKAGE / "simulation" / "hidden_effects", {"cli/tools.py", "workbench/files.py"}
     opens = {PACKAGE / name for name in revealing}
     for path in PACKAGE.rglob("*.py"):
         if ours not in path.parents and path not in opens:

@@ -29,16 +29,13 @@ from contactlearn.report.text.numbers import error
 from contactlearn.results.folder import read_result
 from contactlearn.simulation import synthetic
 from contactlearn.workbench import background, commands, content, lines
-from contactlearn.workbench.actions import Actions
 from contactlearn.workbench.arrays import inside, of_model
-from contactlearn.workbench.background import BackgroundRuns, RunStatus
+from contactlearn.workbench.background import BackgroundRuns, RunStatus, learned_steps
 from contactlearn.workbench.background_callbacks import diagnosis_progress
-from contactlearn.workbench.file_callbacks import FileCallbacks
+from contactlearn.workbench.files import FileCallbacks, SavedRuns, diagnosed_session
 from contactlearn.workbench.models import Cache, Models
-from contactlearn.workbench.saved_runs import SavedRuns, diagnosed_session
 from contactlearn.workbench.session import Option, Session, Window
-from contactlearn.workbench.session_callbacks import SessionCallbacks
-from contactlearn.workbench.studies import learned_steps
+from contactlearn.workbench.session_callbacks import Actions, SessionCallbacks
 
 LINE = "tau = -c*rx*Pn; c = [-1, 1]"
 DRAG = EffectId("side_drag", "linear")
@@ -520,7 +517,7 @@ def test_studies_are_cancelled_fail_with_their_error_and_can_be_started_again(se
 
 def test_learned_models_are_those_of_the_configuration_around_the_model(session, models, monkeypatch):
     few = ["analytical", "parameters_identified", "residual_impulse", "x2_impulse"]
-    monkeypatch.setattr("contactlearn.workbench.studies.choices", lambda _: few)
+    monkeypatch.setattr("contactlearn.workbench.background.choices", lambda _: few)
     steps = list(learned_steps(models, session.with_effect(DRAG)))
     assert [(one.done, one.total, len(one.errors)) for one in steps] == [(0, 2, 0), (1, 2, 1), (2, 2, 2)]
     around, free = (steps[-1].errors[name][0] for name in ("residual_impulse", "x2_impulse"))

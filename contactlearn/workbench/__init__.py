@@ -1,18 +1,15 @@
 """The workbench: the loop of compare, see, learn, add and watch, live in a browser.
 
-    session    all choices, immutable, written as the address of the page and read back
-    lines      an effect as one line of mathematics
-    commands   sessions as command line and experiment file, and back
-    models     sessions to data, fits, errors, ladders and predicted gains, cached
-    actions    controls to changes of the session
-    studies    learning curves and learned models, step by step
-    background diagnoses and studies in processes of their own, which report events and can be cancelled
-    saved_runs run folders below `outputs`
-    arrays     numbers for the figures of the page, which are those of the report
+    session       all choices, immutable, written as the address of the page and read back
+    lines         an effect as one line of mathematics
+    commands      sessions as command line and experiment file, and back
+    models        sessions to data, fits, errors, ladders and predicted gains, cached
+    background    diagnoses and learning studies in processes of their own, which report events and can be cancelled
+    arrays        numbers for the figures of the page, which are those of the report
     components, layout, content   the parts of the page
-    session_callbacks, background_callbacks, file_callbacks   the callbacks of the page
-    security   refusal of foreign hosts, origins and requests without the token
-    server     the command
+    session_callbacks, background_callbacks, files   what the controls do: to the session, to processes, with files
+    security      refusal of foreign hosts, origins and requests without the token
+    server        the command
 
 The server has no state of a tab: a request brings its address, and caches can drop results without harm.
 """

@@ -1,16 +1,19 @@
 """Diagnoses and learning studies in processes of their own, which report events and can be cancelled.
 
-A diagnosis is the command `diagnose`; its name is that of its run folder, which is also its result.  A study is
-`python -m contactlearn.workbench.studies`; its name has its kind, data and model, so it runs once however many tabs
-start it.  Each process appends its events to a file (`contactlearn.diagnosis.events`), from which the page reads them.
-All processes end with the server.
+A diagnosis is the command `diagnose`; its name is that of its run folder, which is also its result.  A study is a
+learning curve, or the learned models of `configs/model`; it is this module as a program,
+
+    python -m contactlearn.workbench.background KIND ADDRESS FILE
+
+and its name has its kind, data and model, so it runs once however many tabs start it.  Each process appends its events
+to a file (`contactlearn.diagnosis.events`), from which the page reads them.  All processes end with the server.
 """
 
 import atexit
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
@@ -18,14 +21,26 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock
 
+import torch
+from threadpoolctl import threadpool_limits
+
+from contactlearn.cli.config_files import CONFIGS, choices
+from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.diagnosis.events import FILE, Event, read_events
+from contactlearn.diagnosis.events import FILE, Event, LearningProgress, append_event, read_events
+from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.learning.curves import nested_orders
+from contactlearn.inference.learning.recipe import learn
+from contactlearn.workbench.commands import words_of
+from contactlearn.workbench.models import STARTS, Models, mean_error
 from contactlearn.workbench.session import Session
 
 AT_ONCE = 2
 """Diagnoses that run at the same time, and studies."""
 _DIAGNOSE = (sys.executable, "-m", "contactlearn", "diagnose")
-_STUDY = (sys.executable, "-m", "contactlearn.workbench.studies")
+_STUDY = (sys.executable, "-m", "contactlearn.workbench.background")
 _KEPT = 100  # runs that have ended
 _ERROR_LINES = 6
 
@@ -131,7 +146,7 @@ class BackgroundRuns:
         """Start a study of the model of a session, unless it runs or is done; return its name.
 
         Args:
-            kind: of `studies.STUDIES`.
+            kind: of `STUDIES`.
             session: without choices that change neither data nor model, see `Session.model_only`.
             fingerprint: of the data.
 
@@ -165,3 +180,64 @@ class BackgroundRuns:
         """Cancel all running processes."""
         for run in self._runs.values():
             run.cancel()
+
+
+# --- Studies -----------------------------------------------------------------------------------
+
+ALONE, MODEL = "alone", "model"
+"""The law alone and the model, in a learning curve."""
+_SUBSETS, _SIZES = 6, (10, 20, 50, 100, 200, 500, 1000)  # of a learning curve
+_Points = tuple[tuple[int, Interval], ...]
+
+
+def curve_steps(models: Models, session: Session) -> Iterator[LearningProgress]:
+    """Fit the law alone and the model to several random subsets of each size, nested in each other."""
+    data, fitted = models.split(session), models.fitted(session)
+    orders = nested_orders(len(data.pool), _SUBSETS, torch.Generator().manual_seed(session.seed))
+    least = 2 * len(fitted.fit.parameters) + 8
+    sizes = [size for size in (*_SIZES, len(data.pool)) if least <= size <= len(data.pool)]
+    errors: dict[str, _Points] = {ALONE: (), MODEL: ()}
+    for done, size in enumerate(sizes):
+        yield LearningProgress(done=done, total=len(sizes), errors=dict(errors))
+        rows = orders[:, :size] if size < len(data.pool) else orders[:1]
+        for name, one in ((ALONE, models.law_alone(session)), (MODEL, fitted)):
+            fit = identify_jointly(one.law, one.effects, data.pool, rows, options=FitOptions(starts=STARTS))
+            errors[name] += ((size, mean_error(data.test, fit.model.predict(data.test))),)
+    yield LearningProgress(done=len(sizes), total=len(sizes), errors=errors)
+
+
+def learned_steps(models: Models, session: Session) -> Iterator[LearningProgress]:
+    """Train every learned model on the training part, those with a law around the model of the session."""
+    data, fitted = models.split(session), models.fitted(session)
+    names = ",".join(choices(Path(CONFIGS, "model")))
+    recipes = EvaluateSettings.from_config(compose("evaluate", [*words_of(session), f"model=[{names}]"])).learnable
+    errors: dict[str, _Points] = {}
+    for done, (name, recipe) in enumerate(recipes.items()):
+        yield LearningProgress(done=done, total=len(recipes), errors=dict(errors))
+        model = learn(recipe, data.pool, torch.arange(len(data.pool)), fitted.model if recipe.law else None)
+        errors[name] = ((len(data.pool), mean_error(data.test, model.predict(data.test))),)
+    yield LearningProgress(done=len(recipes), total=len(recipes), errors=errors)
+
+
+STUDIES: Mapping[str, Callable[[Models, Session], Iterator[LearningProgress]]] = {
+    "curve": curve_steps,
+    "learned": learned_steps,
+}
+"""The studies by kind."""
+
+
+def run_study(kind: str, address: str, file: str) -> int:
+    """Write the events of a study; return the exit status."""
+    torch.set_num_threads(1)
+    threadpool_limits(1)
+    try:
+        for step in STUDIES[kind](Models(), Session.read(address)):
+            append_event(Path(file), step)
+    except ContactLearnError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_study(*sys.argv[1:]))

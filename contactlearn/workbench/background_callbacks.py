@@ -24,12 +24,11 @@ from contactlearn.report.figures.learning import learning_curve
 from contactlearn.report.figures.regions import ERROR
 from contactlearn.report.page.trials import digits
 from contactlearn.workbench import content
-from contactlearn.workbench.background import BackgroundRun, BackgroundRuns, RunStatus
+from contactlearn.workbench.background import ALONE, STUDIES, BackgroundRun, BackgroundRuns, RunStatus
 from contactlearn.workbench.commands import words_of
+from contactlearn.workbench.files import SavedRuns
 from contactlearn.workbench.models import Models
-from contactlearn.workbench.saved_runs import SavedRuns
 from contactlearn.workbench.session import Session
-from contactlearn.workbench.studies import ALONE, STUDIES
 
 _LINES = 6
 _STAGES = (AuditFindings, LawsCompared, RegionsFound, EffectsFound, RemainderLearned)

@@ -37,7 +37,6 @@ from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.workbench.components import Child, action_button, bar, bars, controls, items, note
 from contactlearn.workbench.lines import formula_line, line_name
 from contactlearn.workbench.models import FittedModel, ManualModel, PredictedGain
-from contactlearn.workbench.saved_runs import SavedRun
 from contactlearn.workbench.session import Session
 
 _STEPS, _SIGMAS, _LEAST = 400, 25.0, 0.1  # of a slider: steps, half width in standard errors, least share of the range
@@ -119,10 +118,10 @@ def law_options(errors: Mapping[str, Interval], largest: float) -> list[dict[str
     return options
 
 
-def bounds(errors: Mapping[str, Interval], session: Session, fitted: FittedModel, largest: float) -> Component:
+def bounds(errors: Mapping[str, Interval], session: Session, error: Interval, largest: float) -> Component:
     """Return the errors of the bounds and of the model."""
     rows = [(model_label(name), error) for name, error in errors.items() if name not in laws.names()]
-    return bars([*rows, (model_title(session), fitted.error)], largest)
+    return bars([*rows, (model_title(session), error)], largest)
 
 
 def learned_bars(errors: Mapping[str, Interval], session: Session, trials: int, largest: float) -> list[Component]:
@@ -302,19 +301,3 @@ def _options(effect: Effect) -> list[Component]:
             field = dcc.Input(id=identity, type="text", value=text, autoComplete="off")
             fields.append(html.Label([f"{_OPTIONS.get(name, label(name))} ", field], className="option"))
     return fields
-
-
-# --- Keep it -----------------------------------------------------------------------------------
-
-
-def run_list(runs: Sequence[SavedRun]) -> list[Component]:
-    """Return the saved runs, the newest first, with links to their pages and buttons that take their models over."""
-    rows: list[list[Child]] = []
-    for run in runs:
-        row: list[Child] = [html.Code(run.name), f" ({run.kind}): {run.description} "]
-        if run.has_page:
-            row += [html.A("open", href=f"/runs/{run.name}/report.html", target="_blank"), " "]
-        if run.session is not None:
-            row.append(action_button("adopt", "Take its model", of=run.session.address))
-        rows.append(row)
-    return items(rows) or [note("There are no runs yet.")]

@@ -20,10 +20,9 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.workbench.background import BackgroundRuns
 from contactlearn.workbench.background_callbacks import BackgroundCallbacks
 from contactlearn.workbench.commands import session_of
-from contactlearn.workbench.file_callbacks import FileCallbacks
+from contactlearn.workbench.files import FileCallbacks, SavedRuns
 from contactlearn.workbench.layout import page_layout
 from contactlearn.workbench.models import Models
-from contactlearn.workbench.saved_runs import SavedRuns
 from contactlearn.workbench.security import ServerAddress, protect
 from contactlearn.workbench.session_callbacks import SessionCallbacks
 
