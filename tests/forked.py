@@ -12,7 +12,7 @@ from commands import ROOT
 from contactlearn.cli import hydra_main
 
 _FORKS = get_context("forkserver")
-_FORKS.set_forkserver_preload(["contactlearn.cli.commands", "contactlearn.cli.sweeps.rounds", "forked"])
+_FORKS.set_forkserver_preload(["contactlearn.cli.commands", "contactlearn.cli.sweeps.sweep", "forked"])
 
 
 class Forked:

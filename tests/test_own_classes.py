@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from contactlearn.cli.own import in_one_line, try_effect, try_law
 from contactlearn.cli.settings import law_of
+from contactlearn.cli.user_classes import check_effect, check_law, located_errors
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import Effect, catalogue, columns, parameter
 from contactlearn.laws import Law, find, names
@@ -68,9 +68,9 @@ def test_a_slip_in_an_effect_is_one_line(velocity, said):
     effect = effect_with(velocity)
     with (
         pytest.raises(ContactLearnError, match=rf"^own\.Own .*{said}"),
-        in_one_line("own.Own", type(effect)),
+        located_errors("own.Own", type(effect)),
     ):
-        try_effect(effect, "own.Own")
+        check_effect(effect, "own.Own")
 
 
 def test_an_effect_without_a_parameter_is_refused():
@@ -83,13 +83,13 @@ def test_an_effect_without_a_parameter_is_refused():
             return v_post
 
     with pytest.raises(ContactLearnError, match=r"own has no parameter to fit; .* parameter\("):
-        try_effect(Fixed(), "own")
+        check_effect(Fixed(), "own")
 
 
 def test_no_effect_of_the_catalogue_is_refused():
     for name, forms in SHIPPED.items():
         for kind in forms:
-            try_effect(kind(), name)
+            check_effect(kind(), name)
 
 
 LAWS = {
@@ -103,13 +103,13 @@ LAWS = {
 @pytest.mark.parametrize(("solve", "said"), LAWS.values(), ids=LAWS)
 def test_a_slip_in_a_law_is_one_line(solve, said):
     law = law_with(solve)
-    with pytest.raises(ContactLearnError, match=said), in_one_line("own.OwnLaw", type(law)):
-        try_law(law, "own.OwnLaw")
+    with pytest.raises(ContactLearnError, match=said), located_errors("own.OwnLaw", type(law)):
+        check_law(law, "own.OwnLaw")
 
 
 def test_no_law_is_refused():
     for name in names():
-        try_law(find(name), name)
+        check_law(find(name), name)
 
 
 def test_the_command_tries_a_law_user_candidates(monkeypatch):

@@ -21,8 +21,8 @@ from contactlearn.cli import job as door
 from contactlearn.cli.resource_limits import GIB, available_memory, jobs_at_a_time
 from contactlearn.cli.settings import TrainSettings
 from contactlearn.cli.sweeps.identity import code_version, data_fingerprint, job_identity
-from contactlearn.cli.sweeps.jobs import Job
-from contactlearn.cli.sweeps.rounds import run_jobs
+from contactlearn.cli.sweeps.plan import Job
+from contactlearn.cli.sweeps.sweep import run_jobs
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.results import folder as results
 from contactlearn.results.folder import find_results, read_result
@@ -203,7 +203,7 @@ def test_a_killed_job_takes_no_other_with_it(tmp_path):
     launcher = Launcher({"greedy": "silent", "beside": alone, "later": "done", "failing": "failed"}, breaks=True)
     finished, failed, queued = told(tmp_path, launcher)
     assert sorted(finished) == ["beside", "later"]
-    assert failed == {"failing": "on purpose", "greedy": "ended without a result and without a word; was it killed?"}
+    assert failed == {"failing": "on purpose", "greedy": "ended without a result and without a reason; was it killed?"}
     assert not queued
 
 
@@ -221,7 +221,7 @@ def test_many_killed_jobs_take_no_other_with_them(tmp_path):
     jobs = [Job(words=(), name=name, folder=tmp_path / name) for name in fates]
     found = run_jobs(jobs, launch, None, False)
     assert sorted(job.name for job in found.finished) == sorted(name for name, fate in fates.items() if fate == "done")
-    assert {reason for _, reason in found.failed} == {"ended without a result and without a word; was it killed?"}
+    assert {reason for _, reason in found.failed} == {"ended without a result and without a reason; was it killed?"}
 
 
 def test_what_never_begins_is_not_launched_for_ever(tmp_path):

@@ -14,7 +14,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from contactlearn.cli.config_files import CONFIGS, check_choices, check_settings, explained
-from contactlearn.cli.config_security import check_targets, readable_words
+from contactlearn.cli.config_security import check_targets, readable_errors
 from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings, TrainSettings
 from contactlearn.core.errors import ContactLearnError
 from fuzz.target import Target
@@ -40,7 +40,7 @@ def read(content: bytes) -> None:
     command = COMMANDS[len(first) % len(COMMANDS)] if first not in COMMANDS else first
     try:
         check_choices(words)
-        with readable_words():
+        with readable_errors():
             cfg = composed(command, words)
         check_settings(cfg, command)
         check_targets(cfg, words)

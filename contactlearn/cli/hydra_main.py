@@ -25,7 +25,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from contactlearn.cli.config_files import CONFIGS, check_choices, check_settings, choices, explained
-from contactlearn.cli.config_security import check_targets, nothing_foreign, readable_words
+from contactlearn.cli.config_security import check_targets, readable_errors, restrict_targets
 from contactlearn.core.errors import ContactLearnError, harmless
 from contactlearn.core.signals import defer_interrupts, graceful_exit
 
@@ -95,7 +95,7 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
             if flags and flags <= {"--help", "-h"}:
                 print(_help(job.__name__, [word for word in words if word not in flags]))
             else:
-                with nothing_foreign():
+                with restrict_targets():
                     run()
 
     return door
@@ -186,7 +186,7 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
     with (
         defer_interrupts(),
         hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)),
-        readable_words(),
+        readable_errors(),
     ):
         cfg = hydra.compose(config_name, overrides, return_hydra_config=return_hydra_config)
     check_settings(cfg, config_name)

@@ -20,8 +20,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from contactlearn import laws
 from contactlearn.cli.config_files import required_settings
-from contactlearn.cli.own import in_one_line, try_effect, try_law
 from contactlearn.cli.resource_limits import usable_cores
+from contactlearn.cli.user_classes import check_effect, check_law, located_errors
 from contactlearn.core import devices
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 from contactlearn.core.numerics import is_number, is_whole
@@ -320,10 +320,10 @@ def law_of(entry: Any, variant: str) -> Law | None:
     if inspect.isabstract(kind):
         raise ContactLearnError(f"_target_={target} has no closed form; a law must define solve(contact, mu, eps)")
     options = {key: tuple(x) if isinstance(x, list) else x for key, x in entry.items() if key != "_target_"}
-    with in_one_line(target, kind):
+    with located_errors(target, kind):
         law = laws.find(kind.name, variant if kind.variant == "textbook" else kind.variant, **options)
         if not str(target).startswith("contactlearn."):
-            try_law(law, target)
+            check_law(law, target)
     return law
 
 
@@ -520,12 +520,12 @@ def _effect(entry: Mapping[str, Any]) -> Effect:
     if target is None:
         return formula(**settings)
     kind = _subclass(target, Effect)
-    with in_one_line(target, kind):
+    with located_errors(target, kind):
         effect = from_settings(kind, settings)
         if not isinstance(getattr(effect, "formula", None), str):
             raise ContactLearnError(f'{target} must say what it does, such as formula = "v_x⁺ ← v_x⁺ + u"')
         if not str(target).startswith("contactlearn."):
-            try_effect(effect, target)
+            check_effect(effect, target)
     return effect
 
 

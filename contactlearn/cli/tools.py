@@ -1,18 +1,113 @@
-"""The commands that argparse parses, from their options to what they print; what each needs is imported in it alone.
+"""The commands that argparse parses: the arguments of each, and the function that runs it and returns the output.
+
+Modules that a command needs are imported in it alone.
 
 Raises:
-    ContactLearnError: what a user can mend.
+    ContactLearnError: errors that a user can mend.
 """
 
 import argparse
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 
 if TYPE_CHECKING:
     from contactlearn.cli.settings import SourceSettings
+
+_REPORT = """Of one run of evaluate or diagnose: write its report.html again, from the run folder alone, without the
+data source and without a fit.  Of several runs, or of a folder above some: write one self-contained page that opens
+offline, with the settings in which the runs differ, their held-out errors, verdicts and missing effects in a table to
+sort and filter, learning curves where train.size differs, and the ladders of diagnoses.  Runs that cannot be read are
+named on it, with the reason."""
+
+
+def add_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
+    """Add a parser for each command."""
+    _add_data_tools(add)
+    _add_result_tools(add)
+
+
+def _add_data_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
+    audit = add(
+        "audit",
+        help="list mistakes in measurements, and the setting that corrects them",
+        description="Look for mistakes in a table, or in any data source: columns, units, axes, repeated and "
+        "impossible trials. Nothing is fitted, and no file is changed.",
+        epilog="examples: contactlearn audit drops.csv data.units.length=mm; contactlearn audit data=ellipse_drops",
+    )
+    audit.add_argument(
+        "words",
+        nargs="+",
+        metavar="FILE|key=value",
+        help="a .csv or .parquet table, or data=NAME for another source, and their settings, data.KEY=…",
+    )
+    audit.set_defaults(run=run_audit)
+    export = add(
+        "export",
+        help="write any data source to a CSV or Parquet table",
+        description="Write any data source to a table that data=table reads back exactly.",
+        epilog="example: contactlearn export drops.csv data=ellipse_drops data.inertia=uniform_disc",
+    )
+    export.add_argument("file", help="where to write: a .csv or .parquet file")
+    export.add_argument(
+        "overrides", nargs="*", metavar="key=value", help="data=synthetic|ellipse_drops|mystery|table, data.KEY=…"
+    )
+    export.set_defaults(run=run_export)
+    impacts = add(
+        "impacts",
+        help="find the impacts in recordings of tracked poses",
+        description="Find the impacts between free flights in recordings, with covariances, as a table for data=table; "
+        "everything that was refused goes, with reason and number, into a table beside it.",
+        epilog="example: contactlearn impacts drops/ -o impacts.parquet mass=0.05 'shape={kind: disc, radius: 0.02}'",
+    )
+    impacts.add_argument("path", metavar="FOLDER", help="a recording, or a folder with recordings")
+    impacts.add_argument("-o", "--out", metavar="FILE", required=True, help="a .csv or .parquet file for the impacts")
+    impacts.add_argument(
+        "overrides", nargs="*", metavar="key=value", help="settings of configs/data/tracks.yaml: mass=0.05, unit=mm, …"
+    )
+    impacts.set_defaults(run=run_impacts)
+
+
+def _add_result_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
+    reveal = add(
+        "reveal",
+        help="print the hidden effects of the drops of data=mystery",
+        description="Open the truth beside mystery drops: law, parameters, noise and hidden effects.",
+        epilog="example: contactlearn reveal outputs/mystery/seed_7",
+    )
+    reveal.add_argument("folder", metavar="DIR", help="the folder that data=mystery wrote")
+    reveal.set_defaults(run=run_reveal)
+    report = add(
+        "report",
+        help="redraw the page of one run, or make one page over several runs or a whole sweep",
+        description=_REPORT,
+        epilog="examples: contactlearn report outputs/diagnose/2026-01-31_12-00-00; "
+        "contactlearn report outputs/train/sweep; "
+        "contactlearn report outputs/diagnose outputs/evaluate --out all.html",
+    )
+    above = "a run, a sweep, or any folder above some"
+    report.add_argument(
+        "folders", nargs="+", metavar="DIR", help=f"{above}: every diagnosis.json and results.json in it is a run"
+    )
+    report.add_argument(
+        "--out",
+        metavar="FILE",
+        help="the page over runs, an .html file, also of a single one (default: report.html in DIR if it is one folder "
+        "and no run itself, else ./report.html); it never replaces the page of a run",
+    )
+    report.set_defaults(run=run_report)
+    results = add(
+        "results",
+        help="write all runs below some folders as one table",
+        description="Write one tidy table of all finished runs, a row for each run and model: errors with intervals, "
+        "the settings in which runs differ, data, versions and hashes.",
+        epilog="example: contactlearn results outputs -o results.parquet",
+    )
+    results.add_argument("folders", nargs="+", metavar="DIR", help=above)
+    results.add_argument("-o", "--out", metavar="FILE", required=True, help="a .parquet or .csv file")
+    results.set_defaults(run=run_results)
 
 
 def _source(command: str, words: Sequence[str], path: str | None = None) -> "SourceSettings":

@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache, lru_cache
 from importlib.machinery import PathFinder
 from importlib.util import find_spec
@@ -41,13 +41,13 @@ def job_identity(cfg: DictConfig, hydra: DictConfig) -> Done:
     paths = tuple(dict.fromkeys(_named(content, "path")))
     data, code = data_fingerprint(paths), code_version(tuple(dict.fromkeys(_foreign(content))))
     changing = _CHANGING.search(OmegaConf.to_yaml(own))
-    words = "" if changing else typed(hydra, list(hydra.overrides.task))
+    words = "" if changing else words_digest(hydra, list(hydra.overrides.task))
     digest = _sha([config, data, code])[:DIGITS]
     return Done(job=digest, config=config, data=data, code=code, words=words, paths=paths)
 
 
-def typed(hydra: DictConfig, words: list[str]) -> str:
-    """Return the digest of what a user typed for a job, and of everything that turns it into a configuration.
+def words_digest(hydra: DictConfig, words: Sequence[str]) -> str:
+    """Return the digest of the typed settings of a job, and of all files that turn them into a configuration.
 
     Equal digests mean equal configurations, which need not be composed to know that.
     """
@@ -58,7 +58,7 @@ def typed(hydra: DictConfig, words: list[str]) -> str:
 
 
 def still_valid(done: Done) -> bool:
-    """Whether the data and the code of a finished job are what they were.
+    """Whether the data and the code of a finished job are unchanged.
 
     Raises:
         OSError: a data file cannot be read.

@@ -1,7 +1,16 @@
-"""A whole sweep: plans it, runs what is left, and says what became of it."""
+"""A whole sweep: launches the jobs that are left, whatever happens to single ones, and prints what failed.
+
+Jobs are judged by what they left on disk.  The return values of a launcher count for little: one killed job takes
+those of the others with it.  A job that fails leaves the reason in its folder, or in its return value where the disk
+is full, and the others go on.  Where a launcher itself breaks down, for example because a job was killed for its
+memory, jobs that had not begun are launched again together, and those that had begun each alone.
+"""
 
 import sys
+import time
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -12,21 +21,30 @@ from omegaconf import DictConfig, open_dict
 
 from contactlearn.cli.config_files import check_settings
 from contactlearn.cli.resource_limits import GIB, jobs_at_a_time
-from contactlearn.cli.sweeps.jobs import Job, Plan, planned
-from contactlearn.cli.sweeps.rounds import Launch, Outcome, run_jobs
+from contactlearn.cli.sweeps.plan import Job, Plan, plan_jobs
 from contactlearn.core.errors import ContactLearnError, harmless, installing
+from contactlearn.report.sweep import show_sweep
+from contactlearn.results.state import FAILED, begun, is_held, read_failed
 
-_EXTRAS = {"joblib": "joblib", "submitit": "slurm", "ray": "ray"}
-"""Optional dependencies by a word in the class of their launcher."""
+Launch = Callable[[Sequence[Job]], Sequence[str | None]]
+"""Runs jobs, and returns the reason of each that failed."""
+_EXTRAS = {"joblib": "joblib", "submitit": "slurm", "ray": "ray"}  # optional dependencies by a word of the launcher
+_POLL = 0.5  # s between looks at a job that another process runs
+_LAUNCHES = 3  # of a job that does not begin, at most
+_SILENT = "ended without a result and without a reason; was it killed?"
+
+
+@dataclass
+class Outcome:
+    """Launched jobs by their end: those that failed with the reason, and those that may still wait in a queue."""
+
+    finished: list[Job] = field(default_factory=list)
+    failed: list[tuple[Job, str]] = field(default_factory=list)
+    queued: list[Job] = field(default_factory=list)
 
 
 def sweep(
-    config: DictConfig,
-    context: HydraContext,
-    task: TaskFunction,
-    several: Sequence[Sequence[str]],
-    gigabytes: float,
-    show: Callable[[Sequence[Path], Path], None],
+    config: DictConfig, context: HydraContext, task: TaskFunction, several: Sequence[Sequence[str]], gigabytes: float
 ) -> None:
     """Run the jobs of a sweep that are not finished; the process ends with status 1 if one failed.
 
@@ -36,43 +54,102 @@ def sweep(
         task: a job.
         several: settings of each job.
         gigabytes: memory of one job, GiB.
-        show: shows the finished runs of a sweep, by their folders and its own.
 
     Raises:
-        ContactLearnError: a wrong setting in any of the jobs, none of which runs then; or a launcher that is not there.
+        ContactLearnError: a wrong setting in any of the jobs, none of which runs then; or a launcher that is missing.
         OSError: the folder of the sweep cannot be made or written.
     """
-    command, loader = str(config.hydra.job.config_name), context.config_loader
+    command, loader, folder = (
+        str(config.hydra.job.config_name),
+        context.config_loader,
+        Path(str(config.hydra.sweep.dir)),
+    )
 
     def compose(words: list[str]) -> DictConfig:
         found = loader.load_sweep_config(config, words)
         check_settings(found, command)
         return found
 
-    plan = planned(config.hydra, several, compose)
-    _announce(plan, str(config.hydra.sweep.dir))
-    outcome = Outcome()
+    plan, outcome = plan_jobs(config.hydra, several, compose), Outcome()
+    before = f", {len(plan.finished)} finished before" if plan.finished else ""
+    print(f"sweep    {len(plan.pending) + len(plan.finished)} jobs{before}, in {folder}", flush=True)
     if plan.pending:
-        _writable(Path(str(config.hydra.sweep.dir)))
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=".probe-", dir=folder):  # fails now rather than in every job
+            pass
         target = str(config.hydra.launcher._target_)
         at_once = jobs_at_a_time(-1, gigabytes) if target.endswith("LocalLauncher") else None
         launch = _launcher(config, context, task, gigabytes, len(plan.pending))
         outcome = run_jobs(plan.pending, launch, at_once, queues=target.endswith("SlurmLauncher"))
     finished = [job.folder for job in (*plan.finished, *outcome.finished)]
     if finished:
-        show(finished, Path(str(config.hydra.sweep.dir)))
+        show_sweep(finished, folder)
     _conclude(plan, outcome)
 
 
-def _writable(folder: Path) -> None:
-    """Make a folder, and raise now rather than in every job if it cannot be written."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=".probe-", dir=folder):
-        pass
+def run_jobs(jobs: Sequence[Job], launch: Launch, at_once: int | None, queues: bool) -> Outcome:
+    """Run jobs until each is finished or has failed.
+
+    Args:
+        jobs: to run.
+        launch: runs several jobs and returns when they have ended; an exception is its breakdown.
+        at_once: jobs to launch at a time; None for all.
+        queues: whether jobs go on by themselves after a breakdown, so that they must not be launched again.
+    """
+    outcome, vain = Outcome(), Counter[Path]()  # launches after which no job of a batch had begun
+    size = at_once or max(1, len(jobs))
+    batches = deque(list(jobs[k : k + size]) for k in range(0, len(jobs), size))
+    while batches:
+        batch = batches.popleft()
+        before = {job.folder: begun(job.folder) for job in batch}
+        reasons, breakdown = _launched(batch, launch)
+        left = [job for job, why in zip(batch, reasons, strict=True) if not _is_settled(job, why, outcome)]
+        stopped = [job for job in left if begun(job.folder) != before[job.folder]]
+        waiting = [job for job in left if job not in stopped]
+        if breakdown is not None and queues:
+            outcome.queued += left
+            continue
+        if waiting == batch:
+            if breakdown is not None:
+                outcome.failed += [(job, f"could not be launched: {breakdown}") for job in batch]
+                continue
+            vain.update(job.folder for job in batch)
+        if len(batch) > 1:
+            batches += [[job] for job in stopped]
+        else:
+            outcome.failed += [(job, _SILENT) for job in stopped]
+        outcome.failed += [(job, _SILENT) for job in waiting if vain[job.folder] == _LAUNCHES]
+        if again := [job for job in waiting if vain[job.folder] < _LAUNCHES]:
+            batches.append(again)
+    return outcome
+
+
+def _launched(batch: Sequence[Job], launch: Launch) -> tuple[Sequence[str | None], str | None]:
+    """Launch jobs; the reason of each that failed, and the first line of the launcher's own breakdown."""
+    for job in batch:
+        (job.folder / FAILED).unlink(missing_ok=True)
+    try:
+        return launch(batch), None
+    except Exception as error:
+        return [None] * len(batch), (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
+def _is_settled(job: Job, returned: str | None, outcome: Outcome) -> bool:
+    """Enter a job that finished or failed; one that another process runs is waited for, since it may be killed."""
+    while is_held(job.folder):
+        time.sleep(_POLL)
+    failed = read_failed(job.folder)
+    if job.finished:
+        outcome.finished.append(job)
+    elif failed is not None or returned is not None:
+        outcome.failed.append((job, failed.reason if failed is not None else str(returned)))
+    else:
+        return False
+    return True
 
 
 def _launcher(config: DictConfig, context: HydraContext, task: TaskFunction, gigabytes: float, jobs: int) -> Launch:
-    """What runs several jobs: the launcher of the configuration, with no more processes than memory allows."""
+    """The launcher of the configuration, with no more processes than memory allows."""
     target = str(config.hydra.launcher._target_)
     _limit(config.hydra.launcher, gigabytes, jobs)
     try:
@@ -88,7 +165,7 @@ def _launcher(config: DictConfig, context: HydraContext, task: TaskFunction, gig
     def launch(batch: Sequence[Job]) -> list[str | None]:
         first = len(launched)
         launched.extend(batch)
-        words = [[*(["workers=1"] if side_by_side else []), *job.overrides] for job in batch]  # unless said otherwise
+        words = [[*(["workers=1"] if side_by_side else []), *job.overrides] for job in batch]  # typed ones come later
         returns = launcher.launch(words, initial_job_idx=first)
         failed = (getattr(one, "_return_value", None) if one.status == JobStatus.FAILED else None for one in returns)
         return [None if error is None else str(error) for error in failed]
@@ -109,13 +186,8 @@ def _limit(launcher: DictConfig, gigabytes: float, jobs: int) -> None:
             launcher.ray.remote.memory = launcher.ray.remote.get("memory") or int(gigabytes * GIB)
 
 
-def _announce(plan: Plan, folder: str) -> None:
-    before = f", {len(plan.finished)} finished before" if plan.finished else ""
-    print(f"sweep    {len(plan.pending) + len(plan.finished)} jobs{before}, in {folder}", flush=True)
-
-
 def _conclude(plan: Plan, outcome: Outcome) -> None:
-    """Say what became of the jobs, failed ones last, where a user looks; end with status 1 if there are any."""
+    """Print the numbers of jobs, and the failed ones last, where a user looks; end with status 1 if there are any."""
     finished = len(plan.finished) + len(outcome.finished)
     counts = [f"{finished} finished"]
     counts += [f"{len(outcome.queued)} without a result yet"] if outcome.queued else []

@@ -1,4 +1,4 @@
-"""Classes of a user's own, tried on a few drops before any work: a slip in them is one line, and no lost night.
+"""Laws and effects of the user's own, checked on a few drops before any work: a mistake is one line at the start.
 
 A class that passes may still break a rule; `contactlearn.testing` has the whole contract.
 """
@@ -25,8 +25,8 @@ _NO_IF = "; a parameter has many values at once: torch.where(condition, a, b) ta
 
 
 @contextmanager
-def in_one_line(target: object, kind: type) -> Generator[None]:
-    """Say of whatever a class raises where in its own file that is.
+def located_errors(target: object, kind: type) -> Generator[None]:
+    """Turn any error of a class into one that names the place in its file.
 
     Raises:
         ContactLearnError: with the class, the method, the line and the error.
@@ -40,11 +40,11 @@ def in_one_line(target: object, kind: type) -> Generator[None]:
         own = [frame for frame in frames if frame.filename == inspect.getfile(kind)]
         where = (own or frames)[-1]
         hint = _NO_IF if str(error).startswith("Boolean value of Tensor") else ""
-        said = f"{target} fails in {where.name}, line {where.lineno}: {reason(error)}{hint}"
-        raise ContactLearnError(said) from error
+        message = f"{target} fails in {where.name}, line {where.lineno}: {reason(error)}{hint}"
+        raise ContactLearnError(message) from error
 
 
-def try_effect(effect: Effect, target: object) -> None:
+def check_effect(effect: Effect, target: object) -> None:
     """Use an effect on a few drops, unless they are none for it.
 
     Raises:
@@ -61,7 +61,7 @@ def try_effect(effect: Effect, target: object) -> None:
         raise ContactLearnError(f"{target} {broken}")
 
 
-def try_law(law: Law, target: object) -> None:
+def check_law(law: Law, target: object) -> None:
     """Use a law on a few contacts, with several coefficients at once.
 
     Raises:

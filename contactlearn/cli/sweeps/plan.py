@@ -8,7 +8,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from contactlearn.cli.sweeps.identity import DIGITS, job_identity, still_valid, typed
+from contactlearn.cli.sweeps.identity import DIGITS, job_identity, still_valid, words_digest
 from contactlearn.results.state import Done, read_done
 
 _LONGEST_NAME = 80
@@ -16,7 +16,7 @@ _LONGEST_NAME = 80
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """A job: its settings as a user would type them, what is swept among them in words, and its folder."""
+    """A job: its settings as a user would type them, those of them that are swept, and its folder."""
 
     words: tuple[str, ...]
     name: str
@@ -40,13 +40,8 @@ class Plan:
     pending: list[Job]
     finished: list[Job]
 
-    @property
-    def jobs(self) -> int:
-        """Number of jobs."""
-        return len(self.pending) + len(self.finished)
 
-
-def planned(hydra: DictConfig, several: Sequence[Sequence[str]], compose: Callable[[list[str]], DictConfig]) -> Plan:
+def plan_jobs(hydra: DictConfig, several: Sequence[Sequence[str]], compose: Callable[[list[str]], DictConfig]) -> Plan:
     """Find the folder of each job, and leave out the finished ones; those are not even composed.
 
     Args:
@@ -58,24 +53,27 @@ def planned(hydra: DictConfig, several: Sequence[Sequence[str]], compose: Callab
         OSError: a data file, or the folder of the sweep, cannot be read.
     """
     root = Path(str(hydra.sweep.dir))
-    folders, finished = _known(root)
-    sources = {(one.code, one.data, one.paths): one for one in finished}
+    folders, known = _known(root)
+    sources = {(one.code, one.data, one.paths): one for one in known}
     sound = {key for key, one in sources.items() if still_valid(one)}
-    by_words = {one.words: one for one in finished if one.words and (one.code, one.data, one.paths) in sound}
-    swept = _swept(several)
-    jobs: dict[str, tuple[Job, bool]] = {}
+    by_words = {one.words: one for one in known if one.words and (one.code, one.data, one.paths) in sound}
+    everywhere = set(several[0]).intersection(*several) if several else set[str]()
+    jobs, finished = dict[str, Job](), set[str]()
     for words in several:
-        name = ",".join(word for word in words if word in swept)
-        done = by_words.get(typed(hydra, list(words)))
-        if done is None:
+        name = ",".join(word for word in words if word not in everywhere)
+        done = by_words.get(words_digest(hydra, words))
+        if done is not None:
+            finished.add(done.job)
+        else:
             cfg = compose(list(words))
             done = job_identity(cfg, cfg.hydra)
-        folder = root / folders.get(done.job, f"{_readable(name)}-{done.job}")
-        job = Job(words=tuple(words), name=name or "all as given", folder=folder)
-        jobs.setdefault(done.job, (job, done.words in by_words or job.finished))
+        if done.job not in jobs:
+            folder = root / folders.get(done.job, f"{_readable(name)}-{done.job}")
+            jobs[done.job] = Job(words=tuple(words), name=name or "all as given", folder=folder)
+    finished |= {digest for digest, job in jobs.items() if digest not in finished and job.finished}
     return Plan(
-        pending=[job for job, finished in jobs.values() if not finished],
-        finished=[job for job, finished in jobs.values() if finished],
+        pending=[job for digest, job in jobs.items() if digest not in finished],
+        finished=[job for digest, job in jobs.items() if digest in finished],
     )
 
 
@@ -91,13 +89,7 @@ def _known(root: Path) -> tuple[dict[str, str], list[Done]]:
     return folders, finished
 
 
-def _swept(several: Sequence[Sequence[str]]) -> set[str]:
-    """Words that are not in every job."""
-    everywhere = set(several[0]).intersection(*several) if several else set()
-    return {word for words in several for word in words} - everywhere
-
-
 def _readable(name: str) -> str:
-    """What is swept, as part of the name of a folder."""
+    """The swept settings, as part of the name of a folder."""
     inner = re.sub(r"\[([^]]*)\]", lambda found: found[1].replace(",", "+") or "none", name)
     return re.sub(r"[^\w.,=+-]+", "_", inner).strip("_.,-")[:_LONGEST_NAME] or "job"
