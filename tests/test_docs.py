@@ -1,7 +1,6 @@
 """What the documents show works: Python blocks run, commands compose, links lead somewhere."""
 
 import gc
-import inspect
 import re
 import shlex
 from pathlib import Path
@@ -9,11 +8,12 @@ from pathlib import Path
 import pytest
 from commands import first_forms
 from evaluations import training
-from omegaconf import OmegaConf
 
 from contactlearn import laws
+from contactlearn.cli.config_files import choices
+from contactlearn.cli.config_groups import entry
 from contactlearn.cli.hydra_main import compose
-from contactlearn.effects import Effect, catalogue
+from contactlearn.effects import catalogue
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.results import folder
 
@@ -109,8 +109,6 @@ def test_every_setting_is_explained():
         *ROOT.glob("configs/*.yaml"),
         *ROOT.glob("configs/data/*.yaml"),
         *ROOT.glob("configs/model/*.yaml"),
-        *ROOT.glob("configs/effect/*.yaml"),
-        *ROOT.glob("configs/law/*.yaml"),
     ]:
         ours = re.split(r"^hydra:$", path.read_text("utf-8"), flags=re.MULTILINE)[0]
         for line in ours.splitlines():
@@ -133,32 +131,20 @@ def test_the_document_lists_the_whole_catalogue():
         assert f"| `{name}` | {symbol.unit} | {symbol.description} |" in text
 
 
-def test_every_effect_has_its_configuration():
-    """And no other has one; the options are those of the class, with its defaults."""
-    paths = {path.stem: path for path in (ROOT / "configs" / "effect").glob("*.yaml")}
-    assert paths.keys() == catalogue().keys()
-    for name, path in paths.items():
-        entry = OmegaConf.to_container(OmegaConf.load(path))[name]
-        default, *others = catalogue()[name]
-        family = (
-            next(b for b in default.__mro__ if inspect.isabstract(b) and issubclass(b, Effect))
-            if default.form
-            else default
-        )
-        assert entry.pop("_target_") == f"contactlearn.effects.{name}.{family.__name__}"
-        assert entry.pop("form", None) == default.form
-        assert entry == default().options
-        comment = path.read_text("utf-8").splitlines()[0]
-        assert comment.endswith("; or ".join(kind.formula for kind in (default, *others)))
-
-
-def test_every_law_has_its_configuration():
-    """And no other has one but the choice of a diagnosis; the options are those of the class, with its defaults."""
-    paths = {path.stem: path for path in (ROOT / "configs" / "law").glob("*.yaml")}
-    assert paths.keys() == {*laws.names(), "best"}
+def test_every_effect_and_law_is_a_choice():
+    """With the options of its class and their defaults, which the documents explain."""
+    effects, about = catalogue(), (ROOT / "docs" / "effects.md").read_text("utf-8")
+    assert choices("effect") == sorted(effects)
+    for name, (default, *_) in effects.items():
+        (one,) = entry("effect", name).values()
+        assert one.pop("_target_") == f"contactlearn.effects.{name}.{name.title().replace('_', '')}"
+        assert one.pop("form", None) == default.form
+        assert one == default().options
+        for option in one:
+            assert f"| `{option}` |" in about
+    assert choices("law") == sorted([*laws.names(), "best"])
     for name in laws.names():
-        entry = OmegaConf.to_container(OmegaConf.load(paths[name]))
-        kind = laws.catalogue()[name]["textbook"]
-        assert entry.pop("_target_") == f"contactlearn.laws.{name}.{kind.__name__}"
-        assert entry == kind().options
+        one, kind = entry("law", name), laws.catalogue()[name]["textbook"]
+        assert one.pop("_target_") == f"{kind.__module__}.{kind.__name__}"
+        assert one == kind().options
         assert f"| `{name}` |" in (ROOT / "docs" / "laws.md").read_text("utf-8")

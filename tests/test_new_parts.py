@@ -1,4 +1,4 @@
-"""A new law and a new effect: a file and a configuration each in the package, or announced by another package."""
+"""A new law and a new effect: a file each in the package, or announced by another package."""
 
 import json
 import shutil
@@ -41,9 +41,7 @@ class SpinLoss(Effect):
 '''
 NEW = {
     "contactlearn/effects/spin_loss.py": EFFECT,
-    "configs/effect/spin_loss.yaml": "spin_loss:\n  _target_: contactlearn.effects.spin_loss.SpinLoss\n",
     "contactlearn/laws/bumpy_floor.py": LAW,
-    "configs/law/bumpy_floor.yaml": "_target_: contactlearn.laws.bumpy_floor.BumpyFloor\nshare: 0.5\n",
 }
 ENTRIES = "[contactlearn.effects]\nspin_loss = spin_loss:SpinLoss\n[contactlearn.laws]\nbumpy = bumpy\n"
 CATALOGUES = """
@@ -51,12 +49,13 @@ from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.effects import catalogue
 
-settings = EvaluateSettings.from_config(compose('evaluate', ['laws=[bumpy_floor,mirtich]']))
-print(*settings.laws, 'spin_loss' in catalogue())
+cfg = compose('evaluate', ['laws=[bumpy_floor,mirtich]', 'law=bumpy_floor', 'effect=[spin_loss]'])
+settings = EvaluateSettings.from_config(cfg)
+print(*settings.laws, 'spin_loss' in catalogue(), settings.law.name, type(settings.effects['spin_loss']).__name__)
 """
 
 
-def test_new_parts_of_the_package_are_one_file_and_one_yaml_each(tmp_path):
+def test_new_parts_of_the_package_are_one_file_each(tmp_path):
     """In a copy of the package that nothing else is changed in."""
     for part in ("contactlearn", "configs"):
         shutil.copytree(ROOT / part, tmp_path / part)
@@ -64,7 +63,7 @@ def test_new_parts_of_the_package_are_one_file_and_one_yaml_each(tmp_path):
     before = set(_files(tmp_path))
     for path, text in NEW.items():
         (tmp_path / path).write_text(text)
-    words = (*TRAIN, "law=bumpy_floor", "effect=[spin_loss]", "hydra.run.dir=run")
+    words = (*TRAIN, "law=bumpy_floor", "law.share=0.5", "effect=[spin_loss]", "hydra.run.dir=run")
     assert "bumpy_floor" in run_alone("train.py", *words, cwd=tmp_path)
     results = json.loads((tmp_path / "run" / "results.json").read_text())
     assert "bumpy_floor + spin_loss" in results["joint"]
@@ -87,4 +86,4 @@ def test_another_package_announces_laws_and_effects(tmp_path, monkeypatch):
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
     (about / "entry_points.txt").write_text(ENTRIES)
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{ROOT}")
-    assert run_alone("-c", CATALOGUES) == "bumpy_floor mirtich True\n"
+    assert run_alone("-c", CATALOGUES) == "bumpy_floor mirtich True bumpy_floor SpinLoss\n"

@@ -12,6 +12,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from contactlearn.cli.config_groups import catalogued, entry, has_choice, is_catalogued
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 
 _PACKAGE = Path(__file__).parents[1]
@@ -22,9 +23,17 @@ _COMMANDS = ("train", "evaluate", "diagnose")
 _REFUSED = re.compile(r"Could not (?:override|append to config|delete from config)[^']*'([^']+)'")
 
 
-def choices(group: Path) -> list[str]:
-    """Return the names of the files of a group."""
-    return sorted(path.stem for path in group.glob("*.yaml"))
+def groups() -> list[str]:
+    """Return the names of all groups of choices."""
+    folders = (path.name for path in Path(CONFIGS).iterdir() if path.is_dir())
+    return sorted({*folders, "effect", "law"} - {"hydra"})
+
+
+def choices(group: str) -> list[str]:
+    """Return the names of the choices of a group."""
+    return (
+        catalogued(group) if is_catalogued(group) else sorted(path.stem for path in Path(CONFIGS, group).glob("*.yaml"))
+    )
 
 
 def check_choices(words: list[str]) -> None:
@@ -35,13 +44,12 @@ def check_choices(words: list[str]) -> None:
     """
     for word in words:
         group, _, choice = word.lstrip("+").partition("=")
-        folder = Path(CONFIGS, group)
-        if not group.isidentifier() or not folder.is_dir() or "(" in choice:  # not a group, or a function of Hydra's
+        if group not in groups() or "(" in choice:  # a setting, or a function of Hydra's
             continue
-        known = choices(folder)
         for name in re.findall(r"\w+", choice):
-            if name not in known and name != "null":
-                raise UnknownNameError(group, name, known)
+            known = is_catalogued(group) and has_choice(group, name)
+            if not known and name != "null" and name not in choices(group):
+                raise UnknownNameError(group, name, choices(group))
 
 
 def check_settings(cfg: DictConfig, command: str) -> None:
@@ -78,22 +86,21 @@ def explained(error: Exception, command: str, words: Sequence[str]) -> str:
 def _holders(key: str) -> list[str]:
     """The choices of data and laws that have a setting."""
     group, _, name = key.partition(".")
-    folder = Path(CONFIGS, group)
-    named = choices(folder) if group in ("data", "law") else []
-    return [f"{group}={choice}" for choice in named if name in _content(folder / f"{choice}.yaml")]
+    named = choices(group) if group in ("data", "law") else []
+    return [f"{group}={choice}" for choice in named if name in _settings(group, choice)]
 
 
 def _near_in_source(key: str, words: Sequence[str]) -> str:
     """The nearest setting of the data source that the words choose."""
     chosen = [word.removeprefix("data=") for word in words if word.startswith("data=")]
-    there = chosen and chosen[-1] in choices(Path(CONFIGS, "data"))
-    known = _content(Path(CONFIGS, "data", f"{chosen[-1]}.yaml")) if there else {}
+    there = chosen and chosen[-1] in choices("data")
+    known = _settings("data", chosen[-1]) if there else {}
     return suggest(key.removeprefix("data."), known) if key.startswith("data.") else ""
 
 
 def _not_there(key: str, group: str, name: str) -> str:
     """Say how an effect comes into a model whose settings were given, but not the effect."""
-    known = choices(Path(CONFIGS, "effect"))
+    known = choices("effect")
     if group == "effect" and name in known:
         return f"{key} is a setting of an effect that is not in the model; add effect=[{name}]"
     near = suggest(name, known) if group == "effect" else ""
@@ -132,6 +139,11 @@ def required_settings(command: str) -> list[str]:
 @lru_cache
 def _data_keys() -> set[str]:
     return {f"data.{key}" for path in Path(CONFIGS, "data").glob("*.yaml") for key in _content(path)}
+
+
+def _settings(group: str, choice: str) -> dict[str, Any]:
+    """Settings of one choice of a group."""
+    return entry(group, choice) if is_catalogued(group) else _content(Path(CONFIGS, group, f"{choice}.yaml"))
 
 
 def _content(path: Path) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from threading import Lock
 import torch
 from threadpoolctl import threadpool_limits
 
-from contactlearn.cli.config_files import CONFIGS, choices
+from contactlearn.cli.config_files import choices
 from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.errors import ContactLearnError
@@ -209,7 +209,7 @@ def curve_steps(models: Models, session: Session) -> Iterator[LearningProgress]:
 def learned_steps(models: Models, session: Session) -> Iterator[LearningProgress]:
     """Train every learned model on the training part, those with a law around the model of the session."""
     data, fitted = models.split(session), models.fitted(session)
-    names = ",".join(choices(Path(CONFIGS, "model")))
+    names = ",".join(choices("model"))
     recipes = EvaluateSettings.from_config(compose("evaluate", [*words_of(session), f"model=[{names}]"])).learnable
     errors: dict[str, _Points] = {}
     for done, (name, recipe) in enumerate(recipes.items()):

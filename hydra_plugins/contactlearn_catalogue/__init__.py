@@ -1,0 +1,60 @@
+"""Hydra's way to the configuration groups `effect` and `law`, which have no files; see `cli.config_groups`."""
+
+from pathlib import Path
+
+from hydra.core.config_search_path import ConfigSearchPath
+from hydra.core.object_type import ObjectType
+from hydra.plugins.config_source import ConfigResult, ConfigSource
+from hydra.plugins.search_path_plugin import SearchPathPlugin
+from omegaconf import OmegaConf
+
+from contactlearn.cli import config_groups
+from contactlearn.cli.config_files import CONFIGS
+
+_SCHEME = "contactlearn"
+_GROUPS = ("effect", "law")
+
+
+class CatalogueSource(ConfigSource):
+    """A configuration for each effect and each law, made when it is chosen."""
+
+    @staticmethod
+    def scheme() -> str:
+        """Return the scheme of the paths of this source."""
+        return _SCHEME
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        """Make the configuration of a choice, such as effect/side_drag."""
+        group, _, name = config_path.removesuffix(".yaml").partition("/")
+        config = OmegaConf.create(config_groups.entry(group, name))
+        return ConfigResult(self.provider, f"{_SCHEME}://", config, header={"package": None})
+
+    def available(self) -> bool:
+        """Return that it always is."""
+        return True
+
+    def is_group(self, config_path: str) -> bool:
+        """Whether a path is one of the two groups, or holds them."""
+        return config_path.strip("/") in ("", *_GROUPS)
+
+    def is_config(self, config_path: str) -> bool:
+        """Whether a path is a choice of one of them."""
+        group, _, name = config_path.removesuffix(".yaml").partition("/")
+        return group in _GROUPS and config_groups.has_choice(group, name)
+
+    def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
+        """Return the choices of a group, or the groups."""
+        group = config_path.strip("/")
+        if results_filter == (ObjectType.GROUP if group else ObjectType.CONFIG):
+            return []
+        return config_groups.catalogued(group) if group else [*_GROUPS]
+
+
+class CatalogueSearchPath(SearchPathPlugin):
+    """Adds the two groups wherever the configurations of this package are used, and nowhere else."""
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        """Append the groups to the search path."""
+        folders = (Path(one.path.removeprefix("file://")) for one in search_path.get_path() if one.path)
+        if Path(CONFIGS) in folders:
+            search_path.append(_SCHEME, f"{_SCHEME}://")
