@@ -1,10 +1,10 @@
-"""Measurements that need not fit in memory: impacts in blocks, which are read as often as they are asked for.
+"""Measurements that need not fit in memory: impacts in blocks, which are read again at each use.
 
     Blocks.of(impacts)        impacts that are in memory
     Blocks.survey(…, read)    those of a file: a first reading checks and counts the rows
     blocks.pick(sampled(…))   a random sample of them in memory
 
-Everything that is computed trial by trial goes over the blocks; what is fitted, drawn or shown has a sample.
+Computations trial by trial go over the blocks; fits, figures and pages use a sample.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -20,14 +20,14 @@ from contactlearn.core.fingerprint import Fingerprint
 from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, Impacts
 
 BLOCK = 1 << 15
-"""Trials of a block: few enough that what is computed from them is a few hundred megabytes."""
+"""Trials of a block: few enough that computations on them take a few hundred megabytes."""
 LARGE = 50_000
 """Trials from which on data are read in blocks."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Blocks:
-    """Impacts of a source in blocks of the same fields; `read` begins anew at each call.
+    """Impacts of a source in blocks of the same fields; `read` starts again at each call.
 
     Args:
         source: in words.

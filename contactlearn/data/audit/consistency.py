@@ -145,7 +145,7 @@ def repeated(impacts: Impacts) -> Bool[Tensor, " n"]:
     _, which, count = (mixed ^ (mixed >> 29)).sum(-1).unique(return_inverse=True, return_counts=True)
     seen: set[tuple[float, ...]] = set()
     twice = torch.zeros(len(numbers), dtype=torch.bool)
-    for place in (count[which] > 1).nonzero()[:, 0].tolist():  # equal rows have equal sums, others hardly ever
+    for place in (count[which] > 1).nonzero()[:, 0].tolist():  # equal rows have equal sums, others almost never
         row = tuple(numbers[place].tolist())
         twice[place] = row in seen
         seen.add(row)
@@ -164,12 +164,12 @@ def gross_outliers(
     before, after = kinetic_energy(impacts)
     spread = MAD_SCALE * terms.residual.abs().median()
     gross = residual > thresholds.moment_sigmas * spread
-    unlike = (_unlike(impacts, values, thresholds) for values in (impacts.mass, impacts.inertia))
+    far = (_mass_outliers(impacts, values, thresholds) for values in (impacts.mass, impacts.inertia))
     return {
         "moment": gross & (terms.imbalance > thresholds.imbalance),
         "energy": after > thresholds.energy_ratio * before,
         "approach": impacts.v_c[:, 1] >= 0,
-        "mass": torch.stack([*unlike]).any(0),
+        "mass": torch.stack([*far]).any(0),
     }
 
 
@@ -195,7 +195,7 @@ def _least_residual(impacts: Impacts) -> Float[Tensor, " n"]:
     return least
 
 
-def _unlike(impacts: Impacts, values: Float[Tensor, " n"], thresholds: OutlierThresholds) -> Bool[Tensor, " n"]:
+def _mass_outliers(impacts: Impacts, values: Float[Tensor, " n"], thresholds: OutlierThresholds) -> Bool[Tensor, " n"]:
     """Trials with a value far from its object's median; where that is common, two bodies share a name."""
     known = {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
     objects = torch.tensor([known[name] for name in impacts.object])

@@ -1,11 +1,11 @@
-"""Named corrections of measurements: each a pure function from impacts to impacts, asked for by name.
+"""Named corrections of measurements: each a pure function from impacts to impacts, requested by name.
 
     data.correct=[mirrored_x]              corrections in the order in which they are applied
     correct(impacts, ["mirrored_x"])       the same as a call
 
-A finding of the audit names the correction that undoes the mistake.  A correction is made only where it is asked for,
+A finding of the audit names the correction that undoes the mistake.  A correction is made only on request,
 and the source of the corrected impacts names it.  Most corrections are their own inverse (a mirror, a swap); those of
-units are factors.  What is known of the apparatus goes with the axes, and is forgotten where it makes no sense in
+units are factors.  Estimates of the apparatus are transformed with the axes, and dropped where they make no sense in
 others.  Three are estimated from the data: the factor on the moment of inertia, and which trials are
 duplicates or gross outliers.
 
@@ -38,8 +38,8 @@ _DEGREE = math.pi / 180
 class Correction:
     """A mistake in the data, described as in a report, and the function that undoes it.
 
-    The limits of outliers are an argument of every function; all but `drop_outliers` ignore them.  `apparatus` is what
-    becomes of the knowledge of the apparatus.  One `of_all` looks at all trials together, and cannot go block by block.
+    The limits of outliers are an argument of every function; all but `drop_outliers` ignore them.  `apparatus`
+    transforms the estimates of the apparatus.  One `of_all` looks at all trials together, and cannot go block by block.
     """
 
     description: str
@@ -189,9 +189,7 @@ def _forget(*names: str) -> Callable[[Apparatus], Apparatus]:
 
 
 CORRECTIONS = {
-    "swapped_pre_post": Correction(
-        "what is called before contact was measured after it: velocities and poses", _swapped_pre_post
-    ),
+    "swapped_pre_post": Correction("before and after contact are exchanged: velocities and poses", _swapped_pre_post),
     "mirrored_y": Correction(
         "y points down: positions, velocities and the contact point",
         _scaled(((1, -1, 1), (*_POSES, *_VELOCITIES)), ((1, -1), ("r",))),
@@ -238,7 +236,7 @@ CORRECTIONS = {
         "trials of a table in which a number is missing: they are left out as it is read", lambda impacts, _: impacts
     ),
     "drop_duplicates": Correction("trials occur more than once: the first is kept", _drop_duplicates, of_all=True),
-    "drop_outliers": Correction("gross outliers, which cannot be what was measured", _drop_outliers, of_all=True),
+    "drop_outliers": Correction("gross outliers, which cannot be real measurements", _drop_outliers, of_all=True),
     "averaged_vx": Correction(
         "v_x before impact varies by no more than its noise: its mean is used", _averaged(0), of_all=True
     ),

@@ -209,7 +209,7 @@ def order_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
 
 
 def outlier_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
-    """Trials that cannot be what was measured, by reason."""
+    """Trials that cannot be real measurements, by reason."""
     by_reason = gross_outliers(impacts, thresholds.outliers)
     reasons = {name: count for name, bad in by_reason.items() if (count := float(bad.sum()))}
     bad = torch.stack([*by_reason.values()]).any(0)

@@ -80,18 +80,18 @@ def meeting(before: Flight, after: Flight, window: tuple[float, float], step: fl
     skipped: Array = np.arange(options.most_missing + 1.0) * step
     low, high = window[0], window[1] + skipped
     time = (low + high) / 2
-    told, gain = np.ones_like(time), np.zeros((len(time), 3))
+    information, gain = np.ones_like(time), np.zeros((len(time), 3))
     for _ in range(_ROUNDS):
         d, S, change = _apart(before, after, time, skipped)
-        told = (change**2 / S).sum(1)
-        gain = -change / S / told[:, None]
+        information = (change**2 / S).sum(1)
+        gain = -change / S / information[:, None]
         time = np.clip(time + (gain * d).sum(1), low - 2 * step, high + 2 * step)
     d, S, change = _apart(before, after, time, skipped)
     S = S + (_QUARTER * options.contact_time * change) ** 2
     loose = (change**2 / S).sum(1)
     d = d - change * ((change * d / S).sum(1) / loose)[:, None]  # at the nearest point, in units of the softer scatter
     outside = np.maximum(np.maximum(low - time, time - high), 0.0)
-    apart = (d**2 / S).sum(1) + (outside / (told**-0.5 + options.contact_time / 2)) ** 2
+    apart = (d**2 / S).sum(1) + (outside / (information**-0.5 + options.contact_time / 2)) ** 2
     weight = -(apart + np.log(loose) + np.log(S).sum(1)) / 2 + skipped / step * np.log(_SKIPS)
     share = np.exp(weight - weight.max())
     best = int(share.argmax())
@@ -122,7 +122,7 @@ def cut(
 ) -> list[Flight]:
     """Fit flights again without frames that are nearer to a contact than its duration, or beyond it.
 
-    Where no one contact ends a flight, frames of what is there may be among its own: see `_own`.
+    A flight that ends at no contact may include frames of something else: see `_own`.
 
     Args:
         track: of the flights.
@@ -156,8 +156,8 @@ def _own(track: Track, frames: Indices, found: Flights, air: Air) -> Indices:
     """Frames of a flight without its last one, and without those before it that are of something else.
 
     The last m frames are as they are left out if χ² of the flight falls by more than twice their 3 m numbers (Akaike
-    1974): each of them may be near the flight where all of them together are not.  The others' errors are independent
-    of what was asked.  A window of frames stays, with which a flight is not too short.
+    1974): each of them may be near the flight where all of them together are not.  The errors of the other
+    frames are independent of this decision.  At least a window of frames stays.
     """
     frames, sigma = frames[:-1], found.sigma
     most = min(len(frames) // 3, len(frames) - found.width)
@@ -275,7 +275,7 @@ def _between(
     options: FlightOptions,
     limits: TrackThresholds,
 ) -> Meeting | Refusal:
-    """Where two flights meet at a contact, or why there is none; `known` says whether it is seen what ends them."""
+    """Where two flights meet at a contact, or why not; `known` states whether the event that ends each is seen."""
     first, last = before.last, after.first
     if not close(before, after, options):
         return _gap(track, first + 1, last - 1, found, limits)
@@ -299,14 +299,14 @@ def _between(
     )
     for holds, reason, quantity, value, unit in reasons:
         if holds:
-            return _refusal(track, first, last, reason, quantity, value, unit)
+            return refuse(track, first, last, reason, quantity, value, unit)
     return met
 
 
 def _too_few(flights: tuple[Flight, Flight], known: tuple[bool, bool], found: Flights, options: FlightOptions) -> int:
     """Frames of the shorter flight of those with too few, or 0.
 
-    One that ends at no contact that is told apart may have frames of what follows: it needs a whole window.
+    A flight whose end is not seen may include frames of the next event: it needs a whole window.
     """
     counts = [
         len(flight.frames)
@@ -327,19 +327,19 @@ def _gap(track: Track, first: int, last: int, found: Flights, limits: TrackThres
     seen = frames[track.seen[frames]]
     if len(seen) < max(2, len(frames) // 2):
         lost = len(frames) - len(seen)
-        return _refusal(track, first, last, Reason.LOST_FRAMES, "frames lost", lost, "frames")
+        return refuse(track, first, last, Reason.LOST_FRAMES, "frames lost", lost, "frames")
     heights = track.pose[track.seen, 1]
     above, most = float(track.pose[seen, 1].mean() - heights.min()), float(np.ptp(heights))
     few = found.width // 2 if found.flights else found.width
     if above > limits.hand_height * most and most > _UNEVEN * found.sigma[1] and len(seen) >= few:
-        return _refusal(track, first, last, Reason.HAND_OR_WALL, "height above the lowest frame", 1e3 * above, "mm")
+        return refuse(track, first, last, Reason.HAND_OR_WALL, "height above the lowest frame", 1e3 * above, "mm")
     if len(seen) < found.width:
         ends = first == 0 or last == len(track) - 1
         reason = Reason.TOO_FEW_FRAMES if ends else Reason.DOUBLE_HIT
-        return _refusal(track, first, last, reason, "frames in no flight", len(seen), "frames")
+        return refuse(track, first, last, reason, "frames in no flight", len(seen), "frames")
     speed = _speed(track, seen)
     reason = Reason.REST if speed < limits.rest_speed else Reason.SLIDING
-    return _refusal(track, first, last, reason, "median speed", speed, "m/s")
+    return refuse(track, first, last, reason, "median speed", speed, "m/s")
 
 
 def _speed(track: Track, frames: Sequence[int] | np.ndarray) -> float:
@@ -349,7 +349,8 @@ def _speed(track: Track, frames: Sequence[int] | np.ndarray) -> float:
     return float(np.median(np.linalg.norm(moved, axis=1) / np.diff(track.time[frames][::stride])))
 
 
-def _refusal(track: Track, first: int, last: int, reason: Reason, quantity: str, value: float, unit: str) -> Refusal:
+def refuse(track: Track, first: int, last: int, reason: Reason, quantity: str, value: float, unit: str) -> Refusal:
+    """Return the refusal of frames of a track, from the first to the last, with the quantity that decides."""
     return Refusal(
         recording=track.name,
         reason=reason,

@@ -39,7 +39,7 @@ _FEWEST = 6  # windows that agree
 _TRIED = 300
 _ROUNDS = 4
 _BLOCK = 4  # widths of a window
-_BLOCKS = 4  # blocks for each unknown, at least, that tell a drag
+_BLOCKS = 4  # blocks for each unknown, at least, that show a drag
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -50,7 +50,7 @@ class Gravity:
         vector: in units of length per s², [2 or 3].
         covariance: of its errors.
         drag: linear drag c in 1/s: the stated one, or the measured one where it is seen, or 0.
-        drag_error: standard error of the measured one; infinite where flights are too few to tell.
+        drag_error: standard error of the measured one; infinite where flights are too few.
     """
 
     vector: Float[Array, " d"]
@@ -127,7 +127,7 @@ def _shared(motions: _Motions, agree: Array, stated: float | None) -> Gravity:
         left = np.linalg.norm(motions.acceleration - known[:-1] + known[-1] * motions.velocity, axis=1)
         agree = left <= _NEAR * np.linalg.norm(known[:-1]) + 3 * motions.error
         known, covariance = _fitted(motions[agree])
-    error = float(covariance[-1, -1] ** 0.5) if _told(motions[agree]) else np.inf
+    error = float(covariance[-1, -1] ** 0.5) if _enough_blocks(motions[agree]) else np.inf
     seen = known[-1] > _DRAG_SIGMAS * error
     drag = stated if stated is not None else float(known[-1]) if seen else 0.0
     if stated is not None or not seen:
@@ -136,8 +136,8 @@ def _shared(motions: _Motions, agree: Array, stated: float | None) -> Gravity:
     return Gravity(vector=known[:d], covariance=covariance[:d, :d], drag=drag, drag_error=error)
 
 
-def _told(motions: _Motions) -> bool:
-    """Whether blocks are enough for their scatter to tell the error of a drag."""
+def _enough_blocks(motions: _Motions) -> bool:
+    """Whether blocks are enough for their scatter to show the error of a drag."""
     return len(np.unique(motions.block)) >= _BLOCKS * (motions.acceleration.shape[1] + 1)
 
 
@@ -188,7 +188,7 @@ def _moving(time: Array, pose: Array, frames: int, sigma: Array, width: int) -> 
     share = ((fits.residual / sigma) ** 2).sum(1)[:, :width].sum(1) / (width * np.maximum(fits.count - 3, 1))
     good = (fits.count >= max(5, 0.7 * frames)) & (share <= _SMOOTH)
     good = sliding_window_view(np.pad(good, _EDGE, mode="edge"), 2 * _EDGE + 1).all(-1)
-    errors = 2 * sigma / np.sqrt(np.maximum(fits.told, 1e-30))
+    errors = 2 * sigma / np.sqrt(np.maximum(fits.information, 1e-30))
     return _Motions(
         acceleration=2 * fits.leading[good, :width],
         error=np.linalg.norm(errors[good, :width], axis=1),
@@ -226,7 +226,7 @@ _HALF = 0.5  # of the horizontal spread, up to which an axis of rotation is acro
 
 @dataclass(frozen=True, kw_only=True)
 class Conventions:
-    """What is stated of the files; None is to be found.
+    """Stated conventions of the files; None is to be found.
 
     Args:
         unit: of length, one of `UNITS`, or its size in m, such as that of a pixel.
@@ -287,7 +287,7 @@ def find_frame(
 
 
 def _in_plane(gravity: Gravity, frame: Frame) -> tuple[float, float]:
-    """Gravity in m/s², straight down unless it is seen to lean: its error would be one of all velocities alike."""
+    """Gravity in m/s², straight down unless it is seen to lean: its error would bias all velocities."""
     right, up = frame.axes[:2] @ gravity.vector * frame.scale
     leans = abs(right) > _LEAN_SIGMAS * gravity.error_along(frame.axes[0]) * frame.scale
     return (float(right), float(up)) if leans else (0.0, -float(np.hypot(right, up)))
@@ -424,7 +424,7 @@ def _spatial(
         )
     if order is None and (len(fits) != 1 or turned <= limits.aligned):
         why = (
-            "bodies hardly turn in" if turned <= limits.aligned else "both orders fit" if fits else "neither order fits"
+            "bodies barely turn in" if turned <= limits.aligned else "both orders fit" if fits else "neither order fits"
         )
         raise DataError(
             f"{source}: which component of the quaternions is w is not seen: {why} the plane of motion; "

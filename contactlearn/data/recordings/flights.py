@@ -10,7 +10,7 @@ in two numbers, so that any number of windows is fitted at once in closed form.
 Contacts are where flights end: change-point detection by ballistic fits.  In a window of w frames a free flight is six
 numbers, and the squared residual in units of the noise follows χ² with 3 (w − 2) degrees of freedom; a contact inside
 the window, a floor below the body or a hand makes it larger by orders of magnitude.  The window is as long as it must
-be to tell a body at rest from one in flight.  A single frame without which a window is a flight is a bad frame.
+be to distinguish a body at rest from one in flight.  A single frame without which a window is a flight is a bad frame.
 
 Source of the idea: detection of impacts from tracked poses of free flights by the TU/e impact laboratory (I.AM.); for
 changes between piecewise fits Bai & Perron 1998.
@@ -196,14 +196,14 @@ class Windows:
         residual: of its frames, [S, w, 3]; 0 where a frame was lost.
         leverage: of its frames, [S, w, 3].
         leading: coefficient [S, 3] of the highest power of time.
-        told: its variance is that of a frame over this, [S, 3].
+        information: variance of a frame over that of the leading coefficient, [S, 3].
     """
 
     count: Int[Indices, " s"]
     residual: Float[Array, "s w 3"]
     leverage: Float[Array, "s w 3"]
     leading: Float[Array, "s 3"]
-    told: Float[Array, "s 3"]
+    information: Float[Array, "s 3"]
 
 
 def window_blocks(frames: int, width: int) -> Iterator[slice]:
@@ -247,7 +247,7 @@ def windows(time: Float[Array, " t"], pose: Float[Array, "t 3"], width: int, deg
         if power:
             basis.append(column)
     count = seen.sum(1)
-    return Windows(count=count, residual=residual, leverage=leverage, leading=factor[:, 0], told=size[:, 0])
+    return Windows(count=count, residual=residual, leverage=leverage, leading=factor[:, 0], information=size[:, 0])
 
 
 _LEAST_NOISE = np.array((1e-7, 1e-7, 1e-6))  # m, m, rad: rounding of exact tracks
@@ -266,7 +266,7 @@ class FlightOptions:
         air: gravity and drag of free flight.
         fewest: frames of a flight, at least.
         contact_time: duration of a contact in s: frames nearer to its instant are in no flight, and flights may miss
-            each other by what their velocities differ in a quarter of it.
+            each other by the difference of their velocities times a quarter of it.
         most_missing: frames that may be missing at contact.
     """
 
@@ -334,8 +334,8 @@ def _width(sigma: Array, step: float, options: FlightOptions, power: float) -> i
     """Frames of the shortest window in which a body at rest makes so large a χ² that it is no free flight."""
     n = np.arange(options.fewest, _WIDEST + 1)
     bend = np.hypot(*options.air.gravity) / 2 * step**2
-    told = bend**2 * n * (n**2 - 1) * (n**2 - 4) / 180 / sigma[:2].max() ** 2
-    return int(n[min(int(np.searchsorted(told, power)), len(n) - 1)])
+    chi_square = bend**2 * n * (n**2 - 1) * (n**2 - 4) / 180 / sigma[:2].max() ** 2
+    return int(n[min(int(np.searchsorted(chi_square, power)), len(n) - 1)])
 
 
 def _judged(time: Array, pose: Array, width: int, air: Air, sigma: Array, excess: float) -> tuple[Mask, Mask]:

@@ -172,8 +172,8 @@ def find_floor(
     """Fit the floor to contact points and bodies at rest, robustly.
 
     An offset of the tracked point from the centre of the shape, which also moves the contact points up and down as the
-    body turns, is fitted beside the body's zero of θ: where the two look alike the zero has a large error.  So is a
-    centre of mass that is off an ellipse's.  A rest that leans, or is off the floor, is left out.
+    body turns, is fitted together with the body's zero of θ: where the two are nearly collinear the zero has a large
+    error.  So is a centre of mass that is off an ellipse's.  A rest that leans, or is off the floor, is left out.
 
     Args:
         contacts: one or more.
@@ -197,7 +197,7 @@ def find_floor(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Problem:
-    """Least squares: rows are heights of contacts and of rests, angles of rests, and what is known before."""
+    """Least squares: rows are heights of contacts and of rests, angles of rests, and priors."""
 
     contacts: Sequence[Hit]
     rests: Sequence[Rest]
@@ -208,15 +208,15 @@ class _Problem:
 
     def solved(self, turned: float) -> tuple[Floor, Mask]:
         """The floor, linearised about a body that is turned further by an angle in rad, and which rests are on it."""
-        told, value, angles = self._rows(turned)
+        columns, value, angles = self._rows(turned)
         hits, rests = len(self.contacts), len(self.rests)
-        design = np.stack([*told.values()], 1)
+        design = np.stack([*columns.values()], 1)
         kinds: list[Indices] = np.split(np.arange(len(value)), np.cumsum((hits, rests, angles)))
         _, lies, turns = np.sqrt(np.mean([r.error**2 for r in self.rests], axis=0)).tolist() if rests else (0.0,) * 3
         good = _near(design, value, kinds, turns)
         on = good[kinds[1]] & good[kinds[2]] if angles else good[kinds[1]]
         fit, errors, spread = _weighted(design, value, [rows[good[rows]] for rows in kinds], (lies, turns))
-        found = {name: (float(x), float(error)) for name, x, error in zip(told, fit, errors, strict=True)}
+        found = {name: (float(x), float(error)) for name, x, error in zip(columns, fit, errors, strict=True)}
         slope, zero = found.get("slope"), found.get("orientation")
         floor = Floor(
             height=Estimate(value=found["height"][0], error=found["height"][1]),
@@ -228,7 +228,7 @@ class _Problem:
         return floor, on
 
     def _rows(self, turned: float) -> tuple[dict[str, Array], Array, int]:
-        """Columns by name, what they are to give, and the number of angles."""
+        """Columns of the design by name, its right-hand side, and the number of angles."""
         lying, rests, size = self.lying, self.rests, float(self.shape.outline().norm(dim=-1).mean()) / 2**0.5
         points, theta = _lowest(self.contacts, self.shape, turned), np.array([hit.pose[2] for hit in self.contacts])
         pose = np.reshape([rest.pose for rest in rests], (-1, 3))
@@ -258,16 +258,16 @@ class _Problem:
         if by_angle and lying.gain != 1:
             parts |= {"poise": (0 * x, lying.arms[side]), "lean": (0 * x, 1 - lying.gain)}
             known |= {"poise": Estimate(value=0.0, error=size), "lean": self.lean}
-        told = dict[str, Array]()
+        columns = dict[str, Array]()
         for name, (high, turns) in parts.items():
             prior = [(other == name) / max(one.error, _LEAST) for other, one in known.items()]
-            told[name] = np.concatenate((high, np.broadcast_to(turns, n), prior))
+            columns[name] = np.concatenate((high, np.broadcast_to(turns, n), prior))
         off = turn(pose[:, 2] + turned - lies)[:n]
-        return told, np.concatenate((y, off, [one.value / max(one.error, _LEAST) for one in known.values()])), n
+        return columns, np.concatenate((y, off, [one.value / max(one.error, _LEAST) for one in known.values()])), n
 
 
 def _near(design: Array, value: Array, kinds: Sequence[Indices], own: float) -> Mask:
-    """Rows that are near the fit of least distances; what is known before always is."""
+    """Rows that are near the fit of least absolute deviations; prior rows always are."""
     hits, rests, angles, _ = kinds
     weight, good, off = np.ones(len(value)), np.ones(len(value), dtype=np.bool_), value.copy()
     for rows in (np.append(hits, rests), angles):
@@ -285,11 +285,11 @@ def _near(design: Array, value: Array, kinds: Sequence[Indices], own: float) -> 
 
 
 def _middle(away: Array, design: Array) -> float:
-    """Median distance of rows, without as many as the parameters that they alone may tell: those may be 0."""
+    """Median distance of rows, without one for each parameter that only these rows determine: those may be 0."""
     if not len(away):
         return 0.0
-    told = min(int((np.ptp(design, axis=0) > 0).sum()) + 1, len(away) - 1)
-    return float(np.sort(away)[told + (len(away) - told - 1) // 2])
+    fitted = min(int((np.ptp(design, axis=0) > 0).sum()) + 1, len(away) - 1)
+    return float(np.sort(away)[fitted + (len(away) - fitted - 1) // 2])
 
 
 def _weighted(
@@ -297,7 +297,7 @@ def _weighted(
 ) -> tuple[Array, Array, float]:
     """Fit, its errors and the scatter of contacts, each kind of row with the scatter that it shows.
 
-    What is `own` is the scatter within bodies at rest, of heights and of angles.
+    `own` is the scatter within bodies at rest, of heights and of angles.
     """
     hits, rests, angles, _ = kinds
     sigma, spread, lies, turns = np.ones(len(value)), _SCATTER, _SCATTER, max(own[1], _LEAST)
@@ -317,7 +317,7 @@ def _weighted(
 
 
 def _between(squares: Array, free: Array, own: float) -> float:
-    """Scatter of bodies at rest: that within one, and what they miss each other by beyond it, which few show badly."""
+    """Scatter of bodies at rest: within one, and between them, which a few bodies show poorly."""
     beyond = float(squares.sum() - own**2 * free.sum()) / max(float(free.sum()) - 2, 1.0)
     return max(own**2 + max(beyond, 0.0), _LEAST**2) ** 0.5
 
@@ -344,16 +344,15 @@ def off_the_floor(
             (push <= 0, "change of the upward velocity", push, "m/s"),
         ):
             if holds:
-                refusals.append(
-                    Refusal(
-                        recording=contact.recording,
-                        reason=Reason.HAND_OR_WALL,
-                        quantity=quantity,
-                        value=value,
-                        unit=unit,
-                        time=(contact.time, contact.time),
-                    )
+                refusal = Refusal(
+                    recording=contact.recording,
+                    reason=Reason.HAND_OR_WALL,
+                    quantity=quantity,
+                    value=value,
+                    unit=unit,
+                    time=(contact.time, contact.time),
                 )
+                refusals.append(refusal)
                 break
         else:
             kept.append(contact)

@@ -1,23 +1,23 @@
 """From files of recordings to contacts: conventions from a few of them, then one recording after the other.
 
 A file that cannot be read is refused with its message, and the others go on.  No more than a few recordings are in
-memory at a time; of each the contacts, refusals and rests stay.
+memory at a time; contacts, refusals and rests are kept.
 """
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.workers import WorkerPool
-from contactlearn.data.recordings.contacts import find_contacts
+from contactlearn.data.recordings.contacts import find_contacts, refuse
 from contactlearn.data.recordings.conventions import Conventions, find_frame
 from contactlearn.data.recordings.flights import FlightOptions
 from contactlearn.data.recordings.floor import find_rests
@@ -29,14 +29,12 @@ from contactlearn.data.recordings.track import Recording, Track
 
 _SAMPLE = 24  # recordings from which conventions are found
 _MANY = 100  # files from which on they are shared among processes
-_CHUNK = 16  # files, or recordings of a single one, that a process gets at once
-_AHEAD = 4  # pieces of a single file that wait for each process
+_CHUNK = 16  # recordings of a file that are searched at once
+_AHEAD = 4  # files, or pieces of a single one, that wait for each process
 
 _Piece = list[Recording | Refusal]
-
-
 Progress = Callable[[Iterable[Any]], Iterable[Any]]
-"""Wraps files as they are read or, of a single one, pieces of at most 16 recordings."""
+"""Wraps files as they are read or, for a single file, pieces of at most 16 recordings."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,10 +62,10 @@ class TrackOptions:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Survey:
-    """What files of recordings hold.
+    """Contacts, refusals and rests in files of recordings.
 
     Args:
-        frame: conventions of all of them, with the evidence.
+        frame: conventions of all recordings, with the evidence.
         recordings: how many were read.
         contacts: accepted ones, in the order of the files and of time.
         refusals: of recordings and their parts.
@@ -79,6 +77,18 @@ class Survey:
     contacts: tuple[Hit, ...]
     refusals: tuple[Refusal, ...]
     rests: tuple[Rest, ...]
+
+    @classmethod
+    def of(cls, frame: Frame, parts: Iterable["Survey"]) -> "Survey":
+        """Return the survey of several parts, in their order."""
+        parts = [*parts]
+        return cls(
+            frame=frame,
+            recordings=sum(part.recordings for part in parts),
+            contacts=tuple(contact for part in parts for contact in part.contacts),
+            refusals=tuple(refusal for part in parts for refusal in part.refusals),
+            rests=tuple(rest for part in parts for rest in part.rests),
+        )
 
 
 def survey(path: Path, options: TrackOptions = TrackOptions(), *, progress: Progress = iter) -> Survey:
@@ -92,18 +102,17 @@ def survey(path: Path, options: TrackOptions = TrackOptions(), *, progress: Prog
     Raises:
         DataError: no recording can be read, or a convention is neither stated nor found.
     """
-    files = recording_files(path)
-    frame = find_frame(sample(files, options.layout), options.conventions, options.thresholds)
-    whole = _Part()
-    for part in _parts(files, frame, options.in_air(frame), progress):
-        whole.add(part)
-    return Survey(
-        frame=frame,
-        recordings=whole.recordings,
-        contacts=tuple(whole.contacts),
-        refusals=tuple(whole.refusals),
-        rests=tuple(whole.rests),
-    )
+    files, layout, workers = recording_files(path), options.layout, options.workers
+    frame = find_frame(sample(files, layout), options.conventions, options.thresholds)
+    search = partial(_search, frame=frame, options=options.in_air(frame))
+    if len(files) == 1:
+        pieces = progress(_pieces(files[0], layout))
+        parts = map(search, pieces) if workers == 1 else _shared(search, pieces, workers)
+    elif workers == 1 or len(files) < _MANY:
+        parts = (search(piece) for file in progress(files) for piece in _pieces(file, layout))
+    else:
+        parts = _shared(partial(_search_file, frame=frame, options=options.in_air(frame)), progress(files), workers)
+    return Survey.of(frame, parts)
 
 
 def sample(files: Sequence[Path], layout: Layout) -> list[Recording]:
@@ -148,67 +157,25 @@ def tracked(recording: Recording, frame: Frame, options: TrackOptions) -> Found:
 
 
 def _out_of_plane(track: Track, limits: TrackThresholds) -> Refusal | None:
-    seen = track.seen
-    if not seen.any():
-        return None
-    apart = float(np.quantile(np.abs(track.apart[seen]), 0.95))
-    tilted = float(np.quantile(np.abs(track.tilted[seen]), 0.95))
-    whole = (float(track.time[0]), float(track.time[-1]))
-    for value, limit, quantity, unit, factor in (
-        (apart, limits.plane_distance, "distance from the plane of motion", "mm", 1e3),
-        (tilted, limits.plane_tilt, "tilt out of the plane of motion", "°", 180 / np.pi),
+    for values, limit, quantity, unit, factor in (
+        (track.apart, limits.plane_distance, "distance from the plane of motion", "mm", 1e3),
+        (track.tilted, limits.plane_tilt, "tilt out of the plane of motion", "°", 180 / np.pi),
     ):
+        value = float(np.quantile(np.abs(values[track.seen]), 0.95)) if track.seen.any() else 0.0
         if value > limit:
-            return Refusal(
-                recording=track.name,
-                reason=Reason.OUT_OF_PLANE,
-                quantity=quantity,
-                value=float(value * factor),
-                unit=unit,
-                time=whole,
-            )
+            return refuse(track, 0, len(track) - 1, Reason.OUT_OF_PLANE, quantity, value * factor, unit)
     return None
 
 
-@dataclass(eq=False)
-class _Part:
-    """What some recordings hold; the fields are those of `Survey`."""
-
-    recordings: int = 0
-    contacts: list[Hit] = field(default_factory=list)
-    refusals: list[Refusal] = field(default_factory=list)
-    rests: list[Rest] = field(default_factory=list)
-
-    def add(self, other: "_Part") -> None:
-        """Add what others hold."""
-        self.recordings += other.recordings
-        self.contacts += other.contacts
-        self.refusals += other.refusals
-        self.rests += other.rests
+Item = TypeVar("Item")
 
 
-def _parts(files: Sequence[Path], frame: Frame, options: TrackOptions, progress: Progress) -> Iterator[_Part]:
-    """What each file holds, or each few recordings of a single one."""
-    if len(files) > 1 and (options.workers == 1 or len(files) < _MANY):
-        pieces = (piece for file in progress(files) for piece in _pieces(file, options.layout))
-        yield from map(partial(_searched, frame=frame, options=options), pieces)
-    elif len(files) > 1:
-        work = partial(_surveyed, frame=frame, options=options)
-        with WorkerPool(options.workers) as pool:
-            for _, part in zip(progress(files), pool.map(work, files, chunksize=_CHUNK), strict=True):
-                yield part
-    else:
-        pieces = progress(_pieces(files[0], options.layout))
-        work = partial(_searched, frame=frame, options=options)
-        yield from map(work, pieces) if options.workers == 1 else _shared(work, pieces, options.workers)
-
-
-def _shared(work: Callable[[_Piece], _Part], pieces: Iterable[_Piece], workers: int) -> Iterator[_Part]:
-    """What pieces of a file hold, in their order; no more of them than the processes need are read ahead."""
-    waiting = deque[Future[_Part]]()
+def _shared(work: Callable[[Item], Survey], items: Iterable[Item], workers: int) -> Iterator[Survey]:
+    """Surveys of items by several processes, in order; few items are read ahead."""
+    waiting = deque[Future[Survey]]()
     with WorkerPool(workers) as pool:
-        for piece in pieces:
-            waiting.append(pool.submit(work, piece))
+        for item in items:
+            waiting.append(pool.submit(work, item))
             if len(waiting) > _AHEAD * workers:
                 yield waiting.popleft().result()
         while waiting:
@@ -216,8 +183,8 @@ def _shared(work: Callable[[_Piece], _Part], pieces: Iterable[_Piece], workers: 
 
 
 def _pieces(file: Path, layout: Layout) -> Iterator[_Piece]:
-    """A few recordings of a file at a time; what is the matter with one, or with the rest of the file, is a refusal."""
-    piece, read_before = [], 0
+    """A few recordings of a file at a time; one that cannot be read, or the rest of the file, is a refusal."""
+    piece, read_before = _Piece(), 0
     try:
         for recording in read(file, layout):
             if isinstance(recording, Recording):
@@ -233,31 +200,29 @@ def _pieces(file: Path, layout: Layout) -> Iterator[_Piece]:
     yield piece
 
 
-def _surveyed(file: Path, frame: Frame, options: TrackOptions) -> _Part:
-    """What one file holds."""
-    part = _Part()
-    for piece in _pieces(file, options.layout):
-        part.add(_searched(piece, frame, options))
-    return part
+def _search_file(file: Path, frame: Frame, options: TrackOptions) -> Survey:
+    return Survey.of(frame, (_search(piece, frame, options) for piece in _pieces(file, options.layout)))
 
 
-def _searched(piece: _Piece, frame: Frame, options: TrackOptions) -> _Part:
-    """What a few recordings hold."""
-    part = _Part()
+def _search(piece: _Piece, frame: Frame, options: TrackOptions) -> Survey:
+    founds, refusals = list[Found](), list[Refusal]()
     for recording in piece:
-        if isinstance(recording, Refusal):
-            part.refusals.append(recording)
-            continue
         try:
-            found = tracked(recording, frame, options)
+            found = recording if isinstance(recording, Refusal) else tracked(recording, frame, options)
         except ContactLearnError as error:
-            part.refusals.append(_not_read(Path(recording.source), part.recordings, error))
-            continue
-        part.recordings += 1
-        part.contacts += found.contacts
-        part.refusals += found.refusals
-        part.rests += found.rests
-    return part
+            found = _not_read(Path(recording.source), len(founds), error)
+        if isinstance(found, Refusal):
+            refusals.append(found)
+        else:
+            founds.append(found)
+            refusals += found.refusals
+    return Survey(
+        frame=frame,
+        recordings=len(founds),
+        contacts=tuple(contact for found in founds for contact in found.contacts),
+        refusals=tuple(refusals),
+        rests=tuple(rest for found in founds for rest in found.rests),
+    )
 
 
 def _not_read(file: Path, count: int, error: ContactLearnError) -> Refusal:

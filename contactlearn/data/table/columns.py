@@ -115,7 +115,7 @@ _UNITS = {"gravity": "m/s²", "drag": "1/s", "slope": "rad", "orientation": "rad
 
 
 def apparatus_columns(known: Apparatus, rows: int) -> dict[str, list[float]]:
-    """Return the columns of what is known."""
+    """Return the columns of the estimates of an apparatus."""
     pairs = {PAIRS[field.name]: getattr(known, field.name) for field in fields(Apparatus)}
     return {
         name: [value] * rows
@@ -126,7 +126,7 @@ def apparatus_columns(known: Apparatus, rows: int) -> dict[str, list[float]]:
 
 
 def apparatus_of(cells: Sheet) -> Apparatus | None:
-    """Return what a table says of the apparatus, or None.
+    """Return the apparatus of a table, if it has one.
 
     Raises:
         DataError: a cell is no number, rows differ, or an error is negative.
@@ -257,24 +257,24 @@ def _slips(unused: Sequence[str], needed: Sequence[str], free: Sequence[str]) ->
 def _missing(slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[str], computed: Sequence[str]) -> str:
     """Say which columns are missing, which look like them, and how to name them."""
     lacking = [column for column in needed if column not in slips.values()]
-    said = [f"unknown column {name!r}, did you mean {near!r}?" for name, near in slips.items()]
+    parts = [f"unknown column {name!r}, did you mean {near!r}?" for name, near in slips.items()]
     few = len(lacking) <= _FEW or not unused
     other = f"{len(lacking)} columns are missing, or have other names than ours"
-    said += [f"missing column {', '.join(lacking)}" if few else other] if lacking else []
+    parts += [f"missing column {', '.join(lacking)}" if few else other] if lacking else []
     others = [repr(name) for name in unused if name not in slips]
-    said += [f"not used: {', '.join(others)}"] if lacking and others else []
+    parts += [f"not used: {', '.join(others)}"] if lacking and others else []
     if unused:
         mapped = [f"{near}: {_quoted(name)}" for name, near in slips.items()] + [f"{column}: …" for column in lacking]
         word = shlex.quote(f"data.columns={{{', '.join(mapped)}}}")
-        said.append(f"{word} says which columns of the file these are")
+        parts.append(f"{word} says which columns of the file these are")
     if slips and not {*slips.values()} & {*needed}:
-        said.append(f"or {{{next(iter(slips.values()))}: null}} that it has none")
+        parts.append(f"or {{{next(iter(slips.values()))}: null}} that it has none")
     if given := [column for field in computed for column in COMPUTED[field] if column in lacking]:
-        said.append(f"or state the body's shape, data.shape={{kind: …}}, from which {', '.join(given)} are computed")
+        parts.append(f"or state the body's shape, data.shape={{kind: …}}, from which {', '.join(given)} are computed")
     plain = [column for column in COLUMNS if not column.startswith(("cov_", "apparatus_"))]
     every = f"needed: {', '.join(REQUIRED)}; known: {', '.join(plain)}, cov_…, apparatus_… (docs/tables.md)"
-    said.append(every if few else "columns that may come beside them: docs/tables.md")
-    return "; ".join(said)
+    parts.append(every if few else "optional columns: docs/tables.md")
+    return "; ".join(parts)
 
 
 def _long(cells: Sheet, needed: Sequence[str]) -> str | None:
