@@ -16,9 +16,9 @@ from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings
 from contactlearn.core.errors import ContactLearnError, harmless
 from contactlearn.data import table
-from contactlearn.report.results_table import write_table
 from contactlearn.report.terminal import new_table, print_table, say
 from contactlearn.results.folder import read_result
+from contactlearn.results.runs import write_table
 from contactlearn.simulation import synthetic
 
 PACKAGE = Path(__file__).parents[1] / "contactlearn"

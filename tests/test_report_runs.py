@@ -29,7 +29,7 @@ from contactlearn.diagnosis.result import (
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.figures.style import law_style
-from contactlearn.report.page.runs.page import write_runs
+from contactlearn.report.page.runs import write_runs
 from contactlearn.report.text import conclusion
 from contactlearn.results.diagnosis import DiagnosisRun
 

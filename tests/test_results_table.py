@@ -10,8 +10,8 @@ from test_report_runs import changed, diagnosed, evaluated, leave, trained
 
 from contactlearn.__main__ import main
 from contactlearn.inference.evaluation.metrics import METRICS
-from contactlearn.report.page.runs.page import write_runs
-from contactlearn.report.results_table import write_table
+from contactlearn.report.page.runs import write_runs
+from contactlearn.results.runs import write_table
 
 
 @pytest.fixture(scope="module")

@@ -198,8 +198,8 @@ def run_report(options: argparse.Namespace) -> str:
     from contactlearn.diagnosis.events import track
     from contactlearn.report.events import progress
     from contactlearn.report.page.redraw import has_page, redraw
-    from contactlearn.report.page.runs.page import write_runs
-    from contactlearn.report.page.runs.rows import printable
+    from contactlearn.report.page.runs import write_runs
+    from contactlearn.results.runs import printable
 
     if options.out is None and len(options.folders) == 1 and has_page(Path(options.folders[0])):
         return f"open     {printable(str(redraw(Path(options.folders[0]))))}"
@@ -215,7 +215,7 @@ def run_results(options: argparse.Namespace) -> str:
     """Write the table of all runs in some folders; say how many there are."""
     from contactlearn.diagnosis.events import track
     from contactlearn.report.events import progress
-    from contactlearn.report.results_table import write_table
+    from contactlearn.results.runs import write_table
 
     with progress() as on_event:
         frame, skipped = write_table(options.folders, options.out, lambda items, task: track(items, task, on_event))

@@ -12,16 +12,25 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from contactlearn.core.errors import harmless
+from contactlearn.core.errors import ContactLearnError, harmless
+from contactlearn.data.audit.corrections import CORRECTIONS
+from contactlearn.data.audit.result import Finding
 from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS
-from contactlearn.report.text import phrase
+from contactlearn.report.text import correct_setting, phrase, sentence
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate
 from contactlearn.results.evaluation import LearningCurve
+from contactlearn.results.runs import absolute, as_table, distinguishing, read_runs
 from contactlearn.results.transfer import BodyTransfer
 
 console = Console()
 """Standard output."""
 _MANY = 20  # trials from which on standard errors cover what they should
+_COMPUTED = {
+    "r": "rx, ry from the shape and theta (rad and counter-clockwise, unless data.units says otherwise)",
+    "inertia": "the inertia from the shape and the mass, at uniform density",
+}
+_MOST = 20  # runs in the table of a sweep
+_WIDEST = 5  # settings in it
 _SHORT = {"mass_error": "mass error", "normalised_velocity_error": "velocity/speed", "velocity_error": "velocity"}
 
 
@@ -209,6 +218,61 @@ def show_folder(folder: Path) -> None:
     if (folder / "report.html").exists():
         say(f"open     {shlex.quote(str(shown / 'report.html'))}")
     say(f"look at  tensorboard --logdir {shlex.quote(str(shown))}")
+
+
+def show_columns(unused: Sequence[str], computed: Sequence[str]) -> None:
+    """Print the columns of a table that are not used, and what its body's shape gave instead of columns."""
+    if unused:
+        say(f"columns not used: {', '.join(name if name.isprintable() and name else repr(name) for name in unused)}")
+    if computed:
+        say(f"computed: {'; '.join(_COMPUTED[field] for field in computed)}")
+
+
+def show_mistakes(findings: Sequence[Finding], corrected: Sequence[str]) -> None:
+    """Print a line for each mistake in the measurements, with the setting that corrects all that can be.
+
+    Args:
+        findings: mistakes.
+        corrected: corrections that were made before.
+    """
+    setting = correct_setting(corrected, findings)
+    for finding in findings:
+        name = finding.correction
+        if name is None:
+            say(f"audit: {sentence(finding.sentence)}")
+        else:
+            said = CORRECTIONS[name].description if finding.hypothesis else finding.sentence
+            say(f"audit: {said}: use {setting}")
+
+
+def show_sweep(folders: Sequence[Path], place: Path) -> None:
+    """Print the finished runs of a sweep, those with the lowest error where they are many, and how to compare all.
+
+    Args:
+        folders: of the runs.
+        place: of the sweep.
+    """
+    try:
+        runs, _ = read_runs(absolute(folders))
+    except ContactLearnError:  # none of them has one held-out error
+        return
+    settings = dict(list(distinguishing(runs).items())[:_WIDEST])
+    rows = as_table(runs).query("own").reset_index(drop=True)
+    best = rows.mass_error.fillna(math.inf).sort_values(kind="stable").index[:_MOST]
+    few = f", the {_MOST} of {len(runs)} runs with the lowest" if len(runs) > _MOST else ""
+    found = ["found"] if rows.found.any() else []
+    table = new_table(f"Held-out errors of the sweep{few}", *settings, *found, "mass error", "95 %")
+    for k, row in rows.loc[sorted(best)].iterrows():
+        error = f"{row.mass_error:.4f}", f"{row.mass_error_low:.4f}–{row.mass_error_high:.4f}"
+        names = [row.found or "none"] if found else []
+        table.add_row(
+            *(values[k] or "" for values in settings.values()),
+            *names,
+            *(("", "") if math.isnan(row.mass_error) else error),
+        )
+    print_table(table)
+    for word, ending in (("report", ""), ("results", " -o results.parquet")):
+        say(f"compare  python -m contactlearn {word} {shlex.quote(str(place))}{ending}")
 
 
 def _spread(mean: float, std: float | None) -> str:

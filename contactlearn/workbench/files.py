@@ -19,7 +19,7 @@ from contactlearn.data import table
 from contactlearn.data.audit.findings import audit
 from contactlearn.report.page.page import FILE
 from contactlearn.report.page.recordings import RECORDINGS
-from contactlearn.report.page.runs.page import write_runs
+from contactlearn.report.page.runs import write_runs
 from contactlearn.report.text import headline
 from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.results.folder import Result, find_results, read_result

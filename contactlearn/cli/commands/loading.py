@@ -32,8 +32,8 @@ from contactlearn.diagnosis.events import OnEvent, TaskProgress
 from contactlearn.inference.evaluation.sums import refuse_rest
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report import terminal
-from contactlearn.report.audit import show_columns, show_mistakes
 from contactlearn.report.page.recordings import RECORDINGS, SOURCES, write_recordings_page
+from contactlearn.report.terminal import show_columns, show_mistakes
 from contactlearn.results.held_out import SHOWN
 
 _TABLE = "contactlearn.data.table.load"

@@ -23,7 +23,7 @@ from contactlearn.cli.config_files import check_settings
 from contactlearn.cli.resource_limits import GIB, jobs_at_a_time
 from contactlearn.cli.sweeps.plan import Job, Plan, plan_jobs
 from contactlearn.core.errors import ContactLearnError, harmless, installing
-from contactlearn.report.sweep import show_sweep
+from contactlearn.report.terminal import show_sweep
 from contactlearn.results.state import FAILED, begun, is_held, read_failed
 
 Launch = Callable[[Sequence[Job]], Sequence[str | None]]

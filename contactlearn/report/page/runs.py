@@ -1,0 +1,438 @@
+"""Several runs as one page: what they differ in, their held-out errors and learning curves, and what was found."""
+
+import os
+import re
+from collections import Counter
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import pandas as pd
+
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.numerics import is_number
+from contactlearn.effects import EffectId
+from contactlearn.inference.evaluation.metrics import HEADLINE, Interval
+from contactlearn.report.figures.style import BOUNDS, MODEL_STYLE, STYLES
+from contactlearn.report.page.page import FILE, render, save
+from contactlearn.report.figures.browser import plotly_style
+from contactlearn.report.page.trials import digits
+from contactlearn.report.text import base_label, conclusion, effect_label, interval, join_words, label, rung_label
+from contactlearn.results.evaluation import IRB, Evaluation
+from contactlearn.results.folder import is_run
+from contactlearn.results.runs import (
+    Progress,
+    Run,
+    Settings,
+    absolute,
+    as_table,
+    distinguishing,
+    printable,
+    read_runs,
+    shared,
+    silent,
+    varying,
+)
+
+MARK = "contactlearn report"
+"""How such a page is known again."""
+_FEW = 5  # settings that come before what was found, not after it
+_HASH = 10  # digits of the hash of data that are shown
+_SIZE = "train.size"
+_PLAIN = ("law", "command", "data")  # traits of a line that are written without their key
+_LOOKS = [name for name in (*MODEL_STYLE, *STYLES) if name not in BOUNDS]  # for lines whose own look is taken
+
+
+def write_runs(
+    folders: Sequence[str | os.PathLike[str]],
+    out: str | os.PathLike[str] | None = None,
+    progress: Progress = silent,
+) -> tuple[Path, list[Run], list[tuple[str, str]]]:
+    """One page over all runs in `folders` and in what is below them.
+
+    Args:
+        folders: runs, sweeps, or trees of them.
+        out: the page; else report.html in the one folder, or here if that is a run or there are several.
+        progress: wraps the reading of the files, with a description.
+
+    Returns:
+        The page, the runs on it, and why others are not, by name.
+
+    Raises:
+        ContactLearnError: nothing can be read, or the page would replace something that is not one.
+    """
+    roots = absolute(folders)
+    target = _target(roots, out)
+    runs, skipped = read_runs(roots, progress)
+    content = of_runs(runs, skipped, target.parent)
+    try:
+        return save(target, render(content, "runs.html.j2", scripts=("runs.js",))), runs, skipped
+    except OSError as error:
+        raise ContactLearnError(f"{target}: cannot be written: {error.strerror}") from None
+
+
+def _target(roots: Sequence[Path], out: str | os.PathLike[str] | None) -> Path:
+    """Where the page goes: never in place of a run's own, nor of anything but such a page."""
+    single = roots[0] if len(roots) == 1 and not is_run(roots[0]) else Path.cwd()
+    path = Path(os.path.abspath(single / FILE if out is None else out))
+    if path.suffix != ".html":
+        raise ContactLearnError(f"--out must be an .html file, got {path.name}; try --out {path.stem or 'runs'}.html")
+    if not path.parent.is_dir():
+        raise ContactLearnError(f"{path.parent}: no such folder; --out makes a file, and no folders")
+    if path.name == FILE and is_run(path.parent):
+        raise ContactLearnError(f"{path} is the page of the run in that folder; name another with --out FILE")
+    if path.is_dir():
+        raise ContactLearnError(f"{path} is a folder; name a file with --out FILE")
+    if path.exists() and f'content="{MARK}"' not in path.read_bytes()[:4096].decode(errors="replace"):
+        raise ContactLearnError(f"{path} exists and is no page over several runs; name another with --out FILE")
+    return path
+
+
+def of_runs(runs: Sequence[Run], skipped: Sequence[tuple[str, str]], folder: Path) -> dict[str, Any]:
+    """All that the page says and draws; links are from `folder`.  What begins with "_" the scripts do without."""
+    settings, errors = varying(runs), _errors(as_table(runs))
+    families = sorted({effect.name for run in runs for effect in (*run.given, *run.found)})
+    several = len({run.data.sha256 for run in runs}) > 1
+    bases = {run.data.sha256: run.data for run in runs}
+    return {
+        "title": f"{len(runs)} runs side by side" if len(runs) > 1 else "One run",
+        "trials": None,
+        "effects": [{"name": name, "label": printable(label(name))} for name in families],
+        "runs": [
+            {
+                "name": run.name,
+                "traits": traits,
+                **plotly_style(run.law or "no law"),
+                "effects": [effect.name for effect in (*run.given, *run.found)],
+                **{key: values[k] for key, values in errors.items()},
+            }
+            for k, (run, traits) in enumerate(zip(runs, _traits(runs), strict=True))
+        ],
+        "curves": learning_lines(runs, settings),
+        "_mark": MARK,
+        "_sentences": _sentences(runs),
+        "_warnings": _warnings(runs, settings),
+        "_data": [asdict(data) | {"runs": sum(run.data.sha256 == key for run in runs)} for key, data in bases.items()],
+        "_skipped": skipped,
+        "_shared": shared(runs),
+        "_columns": _columns(runs, errors, settings, families, several),
+        "_links": [_link(run, folder) for run in runs],
+        "_ladders": [
+            {
+                "run": k,
+                "name": run.name,
+                "law": _with(run),
+                "ladder": [
+                    {**asdict(one.error), "name": printable(rung_label(one, base_label(found)))} for one in found.ladder
+                ],
+            }
+            for k, run in enumerate(runs)
+            if (found := run.diagnosis) is not None and found.ladder
+        ],
+    }
+
+
+def _traits(runs: Sequence[Run]) -> list[list[tuple[str, str]]]:
+    """The settings that tell each run from the others, by the last word of their names; and its name where none do."""
+    settings = [(key.rpartition(".")[2], values) for key, values in distinguishing(runs).items()]
+    traits = [[(key, x) for key, values in settings if (x := values[k]) is not None] for k in range(len(runs))]
+    times = Counter(map(tuple, traits))
+    return [
+        one if one and times[tuple(one)] == 1 else [*one, ("run", run.name)]
+        for one, run in zip(traits, runs, strict=True)
+    ]
+
+
+def _errors(table: pd.DataFrame) -> dict[str, list[dict[str, float] | None]]:
+    """Held-out mass errors of the runs: of their own models, of the laws alone, of noise, and the bound."""
+    rows = {"error": table.own, "base": table.law_alone, "noise": table.model == "noise", "bound": table.model == IRB}
+    columns = {HEADLINE: "mean", f"{HEADLINE}_low": "low", f"{HEADLINE}_high": "high"}
+    return {
+        key: [
+            None if pd.isna(one["mean"]) else digits(one, 8)
+            for one in table[which].set_index("run").rename(columns=columns)[[*columns.values()]]
+            .reindex(table.run.unique()).to_dict("records")
+        ]
+        for key, which in rows.items()
+    }  # fmt: skip
+
+
+def _columns(
+    runs: Sequence[Run], errors: Mapping[str, list], settings: Settings, families: Sequence[str], several: bool
+) -> list[dict[str, Any]]:
+    """Name, kind (text, number, tick or error) and cells (what is shown, what is sorted by) of each column."""
+
+    def column(
+        name: str, values: Iterable[Any], kind: str = "text", shown: Callable[[Any], str] = str
+    ) -> dict[str, Any]:
+        cells = [("–", None) if value is None else (shown(value), value) for value in values]
+        return {"name": name, "kind": kind, "cells": cells}
+
+    def of_errors(name: str, key: str) -> dict[str, Any]:
+        return {"name": name, "kind": "error", "cells": [(x, None if x is None else x["mean"]) for x in errors[key]]}
+
+    def ticks(family: str) -> dict[str, Any]:
+        return {"name": printable(label(family)), "kind": "tick", "cells": [_tick(run, family) for run in runs]}
+
+    found = [of_errors("Held-out mass error", "error")]
+    if len({run.command for run in runs}) > 1:
+        found.append(column("Command", [run.command for run in runs]))
+    own = [
+        column(name, [None if one is None else float(one) for one in values], "number", lambda x: f"{x:.12g}")
+        if _numeric(values)
+        else column(name, values)
+        for name, values in settings.items()
+    ]
+    found += own if len(own) <= _FEW else []
+    found.append(column("Law", [None if run.law is None else plotly_style(run.law)["label"] for run in runs]))
+    if any(run.learned for run in runs):
+        found.append(column("Model", [plotly_style(run.learned or "law")["label"] for run in runs]))
+    found += [
+        column("Verdict", map(_verdict, runs)),
+        column(
+            "Missing effects",
+            [", ".join(map(_words, run.found)) or None for run in runs],
+        ),
+        of_errors("Law alone", "base"),
+        of_errors("Noise floor", "noise"),
+        of_errors("IRB bound", "bound"),
+    ]
+    found += [ticks(family) for family in families]
+    found += own if len(own) > _FEW else []
+    if several:
+        found += [
+            column("Data", [run.data.source for run in runs]),
+            column("Trials", [run.data.trials for run in runs], "number"),
+            column("SHA-256 of the data", [run.data.sha256[:_HASH] for run in runs], "hash"),
+        ]
+    needed = {"Held-out mass error", "Law"}
+    return [one for one in found if one["name"] in needed or any(key is not None for _, key in one["cells"])]
+
+
+def _tick(run: Run, family: str) -> tuple[str, int | None]:
+    """Whether an effect of a family was found, or was in the model from the start; and the rank of that."""
+    if any(effect.name == family for effect in run.found):
+        return "found", 2
+    return "", 1 if any(effect.name == family for effect in run.given) else None
+
+
+def _words(effect: EffectId) -> str:
+    return printable(effect_label(effect))
+
+
+def _verdict(run: Run) -> str | None:
+    found = run.diagnosis
+    return None if found is None else printable(conclusion(found.verdict, found.physics, found.corrections))
+
+
+def _numeric(values: Iterable[str | None]) -> bool:
+    return all(
+        value is None or re.fullmatch(r"[-+]?(\d{1,15}\.?\d{0,17}|\.\d+)(e[-+]?\d{1,2})?", value) for value in values
+    )
+
+
+def _with(run: Run) -> str:
+    """The law with the effects that were given to it."""
+    law, given = plotly_style(run.law or "no law")["label"], join_words(map(_words, run.given)) if run.given else ""
+    return f"{law} with {given}" if given else law
+
+
+def _sentences(runs: Sequence[Run]) -> list[str]:
+    """How many there are, and which leaves the least error on each set of data."""
+    commands = {run.command: sum(other.command == run.command for other in runs) for run in runs}
+    said = [f"Runs of {join_words(f'{command}.py ({count})' for command, count in commands.items())}."]
+    for data in {run.data.sha256: run.data for run in runs}.values():
+        there = [(run, run.error) for run in runs if run.data.sha256 == data.sha256 and run.error]
+        if len(there) < 2:
+            continue
+        best, least = min(there, key=lambda one: one[1].mean)
+        near = sum(run is not best and error.low <= least.high for run, error in there)
+        overlap = {0: "no other interval overlaps its own", 1: "one other interval overlaps its own"}
+        said.append(
+            f"Of {len(there)} runs on {data.source} ({data.trials} trials, {data.sha256[:_HASH]}) run {best.name} has "
+            f"the lowest error, {interval(asdict(least))}; "
+            f"{overlap.get(near, f'{near} other intervals overlap its own')}."
+        )
+    return said
+
+
+def _warnings(runs: Sequence[Run], settings: Settings) -> list[str]:
+    """Why errors may not be compared, in words."""
+    said, count = [], len({run.data.sha256 for run in runs})
+    if count > 1:
+        said.append(
+            f"These runs are on {count} different sets of data, so their errors cannot be compared with each other: "
+            "only those with the same hash can."
+        )
+    held_out = [run.command for run in runs if run.command != "diagnose"]
+    if held_out and len(held_out) < len(runs):
+        said.append(
+            "Errors of diagnose.py are cross-validated over all trials, those of the other commands are on one share "
+            "of them that was held out; small differences between the two mean nothing."
+        )
+    split = [key for key in settings if key in ("seed", "test")]
+    if len(held_out) > 1 and split:
+        said.append(
+            f"Runs that differ in {join_words(split)} hold out different trials, so their errors differ by chance too."
+        )
+    versions = sorted({run.versions.get("contactlearn", "?") for run in runs})
+    if len(versions) > 1:
+        said.append(f"They come from different versions of contactlearn: {', '.join(versions)}.")
+    return said
+
+
+def _link(run: Run, folder: Path) -> str | None:
+    """From the page to the run's own; nothing in it but a relative path, whatever the folders are called."""
+    own = run.path.parent / FILE
+    if not own.is_file():
+        return None
+    try:
+        return "./" + quote(os.fsencode(Path(os.path.relpath(own, folder)).as_posix()))
+    except ValueError:  # another drive
+        return own.as_uri()
+
+
+# --- Learning curves ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Line:
+    """A line of the figure.
+
+    Args:
+        model: by name.
+        traits: the words that tell it from other lines, by setting; those of the model have the key "".
+        sha256: hash of its data.
+        points: error by number of training trials.
+        rows: its runs.
+    """
+
+    model: str
+    traits: Mapping[str, str]
+    sha256: str
+    points: dict[float, Interval] = field(default_factory=dict)
+    rows: list[int] = field(default_factory=list)
+
+
+def learning_lines(runs: Sequence[Run], settings: Settings) -> list[dict[str, Any]]:
+    """Return lines {label, sizes, intervals, level and how they are drawn}, and those of the bounds on the same data.
+
+    A line is of runs that differ in `train.size` and in nothing else; without such, of a model of an evaluation that
+    has learning curves.
+    """
+    lines = _across(runs, settings) or _within(runs)
+    if not lines:
+        return []
+    drawn = [_entry(line, words) | {"runs": line.rows} for line, words in zip(lines, _labels(lines), strict=True)]
+    _told_apart(drawn)
+    sizes = sorted({size for line in lines for size in line.points})
+    yardsticks = _yardsticks(runs, settings, {line.sha256 for line in lines})
+    for line, words in zip(yardsticks, _labels(yardsticks), strict=True):
+        values = list(line.points.values())
+        if len({value.mean for value in values}) == 1:
+            level = dict.fromkeys((sizes[0], sizes[-1]), values[0])
+            drawn.append(_entry(line, words, level) | {"level": True})
+        else:
+            drawn.append(_entry(line, words))
+    return drawn
+
+
+def _across(runs: Sequence[Run], settings: Settings) -> list[_Line]:
+    """Lines of runs that differ in nothing but their size."""
+    found: dict[tuple[tuple[str, str], ...], _Line] = {}
+    for k, size, traits in _sized(runs, settings):
+        run = runs[k]
+        if run.error is not None:
+            name = run.learned or run.law or "no law"
+            law = {"law": plotly_style(run.law)["label"]} if run.law and name != run.law else {}
+            traits = {"": plotly_style(name)["label"], **law, **traits, "command": f"{run.command}.py"}
+            line = found.setdefault(tuple(traits.items()), _Line(model=name, traits=traits, sha256=run.data.sha256))
+            line.points.setdefault(size, run.error)
+            line.rows.append(k)
+    return [line for line in found.values() if len(line.points) > 1]
+
+
+def _within(runs: Sequence[Run]) -> list[_Line]:
+    """Learning curves of evaluations."""
+    return [
+        _Line(
+            model=printable(name),
+            traits={"": plotly_style(printable(name))["label"], **_parts(run), "run": run.name},
+            sha256=run.data.sha256,
+            points=dict(zip(curve.sizes, curve.headline, strict=True)),
+            rows=[k],
+        )
+        for k, run in enumerate(runs)
+        if isinstance(run.result, Evaluation)
+        for name, curve in run.result.learning_curves.items()
+    ]
+
+
+def _yardsticks(runs: Sequence[Run], settings: Settings, data: Container[str]) -> list[_Line]:
+    """The bounds of evaluations on these data, those once that are the same in several."""
+    found: dict[tuple[str | tuple[str, str], ...], _Line] = {}
+    for k, size, traits in _sized(runs, settings):
+        run = runs[k]
+        if run.data.sha256 in data and run.command == "evaluate":
+            for name in run.bounds:
+                value = run.mass_error(name)
+                if value is None:
+                    continue
+                line = _Line(model=name, traits={"": plotly_style(name)["label"], **traits}, sha256=run.data.sha256)
+                found.setdefault((name, *traits.items()), line).points.setdefault(size, value)
+    unique = {(line.model, line.sha256, *(x.mean for x in line.points.values())): line for line in found.values()}
+    return list(unique.values())
+
+
+def _sized(runs: Sequence[Run], settings: Settings) -> Iterator[tuple[int, float, dict[str, str]]]:
+    """Places of runs with their number of training trials and with all else in which they differ from others."""
+    for k, run in enumerate(runs):
+        train = run.config.get("train")
+        size = train.get("size") if isinstance(train, Mapping) else None
+        if is_number(size) and 0 < size < 1e12:
+            others = {key: x for key, values in settings.items() if key != _SIZE and (x := values[k]) is not None}
+            yield k, size, _parts(run) | others
+
+
+def _parts(run: Run) -> dict[str, str]:
+    effects = {"effects": ", ".join(map(effect_label, run.given))} if run.given else {}
+    return effects | {"data": f"{run.data.source} {run.data.sha256[:_HASH]}"}
+
+
+def _labels(lines: Iterable[_Line]) -> list[str]:
+    """Each line's model, and the traits in which the lines differ, data last."""
+    traits = [line.traits for line in lines]
+    values = {key: {one.get(key) for one in traits} for one in traits for key in one if key}
+    differing = [key for key in values if len(values[key] - (set() if key in ("effects", "run") else {None})) > 1]
+    differing.sort(key=lambda key: (key != "law", key != "effects", key == "data"))
+    return [
+        ", ".join((one[""], *(one[key] if key in _PLAIN else f"{key} {one[key]}" for key in differing if key in one)))
+        for one in traits
+    ]
+
+
+def _entry(line: _Line, words: str, points: Mapping[float, Interval] | None = None) -> dict[str, Any]:
+    points = line.points if points is None else points
+    sizes = sorted(points)
+    intervals = [digits(asdict(points[size]), 8) for size in sizes]
+    return {
+        **plotly_style(line.model),
+        "label": words,
+        "sizes": sizes,
+        "intervals": intervals,
+        "level": False,
+        "runs": [],
+    }
+
+
+def _told_apart(lines: Sequence[dict[str, Any]]) -> None:
+    """Give a line a free colour if another has its own already; without a free one, colours come again."""
+    taken = set()
+    free = [name for name in _LOOKS if plotly_style(name)["color"] not in {line["color"] for line in lines}]
+    for place, line in enumerate(lines):
+        if line["color"] in taken:
+            other = plotly_style(free.pop(0) if free else _LOOKS[place % len(_LOOKS)])
+            line |= {key: other[key] for key in ("color", "symbol", "dash")}
+        taken.add(line["color"])
