@@ -52,7 +52,7 @@ Progress = Callable[[Iterable[Path], str], Iterable[Path]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class SavedRun:
+class ComparedRun:
     """A run and its result; names in it can be printed.
 
     Args:
@@ -185,7 +185,7 @@ def absolute(folders: Sequence[str | os.PathLike[str]]) -> list[Path]:
     return roots
 
 
-def read_runs(roots: Sequence[Path], progress: Progress = silent) -> tuple[list[SavedRun], list[tuple[str, str]]]:
+def read_runs(roots: Sequence[Path], progress: Progress = silent) -> tuple[list[ComparedRun], list[tuple[str, str]]]:
     """Read all runs in folders and in what is below them.
 
     Returns:
@@ -194,7 +194,7 @@ def read_runs(roots: Sequence[Path], progress: Progress = silent) -> tuple[list[
     Raises:
         ContactLearnError: none can be read.
     """
-    runs: list[SavedRun] = []
+    runs: list[ComparedRun] = []
     skipped: list[tuple[str, str]] = []
     top = Path(os.path.commonpath(roots))
     for path in progress(dict.fromkeys(path for root in roots for path in find_results(root)), "reading runs"):
@@ -206,7 +206,7 @@ def read_runs(roots: Sequence[Path], progress: Progress = silent) -> tuple[list[
             skipped.append((f"{name} ({path.name})" if path.name in FILES else name, printable(str(error))))
             continue
         both = all((path.parent / one).exists() for one in FILES)
-        runs.append(SavedRun(name=f"{name} ({path.stem})" if both else name, path=path, result=result))
+        runs.append(ComparedRun(name=f"{name} ({path.stem})" if both else name, path=path, result=result))
     if not runs:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in skipped[:5])
         nothing = "neither diagnosis.json nor results.json is there, as train, evaluate and diagnose leave them"
@@ -281,7 +281,7 @@ def write_table(
     return frame, skipped
 
 
-def as_table(runs: Sequence[SavedRun]) -> pd.DataFrame:
+def as_table(runs: Sequence[ComparedRun]) -> pd.DataFrame:
     """Return the rows of all models of some runs; a run without errors has one row without a model."""
     settings = {f"setting_{key}": _typed(values) for key, values in varying(runs).items()}
     entries = [
@@ -294,7 +294,7 @@ def as_table(runs: Sequence[SavedRun]) -> pd.DataFrame:
     return frame.reindex(columns=[*first, *(name for name in frame.columns if name not in first)])
 
 
-def _about(run: SavedRun) -> dict[str, Any]:
+def _about(run: ComparedRun) -> dict[str, Any]:
     """What all models of a run share."""
     done, found = read_done(run.path.parent), run.diagnosis
     return {
@@ -318,7 +318,7 @@ def _about(run: SavedRun) -> dict[str, Any]:
     }
 
 
-def _models(run: SavedRun) -> Iterator[dict[str, Any]]:
+def _models(run: ComparedRun) -> Iterator[dict[str, Any]]:
     """Name and errors of each model of a run."""
     for name, errors in run.errors.items():
         intervals, rest = {HEADLINE: errors}, {}
@@ -347,12 +347,12 @@ def _typed(values: Sequence[str | None]) -> list[Any]:
 # --- Settings -------------------------------------------------------------------------------------
 
 
-def varying(runs: Sequence[SavedRun]) -> Settings:
+def varying(runs: Sequence[ComparedRun]) -> Settings:
     """Settings in which runs differ."""
     return {key: values for key, values in _settings(runs).items() if _differ(values)}
 
 
-def distinguishing(runs: Sequence[SavedRun]) -> Settings:
+def distinguishing(runs: Sequence[ComparedRun]) -> Settings:
     """Everything that tells runs apart: data, command, law and given effects first, where runs differ in them."""
     parts: Settings = {
         "data": [run.data.source for run in runs],
@@ -363,7 +363,7 @@ def distinguishing(runs: Sequence[SavedRun]) -> Settings:
     return {key: values for key, values in parts.items() if len(set(values)) > 1} | varying(runs)
 
 
-def shared(runs: Sequence[SavedRun]) -> list[tuple[str, str]]:
+def shared(runs: Sequence[ComparedRun]) -> list[tuple[str, str]]:
     """Settings that are the same wherever they are, with the commands that have them where not all do."""
     found = []
     for key, values in _settings(runs).items():
@@ -379,7 +379,7 @@ def _differ(values: Sequence[str | None]) -> bool:
     return len({value for value in values if value is not None}) > 1
 
 
-def _settings(runs: Sequence[SavedRun]) -> Settings:
+def _settings(runs: Sequence[ComparedRun]) -> Settings:
     return dict(_below("", [run.config for run in runs], [(run.command,) for run in runs]))
 
 

@@ -15,16 +15,16 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import is_number
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import HEADLINE, Interval
+from contactlearn.report.figures.browser import plotly_style
 from contactlearn.report.figures.style import BOUNDS, MODEL_STYLE, STYLES
 from contactlearn.report.page.page import FILE, render, save
-from contactlearn.report.figures.browser import plotly_style
 from contactlearn.report.page.trials import digits
 from contactlearn.report.text import base_label, conclusion, effect_label, interval, join_words, label, rung_label
 from contactlearn.results.evaluation import IRB, Evaluation
 from contactlearn.results.folder import is_run
 from contactlearn.results.runs import (
+    ComparedRun,
     Progress,
-    SavedRun,
     Settings,
     absolute,
     as_table,
@@ -49,7 +49,7 @@ def write_runs(
     folders: Sequence[str | os.PathLike[str]],
     out: str | os.PathLike[str] | None = None,
     progress: Progress = silent,
-) -> tuple[Path, list[SavedRun], list[tuple[str, str]]]:
+) -> tuple[Path, list[ComparedRun], list[tuple[str, str]]]:
     """One page over all runs in `folders` and in what is below them.
 
     Args:
@@ -90,7 +90,7 @@ def _target(roots: Sequence[Path], out: str | os.PathLike[str] | None) -> Path:
     return path
 
 
-def of_runs(runs: Sequence[SavedRun], skipped: Sequence[tuple[str, str]], folder: Path) -> dict[str, Any]:
+def of_runs(runs: Sequence[ComparedRun], skipped: Sequence[tuple[str, str]], folder: Path) -> dict[str, Any]:
     """All that the page says and draws; links are from `folder`.  What begins with "_" the scripts do without."""
     settings, errors = varying(runs), _errors(as_table(runs))
     families = sorted({effect.name for run in runs for effect in (*run.given, *run.found)})
@@ -134,7 +134,7 @@ def of_runs(runs: Sequence[SavedRun], skipped: Sequence[tuple[str, str]], folder
     }
 
 
-def _traits(runs: Sequence[SavedRun]) -> list[list[tuple[str, str]]]:
+def _traits(runs: Sequence[ComparedRun]) -> list[list[tuple[str, str]]]:
     """The settings that tell each run from the others, by the last word of their names; and its name where none do."""
     settings = [(key.rpartition(".")[2], values) for key, values in distinguishing(runs).items()]
     traits = [[(key, x) for key, values in settings if (x := values[k]) is not None] for k in range(len(runs))]
@@ -160,7 +160,7 @@ def _errors(table: pd.DataFrame) -> dict[str, list[dict[str, float] | None]]:
 
 
 def _columns(
-    runs: Sequence[SavedRun], errors: Mapping[str, list], settings: Settings, families: Sequence[str], several: bool
+    runs: Sequence[ComparedRun], errors: Mapping[str, list], settings: Settings, families: Sequence[str], several: bool
 ) -> list[dict[str, Any]]:
     """Name, kind (text, number, tick or error) and cells (what is shown, what is sorted by) of each column."""
 
@@ -211,7 +211,7 @@ def _columns(
     return [one for one in found if one["name"] in needed or any(key is not None for _, key in one["cells"])]
 
 
-def _tick(run: SavedRun, family: str) -> tuple[str, int | None]:
+def _tick(run: ComparedRun, family: str) -> tuple[str, int | None]:
     """Whether an effect of a family was found, or was in the model from the start; and the rank of that."""
     if any(effect.name == family for effect in run.found):
         return "found", 2
@@ -222,7 +222,7 @@ def _words(effect: EffectId) -> str:
     return printable(effect_label(effect))
 
 
-def _verdict(run: SavedRun) -> str | None:
+def _verdict(run: ComparedRun) -> str | None:
     found = run.diagnosis
     return None if found is None else printable(conclusion(found.verdict, found.physics, found.corrections))
 
@@ -233,13 +233,13 @@ def _numeric(values: Iterable[str | None]) -> bool:
     )
 
 
-def _with(run: SavedRun) -> str:
+def _with(run: ComparedRun) -> str:
     """The law with the effects that were given to it."""
     law, given = plotly_style(run.law or "no law")["label"], join_words(map(_words, run.given)) if run.given else ""
     return f"{law} with {given}" if given else law
 
 
-def _sentences(runs: Sequence[SavedRun]) -> list[str]:
+def _sentences(runs: Sequence[ComparedRun]) -> list[str]:
     """How many there are, and which leaves the least error on each set of data."""
     commands = {run.command: sum(other.command == run.command for other in runs) for run in runs}
     said = [f"Runs of {join_words(f'{command}.py ({count})' for command, count in commands.items())}."]
@@ -258,7 +258,7 @@ def _sentences(runs: Sequence[SavedRun]) -> list[str]:
     return said
 
 
-def _warnings(runs: Sequence[SavedRun], settings: Settings) -> list[str]:
+def _warnings(runs: Sequence[ComparedRun], settings: Settings) -> list[str]:
     """Why errors may not be compared, in words."""
     said, count = [], len({run.data.sha256 for run in runs})
     if count > 1:
@@ -283,7 +283,7 @@ def _warnings(runs: Sequence[SavedRun], settings: Settings) -> list[str]:
     return said
 
 
-def _link(run: SavedRun, folder: Path) -> str | None:
+def _link(run: ComparedRun, folder: Path) -> str | None:
     """From the page to the run's own; nothing in it but a relative path, whatever the folders are called."""
     own = run.path.parent / FILE
     if not own.is_file():
@@ -316,7 +316,7 @@ class _Line:
     rows: list[int] = field(default_factory=list)
 
 
-def learning_lines(runs: Sequence[SavedRun], settings: Settings) -> list[dict[str, Any]]:
+def learning_lines(runs: Sequence[ComparedRun], settings: Settings) -> list[dict[str, Any]]:
     """Return lines {label, sizes, intervals, level and how they are drawn}, and those of the bounds on the same data.
 
     A line is of runs that differ in `train.size` and in nothing else; without such, of a model of an evaluation that
@@ -339,7 +339,7 @@ def learning_lines(runs: Sequence[SavedRun], settings: Settings) -> list[dict[st
     return drawn
 
 
-def _across(runs: Sequence[SavedRun], settings: Settings) -> list[_Line]:
+def _across(runs: Sequence[ComparedRun], settings: Settings) -> list[_Line]:
     """Lines of runs that differ in nothing but their size."""
     found: dict[tuple[tuple[str, str], ...], _Line] = {}
     for k, size, traits in _sized(runs, settings):
@@ -354,7 +354,7 @@ def _across(runs: Sequence[SavedRun], settings: Settings) -> list[_Line]:
     return [line for line in found.values() if len(line.points) > 1]
 
 
-def _within(runs: Sequence[SavedRun]) -> list[_Line]:
+def _within(runs: Sequence[ComparedRun]) -> list[_Line]:
     """Learning curves of evaluations."""
     return [
         _Line(
@@ -370,7 +370,7 @@ def _within(runs: Sequence[SavedRun]) -> list[_Line]:
     ]
 
 
-def _yardsticks(runs: Sequence[SavedRun], settings: Settings, data: Container[str]) -> list[_Line]:
+def _yardsticks(runs: Sequence[ComparedRun], settings: Settings, data: Container[str]) -> list[_Line]:
     """The bounds of evaluations on these data, those once that are the same in several."""
     found: dict[tuple[str | tuple[str, str], ...], _Line] = {}
     for k, size, traits in _sized(runs, settings):
@@ -386,7 +386,7 @@ def _yardsticks(runs: Sequence[SavedRun], settings: Settings, data: Container[st
     return list(unique.values())
 
 
-def _sized(runs: Sequence[SavedRun], settings: Settings) -> Iterator[tuple[int, float, dict[str, str]]]:
+def _sized(runs: Sequence[ComparedRun], settings: Settings) -> Iterator[tuple[int, float, dict[str, str]]]:
     """Places of runs with their number of training trials and with all else in which they differ from others."""
     for k, run in enumerate(runs):
         train = run.config.get("train")
@@ -396,7 +396,7 @@ def _sized(runs: Sequence[SavedRun], settings: Settings) -> Iterator[tuple[int, 
             yield k, size, _parts(run) | others
 
 
-def _parts(run: SavedRun) -> dict[str, str]:
+def _parts(run: ComparedRun) -> dict[str, str]:
     effects = {"effects": ", ".join(map(effect_label, run.given))} if run.given else {}
     return effects | {"data": f"{run.data.source} {run.data.sha256[:_HASH]}"}
 
