@@ -12,7 +12,6 @@ from contactlearn.data.audit.consistency import balance, contradictions
 from contactlearn.data.audit.conventions import compare
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import Finding, audit
-from contactlearn.data.audit.thresholds import ConventionThresholds
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Disc
 from contactlearn.simulation import mujoco, synthetic
@@ -193,10 +192,10 @@ def test_a_correction_that_changes_no_coefficient_does_not_cite_them():
     assert "mostly units" in finding.sentence
 
 
-def test_no_margin_for_equivalent_conventions():
+def test_no_margin_for_equivalent_conventions(monkeypatch):
     """Without a margin the best hypothesis has no equals."""
-    thresholds = ConventionThresholds(indistinct=0.0)
-    assert compare(corrupt(drops(seed=1), "mirrored_x"), thresholds).best.names == ("mirrored_x",)
+    monkeypatch.setattr("contactlearn.data.audit.conventions._INDISTINCT", 0.0)
+    assert compare(corrupt(drops(seed=1), "mirrored_x")).best.names == ("mirrored_x",)
 
 
 def test_speeds_of_no_laboratory():

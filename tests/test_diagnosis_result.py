@@ -11,7 +11,7 @@ from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result import Diagnosis, RungKind, Verdict
-from contactlearn.diagnosis.thresholds import RegionThresholds, SelectionThresholds, Thresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.evaluation.metrics import bootstrap, mass_error
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
@@ -135,9 +135,7 @@ def test_laws_are_made_again(found, impacts):
 
 def test_thresholds_decide(impacts, three):
     """An effect that would have to halve the error is not named, and a region no worse than the rest not reported."""
-    strict = replace(
-        Thresholds(), selection=SelectionThresholds(least_gain=0.99), regions=RegionThresholds(ratio=100.0)
-    )
+    strict = Thresholds(least_gain=0.99, region_ratio=100.0)
     found = diagnose(impacts, find("wang_mason"), candidates=three, thresholds=strict)
     assert found.missing == ()
     assert found.regions == ()

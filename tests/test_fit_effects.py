@@ -140,11 +140,11 @@ def test_a_correlation_is_no_undetermined_parameter():
     drops = drops.replace(v_pre=even * drops.v_pre, v_post=even * drops.v_post)
     late = find_effect("gravity_impulse")()
     fit = identify_jointly(find("wang_mason"), {"late": late}, drops)
-    strong = replace(fit, thresholds=FitThresholds(correlation=fit.correlation[1, 2].abs().item() - 0.01))
+    strong = replace(fit, thresholds=FitThresholds(collinearity=fit.correlation[1, 2].abs().item() - 0.01))
     assert not strong.undetermined().keys() & {"eps"}
     (said,) = [pair for pair in strong.trade_offs() if pair.startswith("eps and late.")]
     assert said.endswith(f"trade off: correlation {fit.correlation[1, 2]:+.2f}")
-    assert replace(fit, thresholds=FitThresholds(correlation=0.9999)).trade_offs() == ()
+    assert replace(fit, thresholds=FitThresholds(collinearity=0.9999)).trade_offs() == ()
 
 
 def test_what_never_acts_is_said_to_be_open():

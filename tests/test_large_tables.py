@@ -15,7 +15,7 @@ from contactlearn.diagnosis.question import Question
 from contactlearn.diagnosis.result import Diagnosis, Limit, Record, Verdict
 from contactlearn.diagnosis.sampling.confirmation import confirm
 from contactlearn.diagnosis.sampling.subsamples import affordable, diagnose_subsamples, space_filling
-from contactlearn.diagnosis.thresholds import SampleThresholds, Thresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.laws import find
@@ -26,7 +26,7 @@ from contactlearn.report.page.trials import EMBEDDED
 from contactlearn.report.text import phrase, phrases
 from contactlearn.simulation import hidden_effects, synthetic
 
-SMALL = Thresholds(sample=SampleThresholds(whole=300, first=150, most=600))
+SMALL = Thresholds(whole=375)  # subsamples of 150, 300 and 600 trials
 LAW = find("wang_mason").at(0.12, 0.55)
 
 
@@ -109,10 +109,9 @@ def test_subsamples_grow_until_two_answers_agree(many, laws, sizes, limit):
 
 def test_memory_takes_the_smaller_road(many):
     asked = []
-    large = Thresholds(sample=SampleThresholds(whole=5000, first=2000, most=8000))
     assert affordable(1000, 0.5e9)
     assert not affordable(4000, 0.5e9)
-    found = grown(many, answering(("mirtich",), asked), large, memory=0.5e9)
+    found = grown(many, answering(("mirtich",), asked), Thresholds(), memory=0.5e9)
     assert asked == [1000]
     assert found.sample.limit is Limit.MEMORY
     assert "memory" in phrases("sample_summary", found.sample)[0]
@@ -198,8 +197,7 @@ def test_equal_rows_are_found_as_by_hand(many):
 def large():
     """A diagnosis of 4000 of 20 000 trials."""
     found = made_up(4000, EffectId("surface_tilt", "computed"), EffectId("side_drag", "linear"))
-    thresholds = Thresholds(sample=SampleThresholds(whole=300, first=2000, most=4000))
-    return grown(synthetic.load(size=20_000, seed=2), lambda *_: found, thresholds)
+    return grown(synthetic.load(size=20_000, seed=2), lambda *_: found, Thresholds())
 
 
 def test_the_page_of_a_large_table_is_small(large):

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from contactlearn.data.audit.model_checks import outliers_of
-from contactlearn.data.audit.thresholds import OutlierThresholds
+from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Impacts
@@ -76,7 +76,7 @@ def test_a_stricter_table_has_fewer():
     v_post[7, 0] += 10 * SIZE[0]
     spoilt = impacts.replace(v_post=v_post)
     assert outliers_of(spoilt, truth) is not None
-    assert outliers_of(spoilt, truth, OutlierThresholds(false_outliers=1e-9)) is None
+    assert outliers_of(spoilt, truth, AuditThresholds(false_outliers=1e-9)) is None
 
 
 def test_published_drops_have_a_spin_of_the_wrong_sign(ellipse_drops):

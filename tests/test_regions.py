@@ -12,7 +12,7 @@ from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.diagnosis.failure.regions import find_regions, improvement_by_region
 from contactlearn.diagnosis.failure.variables import Variable, symmetry, variables
 from contactlearn.diagnosis.result.regions import Region
-from contactlearn.diagnosis.thresholds import RegionThresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Prediction
@@ -117,10 +117,12 @@ def test_limits_are_nearly_right():
     assert math.remainder(centre - 175, 72) == pytest.approx(0, abs=4)
 
 
-def test_the_p_value_is_of_the_half_that_was_not_searched():
+def test_the_p_value_is_of_the_half_that_was_not_searched(monkeypatch):
     """Against SciPy's rank-sum test; the corrected one is five times that of the surest of five."""
     drops, prediction, _ = plant("location", size=300)
-    alone = find_regions(drops, prediction, generator=seeded(0), thresholds=RegionThresholds(most=1))[0]
+    monkeypatch.setattr("contactlearn.diagnosis.failure.regions._MOST", 1)
+    alone = find_regions(drops, prediction, generator=seeded(0))[0]
+    monkeypatch.undo()
     rest = torch.randperm(300, generator=seeded(0))[150:]
     errors, rows = mass_error(drops, prediction)[rest], mask(alone, 300)[rest]
     expected = mannwhitneyu(
@@ -162,7 +164,7 @@ def test_homogeneous_errors_have_no_regions():
     for size in (60, 200, 800):
         drops = synthetic.load(size=size)
         for _ in range(100):
-            thresholds = RegionThresholds(ratio=1.0)
+            thresholds = Thresholds(region_ratio=1.0)
             alarms += bool(find_regions(*homogeneous(drops, generator), generator=generator, thresholds=thresholds))
     assert alarms <= FIVE_PERCENT_OF_300
 

@@ -12,7 +12,7 @@ from contactlearn import laws
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.diagnosis.result.remainder import Remainder, WrenchComponent
-from contactlearn.diagnosis.thresholds import RemainderThresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.formulas import formula_effect, formulas
 from contactlearn.diagnosis.unexplained.library import Library
 from contactlearn.diagnosis.unexplained.remainder import is_significant, learn_remainder
@@ -154,7 +154,7 @@ def test_a_drift_with_the_order_of_the_trials_is_seen():
 
 
 def test_a_component_needs_both_size_and_certainty():
-    limits = RemainderThresholds()
+    limits = Thresholds()
     assert is_significant(0.5, 0.1, limits)
     assert not is_significant(0.5, 0.2, limits)
     assert not is_significant(0.03, 0.001, limits)

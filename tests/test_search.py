@@ -14,7 +14,7 @@ from contactlearn.diagnosis.search.pool import Pool, Spec, identities
 from contactlearn.diagnosis.search.quadratic import Group
 from contactlearn.diagnosis.search.selection import _pruned
 from contactlearn.diagnosis.sequence import dependence
-from contactlearn.diagnosis.thresholds import SelectionThresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId, find_effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.inference.identification.joint import FitOptions
@@ -108,15 +108,15 @@ def worth(impacts, strong, weak, **limits):
     pool = pooled(impacts, strong, weak)
     both = pool.fitted(spec(strong, weak))
     folds = Folds.draw(len(impacts), torch.Generator().manual_seed(0))
-    return _pruned(pool, folds, both, SelectionThresholds(**limits)).spec.effects
+    return _pruned(pool, folds, both, Thresholds(**limits)).spec.effects
 
 
 def test_a_small_part_beside_a_strong_effect_is_not_worth_a_name():
     """It may be what the form of the strong one leaves, unless it is much of what is left."""
     impacts = planted(400, spin_damping={"c": 0.6}, inertia_error={"kappa": 0.03})
     assert worth(impacts, SPIN, INERTIA) == {SPIN}
-    assert worth(impacts, SPIN, INERTIA, least_part=0.0) == {SPIN, INERTIA}
-    assert worth(impacts, SPIN, INERTIA, clear_gain=0.02) == {SPIN, INERTIA}
+    assert worth(impacts, SPIN, INERTIA, minor_share=0.0) == {SPIN, INERTIA}
+    assert worth(impacts, SPIN, INERTIA, form_error=0.02) == {SPIN, INERTIA}
 
 
 def test_what_is_left_without_an_effect_is_the_best_of_its_size():
@@ -126,7 +126,7 @@ def test_what_is_left_without_an_effect_is_the_best_of_its_size():
     pool.fitted(spec(SPIN))
     wrong = pool.fitted(spec(INERTIA, PATCH, DRAG))
     folds = Folds.draw(300, torch.Generator().manual_seed(0))
-    assert _pruned(pool, folds, wrong, SelectionThresholds()).spec == spec(SPIN)
+    assert _pruned(pool, folds, wrong, Thresholds()).spec == spec(SPIN)
 
 
 def test_effects_that_together_stand_for_one_are_not_named():
@@ -145,7 +145,7 @@ def test_effects_that_together_stand_for_one_are_not_named():
     many = pool.fitted(spec(*five, law="mirtich"))
     assert many.score < simple.score - 20
     folds = Folds.draw(300, torch.Generator().manual_seed(0))
-    assert _pruned(pool, folds, many, SelectionThresholds()) is simple
+    assert _pruned(pool, folds, many, Thresholds()) is simple
 
 
 def test_springs_are_tried_where_another_rebound_is_found():

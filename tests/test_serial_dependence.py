@@ -129,11 +129,11 @@ def test_a_gap_in_the_sequence_hides_the_trial_before():
 def test_the_level_decides():
     drops, fit = fitted(150, 6)
     thresholds = Thresholds()
-    always = replace(thresholds, serial_dependence=replace(thresholds.serial_dependence, level=2.0))
+    always = replace(thresholds, dependence_level=1.0)
     scores = Scores.of_sequence(drops, fit, FitOptions())
     history = histories(drops, fit.model.predict(drops))
-    assert screen_associations(scores, history, thresholds.serial_dependence.level / 2)[1] == ()
-    assert screen_associations(scores, history, always.serial_dependence.level / 2)[1]
+    assert screen_associations(scores, history, thresholds.dependence_level)[1] == ()
+    assert screen_associations(scores, history, always.dependence_level)[1]
 
 
 @pytest.mark.parametrize("sets", repeated({"friction": sawtooth}, {}), ids=["friction that is wiped", "nothing"])

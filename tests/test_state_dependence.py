@@ -192,11 +192,11 @@ def test_neighbours_that_resemble_each_other_have_one_sign():
 def test_the_thresholds_decide():
     drops, fit = fitted(300, 1, restitution=by_spin_with_slip)
     thresholds = Thresholds()
-    more = replace(thresholds, state_dependence=replace(thresholds.state_dependence, share=0.9))
+    more = replace(thresholds, least_gain=0.9)
     found = asked(drops, fit, thresholds=more)
     assert found is not None
     assert not found.large
-    never = replace(thresholds, state_dependence=replace(thresholds.state_dependence, level=0.0))
+    never = replace(thresholds, dependence_level=0.0)
     assert asked(drops, fit, thresholds=never) is None
 
 

@@ -102,7 +102,7 @@ def state_planted(count: int) -> Iterator[Case]:
 def ask_serial(case: Case) -> Line:
     """Test a set for serial dependence."""
     drops = made(**case)
-    drift = drifts(drops.fit, drops.impacts, FitOptions(), Thresholds().serial_dependence)
+    drift = drifts(drops.fit, drops.impacts, FitOptions(), Thresholds())
     found = None if drift is not None else serial_dependence(drops, Thresholds())
     return _line(case, drift, found, [] if found is None else [str(found.variable)])
 
@@ -110,7 +110,7 @@ def ask_serial(case: Case) -> Line:
 def ask_state(case: Case) -> Line:
     """Test a set for state dependence."""
     drops = made(**case)
-    drift = drifts(drops.fit, drops.impacts, FitOptions(), Thresholds().serial_dependence)
+    drift = drifts(drops.fit, drops.impacts, FitOptions(), Thresholds())
     found = state_dependence(drops, Thresholds(), 1 if drift is None else drift.block)
     return _line(case, drift, found, [] if found is None else sorted(one.symbol for one in found.variables))
 

@@ -35,7 +35,6 @@ from sensitivity.studies import (
     rivals,
     samples,
     search,
-    serial_dependence,
     state_dependence,
 )
 from sensitivity.studies.memory import memory
@@ -52,7 +51,6 @@ ROWS: tuple[Row, ...] = (
     *descriptions.ROWS,
     *fits.ROWS,
     *samples.ROWS,
-    *serial_dependence.ROWS,
     *state_dependence.ROWS,
 )
 STUDIES = {row.study.name: row.study for row in ROWS}
@@ -180,8 +178,7 @@ HEAD = """# Thresholds: false alarms and power
 At each value, the default one bold: false alarms of so many null cases, and right alarms of so many planted ones.
 Planted mistakes and effects are small on purpose, so that some are missed.
 A row that says "not run", or has fewer cases than its study, is still to be decided: `--keep` goes on from there.
-Where nothing changes over the values, a test holds the threshold: `gyration` and `largest` on discs of unknown shape
-(tests/test_audit.py), `least_part` (tests/test_search.py), `component_r_squared` (tests/test_remainder.py).
+A threshold that serves several decisions has the row of one of them; the others were made at the default value.
 """
 
 

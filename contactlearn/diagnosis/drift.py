@@ -19,7 +19,7 @@ from contactlearn.diagnosis.search.candidates import follows_order
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec
 from contactlearn.diagnosis.search.selection import Selection, validated
 from contactlearn.diagnosis.sequence import Dependence, blocks, dependence, drift_kind
-from contactlearn.diagnosis.thresholds import SerialDependenceThresholds, Thresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.identification.joint import FitOptions, JointFit, linearise
 from contactlearn.inference.identification.robust import robust_distance
@@ -47,16 +47,16 @@ def ordered_candidates(selection: Selection, drift: Drift) -> set[EffectId]:
 
 def measurement_drift(selection: Selection, thresholds: Thresholds, generator: torch.Generator) -> Drift | None:
     """Find the dependence of the measurement along the sequence; None without any, or where a parameter drifts."""
-    pool, without, level = selection.pool, _without_order(selection), thresholds.serial_dependence
-    found = drifts(without.fit, selection.impacts, pool.options, level)
+    pool, without = selection.pool, _without_order(selection)
+    found = drifts(without.fit, selection.impacts, pool.options, thresholds)
     lasting = selection.spec.effects - without.spec.effects
     if found is None or not lasting:
         return None if found is None else Drift(found)
     impacts, fit = selection.impacts, selection.present.fit
-    rest = dependence(_left(impacts, fit), impacts.order, fit.inliers, level.level / 2)
+    rest = dependence(_left(impacts, fit), impacts.order, fit.inliers, thresholds.dependence_level)
     if rest is None or rest.block * _BLOCKS > len(impacts):
         return Drift(found)
-    lasts = lasts_beside(rest, pool, selection.chosen, without, thresholds.selection.gain_sigmas, generator)
+    lasts = lasts_beside(rest, pool, selection.chosen, without, thresholds.gain_sigmas, generator)
     return Drift(rest, lasting) if lasts else Drift(found)
 
 
@@ -90,12 +90,10 @@ def lasts_beside(
     return bool(sums.sum() > sigmas * sums.square().sum().sqrt() and over[held].sum() > 0)
 
 
-def drifts(
-    fit: JointFit, impacts: Impacts, options: FitOptions, thresholds: SerialDependenceThresholds
-) -> Dependence | None:
+def drifts(fit: JointFit, impacts: Impacts, options: FitOptions, thresholds: Thresholds) -> Dependence | None:
     """Find the dependence of the measurement in the residual of a fitted model; None without any, or of a parameter."""
     model, residual = fit.model, _left(impacts, fit)
-    found = dependence(residual, impacts.order, fit.inliers, thresholds.level / 2)
+    found = dependence(residual, impacts.order, fit.inliers, thresholds.dependence_level)
     if found is None:
         return None
     unit = torch.eye(3, dtype=torch.float64)

@@ -72,7 +72,7 @@ def diagnose(
     if any(finding.fatal for finding in findings):
         return _refused(law, findings, thresholds)
     corrections = [finding.correction for finding in findings if finding.correction]
-    impacts = correct(impacts, corrections, thresholds.audit.outliers)
+    impacts = correct(impacts, corrections, thresholds.audit)
     question = Question(
         law=law,
         given={name: effect.prepare(impacts) for name, effect in given.items()},
@@ -84,7 +84,7 @@ def diagnose(
         seconds=seconds,
         on_event=on_event,
     )
-    if len(impacts) <= thresholds.sample.whole and affordable(len(impacts), memory):
+    if len(impacts) <= thresholds.whole and affordable(len(impacts), memory):
         return diagnose_audited(question, impacts, findings, torch.Generator().manual_seed(seed))
     return diagnose_subsamples(question, impacts, findings, seed=seed, memory=memory, resume_folder=resume_folder)
 

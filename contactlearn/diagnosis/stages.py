@@ -160,7 +160,7 @@ def search_effects(
     generator: torch.Generator,
 ) -> SearchResult:
     """Select effects around the given law, or a law and effects if none is given; `law` is then the best alone."""
-    candidates = usable(question.candidates, impacts, question.thresholds.selection)
+    candidates = usable(question.candidates, impacts, question.thresholds)
     if excluded := [key for key in question.candidates if key not in candidates]:
         question.on_event(CandidatesExcluded(candidates=tuple(excluded)))
     validation = CrossValidation(law=law, impacts=impacts, folds=folds, options=question.options)
@@ -170,11 +170,11 @@ def search_effects(
     def error_on(drops: Impacts) -> float:
         return held_out_error(law, question.given, drops, folds, question.options)
 
-    notes = averaged(impacts, ceiling.v_post, error_on, question.thresholds.audit)
+    notes = averaged(impacts, ceiling.v_post, error_on)
     if notes:
         question.on_event(VelocitiesAveraged(findings=notes))
         corrections = [note.correction for note in notes if note.correction]
-        impacts = correct(impacts, corrections, question.thresholds.audit.outliers)
+        impacts = correct(impacts, corrections, question.thresholds.audit)
     starts = {one.name: torch.tensor((one.mu, one.eps), dtype=torch.float64) for one in fits}
     selection = select(
         question.laws if question.law is None else {law.name: law},
@@ -184,7 +184,7 @@ def search_effects(
         given=question.given,
         starts={} if question.given else starts,
         options=question.options,
-        thresholds=question.thresholds.selection,
+        thresholds=question.thresholds,
         seconds=question.seconds,
         generator=generator,
         progress=question.progress("effects"),
@@ -211,7 +211,7 @@ def _with_failures(
     limits = error_limits(selection, ceiling, generator)
     question.on_event(LimitsEstimated(limits=limits))
     prediction = selection.base.fit.model.predict(impacts)
-    regions = find_regions(impacts, prediction, generator=generator, thresholds=question.thresholds.regions)
+    regions = find_regions(impacts, prediction, generator=generator, thresholds=question.thresholds)
     question.on_event(RegionsFound(regions=tuple(regions)))
     return SearchResult(selection=selection, notes=notes, limits=limits, regions=regions)
 
@@ -231,10 +231,10 @@ def drop_proxy_effects(
     if found is None or not found.large:
         return tested
     path = selection.path()
-    spec = path[drop_proxies(impacts, [one.fit for one in path], options, thresholds.state_dependence, block)].spec
+    spec = path[drop_proxies(impacts, [one.fit for one in path], options, thresholds, block)].spec
     if spec == selection.spec:
         return tested
-    smaller = selection.at(spec, thresholds.selection.window, generator)
+    smaller = selection.at(spec, thresholds.window, generator)
     found = find_state_dependence(impacts, smaller.present.fit, smaller.present.fit, options, thresholds, block)
     if found is None or not found.large:
         return tested
@@ -252,7 +252,7 @@ def _learn(
     """Learn the predictable part of the residual of a model."""
     if not question.ordered:
         impacts = impacts.replace(order=torch.zeros_like(impacts.order))
-    fit, thresholds = model.fit, question.thresholds.remainder
+    fit, thresholds = model.fit, question.thresholds
     return learn_remainder(impacts, fit.model, folds, generator=generator, inliers=fit.inliers, thresholds=thresholds)
 
 
@@ -273,7 +273,7 @@ def compare_effects(question: Question, search: SearchResult, generator: torch.G
     selection = search.selection
     rungs = ladder(selection, search.regions, generator)
     question.on_event(EffectsFound(effects=tuple(rungs.missing), regions=search.regions))
-    rivals = find_rivals(selection, question.thresholds.rivals, question.progress("rivals of the effects"))
+    rivals = find_rivals(selection, question.thresholds, question.progress("rivals of the effects"))
     models = {
         Substitution(effect, one.rival.effect): one.fitted.fit.model for effect, some in rivals.items() for one in some
     }
@@ -308,7 +308,7 @@ def decompose_error(
     if remainder.large:
         try:
             component = remainder.components[0]
-            found = formulas(impacts, fit.model, component, selection.folds, thresholds=thresholds.formulas)
+            found = formulas(impacts, fit.model, component, selection.folds, thresholds=thresholds)
         except ContactLearnError as error:  # the library that finds formulas is not installed
             question.on_event(FormulasSkipped(reason=str(error)))
     floor = noise_floor(
@@ -346,7 +346,7 @@ def _result(
     impacts, model, remainder = selection.impacts, selection.present.fit.model, decomposition.learned.remainder
     choices, missing = _choices(question, selection, comparison)
     missing = tuple(replace(one, confidence=_confidence(one, decomposition)) for one in missing)
-    outliers = outliers_of(impacts, lambda some: model.predict(some).v_post, thresholds.audit.outliers)
+    outliers = outliers_of(impacts, lambda some: model.predict(some).v_post, thresholds.audit)
     findings = (*findings, *([outliers] if outliers is not None else []))
     laws = _law_fits(question, search, laws, bool(missing))
     physics = _physics(missing, decomposition, laws, selection.complete, thresholds)

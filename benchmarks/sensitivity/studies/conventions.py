@@ -1,6 +1,5 @@
 """Studies of the audit of units and axes, of the inertia, and of data that no rigid impact made."""
 
-import math
 from typing import NamedTuple
 
 import torch
@@ -8,14 +7,12 @@ import torch
 from contactlearn.data.audit.conventions import (
     ConventionComparison,
     compare,
-    consistent_note,
     impossible_findings,
-    inertia_findings,
 )
 from contactlearn.data.audit.findings import audit
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.shapes import Disc, Ellipse
+from contactlearn.mechanics.shapes import Disc
 from contactlearn.simulation import synthetic
 from sensitivity.studies.cases import (
     MIRRORS,
@@ -96,37 +93,6 @@ CONVENTIONS = Study(
 )  # fmt: skip
 
 
-def _seen_twice(kind: str, seed: int) -> Written:
-    """Mirrored drops; of a disc no data tell along which axis."""
-    level = between(0.005, 0.05, seed)
-    shape = Disc(0.03) if kind == "disc" else body(seed, 3.0)
-    return Written(spoilt(textbook(seed, 60, level, 20 * level, shape), "mirrored_x"), ("mirrored_x",))
-
-
-def _undecided(written: Written, thresholds: Thresholds) -> bool:
-    return len(_named(written.impacts, thresholds)) > 1
-
-
-INDISTINCT = Study(
-    name="equivalent conventions", null=each(20, "ellipse"), planted=each(20, "disc"),
-    prepare=_seen_twice, alarm=_undecided,
-)  # fmt: skip
-
-
-def _spinning(kind: str, seed: int) -> Written:
-    """Discs with hardly any friction whose spin is measured badly, or drops with angles in degrees."""
-    level = between(5, 80, seed)
-    if kind == "noise":
-        return Written(textbook(seed, 30, 0.02, level, Disc(0.03)))
-    return Written(spoilt(textbook(seed, 100, 0.02, level / 8), kind), (kind,))
-
-
-SPIN = Study(
-    name="noise in the spin", null=each(10, "noise"), planted=each(8, "degrees", "degrees_omega"),
-    prepare=_spinning, alarm=_corrected,
-)  # fmt: skip
-
-
 def _weighed(kind: str, seed: int) -> Impacts:
     """Moments of inertia that are a little off, as by an effect, or grossly; and disturbed moments."""
     sign = 1 - 2 * (seed % 2)
@@ -148,68 +114,8 @@ def _scaled(impacts: Impacts, thresholds: Thresholds) -> bool:
     return any(finding.correction == "inertia_scaled" for finding in audit(impacts, thresholds.audit))
 
 
-def _compared(kind: str, seed: int) -> Impacts:
-    """The same as the comparison of conventions, made once, would correct them."""
-    return compare(_weighed(kind, seed).replace(validate=False), Thresholds().audit.conventions).best.impacts
-
-
-def _still_scaled(impacts: Impacts, thresholds: Thresholds) -> bool:
-    return bool(inertia_findings(impacts, thresholds.audit.conventions))
-
-
 _OFF = (*each(8, "little", "noise"), *each(2, "contact_patch", "spin_damping"))
 INERTIA = Study(name="moment of inertia", null=_OFF, planted=each(20, "gross"), prepare=_weighed, alarm=_scaled)
-BALANCE = Study(
-    name="inertia by the balance", null=_OFF, planted=each(20, "moderate"), prepare=_compared, alarm=_still_scaled
-)
-
-
-def _unlikely(kind: str, seed: int) -> Written:
-    """Bodies and drops at the edge of a laboratory's, or of a laboratory with other units."""
-    level = between(0.01, 0.05, seed)
-    if kind in SPOILT:
-        return Written(spoilt(textbook(seed, 60, level, 20 * level, body(seed)), kind), (kind,))
-    impacts = textbook(seed, 60, level, 20 * level, body(seed) if kind != "flat" else _plank(seed))
-    match kind:
-        case "flat":  # rods and planks that land on their side
-            return Written(impacts)
-        case "fast":
-            factor = between(3, 60, seed)
-            return Written(impacts.replace(v_pre=factor * impacts.v_pre, v_post=factor * impacts.v_post))
-        case "large":
-            factor = between(10, 200, seed)
-            length = torch.tensor((factor, factor, 1.0), dtype=torch.float64)
-            spin = torch.tensor((1.0, 1.0, 1 / factor), dtype=torch.float64)
-            a, b = impacts.shape.semi_axes
-            return Written(
-                impacts.replace(
-                    q=impacts.q * length, r=factor * impacts.r, inertia=factor**2 * impacts.inertia,
-                    v_pre=impacts.v_pre * spin, v_post=impacts.v_post * spin, shape=Ellipse((factor * a, factor * b)),
-                )
-            )  # fmt: skip
-    turns = torch.tensor((0.0, 0.0, 2 * math.pi), dtype=torch.float64)
-    return Written(impacts.replace(q=impacts.q + round(between(1, 20, seed)) * turns, q_post=None))
-
-
-def _plank(seed: int) -> Ellipse:
-    return Ellipse((0.1, 0.1 / between(2, 20, seed)))
-
-
-def _plausible(name: str, unlikely: str, *units: str) -> Study:
-    """Whether a body or a drop at the edge of a laboratory's is taken as it is, and other units are found."""
-    null, planted = each(12, unlikely), each(12 // len(units), *units)
-    return Study(name=name, null=null, planted=planted, prepare=_unlikely, alarm=_corrected)
-
-
-def _few(kind: str, size: int, seed: int) -> Written:
-    written = _written(kind, seed)
-    return written._replace(impacts=written.impacts[torch.arange(len(written.impacts)) < size])
-
-
-FEW = Study(
-    name="few trials", null=each(4, ("clean", 4), ("clean", 8), ("rough", 4), ("rough", 8), ("rough", 16)),
-    planted=each(8, ("one", 4), ("one", 8), ("one", 16)), prepare=_few, alarm=_corrected,
-)  # fmt: skip
 
 
 def _torn(kind: str, seed: int) -> ConventionComparison:
@@ -232,7 +138,7 @@ def _torn(kind: str, seed: int) -> ConventionComparison:
             impacts = textbook(seed, 60, level, 20 * level, body(seed))
         case _:
             impacts = nature(seed, (kind,), size=60, strength=(4, 10))[0]
-    return compare(impacts.replace(validate=False), Thresholds().audit.conventions)
+    return compare(impacts.replace(validate=False), Thresholds().audit)
 
 
 def _refused(comparison: ConventionComparison, thresholds: Thresholds) -> bool:
@@ -296,17 +202,8 @@ def _open(impacts: Impacts, thresholds: Thresholds) -> bool:
     return any(finding.name == "moment_balance_open" for finding in audit(impacts, thresholds.audit))
 
 
-def _unbalanced(impacts: Impacts, thresholds: Thresholds) -> bool:
-    findings = audit(impacts, thresholds.audit)
-    return any(finding.name in ("moment_balance_open", "impossible") for finding in findings)
-
-
 def _doubted(impacts: Impacts, thresholds: Thresholds) -> bool:
     return any(finding.mistake for finding in audit(impacts, thresholds.audit))
-
-
-def _untested(impacts: Impacts, thresholds: Thresholds) -> bool:
-    return "weakly tested" in consistent_note(impacts, thresholds.audit).sentence
 
 
 OPEN = Study(
@@ -316,51 +213,12 @@ DOUBTED = Study(
     name="doubted balance", null=each(5, "contact_patch", "rolling_resistance", "side_drag", "spin_damping"),
     planted=each(16, "uneven"), prepare=_moments, alarm=_doubted,
 )  # fmt: skip
-TESTED = Study(
-    name="tested balance", null=each(8, "clean", "rough"), planted=each(12, "noisy"), prepare=_moments, alarm=_untested
-)
-SMALL = Study(
-    name="small moments",
-    null=each(24, "vertical"),
-    planted=each(12, "slight", "still"),
-    prepare=_moments,
-    alarm=_unbalanced,
-)
 
-_C = "audit.conventions."
 ROWS = (
-    Row(field=_C + "gain", values=scaled(0.15, 1 / 5, 1 / 2, 1, 2, 4), study=CONVENTIONS),
-    Row(field=_C + "sigmas", values=(0.0, 2.0, 5.0, 10.0, 20.0), study=CONVENTIONS),
-    Row(field=_C + "consistent", values=(0.1, 0.25, 0.5, 1.0, 2.0), study=CONVENTIONS),
-    Row(field=_C + "indistinct", values=(0.001, 0.005, 0.02, 0.08, 0.3), study=INDISTINCT),
-    Row(field=_C + "explained", values=(-1e9, 0.5, 0.9), study=SPIN),
-    Row(field=_C + "inertia_factor", values=(1.05, 1.2, 1.4, 2.5, 4.0), study=INERTIA),
-    Row(field=_C + "inertia_error", values=scaled(0.1, 0.1, 1 / 3, 1, 3, 10), study=BALANCE),
-    Row(field=_C + "inertia_agreement", values=(0.05, 0.1, 0.2, 0.4, 10.0), study=BALANCE),
-    Row(field=_C + "inertia_r_squared", values=(-1e9, 0.4, 0.8, 0.95, 0.99), study=BALANCE),
-    Row(
-        field=_C + "gyration",
-        values=((0.1, 1.5), (0.05, 4.0), (0.02, 8.0), (0.005, 30.0), (1e-9, 1e9)),
-        study=_plausible("radii of gyration", "flat", "millimetres", "grams"),
-    ),
-    Row(
-        field=_C + "fastest",
-        values=(10.0, 30.0, 100.0, 300.0, 1e9),
-        study=_plausible("speeds", "fast", "millimetres_velocity"),
-    ),
-    Row(field=_C + "largest", values=(0.3, 2.0, 10.0, 50.0, 1e9), study=_plausible("lengths", "large", "millimetres")),
-    Row(
-        field=_C + "turned",
-        values=scaled(8 * math.pi, 1 / 8, 1 / 3, 1, 3, 1e9),
-        study=_plausible("turns", "turned", "degrees_theta"),
-    ),
-    Row(field="audit.fewest_trials", values=(2, 5, 10, 20, 40), study=FEW),
-    Row(field="audit.imbalance", values=(0.1, 0.2, 0.3, 0.45, 0.7), study=IMPOSSIBLE),
-    Row(field="audit.unexplained", values=(0.0, 0.15, 0.3, 0.5, 0.8), study=IMPOSSIBLE),
+    Row(field="audit.convention_gain", values=scaled(0.15, 1 / 5, 1 / 2, 1, 2, 4), study=CONVENTIONS),
+    Row(field="audit.consistent", values=(0.1, 0.25, 0.5, 1.0, 2.0), study=CONVENTIONS),
+    Row(field="audit.inertia_factor", values=(1.05, 1.2, 1.4, 2.5, 4.0), study=INERTIA),
+    Row(field="audit.impossible", values=(0.1, 0.2, 0.3, 0.45, 0.7), study=IMPOSSIBLE),
     Row(field="audit.open_balance", values=(0.0, 0.02, 0.05, 0.1, 0.3), study=OPEN),
     Row(field="audit.doubted_balance", values=(0.1, 0.2, 0.4, 0.8, 2.0), study=DOUBTED),
-    Row(field="audit.tested_balance", values=(0.02, 0.05, 0.1, 0.2, 0.4), study=TESTED),
-    Row(field="audit.small_moments", values=(0.0, 0.02, 0.05, 0.1, 0.3), study=SMALL),
-    Row(field="audit.sure_moments", values=(0.0, 2.0, 4.0, 20.0, 1000.0), study=SMALL),
-    Row(field="audit.reversed_trials", values=(0.1, 0.2, 0.4, 0.6, 0.8), study=IMPOSSIBLE),
 )

@@ -84,5 +84,5 @@ ROWS = (
     Row(field="fit.outlier_weight", values=(*scaled(0.07, 0.3, 0.6, 1, 1.5), 0.2, 0.4), study=OUTLIERS),
     Row(field="fit.open_share", values=scaled(0.125, 0.25, 0.5, 1, 2, 4), study=NOISE),
     Row(field="fit.effective_trials", values=(1.0, 2.0, 3.0, 5.0, 10.0, 20.0), study=ORDER),
-    Row(field="fit.correlation", values=(0.8, 0.9, 0.95, 0.98, 0.99), study=SPEEDS),
+    Row(field="fit.collinearity", values=(0.8, 0.9, 0.95, 0.98, 0.99), study=SPEEDS),
 )

@@ -5,10 +5,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from contactlearn.data.audit.consistency import gross_outliers, outliers
+from contactlearn.data.audit.consistency import gross_outliers
 from contactlearn.data.audit.findings import (
-    energy_findings,
-    order_findings,
     outlier_findings,
     scale_findings,
     shape_findings,
@@ -82,7 +80,7 @@ def _weighed(impacts: Impacts, rows: Tensor, factor: float, seed: int) -> Impact
 
 def _found(reason: str):
     def alarm(marked: Marked, thresholds: Thresholds) -> bool:
-        bad = gross_outliers(marked.impacts, thresholds.audit.outliers)[reason]
+        bad = gross_outliers(marked.impacts, thresholds.audit)[reason]
         return bool(bad[marked.rows].all() if marked.rows.any() else bad.any())
 
     return alarm
@@ -91,10 +89,6 @@ def _found(reason: str):
 MOMENT = Study(
     name="moments of single trials", null=each(8, "gaussian", "heavy", "exact"), planted=each(12, "spin", "velocity"),
     prepare=_marked, alarm=_found("moment"),
-)  # fmt: skip
-GAIN = Study(
-    name="energy of single trials", null=each(12, "gaussian", "rough"), planted=each(24, "fast"),
-    prepare=_marked, alarm=_found("energy"),
 )  # fmt: skip
 WEIGHT = Study(
     name="masses of single trials", null=each(12, "scatter", "two bodies"), planted=each(24, "slip"),
@@ -115,32 +109,6 @@ def _not_dropped(impacts: Impacts, thresholds: Thresholds) -> bool:
 DROPPED = Study(
     name="share of outliers", null=each(20, ((0.01, 0.12),)), planted=each(20, ((0.25, 0.5),)),
     prepare=_spiked, alarm=_not_dropped,
-)  # fmt: skip
-
-
-def _gains(impacts: Impacts, thresholds: Thresholds) -> bool:
-    """Whether bodies are said to gain energy, outliers apart."""
-    return bool(energy_findings(impacts[~outliers(impacts, thresholds.audit.outliers)], thresholds.audit))
-
-
-def _driven(kind: str, seed: int) -> Impacts:
-    """Bounces off a floor at rest, also by laws that may add energy, or off one that moves up."""
-    if kind == "rough":
-        level = between(0.03, 0.3, seed)
-        return textbook(seed, 100, level, 10 * level)
-    impacts = textbook(seed, 100, law="anitescu_potra_newton")
-    if kind == "driven":
-        rows = some(impacts, between(0.06, 0.8, seed), seed)
-        gain = between(1.2, 2.5, seed + 1)  # of the energy
-        before, now = (v.square()[:, :2].sum(-1) for v in (impacts.v_pre, impacts.v_post))
-        factor = torch.where(rows, (gain * before / now).sqrt(), 1.0)
-        return after(impacts, factor[:, None] * impacts.v_post)
-    return impacts
-
-
-DRIVEN = Study(
-    name="driven floor", null=each(10, "newton", "rough"), planted=each(20, "driven"),
-    prepare=_driven, alarm=_gains,
 )  # fmt: skip
 
 
@@ -182,32 +150,6 @@ SCALE = Study(
 )  # fmt: skip
 
 
-def _timed(kind: str, seed: int) -> Impacts:
-    """Times within each recording, or a clock of the session with the trials out of order."""
-    n = 60
-    impacts, uniform = textbook(seed, n), torch.rand(n, generator=random(seed), dtype=torch.float64)
-    order = torch.arange(n, dtype=torch.float64)
-    match kind:
-        case "recording":  # the impact comes so long after the recording began
-            return impacts.replace(time=between(0.1, 10, seed) * (0.2 + uniform))
-        case "clock":
-            return impacts.replace(time=(order + uniform) * between(0.2, 60, seed))
-        case "names":  # read in the order 1, 10, 11, …, 2, 20
-            rank = torch.tensor(sorted(range(n), key=str), dtype=torch.float64)
-            return impacts.replace(time=(rank + uniform) * between(0.2, 60, seed))
-    swapped = order.clone()
-    k = int(between(2, n - 2, seed))
-    swapped[[k - 1, k]] = swapped[[k, k - 1]]
-    return impacts.replace(time=(swapped + uniform / 4) * between(0.2, 60, seed))
-
-
-ORDER = Study(
-    name="order", null=each(10, "recording", "clock"), planted=each(10, "names", "swapped"),
-    prepare=_timed,
-    alarm=lambda drops, thresholds: bool(order_findings(drops, thresholds.audit)),
-)  # fmt: skip
-
-
 def _modelled(kind: str, seed: int) -> Modelled:
     """Clean drops, heavy-tailed ones, or drops of which a few spins have the wrong sign, with a law fitted to them."""
     impacts = textbook(seed, 150, law="wang_mason")
@@ -221,7 +163,7 @@ def _modelled(kind: str, seed: int) -> Modelled:
 
 
 def _called(modelled: Modelled, thresholds: Thresholds) -> bool:
-    limits = thresholds.audit.outliers
+    limits = thresholds.audit
     return outliers_of(modelled.impacts, lambda drops: modelled.model.predict(drops).v_post, limits) is not None
 
 
@@ -231,18 +173,10 @@ MODELLED = Study(
 )  # fmt: skip
 
 ROWS = (
-    Row(field="audit.outliers.false_outliers", values=(1e-6, 1e-3, 0.05, 1.0, 10.0), study=MODELLED),
-    Row(field="audit.outliers.moment_sigmas", values=(3.0, 6.0, 12.0, 24.0, 48.0), study=MOMENT),
-    Row(field="audit.outliers.imbalance", values=(0.0, 1 / 6, 1 / 3, 2 / 3, 0.9), study=MOMENT),
-    Row(field="audit.outliers.energy_ratio", values=(1.25, 1.5, 2.0, 3.0, 5.0), study=GAIN),
-    Row(field="audit.outliers.mass_ratio", values=(1.2, 1.5, 2.0, 4.0, 8.0), study=WEIGHT),
-    Row(field="audit.outliers.common", values=(0.025, 0.05, 0.1, 0.2, 0.4), study=WEIGHT),
+    Row(field="audit.false_outliers", values=(1e-6, 1e-3, 0.05, 1.0, 10.0), study=MODELLED),
+    Row(field="audit.moment_sigmas", values=(3.0, 6.0, 12.0, 24.0, 48.0), study=MOMENT),
+    Row(field="audit.gross_ratio", values=(1.2, 1.5, 2.0, 4.0, 8.0), study=WEIGHT),
     Row(field="audit.dropped_share", values=(0.05, 0.1, 0.2, 0.3, 0.4), study=DROPPED),
-    Row(field="audit.energy_gain", values=(1.0, 1.1, 1.25, 1.5, 2.0), study=DRIVEN),
-    Row(field="audit.energy_share", values=(0.0, 0.02, 0.05, 0.1, 0.2), study=DRIVEN),
     Row(field="audit.contact_point_off", values=scaled(0.15, 1 / 4, 1 / 2, 1, 2, 4), study=SHAPE),
     Row(field="audit.scale_off", values=(0.0, 0.005, 0.01, 0.02, 0.04), study=SCALE),
-    Row(field="audit.apparatus_sigmas", values=(0.0, 1.0, 3.0, 10.0, 30.0), study=SCALE),
-    Row(field="audit.seconds_per_trial", values=scaled(0.5, 0.04, 1 / 5, 1, 5, 25), study=ORDER),
-    Row(field="audit.rank_correlation", values=(0.2, 0.5, 0.8, 0.95, 1.0), study=ORDER),
 )

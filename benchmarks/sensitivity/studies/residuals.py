@@ -62,7 +62,7 @@ def _windows(impacts: Impacts, seed: int) -> Tensor:
 def _regions(failing: Failing, thresholds: Thresholds) -> list[Tensor]:
     """Trials [n] of the regions that are reported."""
     found = find_regions(
-        failing.impacts, failing.prediction, generator=torch.Generator().manual_seed(0), thresholds=thresholds.regions
+        failing.impacts, failing.prediction, generator=torch.Generator().manual_seed(0), thresholds=thresholds
     )
     masks = []
     for region in found:
@@ -79,20 +79,11 @@ def _reported(failing: Failing, thresholds: Thresholds) -> bool:
     return any(window[rows].double().mean() > 0.5 for window in failing.windows for rows in found)
 
 
-def _second(failing: Failing, thresholds: Thresholds) -> bool:
-    """Whether two regions are reported; where two were enlarged, one in each."""
-    found = _regions(failing, thresholds)
-    if len(failing.windows) < 2:
-        return len(found) > 1
-    return all(any(window[rows].double().mean() > 0.5 for rows in found) for window in failing.windows)
-
-
 REGIONS = Study(
     name="regions", null=(*each(12, "exchanged"), *each(6, "clean", "heavy")),
     planted=(*each(16, "one"), *each(2, "orientation_dependent_restitution", "location_dependent_restitution")),
     prepare=_failing, alarm=_reported,
 )  # fmt: skip
-SECOND = Study(name="second region", null=each(20, "one"), planted=each(20, "two"), prepare=_failing, alarm=_second)
 
 
 class Learning(NamedTuple):
@@ -124,7 +115,7 @@ def _learned(learning: Learning, thresholds: Thresholds) -> Remainder:
     folds = Folds.draw(len(impacts), torch.Generator().manual_seed(0), repeats=1)
     generator = torch.Generator().manual_seed(0)
     return learn_remainder(
-        impacts, fit.model, folds, generator=generator, inliers=fit.inliers, thresholds=thresholds.remainder
+        impacts, fit.model, folds, generator=generator, inliers=fit.inliers, thresholds=thresholds
     ).remainder
 
 
@@ -156,17 +147,10 @@ VARIABLES = Study(
     alarm=_right_variables, false_alarm=_wrong_variable,
 )  # fmt: skip
 
-_R, _U = "regions.", "remainder."
 ROWS = (
-    Row(field=_R + "level", values=(0.001, 0.01, 0.05, 0.2, 0.5), study=REGIONS),
-    Row(field=_R + "ratio", values=(1.0, 1.25, 1.5, 2.0, 3.0), study=REGIONS),
-    Row(field=_R + "most", values=(1, 2, 5, 10, 20), study=SECOND),
-    Row(field=_R + "gross", values=(2.0, 3.0, 5.0, 10.0, 1e9), study=REGIONS),
-    Row(field=_R + "new", values=(0.0, 0.25, 0.5, 0.75, 1.0), study=SECOND),
-    Row(field=_U + "share", values=(0.025, 0.05, 0.1, 0.2, 0.4), study=UNKNOWN),
-    Row(field=_U + "certain_share", values=(-1e9, 0.0, 0.05, 0.1, 0.2), study=UNKNOWN),
-    Row(field=_U + "component_sigmas", values=(0.0, 1.5, 3.0, 6.0, 12.0), study=COMPONENT),
-    Row(field=_U + "component_r_squared", values=(0.0, 0.02, 0.04, 0.08, 0.2), study=COMPONENT),
-    Row(field=_U + "variable_share", values=(0.01, 0.025, 0.05, 0.1, 0.2), study=VARIABLES),
-    Row(field=_U + "follows", values=(0.3, 0.6, 0.85, 0.95, 1.0), study=VARIABLES),
+    Row(field="region_level", values=(0.001, 0.01, 0.05, 0.2, 0.5), study=REGIONS),
+    Row(field="region_ratio", values=(1.0, 1.25, 1.5, 2.0, 3.0), study=REGIONS),
+    Row(field="form_error", values=(0.025, 0.05, 0.1, 0.2, 0.4), study=UNKNOWN),
+    Row(field="certain_sigmas", values=(0.0, 1.5, 3.0, 6.0, 12.0), study=COMPONENT),
+    Row(field="minor_share", values=(0.01, 0.025, 0.05, 0.1, 0.2), study=VARIABLES),
 )

@@ -11,7 +11,7 @@ from contactlearn.diagnosis.search import pool, quadratic
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.diagnosis.search.pool import Pool, Spec
 from contactlearn.diagnosis.search.selection import Selection, select, validated
-from contactlearn.diagnosis.thresholds import SelectionThresholds, Thresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId, catalogue
 from contactlearn.inference import validation
 from contactlearn.inference.identification.joint import FitOptions
@@ -56,7 +56,7 @@ class Drops(NamedTuple):
 
     def pool(self) -> Pool:
         """An empty pool of all candidates around the law."""
-        among = usable(all_candidates(), self.impacts, SelectionThresholds())
+        among = usable(all_candidates(), self.impacts, Thresholds())
         prepared = {key: effect.prepare(self.impacts) for key, effect in among.items()}
         fitted = {key: effect for key, effect in prepared.items() if effect.parameters}
         return Pool({_LAW: laws.find(_LAW)}, self.impacts, fitted, {}, FitOptions())
@@ -89,14 +89,14 @@ def _chosen(*case) -> Selection:
 
 def _rivals(selection: Selection, thresholds: Thresholds) -> bool:
     """Whether any rival is found."""
-    return any(find_rivals(selection, thresholds.rivals).values())
+    return any(find_rivals(selection, thresholds).values())
 
 
 def _exchanged(drops: Drops, thresholds: Thresholds) -> bool:
     """Whether the plausible models have others in the place of the effect."""
     found = select(
         {_LAW: laws.find(_LAW)}, drops.impacts, drops.pool().candidates, drops.folds(), given={},
-        thresholds=thresholds.selection, generator=random(0),
+        thresholds=thresholds, generator=random(0),
     )  # fmt: skip
     return any(drops.effect not in one.model.spec.effects for one in found.plausible)
 
@@ -108,11 +108,7 @@ PLAUSIBLE = Study(
     name="plausible models", null=each(1, *_DISTINCT), planted=each(1, *_CONFOUNDED), prepare=_drops, alarm=_exchanged,
 )  # fmt: skip
 
-_R = "rivals."
 ROWS = (
-    Row(field="selection.window", values=(1.0, 3.0, 7.0, 12.0), study=PLAUSIBLE),
-    Row(field=_R + "similarity", values=(0.0, 0.25, 0.5, 0.75, 0.9), study=RIVALS),
-    Row(field=_R + "sigmas", values=(0.5, 1.0, 2.0, 4.0, 1e9), study=RIVALS),
-    Row(field=_R + "same_trace", values=(0.8, 0.9, 0.95, 0.98, 1.0), study=RIVALS),
-    Row(field=_R + "form_error", values=(0.0, 0.05, 0.1, 0.3), study=RIVALS),
+    Row(field="window", values=(1.0, 3.0, 7.0, 12.0), study=PLAUSIBLE),
+    Row(field="chance_sigmas", values=(0.5, 1.0, 2.0, 4.0, 1e9), study=RIVALS),
 )

@@ -20,7 +20,6 @@ from contactlearn.models.contact_model import predict_with
 from contactlearn.simulation import synthetic
 from sensitivity.studies.cases import between, random
 from sensitivity.studies.follows import DEPENDS, FOLLOWS
-from sensitivity.studies.study import Row, Study, each
 
 LAWS = ("wang_mason", "mirtich", "anitescu_potra_poisson")
 NAMED: Mapping[str, tuple[float, ...]] = {
@@ -188,32 +187,3 @@ def _errors(kind: str, exact: Tensor, generator: torch.Generator) -> Tensor:
 def serial_dependence(drops: Drops, thresholds: Thresholds) -> SerialDependence | None:
     """What the diagnosis says of the sequence."""
     return find_serial_dependence(drops.impacts, drops.fit, FitOptions(), thresholds)
-
-
-def _studied(kind: str, seed: int) -> Drops:
-    """Drops whose errors are of a kind, or with a faint sawtooth or memory."""
-    if kind in FOLLOWS:
-        return made(
-            seed, follows=kind, coefficient=("mu", "eps")[seed % 2], strength=between(0.25, 1.0, seed), size=200
-        )
-    return made(seed, errors=kind, design=DESIGNS[seed % len(DESIGNS)], size=200)
-
-
-def _said(drops: Drops, thresholds: Thresholds) -> bool:
-    """Whether a coefficient is said to follow the sequence."""
-    return serial_dependence(drops, thresholds) is not None
-
-
-def _large(drops: Drops, thresholds: Thresholds) -> bool:
-    """Whether so much of the error follows the sequence that something unknown is missing."""
-    found = serial_dependence(drops, thresholds)
-    return found is not None and found.large
-
-
-_NULL, _PLANTED = each(8, "iid", "heavy", "before"), each(6, "sawtooth", "last speed", "walk")
-SEQUENCE = Study(name="sequence", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_said)
-UNKNOWN = Study(name="unknown in the sequence", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_large)
-ROWS = (
-    Row(field="serial_dependence.level", values=(0.004, 0.01, 0.05, 0.2), study=SEQUENCE),
-    Row(field="serial_dependence.share", values=(0.0, 0.02, 0.05, 0.2), study=UNKNOWN),
-)

@@ -24,12 +24,18 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE, Z_95
-from contactlearn.data.audit.thresholds import ConventionThresholds, OutlierThresholds
+from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.bodies import AnyShape, contact_points, per_body, shapes_among
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import contact_velocity
 from contactlearn.mechanics.shapes import Polygon, Shape
 
+_IMBALANCE = 1 / 3  # share of the terms of the balance that a gross residual exceeds: the spread of exact data is tiny
+_COMMON = 0.1  # share of an object's trials with a gross mass from which on it is two bodies of one name
+_GYRATION = (0.02, 8.0)  # plausible (I/m)/|r|²: a rod on its end has 1/3, a disc 1/2, a body that lands flat more
+FASTEST = 100.0
+"""Plausible speed before impact in m/s, in the median."""
+_LARGEST, _TURNED = 10.0, 8 * math.pi  # plausible |r| in m, and |θ| in rad (four turns), in the median
 _FIELDS = ("mass", "inertia", "r", "q", "v_pre", "v_post", "q_post")
 
 
@@ -152,9 +158,7 @@ def repeated(impacts: Impacts) -> Bool[Tensor, " n"]:
     return twice
 
 
-def gross_outliers(
-    impacts: Impacts, thresholds: OutlierThresholds = OutlierThresholds()
-) -> dict[str, Bool[Tensor, " n"]]:
+def gross_outliers(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> dict[str, Bool[Tensor, " n"]]:
     """Find the trials that cannot be the impacts that they claim to be, by reason.
 
     `moment`: the residual of the moment balance is gross; `energy`: the body gains too much; `approach`: the contact
@@ -166,14 +170,14 @@ def gross_outliers(
     gross = residual > thresholds.moment_sigmas * spread
     far = (_mass_outliers(impacts, values, thresholds) for values in (impacts.mass, impacts.inertia))
     return {
-        "moment": gross & (terms.imbalance > thresholds.imbalance),
-        "energy": after > thresholds.energy_ratio * before,
+        "moment": gross & (terms.imbalance > _IMBALANCE),
+        "energy": after > thresholds.gross_ratio * before,
         "approach": impacts.v_c[:, 1] >= 0,
         "mass": torch.stack([*far]).any(0),
     }
 
 
-def outliers(impacts: Impacts, thresholds: OutlierThresholds = OutlierThresholds()) -> Bool[Tensor, " n"]:
+def outliers(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> Bool[Tensor, " n"]:
     """Find the gross outliers of any reason."""
     return torch.stack([*gross_outliers(impacts, thresholds).values()]).any(0)
 
@@ -195,22 +199,20 @@ def _least_residual(impacts: Impacts) -> Float[Tensor, " n"]:
     return least
 
 
-def _mass_outliers(impacts: Impacts, values: Float[Tensor, " n"], thresholds: OutlierThresholds) -> Bool[Tensor, " n"]:
+def _mass_outliers(impacts: Impacts, values: Float[Tensor, " n"], thresholds: AuditThresholds) -> Bool[Tensor, " n"]:
     """Trials with a value far from its object's median; where that is common, two bodies share a name."""
     known = {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
     objects = torch.tensor([known[name] for name in impacts.object])
     unlike = torch.zeros(len(impacts), dtype=torch.bool)
     order, counts = objects.argsort(stable=True), torch.bincount(objects).tolist()
     for same in order.split(counts):
-        far = (values[same] / values[same].median()).log().abs() > math.log(thresholds.mass_ratio)
-        if far.sum() < thresholds.common * len(same):
+        far = (values[same] / values[same].median()).log().abs() > math.log(thresholds.gross_ratio)
+        if far.sum() < _COMMON * len(same):
             unlike[same] = far
     return unlike
 
 
-def contradictions(
-    impacts: Impacts | Columns, thresholds: ConventionThresholds = ConventionThresholds()
-) -> dict[str, Float[Tensor, "*batch n"]]:
+def contradictions(impacts: Impacts | Columns) -> dict[str, Float[Tensor, "*batch n"]]:
     """Compute the contradictions of each trial in [0, 1] by question; see the module for the questions."""
     before, after = impacts.v_c, contact_velocity(impacts.r, impacts.v_post)
     P = impacts.mass[..., None] * (impacts.v_post - impacts.v_pre)[..., :2]
@@ -227,7 +229,7 @@ def contradictions(
         "below": (impacts.r[..., 1] >= 0).double(),
         "friction": along * counts * (slip.abs().amin(-1) / slip.abs().amax(-1).clamp_min(1e-300)),
         "energy": (rebound > 1.1 * energy).double(),
-        "units": _implausible(impacts, thresholds)[..., None].expand_as(length),
+        "units": _implausible(impacts)[..., None].expand_as(length),
     }
     if impacts.shape is not None:
         off = (impacts.r - contact_points(impacts.shape, impacts.body, impacts.q[..., 2])).norm(dim=-1)
@@ -235,16 +237,16 @@ def contradictions(
     return answers
 
 
-def _implausible(impacts: Impacts | Columns, thresholds: ConventionThresholds) -> Float[Tensor, "*batch"]:
+def _implausible(impacts: Impacts | Columns) -> Float[Tensor, "*batch"]:
     """The most decades by which a quantity lies outside its plausible range, at most 1."""
     length = impacts.r.norm(dim=-1).median(-1).values
     gyration = (impacts.inertia / impacts.mass).median(-1).values / length.clamp_min(1e-300) ** 2
     ratios = (
-        gyration / thresholds.gyration[1],
-        thresholds.gyration[0] / gyration,
-        impacts.v_pre[..., :2].norm(dim=-1).median(-1).values / thresholds.fastest,
-        length / thresholds.largest,
-        impacts.q[..., 2].abs().median(-1).values / thresholds.turned,
+        gyration / _GYRATION[1],
+        _GYRATION[0] / gyration,
+        impacts.v_pre[..., :2].norm(dim=-1).median(-1).values / FASTEST,
+        length / _LARGEST,
+        impacts.q[..., 2].abs().median(-1).values / _TURNED,
     )
     return torch.stack(ratios).amax(0).log10().clamp(0, 1)
 

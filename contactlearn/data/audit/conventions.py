@@ -24,7 +24,7 @@ from torch import Tensor
 from contactlearn.data.audit.consistency import Balance, Columns, balance, contradictions, torque
 from contactlearn.data.audit.corrections import CORRECTIONS, units_and_axes
 from contactlearn.data.audit.result import Evidence, Finding, evidence_of
-from contactlearn.data.audit.thresholds import AuditThresholds, ConventionThresholds, OutlierThresholds
+from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.impacts import Impacts
 
 AXES = (
@@ -41,6 +41,16 @@ DEGREES = ("degrees_omega", "degrees_theta", "degrees")
 UNITS = (*DEGREES, "millimetres", "millimetres_velocity", "grams", "inertia_scaled")
 BALANCED = set(UNITS) - {"degrees_theta"}
 """Units that the moment balance depends on."""
+_SIGMAS = 5.0  # standard errors of the fall of contradictions: up to some thousand hypotheses are compared
+_INDISTINCT = 0.02  # difference of the sum of contradictions below which two hypotheses are equivalent
+_EXPLAINED = 0.5  # share of Δω that the balance explains under other units, which else only shrink a Δω that is noise
+_INERTIA_ERROR = 0.1  # relative standard error of a term of the balance that estimates the inertia
+_INERTIA_AGREEMENT = 0.2  # relative difference up to which the terms ask for the same factor
+_INERTIA_R_SQUARED = 0.8  # share of Δω that the fitted balance explains for the same
+_TESTED = 0.1  # half-width of the 95 % interval of the better known coefficient above which the balance is untested
+_SMALL_MOMENTS = 0.05  # median of a term, of |Δv| / ρ, up to which it may be noise of some 5 % of the speeds
+_SURE_MOMENTS = 4.0  # standard errors from 0 from which on the coefficient of such a term is judged
+_REVERSED = 0.4  # share of trials with a pulling floor, or without approach, from which on no impact made the data
 _STEPS = (*AXES[:3], "mirrored_y", *AXES[3:], *UNITS)
 """Corrections in the order in which they are applied.
 
@@ -57,12 +67,12 @@ class Hypothesis:
 
     names: tuple[str, ...]
     impacts: Impacts
-    thresholds: ConventionThresholds
+    thresholds: AuditThresholds
 
     @cached_property
     def answers(self) -> dict[str, Float[Tensor, " n"]]:
         """Contradictions of each trial by question."""
-        return contradictions(self.impacts, self.thresholds)
+        return contradictions(self.impacts)
 
     @cached_property
     def total(self) -> Float[Tensor, " n"]:
@@ -123,7 +133,7 @@ def _sigmas(gain: Float[Tensor, " n"]) -> float:
     return (gain.mean() / error.clamp_min(1e-3)).item()
 
 
-def compare(impacts: Impacts, thresholds: ConventionThresholds = ConventionThresholds()) -> ConventionComparison:
+def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> ConventionComparison:
     """Find the best of the smallest hypotheses that are accepted, or the data as given where there is none."""
     given = Hypothesis(names=(), impacts=impacts.replace(validate=False), thresholds=thresholds)
     tried = 1
@@ -136,7 +146,7 @@ def compare(impacts: Impacts, thresholds: ConventionThresholds = ConventionThres
         found = sorted((h for h in applied if h is not None), key=lambda h: h.score)
         new = next((h for h in found if _better(h, given)), None)
         if new is not None:
-            equal = [h for h in found if h is new or new.score <= h.score < new.score + thresholds.indistinct]
+            equal = [h for h in found if h is new or new.score <= h.score < new.score + _INDISTINCT]
             best, *equals = sorted(equal, key=lambda h: [*map([*CORRECTIONS].index, h.names)])
             return ConventionComparison(given=given, best=best, equals=tuple(equals), tried=tried)
     return ConventionComparison(given=given, best=given, equals=(), tried=tried)
@@ -145,9 +155,9 @@ def compare(impacts: Impacts, thresholds: ConventionThresholds = ConventionThres
 def _better(new: Hypothesis, given: Hypothesis) -> bool:
     """Whether a hypothesis is clearly better; other units must not merely shrink a Δω that is all noise."""
     gain, thresholds = given.total - new.total, new.thresholds
-    if gain.mean().item() < thresholds.gain * len(new.names) or _sigmas(gain) < thresholds.sigmas:
+    if gain.mean().item() < thresholds.convention_gain * len(new.names) or _sigmas(gain) < _SIGMAS:
         return False
-    explained = torque(new.impacts).explained.item() > thresholds.explained
+    explained = torque(new.impacts).explained.item() > _EXPLAINED
     return (explained or not BALANCED.intersection(new.names)) and new.closed
 
 
@@ -163,7 +173,7 @@ class _Screened(NamedTuple):
         return [self.names[k] for k in ranked if self.scores[k] < math.inf]
 
 
-def _screened(impacts: Impacts, depth: int, thresholds: ConventionThresholds) -> _Screened:
+def _screened(impacts: Impacts, depth: int, thresholds: AuditThresholds) -> _Screened:
     """Compare all hypotheses of so many corrections, more than one of them on a sample of the trials."""
     if depth > 1 and len(impacts) > _SAMPLE:
         impacts = impacts[torch.randperm(len(impacts), generator=torch.Generator().manual_seed(0))[:_SAMPLE]]
@@ -176,9 +186,9 @@ def _screened(impacts: Impacts, depth: int, thresholds: ConventionThresholds) ->
         columns = columns.and_also(changed[plausible])
     long = torch.tensor([len(have) == depth for have in names])
     names, columns = [have for have in names if len(have) == depth], columns[long]
-    first, *others = contradictions(columns, thresholds).values()
+    first, *others = contradictions(columns).values()
     shrunk = torch.tensor([bool(BALANCED.intersection(have)) for have in names])
-    shrunk &= torque(columns).explained <= thresholds.explained
+    shrunk &= torque(columns).explained <= _EXPLAINED
     return _Screened(names, sum(others, first).mean(-1).masked_fill(shrunk, math.inf))
 
 
@@ -197,7 +207,7 @@ def _sensible(have: tuple[str, ...], step: int) -> bool:
     return "swapped_pre_post" not in names or len(names.intersection(AXES)) < 3
 
 
-def _changed(columns: Columns, name: str, thresholds: ConventionThresholds) -> tuple[Columns, Tensor]:
+def _changed(columns: Columns, name: str, thresholds: AuditThresholds) -> tuple[Columns, Tensor]:
     """Columns [B] after a correction, and the hypotheses [B] for which it is plausible.
 
     Another inertia is not where the balance requires a negative one, or one that is only a little different.
@@ -215,11 +225,11 @@ def _applied(given: Hypothesis, names: tuple[str, ...]) -> Hypothesis | None:
     for name in names:
         if name == "inertia_scaled" and not wrong_inertia(torque(impacts).inertia_factor.item(), thresholds):
             return None
-        impacts = CORRECTIONS[name].function(impacts, OutlierThresholds())  # none of these drops a trial
+        impacts = CORRECTIONS[name].function(impacts, AuditThresholds())  # none of these drops a trial
     return Hypothesis(names=names, impacts=impacts, thresholds=thresholds)
 
 
-def wrong_inertia(factor: float, thresholds: ConventionThresholds) -> bool:
+def wrong_inertia(factor: float, thresholds: AuditThresholds) -> bool:
     """Whether a factor on I is a mistake in the data; a smaller one is the effect `inertia_error`."""
     return 0 < factor < math.inf and abs(math.log(factor)) > math.log(thresholds.inertia_factor)
 
@@ -299,14 +309,14 @@ def _coefficients(when: str, fit: Balance) -> list[_Quantity]:
 def _with_inertia(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
     """The impacts with the inertia that balances their moments, where this is within the reach of an effect."""
     factor = torque(impacts).inertia_factor.item()
-    if not 0 < factor < math.inf or wrong_inertia(factor, thresholds.conventions):
+    if not 0 < factor < math.inf or wrong_inertia(factor, thresholds):
         return impacts
     return impacts.replace(inertia=factor * impacts.inertia)
 
 
-def _judged(impacts: Impacts, thresholds: AuditThresholds) -> Balance:
+def _judged(impacts: Impacts) -> Balance:
     """The moment balance, without coefficients that these measurements leave open."""
-    return balance(impacts).judged(thresholds.small_moments, thresholds.sure_moments)
+    return balance(impacts).judged(_SMALL_MOMENTS, _SURE_MOMENTS)
 
 
 def balance_findings(
@@ -318,17 +328,17 @@ def balance_findings(
     another inertia within the reach of an effect would close.  With `explained` other findings account for the
     contradictions, which are then not reported again.
     """
-    fit, balanced = _judged(impacts, thresholds), _with_inertia(impacts, thresholds)
-    answers = contradictions(balanced, thresholds.conventions)
+    fit, balanced = _judged(impacts), _with_inertia(impacts, thresholds)
+    answers = contradictions(balanced)
     means = {question: answer.mean().item() for question, answer in answers.items()}
     if not fit.terms:
         del means["moment"]
     total, worst = sum(means.values()), max(means, key=lambda question: means[question])
     opened = fit.imbalance > thresholds.open_balance
-    contradictory = total > thresholds.conventions.consistent and not explained
+    contradictory = total > thresholds.consistent and not explained
     if not opened and not contradictory:
         return []
-    doubted = contradictory or _judged(balanced, thresholds).imbalance > thresholds.doubted_balance
+    doubted = contradictory or _judged(balanced).imbalance > thresholds.doubted_balance
     rule = "the moment balance does not close" if opened else "the trials contradict planar rigid impacts"
     sentence = (
         f"{rule}, and none of the known mistakes explains it ({comparison.tried} hypotheses compared): {_MUST} gives "
@@ -350,11 +360,11 @@ def balance_findings(
 
 def consistent_note(impacts: Impacts, thresholds: AuditThresholds) -> Finding:
     """Note that nothing contradicts planar rigid impacts, with the moment balance that was measured."""
-    fit = _judged(impacts, thresholds)
+    fit = _judged(impacts)
     limit = thresholds.open_balance
     if not fit.terms:
         closes = "cannot be judged: the moments in these data are negligible"
-    elif fit.tested > thresholds.tested_balance:
+    elif fit.tested > _TESTED:
         closes = "is weakly tested by these data"
     elif any(low > 1 + limit or high < 1 - limit for _, low, high in fit.terms.values()):
         closes = (
@@ -372,17 +382,17 @@ def consistent_note(impacts: Impacts, thresholds: AuditThresholds) -> Finding:
     return Finding(name="consistent", sentence=sentence, evidence=evidence, mistake=False)
 
 
-def inertia_findings(impacts: Impacts, thresholds: ConventionThresholds) -> list[Finding]:
+def inertia_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
     """A wrong moment of inertia: both terms of the balance imply the same factor, too large for physics.
 
     The contradictions fall too little with it for `compare`.
     """
     factor, fit = torque(impacts).inertia_factor.item(), balance(impacts)
     terms = ((fit.a, fit.a_error), (fit.b, fit.b_error))
-    precise = [x for x, error in terms if error < thresholds.inertia_error * abs(x)]
-    if not wrong_inertia(factor, thresholds) or not precise or fit.r_squared < thresholds.inertia_r_squared:
+    precise = [x for x, error in terms if error < _INERTIA_ERROR * abs(x)]
+    if not wrong_inertia(factor, thresholds) or not precise or fit.r_squared < _INERTIA_R_SQUARED:
         return []
-    if any(abs(x * factor - 1) > thresholds.inertia_agreement for x in precise):
+    if any(abs(x * factor - 1) > _INERTIA_AGREEMENT for x in precise):
         return []
     description = CORRECTIONS["inertia_scaled"].description
     sentence = f"{description}, {_factor(factor)}: as read, the balance {_MUST} gives {fit}"
@@ -396,13 +406,13 @@ def impossible_findings(comparison: ConventionComparison, thresholds: AuditThres
     share, means, fit = max(0.0, torque(best.impacts).explained.item()), best.means(), best.balance
     moment = best.answers["moment"]
     at_least = moment.mean().item() - 2 * moment.std().item() / math.sqrt(len(moment))
-    judged = bool(_judged(best.impacts, thresholds).terms)
-    unbalanced = judged and at_least > thresholds.imbalance and share < thresholds.unexplained
+    judged = bool(_judged(best.impacts).terms)
+    unbalanced = judged and at_least > thresholds.impossible and share < thresholds.impossible
     reasons = {
         f"the residual of the moment balance is {means['moment']:.0%} of its terms, and the balance explains "
         f"{share:.0%} of Δω (it gives {fit})": unbalanced,
-        f"the floor pulls in {means['push']:.0%} of trials": means["push"] > thresholds.reversed_trials,
-        f"{means['approach']:.0%} of trials do not approach the floor": means["approach"] > thresholds.reversed_trials,
+        f"the floor pulls in {means['push']:.0%} of trials": means["push"] > _REVERSED,
+        f"{means['approach']:.0%} of trials do not approach the floor": means["approach"] > _REVERSED,
     }
     reasons = [reason for reason, holds in reasons.items() if holds]
     if not reasons:

@@ -25,7 +25,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data.audit.consistency import Columns, outliers, repeated, torque
-from contactlearn.data.audit.thresholds import OutlierThresholds
+from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.apparatus import Apparatus
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
@@ -43,7 +43,7 @@ class Correction:
     """
 
     description: str
-    function: Callable[[Impacts, OutlierThresholds], Impacts]
+    function: Callable[[Impacts, AuditThresholds], Impacts]
     apparatus: Callable[[Apparatus], Apparatus] = lambda apparatus: apparatus
     of_all: bool = False
 
@@ -51,7 +51,7 @@ class Correction:
 def correct(
     impacts: Impacts,
     names: Sequence[str],
-    thresholds: OutlierThresholds = OutlierThresholds(),
+    thresholds: AuditThresholds = AuditThresholds(),
     *,
     computed_contact: bool = False,
 ) -> Impacts:
@@ -89,9 +89,7 @@ def correct(
 
 def units_and_axes(columns: Columns, name: str) -> Columns:
     """Apply a correction of units or axes to the columns of many hypotheses at once; the function is the same."""
-    return cast("Callable[[Columns, OutlierThresholds], Columns]", CORRECTIONS[name].function)(
-        columns, OutlierThresholds()
-    )
+    return cast("Callable[[Columns, AuditThresholds], Columns]", CORRECTIONS[name].function)(columns, AuditThresholds())
 
 
 def _multiplied(impacts: Impacts, factors: Sequence[float], *names: str) -> Impacts:
@@ -111,10 +109,10 @@ def _covariances(impacts: Impacts | Columns) -> list[tuple[str, Tensor]]:
     return [(name, x) for name in _VELOCITIES if (x := getattr(impacts, f"{name}_cov")) is not None]
 
 
-def _scaled(*fields: tuple[Sequence[float], Sequence[str]]) -> Callable[[Impacts, OutlierThresholds], Impacts]:
+def _scaled(*fields: tuple[Sequence[float], Sequence[str]]) -> Callable[[Impacts, AuditThresholds], Impacts]:
     """A correction that multiplies fields, each group component by component."""
 
-    def scale(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+    def scale(impacts: Impacts, _: AuditThresholds) -> Impacts:
         for factors, names in fields:
             impacts = _multiplied(impacts, factors, *names)
         return impacts
@@ -122,25 +120,25 @@ def _scaled(*fields: tuple[Sequence[float], Sequence[str]]) -> Callable[[Impacts
     return scale
 
 
-def _swapped_axes(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+def _swapped_axes(impacts: Impacts, _: AuditThresholds) -> Impacts:
     fields = {name: x for name in (*_POSES, *_VELOCITIES) if (x := getattr(impacts, name)) is not None}
     order = [1, 0, 2]
     turned = {f"{name}_cov": x[:, order][:, :, order] for name, x in _covariances(impacts)}
     return impacts.replace(r=impacts.r.flip(-1), **{name: x[..., order] for name, x in fields.items()}, **turned)
 
 
-def _swapped_pre_post(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+def _swapped_pre_post(impacts: Impacts, _: AuditThresholds) -> Impacts:
     known = dict(_covariances(impacts))
     errors = {"v_pre_cov": known.get("v_post"), "v_post_cov": known.get("v_pre")} if known else {}
     swapped = impacts.replace(v_pre=impacts.v_post, v_post=impacts.v_pre, **errors)
     return swapped if impacts.q_post is None else swapped.replace(q=impacts.q_post, q_post=impacts.q)
 
 
-def _in_grams(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+def _in_grams(impacts: Impacts, _: AuditThresholds) -> Impacts:
     return impacts.replace(mass=impacts.mass * 1e-3)
 
 
-def _inertia_scaled(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+def _inertia_scaled(impacts: Impacts, _: AuditThresholds) -> Impacts:
     factor = torque(impacts).inertia_factor.item()
     if not 0 < factor < math.inf:
         raise DataError(
@@ -155,18 +153,18 @@ def _drop(impacts: Impacts, bad: Bool[Tensor, " n"]) -> Impacts:
     return impacts[~bad]
 
 
-def _drop_duplicates(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+def _drop_duplicates(impacts: Impacts, _: AuditThresholds) -> Impacts:
     return _drop(impacts, repeated(impacts))
 
 
-def _drop_outliers(impacts: Impacts, thresholds: OutlierThresholds) -> Impacts:
+def _drop_outliers(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
     return _drop(impacts, outliers(impacts, thresholds))
 
 
-def _averaged(column: int) -> Callable[[Impacts, OutlierThresholds], Impacts]:
+def _averaged(column: int) -> Callable[[Impacts, AuditThresholds], Impacts]:
     """A correction that replaces a component of v_pre by its mean."""
 
-    def average(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+    def average(impacts: Impacts, _: AuditThresholds) -> Impacts:
         v_pre = impacts.v_pre.clone()
         v_pre[:, column] = v_pre[:, column].mean()
         covariance = None if impacts.v_pre_cov is None else impacts.v_pre_cov.clone()
@@ -177,7 +175,7 @@ def _averaged(column: int) -> Callable[[Impacts, OutlierThresholds], Impacts]:
     return average
 
 
-def _ordered_by_time(impacts: Impacts, _: OutlierThresholds) -> Impacts:
+def _ordered_by_time(impacts: Impacts, _: AuditThresholds) -> Impacts:
     if impacts.time is None:
         raise DataError(f"{impacts.source}: has no column time to order the trials by")
     return impacts.replace(order=impacts.time.argsort(stable=True).argsort() + 1)

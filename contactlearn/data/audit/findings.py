@@ -26,7 +26,7 @@ from dataclasses import replace
 
 import torch
 
-from contactlearn.data.audit.consistency import gross_outliers, kinetic_energy, outliers, repeated
+from contactlearn.data.audit.consistency import FASTEST, gross_outliers, kinetic_energy, outliers, repeated
 from contactlearn.data.audit.conventions import (
     balance_findings,
     compare,
@@ -43,6 +43,13 @@ from contactlearn.mechanics.bodies import body_code, contact_points, shapes_amon
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
 
+_APPARATUS_SIGMAS = 3.0  # standard errors by which the scale must be off, too
+_SECONDS_A_TRIAL = 0.5  # that a trial takes at least: times that span less are no clock of the session
+_RANK_CORRELATION = 0.8  # of time and order, from which on such times are a clock all the same
+ENERGY_GAIN = 1.25
+"""Ratio of kinetic energies after and before impact above which a trial gains energy; 1 to 1.25 decide the same."""
+_GAINING = 0.05  # share of trials that gain energy above which this is reported; it guards against noise
+_FEWEST = 10  # trials below which nothing is said about units and axes: five standard errors need them
 _LISTED = 5  # values that a sentence names
 _QUICK = 500  # trials of a quick audit
 _COMPARED = 20_000  # trials on which hypotheses about units and axes are compared, at most; the rest is of all trials
@@ -56,14 +63,14 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     findings = incomplete_findings(impacts) + duplicate_findings(impacts)
     sound = impacts.replace(validate=False)[~repeated(impacts)]
     notes = apparatus_notes(impacts)
-    if len(sound) < thresholds.fewest_trials:
+    if len(sound) < _FEWEST:
         return (*findings, *_of_trials(sound, thresholds), *notes)
-    comparison = compare(_some(sound), thresholds.conventions)
+    comparison = compare(_some(sound), thresholds)
     fatal = impossible_findings(comparison, thresholds)
     if fatal:
-        return (*fatal, *findings, *order_findings(sound, thresholds), *notes)
+        return (*fatal, *findings, *order_findings(sound), *notes)
     sound = comparison.best.impacts if len(sound) <= _COMPARED else correct(sound, comparison.best.names)
-    scaled = inertia_findings(sound, thresholds.conventions)
+    scaled = inertia_findings(sound, thresholds)
     if scaled:
         sound = correct(sound, ["inertia_scaled"])
     of_trials = _of_trials(sound, thresholds)
@@ -86,7 +93,7 @@ def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds(
 
     Repeated trials and their order are looked at in all of them.
     """
-    found = [*duplicate_findings(impacts), *order_findings(impacts, thresholds)]
+    found = [*duplicate_findings(impacts), *order_findings(impacts)]
     sound = impacts.replace(validate=False, time=None)[~repeated(impacts)]  # times of a subset do not show the order
     rows = torch.linspace(0, len(sound) - 1, min(len(sound), _QUICK)).round().long()
     found = (*audit(sound[rows], thresholds), *found)
@@ -103,12 +110,12 @@ def _some(impacts: Impacts) -> Impacts:
 
 def _of_trials(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
     """Findings that need no comparison of hypotheses."""
-    findings = scale_findings(impacts, thresholds) + speed_findings(impacts, thresholds)
+    findings = scale_findings(impacts, thresholds) + speed_findings(impacts)
     findings += outlier_findings(impacts, thresholds)
-    good = ~outliers(impacts, thresholds.outliers)
+    good = ~outliers(impacts, thresholds)
     if good.any():
-        findings += energy_findings(impacts[good], thresholds) + shape_findings(impacts[good], thresholds)
-    return findings + order_findings(impacts, thresholds)
+        findings += energy_findings(impacts[good]) + shape_findings(impacts[good], thresholds)
+    return findings + order_findings(impacts)
 
 
 def scale_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
@@ -117,7 +124,7 @@ def scale_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
         return []
     gravity = impacts.apparatus.gravity
     off, error = gravity.value / GRAVITY - 1, gravity.error / GRAVITY
-    if abs(off) <= max(thresholds.scale_off, thresholds.apparatus_sigmas * error):
+    if abs(off) <= max(thresholds.scale_off, _APPARATUS_SIGMAS * error):
         return []
     wrong = "large" if off > 0 else "small"
     sentence = (
@@ -189,7 +196,7 @@ def duplicate_findings(impacts: Impacts) -> list[Finding]:
     return [Finding(name="duplicated_trials", sentence=sentence, evidence=evidence, correction="drop_duplicates")]
 
 
-def order_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+def order_findings(impacts: Impacts) -> list[Finding]:
     """Times that contradict the order of the trials; a time within each recording cannot, only a common clock."""
     if impacts.time is None or len(impacts) < 3:
         return []
@@ -197,8 +204,8 @@ def order_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
     back = (time.diff() < 0).double().mean().item()
     rank = time.argsort().argsort().double()
     agreement = torch.corrcoef(torch.stack((rank, torch.arange(len(rank), dtype=rank.dtype))))[0, 1].item()
-    long = (time.max() - time.min()).item() > thresholds.seconds_per_trial * len(time)
-    if not back or not (long or abs(agreement) > thresholds.rank_correlation):
+    long = (time.max() - time.min()).item() > _SECONDS_A_TRIAL * len(time)
+    if not back or not (long or abs(agreement) > _RANK_CORRELATION):
         return []
     sentence = (
         f"the trials are not in the order of their times: time runs back in {back:.0%} of steps "
@@ -210,7 +217,7 @@ def order_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
 
 def outlier_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
     """Trials that cannot be real measurements, by reason."""
-    by_reason = gross_outliers(impacts, thresholds.outliers)
+    by_reason = gross_outliers(impacts, thresholds)
     reasons = {name: count for name, bad in by_reason.items() if (count := float(bad.sum()))}
     bad = torch.stack([*by_reason.values()]).any(0)
     count, share = int(bad.sum()), bad.double().mean().item()
@@ -234,9 +241,9 @@ def outlier_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Find
     return [Finding(name="gross_outliers", sentence=sentence, evidence=evidence, correction=correction)]
 
 
-def speed_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+def speed_findings(impacts: Impacts) -> list[Finding]:
     """Implausible speeds of the body, or of its contact point relative to the centre of mass."""
-    limit = thresholds.conventions.fastest
+    limit = FASTEST
     lengths = impacts.r.norm(dim=-1, keepdim=True)
     speeds = {
         name: torch.stack((v[:, :2].norm(dim=-1), (v[:, 2:] * lengths)[:, 0].abs()), -1)
@@ -266,11 +273,11 @@ def speed_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
     return [Finding(name="impossible_speeds", sentence=sentence, evidence=evidence)]
 
 
-def energy_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+def energy_findings(impacts: Impacts) -> list[Finding]:
     """More trials than noise explains gain energy."""
     before, after = kinetic_energy(impacts)
-    share = (after > thresholds.energy_gain * before).double().mean().item()
-    if share <= thresholds.energy_share:
+    share = (after > ENERGY_GAIN * before).double().mean().item()
+    if share <= _GAINING:
         return []
     ratio = (after / before).median().item()
     sentence = (

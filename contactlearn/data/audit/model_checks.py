@@ -25,20 +25,21 @@ from torch import Tensor
 from contactlearn.core.numerics import MAD_SCALE
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.result import Finding, evidence_of
-from contactlearn.data.audit.thresholds import AuditThresholds, OutlierThresholds
+from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.noise_weight import noise_weight
 
 _FREEDOM = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 100.0)  # of the t distributions that are tried
 _ROUNDS = 30
 _LISTED = 5  # trials that a sentence names
+_NOISY_SPREAD = 1.5  # standard deviation of a velocity before impact over the residual of flexible models after it
 _FLIPPED = {"spin after": "after", "spin before": "before"}
 
 
 def outliers_of(
     impacts: Impacts,
     predict: Callable[[Impacts], Float[Tensor, "n 3"]],
-    thresholds: OutlierThresholds = OutlierThresholds(),
+    thresholds: AuditThresholds = AuditThresholds(),
 ) -> Finding | None:
     """Find the outliers of a model; None where there are none.
 
@@ -139,7 +140,6 @@ def averaged(
     impacts: Impacts,
     predicted: Float[Tensor, "n 3"],
     held_out: Callable[[Impacts], float],
-    thresholds: AuditThresholds = AuditThresholds(),
 ) -> tuple[Finding, ...]:
     """Find the velocities before impact whose mean serves the law at least as well as their measurements.
 
@@ -147,7 +147,6 @@ def averaged(
         impacts: measurements.
         predicted: v_post in (m/s, m/s, rad/s) by flexible models on held-out trials, nan where there is none.
         held_out: error of the law on held-out trials, from the impacts.
-        thresholds: of the audit.
 
     Returns:
         A note for each such velocity, with its correction.
@@ -156,7 +155,7 @@ def averaged(
     residual = MAD_SCALE * (impacts.v_post - predicted).abs().nanmedian(0).values
     for k, (name, letter, unit) in enumerate(_COLUMNS):
         spread = impacts.v_pre[:, k].std().item()
-        if not 0 < spread < thresholds.noisy_spread * residual[k].item():
+        if not 0 < spread < _NOISY_SPREAD * residual[k].item():
             continue
         changed = correct(impacts, [name])
         with_mean = held_out(changed)

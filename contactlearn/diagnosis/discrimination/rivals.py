@@ -24,10 +24,12 @@ from torch import Tensor
 
 from contactlearn.diagnosis.result.rivals import Rival
 from contactlearn.diagnosis.search.selection import Selection, validated
-from contactlearn.diagnosis.thresholds import RivalThresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import Effect, EffectId, columns
 from contactlearn.inference.identification.joint import Linearisation, linearise
 from contactlearn.inference.validation import ValidatedFit, paired_gain, robust_covariance
+
+_SIMILARITY = 0.5  # share R² of an effect's change that a rival reproduces to first order, to be refitted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +54,7 @@ _Task = tuple[EffectId, EffectId, Collinearity]
 
 def find_rivals(
     selection: Selection,
-    thresholds: RivalThresholds = RivalThresholds(),
+    thresholds: Thresholds = Thresholds(),
     progress: Callable[[Iterable[_Task]], Iterable[_Task]] = iter,
 ) -> dict[EffectId, tuple[FittedRival, ...]]:
     """Find the rivals of each effect of the chosen model that was not given, the best first.
@@ -67,7 +69,7 @@ def find_rivals(
         (effect, candidate, collinearity)
         for effect in selection.missing
         for candidate, collinearity in similarity(selection, effect).items()
-        if collinearity.similarity >= thresholds.similarity or candidate in exchanged[effect]
+        if collinearity.similarity >= _SIMILARITY or candidate in exchanged[effect]
     ]
     found: dict[EffectId, list[FittedRival]] = {effect: [] for effect in selection.missing}
     if not tasks:
@@ -131,12 +133,12 @@ def _yardstick(selection: Selection) -> tuple[Float[Tensor, "3 3"], ValidatedFit
     return scatter, validated(selection.pool, selection.folds, selection.chosen, scatter)
 
 
-def _as_good(chosen: ValidatedFit, other: ValidatedFit, rival: Rival, thresholds: RivalThresholds) -> bool:
+def _as_good(chosen: ValidatedFit, other: ValidatedFit, rival: Rival, thresholds: Thresholds) -> bool:
     """Whether another model is no worse by more than chance, or by what a form may make."""
     harm = other.mean_error / chosen.mean_error - 1
-    if rival.similarity >= thresholds.same_trace and harm < thresholds.form_error:
+    if rival.similarity >= thresholds.fit.collinearity and harm < thresholds.form_error:
         return True
-    return rival.loss_difference <= thresholds.sigmas * rival.standard_error
+    return rival.loss_difference <= thresholds.chance_sigmas * rival.standard_error
 
 
 def _replaced(

@@ -29,10 +29,13 @@ from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import Z_95
 from contactlearn.diagnosis.failure.variables import Grid, variables
 from contactlearn.diagnosis.result.regions import Improvement, Region
-from contactlearn.diagnosis.thresholds import RegionThresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.mechanics.impacts import Impacts, Prediction
 
+_MOST = 5  # regions that are tested; the correction for their number costs power
+_GROSS = 5.0  # medians at which an error is curbed, inside and in the rest, so that no outlier makes a region
+_NEW = 0.5  # share of a region's trials that are in no region before it
 _SMALLEST = 10  # trials of a region, and of its rest, in the half that is searched
 
 
@@ -41,7 +44,7 @@ def find_regions(
     prediction: Prediction,
     *,
     generator: torch.Generator,
-    thresholds: RegionThresholds = RegionThresholds(),
+    thresholds: Thresholds = Thresholds(),
     worst: float = 1.0,
 ) -> tuple[Region, ...]:
     """Find regions in which the mass error of a prediction is clearly higher than in the rest, the surest first.
@@ -67,14 +70,12 @@ def find_regions(
     ranked = errors
     if worst < 1:
         ranked = errors.clamp_min(errors.sort().values[int((1 - worst) * len(errors))].item())
-    windows = _search(grids, ranked, searched, thresholds)
+    windows = _search(grids, ranked, searched)
     p_values = _holm([_p_value(ranked, window.rows, window.free & ~searched) for window in windows])
     regions = []
     for window, p_value in zip(windows, p_values, strict=True):
-        ratio = _ratio(
-            errors[window.rows & window.free & ~searched], errors[~window.rows & ~searched], thresholds.gross
-        )
-        if p_value <= thresholds.level and ratio.mean >= thresholds.ratio and ratio.low > 1:
+        ratio = _ratio(errors[window.rows & window.free & ~searched], errors[~window.rows & ~searched], _GROSS)
+        if p_value <= thresholds.region_level and ratio.mean >= thresholds.region_ratio and ratio.low > 1:
             regions.append(window.region(ratio, p_value))
     return tuple(sorted(regions, key=lambda region: region.p_value))
 
@@ -130,20 +131,18 @@ class _Window:
         )
 
 
-def _search(
-    grids: Sequence[Grid], errors: Float[Tensor, " n"], searched: Bool[Tensor, " n"], thresholds: RegionThresholds
-) -> list[_Window]:
+def _search(grids: Sequence[Grid], errors: Float[Tensor, " n"], searched: Bool[Tensor, " n"]) -> list[_Window]:
     """The best windows, best first; each without the trials of those before it."""
     found, free = [], torch.ones_like(searched)
     size = [grid.sums(searched.double())[0] for grid in grids]
-    while len(found) < thresholds.most and (searched & free).sum() >= 2 * _SMALLEST:
+    while len(found) < _MOST and (searched & free).sum() >= 2 * _SMALLEST:
         within = (searched & free).double()
         ranks = _ranks(errors, searched & free)
         best = (0.0, None, 0)
         for grid, all_trials in zip(grids, size, strict=True):
             trials, total = grid.sums(within, ranks)
             enough = (trials >= _SMALLEST) & (within.sum() - trials >= _SMALLEST)
-            allowed = enough & (trials >= thresholds.new * all_trials)
+            allowed = enough & (trials >= _NEW * all_trials)
             score = torch.where(allowed, _standardised(trials, total, ranks, within), 0.0)
             if len(score) and score.max() > best[0]:
                 best = (score.max().item(), grid, int(score.argmax()))

@@ -96,7 +96,7 @@ class LawFit:
 
 def clearly_better(laws: Iterable[LawFit], named: float, thresholds: Thresholds) -> LawFit | None:
     """Find the law that does clearly better than the full model with its error `named`; None where none does."""
-    limit = (1 - thresholds.remainder.share) * named
+    limit = (1 - thresholds.form_error) * named
     better = [one for one in laws if one.least_error < limit]
     return min(better, key=lambda one: one.least_error, default=None)
 
@@ -238,7 +238,7 @@ class Diagnosis:
         """
         if not self.missing or self.budget is None:
             return None
-        limit = (1 + self.thresholds.rivals.form_error) * self.budget.named.mean
+        limit = (1 + self.thresholds.form_error) * self.budget.named.mean
         near = [m for m in self.frontier if len(m.effects) < len(self.missing) and m.error.mean <= limit]
         return min(near, key=lambda model: len(model.effects), default=None)
 

@@ -18,7 +18,7 @@ from contactlearn.diagnosis.error_budget import noise_floor
 from contactlearn.diagnosis.failure.regions import find_regions
 from contactlearn.diagnosis.failure.variables import Variable, variables
 from contactlearn.diagnosis.result import Confirmation, Diagnosis, ErrorMap, FailingRegion, Record
-from contactlearn.diagnosis.thresholds import SampleThresholds, Thresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.remainder import inlier_mask
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.mechanics.impacts import Impacts, Prediction
@@ -60,14 +60,14 @@ def confirm(
     law, named = (predicted(model, impacts) for model in (record.base, record.model))
     before, after = (mass_error(impacts, one) for one in (law, named))
     error = normal_interval(after[outside])
-    regions = find_regions(impacts, named, generator=generator, thresholds=thresholds.regions, worst=_WORST)
+    regions = find_regions(impacts, named, generator=generator, thresholds=thresholds, worst=_WORST)
     return Confirmation(
         trials=int(outside.sum()),
         base=normal_interval(before[outside]),
         named=error,
         noise=_noise(found, record.model, impacts, outside, generator, noise),
-        agrees=agree(error, found.budget.named, thresholds.sample),
-        outliers=outliers_of(impacts, lambda some: predicted(record.model, some).v_post, thresholds.audit.outliers),
+        agrees=agree(error, found.budget.named, thresholds),
+        outliers=outliers_of(impacts, lambda some: predicted(record.model, some).v_post, thresholds.audit),
         regions=tuple(FailingRegion.of(one, int((~outside[list(one.rows)]).sum())) for one in regions),
         map=error_map(impacts, law, before, after),
     )
@@ -85,10 +85,10 @@ def normal_interval(errors: Float[Tensor, " n"]) -> Interval:
     return Interval(mean, mean - margin, mean + margin)
 
 
-def agree(one: Interval, other: Interval, thresholds: SampleThresholds) -> bool:
+def agree(one: Interval, other: Interval, thresholds: Thresholds) -> bool:
     """Whether two mean errors of different trials are the same but for chance."""
     spread = math.hypot(one.high - one.low, other.high - other.low) / (2 * Z_95)
-    return abs(one.mean - other.mean) <= thresholds.sigmas * spread
+    return abs(one.mean - other.mean) <= thresholds.certain_sigmas * spread
 
 
 def _noise(

@@ -30,11 +30,12 @@ from contactlearn.diagnosis.question import Question
 from contactlearn.diagnosis.result import Answer, Diagnosis, Finding, Limit, Record, Sample
 from contactlearn.diagnosis.sampling.confirmation import confirm
 from contactlearn.diagnosis.stages import diagnose_audited
-from contactlearn.diagnosis.thresholds import SampleThresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.mechanics.impacts import Impacts
 
 _BYTES, _BYTES_A_TRIAL = 0.3e9, 1.7e5  # of a diagnosis, measured: benchmarks/speed/large_diagnoses.py
 _SECONDS, _SECONDS_A_TRIAL = 13.0, 3e-3  # likewise, of one core; of later ones the first says how fast it is
+_FIRST, _LARGEST = 0.4, 1.6  # trials of the first and of the largest subsample, of those that are diagnosed at once
 _LEAST = 250  # trials of a subsample, whatever the memory
 _OUTSIDE = 0.2  # share of the trials that is in no subsample, at least
 _RESULT = "diagnosis.json"
@@ -64,7 +65,7 @@ def diagnose_subsamples(
         memory: bytes that a diagnosis may take.
         resume_folder: folder for the results of finished subsamples, which a later run reuses.
     """
-    sizes, limit = _sizes(len(impacts), question.thresholds.sample, memory)
+    sizes, limit = _sizes(len(impacts), question.thresholds, memory)
     answers, found, rows, speed = list[Answer](), None, torch.empty(0), 1.0
     objects = object_numbers(impacts)
     for k, size in enumerate(sizes):
@@ -134,14 +135,14 @@ def _confirmed(
     return replace(found, findings=tuple(left), sample=sample)
 
 
-def _sizes(trials: int, thresholds: SampleThresholds, memory: float | None) -> tuple[list[int], Limit]:
+def _sizes(trials: int, thresholds: Thresholds, memory: float | None) -> tuple[list[int], Limit]:
     """Plan the sizes of the subsamples, and name what limits the last one."""
     most = int((1 - _OUTSIDE) * trials)
-    first = min(thresholds.first, most)
+    first = min(int(_FIRST * thresholds.whole), most)
     while first > _LEAST and not affordable(first, memory):
         first = max(_LEAST, first // 2)
     sizes = [first]
-    while 2 * sizes[-1] <= min(thresholds.most, most):
+    while 2 * sizes[-1] <= min(int(_LARGEST * thresholds.whole), most):
         if not affordable(2 * sizes[-1], memory):
             return sizes, Limit.MEMORY
         sizes.append(2 * sizes[-1])

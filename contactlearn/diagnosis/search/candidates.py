@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.diagnosis.thresholds import SelectionThresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import Effect, EffectId, State, catalogue, columns
 from contactlearn.laws import PAPER_LAWS, Law, find
 from contactlearn.laws.wang_mason import WangMason
@@ -43,7 +43,7 @@ def user_candidates(candidates: Iterable[EffectId]) -> tuple[EffectId, ...]:
 def usable(
     candidates: Mapping[EffectId, Effect],
     impacts: Impacts,
-    thresholds: SelectionThresholds = SelectionThresholds(),
+    thresholds: Thresholds = Thresholds(),
 ) -> dict[EffectId, Effect]:
     """Keep the candidates that these measurements can decide about: a known shape, and enough trials a parameter.
 

@@ -20,13 +20,14 @@ from torch import Tensor
 from contactlearn.diagnosis.search.frontier import HOPELESS, Search
 from contactlearn.diagnosis.search.plausible import Plausible, plausible_models
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec
-from contactlearn.diagnosis.thresholds import SelectionThresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import Effect, EffectId
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.validation import CrossValidation, Folds, ValidatedFit, paired_gain
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
 
+_MOST_EFFECTS = 8  # of a model
 _SEARCHED = 400  # trials of the search; all of them decide afterwards
 _CARRIED = 2  # models of each size that are fitted to all trials
 _RIVAL_FITS = 8  # exchanges of an effect that are fitted for the comparison
@@ -116,7 +117,7 @@ def select(
     given: Mapping[str, Effect],
     starts: Mapping[str, Float[Tensor, " k"]] = MappingProxyType({}),
     options: FitOptions = FitOptions(),
-    thresholds: SelectionThresholds = SelectionThresholds(),
+    thresholds: Thresholds = Thresholds(),
     seconds: float = math.inf,
     generator: torch.Generator,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
@@ -141,7 +142,7 @@ def select(
     pool = Pool(laws, impacts, prepared, given, options)
     for law in pool.laws:
         pool.fitted(Spec(law), starts.get(law))
-    complete = _searched(pool, thresholds.most_effects, time.monotonic() + seconds, generator, progress)
+    complete = _searched(pool, _MOST_EFFECTS, time.monotonic() + seconds, generator, progress)
     spec = _pruned(pool, folds, pool.best(), thresholds).spec
     return _chosen(pool, folds, spec, complete, thresholds.window, generator)
 
@@ -199,7 +200,7 @@ def _searched(
     return complete and not whole.late
 
 
-def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: SelectionThresholds) -> ScoredFit:
+def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: Thresholds) -> ScoredFit:
     """The model without the effects that are not worth a name, the least judged first.
 
     What is left without one is exchanged for the best model of no more effects, so that the answer is on the frontier.
@@ -231,12 +232,12 @@ def _best_of(pool: Pool, sizes: Container[int]) -> ScoredFit:
 
 
 def _worth_a_name(
-    without: ValidatedFit, whole: ValidatedFit, base: float, thresholds: SelectionThresholds, effects: int = 1
+    without: ValidatedFit, whole: ValidatedFit, base: float, thresholds: Thresholds, effects: int = 1
 ) -> bool:
     """Whether effects bring more than chance, enough, and enough beside the others; each of several its share."""
     gain, error = paired_gain(without, whole)
     fall, together = without.mean_error - whole.mean_error, base - whole.mean_error
-    enough = min(thresholds.least_part * together, thresholds.clear_gain * without.mean_error)
+    enough = min(thresholds.minor_share * together, thresholds.form_error * without.mean_error)
     each = max(enough, thresholds.least_gain * without.mean_error)
     return fall > effects * each and gain > thresholds.gain_sigmas * error
 

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.diagnosis.result.remainder import Formula, WrenchComponent
-from contactlearn.diagnosis.thresholds import FormulaThresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.library import Library
 from contactlearn.effects import Effect
 from contactlearn.effects.formula.effect import formula
@@ -51,7 +51,7 @@ def formulas(
     most: int = 2,
     name: str = "mine",
     options: FitOptions = FitOptions(),
-    thresholds: FormulaThresholds = FormulaThresholds(),
+    thresholds: Thresholds = Thresholds(),
 ) -> tuple[Formula, ...]:
     """Find the best formula for a component of the residual, at most two terms, and others as good on these data.
 
@@ -78,7 +78,7 @@ def formulas(
     if name in model.effects:
         raise ContactLearnError(f"the model has an effect {name} already; give the formula another name")
     component = WrenchComponent(component)
-    library, y = Library.of(impacts, model, component, thresholds)
+    library, y = Library.of(impacts, model, component)
     trials = _Trials(impacts, model, component, folds, name, replace(options, tolerance=_TOLERANCE))
     starts = library.resembling(y, _STARTS)
     pairs = [pair for term in starts if (pair := library.pursued(y, term, starts))]
@@ -157,12 +157,12 @@ def _best(
     two: Sequence[_Trial],
     before: Float[Tensor, " n"],
     most: int,
-    thresholds: FormulaThresholds,
+    thresholds: Thresholds,
 ) -> list[_Trial]:
     """The best trial of one or two terms, and others as good that share no term with it."""
 
     def clearly(gain: Tensor) -> bool:
-        return gain.nanmean().item() > thresholds.sigmas * _error_of_mean(gain)
+        return gain.nanmean().item() > thresholds.chance_sigmas * _error_of_mean(gain)
 
     two = [trial for trial in two if all(clearly(single.error - trial.error) for single in one)]
     found = sorted((*one, *two), key=lambda trial: trial.error.nanmean().item())

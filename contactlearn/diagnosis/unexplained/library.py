@@ -19,7 +19,6 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, installing
 from contactlearn.diagnosis.result.remainder import WrenchComponent
-from contactlearn.diagnosis.thresholds import FormulaThresholds
 from contactlearn.effects import State
 from contactlearn.effects.base import OUTPUTS
 from contactlearn.effects.formula.expression import Expression
@@ -28,6 +27,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel, wrench_per_parameter
 
 _CHANCE = 0.05  # that chance gives a term a coefficient, over the library, so that what is fitted has a prospect
+_IDENTICAL = 0.995  # correlation from which on two terms are the same to these data
 _DISTINCT = 1e-3  # share of a term's norm that μ and ε cannot reproduce, below which they do the same
 _IMPULSES = ("Pn", "Pt", "m*vx", "m*vy", "m*vt", "m*vn", "m*rho*omega")
 _MOMENTS = (
@@ -46,7 +46,6 @@ class Library:
     terms: tuple[str, ...]
     columns: Float[Tensor, "n l"]
     norms: Float[Tensor, " l"]
-    thresholds: FormulaThresholds
 
     @classmethod
     def of(
@@ -54,7 +53,6 @@ class Library:
         impacts: Impacts,
         model: ContactModel,
         component: WrenchComponent,
-        thresholds: FormulaThresholds = FormulaThresholds(),
     ) -> "tuple[Library, Float[Tensor, ' n']]":
         """Make the library, and y: the residual of the component that the law cannot explain.
 
@@ -76,7 +74,7 @@ class Library:
             unit = columns[:, i] / norms[i]
             if all((unit @ columns[:, j] / norms[j]).abs() < 1 - 1e-6 for j in good):  # the same, in other words
                 good.append(i)
-        library = cls(tuple(texts[i] for i in good), columns[:, good] / norms[good], norms[good], thresholds)
+        library = cls(tuple(texts[i] for i in good), columns[:, good] / norms[good], norms[good])
         return library, residual
 
     def resembling(self, y: Float[Tensor, " n"], most: int) -> list[str]:
@@ -85,7 +83,7 @@ class Library:
         chosen: list[int] = []
         for k in share.argsort(descending=True, stable=True).tolist():
             correlations = [(self.columns[:, k] @ self.columns[:, other]).abs().item() for other in chosen]
-            same = any(correlation > self.thresholds.identical for correlation in correlations)
+            same = any(correlation > _IDENTICAL for correlation in correlations)
             if len(chosen) < most and not same and self._clear(y, [k], k):
                 chosen.append(k)
         return [self.terms[k] for k in chosen]
@@ -93,7 +91,7 @@ class Library:
     def pursued(self, y: Float[Tensor, " n"], first: str, starts: Sequence[str]) -> list[str]:
         """Find a term and the one that matching pursuit adds to it, none of the starts, beyond chance; else nothing."""
         k = self.terms.index(first)
-        free = (self.columns.T @ self.columns[:, k]).abs() <= self.thresholds.identical
+        free = (self.columns.T @ self.columns[:, k]).abs() <= _IDENTICAL
         free[[self.terms.index(start) for start in starts if start != first]] = False
         free[k] = True
         if free.sum() < 2:

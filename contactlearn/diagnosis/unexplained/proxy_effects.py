@@ -10,7 +10,7 @@ Source: the least complex model within chance of the best, Breiman, Friedman, Ol
 import math
 from collections.abc import Sequence
 
-from contactlearn.diagnosis.thresholds import StateDependenceThresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.state_dependence import fit_state_dependence
 from contactlearn.inference.identification.joint import FitOptions, JointFit
 from contactlearn.mechanics.impacts import Impacts
@@ -22,7 +22,7 @@ def drop_proxies(
     impacts: Impacts,
     fits: Sequence[JointFit],
     options: FitOptions,
-    thresholds: StateDependenceThresholds,
+    thresholds: Thresholds,
     block: int = 1,
 ) -> int:
     """Find the first model that, with what the state tells of its remainder, predicts no worse than any other.
@@ -37,12 +37,12 @@ def drop_proxies(
     Returns:
         The place of the model; the last one if the state tells of none.
     """
-    found = [fit_state_dependence(impacts, fit, options, thresholds.level, _LEARNT, block) for fit in fits]
+    found = [fit_state_dependence(impacts, fit, options, thresholds.dependence_level, _LEARNT, block) for fit in fits]
     told = [(k, one) for k, one in enumerate(found) if one is not None]
     if not told:
         return len(fits) - 1
     held = [one.fit.v_post if one.fit.share.mean > 0 else one.model.v_post for _, one in told]
     error = told[-1][1].model.errors(*held)
     worse = error - error[error.mean(1).argmin()]
-    chance = thresholds.sigmas * worse.std(1) / math.sqrt(error.shape[1])
+    chance = thresholds.chance_sigmas * worse.std(1) / math.sqrt(error.shape[1])
     return next(k for (k, _), enough in zip(told, worse.mean(1) <= chance, strict=True) if enough)

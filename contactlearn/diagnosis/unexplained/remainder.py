@@ -26,7 +26,7 @@ from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE, wrapped
 from contactlearn.diagnosis.result.remainder import ComponentTest, Remainder, VariableShare, WrenchComponent
-from contactlearn.diagnosis.thresholds import RemainderThresholds
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.processes import Processes, input_columns
 from contactlearn.diagnosis.unexplained.sobol import total_indices, variable_shares
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
@@ -39,6 +39,9 @@ _COMPONENTS = tuple(WrenchComponent)
 _GROSS = 8.0  # robust standard deviations, or medians, beyond which a residual is left out or curbed
 _TRIALS = 450  # of a fold that are learnt from, at most
 _RESAMPLES = 2000
+_LEAST_R_SQUARED = 0.04  # of a component that is named
+FUNCTION_OF = 0.85
+"""Share of a quantity's variance along a variable from which on it is a function of this variable."""
 _ROUNDING = 1e-12  # of a mass error
 
 
@@ -66,7 +69,7 @@ def learn_remainder(
     *,
     generator: torch.Generator,
     inliers: Bool[Tensor, " n"] | None = None,
-    thresholds: RemainderThresholds = RemainderThresholds(),
+    thresholds: Thresholds = Thresholds(),
 ) -> LearnedRemainder:
     """Learn the part of the residual of a model that flexible models predict.
 
@@ -91,7 +94,7 @@ def learn_remainder(
     before = mass_error(impacts, base).where(error.isfinite(), torch.nan)
     counted = inliers & error.isfinite()
     share = relative_error_reduction(before[counted], error[counted], generator)
-    large = share.mean > thresholds.share and share.low > thresholds.certain_share
+    large = share.mean > thresholds.form_error and share.low > thresholds.minor_share
     tested = [_tested(learned, residual, name, before, counted, thresholds) for name in _COMPONENTS]
     most = max(tested, key=lambda one: one.error_reduction)
     named = sorted((one for one in tested if one.clear or (one is most and large)), key=lambda c: -c.error_reduction)
@@ -139,7 +142,7 @@ def _tested(
     name: WrenchComponent,
     before: Float[Tensor, " n"],
     counted: Bool[Tensor, " n"],
-    thresholds: RemainderThresholds,
+    thresholds: Thresholds,
 ) -> ComponentTest:
     """The prediction of one component where it was not learnt."""
     k = _COMPONENTS.index(name)
@@ -159,10 +162,10 @@ def inlier_mask(residual: Float[Tensor, "n 3"]) -> Bool[Tensor, " n"]:
     return (off <= _GROSS * MAD_SCALE * off.median(0).values + 1e-300).all(-1)
 
 
-def is_significant(r_squared: float, standard_error: float, thresholds: RemainderThresholds) -> bool:
+def is_significant(r_squared: float, standard_error: float, thresholds: Thresholds) -> bool:
     """Whether a component with this R² can be named: it is both large and certain."""
-    certain = r_squared > thresholds.component_sigmas * standard_error
-    return r_squared > thresholds.component_r_squared and certain
+    certain = r_squared > thresholds.certain_sigmas * standard_error
+    return r_squared > _LEAST_R_SQUARED and certain
 
 
 def _rows(folds: Folds, inliers: Bool[Tensor, " n"]) -> Int[Tensor, "b m"]:
@@ -204,26 +207,26 @@ def _variables(
     processes: Processes,
     components: Sequence[WrenchComponent],
     generator: torch.Generator,
-    thresholds: RemainderThresholds,
+    thresholds: Thresholds,
 ) -> tuple[VariableShare, ...]:
     """Shares of the symbols in the prediction of the components, as it counts in the mass error."""
     if not components:
         return ()
     impacts, rows = learned.impacts, learned.folds.held_out
-    groups = _groups(impacts, thresholds.follows)
+    groups = _groups(impacts)
     index = total_indices(lambda x: processes.at(rows, x), processes.x[rows], groups, generator)
     in_mass = torch.stack((impacts.W[:, 0, 0], impacts.W[:, 1, 1], 1 / impacts.inertia), -1).mean(0)
     total = (index * in_mass)[:, [_COMPONENTS.index(name) for name in components]].sum(-1)
-    return variable_shares(groups, total, thresholds.variable_share)
+    return variable_shares(groups, total, thresholds.minor_share)
 
 
-def _groups(impacts: Impacts, follows: float) -> dict[str, list[int]]:
+def _groups(impacts: Impacts) -> dict[str, list[int]]:
     """Columns that move together, by the symbol that they go by; without those that are constant."""
     groups, at, turn = {}, 0, wrapped(impacts.q[:, 2])
     for name, columns in input_columns(impacts).items():
         own, at = list(range(at, at + columns.shape[-1])), at + columns.shape[-1]
         if (columns.amax(0) - columns.amin(0)).max() <= 1e-9 * columns.abs().max():
             continue
-        moves = name in ("rx", "ry", "y") and share_explained(turn, columns[:, 0]) > follows
+        moves = name in ("rx", "ry", "y") and share_explained(turn, columns[:, 0]) > FUNCTION_OF
         groups.setdefault("theta" if moves else name, []).extend(own)
     return groups

@@ -231,7 +231,7 @@ def find_serial_dependence(
     scores, model = Scores.of_sequence(impacts, fit, options), fit.model
     ordered = impacts[scores.rows]
     history = histories(ordered, model.base_prediction(ordered))
-    chance, found = screen_associations(scores, history, thresholds.serial_dependence.level / 2)
+    chance, found = screen_associations(scores, history, thresholds.dependence_level)
     if not found:
         return None
     first = max(0, (len(ordered) - _STRETCH) // 2)
@@ -247,7 +247,7 @@ def find_serial_dependence(
         width=association.memory.width,
         p_value=chance,
         share=share,
-        large=share.mean > thresholds.serial_dependence.share,
+        large=share.mean > thresholds.least_gain,
     )
 
 

@@ -26,6 +26,7 @@ from contactlearn.diagnosis.result.remainder import Coefficient, StateDependence
 from contactlearn.diagnosis.sequence import exceedance, random_signs
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.neg_log_p import gamma_neg_log_p, normal_neg_log_p
+from contactlearn.diagnosis.unexplained.remainder import FUNCTION_OF
 from contactlearn.diagnosis.unexplained.scores import Scores
 from contactlearn.diagnosis.unexplained.sobol import total_indices, variable_shares
 from contactlearn.diagnosis.unexplained.varying_coefficients import VaryingCoefficientFit, VaryingCoefficientModel
@@ -189,7 +190,7 @@ def find_state_dependence(
         fit_state_dependence,
         impacts,
         options=options,
-        level=thresholds.state_dependence.level,
+        level=thresholds.dependence_level,
         trials=_LEARNT,
         block=block,
     )
@@ -226,16 +227,14 @@ def fit_state_dependence(
 def _described(found: StateDependenceFit, thresholds: Thresholds) -> StateDependence:
     """The result, with its variables and with the effect of the model that has it in another form."""
     model, coefficient, share = found.model, found.association.coefficient, found.fit.share
-    variables = _variables(
-        model, found.fit, found.association.orders, found.inputs, thresholds.remainder.variable_share
-    )
-    form_of = _same_dependence(model, coefficient, variables, thresholds.remainder.follows)
+    variables = _variables(model, found.fit, found.association.orders, found.inputs, thresholds.minor_share)
+    form_of = _same_dependence(model, coefficient, variables)
     return StateDependence(
         coefficient=coefficient,
         variables=variables,
         p_value=found.p_value,
         share=share,
-        large=form_of is None and share.mean > thresholds.state_dependence.share,
+        large=form_of is None and share.mean > thresholds.least_gain,
         form_of=form_of,
     )
 
@@ -271,7 +270,6 @@ def _same_dependence(
     model: VaryingCoefficientModel,
     coefficient: Coefficient | None,
     variables: Sequence[VariableShare],
-    follows: float,
 ) -> str | None:
     """The effect of the model that makes the same coefficient a function of the only variable."""
     state, fitted = State.of(model.impacts), model.fit.model
@@ -283,7 +281,7 @@ def _same_dependence(
     for name, effect in fitted.effects.items():
         if effect.place == "law":
             changed = effect.law(state, *fitted.law.coefficients)[k]
-            if share_explained(x, changed.expand(len(x))) > follows:
+            if share_explained(x, changed.expand(len(x))) > FUNCTION_OF:
                 return name
     return None
 

@@ -170,7 +170,7 @@ class JointFit:
 
     def trade_offs(self) -> tuple[str, ...]:
         """Name the strongly correlated pairs of a single subset's parameters; each may still be determined well."""
-        pairs = (self.correlation.abs().triu(1) > self.thresholds.correlation).nonzero().tolist()
+        pairs = (self.correlation.abs().triu(1) > self.thresholds.collinearity).nonzero().tolist()
         names, of = [p.name for p in self.parameters], self.correlation
         return tuple(f"{names[k]} and {names[j]} trade off: correlation {of[k, j]:+.2f}" for k, j in pairs)
 

@@ -26,8 +26,9 @@ from contactlearn.data.audit.consistency import (
     outliers,
     torque,
 )
+from contactlearn.data.audit.findings import ENERGY_GAIN
 from contactlearn.data.audit.result import Finding
-from contactlearn.data.audit.thresholds import AuditThresholds, OutlierThresholds
+from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st
@@ -112,7 +113,7 @@ def _draw_balance(axes: Axes, title: str, impacts: Impacts) -> None:
 
 def _draw_contradictions(axes: Axes, shown: Mapping[str, Impacts], thresholds: AuditThresholds) -> None:
     """The mean contradiction of each kind, of the impacts by title."""
-    answers = {title: contradictions(impacts, thresholds.conventions) for title, impacts in shown.items()}
+    answers = {title: contradictions(impacts) for title, impacts in shown.items()}
     means = {title: [answer.mean().item() for answer in known.values()] for title, known in answers.items()}
     questions = [_QUESTIONS[key] for key in next(iter(answers.values()))]
     places = range(len(questions))
@@ -136,7 +137,7 @@ class _Reason:
     limits: tuple[float, ...]
 
 
-def _reasons(impacts: Impacts, limits: OutlierThresholds) -> dict[str, _Reason]:
+def _reasons(impacts: Impacts, limits: AuditThresholds) -> dict[str, _Reason]:
     """The quantity behind each reason of `gross_outliers`.
 
     A moment beyond its limit is gross only where it is a third of its own terms as well.
@@ -147,18 +148,16 @@ def _reasons(impacts: Impacts, limits: OutlierThresholds) -> dict[str, _Reason]:
     furthest = ratios.gather(0, ratios.log().abs().argmax(0)[None])[0]
     return {
         "moment": _Reason("|τ|/I (rad/s)", residual, (limits.moment_sigmas * MAD_SCALE * residual.median().item(),)),
-        "energy": _Reason("E_post/E_pre (–)", rebound / energy, (limits.energy_ratio,)),
+        "energy": _Reason("E_post/E_pre (–)", rebound / energy, (limits.gross_ratio,)),
         "approach": _Reason("v_n (m/s)", impacts.v_c[:, 1], (0.0,)),
-        "mass": _Reason("m or I, of its\nobject's median (–)", furthest, (1 / limits.mass_ratio, limits.mass_ratio)),
+        "mass": _Reason("m or I, of its\nobject's median (–)", furthest, (1 / limits.gross_ratio, limits.gross_ratio)),
     }
 
 
 def _outliers(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
     """A panel for each reason, in which its outliers are marked and named."""
-    reasons = {
-        name: bad for name, bad in gross_outliers(before, thresholds.outliers).items() if bad.any() or name == "moment"
-    }
-    shown = _reasons(before, thresholds.outliers)
+    reasons = {name: bad for name, bad in gross_outliers(before, thresholds).items() if bad.any() or name == "moment"}
+    shown = _reasons(before, thresholds)
     panels = figure.subplots(len(reasons), 1, sharex=True, squeeze=False)[:, 0]
     figure.set_figheight(figure.get_figheight() + 1.3 * (len(reasons) - 1))
     rows = torch.arange(1, len(before) + 1)
@@ -209,18 +208,18 @@ def _of_object(impacts: Impacts, values: Float[Tensor, " n"]) -> Float[Tensor, "
 
 
 def _energy(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
-    energy, rebound = kinetic_energy(before[~outliers(before, thresholds.outliers)])
+    energy, rebound = kinetic_energy(before[~outliers(before, thresholds)])
     axes = st.name_axes(figure.subplots(), "E_post/E_pre (–)", "Trials (count)")
     axes.hist(st.array(rebound / energy), 30, color=st.tint(_BLUE, 0.45), edgecolor=_BLUE, linewidth=0.4)
     axes.axvline(1, color=_RED, label="As much as before")
-    gain = thresholds.energy_gain
+    gain = ENERGY_GAIN
     axes.axvline(gain, color=_RED, linestyle="--", label=f"{gain - 1:.0%} more")
     axes.set_xlim(left=0)
     legend_below(figure, axes)
 
 
 def _shape(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
-    sound = before[~outliers(before, thresholds.outliers)]
+    sound = before[~outliers(before, thresholds)]
     assert sound.shape is not None  # the finding is about it
     expected = contact_points(sound.shape, sound.body, sound.q[:, 2])
     panels = figure.subplots(1, 2)

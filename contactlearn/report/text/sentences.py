@@ -31,7 +31,6 @@ from contactlearn.diagnosis.result import (
     RungKind,
     Verdict,
 )
-from contactlearn.diagnosis.thresholds import NoiseThresholds
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.text import names, numbers
@@ -116,12 +115,12 @@ def confidence(missing: MissingEffect) -> str:
     return numbers.percent(min(missing.confidence, 0.99))
 
 
-def misfit(found: Diagnosis, thresholds: NoiseThresholds | None = None) -> str:
+def misfit(found: Diagnosis) -> str:
     """Question stated noise that does not agree with the residual; empty where it does, or is not stated."""
     budget, left = found.budget, found.remainder
     if budget is None or left is None or budget.noise_source is not NoiseSource.STATED:
         return ""
-    limit = (thresholds or NoiseThresholds()).stated_ratio
+    limit = found.thresholds.stated_noise_ratio
     ratio = budget.named.mean / budget.noise.mean if budget.noise.mean else 1.0
     if ratio >= 1 / limit and (ratio <= limit or left.found):
         return ""
