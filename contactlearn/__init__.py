@@ -7,6 +7,8 @@ physical effect is missing.  The public names below are loaded when they are fir
 
 from importlib import import_module
 
+from contactlearn.core import __version__
+
 TYPE_CHECKING = False  # a type checker takes it for true; typing takes longer to load than the rest
 if TYPE_CHECKING:
     from contactlearn import (
@@ -34,8 +36,6 @@ if TYPE_CHECKING:
     from contactlearn.mechanics.impacts import Impacts, Prediction
     from contactlearn.models.citation import cite
     from contactlearn.models.contact_model import ContactModel
-
-__version__ = "0.1.0"
 
 __all__ = [
     "ContactLearnError",

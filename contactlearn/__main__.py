@@ -8,8 +8,8 @@ import argparse
 import re
 import sys
 
-from contactlearn import __version__
 from contactlearn.cli.tools import add_tools
+from contactlearn.core import __version__
 from contactlearn.core.errors import ContactLearnError, harmless, installing, suggest
 from contactlearn.core.signals import graceful_exit
 

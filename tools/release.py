@@ -80,7 +80,7 @@ def try_out(wheel, extras):
 
 
 if __name__ == "__main__":
-    number = re.search(r'__version__ = "(.*)"', (ROOT / "contactlearn" / "__init__.py").read_text("utf-8"))[1]
+    number = re.search(r'__version__ = "(.*)"', (ROOT / "contactlearn" / "core" / "__init__.py").read_text("utf-8"))[1]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     print(f"contactlearn {number}")
     check_words(number)
@@ -93,4 +93,4 @@ Left to do by hand:
   make test-all && make versions       on an idle machine
   git tag -a v{number} -m 'contactlearn {number}' && git push --follow-tags
   python -m pip install twine && python -m twine upload dist/contactlearn-{number}*
-  raise __version__ in contactlearn/__init__.py, and begin '## Unreleased' in CHANGELOG.md""")
+  raise __version__ in contactlearn/core/__init__.py, and begin '## Unreleased' in CHANGELOG.md""")

@@ -6,9 +6,8 @@ from importlib.metadata import version
 
 import torch
 
-import contactlearn
 from contactlearn.cli.job import Run
-from contactlearn.core import devices
+from contactlearn.core import __version__, devices
 from contactlearn.data.blocks import Blocks
 from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import Effect, EffectId
@@ -42,7 +41,7 @@ def provenance(run: Run, data: Impacts | Blocks, device: torch.device, train_siz
         config["train"] = {**config["train"], "size": train_size}
     return Provenance(
         data=DataSource(source=blocks.source, trials=blocks.trials, sha256=blocks.sha256),
-        versions={"contactlearn": contactlearn.__version__, "python": platform.python_version(), **packages},
+        versions={"contactlearn": __version__, "python": platform.python_version(), **packages},
         config=config,
         command=run.command_line,
         device=devices.described(device),

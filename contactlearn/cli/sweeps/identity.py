@@ -19,7 +19,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-import contactlearn
+from contactlearn.core import __version__
 from contactlearn.results.state import Done
 
 DIGITS = 12
@@ -54,7 +54,7 @@ def words_digest(hydra: DictConfig, words: Sequence[str]) -> str:
     sources = [str(source.path) for source in hydra.runtime.config_sources if source.schema == "file"]
     kept = [word for word in words if word.lstrip("+").partition("=")[0] not in _HOW]
     used = [f"{name}={os.environ.get(name)}" for word in kept for name in _ENVIRONMENT.findall(word)]
-    return _sha([hydra.job.config_name, *map(_tree, sources), kept, used, contactlearn.__version__])
+    return _sha([hydra.job.config_name, *map(_tree, sources), kept, used, __version__])
 
 
 def still_valid(done: Done) -> bool:
@@ -80,9 +80,9 @@ def data_fingerprint(paths: tuple[str, ...]) -> str:
 @lru_cache(maxsize=16)
 def code_version(foreign: tuple[str, ...] = ()) -> str:
     """Return this program's version with the SHA-256 of its sources, and that of other modules, by name."""
-    package = Path(contactlearn.__file__).parent
+    package = Path(__file__).parents[2]
     sources = _sha([_file(path) for path in sorted(package.rglob("*.py"))])
-    own = f"{contactlearn.__version__}+{sources[:DIGITS]}"
+    own = f"{__version__}+{sources[:DIGITS]}"
     return " ".join([own, *(f"{name}={_module(name)}" for name in foreign)])
 
 
