@@ -38,7 +38,7 @@ LONGEST = (
     "test_serial_dependence.py", "test_diagnosis_figures.py", "test_tracks_mujoco.py", "test_track_commands.py",
     "test_laws.py", "test_mujoco_drops.py", "test_large_tables.py", "test_fit_trials.py", "test_apparatus.py",
     "test_bodies.py", "test_remainder.py", "test_equivalents.py", "test_candidates.py", "test_signals.py",
-    "test_figures.py", "test_effect_commands.py", "test_new_parts.py",
+    "test_figures.py", "test_effect_commands.py", "test_plugins.py",
 )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 from commands import ROOT, SMALL, TRAIN, run
-from test_new_parts import LAW
+from test_plugins import LAW
 
 from contactlearn import laws
 from contactlearn.cli.hydra_main import compose

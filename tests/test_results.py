@@ -48,6 +48,26 @@ RESULTS = {
 }
 
 
+@pytest.mark.parametrize(
+    ("number", "entry", "message"),
+    [
+        (None, "errors", r"^is of format 1, by an earlier contactlearn: run its command again \(errors is not there"),
+        (2, "errors", "^errors is not there"),
+        (99, None, "^is of format 99, and the newest known is 2: upgrade contactlearn"),
+    ],
+)
+def test_results_of_another_format_are_refused_in_one_line(number, entry, message, tmp_path):
+    """Unless an earlier one has all that is needed."""
+    path = run_folder.write_result(tmp_path, RESULTS["training"])
+    content = {name: value for name, value in json.loads(path.read_text()).items() if name not in ("format", entry)}
+    path.write_text(json.dumps(content | ({} if number is None else {"format": number})))
+    with pytest.raises(ContactLearnError, match=message):
+        run_folder.read_result(path)
+    if number is None:
+        path.write_text(json.dumps(content | {"errors": json.loads(to_json(RESULTS["training"]))["errors"]}))
+        assert run_folder.read_result(path) == RESULTS["training"]
+
+
 @pytest.mark.parametrize("result", RESULTS.values(), ids=RESULTS)
 def test_a_result_is_read_as_it_was_written(result, tmp_path):
     path = run_folder.write_result(tmp_path, result)

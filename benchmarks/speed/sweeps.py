@@ -130,14 +130,14 @@ def mark_finished(folder, words, count):
     from omegaconf import OmegaConf
 
     from contactlearn.cli.hydra_main import compose
-    from contactlearn.cli.sweeps.identity import code_version, typed
+    from contactlearn.cli.sweeps.identity import code_version, words_digest
 
     cfg = compose("train", [], return_hydra_config=True)
     OmegaConf.set_struct(cfg, False)
     for seed in range(count):
         job = [*words, f"seed={seed}"]
         digest = f"{seed:012x}"
-        done = Done(job=digest, config="0" * 64, data="", code=code_version(), words=typed(cfg.hydra, job))
+        done = Done(job=digest, config="0" * 64, data="", code=code_version(), words=words_digest(cfg.hydra, job))
         place = folder / f"seed={seed}-{digest}"
         with held(place):
             finish(place, done)

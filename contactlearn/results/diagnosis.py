@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from contactlearn.diagnosis.result import Diagnosis
-from contactlearn.results.provenance import Provenance, RunKind
+from contactlearn.results.provenance import FORMAT, Provenance, RunKind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,6 +14,7 @@ class DiagnosisRun:
     """
 
     kind: RunKind = RunKind.DIAGNOSIS
+    format: int = FORMAT
     provenance: Provenance
     use: str
     diagnosis: Diagnosis

@@ -8,7 +8,7 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import HEADLINE, Interval
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, known_model
-from contactlearn.results.provenance import Provenance, RunKind
+from contactlearn.results.provenance import FORMAT, Provenance, RunKind
 
 BEST_POST_HOC, IRB = "best_post_hoc", "irb"
 """Names of the bounds among the errors."""
@@ -93,6 +93,7 @@ class Evaluation:
     """
 
     kind: RunKind = RunKind.EVALUATION
+    format: int = FORMAT
     provenance: Provenance
     model: str
     law: str

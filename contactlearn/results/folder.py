@@ -16,7 +16,7 @@ from contactlearn.core.numerics import written_whole
 from contactlearn.core.serialisation import LARGEST_FILE, from_json, to_json
 from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.results.evaluation import Evaluation
-from contactlearn.results.provenance import RunKind
+from contactlearn.results.provenance import FORMAT, RunKind
 from contactlearn.results.state import DONE, LOCK, is_held, read_failed, unfinished
 from contactlearn.results.training import Training
 from contactlearn.results.transfer import Transfer
@@ -36,6 +36,7 @@ _TYPES = {
 @dataclass(frozen=True, kw_only=True)
 class _Head:
     kind: RunKind
+    format: int = 1
 
 
 def write_result(folder: Path, result: Result) -> Path:
@@ -94,4 +95,14 @@ def read_result(path: Path) -> Result:
         text = path.read_bytes()
     except OSError as error:
         raise ContactLearnError(f"cannot be read: {error.strerror}") from None
-    return from_json(_TYPES[from_json(_Head, text).kind], text)
+    head = from_json(_Head, text)
+    if head.format > FORMAT:
+        raise ContactLearnError(f"is of format {head.format}, and the newest known is {FORMAT}: upgrade contactlearn")
+    try:
+        return from_json(_TYPES[head.kind], text)
+    except ContactLearnError as error:
+        if head.format == FORMAT:
+            raise
+        raise ContactLearnError(
+            f"is of format {head.format}, by an earlier contactlearn: run its command again ({error})"
+        ) from None

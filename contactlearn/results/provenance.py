@@ -5,6 +5,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+FORMAT = 2
+"""Number of the format of result files; files of format 1, of versions before 0.2, have none."""
+
 
 class RunKind(StrEnum):
     """The kind of a run: the command that made it, evaluate having two."""

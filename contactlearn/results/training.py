@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate, known_model
-from contactlearn.results.provenance import Provenance, RunKind
+from contactlearn.results.provenance import FORMAT, Provenance, RunKind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +30,7 @@ class Training:
     """
 
     kind: RunKind = RunKind.TRAINING
+    format: int = FORMAT
     provenance: Provenance
     model: str
     learned: str | None

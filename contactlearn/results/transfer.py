@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.results.provenance import Provenance, RunKind
+from contactlearn.results.provenance import FORMAT, Provenance, RunKind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +27,7 @@ class Transfer:
     """Learning curves on other bodies, by model and body; `sizes` are numbers of trials of the body."""
 
     kind: RunKind = RunKind.TRANSFER
+    format: int = FORMAT
     provenance: Provenance
     sizes: tuple[int, ...]
     transfer: Mapping[str, Mapping[str, BodyTransfer]]

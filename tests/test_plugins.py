@@ -55,7 +55,7 @@ print(*settings.laws, 'spin_loss' in catalogue(), settings.law.name, type(settin
 """
 
 
-def test_new_parts_of_the_package_are_one_file_each(tmp_path):
+def test_a_law_and_an_effect_of_the_package_are_one_file_each(tmp_path):
     """In a copy of the package that nothing else is changed in."""
     for part in ("contactlearn", "configs"):
         shutil.copytree(ROOT / part, tmp_path / part)
