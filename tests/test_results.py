@@ -11,6 +11,7 @@ from evaluations import evaluation, evaluation_of, interval, learning_curve, pro
 
 from contactlearn.__main__ import main
 from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.core.serialisation import to_json
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.evaluation.metrics import METRICS
 from contactlearn.laws import find

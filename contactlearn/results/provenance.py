@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import Any
 
 FORMAT = 2
-"""Number of the format of result files; files of format 1, of versions before 0.2, have none."""
+"""Number of the format of result files; a file without one is of format 1."""
 
 
 class RunKind(StrEnum):
