@@ -8,8 +8,7 @@ sure it is of the name.
 from pages import settings, show
 
 from contactlearn import diagnose
-from contactlearn.report.figures.diagnosis import ladder_figure
-from contactlearn.report.figures.regions import regions_figure
+from contactlearn.report.figures.diagnosis import ladder_figure, regions_figure
 from contactlearn.report.text import effect_label, headline, sentence
 from contactlearn.simulation import hidden_effects
 

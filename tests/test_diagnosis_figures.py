@@ -38,9 +38,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import contact_point
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import audit_figure
-from contactlearn.report.figures.diagnosis import drawn, ladder_figure
-from contactlearn.report.figures.regions import regions_figure
-from contactlearn.report.figures.residual import residual_figure
+from contactlearn.report.figures.diagnosis import drawn, ladder_figure, regions_figure, residual_figure
 from contactlearn.report.text import rung_label
 from contactlearn.simulation import hidden_effects
 

@@ -25,10 +25,8 @@ from contactlearn.data import tracks
 from contactlearn.data.recordings.result import Reason
 from contactlearn.mechanics.shapes import Ellipse
 from contactlearn.report.figures.tracks import standardised
-from contactlearn.report.page.page import render
-from contactlearn.report.page.recording import FRAMES, of_recording
-from contactlearn.report.page.recordings import MOST, chosen, of_recordings, write_recordings_page
-from contactlearn.report.page.reproduce import reproduced
+from contactlearn.report.page.page import render, reproduced
+from contactlearn.report.page.recordings import FRAMES, MOST, chosen, of_recording, of_recordings, write_recordings_page
 from contactlearn.report.text.tracks import tracks_facts, tracks_summary
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate, write_recordings
@@ -134,7 +132,8 @@ def test_many_recordings_are_chosen_from(found):
 def test_residuals_are_counted(found):
     content = of_recordings(found)
     scores = standardised([*found.again(set(chosen(found)))])
-    for bars, score in zip(content["histogram"], scores.T, strict=True):
+    shown = [trace["y"] for trace in content["figures"]["residuals"]["data"] if trace["type"] == "bar"]
+    for bars, score in zip(shown, scores.T, strict=True):
         assert sum(bars) * 0.2 == pytest.approx(1, abs=1e-3)
         assert max(bars) == pytest.approx(0.4, abs=0.15)
         assert score.std() == pytest.approx(1, abs=0.1)

@@ -20,8 +20,8 @@ from contactlearn.diagnosis.events import (
 )
 from contactlearn.report.events import event_lines
 from contactlearn.report.figures.browser import as_plotly
+from contactlearn.report.figures.diagnosis import ERROR
 from contactlearn.report.figures.learning import learning_curve
-from contactlearn.report.figures.regions import ERROR
 from contactlearn.report.page.trials import digits
 from contactlearn.workbench import content
 from contactlearn.workbench.background import ALONE, STUDIES, BackgroundRun, BackgroundRuns, RunStatus

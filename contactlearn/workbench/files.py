@@ -17,8 +17,7 @@ from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import written_whole
 from contactlearn.data import table
 from contactlearn.data.audit.findings import audit
-from contactlearn.report.page.page import FILE
-from contactlearn.report.page.recordings import RECORDINGS
+from contactlearn.report.page.page import FILE, RECORDINGS
 from contactlearn.report.page.runs import write_runs
 from contactlearn.report.text import headline
 from contactlearn.results.diagnosis import DiagnosisRun

@@ -32,7 +32,8 @@ from contactlearn.diagnosis.events import OnEvent, TaskProgress
 from contactlearn.inference.evaluation.sums import refuse_rest
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report import terminal
-from contactlearn.report.page.recordings import RECORDINGS, SOURCES, write_recordings_page
+from contactlearn.report.page.page import RECORDINGS, SOURCES
+from contactlearn.report.page.recordings import write_recordings_page
 from contactlearn.report.terminal import show_columns, show_mistakes
 from contactlearn.results.held_out import SHOWN
 

@@ -1,25 +1,49 @@
-"""All figures of a diagnosis by file name, and the ladder of held-out errors.
+"""All figures of a diagnosis.
 
-drawn     audit, regions, residual, the curve of each effect, the ladder, the frontier
-ladder    law, effect after effect, Gaussian processes, noise; beside it the laws alone
-frontier  the best model of each number of effects
+    drawn            every figure by file name
+    ladder_figure    errors of the law, effect after effect, Gaussian processes and noise
+    laws_figure      errors of the laws alone
+    frontier_figure  errors of the best model of each number of effects
+    regions_figure   errors of the trials over the variable of each region in which the law fails
+    residual_figure  the residual wrench of the full model along the symbols that predict it
+
+A dot is a trial.  Impulses are shown in mN s, moments in mN m s, angles of regions in degrees.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from textwrap import wrap
+from typing import Any
 
+import numpy as np
+import torch
+from jaxtyping import Float
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from torch import Tensor
 
+from contactlearn.core.numerics import wrapped
 from contactlearn.data.audit.corrections import correct
-from contactlearn.diagnosis.result import Diagnosis, RungKind
-from contactlearn.effects import EffectId
-from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.diagnosis.failure.variables import Variable, variables
+from contactlearn.diagnosis.result import ComponentTest, Diagnosis, Record, Region, Remainder, RungKind, WrenchComponent
+from contactlearn.effects import EffectId, State
+from contactlearn.effects.formula.symbols import SYMBOLS, of_state
+from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS, Interval, mass_error
+from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, binned, share_explained
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st
-from contactlearn.report.figures.audit import audit_figure, drawable
+from contactlearn.report.figures.audit import audit_figure, dots, drawable, legend_below
 from contactlearn.report.figures.effects import effect_curve
-from contactlearn.report.figures.regions import ERROR, regions_figure
-from contactlearn.report.figures.residual import residual_figure
-from contactlearn.report.text import base_label, effect_label, error, rung_label
+from contactlearn.report.text import base_label, effect_label, error, fix_spacing, percent, phrase, rung_label
+
+_BLUE, _RED, _YELLOW = st.CONTRAST
+_LOOKS: tuple[dict[str, Any], ...] = ({"color": _BLUE}, {"color": _RED, "linestyle": (0, (4, 1.5))})
+_GOLDEN = 0.618  # spreads dots of one label beside each other
+ERROR = f"{METRICS[HEADLINE].label} ({METRICS[HEADLINE].unit})"
+"""Axis label of the mass error."""
+_SYMBOLS = 2  # columns of panels, at most
+_ROWS = tuple(WrenchComponent)  # in the order of the wrench
 
 
 def drawn(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
@@ -117,3 +141,166 @@ def frontier_figure(found: Diagnosis) -> Figure:
     axes.set_ylim(bottom=0)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
+
+
+# --- Regions --------------------------------------------------------------------------------------
+
+
+@st.look()
+def regions_figure(regions: tuple[Region, ...], record: Record) -> Figure:
+    """Draw the error of the law over the variable of each region, the region shaded, and its running median.
+
+    A second median is that with the missing effects, if there are any.  Both models are fitted to all of these
+    trials.  The axes leave out the outermost percent of the trials.
+    """
+    impacts, prediction = record.impacts, record.base.predict(record.impacts)
+    known = {variable.name: variable for variable in variables(impacts, prediction)}
+    errors = {"Law": mass_error(impacts, prediction)}
+    if record.model.effects.keys() - record.base.effects.keys():
+        errors["With effects"] = mass_error(impacts, record.model.predict(impacts))
+    columns = min(2, len(regions))
+    rows = math.ceil(len(regions) / columns)
+    figure = st.new_figure((st.COLUMN, st.PAGE)[columns - 1], 0.4 + 2.2 * rows)
+    panels = figure.subplots(rows, columns, sharey=True, squeeze=False).flatten()
+    for axes in panels[len(regions) :]:
+        axes.set_visible(False)
+    for axes, region in zip(panels, regions, strict=False):
+        _draw_region(axes, region, known[region.variable], errors)
+    for axes in panels[::columns]:
+        axes.set_ylabel(ERROR)
+    legend_below(figure, panels[0])
+    return figure
+
+
+def _draw_region(axes: Axes, region: Region, variable: Variable, errors: Mapping[str, Float[Tensor, " n"]]) -> None:
+    """One panel; `errors` by model, the law's first."""
+    x, window, ends = _along(region, variable)
+    law, *_ = errors.values()
+    st.name_axes(axes, f"{st.plain(variable.letter)} ({variable.unit})")
+    low, high = max(window[0], ends[0]), min(window[1], ends[1])
+    axes.axvspan(low, high, color=st.tint(_YELLOW, 0.35), linewidth=0, label="Region", zorder=0)
+    dots(axes, x, law, "Trial, law")
+    for (name, values), look in zip(errors.items(), _LOOKS, strict=False):
+        if variable.labels:
+            _draw_medians(axes, variable, values, name, look)
+        else:
+            axes.plot(*_running_median(x, values), **look, linewidth=1.6, label=f"{name}, running median", zorder=3)
+    if variable.labels:
+        axes.set_xticks((-1, 0, 1), ["\n".join(wrap(label, 16)) for label in variable.labels])
+        axes.set_xlabel("")
+    axes.set_xlim(ends)
+    axes.set_ylim(0, law.quantile(0.98).item())
+    text = wrap(phrase("region_error", region).replace(" = ", "\u00a0=\u00a0"), 48)
+    title = st.plain(fix_spacing(region.where), 60), *text
+    axes.set_title("\n".join(title))
+
+
+def _along(region: Region, variable: Variable) -> tuple[Float[Tensor, " n"], tuple[float, float], tuple[float, float]]:
+    """Trials along the axis in its units, the region's window there, and the ends of the axis.
+
+    A periodic variable has the region in the middle; trials of a variable with labels stand beside each other.
+    """
+    x = variable.scale * variable.values
+    low, high = (variable.scale * end for end in region.limits)
+    if variable.period:
+        period = variable.scale * variable.period
+        centre = (low + high) / 2
+        shift = (centre + 180) % 360 - 180 - centre if period > 359 else centre % period - centre
+        low, high, start = low + shift, high + shift, centre + shift - period / 2
+        return (x - start) % period + start, (low, high), (start, start + period)
+    if variable.labels:
+        return x + 0.6 * ((_GOLDEN * torch.arange(len(x))) % 1 - 0.5), (low, high), (-1.5, 1.5)
+    first, last = x.quantile(torch.tensor((0.005, 0.995), dtype=x.dtype)).tolist()
+    return x, (low, high), (min(first, high), max(last, low))
+
+
+def _draw_medians(
+    axes: Axes, variable: Variable, error: Float[Tensor, " n"], name: str, look: Mapping[str, Any]
+) -> None:
+    """The median error of each label of a variable."""
+    for place in (-1, 0, 1):
+        here = variable.values == place
+        if here.any():
+            axes.plot((place - 0.4, place + 0.4), [error[here].median().item()] * 2, **look, linewidth=1.8)
+    axes.plot([], [], **look, label=f"{name}, running median")
+
+
+def _running_median(x: Float[Tensor, " n"], y: Float[Tensor, " n"]) -> tuple[np.ndarray, np.ndarray]:
+    """Medians of x and y over every run of a twelfth of the trials, along x."""
+    order = x.argsort()
+    size = min(len(x), max(15, len(x) // 12))
+    along, up = (np.lib.stride_tricks.sliding_window_view(st.array(part[order]), size) for part in (x, y))
+    return np.median(along, -1), np.median(up, -1)
+
+
+# --- Residual -------------------------------------------------------------------------------------
+
+
+@st.look()
+def residual_figure(found: Remainder, record: Record) -> Figure:
+    """Draw the measured wrench minus the model's, against the one or two symbols that matter most.
+
+    A row for each component that processes predict; where there is none, for the one that they predict best, against
+    the symbol along which its means differ most.  The outermost percent of the trials on each side is left out.
+    """
+    known = of_state(State.of(record.impacts))
+    known["theta"] = wrapped(known["theta"])
+    residual = (record.impacts.wrench - record.model.base_prediction(record.impacts).wrench) * st.MILLI
+    tests = _tests(found)
+    first = residual[:, _ROWS.index(tests[0].component)]
+    shares = {one.symbol: one.share for one in found.variables}
+    symbols = [*shares][:_SYMBOLS] or [max(known, key=lambda name: share_explained(known[name], first))]
+    figure = _titled(found, len(symbols), len(tests))
+    panels = figure.subplots(len(tests), len(symbols), sharex="col", sharey="row", squeeze=False)
+    for line, test in zip(panels, tests, strict=True):
+        _draw_row(line, test, residual[:, _ROWS.index(test.component)], [known[symbol] for symbol in symbols])
+    for axes, symbol in zip(panels[-1], symbols, strict=True):
+        part = f", {percent(shares[symbol])} of the prediction" if symbol in shares else ""
+        axes.set_xlabel(f"{SYMBOLS[symbol].letter} ({SYMBOLS[symbol].unit}){part}")
+    legend_below(figure, panels[0, 0])
+    return figure
+
+
+def _tests(found: Remainder) -> list[ComponentTest]:
+    """The named components, or else the one that is predicted best."""
+    by_name = {one.component: one for one in found.tested}
+    return [by_name[name] for name in found.components] or [max(found.tested, key=lambda one: one.r_squared)]
+
+
+def _titled(found: Remainder, columns: int, rows: int) -> Figure:
+    """An empty figure with the share of the error that is predictable above it."""
+    title = phrase("residual_share", found) if found.predictable else phrase("not_predictable")
+    lines = wrap(title.replace("\u00a0", " "), 54 if columns == 1 else 112)
+    figure = st.new_figure((st.COLUMN, st.PAGE)[columns - 1], 0.5 + st.ROW * len(lines) + 2.0 * rows)
+    figure.suptitle("\n".join(lines))
+    return figure
+
+
+def _draw_row(
+    panels: Sequence[Axes], test: ComponentTest, residual: Float[Tensor, " n"], along: Sequence[Float[Tensor, " n"]]
+) -> None:
+    """One component against each symbol."""
+    ends = residual.quantile(torch.tensor((0.01, 0.99), dtype=residual.dtype))
+    shown = (residual >= ends[0]) & (residual <= ends[1])
+    letter, unit = QUANTITIES["wrench"][_ROWS.index(test.component)]
+    for axes, x in zip(panels, along, strict=True):
+        _draw_means(axes, x[shown], residual[shown])
+    panels[0].set_ylabel(f"Residual of {letter} (m{unit})")
+    title = f"{letter}: R² = {test.r_squared:.2f} ± {test.standard_error:.2f} on held-out trials"
+    panels[0].set_title(title, loc="left")
+
+
+def _draw_means(axes: Axes, x: Float[Tensor, " n"], values: Float[Tensor, " n"]) -> None:
+    """Trials, and means of groups of equal number along x with their standard errors."""
+    bins = max(20, min(40, len(x) // 40))
+    middle, mean, square = binned(x, values, values.square(), bins=bins)
+    error = ((square - mean.square()).clamp_min(0) * len(mean) / len(x)).sqrt()
+    st.name_axes(axes)
+    axes.axhline(0, color=st.DARK, linewidth=0.6)
+    dots(axes, x, values)
+    label = f"Mean of {len(x) // bins} trials ± standard error"
+    axes.errorbar(
+        st.array(middle), st.array(mean), st.array(error), fmt="o", color=_RED, markersize=3.5, elinewidth=0.9,
+        capsize=2, label=label, zorder=3,
+    )  # fmt: skip
+    axes.xaxis.set_major_locator(MaxNLocator(6))

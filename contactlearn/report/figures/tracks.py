@@ -94,10 +94,9 @@ def refused_figure(founds: Sequence[Found]) -> Figure:
 def residuals_figure(founds: Sequence[Found]) -> Figure:
     """Draw the distribution of residuals in standard deviations beside the normal one, for x, y and θ."""
     figure = st.new_figure(st.PAGE, 2.2)
-    grid = np.linspace(-5, 5, 201)
+    grid, scores = np.linspace(-5, 5, 101), standardised(founds).clip(-5, 5)
     for k, axes in enumerate(figure.subplots(1, 3, sharey=True)):
-        scores = standardised(founds)[:, k]
-        axes.hist(scores.clip(-5, 5), bins=50, range=(-5, 5), density=True, color=st.tint(_BLUE, 0.5))
+        axes.hist(scores[:, k], bins=50, range=(-5, 5), density=len(scores) > 0, color=st.tint(_BLUE, 0.5))
         axes.plot(grid, np.exp(-(grid**2) / 2) / math.sqrt(2 * math.pi), color=_RED)
         st.name_axes(axes, f"Residual of {_LABELS[k].split()[0]} in standard deviations", "Density" if k == 0 else "")
     return figure

@@ -1,15 +1,13 @@
 """One page that shows a run: report.html, self-contained and offline.
 
+    page         the data of a page and the templates to HTML; large arrays as one block, how a run is made again
     diagnosis    a diagnosis as the data of its page; `effects` has its effects, experiment and residual
     evaluation   an evaluation as the data of its page
+    trials       every trial: state, variables, outcomes and errors of the models, impulses of the laws and their reach
+    recordings   the recordings behind some impacts
     runs         several runs side by side
-    recordings   the recordings behind some impacts; `recording` has one of them, `sketches` small pictures
-    reproduce    how a run is made again
     redraw       the page of a run folder, without its data source
-    trials       every trial: state, variables, impulses of the laws and their reach
-    arrays       the large arrays of a page as one block of bytes
-    page         the data of a page and the templates to HTML
-    templates    HTML, style and scripts; figures are drawn by plotly.js, which is part of the page
+    templates    HTML, style and scripts; plotly.js, which is part of the page, shows the figures of `report.figures`
 
 The page asks for nothing: its Content-Security-Policy allows its own two scripts, by their hashes, and no request.
 """

@@ -9,17 +9,18 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from jaxtyping import Int
+from torch import Tensor
 
-from contactlearn.diagnosis.result import Choices, Diagnosis, ErrorBudget, Finding, Region
+from contactlearn.diagnosis.result import Choices, Diagnosis, ErrorBudget, ErrorMap, Finding, Record, Region, Sample
 from contactlearn.effects import EffectId
+from contactlearn.inference.evaluation.partial_residuals import Partial
 from contactlearn.report.figures.browser import as_plotly, plotly_style
 from contactlearn.report.figures.diagnosis import ladder_figure, laws_figure
-from contactlearn.report.page.arrays import packed
 from contactlearn.report.page.effects import effect_content, experiment_content, residual_content
-from contactlearn.report.page.page import write
-from contactlearn.report.page.reproduce import reproduced
-from contactlearn.report.page.sample import places, sample_content, thinned
+from contactlearn.report.page.page import packed, reproduced, write
 from contactlearn.report.page.trials import (
+    EMBEDDED,
     STEPS,
     bounded,
     digits,
@@ -38,6 +39,7 @@ from contactlearn.report.text import (
     listed_models,
     listed_name,
     phrase,
+    phrases,
     rung_label,
     search_notes,
     sentence,
@@ -46,6 +48,7 @@ from contactlearn.report.text import (
     support,
 )
 from contactlearn.report.text.names import budget_labels
+from contactlearn.report.text.numbers import counted
 from contactlearn.results.provenance import Provenance
 
 _TELLING = 2  # effects that are drawn above the fold
@@ -230,3 +233,60 @@ def _arrays(found: Diagnosis) -> dict[str, Any]:
         arrays["explained"] = torch.stack([partial.explained for partial in record.residuals], -1)
     trials = of_trials(impacts, record.base.predict(impacts))
     return {"fitted": fitted, "impulses": impulse_figure(impacts, laws), "trials": trials, **packed(arrays, STEPS)}
+
+
+def sample_content(found: Diagnosis) -> dict[str, Any]:
+    """Return what was diagnosed, the answers, and the map of all trials; nothing for a table diagnosed whole."""
+    sample = found.sample
+    if sample is None:
+        return {}
+    shown = f"The figures below show {counted(min(EMBEDDED, sample.trials))} of the {counted(sample.trials)} diagnosed"
+    return {
+        "sample": {
+            "sentences": phrases("sample_summary", sample),
+            "answers": [
+                {"trials": counted(one.trials), "answer": phrase("answer", one), "error": bounded(one.error)}
+                for one in sample.answers
+            ],
+            "map": _map(sample.confirmation.map),
+            "shown": f"{shown} trials one by one, every k-th of the sequence.",
+        }
+    }
+
+
+def places(record: Record | None, sample: Sample | None) -> dict[int, int]:
+    """Return the rows of the record that a page has, each with its place there: all, or of a sample every k-th."""
+    trials = 0 if record is None else len(record.impacts)
+    if sample is None or trials <= EMBEDDED:
+        return {row: row for row in range(trials)}
+    rows = torch.linspace(0, trials - 1, EMBEDDED).round().long().tolist()
+    return {row: place for place, row in enumerate(rows)}
+
+
+def thinned(record: Record, sample: Sample | None) -> Record:
+    """Return the part of a record that a page has."""
+    rows = torch.tensor([*places(record, sample)])
+    if len(rows) == len(record.impacts):
+        return record
+    return Record(
+        impacts=record.impacts[rows],
+        base=record.base,
+        model=record.model,
+        outcomes=record.outcomes[:, rows],
+        residuals=tuple(_part(one, rows) for one in record.residuals),
+    )
+
+
+def _part(partial: Partial, rows: Int[Tensor, " k"]) -> Partial:
+    arrays = {name: getattr(partial, name)[rows] for name in ("x", "measured", "explained")}
+    return replace(partial, **arrays)
+
+
+def _map(cells: ErrorMap) -> dict[str, Any]:
+    """The cells with the labels of their axes."""
+    labels = {
+        key: f"{letter} ({unit})" if unit != "–" else letter
+        for key, (_, letter, unit) in (("across", cells.across), ("up", cells.up))
+    }
+    errors = {"law": digits(cells.law), "named": digits(cells.named)}
+    return {"columns": cells.columns, "limits": digits(cells.limits), "trials": list(cells.trials), **labels, **errors}

@@ -10,11 +10,10 @@ from contactlearn.inference.evaluation.metrics import METRICS, mass_error
 from contactlearn.laws import find
 from contactlearn.report.figures.browser import as_plotly, plotly_style
 from contactlearn.report.figures.comparison import error_comparison
+from contactlearn.report.figures.diagnosis import ERROR
 from contactlearn.report.figures.learning import learning_curve
-from contactlearn.report.figures.regions import ERROR
 from contactlearn.report.figures.style import BOUNDS
-from contactlearn.report.page.arrays import packed
-from contactlearn.report.page.reproduce import reproduced
+from contactlearn.report.page.page import packed, reproduced
 from contactlearn.report.page.trials import STEPS, digits, finely, impulse_figure, of_laws, of_outcomes, of_trials
 from contactlearn.report.text import model_labels, phrase, phrases
 from contactlearn.results.estimates import ModelErrors

@@ -1,22 +1,34 @@
 """The data of a page and the templates to one HTML file."""
 
 import base64
+import gzip
 import hashlib
 import json
+from collections.abc import Mapping
+from dataclasses import asdict
 from functools import cache
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from torch import Tensor
 
 from contactlearn.core.numerics import written_whole
-from contactlearn.report.page.arrays import compressed
+from contactlearn.report.figures.style import array
 from contactlearn.report.text import brief_interval, error, fix_spacing, number, percent
+from contactlearn.results.provenance import Provenance
 
 FILE = "report.html"
+RECORDINGS = "recordings.html"
+"""The page's name in a run folder."""
+SOURCES = tuple(
+    f"contactlearn.{name}.load" for name in ("data.tracks", "simulation.recordings", "simulation.recordings_mujoco")
+)
+"""Of data: those that read recordings."""
 _SCRIPTS = ("data.js", "figures.js", "live.js")
 _ESCAPED = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
@@ -107,3 +119,52 @@ def _number(x: float | None, digits: int = 4) -> str:
 
 def _pretty(x: Any) -> str:
     return json.dumps(x, indent=2, ensure_ascii=False)
+
+
+_LARGEST = 32767
+_NOTHING = -32768
+
+
+def packed(arrays: Mapping[str, Tensor], steps: Mapping[str, float]) -> dict[str, Any]:
+    """`block`, base64 of gzip of the arrays one after the other, little-endian; `arrays`, the place of each in it.
+
+    Without a step of its own the last axis [..., D] is resolved to 1/32767 of the largest |value| in each of its D
+    columns; `step` then has D numbers, else one.  nan is kept; what is beyond the range ends there.
+    """
+    entries, parts, offset = {}, [], 0
+    for name, values in arrays.items():
+        x = array(values)
+        step = np.array([steps[name]]) if name in steps else _steps(x)
+        whole = np.clip(np.round(x / step), -_LARGEST, _LARGEST)
+        parts.append(np.where(np.isnan(whole), _NOTHING, whole).astype("<i2").ravel())
+        entries[name] = {"offset": offset, "shape": list(x.shape), "step": step.tolist()}
+        offset += x.size
+    block = np.concatenate(parts) if parts else np.empty(0, "<i2")
+    return {"block": compressed(block.tobytes()), "arrays": entries}
+
+
+def compressed(content: bytes) -> str:
+    """base64 of gzip, the same for the same content."""
+    return base64.b64encode(gzip.compress(content, 9, mtime=0)).decode()
+
+
+def _steps(x: np.ndarray) -> np.ndarray:
+    largest = np.nanmax(np.abs(x), axis=tuple(range(x.ndim - 1)), initial=0.0)
+    return np.where(largest > 0, largest, 1.0) / _LARGEST
+
+
+def has_recordings(config: Mapping[str, Any]) -> bool:
+    """Whether a run with this configuration writes a page of its recordings."""
+    data = config.get("data")
+    return isinstance(data, Mapping) and data.get("_target_") in SOURCES
+
+
+def reproduced(provenance: Provenance, use: str = "") -> dict[str, Any]:
+    """Return the provenance of a page, and the page of the recordings where the run has written one.
+
+    Args:
+        provenance: of the run.
+        use: the command that evaluates a model with the missing effects.
+    """
+    recordings = RECORDINGS if has_recordings(provenance.config) else ""
+    return {"use": use, "recordings": recordings, **asdict(provenance)}

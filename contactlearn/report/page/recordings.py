@@ -1,38 +1,50 @@
 """The recordings behind some impacts as the data of a page: recordings.html.
 
+    write_recordings_page   the page
+    of_recordings           its data; `of_recording` has one recording, `sketch` a small picture of it
+
+Positions are in m, residuals in mm, angles in degrees; frames that the tracker lost are left out.
 A page shows at most `MOST` recordings: up to half of them are those with refused parts, and the others are spread
 evenly over those with impacts.
 """
 
 import json
+import math
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.recordings.result import REASONS, Found, Reason
+from contactlearn.core.numerics import measured
+from contactlearn.data.recordings.flights import Flight, Indices
+from contactlearn.data.recordings.result import REASONS, Found, Hit, Reason, Refusal
+from contactlearn.data.recordings.track import Array, Track, turn
 from contactlearn.data.tracks import Tracked
-from contactlearn.report.figures.tracks import standardised
-from contactlearn.report.page.arrays import compressed
-from contactlearn.report.page.page import render, save
-from contactlearn.report.page.recording import of_recording
-from contactlearn.report.page.sketches import sketch
+from contactlearn.report.figures.browser import as_plotly
+from contactlearn.report.figures.tracks import residuals_figure, standardised
+from contactlearn.report.page.page import compressed, render, save
 from contactlearn.report.page.trials import digits
 from contactlearn.report.text.numbers import number, percent
-from contactlearn.report.text.tracks import refusals_by_reason, tracks_facts, tracks_headline
+from contactlearn.report.text.tracks import refusal_number, refusals_by_reason, tracks_facts, tracks_headline
 
-RECORDINGS = "recordings.html"
-"""The page's name in a run folder."""
 MOST = 200
 """Recordings on a page."""
-SOURCES = tuple(
-    f"contactlearn.{name}.load" for name in ("data.tracks", "simulation.recordings", "simulation.recordings_mujoco")
-)
-"""Of data: those that read recordings."""
-_EDGE, _BINS, _FAR = 5, 50, 3  # of the histogram, in standard deviations
+FRAMES = 1500
+"""Frames of a recording on a page, at most."""
+_LINE = 25  # points of a flight's line
+_DEGREES = 180 / math.pi
+_SHOWN = np.array((1.0, 1.0, _DEGREES))  # m, m and degrees
+_FINE = np.array((1e3, 1e3, _DEGREES))  # mm, mm and degrees
+WIDTH, HEIGHT = 200, 70
+"""Of a picture."""
+_POINTS = 60  # frames of a picture, at most
+_SKETCH_LINE = 8  # points of a flight's line
+_LEAST = 2.0  # width of a refused part
+_FAR = 3  # standard deviations of a residual
 
 
 def write_recordings_page(path: Path, found: Tracked) -> Path:
@@ -46,12 +58,6 @@ def write_recordings_page(path: Path, found: Tracked) -> Path:
         return save(path, text)
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error}") from error
-
-
-def has_recordings(config: Mapping[str, Any]) -> bool:
-    """Whether a run with this configuration writes a page of its recordings."""
-    data = config.get("data")
-    return isinstance(data, Mapping) and data.get("_target_") in SOURCES
 
 
 def of_recordings(found: Tracked) -> dict[str, Any]:
@@ -73,7 +79,7 @@ def of_recordings(found: Tracked) -> dict[str, Any]:
         "reasons": dict(REASONS),
         "outline": digits(found.shape.outline(91).T.tolist(), 5),
         "floor": _floor(found),
-        "histogram": _histogram(scores),
+        "figures": {"residuals": digits(as_plotly(residuals_figure([*founds.values()])))},
         "block": compressed(_packed(shown)),
         "_facts": tracks_facts(found),
         "_limits": _limits(found, len(shown)),
@@ -151,13 +157,6 @@ def _reasons(found: Tracked, shown: Sequence[Mapping[str, Any]]) -> list[dict[st
     ]
 
 
-def _histogram(scores: np.ndarray) -> list[list[float]]:
-    """Densities of the standardised residuals of x, y and θ in bins from −5 to 5; what is beyond is in the last."""
-    bins = np.linspace(-_EDGE, _EDGE, _BINS + 1)
-    counts = [np.histogram(score.clip(-_EDGE, _EDGE), bins)[0] / max(len(score), 1) for score in scores.T]
-    return [digits((count * _BINS / (2 * _EDGE)).tolist(), 4) for count in counts]
-
-
 def _residuals(scores: np.ndarray) -> list[str]:
     """Standard deviation and share beyond three of them, of x, y and θ."""
     if not len(scores):
@@ -167,3 +166,165 @@ def _residuals(scores: np.ndarray) -> list[str]:
         f"beyond {_FAR}"
         for name, score in zip(("x", "y", "θ"), scores.T, strict=True)
     ]
+
+
+def of_recording(found: Found, contacts: Sequence[Hit], refusals: Sequence[Refusal]) -> dict[str, Any]:
+    """Return all that a page says and draws of one recording.
+
+    Args:
+        found: its track and flights.
+        contacts: accepted ones.
+        refusals: of its parts.
+    """
+    track, kept = found.track, _kept(found)
+    pose = _nearest(found)
+    return {
+        "name": track.name,
+        "said": _said(found, len(contacts), len(kept)),
+        "reasons": [*dict.fromkeys(refusal.reason.value for refusal in refusals)],
+        "step": digits(track.step),
+        "time": digits(track.time[kept].tolist(), 7),
+        "pose": digits((_SHOWN * pose[kept]).T.round(6).tolist(), 6),
+        "flights": [_flight(track, flight, pose, kept) for flight in found.flights],
+        "contacts": [*map(_contact, contacts)],
+        "refused": [_refused(refusal) for refusal in refusals],
+    }
+
+
+def _kept(found: Found) -> Int[Indices, " k"]:
+    """Frames that are shown: those about the flights, and only every n-th where these are too many."""
+    track, flights = found.track, found.flights
+    first, last = (flights[0].first, flights[-1].last) if flights else (0, len(track) - 1)
+    room = max(0, FRAMES - (last - first + 1)) // 2
+    frames = np.arange(max(0, first - room), min(len(track), last + 1 + room))
+    frames = frames[track.seen[frames]]
+    return frames[:: max(1, math.ceil(len(frames) / FRAMES))]
+
+
+def _nearest(found: Found) -> Float[Array, "t 3"]:
+    """Poses of the frames; those of a flight are within half a turn of its line."""
+    pose = found.track.pose.copy()
+    for flight in found.flights:
+        line = _line(found.track, flight, found.track.time[flight.frames])
+        pose[flight.frames, 2] = line[:, 2] + turn(flight.residual[:, 2])
+    return pose
+
+
+def _line(track: Track, flight: Flight, time: Float[Array, " n"]) -> Float[Array, "n 3"]:
+    """Poses of a flight, moved by whole turns to where the track has it."""
+    there = track.pose[flight.frames, 2] - flight.poses(track.time[flight.frames])[:, 2]
+    turns = round(float(np.median(there)) / (2 * math.pi))
+    return flight.poses(time) + np.array((0.0, 0.0, 2 * math.pi * turns))
+
+
+def _flight(track: Track, flight: Flight, pose: Float[Array, "t 3"], kept: Int[Indices, " k"]) -> dict[str, Any]:
+    """The line of a flight, and the residuals `residual` of the shown frames with the places `at`."""
+    time = np.linspace(track.time[flight.first], track.time[flight.last], _LINE)
+    both, at, own = np.intersect1d(kept, flight.frames, return_indices=True)
+    residual = pose[both] - _line(track, flight, track.time[both])
+    residual[:, :2] = flight.residual[own, :2]
+    return {
+        "time": digits(time.tolist(), 7),
+        "line": digits((_SHOWN * _line(track, flight, time)).T.round(6).tolist(), 6),
+        "at": at.tolist(),
+        "residual": digits((_FINE * residual).T.round(4).tolist(), 3),
+    }
+
+
+def _contact(contact: Hit) -> dict[str, Any]:
+    """A row of the table of contacts, the pose (m, m, rad), and the place of the flight before it."""
+    errors = np.sqrt(contact.covariance.diagonal()).tolist()
+    velocities = [*contact.v_pre.tolist(), *contact.v_post.tolist()]
+    return {
+        "name": contact.name,
+        "time": digits(contact.time, 7),
+        "pose": digits(contact.pose.tolist(), 7),
+        "before": contact.flight,
+        "cells": [
+            measured(contact.time, errors[9]),
+            *map(measured, velocities, errors),
+            f"{contact.missing} ({percent(contact.certainty, 1)})",
+            str(contact.lost),
+            number(contact.apart, 2),
+        ],
+    }
+
+
+def _refused(refusal: Refusal) -> dict[str, Any]:
+    start, end = refusal.time
+    return {
+        "time": digits([start, end], 7),
+        "reason": REASONS[refusal.reason],
+        "number": refusal_number(refusal),
+        "rest": refusal.reason is Reason.REST,
+    }
+
+
+def _said(found: Found, contacts: int, shown: int) -> str:
+    """How much a recording holds, and the noise of its frames."""
+    track, frames = found.track, len(found.track)
+    lost = frames - int(track.seen.sum())
+    words = [
+        f"{contacts} impacts" if contacts != 1 else "1 impact",
+        f"{frames} frames in {number(float(track.time[-1] - track.time[0]), 3)} s"
+        + (f", {lost} of them lost" if lost else "")
+        + (f", {shown} of them shown" if shown < frames - lost else ""),
+    ]
+    if found.flights:
+        x, y, angle = (_FINE * found.sigma).tolist()
+        words.append(f"noise of a frame {number(x, 2)} and {number(y, 2)} mm, {number(angle, 2)}°")
+    return "; ".join(words) + "."
+
+
+def sketch(found: Found, refusals: Sequence[Refusal]) -> dict[str, Any]:
+    """Return the frames and flights as paths, the refused parts as bands, and the words of a small picture."""
+    track, seen = found.track, np.flatnonzero(found.track.seen)
+    frames = seen[np.linspace(0, len(seen) - 1, min(_POINTS, len(seen))).astype(int)]
+    time, height = track.time[seen], track.pose[seen, 1]
+    left, span = float(track.time[0]), float(np.ptp(track.time))
+    low, range_ = (float(height.min()), float(np.ptp(height)) or 1.0) if len(seen) else (0.0, 1.0)
+
+    def placed(time: Float[Array, " n"], height: Float[Array, " n"]) -> list[str]:
+        x, y = WIDTH * (time - left) / span, 3 + (HEIGHT - 6) * (1 - (height - low) / range_)
+        return [f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True)]
+
+    lines = []
+    for flight in found.flights:
+        when = np.linspace(track.time[flight.first], track.time[flight.last], _SKETCH_LINE)
+        lines.append("M" + "L".join(placed(when, flight.poses(when)[:, 1])))
+    return {
+        "name": track.name,
+        "dots": "".join(f"M{point}h0" for point in placed(track.time[frames], track.pose[frames, 1])),
+        "flights": "".join(lines),
+        "bands": [_band(refusal, left, span) for refusal in refusals],
+        "reasons": _counted_reasons(refusals),
+        "axes": f"time 0–{number(span, 2)} s, height {_ends(height)} mm" if len(time) else "no frame was seen",
+    }
+
+
+def _band(refusal: Refusal, left: float, span: float) -> dict[str, Any]:
+    start, end = (WIDTH * (time - left) / span for time in refusal.time)
+    width = max(end - start, _LEAST)
+    said = f"{REASONS[refusal.reason]}: {refusal_number(refusal)}"
+    return {
+        "x": round((start + end - width) / 2, 1),
+        "width": round(width, 1),
+        "said": said,
+        "rest": refusal.reason is Reason.REST,
+    }
+
+
+def _counted_reasons(refusals: Sequence[Refusal]) -> list[str]:
+    """Each reason once, with the number of its first part, and how many parts there are."""
+    counts = dict[str, list[Refusal]]()
+    for refusal in refusals:
+        counts.setdefault(REASONS[refusal.reason], []).append(refusal)
+    return [
+        f"{reason}{f' ({len(ones)} times)' if len(ones) > 1 else ''}: {refusal_number(ones[0])}"
+        for reason, ones in counts.items()
+    ]
+
+
+def _ends(height: Float[Array, " n"]) -> str:
+    low, high = (number(1e3 * float(end), 3) for end in (height.min(), height.max()))
+    return f"{low} to {high}"

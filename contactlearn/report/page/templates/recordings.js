@@ -84,21 +84,6 @@ function drawBody() {
   });
 }
 
-// Densities of residuals in standard deviations beside the normal one.
-function drawResiduals() {
-  const grid = Array.from({length: 101}, (_, k) => k / 10 - 5), normal = grid.map(z => Math.exp(-z * z / 2) / Math.sqrt(2 * Math.PI)), slim = narrow();
-  const layout = {showlegend: false, bargap: 0, margin: {l: 50, r: 15, t: 32, b: 45}}, traces = [];
-  page.histogram.forEach((bars, k) => {
-    const place = suffix(k), top = 1 - k / 3;
-    layout[`xaxis${place}`] = {domain: slim ? [0, 1] : [k * 0.35, k * 0.35 + 0.3], anchor: `y${place}`, range: [-5, 5], zeroline: false, title: {text: `Residual of ${coordinates[k][0]} (standard deviations)`, standoff: 5}};
-    layout[`yaxis${place}`] = {domain: slim ? [top - 0.235, top] : [0, 1], anchor: `x${place}`, rangemode: "tozero", title: {text: k && !slim ? "" : "Density"}, matches: k ? "y" : undefined};
-    const axes = {xaxis: `x${place}`, yaxis: `y${place}`}, width = 10 / bars.length;
-    traces.push({type: "bar", ...axes, x: bars.map((_, j) => (j + 0.5) * width - 5), y: bars, hoverinfo: "x+y", marker: {color: color("bar")}},
-      {type: "scatter", mode: "lines", ...axes, x: grid, y: normal, hoverinfo: "skip", line: {color: color("red"), width: 2}});
-  });
-  return draw("residuals", traces, {...layout, summary: [...document.querySelectorAll("#errors li")].map(item => item.textContent).join("; ")});
-}
-
 // A row of cells of text, the first one its head.
 function rowOf(body, cells) {
   const row = body.insertRow(), head = document.createElement("th");
@@ -193,7 +178,7 @@ async function startRecordings() {
     document.head.append(script);
     tracked.all = JSON.parse(text.decode(block));
     for (const id of Object.keys(drawn)) delete drawn[id];
-    Object.assign(drawn, {track: drawTrack, body: drawBody, residuals: drawResiduals});
+    Object.assign(drawn, {track: drawTrack, body: drawBody, residuals: () => show("residuals", page.figures.residuals, {}, {summary: [...document.querySelectorAll("#errors li")].map(item => item.textContent).join("; ")})});
     listRecordings("");
     listen();
     listenToChoices();
