@@ -1,17 +1,14 @@
-"""The same work on the CPU and on a GPU: seconds, their ratio, and how far the numbers are apart.
+"""The same work on the CPU and on a GPU: seconds, their ratio, and the difference of the results.
 
     python benchmarks/speed/devices.py [--device cuda] [--threads 1] [--rounds 5] [--quick]
 
-Rows are the work of other benchmarks, ours alone: laws on a grid of (μ, ε) (`law_rates.py`), μ and ε of single trials
-(`identification.py`), joint fits (`joint_fit.py`), exact processes (`gp_fits.py`) and sparse ones (`large_tables.py`).
-Data lie on the device before the clock starts, which stops once the device has finished.  Rounds are interleaved, the
-first call of each is left out, and medians are given.  Without a GPU there is the column of the CPU alone.
+Rows are the work of other benchmarks, without rivals: laws on a grid of (μ, ε) (`law_rates.py`), μ and ε of single
+trials (`identification.py`), joint fits (`joint_fit.py`), exact processes (`gp_fits.py`) and sparse ones
+(`large_tables.py`).  Data lie on the device before the clock starts, and it stops once the device has finished.  The
+first call of each is not counted.  Without a GPU the table has the column of the CPU alone.
 """
 
-import argparse
-import statistics
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -30,16 +27,18 @@ from contactlearn.inference.identification.shared import identify
 from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.models.gp.sparse import SparseGPs
 from contactlearn.simulation import synthetic
-from speed.gp_fits import draw, load, ours
+from speed.gp_fits import draw, ours
+from speed.harness import drops as load
+from speed.harness import header, interleaved, medians, parser, row, timed
 from speed.joint_fit import measured
 from speed.law_rates import ellipse_contacts
 
 Work = tuple[Callable[..., Tensor], tuple]
-"""A function, and what it is applied to on each device; what it returns is compared."""
+"""A function and its arguments; its results on both devices are compared."""
 
 
 def laws_on_grid(W: Tensor, v_c: Tensor, mu: Tensor, eps: Tensor, out: Tensor) -> Tensor:
-    """The last impulses of the six laws at all (μ, ε)."""
+    """Compute the impulses of the six laws at all (μ, ε), and return some of the last law's."""
     for name in PAPER_LAWS:
         find(name).at(mu[:, None, None], eps[:, None]).impulse(W, v_c, out=out)
     return out[-1, -1]
@@ -52,7 +51,7 @@ def sparse(x: Tensor, y: Tensor) -> Tensor:
 
 
 def works(quick: bool) -> dict[str, Work]:
-    """Every row by its name."""
+    """Make the work of every row."""
     trials, grid, many = (60, 8, 3000) if quick else (1718, 64, 100_000)
     W, v_c = ellipse_contacts(trials, seed=0)
     mu, eps = (torch.linspace(0, high, grid, dtype=torch.float64) for high in (1.2, 1.0))
@@ -88,48 +87,49 @@ def works(quick: bool) -> dict[str, Work]:
     return found | {f"three sparse processes, n = {size}": (sparse, (x, y))}
 
 
-def timed(work: Work, device: torch.device) -> tuple[Tensor, float]:
-    function, given = work
-    there = moved(given, device)
-    finished(device)
-    begin = time.perf_counter()
-    result = function(*there)
-    finished(device)
-    return result.cpu(), time.perf_counter() - begin
+def clock(work: Work, device: torch.device) -> tuple[Tensor, float]:
+    """Return the result and the seconds until the device has computed it; data are moved before."""
+    function, arguments = work
+    there = moved(arguments, device)
 
+    def compute() -> Tensor:
+        result = function(*there)
+        if device.type == "cuda":
+            torch.cuda.synchronize(device)
+        return result
 
-def finished(device: torch.device) -> None:
-    """Wait until the device has done what it was asked for."""
     if device.type == "cuda":
         torch.cuda.synchronize(device)
+    result, seconds = timed(compute)
+    return result.cpu(), seconds
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--device", choices=devices.NAMES, default="auto")
-    parser.add_argument("--threads", type=int, default=1, help="of the CPU")
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--quick", action="store_true", help="small sizes, one round: does it run?")
-    given = parser.parse_args()
-    torch.set_num_threads(given.threads)
-    cpu, other = torch.device("cpu"), devices.find(given.device)
+    options = parser(__doc__, rounds=5)
+    options.add_argument("--device", choices=devices.NAMES, default="auto")
+    options.add_argument("--threads", type=int, default=1, help="of the CPU")
+    options = options.parse_args()
+    torch.set_num_threads(options.threads)
+    cpu, other = torch.device("cpu"), devices.find(options.device)
     compared = [cpu] if other.type == "cpu" else [cpu, other]
-    print(f"torch {torch.__version__}, {given.threads} thread(s), {' and '.join(map(devices.described, compared))}")
+    print(f"torch {torch.__version__}, {options.threads} thread(s), {' and '.join(map(devices.described, compared))}")
     if len(compared) == 1:
         print("no GPU that PyTorch sees: the CPU alone")
-    with threadpool_limits(given.threads):
-        for name, work in works(given.quick).items():
-            times: dict[torch.device, list[float]] = {device: [] for device in compared}
-            results = {device: timed(work, device)[0] for device in compared}  # warm up
-            for _ in range(1 if given.quick else given.rounds):
-                for device in compared:
-                    times[device].append(timed(work, device)[1])
-            seconds = [statistics.median(times[device]) for device in compared]
-            line = f"{name:<48}{seconds[0]:10.4f} s"
+    header(
+        "work",
+        *(f"{device.type}, s" for device in compared),
+        *("ratio", "relative difference")[: 2 * len(compared) - 2],
+    )
+    with threadpool_limits(options.threads):
+        for name, work in works(options.quick).items():
+            results = {device: clock(work, device)[0] for device in compared}  # warm up
+            clocks = {device: lambda work=work, device=device: clock(work, device)[1] for device in compared}
+            times = medians(interleaved(clocks, 1 if options.quick else options.rounds))
+            cells = [f"{time:.4f}" for time in times.values()]
             if len(compared) > 1:
-                apart = (results[other] - results[cpu]).abs().max() / results[cpu].abs().max()
-                line += f"{seconds[1]:10.4f} s{seconds[0] / seconds[1]:8.2f} x   apart {apart:.1e}"
-            print(line, flush=True)
+                difference = (results[other] - results[cpu]).abs().max() / results[cpu].abs().max()
+                cells += [f"{times[cpu] / times[other]:.2f}", f"{difference:.1e}"]
+            row(name, *cells)
 
 
 if __name__ == "__main__":

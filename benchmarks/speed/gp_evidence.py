@@ -6,20 +6,21 @@ The limit is what any method must do that works on one process with the installe
 matrix (potrf) and invert it (potri), through SciPy, in place, in the faster triangle; the copy that
 restores the matrix is not counted.  Every method gets the same data, five inputs, the same
 hyperparameters and double precision, must give the same value, and is timed a process: "batch"
-evaluates 30 at once, the others one.  GPyTorch is told to use Cholesky at every size; by default it is
+evaluates 30 at once, the others one.  GPyTorch uses Cholesky at every size here; by default it is
 stochastic above 800 points.  A library that is not installed is left out.
 
-One thread for everything, interleaved rounds; ratios are to the limit, median over median.
-A "!" marks a bar that is missed.
+One thread; ratios are to the limit, median over median.  A "!" marks a missed requirement.
 """
 
-import argparse
 import statistics
 import sys
 import time
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import gpytorch
 import numpy as np
@@ -33,6 +34,7 @@ from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from contactlearn.models.gp.evidence import LogEvidence
+from speed.harness import header, interleaved, medians, parser, repeated, row
 
 SIZES = (50, 100, 200, 450, 1000)
 BATCH, INPUTS = 30, 5
@@ -186,54 +188,39 @@ def limit(problem: Problem) -> Callable[[], float]:
     return lambda: seconds(faster)
 
 
-def clock(evaluate: Evaluation) -> Callable[[], float]:
-    def seconds() -> float:
-        begin = time.perf_counter()
-        evaluate()
-        return time.perf_counter() - begin
-
-    return seconds
-
-
 def measure(n: int, rounds: int) -> dict[str, float]:
-    """Median seconds a process by method, the limit's first; methods that are not installed are left out."""
+    """Return the median seconds a process by method, the limit first, without methods that are not installed."""
     problem = Problem.random(n)
-    clocks, values = {"limit": limit(problem)}, {}
+    evaluations: dict[str, Evaluation] = {}
     for name, method in METHODS.items():
         try:
-            evaluate = method(problem)
+            evaluations[name] = method(problem)
         except ImportError as error:
             print(f"{name} is left out: {error}", file=sys.stderr)
-            continue
-        values[name], clocks[name] = evaluate(), clock(evaluate)
-    for name, value in values.items():
-        np.testing.assert_allclose(value, values["ours"], rtol=1e-6, err_msg=name)
-    times = {name: [] for name in clocks}
-    for _ in range(rounds):
-        for name, seconds in clocks.items():
-            processes = BATCH if "batch" in name else 1
-            repeats = max(1 if processes > 1 else 5, round(2e4 / n**1.5 / processes))
-            times[name].append(statistics.median(seconds() for _ in range(repeats)) / processes)
-    return {name: statistics.median(every) for name, every in times.items()}
+    for name, evaluate in evaluations.items():
+        np.testing.assert_allclose(evaluate(), evaluations["ours"](), rtol=1e-6, err_msg=name)
+    processes = {name: BATCH if "batch" in name else 1 for name in ("limit", *evaluations)}
+    count = {name: max(1 if many > 1 else 5, round(2e4 / n**1.5 / many)) for name, many in processes.items()}
+    bare = limit(problem)
+    clocks = {"limit": lambda: statistics.median(bare() for _ in range(count["limit"]))}
+    clocks |= {name: repeated(evaluate, count[name]) for name, evaluate in evaluations.items()}
+    return {name: value / processes[name] for name, value in medians(interleaved(clocks, rounds)).items()}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=9, help="interleaved rounds, each of all methods")
-    parser.add_argument("--quick", action="store_true", help="two small sizes, one round: does it run?")
-    arguments = parser.parse_args()
-    sizes, rounds = (SIZES[:2], 1) if arguments.quick else (SIZES, arguments.rounds)
+    options = parser(__doc__, rounds=9).parse_args()
+    sizes, rounds = (SIZES[:2], 1) if options.quick else (SIZES, options.rounds)
     torch.set_num_threads(1)
     with threadpool_limits(1), gpytorch.settings.max_cholesky_size(10**6):
         columns = {n: measure(n, rounds) for n in sizes}
-    print("× the limit" + " " * 17 + "".join(f"{f'n = {n}':>15}" for n in sizes))
-    print(f"{'limit, ms':28}" + "".join(f"{1e3 * columns[n]['limit']:15.3f}" for n in sizes))
+    header("× the limit", *(f"n = {n}" for n in sizes))
+    row("limit, ms", *(f"{1e3 * columns[n]['limit']:.3f}" for n in sizes))
     for name in [name for name in columns[sizes[0]] if name != "limit"]:
         cells = []
         for n in sizes:
             ratio, bar = columns[n][name] / columns[n]["limit"], BARS.get((name, n))
             cells.append(f"{ratio:.2f}" + (f" (≤ {bar})" + "!" * (ratio > bar) if bar else ""))
-        print(f"{name:28}" + "".join(f"{cell:>15}" for cell in cells))
+        row(name, *cells)
 
 
 if __name__ == "__main__":

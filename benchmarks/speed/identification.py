@@ -12,33 +12,29 @@ there than any array, and give no interval:
     L-BFGS-B, eight starts       gradient as above
     differential evolution       a global search, on a few random trials and scaled up
 
-The bar of 100 times is for the last two, which at least look for the global optimum: the error has kinks,
+The required ratio of 100 is for the last two, which search for the global optimum: the error has kinks,
 jumps and plateaus, and one start misses its minimum on a quarter to a half of the trials.  "worse": on how many
-trials a rival ends above our error, and ours above its, by more than 1e-9 N s; ours never may.
+trials a rival ends above our error, and ours above the rival's, by more than 1e-9 N s; ours never may.
 
-The published drops with x mirrored (docs/log.md says why) or as published, else synthetic ones.  One thread,
+The published drops with x mirrored (docs/log.md has the reason) or as published, else synthetic ones.  One thread,
 BLAS included: the pool of SciPy's own linear algebra makes L-BFGS-B up to 50 times slower on a busy machine.
-Interleaved rounds, medians.
 """
 
-import argparse
 import math
 import os
-import statistics
 import sys
-import time
+from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")  # before NumPy and torch are loaded
 
 import numpy as np
 import torch
 from scipy.optimize import differential_evolution, minimize
 
-from contactlearn.core.errors import DataError
-from contactlearn.data import ellipse_drops
 from contactlearn.inference.identification.per_trial import identify_trials
 from contactlearn.laws import find
-from contactlearn.simulation import synthetic
+from speed.harness import drops, header, interleaved, medians, parser, repeated, row, timed
 
 BAR = 100
 BOX = ((0.0, 1.0), (0.0, 1.0))
@@ -139,75 +135,55 @@ def lbfgsb(law, row, starts):
     return min(minimize(error, x, method="L-BFGS-B", jac=True, bounds=BOX, options=TIGHT).fun for x in starts)
 
 
-def load(published: bool):
-    try:
-        drops = ellipse_drops.load()
-    except DataError as error:
-        print(f"synthetic drops, since the published ones cannot be had: {error}\n")
-        return synthetic.load(size=1718)
-    if published:
-        return drops
-    mirror = torch.tensor((-1.0, 1.0, 1.0), dtype=torch.float64)
-    return drops.replace(q=drops.q * mirror, v_pre=drops.v_pre * mirror, v_post=drops.v_post * mirror)
-
-
-def loop(rival, law, rows):
-    """Errors of a rival on the rows, N s, and its time in s."""
-    begin = time.perf_counter()
-    found = [rival(law, row) for row in rows]
-    seconds = time.perf_counter() - begin
-    return 1e-3 * torch.tensor(found, dtype=torch.float64).clamp_min(0).sqrt(), seconds
+def loop(rival, law, contacts):
+    """Return the errors of a rival on the contacts, N s."""
+    return 1e-3 * torch.tensor([rival(law, one) for one in contacts], dtype=torch.float64).clamp_min(0).sqrt()
 
 
 def compare(name: str, impacts, rounds: int) -> bool:
-    """Print one law's table; whether ours is worse on no trial."""
+    """Print one law's rows; return whether ours is worse on no trial."""
     law, total = LAWS[name], len(impacts)
     W, v_c, P = impacts.W, impacts.v_c, impacts.wrench[:, :2]
-    rows = torch.cat((W[:, 0], W[:, 1, 1:], v_c, P), -1).tolist()
-    scalar = torch.tensor([law(*row[:5], 0.15, 0.55) for row in rows], dtype=torch.float64)
+    contacts = torch.cat((W[:, 0], W[:, 1, 1:], v_c, P), -1).tolist()
+    scalar = torch.tensor([law(*one[:5], 0.15, 0.55) for one in contacts], dtype=torch.float64)
     torch.testing.assert_close(scalar, find(name).at(0.15, 0.55).impulse(W, v_c), rtol=1e-12, atol=1e-12)
     order = torch.randperm(total, generator=torch.Generator().manual_seed(0))
     subsets = {rival: order[: FEW.get(rival, total)].tolist() for rival in RIVALS}
-    times, ours, errors = {rival: [] for rival in RIVALS}, [], {}
-    identify_trials(find(name), impacts)  # warm up
-    for _ in range(rounds):
-        for rival, function in RIVALS.items():
-            for _ in range(3):
-                begin = time.perf_counter()
-                fit = identify_trials(find(name), impacts)
-                ours.append(time.perf_counter() - begin)
-            errors[rival], seconds = loop(function, law, [rows[i] for i in subsets[rival]])
-            times[rival].append(seconds * total / len(subsets[rival]))
-    mine = statistics.median(ours)
-    print(f"\n{name:28s}{1e3 * mine:9.0f} ms{'':10s}mean error {1e3 * fit.error.mean():.3f} mN s")
+    errors, fit = {}, identify_trials(find(name), impacts)
+
+    def clock(rival):
+        errors[rival], seconds = timed(loop, RIVALS[rival], law, [contacts[i] for i in subsets[rival]])
+        return seconds * total / len(subsets[rival])
+
+    clocks = {}
+    for rival in RIVALS:
+        clocks["ours", rival] = repeated(lambda: identify_trials(find(name), impacts), 3)
+        clocks[rival] = lambda rival=rival: clock(rival)
+    times = interleaved(clocks, rounds)
+    ours = medians({"ours": [value for rival in RIVALS for value in times["ours", rival]]})["ours"]
+    row(name, "ours", f"{1e3 * ours:.0f}", "1", f"{1e3 * fit.error.mean():.3f}", "", "")
     right = True
     for rival, error in errors.items():
-        best, seconds = fit.error[subsets[rival]], statistics.median(times[rival])
+        best, ratio = fit.error[subsets[rival]], medians(times)[rival] / ours
         worse, better = (error > best + 1e-9).sum().item(), (best > error + 1e-9).sum().item()
         right &= better == 0
-        bar = f" (bar {BAR})" if rival in GLOBAL else ""
-        scaled = ", time scaled up" if len(error) < total else ""
-        print(
-            f"  {rival:26s}{1e3 * seconds:9.0f} ms {seconds / mine:6.0f} x  mean error {1e3 * error.mean():.3f} mN s, "
-            f"worse on {worse} of {len(error)} trials, ours on {better}{bar}{scaled}"
-        )
+        bar = f" (required {BAR})" if rival in GLOBAL else ""
+        count = f"{worse} of {len(error)}" + (", time scaled up" if len(error) < total else "")
+        row(name, rival, f"{1e3 * ratio * ours:.0f}", f"{ratio:.0f}{bar}", f"{1e3 * error.mean():.3f}", count, better)
     return right
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--published", action="store_true", help="the drops as published, x not mirrored")
-    parser.add_argument("--rounds", type=int, default=3, help="interleaved rounds")
-    parser.add_argument("--quick", action="store_true", help="60 trials, one round: does it run?")
-    arguments = parser.parse_args()
+    options = parser(__doc__, rounds=3)
+    options.add_argument("--published", action="store_true", help="the drops as published, x not mirrored")
+    options = options.parse_args()
     torch.set_num_threads(1)
-    impacts = load(arguments.published)
-    rounds = 1 if arguments.quick else arguments.rounds
-    if arguments.quick:
-        impacts = impacts[:60]
+    impacts, rounds = drops("published" if options.published else "mirrored"), options.rounds
+    if options.quick:
+        impacts, rounds = impacts[:60], 1
     print(f"{impacts}; median of {rounds} rounds, one thread")
-    right = [compare(name, impacts, rounds) for name in LAWS]
-    return 0 if all(right) else 1
+    header("law", "method", "ms", "ratio", "mean error, mN s", "rival worse on", "ours worse on")
+    return 0 if all([compare(name, impacts, rounds) for name in LAWS]) else 1
 
 
 if __name__ == "__main__":

@@ -3,16 +3,16 @@
 Rivals: SciPy's SLSQP with gradients, and Clarabel called directly with a cone programme that keeps one
 sparsity pattern.  Both get the problem in the coordinates that suit them best, in which the energy
 ellipse is the unit disc, prepared for all trials at once, and start from its centre.  Every method is
-timed from the impacts to v_post.  Rounds are interleaved, each method is warmed up first, and medians
-are reported.  It runs on the published drops where they can be had, otherwise on as many synthetic ones.
+timed from the impacts to v_post, on the published drops where they can be loaded.
 
 On a busy machine use --threads 1: nothing here is large enough to share, and threads that wait for
 each other only add to the time.
 """
 
-import argparse
-from statistics import median
-from time import perf_counter
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import clarabel
 import numpy as np
@@ -20,62 +20,48 @@ import torch
 from scipy.optimize import minimize
 from scipy.sparse import csc_matrix
 
-from contactlearn.core.errors import DataError
-from contactlearn.data import ellipse_drops
 from contactlearn.inference.evaluation.bounds import NORMS, distance, irb
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from contactlearn.simulation import synthetic
+from speed.harness import drops, header, interleaved, medians, parser, repeated, row, seconds
 
 BARS = {"irb": 1, "Clarabel, a trial": 60, "SLSQP, a trial": 250}
-"""Least ratios to be reached."""
+"""Required ratios, at least."""
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=5, help="interleaved rounds, each of all methods")
-    parser.add_argument("--threads", type=int, default=2, help="torch threads")
-    arguments = parser.parse_args()
-    torch.set_num_threads(arguments.threads)
-    try:
-        impacts = ellipse_drops.load()
-    except DataError as error:
-        print(f"synthetic drops, because {error}")
-        impacts = synthetic.load(size=1718)
+    options = parser(__doc__, rounds=5)
+    options.add_argument("--threads", type=int, default=2, help="torch threads")
+    options = options.parse_args()
+    torch.set_num_threads(options.threads)
+    impacts = drops()
+    if options.quick:
+        impacts = impacts[:60]
     print(impacts)
+    header("norm", "method", "ms", "ratio", "required", "distance / irb − 1, lowest and highest")
     for norm in NORMS:
-        compare(impacts, norm, arguments.rounds)
+        compare(impacts, norm, 1 if options.quick else options.rounds)
     widths = torch.linspace(0, 0.02, 51, dtype=torch.float64)[:, None]
     irb(impacts, "mass", widths)
-    print(f"\ncurve of the bound over {len(widths)} widths: {timed(irb, impacts, 'mass', widths)[0]:.0f} ms")
+    print(f"\ncurve of the bound over {len(widths)} widths: {1e3 * seconds(irb, impacts, 'mass', widths):.0f} ms")
 
 
 def compare(impacts: Impacts, norm: str, rounds: int) -> None:
-    """Print one table: milliseconds for all trials, ratio to irb, agreement in the distance."""
+    """Print milliseconds for all trials, ratio to irb and agreement in the distance for each method."""
     methods = {
         "irb": lambda: irb(impacts, norm).v_post,
         "Clarabel, a trial": lambda: Problem(impacts, norm).clarabel(),
         "SLSQP, a trial": lambda: Problem(impacts, norm).slsqp(),
     }
     gaps = {name: distance(impacts, method(), norm) for name, method in methods.items()}
-    times = {name: [] for name in methods}
-    for _ in range(rounds):
-        for name, method in methods.items():
-            repeats = 20 if name == "irb" else 1
-            times[name].append(median(timed(method)[0] for _ in range(repeats)))
-    fastest = median(times["irb"])
-    print(f"\n{norm:<20} {'ms':>9} {'ratio':>8} {'bar':>6}   distance / irb − 1, worst below and above")
-    for name in methods:
-        ratio, off = median(times[name]) / fastest, gaps[name] / gaps["irb"] - 1
-        print(
-            f"{name:<20} {median(times[name]):9.2f} {ratio:7.0f}× {BARS[name]:5d}×   {off.min():+.1e} {off.max():+.1e}"
-        )
-
-
-def timed(method, *arguments) -> tuple[float, object]:
-    start = perf_counter()
-    result = method(*arguments)
-    return 1e3 * (perf_counter() - start), result
+    clocks = {name: repeated(method, 20 if name == "irb" else 1) for name, method in methods.items()}
+    times = medians(interleaved(clocks, rounds))
+    for name, time in times.items():
+        off = gaps[name] / gaps["irb"] - 1
+        row(
+            norm, name, f"{1e3 * time:.2f}", f"{time / times['irb']:.0f}", BARS[name],
+            f"{off.min():+.1e}, {off.max():+.1e}",
+        )  # fmt: skip
 
 
 class Problem:

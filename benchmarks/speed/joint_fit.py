@@ -1,15 +1,17 @@
 """A law with five effects fitted to 1718 drops: time and accuracy against SciPy's robust least squares.
 
-    python benchmarks/speed/joint_fit.py
+    python benchmarks/speed/joint_fit.py [--rounds 3] [--quick]
 
-Rivals minimise over the same predictions, from as many starts as ours follows to the end (four), on
+Rivals minimise over the same predictions, from as many starts as ours runs to convergence (four), on
 residuals that are whitened by the true noise: `scipy.optimize.least_squares` with loss soft_l1, once with
 its own finite differences and once with the exact derivatives of this package.  4 % of the trials are
-gross outliers.  A learning curve asks for many subsets, which SciPy takes one by one.
+gross outliers.  A learning curve needs many subsets, which SciPy fits one by one.
 """
 
-import statistics
-import time
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 import torch
@@ -21,8 +23,8 @@ from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import find
 from contactlearn.models.contact_model import derivative, resolve
 from contactlearn.simulation import synthetic
+from speed.harness import header, interleaved, medians, parser, row, timed
 
-torch.set_num_threads(1)
 PLANTED = {
     "surface_tilt": (0.02,),
     "velocity_dependent_restitution": (0.1,),
@@ -83,36 +85,33 @@ def rival(drops, effects, exact: bool):
 
 
 def main():
+    options = parser(__doc__, rounds=3).parse_args()
+    torch.set_num_threads(1)
     drops, effects, theta = measured()
-    subsets = torch.stack([torch.randperm(1718, generator=torch.Generator().manual_seed(k))[:100] for k in range(20)])
-    tasks = {
-        "all 1718 trials": {
-            "ours": lambda: identify_jointly(find("wang_mason"), effects, drops).values[None],
-            "SciPy, exact derivatives": lambda: rival(drops, effects, True)[None],
-            "SciPy, finite differences": lambda: rival(drops, effects, False)[None],
-        },
-        "20 subsets of 100 trials": {
-            "ours": lambda: identify_jointly(find("wang_mason"), effects, drops, subsets).values,
-            "SciPy, exact derivatives": lambda: torch.stack([rival(drops[s], effects, True) for s in subsets]),
-            "SciPy, finite differences": lambda: torch.stack([rival(drops[s], effects, False) for s in subsets]),
-        },
-    }
-    errors = {
-        task: identify_jointly(find("wang_mason"), effects, drops, rows).standard_errors
-        for task, rows in zip(tasks, (None, subsets), strict=True)
-    }
-    print("| task | way | seconds, median of 3 | ratio | rms error, in our standard errors |\n|---|---|---|---|---|")
-    for task, ways in tasks.items():
-        times, off = {name: [] for name in ways}, {}
-        for _ in range(3):
-            for name, way in ways.items():
-                began = time.perf_counter()
-                values = way()
-                times[name].append(time.perf_counter() - began)
-                off[name] = ((values - theta) / errors[task]).square().mean().sqrt().item()
-        middle = {name: statistics.median(values) for name, values in times.items()}
-        for name in ways:
-            print(f"| {task} | {name} | {middle[name]:.2f} | {middle[name] / middle['ours']:.1f} | {off[name]:.2f} |")
+    drops, count = (drops[:200], 2) if options.quick else (drops, 20)
+    orders = [torch.randperm(len(drops), generator=torch.Generator().manual_seed(k))[:100] for k in range(count)]
+    subsets = torch.stack(orders)
+    tasks = {f"all {len(drops)} trials": None, f"{count} subsets of 100 trials": subsets}
+    header("task", "method", "seconds", "ratio", "rms error, in our standard errors")
+    for task, rows in tasks.items():
+        parts = [drops] if rows is None else [drops[one] for one in rows]
+        fit = identify_jointly(find("wang_mason"), effects, drops, rows)
+        methods = {
+            "ours": lambda rows=rows: identify_jointly(find("wang_mason"), effects, drops, rows).values,
+            "SciPy, exact derivatives": lambda parts=parts: torch.stack([rival(one, effects, True) for one in parts]),
+            "SciPy, finite differences": lambda parts=parts: torch.stack([rival(one, effects, False) for one in parts]),
+        }
+        off = {}
+
+        def clock(name, methods=methods, off=off, errors=fit.standard_errors):
+            values, seconds = timed(methods[name])
+            off[name] = ((values - theta) / errors).square().mean().sqrt().item()
+            return seconds
+
+        rounds = 1 if options.quick else options.rounds
+        times = medians(interleaved({name: lambda name=name: clock(name) for name in methods}, rounds))
+        for name, time in times.items():
+            row(task, name, f"{time:.2f}", f"{time / times['ours']:.1f}", f"{off[name]:.2f}")
 
 
 if __name__ == "__main__":

@@ -1,16 +1,22 @@
-"""Tables of any length: cost and memory of an evaluation against the number of impacts, and sparse processes on many.
+"""Cost and memory of commands on large tables and files.
 
-    python benchmarks/speed/large_tables.py [--what evaluation command sparse] [--sizes 1e3 1e4 1e5] [--folder DIR]
+    python benchmarks/speed/large_tables.py [--what evaluation command sparse diagnosis recordings]
+        [--sizes 1e3 1e4 1e5 1e6 1e7] [--folder DIR] [--gigabytes 1]
 
-`evaluation` reads a Parquet table in blocks, predicts every impact by six laws and two bounds, adds up errors and
-writes all predictions.  `command` is `evaluate.py` on the same table, `sparse` is `train.py` with 1e6 training impacts
-(or the largest size, if that is less).  Each is a process of its own; times are of the processor (user and system), so
-that other work on the machine changes them little.  Numbers that were asked for stand beside them.
+evaluation  reads a Parquet table in blocks, predicts every impact by six laws and two bounds, adds up errors and
+            writes all predictions, for each size
+command     `evaluate.py` on the largest table
+sparse      `train.py` with 1e6 training impacts, or half the largest size if that is less
+diagnosis   `diagnose.py` on mystery drops of every size from 1e3 to 1e6, and whether it names the hidden effects
+recordings  `contactlearn impacts` on one long CSV file of simulated recordings
+
+Each is a process of its own.  Seconds of processor time hold on a busy machine too; those of the clock do not.
 """
 
 import argparse
 import json
 import math
+import os
 import resource
 import subprocess
 import sys
@@ -20,10 +26,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+SEED = 7
 
 
-def made(folder: Path, size: int) -> Path:
-    """A table of so many drops; written in blocks, and kept for the next call."""
+def write_drops(folder: Path, size: int) -> Path:
+    """Write a table of so many drops in blocks, once for all calls."""
     from contactlearn.data import table
     from contactlearn.simulation import synthetic
 
@@ -33,18 +40,17 @@ def made(folder: Path, size: int) -> Path:
 
 def evaluate_all(path: Path) -> None:
     """Print trials, seconds of the processor and peak memory in MB of an evaluation of all impacts of a table."""
-    few = made(path.parent, 300)
-    evaluated(few)  # imports and first calls
+    evaluate(write_drops(path.parent, 300))  # imports and first calls
     trials, before, start, repeats = 0, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time(), 0
     while time.process_time() - start < 2:  # a small table several times
-        trials = evaluated(path)
+        trials = evaluate(path)
         repeats += 1
     seconds, peak = (time.process_time() - start) / repeats, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     print(json.dumps([trials, seconds, peak / 1e3, before / 1e3]))
 
 
-def evaluated(path: Path) -> int:
-    """Evaluate all impacts of a table, and return how many they are."""
+def evaluate(path: Path) -> int:
+    """Evaluate all impacts of a table, and return their number."""
     from contactlearn import laws
     from contactlearn.data.table import table_blocks
     from contactlearn.inference.evaluation import bounds
@@ -71,10 +77,10 @@ def evaluated(path: Path) -> int:
 
 
 def evaluation(folder: Path, sizes: list[int]) -> None:
-    """Cost of each size, and the slope of its logarithm over the whole range and between neighbours."""
+    """Print the cost of each size, and the slope of its logarithm between neighbours and over the whole range."""
     rows = []
     for size in sizes:
-        words = [sys.executable, __file__, "--one", str(made(folder, size))]
+        words = [sys.executable, __file__, "--one", str(write_drops(folder, size))]
         done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
         trials, seconds, peak, before = json.loads(done.stdout.splitlines()[-1])
         slope = f"{math.log(seconds / rows[-1][1]) / math.log(trials / rows[-1][0]):5.2f}" if rows else "     "
@@ -86,47 +92,111 @@ def evaluation(folder: Path, sizes: list[int]) -> None:
         )
     if len(rows) > 1:
         (few, first), (many, last) = rows[0], rows[-1]
+        slope, decades = math.log(last / first) / math.log(many / few), math.log10(many / few)
+        print(f"slope {slope:.3f} over {decades:.1f} decades (required: 0.9 to 1.1)")
+
+
+def run(name: str, *words: str) -> str:
+    """Run a command; return its seconds and its peak memory in words."""
+    start = time.monotonic()
+    call = [
+        sys.executable,
+        *([f"{name}.py"] if name in ("evaluate", "train", "diagnose") else ["-m", "contactlearn", name]),
+    ]
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    process = subprocess.Popen([*call, *words], cwd=ROOT, stdout=subprocess.DEVNULL, env=environment)
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    assert process.returncode == 0, words
+    busy, wall = used.ru_utime + used.ru_stime, time.monotonic() - start
+    return f"{busy:.0f} s of the processor, {wall:.0f} s by the clock, peak {used.ru_maxrss * 1024 / 1e9:.2f} GB"
+
+
+def command(folder: Path, sizes: list[int]) -> None:
+    """Evaluate the laws on the largest table; required: 600 s and 2 GB."""
+    path = write_drops(folder, sizes[-1])
+    words = "data=table", f"data.path={path}", "model=[]", f"hydra.run.dir={tempfile.mkdtemp(dir=folder)}/run"
+    print(f"evaluate.py on {path.name}: {run('evaluate', *words)}", flush=True)
+
+
+def sparse(folder: Path, sizes: list[int]) -> None:
+    """Train sparse processes; required: 600 s."""
+    size, path = min(10**6, sizes[-1] // 2), write_drops(folder, min(sizes[-1], 2 * 10**6))
+    words = "model=residual_wrench", f"train.size={size}", "threads=2", "test=0.05"
+    out = tempfile.mkdtemp(dir=folder)
+    spent = run("train", "data=table", f"data.path={path}", *words, f"hydra.run.dir={out}/run")
+    print(f"train.py with {size} of {path.name}: {spent}", flush=True)
+
+
+def diagnosis(folder: Path, sizes: list[int]) -> None:
+    """Diagnose mystery drops; required of 100 000 trials: 120 s and 2 GB."""
+    from contactlearn.data import table
+    from contactlearn.simulation import hidden_effects
+
+    for size in [size for size in sizes if size <= 10**6]:
+        path, out = folder / f"mystery_{size}.parquet", Path(tempfile.mkdtemp(dir=folder), "run")
+        impacts, truth = hidden_effects.draw(SEED, size=size)
+        table.save(impacts, path)
+        a, b = impacts.shape.semi_axes
+        del impacts
+        shape = f"data.shape={{kind:ellipse,semi_axes:[{a},{b}]}}"
+        spent = run("diagnose", "data=table", f"data.path={path}", shape, f"hydra.run.dir={out}")
+        found = json.loads((out / "diagnosis.json").read_text())["diagnosis"]
+        sample = found["sample"]
+        trials = size if sample is None else sample["answers"][-1]["trials"]
+        error = found["budget"]["named"] if sample is None else sample["confirmation"]["named"]
+        names = ", ".join(one["effect"]["name"] for one in found["missing"]) or "nothing"
         print(
-            f"slope {math.log(last / first) / math.log(many / few):.3f} over {math.log10(many / few):.1f} decades "
-            "(0.9–1.1)"
+            f"diagnose.py on {size} trials, {trials} used: {spent}, page "
+            f"{(out / 'report.html').stat().st_size / 1e6:.1f} MB\n"
+            f"    {found['law']}: {names} ({found['verdict']}), error {error['mean']:.4f}; "
+            f"hidden: {', '.join(one['name'] for one in truth['effects'])}",
+            flush=True,
         )
 
 
-def as_command(name: str, folder: Path, path: Path, *words: str) -> None:
-    """Cost of a command on a table; asked for: ≤ 600 s and ≤ 2000 MB."""
-    out = tempfile.mkdtemp(dir=folder)
-    call = [sys.executable, f"{name}.py", "data=table", f"data.path={path}", *words, f"hydra.run.dir={out}/run"]
-    code = "import resource, subprocess, sys; subprocess.run(sys.argv[1:], check=True, stdout=2); "
-    code += "used = resource.getrusage(resource.RUSAGE_CHILDREN); print(used.ru_utime + used.ru_stime, used.ru_maxrss)"
-    start = time.monotonic()
-    done = subprocess.run([sys.executable, "-c", code, *call], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
-    seconds, peak = map(float, done.stdout.split())
-    wall = time.monotonic() - start
-    print(f"{name}.py on {path.name}: {seconds:.0f} s of the processor, {wall:.0f} s in all, peak {peak / 1e3:.0f} MB")
+def recordings(folder: Path, gigabytes: float) -> None:
+    """Find the impacts in one long CSV file: two hundred recordings of 500 frames, repeated under new names."""
+    import pandas as pd
+
+    from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate
+
+    mark, texts, path, count = "@" * 8, [], folder / "long.csv", 0
+    for one in simulate(200, seed=5)[0]:
+        x, y = one.position.T
+        frames = pd.DataFrame({"recording": mark, "time": one.time, "x": x, "y": y, "theta": one.angle})
+        texts.append(frames.to_csv(index=False, header=False, float_format="%.6f"))
+    with path.open("w", encoding="ascii") as file:
+        size = file.write("recording,time,x,y,theta\n")
+        while size < 1e9 * gigabytes:
+            size += file.write(texts[count % len(texts)].replace(mark, f"r{count:07d}"))
+            count += 1
+    shape = f"shape={{kind: ellipse, semi_axes: [{SEMI_AXES[0]}, {SEMI_AXES[1]}]}}"
+    words = str(path), "-o", str(folder / "impacts.parquet"), f"mass={MASS}", "unit=m", "workers=2", shape
+    print(f"impacts of {count} recordings, {size / 1e9:.2f} GB: {run('impacts', *words)}", flush=True)
 
 
 def main() -> None:
-    """Run what is asked for."""
+    """Run the chosen measurements."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--what", nargs="+", default=["evaluation", "command", "sparse"])
+    by_size = {"evaluation": evaluation, "command": command, "sparse": sparse, "diagnosis": diagnosis}
+    every = [*by_size, "recordings"]
+    parser.add_argument("--what", nargs="+", default=every, choices=every)
     parser.add_argument("--sizes", nargs="+", type=lambda x: int(float(x)), default=[10**k for k in range(3, 8)])
-    parser.add_argument("--folder", type=Path, help="for tables and results; they stay there")
+    parser.add_argument("--folder", type=Path, help="for tables and results; they are not deleted")
+    parser.add_argument("--gigabytes", type=float, default=1.0, help="of the file of recordings")
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
-    args = parser.parse_args()
-    if args.one is not None:
-        evaluate_all(args.one)
+    options = parser.parse_args()
+    if options.one is not None:
+        evaluate_all(options.one)
         return
-    folder = args.folder or Path(tempfile.mkdtemp())
+    folder = options.folder or Path(tempfile.mkdtemp())
     folder.mkdir(parents=True, exist_ok=True)
-    largest = max(args.sizes)
-    if "evaluation" in args.what:
-        evaluation(folder, sorted(args.sizes))
-    if "command" in args.what:
-        as_command("evaluate", folder, made(folder, largest), "model=[]")
-    if "sparse" in args.what:
-        size = min(10**6, largest // 2)
-        words = "model=residual_wrench", f"train.size={size}", "threads=2", "test=0.05"
-        as_command("train", folder, made(folder, min(largest, 2 * 10**6)), *words)
+    for what in options.what:
+        if what == "recordings":
+            recordings(folder, options.gigabytes)
+        else:
+            by_size[what](folder, sorted(options.sizes))
 
 
 if __name__ == "__main__":

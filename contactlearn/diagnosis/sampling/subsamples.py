@@ -33,7 +33,7 @@ from contactlearn.diagnosis.stages import diagnose_audited
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.mechanics.impacts import Impacts
 
-_BYTES, _BYTES_A_TRIAL = 0.3e9, 1.7e5  # of a diagnosis, measured: benchmarks/speed/large_diagnoses.py
+_BYTES, _BYTES_A_TRIAL = 0.3e9, 1.7e5  # of a diagnosis, measured: benchmarks/speed/large_tables.py
 _SECONDS, _SECONDS_A_TRIAL = 13.0, 3e-3  # likewise, of one core; of later ones the first says how fast it is
 _FIRST, _LARGEST = 0.4, 1.6  # trials of the first and of the largest subsample, of those that are diagnosed at once
 _LEAST = 250  # trials of a subsample, whatever the memory
