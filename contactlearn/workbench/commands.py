@@ -5,23 +5,23 @@ Parameters that are set by hand, the selected trial and the windows of the map a
 """
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from omegaconf import OmegaConf
 
 from contactlearn.cli.hydra_main import compose
-from contactlearn.cli.settings import plain_values
+from contactlearn.cli.settings import EvaluateSettings, plain_values
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import is_number
-from contactlearn.effects import Effect, EffectId, find_effect, from_settings
+from contactlearn.effects import EffectId, find_effect
 from contactlearn.workbench.lines import line_name, overrides, parse
 from contactlearn.workbench.models import STARTS
 from contactlearn.workbench.session import Option, Session
 
 
 def session_of(words: Sequence[str]) -> Session:
-    """Return the session that the words of a command line ask for: data, law, and effects with their forms.
+    """Return the session with data, law, effects and seed of a command line.
 
     Raises:
         ContactLearnError: a word that the workbench does not take, or a choice that does not exist.
@@ -32,50 +32,25 @@ def session_of(words: Sequence[str]) -> Session:
             raise ContactLearnError(
                 f"the workbench takes data=…, law=…, effect=…, effect.NAME.form=… and seed=…; got {word}"
             )
-    cfg = compose("evaluate", list(words))
+    settings = EvaluateSettings.from_config(compose("evaluate", list(words)))
     effects: list[EffectId] = []
     options: list[Option] = []
-    for name, entry in cfg.effect.items():
-        form = entry.get("form")
-        kind = find_effect(str(name), None if form is None else str(form))
+    for name, effect in settings.effects.items():
+        kind = find_effect(name, effect.form)
         effects.append(kind.id)
-        options += _options(kind, plain_values(entry))
-    data = tuple(word for word in words if word.startswith("data"))
-    kind = cfg.law if isinstance(cfg.law, str) else plain_values(cfg.law)["_target_"]
+        for key, value in effect.options.items():
+            if value != kind().options[key]:
+                numbers = value if isinstance(value, tuple) else (value,)
+                if not all(map(is_number, numbers)):
+                    raise ContactLearnError(f"the workbench takes numbers as options of effects; got {key}={value}")
+                options.append(Option(effect=name, name=key, value=tuple(map(float, numbers))))
     return Session(
-        data=data or Session().data,
-        law=_law_name(kind, words),
+        data=tuple(word for word in words if word.startswith("data")) or Session().data,
+        law=settings.law.name,
         effects=tuple(effects),
         options=tuple(sorted(options, key=lambda one: (one.effect, one.name))),
-        seed=cfg.seed,
+        seed=settings.split.seed,
     )
-
-
-def _options(kind: type[Effect], settings: Mapping[str, Any]) -> list[Option]:
-    """The options of an effect that are not its own defaults.
-
-    Raises:
-        ContactLearnError: one that is neither a number nor two.
-    """
-    found: list[Option] = []
-    for key, value in from_settings(
-        kind, {k: x for k, x in settings.items() if k not in ("_target_", "form")}
-    ).options.items():
-        if value == kind().options[key]:
-            continue
-        numbers = value if isinstance(value, tuple) else (value,)
-        if not all(map(is_number, numbers)):
-            raise ContactLearnError(f"the workbench takes numbers as options of effects; got {key}={value}")
-        found.append(Option(effect=kind.name, name=key, value=tuple(map(float, numbers))))
-    return found
-
-
-def _law_name(kind: str, words: Sequence[str]) -> str:
-    """Name of the law that was asked for, or that of the configuration."""
-    given = [word.partition("=")[2] for word in words if word.startswith("law=")]
-    if given[-1:] == ["best"]:
-        raise ContactLearnError("law=best is a choice of diagnose.py alone; name a law, such as law=wang_mason")
-    return given[-1] if given else kind.split(".")[-2] if "." in kind else kind
 
 
 def words_of(session: Session) -> list[str]:

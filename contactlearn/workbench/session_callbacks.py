@@ -185,13 +185,17 @@ class SessionCallbacks:
         )(self.show)  # fmt: skip
         app.callback(
             Output("data-sent", "data"), Output("model-sent", "data"), Output("settled", "data"),
-            Input("fitted", "data"), State("data-drawn", "children"), tab,
+            Input("fitted", "data"), State("data-drawn", "children"), tab, prevent_initial_call=True,
         )(self.draw)  # fmt: skip
-        app.callback(Output("trial-sent", "data"), Output("windows-sent", "data"), settled)(self.trial)
-        app.callback(Output(_LAW, "options"), Output("bounds", "children"), settled)(self.compare)
-        app.callback(Output(_TICKS, "options"), settled, tab)(self.missing)
-        app.callback(Output("ladder", "children"), settled, tab)(self.ladder)
-        app.callback(Output("regions", "children"), settled, tab)(self.regions)
+        followers = [
+            ([Output("trial-sent", "data"), Output("windows-sent", "data")], [settled], self.trial),
+            ([Output(_LAW, "options"), Output("bounds", "children")], [settled], self.compare),
+            (Output(_TICKS, "options"), [settled, tab], self.missing),
+            (Output("ladder", "children"), [settled, tab], self.ladder),
+            (Output("regions", "children"), [settled, tab], self.regions),
+        ]
+        for outputs, inputs, function in followers:
+            app.callback(outputs, inputs, prevent_initial_call=True)(function)
         app.callback(
             Output("findings", "children"), Output("mistakes", "children"),
             Input("data-drawn", "children"), State("address", "search"),
@@ -270,10 +274,8 @@ class SessionCallbacks:
             "",
         )
 
-    def draw(self, address: str | None, shown: str | None, tab: str) -> tuple[Any, Any, Any]:
+    def draw(self, address: str, shown: str | None, tab: str) -> tuple[Any, Any, Any]:
         """Send the numbers of the model to the figures, with the trials if other ones are shown."""
-        if address is None:
-            return no_update, no_update, no_update
         session, trials = Session.read(address), no_update
         self._latest.get(tab, dict)["address"] = address
         data, manual, alone = self.models.split(session), self.models.manual(session), self.models.law_alone(session)
@@ -284,10 +286,8 @@ class SessionCallbacks:
         sent = arrays.of_model(data.impacts, alone.v_post, manual.v_post, manual.model)
         return trials, sent | {"names": names, "count": len(data.impacts), "mean": manual.error.mean}, address
 
-    def trial(self, address: str | None) -> tuple[Any, Any]:
+    def trial(self, address: str) -> tuple[Any, Any]:
         """Send the selected trial, and the trials in the windows of the map."""
-        if address is None:
-            return no_update, no_update
         session = Session.read(address)
         impacts, laws = self.models.split(session).impacts, dict.fromkeys((*SEARCHED_LAWS, session.law))
         known = {name: self.models.law_alone(session, name).model.law for name in laws}
@@ -297,17 +297,15 @@ class SessionCallbacks:
         trial = arrays.of_trial(impacts, self.actions.trial(session), known) | {"law": session.law}
         return trial, {"windows": windows, "rows": rows}
 
-    def compare(self, address: str | None) -> tuple[Any, Any]:
+    def compare(self, address: str) -> tuple[Any, Any]:
         """Show laws, bounds and the model side by side."""
-        if address is None:
-            return no_update, no_update
         session = Session.read(address)
         errors, fitted = self.models.comparison(session), self.models.fitted(session)
         largest = content.largest_error(errors, fitted)
         error = self.models.manual(session).error
         return content.law_options(errors, largest), content.bounds(errors, session, error, largest)
 
-    def missing(self, address: str | None, tab: str) -> Any:
+    def missing(self, address: str, tab: str) -> Any:
         """Show the predicted gain of each effect."""
 
         def options(session: Session) -> list[dict[str, Any]]:
@@ -318,21 +316,19 @@ class SessionCallbacks:
 
         return self._delayed(address, tab, options)
 
-    def ladder(self, address: str | None, tab: str) -> Any:
+    def ladder(self, address: str, tab: str) -> Any:
         """Show the ladder so far, above the noise floor."""
         models = self.models
         return self._delayed(
             address, tab, lambda one: content.ladder_bars(one, models.ladder(one), models.noise_floor(one))
         )
 
-    def regions(self, address: str | None, tab: str) -> Any:
+    def regions(self, address: str, tab: str) -> Any:
         """Show the regions in which the model fails."""
         return self._delayed(address, tab, lambda one: content.region_buttons(self.models.regions(one)))
 
-    def _delayed(self, address: str | None, tab: str, make: Callable[[Session], Any]) -> Any:
+    def _delayed(self, address: str, tab: str, make: Callable[[Session], Any]) -> Any:
         """Make slow content, one at a time, and only while the tab still shows that model."""
-        if address is None:
-            return no_update
         with self._slow:
             if self._latest.get(tab, dict).get("address", address) != address:
                 return no_update
