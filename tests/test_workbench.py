@@ -5,6 +5,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'conta
 
 from dash import no_update
 
+from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.data import table
 from contactlearn.diagnosis.events import AuditFindings, EffectsFound, LawsCompared, RemainderLearned
@@ -29,36 +32,57 @@ from contactlearn.report.text.numbers import error
 from contactlearn.results.folder import read_result
 from contactlearn.simulation import synthetic
 from contactlearn.workbench import background, commands, content, lines
-from contactlearn.workbench.arrays import inside, of_model
+from contactlearn.workbench.arrays import inside, map_variables, of_model
 from contactlearn.workbench.background import BackgroundRuns, RunStatus, learned_steps
 from contactlearn.workbench.background_callbacks import diagnosis_progress
 from contactlearn.workbench.files import FileCallbacks, SavedRuns, diagnosed_session
 from contactlearn.workbench.models import Cache, Models
 from contactlearn.workbench.session import Option, Session, Window
-from contactlearn.workbench.session_callbacks import Actions, SessionCallbacks
+from contactlearn.workbench.session_callbacks import SessionCallbacks
 
 LINE = "tau = -c*rx*Pn; c = [-1, 1]"
 DRAG = EffectId("side_drag", "linear")
 
 
+def of_table(impacts, path, **choices):
+    """Write a table; return a session of it."""
+    table.save(impacts, path)
+    return Session(data=("data=table", f"data.path={path}"), **choices)
+
+
 @pytest.fixture(scope="module")
-def drops(tmp_path_factory):
-    """A table of drops with a planted drag."""
+def session(tmp_path_factory):
+    """Drops with a planted drag."""
     impacts = synthetic.load(size=240, seed=3)
     v_post = impacts.v_post * torch.tensor([0.8, 0.8, 1.0])
-    path = tmp_path_factory.mktemp("workbench") / "drops.csv"
-    table.save(impacts.replace(v_post=v_post), path)
-    return path
-
-
-@pytest.fixture
-def session(drops):
-    return Session(data=("data=table", f"data.path={drops}"))
+    return of_table(impacts.replace(v_post=v_post), tmp_path_factory.mktemp("workbench") / "drops.csv")
 
 
 @pytest.fixture(scope="module")
-def models():
-    return Models()
+def drops(session):
+    """The file of these drops."""
+    return Path(session.data[1].removeprefix("data.path="))
+
+
+@pytest.fixture(scope="module")
+def page():
+    return SessionCallbacks(Models())
+
+
+@pytest.fixture(scope="module")
+def models(page):
+    return page.models
+
+
+@pytest.fixture(scope="module")
+def act(page):
+    """The session after an action."""
+    return lambda session, kind, of="", value=None: page.actions.handlers[kind](session, of, value)
+
+
+def action(n, kind, of="", value=None):
+    """An action as the page sends it."""
+    return {"n": n, "kind": kind, "of": of, "value": value}
 
 
 # Addresses
@@ -121,9 +145,6 @@ def test_a_line_is_the_effect_of_the_command(session, models):
     effect = lines.parse_effect(LINE)
     assert effect.equation == "τ ← τ + (-c*rx*Pn)"
     words = [*session.data, *lines.overrides(LINE, "mine")]
-    from contactlearn.cli.hydra_main import compose
-    from contactlearn.cli.settings import EvaluateSettings
-
     assert EvaluateSettings.from_config(compose("evaluate", words)).effects["mine"].options == effect.options
 
 
@@ -208,20 +229,18 @@ def test_the_predicted_gain_of_a_planted_effect_is_near_the_fitted_one(session, 
     assert all(one.effect.name != "side_drag" for one in models.predicted_gains(session.with_effect(DRAG)))
 
 
-def test_a_parameter_moves_by_hand_and_back(session, models):
-    actions, fitted = Actions(models=models), models.fitted(session)
-    moved = actions.slide(session, "mu", 0.5)
+def test_a_parameter_is_set_by_hand_and_back(session, models, act):
+    fitted, moved = models.fitted(session), act(session, "slider", "mu", 0.5)
     assert models.manual(moved).error.mean > fitted.error.mean
     assert models.manual(moved).model.law.mu == 0.5
-    assert actions.slide(moved, "mu", 0.5) is moved  # the slider was set to what it says
-    assert actions.handlers["fit"](moved, "mu", 1) == session
+    assert act(moved, "slider", "mu", 0.5) is moved  # the slider was set to what it says
+    assert act(moved, "fit", "mu") == session
     assert models.manual(session).error == fitted.error
     with pytest.raises(UnknownNameError, match="unknown parameter of this model 'nu'"):
         models.manual(replace(session, manual=(("nu", 1.0),)))
 
 
-def test_a_slider_that_is_dragged_is_answered_with_what_its_place_would_change(session, models):
-    page = SessionCallbacks(models)
+def test_a_slider_that_is_dragged_is_answered_with_the_changes_at_its_place(session, models, page):
     session = session.with_effect(DRAG)
     sent = page.preview(session.address, "side_drag.c", 0.3)
     moved = models.manual(session.with_value("side_drag.c", 0.3))
@@ -241,22 +260,19 @@ def _floats(text):
     return np.frombuffer(base64.b64decode(text), "<f4")
 
 
-def test_a_tick_takes_the_most_promising_form(session, models):
-    actions = Actions(models=models)
-    ticked = actions.handlers["ticks"](session, "side_drag", True)
+def test_a_tick_adds_the_form_with_the_largest_predicted_gain(session, models, act):
+    ticked = act(session, "ticks", "side_drag", True)
     best = next(one.effect for one in models.predicted_gains(session) if one.effect.name == "side_drag")
     assert ticked.effects == (best,)
-    assert actions.handlers["ticks"](ticked, "side_drag", False) == session
+    assert act(ticked, "ticks", "side_drag", False) == session
 
 
-def test_trials_are_stepped_through_by_their_errors(session, models):
-    actions = Actions(models=models)
-    order = actions.ranked(session)
-    first = actions.handlers["worst"](session, "", 1)
+def test_trials_are_stepped_through_by_their_errors(session, page, act):
+    order, first = page.actions.ranked(session), act(session, "worst")
     assert first.trial == order[0]
-    assert actions.handlers["worse"](first, "", 1).trial == order[1]
-    assert actions.handlers["next"](replace(session, trial=len(order) - 1), "", 1).trial == 0
-    assert actions.trial(replace(session, trial=10**8)) == len(order) - 1
+    assert act(first, "worse").trial == order[1]
+    assert act(replace(session, trial=len(order) - 1), "next").trial == 0
+    assert page.actions.trial(replace(session, trial=10**8)) == len(order) - 1
 
 
 def test_without_a_shape_no_effect_that_needs_it_has_a_predicted_gain(session):
@@ -267,30 +283,25 @@ def test_without_a_shape_no_effect_that_needs_it_has_a_predicted_gain(session):
     assert "shape_error" not in {one.effect.name for one in models.predicted_gains(session)}
 
 
-def test_a_changed_file_is_read_again(session, models, tmp_path):
-    path = tmp_path / "drops.csv"
-    table.save(synthetic.load(size=100, seed=1), path)
-    other = replace(session, data=("data=table", f"data.path={path}"))
+def test_a_changed_file_is_read_again(models, tmp_path):
+    other = of_table(synthetic.load(size=100, seed=1), tmp_path / "drops.csv")
     before = models.fingerprint(other)
-    table.save(synthetic.load(size=101, seed=1), path)
+    of_table(synthetic.load(size=101, seed=1), tmp_path / "drops.csv")
     assert models.fingerprint(other) != before
     assert len(models.split(other).impacts) == 101
 
 
-def test_a_line_that_never_vanishes_is_refused(session, models):
+def test_a_line_that_never_vanishes_is_refused(session, act):
     with pytest.raises(ContactLearnError, match="must change nothing where it vanishes"):
-        Actions(models=models).add_line(session, "tau = c + Pn; c = [-1, 1]", None)
+        act(session, "line", "tau = c + Pn; c = [-1, 1]")
 
 
 def test_windows_hold_trials_also_around_the_circle(session, models):
-    from contactlearn.report.page.trials import map_variables
-
-    data = models.split(session)
-    among = map_variables(data.impacts, models.fitted(session).model.predict(data.impacts))
-    whole = inside((Window(variable="theta", low=-180.0, high=180.0),), among)
-    assert whole.all()
+    impacts = models.split(session).impacts
+    among = map_variables(impacts, models.fitted(session).model.predict(impacts))
+    assert inside((Window(variable="theta", low=-180.0, high=180.0),), among).all()
     some = inside((Window(variable="theta", low=170.0, high=190.0),), among)
-    angle = torch.rad2deg(data.impacts.q[:, 2]).remainder(360)
+    angle = torch.rad2deg(impacts.q[:, 2]).remainder(360)
     assert torch.equal(some, (angle >= 170) & (angle <= 190))
 
 
@@ -304,53 +315,44 @@ def test_many_trials_have_no_curves(session, models, monkeypatch):
 # Corrections
 
 
-@pytest.fixture(scope="module")
-def turned(tmp_path_factory):
-    """A table whose x points left."""
+def test_a_correction_of_the_audit_is_applied_and_taken_back(models, page, tmp_path):
     impacts, left = synthetic.load(size=160, seed=3), torch.tensor([-1.0, 1.0, 1.0])
-    path = tmp_path_factory.mktemp("left") / "drops.csv"
-    table.save(impacts.replace(v_pre=impacts.v_pre * left, v_post=impacts.v_post * left, q=impacts.q * left), path)
-    return Session(data=("data=table", f"data.path={path}"), effects=(DRAG,))
-
-
-def test_what_the_audit_recommends_is_applied_and_taken_back(turned, models, drops):
-    page = SessionCallbacks(models)
-    _, wrong = page.findings("drawn", turned.address)
-    (button,) = _buttons(wrong)
+    mirrored = impacts.replace(v_pre=impacts.v_pre * left, v_post=impacts.v_post * left, q=impacts.q * left)
+    turned = of_table(mirrored, tmp_path / "drops.csv", effects=(DRAG,))
+    (button,) = _buttons(page.findings("drawn", turned.address)[1])
     assert getattr(button, "data-action") == "correct"
-    press = {"n": 1, "kind": "correct", "of": getattr(button, "data-of"), "value": None}
-    address, history, *_ = page.act([press], None, turned.address, None)
+    correct = action(1, "correct", getattr(button, "data-of"))
+    address, history, *_ = page.act([correct], None, turned.address, None)
     corrected = Session.read(address)
     assert corrected.corrections == ("mirrored_x",)
     assert corrected.effects == turned.effects
     assert models.fitted(corrected).error.mean < 0.1 * models.fitted(turned).error.mean
     assert "data.correct=[mirrored_x]" in commands.words_of(corrected)
     assert OmegaConf.create(commands.experiment(corrected)).data.correct == ["mirrored_x"]
-    _, right = page.findings("drawn", address)
-    (button,) = _buttons(right)
-    back = {"n": 2, "kind": getattr(button, "data-action"), "of": "", "value": None}
-    assert page.act([back], 1, address, history)[0] == turned.address
-    assert page.act([{"n": 2, "kind": "undo", "of": "", "value": None}], 1, address, history)[0] == turned.address
-    assert "unknown correction" in page.act([press | {"of": "x]', y"}], None, address, history)[3]
+    (button,) = _buttons(page.findings("drawn", address)[1])
+    for back in (getattr(button, "data-action"), "undo"):
+        assert page.act([action(2, back)], 1, address, history)[0] == turned.address
+    assert "unknown correction" in page.act([correct | {"of": "x]', y"}], None, address, history)[3]
 
 
 def test_data_that_break_a_rule_are_offered_corrected(models, tmp_path):
-    impacts = synthetic.load(size=160, seed=3)
-    down = torch.tensor([1.0, -1.0, 1.0])
-    impacts = impacts.replace(
-        validate=False, v_pre=impacts.v_pre * down, v_post=impacts.v_post * down, q=impacts.q * down,
-        r=impacts.r * down[:2],
-    )  # fmt: skip
-    table.save(impacts, tmp_path / "down.csv")
+    impacts, down = synthetic.load(size=160, seed=3), torch.tensor([1.0, -1.0, 1.0])
+    turned = {name: getattr(impacts, name) * down for name in ("v_pre", "v_post", "q")}
+    of_table(impacts.replace(validate=False, **turned, r=impacts.r * down[:2]), tmp_path / "down.csv")
     files = FileCallbacks(models, SavedRuns(tmp_path))
-    content = base64.b64encode((tmp_path / "down.csv").read_bytes()).decode()
-    down = Session(data=("data=table", f"data.path={files.store_table('down.csv', f'data:text/csv;base64,{content}')}"))
+    path = files.store_table("down.csv", _dropped((tmp_path / "down.csv").read_bytes()))
+    session = Session(data=("data=table", f"data.path={path}"))
     with pytest.raises(ContactLearnError):
-        models.split(down)
-    (button,) = _buttons(files.corrections(down))
+        models.split(session)
+    (button,) = _buttons(files.corrections(session))
     corrected = Session.read(getattr(button, "data-of"))
     assert corrected.corrections == ("mirrored_y",)
     assert len(models.split(corrected).impacts) == 160
+
+
+def _dropped(content):
+    """A dropped file as a browser sends it."""
+    return f"data:text/csv;base64,{base64.b64encode(content).decode()}"
 
 
 def _buttons(parts):
@@ -360,11 +362,11 @@ def _buttons(parts):
 # Options of effects
 
 
-def test_an_option_is_written_fitted_and_in_the_command(session, models):
-    actions, name = Actions(models=models), "velocity_dependent_restitution"
+def test_an_option_is_written_fitted_and_in_the_command(session, models, act):
+    name = "velocity_dependent_restitution"
     plain = session.with_effect(EffectId(name, "power")).with_effect(EffectId("location_dependent_friction"))
-    opted = actions.handlers["option"](plain, f"{name}.v_ref", "0.7")
-    opted = actions.handlers["option"](opted, "location_dependent_friction.span", "[−0.05, 0.1]")
+    opted = act(plain, "option", f"{name}.v_ref", "0.7")
+    opted = act(opted, "option", "location_dependent_friction.span", "[−0.05, 0.1]")
     effects = models.fitted(opted).effects
     assert effects[name].v_ref == 0.7
     assert effects["location_dependent_friction"].span == (-0.05, 0.1)
@@ -372,7 +374,7 @@ def test_an_option_is_written_fitted_and_in_the_command(session, models):
     assert Session.read(opted.address) == opted
     assert replace(commands.session_of(commands.words_of(opted)), data=opted.data) == opted
     assert OmegaConf.create(commands.experiment(opted)).effect[name].v_ref == 0.7
-    assert actions.handlers["option"](opted, f"{name}.v_ref", "").options == opted.options[:1]
+    assert act(opted, "option", f"{name}.v_ref", "").options == opted.options[:1]
     assert opted.with_effect(EffectId(name, "linear")).options == opted.options[:1]  # another form begins anew
     fields = [
         str(one.id)
@@ -382,11 +384,11 @@ def test_an_option_is_written_fitted_and_in_the_command(session, models):
     assert len(fields) == 2
     for text, said in (("fast", "v_ref is a number"), ("-1", "must be a positive"), ("1, 2", "must be a positive")):
         with pytest.raises(ContactLearnError, match=said):
-            models.fitted(actions.handlers["option"](plain, f"{name}.v_ref", text))
+            models.fitted(act(plain, "option", f"{name}.v_ref", text))
     with pytest.raises(ContactLearnError, match="a span must be"):
-        models.fitted(actions.handlers["option"](plain, "location_dependent_friction.span", "3"))
+        models.fitted(act(plain, "option", "location_dependent_friction.span", "3"))
     with pytest.raises(ContactLearnError, match="has no setting"):
-        models.fitted(actions.handlers["option"](plain, f"{name}.w_ref", "1"))
+        models.fitted(act(plain, "option", f"{name}.w_ref", "1"))
 
 
 def _inputs(part):
@@ -532,19 +534,15 @@ def test_no_path_leads_out_of_the_runs(name, tmp_path):
         SavedRuns(tmp_path / "outputs").inside(name)
 
 
-def test_what_is_dropped_is_read_by_the_reader_of_tables(drops, models, tmp_path):
+def test_a_dropped_file_is_read_by_the_reader_of_tables(drops, models, tmp_path):
     files = FileCallbacks(models, SavedRuns(tmp_path))
-
-    def sent(content):
-        return f"data:text/csv;base64,{base64.b64encode(content).decode()}"
-
-    path = files.store_table("mine.CSV", sent(drops.read_bytes()))
+    path = files.store_table("mine.CSV", _dropped(drops.read_bytes()))
     assert path.read_bytes() == drops.read_bytes()
-    assert path == files.store_table("other.csv", sent(drops.read_bytes()))
+    assert path == files.store_table("other.csv", _dropped(drops.read_bytes()))
     with pytest.raises(DataError, match=r"^bad.csv: 13 columns are missing, .*not used: 'a'"):
-        files.store_table("bad.csv", sent(b"a\n1\n"))
+        files.store_table("bad.csv", _dropped(b"a\n1\n"))
     with pytest.raises(DataError, match=r"a table is a .csv or .parquet file"):
-        files.store_table("model.pkl", sent(b"x"))
+        files.store_table("model.pkl", _dropped(b"x"))
     with pytest.raises(DataError, match="did not arrive whole"):
         files.store_table("x.csv", "data:text/csv;base64,!!!")
     assert len(list((tmp_path / "uploads").iterdir())) == 1
@@ -555,21 +553,18 @@ def test_numbers_are_written_as_in_the_report(session, models):
     assert error(fitted.error.mean) in "".join(content.error_summary(session, fitted, models.manual(session), fitted))
 
 
-def test_what_was_not_answered_is_done_once_and_what_cannot_be_fitted_is_refused(session, models):
-    """The page sends actions again until they are answered; `done` says up to which they are in the address."""
-    page = SessionCallbacks(models)
-    tick = {"n": 1, "kind": "ticks", "of": "side_drag", "value": True}
-    law = {"n": 2, "kind": "law", "of": "mirtich", "value": None}
+def test_unanswered_actions_are_done_once_and_impossible_ones_are_refused(session, page):
+    """The page sends actions again until they are answered; `done` is the last one that is in the address."""
+    tick, law = action(1, "ticks", "side_drag", True), action(2, "law", "mirtich")
     address, history, done, trouble, *_ = page.act([tick, law], None, session.address, None)
     both = Session.read(address)
     assert (both.law, both.effects[0].name, done, trouble) == ("mirtich", "side_drag", 2, "")
     assert len(history["past"]) == 2
-    undo, redo = ({"n": n, "kind": kind, "of": "", "value": None} for n, kind in ((3, "undo"), (4, "redo")))
-    back, history, *_ = page.act([tick, law, undo], 2, address, history)
+    back, history, *_ = page.act([tick, law, action(3, "undo")], 2, address, history)
     assert Session.read(back).law == session.law
-    again, history, *_ = page.act([redo], 3, back, history)
+    again, history, *_ = page.act([action(4, "redo")], 3, back, history)
     assert again == address
-    wrong = {"n": 5, "kind": "line", "of": "tau = c; d", "value": None}
+    wrong = action(5, "line", "tau = c; d")
     *same, done, trouble, ticks, chosen = page.act([wrong], 4, again, history)
     assert same == [no_update, no_update]
     assert (done, ticks, chosen) == (5, ["side_drag"], "mirtich")
