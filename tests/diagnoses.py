@@ -27,7 +27,7 @@ from contactlearn.inference.evaluation.partial_residuals import partial_residual
 from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.results.provenance import DataSource, Provenance
+from contactlearn.results.types import DataSource, Provenance
 from contactlearn.simulation import synthetic
 
 ERROR = Interval(0.1, 0.09, 0.11)

@@ -7,11 +7,17 @@ from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import METRICS, Interval, bootstrap
 from contactlearn.inference.evaluation.sums import ErrorSums
 from contactlearn.mechanics.shapes import shape_entries
-from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors
-from contactlearn.results.evaluation import Evaluation, LearningCurve
-from contactlearn.results.held_out import HeldOut
-from contactlearn.results.provenance import DataSource, Provenance
-from contactlearn.results.training import Training
+from contactlearn.results.tables import HeldOut
+from contactlearn.results.types import (
+    DataSource,
+    Evaluation,
+    JointEstimate,
+    LawEstimate,
+    LearningCurve,
+    ModelErrors,
+    Provenance,
+    Training,
+)
 
 
 def interval(mean):

@@ -197,7 +197,7 @@ def test_of_many_trials_a_sample_is_fitted_and_shown(drops, small_blocks, tmp_pa
         ("contactlearn.cli.commands.loading.SHOWN", 30),
     ):
         monkeypatch.setattr(name, value)
-    monkeypatch.setattr("contactlearn.results.held_out.SHOWN", 30)
+    monkeypatch.setattr("contactlearn.results.tables.SHOWN", 30)
     path, folder = table.save(drops, tmp_path / "drops.parquet"), tmp_path / "out"
     said = run("evaluate.py", *SETTINGS, f"data.path={path}", f"hydra.run.dir={folder}")
     assert "models are fitted to 60 trials, figures and page show 30" in said

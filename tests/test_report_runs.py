@@ -31,7 +31,7 @@ from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.figures.style import law_style
 from contactlearn.report.page.runs import write_runs
 from contactlearn.report.text import conclusion
-from contactlearn.results.diagnosis import DiagnosisRun
+from contactlearn.results.types import DiagnosisRun
 
 METRIC = "mass_error"
 

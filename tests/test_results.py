@@ -20,10 +20,8 @@ from contactlearn.mechanics.shapes import make_shape, shape_entries
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.page.redraw import has_page, redraw
 from contactlearn.results import folder as run_folder
-from contactlearn.results.estimates import ModelErrors
-from contactlearn.results.evaluation import CurveCalibration, LearningCurve
-from contactlearn.results.held_out import HeldOut, save_held_out
-from contactlearn.results.transfer import BodyTransfer, Transfer
+from contactlearn.results.tables import HeldOut, save_held_out
+from contactlearn.results.types import BodyTransfer, CurveCalibration, LearningCurve, ModelErrors, Transfer
 from contactlearn.simulation import synthetic
 
 CALIBRATION = CurveCalibration(

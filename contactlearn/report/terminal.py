@@ -17,10 +17,15 @@ from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
 from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS
 from contactlearn.report.text import correct_setting, phrase, sentence
-from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate
-from contactlearn.results.evaluation import LearningCurve
 from contactlearn.results.runs import absolute, as_table, distinguishing, read_runs
-from contactlearn.results.transfer import BodyTransfer
+from contactlearn.results.types import (
+    BodyTransfer,
+    JointEstimate,
+    LawEstimate,
+    LearningCurve,
+    ModelErrors,
+    ProcessEstimate,
+)
 
 console = Console()
 """Standard output."""

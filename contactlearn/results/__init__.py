@@ -1,14 +1,10 @@
 """Results of the commands as types: each is written whole to its run folder, once, before anything is shown.
 
-    provenance   data, versions, configuration and command behind every result
-    estimates    laws, laws with effects, learned models and errors, as numbers
-    training     the result of train
-    evaluation   the result of evaluate
-    held_out     its held-out trials with the predictions of every model
-    tables       results by trial as CSV or Parquet
-    transfer     the result of evaluate with `transfer`
-    diagnosis    the result of diagnose with its provenance
-    folder       the run folder: finds, writes and reads a result of any kind
+    types      laws, models and errors as numbers, the result of each command, and its provenance
+    folder     the run folder: finds, writes and reads a result of any kind
+    state      whether a run has finished
+    tables     results by trial as CSV or Parquet; held-out trials with the predictions of every model
+    runs       many runs: what they differ in, and one flat table of them
 
 Nothing here fits or draws.
 """

@@ -14,12 +14,8 @@ from pathlib import Path
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import written_whole
 from contactlearn.core.serialisation import LARGEST_FILE, from_json, to_json
-from contactlearn.results.diagnosis import DiagnosisRun
-from contactlearn.results.evaluation import Evaluation
-from contactlearn.results.provenance import FORMAT, RunKind
 from contactlearn.results.state import DONE, LOCK, is_held, read_failed, unfinished
-from contactlearn.results.training import Training
-from contactlearn.results.transfer import Transfer
+from contactlearn.results.types import FORMAT, DiagnosisRun, Evaluation, RunKind, Training, Transfer
 
 Result = Training | Evaluation | Transfer | DiagnosisRun
 

@@ -30,15 +30,19 @@ from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS, Interval
-from contactlearn.results.diagnosis import DiagnosisRun
-from contactlearn.results.estimates import ModelErrors
-from contactlearn.results.evaluation import BEST_POST_HOC, IRB, Evaluation
 from contactlearn.results.folder import FILES, find_results, read_result
-from contactlearn.results.provenance import DataSource
 from contactlearn.results.state import read_done
 from contactlearn.results.tables import FORMATS, write_frames
-from contactlearn.results.training import Training
-from contactlearn.results.transfer import Transfer
+from contactlearn.results.types import (
+    BEST_POST_HOC,
+    IRB,
+    DataSource,
+    DiagnosisRun,
+    Evaluation,
+    ModelErrors,
+    Training,
+    Transfer,
+)
 
 _HIGHEST = 1e9  # of an error that a page can draw
 _NAMED = ("model", "effect", "candidate")  # settings that hold entries by name

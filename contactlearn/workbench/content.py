@@ -33,7 +33,7 @@ from contactlearn.report.text import (
     share_of_whole,
 )
 from contactlearn.report.text.names import NOISE_SOURCES, model_label
-from contactlearn.results.diagnosis import DiagnosisRun
+from contactlearn.results.types import DiagnosisRun
 from contactlearn.workbench.components import Child, action_button, bar, bars, controls, items, note
 from contactlearn.workbench.lines import formula_line, line_name
 from contactlearn.workbench.models import FittedModel, ManualModel, PredictedGain

@@ -20,8 +20,8 @@ from contactlearn.data.audit.findings import audit
 from contactlearn.report.page.page import FILE, RECORDINGS
 from contactlearn.report.page.runs import write_runs
 from contactlearn.report.text import headline
-from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.results.folder import Result, find_results, read_result
+from contactlearn.results.types import DiagnosisRun
 from contactlearn.simulation.hidden_effects import reveal
 from contactlearn.workbench import content
 from contactlearn.workbench.commands import experiment

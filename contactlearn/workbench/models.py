@@ -39,7 +39,7 @@ from contactlearn.inference.identification.joint import FitOptions, JointFit, as
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.results.evaluation import BEST_POST_HOC, IRB
+from contactlearn.results.types import BEST_POST_HOC, IRB
 from contactlearn.workbench.lines import line_name, parse_effect
 from contactlearn.workbench.session import Session
 

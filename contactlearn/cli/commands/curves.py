@@ -24,7 +24,7 @@ from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
-from contactlearn.results.evaluation import CurveCalibration, LearningCurve
+from contactlearn.results.types import CurveCalibration, LearningCurve
 
 Bases = Mapping[str, Mapping[int, Law | ContactModel]]
 

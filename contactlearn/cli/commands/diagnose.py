@@ -24,8 +24,8 @@ from contactlearn.report.events import progress, show_verdict
 from contactlearn.report.figures.diagnosis import drawn
 from contactlearn.report.page.diagnosis import write_page
 from contactlearn.report.text import base_label, headline, rung_label
-from contactlearn.results.diagnosis import DiagnosisRun
 from contactlearn.results.folder import write_result
+from contactlearn.results.types import DiagnosisRun
 
 
 def diagnose(settings: DiagnoseSettings, run: Run) -> None:

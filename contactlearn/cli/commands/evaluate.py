@@ -23,9 +23,8 @@ from contactlearn.report.events import progress
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
 from contactlearn.results import folder
-from contactlearn.results.evaluation import Evaluation
-from contactlearn.results.held_out import HeldOut, save_held_out
-from contactlearn.results.tables import save_curves, save_trial_parameters
+from contactlearn.results.tables import HeldOut, save_curves, save_held_out, save_trial_parameters
+from contactlearn.results.types import Evaluation
 
 
 def evaluate(settings: EvaluateSettings, run: Run) -> None:

@@ -23,9 +23,8 @@ from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures import learning, quality
 from contactlearn.report.figures.impulse_space import reachable_impulses
-from contactlearn.results.estimates import ModelErrors
-from contactlearn.results.evaluation import BEST_POST_HOC, IRB, Evaluation, LearningCurve
-from contactlearn.results.held_out import HeldOut
+from contactlearn.results.tables import HeldOut
+from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation, LearningCurve, ModelErrors
 
 
 def evaluation_record(

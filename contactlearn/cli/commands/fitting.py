@@ -22,7 +22,7 @@ from contactlearn.inference.identification.shared import SharedFit
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.results.evaluation import BEST_POST_HOC, IRB
+from contactlearn.results.types import BEST_POST_HOC, IRB
 
 _DRAWN = 5_000  # trials of a cost surface
 

@@ -35,7 +35,7 @@ from contactlearn.report import terminal
 from contactlearn.report.page.page import RECORDINGS, SOURCES
 from contactlearn.report.page.recordings import write_recordings_page
 from contactlearn.report.terminal import show_columns, show_mistakes
-from contactlearn.results.held_out import SHOWN
+from contactlearn.results.tables import SHOWN
 
 _TABLE = "contactlearn.data.table.load"
 _USUAL = 120  # training trials of a subset where as many are there: the paper's number

@@ -17,8 +17,7 @@ from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.tensorboard import Tracker, ends
-from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors
-from contactlearn.results.provenance import Provenance
+from contactlearn.results.types import JointEstimate, LawEstimate, ModelErrors, Provenance
 
 MODEL, BOUND = f"{metrics.HEADLINE}/model", f"{metrics.HEADLINE}/irb"
 """Tags that every run has: the error of its one model, and the bound below it."""

@@ -20,9 +20,16 @@ from contactlearn.inference.learning.recipe import TARGETS, Recipe
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.features import SPACES
 from contactlearn.models.regressor import Regressor
-from contactlearn.results.estimates import JointEstimate, LawEstimate, ModelErrors, ProcessEstimate
-from contactlearn.results.evaluation import BEST_POST_HOC, IRB
-from contactlearn.results.provenance import DataSource, Provenance
+from contactlearn.results.types import (
+    BEST_POST_HOC,
+    IRB,
+    DataSource,
+    JointEstimate,
+    LawEstimate,
+    ModelErrors,
+    ProcessEstimate,
+    Provenance,
+)
 
 
 def provenance(run: Run, data: Impacts | Blocks, device: torch.device, train_size: int | None = None) -> Provenance:

@@ -30,8 +30,7 @@ from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.figures import quality
 from contactlearn.results import folder
-from contactlearn.results.evaluation import IRB
-from contactlearn.results.training import Training
+from contactlearn.results.types import IRB, Training
 
 CHECKPOINT = "model.pt"
 

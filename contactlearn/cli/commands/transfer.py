@@ -23,7 +23,7 @@ from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.figures import learning
 from contactlearn.results import folder
-from contactlearn.results.transfer import BodyTransfer, Transfer
+from contactlearn.results.types import BodyTransfer, Transfer
 
 _ORDER = ("zero_shot", "prior", "scratch")  # of the resamples, whatever is trained first
 WAYS = {"scratch": "From scratch", "prior": "Trained model as prior"}

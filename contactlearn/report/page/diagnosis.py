@@ -49,7 +49,7 @@ from contactlearn.report.text import (
 )
 from contactlearn.report.text.names import budget_labels
 from contactlearn.report.text.numbers import counted
-from contactlearn.results.provenance import Provenance
+from contactlearn.results.types import Provenance
 
 _TELLING = 2  # effects that are drawn above the fold
 

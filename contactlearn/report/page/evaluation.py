@@ -16,9 +16,8 @@ from contactlearn.report.figures.style import BOUNDS
 from contactlearn.report.page.page import packed, reproduced
 from contactlearn.report.page.trials import STEPS, digits, finely, impulse_figure, of_laws, of_outcomes, of_trials
 from contactlearn.report.text import model_labels, phrase, phrases
-from contactlearn.results.estimates import ModelErrors
-from contactlearn.results.evaluation import Evaluation
-from contactlearn.results.held_out import HeldOut
+from contactlearn.results.tables import HeldOut
+from contactlearn.results.types import Evaluation, ModelErrors
 
 
 def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:

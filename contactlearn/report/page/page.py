@@ -20,7 +20,7 @@ from torch import Tensor
 from contactlearn.core.numerics import written_whole
 from contactlearn.report.figures.style import array
 from contactlearn.report.text import brief_interval, error, fix_spacing, number, percent
-from contactlearn.results.provenance import Provenance
+from contactlearn.results.types import Provenance
 
 FILE = "report.html"
 RECORDINGS = "recordings.html"

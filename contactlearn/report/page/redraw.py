@@ -10,10 +10,9 @@ from contactlearn.report.page.diagnosis import of_diagnosis
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
 from contactlearn.results import folder as run_folder
-from contactlearn.results.diagnosis import DiagnosisRun
-from contactlearn.results.evaluation import Evaluation
 from contactlearn.results.folder import Result
-from contactlearn.results.held_out import HeldOut
+from contactlearn.results.tables import HeldOut
+from contactlearn.results.types import DiagnosisRun, Evaluation
 
 
 def has_page(folder: Path) -> bool:

@@ -20,7 +20,6 @@ from contactlearn.report.figures.style import BOUNDS, MODEL_STYLE, STYLES
 from contactlearn.report.page.page import FILE, render, save
 from contactlearn.report.page.trials import digits
 from contactlearn.report.text import base_label, conclusion, effect_label, interval, join_words, label, rung_label
-from contactlearn.results.evaluation import IRB, Evaluation
 from contactlearn.results.folder import is_run
 from contactlearn.results.runs import (
     ComparedRun,
@@ -35,6 +34,7 @@ from contactlearn.results.runs import (
     silent,
     varying,
 )
+from contactlearn.results.types import IRB, Evaluation
 
 MARK = "contactlearn report"
 """How such a page is known again."""

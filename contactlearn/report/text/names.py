@@ -6,7 +6,7 @@ from contactlearn import laws
 from contactlearn.diagnosis.result import Coefficient, Diagnosis, NoiseSource, Rung, RungKind, WrenchComponent
 from contactlearn.effects import EffectId
 from contactlearn.report.text.numbers import fix_spacing
-from contactlearn.results.evaluation import Evaluation
+from contactlearn.results.types import Evaluation
 
 WRENCH = {WrenchComponent.TANGENTIAL: "P_t", WrenchComponent.NORMAL: "P_n", WrenchComponent.MOMENT: "τ"}
 """Components of the wrench."""

@@ -1,0 +1,401 @@
+"""Results of the commands as types: each is written whole to its run folder, once, before anything is shown.
+
+Provenance              data, versions, configuration and command behind every result
+LawEstimate … ModelErrors   laws, laws with effects, learned models and errors, as numbers
+Training, Evaluation, Transfer, DiagnosisRun    the result of each command
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Literal
+
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.diagnosis.result import Diagnosis
+from contactlearn.diagnosis.result.effects import FittedParameter
+from contactlearn.effects import EffectId
+from contactlearn.inference.evaluation.metrics import HEADLINE, Interval
+from contactlearn.mechanics.apparatus import KnownParameter
+
+# --- Provenance -----------------------------------------------------------------------------------
+
+
+FORMAT = 2
+"""Number of the format of result files; a file without one is of format 1."""
+
+
+class RunKind(StrEnum):
+    """The kind of a run: the command that made it, evaluate having two."""
+
+    TRAINING = "training"
+    EVALUATION = "evaluation"
+    TRANSFER = "transfer"
+    DIAGNOSIS = "diagnosis"
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataSource:
+    """The impacts of a run: their source in words, their number, and the SHA-256 of all their numbers and names."""
+
+    source: str
+    trials: int
+    sha256: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """Everything that is needed to make a result again.
+
+    Args:
+        data: the impacts.
+        versions: of this program, Python and the libraries that compute, by name.
+        config: the composed configuration, resolved.
+        command: the line that was typed.
+        device: that computed it, a GPU with its name.
+    """
+
+    data: DataSource
+    versions: Mapping[str, str] = field(default_factory=dict)
+    config: Mapping[str, Any] = field(default_factory=dict)
+    command: str = ""
+    device: str = "cpu"
+
+
+# --- Estimates ------------------------------------------------------------------------------------
+
+
+_HIGHEST = 1e9  # of an error that a page can draw
+
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawEstimate:
+    """Shared (μ, ε) of a law, identified from random subsets of the training pool.
+
+    Args:
+        law: its name.
+        variant: of the law.
+        options: of the law, beside μ and ε.
+        trials: in each subset.
+        repetitions: number of subsets.
+        mu: mean over the subsets.
+        mu_std: standard deviation over the subsets; None for a single one.
+        eps: as `mu`.
+        eps_std: as `mu_std`.
+        cost: mean ‖P − P̂‖ over a subset in N s, averaged over the subsets.
+        mu_range: mean ends of the interval in which the cost stays near its least.
+        eps_range: as `mu_range`.
+        mu_undetermined: share of the subsets with a cost that is flat in μ.
+    """
+
+    law: str
+    variant: str
+    options: Mapping[str, Any]
+    trials: int
+    repetitions: int
+    mu: float
+    mu_std: float | None
+    eps: float
+    eps_std: float | None
+    cost: float
+    mu_range: Pair
+    eps_range: Pair
+    mu_undetermined: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointEstimate:
+    """A law with effects, fitted jointly.
+
+    Args:
+        law: its name.
+        effects: around it; none for the law that was fitted in the same way.
+        equation: the model with parameters and standard errors, as text.
+        parameters: μ and ε, then those of the effects.
+        correlation: of the estimates, square.
+        undetermined: why the data do not determine a parameter, by its name.
+        at_bounds: which bound a parameter stopped at, by its name.
+        loss: per trial, in nats.
+        starts_at_best: share of the starts that reached the best loss.
+        converged: whether the search settled.
+        trials: fitted to.
+        outliers: trials with next to no weight.
+        known: parameters whose range is what flight allows.
+    """
+
+    law: str
+    effects: tuple[EffectId, ...]
+    equation: str
+    parameters: tuple[FittedParameter, ...]
+    correlation: tuple[tuple[float, ...], ...]
+    undetermined: Mapping[str, str]
+    at_bounds: Mapping[str, str]
+    loss: float
+    starts_at_best: float
+    converged: bool
+    trials: int
+    outliers: int
+    known: tuple[KnownParameter, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProcessEstimate:
+    """Hyperparameters of the Gaussian process of one output.
+
+    Args:
+        output: its letter, such as ω.
+        unit: of the output.
+        length_scales: by feature, in standard deviations of the feature over the training trials.
+        spread: standard deviation of the process, in the output's unit.
+        noise: standard deviation of the noise, in the output's unit.
+        loss: negative log marginal likelihood a trial, in nats.
+        converged: whether the training settled.
+        evaluations: of the loss and its gradient.
+    """
+
+    output: str
+    unit: str
+    length_scales: Mapping[str, float]
+    spread: float
+    noise: float
+    loss: float
+    converged: bool
+    evaluations: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelErrors:
+    """Errors of a model on the held-out trials, see `evaluation.metrics`.
+
+    `outside_admissible` is the share of impulses that gain energy, pull or leave penetration.
+
+    Raises:
+        ContactLearnError: a mean error that is negative or not of this world.
+    """
+
+    mass_error: Interval
+    normalised_velocity_error: Interval
+    velocity_error: Interval
+    outside_admissible: float
+
+    def __post_init__(self) -> None:
+        for name in ("mass_error", "normalised_velocity_error", "velocity_error"):
+            if not all(0 <= x < _HIGHEST for x in self.of(name)):
+                raise ContactLearnError(f"{name} must be a number, 0 or more, and less than {_HIGHEST:g}")
+
+    def of(self, metric: str) -> Interval:
+        """The mean and interval of a metric by its name in `METRICS`."""
+        return getattr(self, metric)
+
+    @property
+    def headline(self) -> Interval:
+        """The error by which models are compared."""
+        return self.of(HEADLINE)
+
+
+def known_model(model: str, errors: Mapping[str, ModelErrors]) -> None:
+    """Refuse the name of a model without errors.
+
+    Raises:
+        ContactLearnError: naming it.
+    """
+    if model not in errors:
+        raise ContactLearnError(f"a model must be one of those in errors ({', '.join(errors) or 'none'}), got {model}")
+
+
+# --- Training -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Training:
+    """One trained model; the model itself is the checkpoint beside the file.
+
+    Args:
+        provenance: of the run.
+        model: its name in `errors`.
+        learned: name of the learned model in the configuration; None for a law, with effects or without.
+        law: that the model builds on; None for a model without a law.
+        effects: around the law.
+        trained_on: trials of the subset.
+        equation: the model as text.
+        fits: the law of a model without effects.
+        joint: the law alone and with its effects, by name, where there are effects.
+        errors: of the model, after those of the laws in `joint`.
+        irb: error of the ideal rigid-body bound on the same trials.
+        processes: Gaussian processes of a learned model, one an output.
+        processes_kind: `exact` or `sparse`; None without processes.
+    """
+
+    kind: RunKind = RunKind.TRAINING
+    format: int = FORMAT
+    provenance: Provenance
+    model: str
+    learned: str | None
+    law: str | None
+    effects: tuple[EffectId, ...]
+    trained_on: int
+    equation: str
+    fits: tuple[LawEstimate, ...]
+    joint: Mapping[str, JointEstimate]
+    errors: Mapping[str, ModelErrors]
+    irb: Interval
+    processes: tuple[ProcessEstimate, ...]
+    processes_kind: str | None
+
+    def __post_init__(self) -> None:
+        known_model(self.model, self.errors)
+
+
+# --- Evaluation -----------------------------------------------------------------------------------
+
+
+BEST_POST_HOC, IRB = "best_post_hoc", "irb"
+"""Names of the bounds among the errors."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurveCalibration:
+    """Quality of the predicted covariances of a model, at each size of its learning curve.
+
+    Args:
+        processes: kind of the Gaussian processes, `exact` or `sparse`.
+        converged: share of the processes with a training that settled.
+        negative_log_density: mean −log density of the measured v_post, in nats.
+        coverage: share of trials inside the predicted 95 % ellipsoid.
+        component_coverage: share of trials with each of (v_x, v_y, ω) inside its 95 % interval.
+    """
+
+    processes: tuple[str, ...]
+    converged: tuple[float, ...]
+    negative_log_density: tuple[float, ...]
+    coverage: tuple[float, ...]
+    component_coverage: tuple[tuple[float, float, float], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearningCurve:
+    """Errors of one model against the number of training trials; intervals are over trials and subsets.
+
+    Args:
+        sizes: numbers of training trials, increasing.
+        mass_error: one entry a size, as the other errors, see `evaluation.metrics`.
+        normalised_velocity_error: as `mass_error`.
+        velocity_error: as `mass_error`.
+        below: by metric and bound, the least size at which the mean is below the bound; None if it never is.
+        settled: by metric, the size from which on the mean stays near its least; None if it has not settled.
+        calibration: of the predicted covariances; None for a model that predicts none.
+
+    Raises:
+        ContactLearnError: errors that are not one a size.
+    """
+
+    sizes: tuple[int, ...]
+    mass_error: tuple[Interval, ...]
+    normalised_velocity_error: tuple[Interval, ...]
+    velocity_error: tuple[Interval, ...]
+    below: Mapping[str, Mapping[str, int | None]]
+    settled: Mapping[str, int | None]
+    calibration: CurveCalibration | None = None
+
+    def __post_init__(self) -> None:
+        if any(len(self.of(name)) != len(self.sizes) for name in ("mass_error", "velocity_error")):
+            raise ContactLearnError(f"{len(self.sizes)} sizes and {len(self.mass_error)} errors must be as many")
+
+    def of(self, metric: str) -> tuple[Interval, ...]:
+        """The errors by a metric's name in `METRICS`."""
+        return getattr(self, metric)
+
+    @property
+    def headline(self) -> tuple[Interval, ...]:
+        """The errors by which models are compared."""
+        return self.of(HEADLINE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """Models side by side on the held-out trials.
+
+    Args:
+        provenance: of the run.
+        model: name in `errors` of the model that the run is compared with others by.
+        law: that it is, or builds on.
+        effects: around the law.
+        norm: in which the bounds come closest.
+        fits: the laws, identified from random subsets.
+        joint: the law alone and with its effects, by name, where there are effects.
+        errors: of all models and of both bounds.
+        best: name in `errors` of the model with the least mass error, bounds aside.
+        differences: mass error of each other model less that of the best, paired by trial; the smallest first.
+        tables: format of the tables beside the file.
+        shape: of the bodies, as `bodies.make_shapes` reads it; None where it is not known.
+        learning_curves: by model.
+    """
+
+    kind: RunKind = RunKind.EVALUATION
+    format: int = FORMAT
+    provenance: Provenance
+    model: str
+    law: str
+    effects: tuple[EffectId, ...]
+    norm: str
+    fits: tuple[LawEstimate, ...]
+    joint: Mapping[str, JointEstimate]
+    errors: Mapping[str, ModelErrors]
+    best: str
+    differences: Mapping[str, Interval]
+    tables: Literal["parquet", "csv"]
+    shape: Mapping[str, Any] | None
+    learning_curves: Mapping[str, LearningCurve] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in (self.model, self.best, *self.differences, *(fit.law for fit in self.fits), *self.joint):
+            known_model(name, self.errors)
+        if not self.fits:
+            raise ContactLearnError("fits must hold at least one law")
+
+
+# --- Transfer -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyTransfer:
+    """Mass error of a model on another body.
+
+    Args:
+        zero_shot: as trained, without a trial of the body; one entry.
+        prior: the trained model with processes on its residual, against `Transfer.sizes`.
+        scratch: the same recipe trained on the body's trials alone, against `Transfer.sizes`.
+    """
+
+    zero_shot: tuple[Interval, ...]
+    prior: tuple[Interval, ...]
+    scratch: tuple[Interval, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transfer:
+    """Learning curves on other bodies, by model and body; `sizes` are numbers of trials of the body."""
+
+    kind: RunKind = RunKind.TRANSFER
+    format: int = FORMAT
+    provenance: Provenance
+    sizes: tuple[int, ...]
+    transfer: Mapping[str, Mapping[str, BodyTransfer]]
+
+
+# --- Diagnosis ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnosisRun:
+    """A diagnosis as diagnosis.json holds it; its record of impacts and models lies beside the file.
+
+    `use` is the command that evaluates the diagnosed model on the same data.
+    """
+
+    kind: RunKind = RunKind.DIAGNOSIS
+    format: int = FORMAT
+    provenance: Provenance
+    use: str
+    diagnosis: Diagnosis
