@@ -4,8 +4,7 @@ import torch
 
 from contactlearn.cli.commands.results import ranked
 from contactlearn.effects import EffectId
-from contactlearn.inference.evaluation.metrics import METRICS, Interval, bootstrap
-from contactlearn.inference.evaluation.sums import ErrorSums
+from contactlearn.inference.evaluation.metrics import METRICS, ErrorSums, Interval, bootstrap
 from contactlearn.mechanics.shapes import shape_entries
 from contactlearn.results.tables import HeldOut
 from contactlearn.results.types import (

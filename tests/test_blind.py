@@ -14,8 +14,8 @@ import torch
 
 from contactlearn import diagnose
 from contactlearn.diagnosis.result import Coefficient, LaggedVariable
+from contactlearn.effects import catalogue
 from contactlearn.effects.formula.symbols import SYMBOLS
-from contactlearn.effects.registry import catalogue
 from contactlearn.mechanics.shapes import shape_entries
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))

@@ -20,8 +20,8 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameEr
 from contactlearn.effects import State, catalogue, find_effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.inference.evaluation import bounds, metrics
+from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.inference.evaluation.partial_residuals import changes, partial_residuals
-from contactlearn.inference.evaluation.sums import ErrorSums
 from contactlearn.inference.identification.joint import FitOptions, assemble, identify_jointly, linearise
 from contactlearn.inference.identification.per_trial import identify_trials
 from contactlearn.inference.identification.shared import Box, cost_surface, identify

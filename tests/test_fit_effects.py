@@ -13,9 +13,8 @@ from contactlearn.effects import find_effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
-from contactlearn.inference.identification.joint import FitOptions, assemble, identify_jointly
+from contactlearn.inference.identification.joint import FitOptions, FitThresholds, assemble, identify_jointly
 from contactlearn.inference.identification.shared import Box
-from contactlearn.inference.identification.thresholds import FitThresholds
 from contactlearn.laws import find
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic

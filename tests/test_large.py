@@ -19,7 +19,7 @@ from contactlearn.data import table
 from contactlearn.data.blocks import Blocks, joined, sampled
 from contactlearn.data.table.sheet import read_parquet
 from contactlearn.inference.evaluation import metrics
-from contactlearn.inference.evaluation.sums import ErrorSums
+from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import COMPONENTS
 from contactlearn.models.contact_model import ContactModel
@@ -129,7 +129,7 @@ def test_corrections_go_block_by_block_or_are_made_in_memory(drops, small_blocks
 
 
 def test_sums_over_blocks_are_the_errors_of_all(drops, monkeypatch):
-    monkeypatch.setattr("contactlearn.inference.evaluation.sums.BOOTSTRAPPED", 100)
+    monkeypatch.setattr("contactlearn.inference.evaluation.metrics.BOOTSTRAPPED", 100)
     sums = ErrorSums(models())
     for part, predictions in predicted([drops[:90], drops[90:91], drops[91:]]):
         sums.add(part, predictions)
@@ -227,7 +227,7 @@ def test_memory_does_not_grow_with_the_table(tmp_path, monkeypatch):
     monkeypatch.setattr(blocks_module, "BLOCK", 500)
     monkeypatch.setattr(table, "BLOCK", 500)
     monkeypatch.setattr(table, "LARGE", 500)
-    monkeypatch.setattr("contactlearn.inference.evaluation.sums.BOOTSTRAPPED", 500)
+    monkeypatch.setattr("contactlearn.inference.evaluation.metrics.BOOTSTRAPPED", 500)
     peaks = []
     for size in (1000, 1000, 10_000):  # the first call loads what stays
         path = table.save(synthetic.load(size=size), tmp_path / f"{size}.parquet")

@@ -25,7 +25,7 @@ from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.inference.identification.per_trial import identify_trials
-from contactlearn.inference.identification.ranges import suited
+from contactlearn.inference.identification.problem import suited
 from contactlearn.inference.identification.shared import identify
 from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.mechanics.impacts import Impacts

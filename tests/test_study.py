@@ -9,7 +9,7 @@ from contactlearn.core.errors import DataError
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.identification.shared import identify
 from contactlearn.inference.learning import curves as study
-from contactlearn.inference.learning.kept import kept_trainings
+from contactlearn.inference.learning.curves import count_trainings
 from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Prediction
@@ -65,21 +65,21 @@ def test_more_processes_change_nothing(drops, curves):
         torch.testing.assert_close(pair[name].density.distance, curve.density.distance, rtol=1e-6, atol=1e-9)
 
 
-def test_curves_that_were_stopped_go_on_behind_what_was_trained(drops, curves, tmp_path, monkeypatch):
+def test_curves_that_were_stopped_resume(drops, curves, tmp_path, monkeypatch):
     pool, test = drops
     orders, fits, _, undisturbed = curves
-    trained, whole = [], study._train_one
+    trained, whole, work = [], study._Training.run, study.Work(cache=tmp_path)
 
-    def counted(key, size, *rest):
+    def counted(training):
         if len(trained) == 3:
             raise KeyboardInterrupt
-        trained.append((*key, size))
-        return whole(key, size, *rest)
+        trained.append((*training.key, training.size))
+        return whole(training)
 
     def again():
-        return study.learning_curves(RECIPES, pool, test, orders, (10, 30), bases(fits), work=study.Work(kept=tmp_path))
+        return study.learning_curves(RECIPES, pool, test, orders, (10, 30), bases(fits), work=work)
 
-    monkeypatch.setattr(study, "_train_one", counted)
+    monkeypatch.setattr(study._Training, "run", counted)
     with pytest.raises(KeyboardInterrupt):
         again()
     assert trained == [("wrench", 30), ("residual", 30), ("wrench", 10)]
@@ -99,7 +99,7 @@ def test_curves_that_were_stopped_go_on_behind_what_was_trained(drops, curves, t
         assert trained == [("wrench", 10)]
     (tmp_path / "wrench" / ".saving-x").mkdir()
     (tmp_path / "wrench" / ".saving-x" / "30.npz").touch()  # of a process that was killed as it wrote
-    assert kept_trainings(tmp_path) == 4
+    assert count_trainings(tmp_path) == 4
 
 
 def test_transfer_learns_the_correction(drops):

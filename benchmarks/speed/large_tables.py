@@ -54,7 +54,7 @@ def evaluate(path: Path) -> int:
     from contactlearn import laws
     from contactlearn.data.table import table_blocks
     from contactlearn.inference.evaluation import bounds
-    from contactlearn.inference.evaluation.sums import ErrorSums
+    from contactlearn.inference.evaluation.metrics import ErrorSums
     from contactlearn.laws import PAPER_LAWS
     from contactlearn.mechanics.impacts import Impacts, Prediction
     from contactlearn.models.contact_model import ContactModel

@@ -7,7 +7,7 @@ of grids, numbers of starts and tolerances of fits are no thresholds and stay wh
 from dataclasses import dataclass, field
 
 from contactlearn.data.audit.thresholds import AuditThresholds
-from contactlearn.inference.identification.thresholds import FitThresholds
+from contactlearn.inference.identification.joint import FitThresholds
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,27 +2,37 @@
 
 base           the seam: `Effect`, its four places and its parameters
 state          what an effect sees of the impacts
-registry       families and their forms by name: `catalogue()`, `find_effect(name, form)`
 identity       `EffectId`, name and form of an effect
 formula        effects from a line of mathematics
 functions      splines, harmonics, reference speeds and other functions that effects share
 impulse_path   changes of Routh's path while the contact lasts
 
-Every other module is an effect.  docs/effects.md lists them with their formulas.
+Every other module is an effect.  `catalogue()` returns all forms by name, `find_effect(name, form)` one of them;
+docs/effects.md lists them with their formulas.
 """
 
-from contactlearn.effects.base import PLACES, ChangesFriction, ChangesRestitution, Effect, Parameter, parameter
-from contactlearn.effects.identity import EffectId
-from contactlearn.effects.registry import (
-    ENTRY_POINT,
-    catalogue,
-    choose_form,
-    find_effect,
-    forms_of,
-    from_settings,
-    named_effects,
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, Field, fields
+from importlib.metadata import entry_points
+from typing import Any
+
+from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
+from contactlearn.effects.base import (
+    PLACES,
+    ChangesFriction,
+    ChangesRestitution,
+    Effect,
+    Parameter,
+    check_decorated,
+    parameter,
 )
+from contactlearn.effects.identity import EffectId
 from contactlearn.effects.state import State, columns
+
+ENTRY_POINT = "contactlearn.effects"
 
 __all__ = [
     "ENTRY_POINT",
@@ -42,3 +52,144 @@ __all__ = [
     "named_effects",
     "parameter",
 ]
+
+
+def catalogue() -> dict[str, tuple[type[Effect], ...]]:
+    """Return the forms of every effect by the effect's name, the default form first; one form for most effects.
+
+    Effects are in the order of the places and then of the alphabet.  They come from this folder, from other packages
+    that announce theirs under the entry point `contactlearn.effects`, and from any other module that was imported.
+    Classes that need arguments are left out.
+
+    Raises:
+        ContactLearnError: two effects of one name, or two forms of one name in a family.
+    """
+    for module in pkgutil.iter_modules(__path__):
+        importlib.import_module(f"{__name__}.{module.name}")
+    for entry in entry_points(group=ENTRY_POINT):
+        entry.load()
+    found: dict[str, tuple[type[Effect], ...]] = {}
+    for kind in sorted(_defined(Effect), key=lambda e: (PLACES.index(e.place), e.name)):
+        forms = tuple(form for form in forms_of(kind) if all(_optional(f) for f in fields(form)))
+        if forms and kind.name in found:
+            raise _homonyms(f"effects are called {kind.name}", found[kind.name][0], kind)
+        if forms:
+            found[kind.name] = forms
+    return found
+
+
+def find_effect(name: str, form: str | None = None) -> type[Effect]:
+    """Return the class of an effect, with or without arguments, in a form or in the default one of its family.
+
+    Raises:
+        UnknownNameError: no such effect or form; an effect of another package is known once that has been imported.
+    """
+    listed = catalogue()  # by now all of them are loaded
+    known = {kind.name: kind for kind in _defined(Effect)}
+    if name not in known:
+        raise UnknownNameError("effect", name, dict.fromkeys((*listed, *known)))
+    return choose_form(known[name], form)
+
+
+def named_effects(effects: Mapping[str, Effect] | Iterable[str]) -> dict[str, Effect]:
+    """Return effects by name: those of a mapping, or those of the catalogue with these names, in their default forms.
+
+    Raises:
+        ContactLearnError: neither of the two.
+        UnknownNameError: no such effect.
+    """
+    found = effects if isinstance(effects, Mapping) else None
+    if found is None and not isinstance(effects, str):
+        found = {name: find_effect(name)() for name in effects}
+    if found is None or not all(isinstance(effect, Effect) for effect in found.values()):
+        raise ContactLearnError(
+            f"effects are names, such as ['spin_damping'], or effects by name, such as {{'spin': SpinDamping()}}; "
+            f"got {effects!r}"
+        )
+    for effect in found.values():
+        check_decorated(type(effect))
+    return dict(found)
+
+
+def forms_of(kind: type[Effect]) -> tuple[type[Effect], ...]:
+    """Return the forms of a family in the order of their declaration; any other effect is its only form.
+
+    Raises:
+        ContactLearnError: two forms of one name.
+    """
+    found: dict[str | None, type[Effect]] = {}
+    for form in _defined(kind) if inspect.isabstract(kind) else (kind,):
+        check_decorated(form)
+        if form.form in found:
+            raise _homonyms(f"forms of {kind.name} are called {form.form}", found[form.form], form)
+        found[form.form] = form
+    return tuple(found.values())
+
+
+def choose_form(kind: type[Effect], form: str | None = None) -> type[Effect]:
+    """Return the class of one form of a family, its first one if `form` is None.
+
+    Args:
+        kind: a family, or an effect with a single form.
+        form: name of a form of it.
+
+    Raises:
+        UnknownNameError: the family has no such form.
+        ContactLearnError: a form of an effect that has none.
+    """
+    forms = {each.form: each for each in forms_of(kind)}
+    if form is None and forms:
+        return next(iter(forms.values()))
+    if form not in forms or form is None:
+        names = [name for name in forms if name is not None]
+        if not names:
+            raise ContactLearnError(f"effect {kind.name} has no forms to choose from, got {form!r}; leave the form out")
+        raise UnknownNameError(f"form of {kind.name}", str(form), names)
+    return forms[form]
+
+
+def from_settings(kind: type[Effect], settings: Mapping[str, Any]) -> Effect:
+    """Return an effect with options as a configuration holds them.
+
+    Args:
+        kind: a family, one form of it, or an effect with a single form.
+        settings: the options of the class by name, lists in place of tuples; `form` chooses among a family's forms.
+            An option of another form of the family is passed over where it has its default value.
+
+    Raises:
+        UnknownNameError: the family has no such form.
+        ContactLearnError: an option that the class does not have, or lacks.
+    """
+    options: dict[str, Any] = {k: tuple(value) if isinstance(value, list) else value for k, value in settings.items()}
+    defaults = [(name, f.default) for form in forms_of(kind) for name, f in _options(form).items()]
+    kind = choose_form(kind, options.pop("form", None) if kind.form or inspect.isabstract(kind) else None)
+    known = _options(kind)
+    options = {key: value for key, value in options.items() if key in known or (key, value) not in defaults}
+    names = [*(["form"] if kind.form else []), *known]
+    for key in options:
+        if key not in known:
+            fitted = " (it is fitted)" if key in (f.name for f in fields(kind)) else suggest(key, names)
+            has = ", ".join(names) or "none"
+            raise ContactLearnError(f"{kind.name} has no setting {key!r}{fitted}; it has: {has}")
+    if missing := [name for name, f in known.items() if not _optional(f) and name not in options]:
+        raise ContactLearnError(f"{kind.name} needs the setting {', '.join(missing)}; give it a value")
+    return kind(**options)
+
+
+def _defined(parent: type[Effect]) -> list[type[Effect]]:
+    """Direct subclasses; a class whose definition was refused has no identity, and lives until it is collected."""
+    return [kind for kind in parent.__subclasses__() if "id" in vars(kind)]
+
+
+def _options(kind: type[Effect]) -> dict[str, Field[Any]]:
+    """Fields that are not fitted, by name."""
+    return {f.name: f for f in fields(kind) if "parameter" not in f.metadata}
+
+
+def _homonyms(what: str, first: type[Effect], second: type[Effect]) -> ContactLearnError:
+    modules = f"{first.__module__} and {second.__module__}"
+    return ContactLearnError(f"two {what}, in {modules}; rename one")
+
+
+def _optional(field: Field[Any]) -> bool:
+    return field.default is not MISSING or field.default_factory is not MISSING

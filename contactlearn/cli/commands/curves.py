@@ -17,8 +17,7 @@ from contactlearn.diagnosis.events import OnEvent, track
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.learning import curves as study
-from contactlearn.inference.learning.curves import Curve
-from contactlearn.inference.learning.kept import kept_trainings
+from contactlearn.inference.learning.curves import Curve, count_trainings
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
@@ -41,7 +40,7 @@ def learning_study(settings: EvaluateSettings, data: Split, run: Run) -> dict[st
     recipes, sizes = settings.learnable, _sizes(settings, data.pool)
     terminal.show_left_out([name for name in settings.recipes if name not in recipes])
     terminal.show_sizes(sizes, settings.curve_sizes, settings.curve_seeds, len(data.pool))
-    terminal.show_kept(kept_trainings(run.partial))
+    terminal.show_kept(count_trainings(run.partial))
     orders = study.nested_orders(len(data.pool), settings.curve_seeds, data.generator)
     pool, test = moved((data.pool, data.test), settings.device)
     with progress(run.folder) as on_event:
@@ -64,7 +63,7 @@ def training_work(settings: EvaluateSettings, partial: Path, on_event: OnEvent, 
     """Return the processes, finished trainings and progress of a study."""
     return study.Work(
         processes=settings.processes,
-        kept=partial,
+        cache=partial,
         progress=lambda done, total: track(done, description, on_event, total),
     )
 

@@ -14,7 +14,7 @@ from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.devices import moved
 from contactlearn.core.errors import DataError
 from contactlearn.diagnosis.events import OnEvent
-from contactlearn.inference.evaluation.sums import ErrorSums
+from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.inference.learning.curves import Curve
 from contactlearn.mechanics.bodies import shapes_entries
 from contactlearn.mechanics.impacts import Impacts, Prediction

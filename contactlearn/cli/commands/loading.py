@@ -29,7 +29,7 @@ from contactlearn.data.blocks import BLOCK, Blocks, sampled
 from contactlearn.data.table import Table, blocks_of, is_large
 from contactlearn.data.tracks import Tracked
 from contactlearn.diagnosis.events import OnEvent, TaskProgress
-from contactlearn.inference.evaluation.sums import refuse_rest
+from contactlearn.inference.evaluation.metrics import refuse_rest
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report import terminal
 from contactlearn.report.page.page import RECORDINGS, SOURCES

@@ -12,8 +12,7 @@ from contactlearn.data.blocks import Blocks
 from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import Effect, EffectId
 from contactlearn.inference.evaluation import metrics
-from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.inference.evaluation.sums import ErrorSums
+from contactlearn.inference.evaluation.metrics import ErrorSums, Interval
 from contactlearn.inference.identification.joint import JointFit
 from contactlearn.inference.identification.shared import SharedFit
 from contactlearn.inference.learning.recipe import TARGETS, Recipe

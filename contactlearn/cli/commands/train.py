@@ -16,7 +16,7 @@ from contactlearn.cli.settings import TrainSettings
 from contactlearn.core.devices import moved
 from contactlearn.diagnosis.events import OnEvent, TaskProgress
 from contactlearn.inference.evaluation import bounds, metrics
-from contactlearn.inference.evaluation.sums import ErrorSums
+from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.inference.identification.joint import JointFit
 from contactlearn.inference.identification.shared import SharedFit
 from contactlearn.inference.learning.recipe import TARGETS, Recipe, learn

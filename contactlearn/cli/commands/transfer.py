@@ -13,8 +13,7 @@ from contactlearn.cli.settings import EvaluateSettings, TransferSettings
 from contactlearn.core.devices import moved
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.learning import curves as study
-from contactlearn.inference.learning.curves import Curve
-from contactlearn.inference.learning.kept import kept_trainings
+from contactlearn.inference.learning.curves import Curve, count_trainings
 from contactlearn.inference.learning.recipe import Recipe
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models import checkpoint
@@ -45,7 +44,7 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
         name: loading.load_data(one).split(settings.split.test, data.generator) for name, one in wanted.bodies.items()
     }
     provenance = results.provenance(run, data.blocks, settings.device, data.train_size)
-    terminal.show_kept(kept_trainings(run.partial))
+    terminal.show_kept(count_trainings(run.partial))
     found = {}
     for name, recipe in settings.recipes.items():
         model, by_body = _transferred(settings, wanted, name, recipe, source, bodies, data, run)

@@ -23,7 +23,7 @@ from torch import Tensor
 
 from contactlearn.effects import Effect, EffectId, columns
 from contactlearn.inference.identification.joint import FitOptions, JointFit, linearise, named_parameters
-from contactlearn.inference.identification.ranges import suited
+from contactlearn.inference.identification.problem import suited
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
 

@@ -17,14 +17,30 @@ from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.numerics import is_number
 from contactlearn.effects import Effect, Parameter, named_effects
 from contactlearn.inference.identification import errors_in_variables, robust
-from contactlearn.inference.identification.problem import JointProblem, effects_at
-from contactlearn.inference.identification.ranges import suited
+from contactlearn.inference.identification.problem import JointProblem, effects_at, suited
 from contactlearn.inference.identification.shared import Box
-from contactlearn.inference.identification.thresholds import FitThresholds
 from contactlearn.laws import Law, named
 from contactlearn.mechanics.apparatus import Estimate, KnownParameter
 from contactlearn.mechanics.impacts import Impacts, require_impacts
 from contactlearn.models.contact_model import ContactModel
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitThresholds:
+    """Limits of the statements about a fit."""
+
+    outlier_weight: float = 0.07
+    """Weight of a trial, 1 for an ordinary one, below which it is a gross outlier: that of five standard deviations in
+    each of three components."""
+    open_share: float = 0.125
+    """Standard error of a parameter, relative to its plausible range, above which it is not determined: its 95 %
+    interval then covers half of the range."""
+    collinearity: float = 0.95
+    """Correlation above which two parameters trade off on these data, and share R² of an effect's change that another
+    effect reproduces above which only their functional forms differ."""
+    effective_trials: float = 5.0
+    """Effective number of trials below which too few inform a parameter."""
+
 
 FIT_TARGETS = ("velocity", "wrench")
 _SCATTER = 6  # free numbers of a scatter matrix; twice as many residuals keep it from being singular

@@ -3,50 +3,106 @@
 Each seed draws one random order of the pool; the subset of size n is its first n trials, so subsets
 are nested along a curve and the same for every model.  Laws are identified and processes trained on
 the subset alone; all seeds of a model at one size are one batch.
+
+Finished trainings may be kept on disk, one NumPy file each, so that curves that were stopped resume.
 """
 
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import as_completed
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
+from zipfile import BadZipFile
 
+import numpy as np
 import torch
 from jaxtyping import Int
 from torch import Tensor
 
 from contactlearn.core.devices import moved
 from contactlearn.core.errors import DataError
+from contactlearn.core.numerics import written_whole
 from contactlearn.core.workers import WorkerPool
 from contactlearn.effects import Effect
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.inference.identification.shared import Box, SharedFit, identify
-from contactlearn.inference.learning.kept import Trained, load_trained, save_trained
 from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import RESIDUALS, ContactModel
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trained:
+    """One model trained on subsets of one size, for the held-out trials."""
+
+    key: tuple[str, ...]  # of the curve
+    size: int
+    prediction: Prediction
+    kind: str  # of the processes
+    converged: float  # share of the processes whose training converged
+
+
+def save_trained(folder: Path, trained: Trained) -> None:
+    """Write a finished training.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    prediction = moved(trained.prediction, "cpu")
+    arrays = {"v_post": prediction.v_post.numpy(), "wrench": prediction.wrench.numpy()}
+    arrays |= {"kind": np.array(trained.kind), "converged": np.array(trained.converged)}
+    if prediction.covariance is not None:
+        arrays["covariance"] = prediction.covariance.numpy()
+    gone = suppress(FileNotFoundError)  # another run of the same command has ended and removed the folder
+    with gone, written_whole(_path(folder, trained.key, trained.size)) as part:
+        np.savez(part, allow_pickle=False, **arrays)
+
+
+def load_trained(folder: Path, key: tuple[str, ...], size: int) -> Trained | None:
+    """Read a training; None if it was not finished."""
+    try:
+        with _path(folder, key, size).open("rb") as file, np.load(file, allow_pickle=False) as held:
+            prediction = Prediction(
+                torch.from_numpy(held["v_post"]),
+                torch.from_numpy(held["wrench"]),
+                torch.from_numpy(held["covariance"]) if "covariance" in held else None,
+            )
+            kind, converged = str(held["kind"]), float(held["converged"])
+    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile, zlib.error):
+        return None
+    return Trained(key=key, size=size, prediction=prediction, kind=kind, converged=converged)
+
+
+def count_trainings(folder: Path) -> int:
+    """Count the finished trainings in a folder and below it; those that were being written are in hidden folders."""
+    return sum(not path.parent.name.startswith(".") for path in folder.rglob("*.npz"))
+
+
+def _path(folder: Path, key: tuple[str, ...], size: int) -> Path:
+    return folder / "-".join(key) / f"{size}.npz"
+
 
 Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Work:
-    """How many trainings are gone through.
+    """How trainings are run.
 
     Args:
-        processes: side by side; 1 trains in this one.
-        kept: folder of finished trainings, which are not trained again; of the same trials, recipes and options.
+        processes: number of processes; 1 trains in this one.
+        cache: folder of finished trainings with the same trials, recipes and options, which are not repeated.
         progress: takes the trained models, one by one, and their number, so that a bar can show them.
     """
 
     processes: int = 1
-    kept: Path | None = None
+    cache: Path | None = None
     progress: Callable[[Iterable[Trained], int], Iterable[Trained]] = lambda done, total: done
-
-
-_ALONE = Work()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +204,7 @@ def learning_curves(
     *,
     impulse: str = "momentum",
     box: Box | None = None,
-    work: Work = _ALONE,
+    work: Work = Work(),
 ) -> dict[str, Curve]:
     """Train models on every subset, and compute their curves.
 
@@ -160,51 +216,68 @@ def learning_curves(
         bases: by law and size, the law that a recipe names as identified on these subsets, see `law_at`, with its
             effects if it has any.
         impulse, box: see `learning.learn`.
-        work: how the trainings are gone through.
+        work: how the trainings are run.
     """
-    tasks = []
-    for size in sorted(sizes, reverse=True):  # the longest first
-        for name, recipe in recipes.items():
-            base = bases[recipe.law.name][size] if recipe.law else None
-            tasks.append(((name,), size, recipe, pool, test, orders[:, :size], base, impulse, box))
-    found = list(_trained(tasks, work))
+    trainings = [
+        _Training(
+            key=(name,),
+            size=size,
+            recipe=recipe,
+            pool=pool,
+            test=test,
+            rows=orders[:, :size],
+            base=bases[recipe.law.name][size] if recipe.law else None,
+            impulse=impulse,
+            box=box,
+        )
+        for size in sorted(sizes, reverse=True)  # the longest first
+        for name, recipe in recipes.items()
+    ]
+    found = _trained(trainings, work)
     return {name: _curve(test, [one for one in found if one.key == (name,)]) for name in recipes}
 
 
-def _trained(tasks: Sequence[tuple[Any, ...]], work: Work) -> Iterable[Trained]:
-    """Train the models of the tasks, but for those that are kept; keep each that is finished."""
+@dataclass(frozen=True, kw_only=True)
+class _Training:
+    """One model to train on subsets of one size: the arguments of `learn`, and the trials to predict."""
+
+    key: tuple[str, ...]
+    size: int
+    recipe: Recipe
+    pool: Impacts
+    test: Impacts
+    rows: Tensor
+    base: Law | ContactModel | None
+    impulse: str
+    box: Box | None
+
+    def run(self) -> Trained:
+        """Train the model and predict the held-out trials."""
+        model = learn(self.recipe, self.pool, self.rows, self.base, impulse=self.impulse, box=self.box)
+        processes = model.processes
+        share = 1.0 if processes.status is None else processes.status.converged.double().mean().item()
+        return Trained(
+            key=self.key, size=self.size, prediction=model.predict(self.test), kind=processes.kind, converged=share
+        )
+
+
+def _trained(trainings: Sequence[_Training], work: Work) -> list[Trained]:
+    """Run the trainings that the cache does not hold; cache each that is finished."""
 
     def every() -> Iterator[Trained]:
         missing = []
-        for task in tasks:
-            held = load_trained(work.kept, *task[:2]) if work.kept is not None else None
+        for one in trainings:
+            held = load_trained(work.cache, one.key, one.size) if work.cache is not None else None
             if held is None:
-                missing.append(task)
+                missing.append((one,))
             else:
-                yield moved(held, task[4].v_post.device)  # with the held-out trials
-        for trained in run(_train_one, missing, work.processes):
-            if work.kept is not None:
-                save_trained(work.kept, trained)
+                yield moved(held, one.test.v_post.device)
+        for trained in run(_Training.run, missing, work.processes):
+            if work.cache is not None:
+                save_trained(work.cache, trained)
             yield trained
 
-    return work.progress(every(), len(tasks))
-
-
-def _train_one(
-    key: tuple[str, ...],
-    size: int,
-    recipe: Recipe,
-    pool: Impacts,
-    test: Impacts,
-    rows: Tensor,
-    base: Law | ContactModel | None,
-    impulse: str,
-    box: Box | None,
-) -> Trained:
-    model = learn(recipe, pool, rows, base, impulse=impulse, box=box)
-    processes = model.processes
-    share = 1.0 if processes.status is None else processes.status.converged.double().mean().item()
-    return Trained(key=key, size=size, prediction=model.predict(test), kind=processes.kind, converged=share)
+    return list(work.progress(every(), len(trainings)))
 
 
 def _curve(test: Impacts, trained: Iterable[Trained]) -> Curve:
@@ -224,7 +297,7 @@ def transfer_curves(
     *,
     impulse: str = "momentum",
     box: Box | None = None,
-    work: Work = _ALONE,
+    work: Work = Work(),
 ) -> tuple[ContactModel, dict[str, dict[str, Curve]]]:
     """Train a model on one body, and compute its curves on others.
 
@@ -248,7 +321,7 @@ def transfer_curves(
         base = identify(recipe.law, source, sizes=(len(source),), orders=rows[None], target=impulse, box=box).to_law()
     model = learn(recipe, source, rows, base, impulse=impulse, box=box)
     correction = recipe if recipe.target in RESIDUALS else replace(recipe, target="impulse")
-    curves, tasks = {}, []
+    curves, trainings = {}, []
     for body, (pool, test) in bodies.items():
         if max(sizes) > len(pool):
             raise DataError(f"{body}: {max(sizes)} trials asked for, but {len(pool)} are there to draw from")
@@ -258,10 +331,11 @@ def transfer_curves(
         if recipe.law:
             fit = identify(recipe.law, pool, sizes=sizes, orders=orders, target=impulse, box=box)
         for size in sorted(sizes, reverse=True):
-            common = pool, test, orders[:, :size]
-            tasks.append(((body, "prior"), size, correction, *common, model, impulse, box))
-            tasks.append(((body, "scratch"), size, recipe, *common, fit and law_at(fit, size), impulse, box))
-    found = list(_trained(tasks, work))
+            rows, law = orders[:, :size], fit and law_at(fit, size)
+            training = partial(_Training, size=size, pool=pool, test=test, rows=rows, impulse=impulse, box=box)
+            trainings.append(training(key=(body, "prior"), recipe=correction, base=model))
+            trainings.append(training(key=(body, "scratch"), recipe=recipe, base=law))
+    found = _trained(trainings, work)
     for body, (_, test) in bodies.items():
         for way in ("prior", "scratch"):
             curves[body][way] = _curve(test, [one for one in found if one.key == (body, way)])
