@@ -8,7 +8,7 @@ from contactlearn.data import table
 from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.error_budget import noise_floor
 from contactlearn.diagnosis.result import NoiseSource
-from contactlearn.diagnosis.unexplained.processes import Processes
+from contactlearn.diagnosis.unexplained.remainder import Processes
 from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.inference.learning.recipe import Recipe, learn

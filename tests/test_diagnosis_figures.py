@@ -18,8 +18,8 @@ from contactlearn.data.audit.consistency import balance, contradictions, gross_o
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import audit
 from contactlearn.data.audit.result import Finding
-from contactlearn.diagnosis.failure.variables import variables
 from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.regions import variables
 from contactlearn.diagnosis.result import (
     ComponentTest,
     Diagnosis,

@@ -11,14 +11,14 @@ from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.diagnosis.discrimination.experiment import (
     STATES,
+    ModelDiscrimination,
     Substitution,
     next_experiment,
     reachable,
     separations_of,
 )
-from contactlearn.diagnosis.discrimination.model_discrimination import ModelDiscrimination
 from contactlearn.diagnosis.discrimination.rivals import find_rivals, similarity
-from contactlearn.diagnosis.result.rivals import Experiment
+from contactlearn.diagnosis.result.effects import Experiment
 from contactlearn.diagnosis.search.pool import Pool, Spec
 from contactlearn.diagnosis.search.selection import Selection, select, validated
 from contactlearn.effects import EffectId, catalogue, find_effect

@@ -13,8 +13,7 @@ from contactlearn.diagnosis.events import SubsampleStarted, ignore
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.question import Question
 from contactlearn.diagnosis.result import Diagnosis, Limit, Record, Verdict
-from contactlearn.diagnosis.sampling.confirmation import confirm
-from contactlearn.diagnosis.sampling.subsamples import affordable, diagnose_subsamples, space_filling
+from contactlearn.diagnosis.sampling import affordable, confirm, diagnose_subsamples, space_filling
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.identification.joint import FitOptions
@@ -70,7 +69,7 @@ def grown(impacts, diagnosed, thresholds=SMALL, on_event=ignore, **options):
         law=None, given={}, candidates={}, laws={}, options=FitOptions(), limits={}, thresholds=thresholds,
         seconds=60.0, on_event=on_event,
     )  # fmt: skip
-    with patch("contactlearn.diagnosis.sampling.subsamples.diagnose_audited", diagnosed):
+    with patch("contactlearn.diagnosis.sampling.diagnose_audited", diagnosed):
         return diagnose_subsamples(question, impacts, (), seed=0, **options)
 
 

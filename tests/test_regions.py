@@ -9,9 +9,8 @@ from scipy.stats import mannwhitneyu
 
 from contactlearn.core.errors import DataError
 from contactlearn.core.serialisation import from_json, to_json
-from contactlearn.diagnosis.failure.regions import find_regions, improvement_by_region
-from contactlearn.diagnosis.failure.variables import Variable, symmetry, variables
-from contactlearn.diagnosis.result.regions import Region
+from contactlearn.diagnosis.regions import Variable, find_regions, improvement_by_region, symmetry, variables
+from contactlearn.diagnosis.result.effects import Region
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.laws import find
@@ -120,7 +119,7 @@ def test_limits_are_nearly_right():
 def test_the_p_value_is_of_the_half_that_was_not_searched(monkeypatch):
     """Against SciPy's rank-sum test; the corrected one is five times that of the surest of five."""
     drops, prediction, _ = plant("location", size=300)
-    monkeypatch.setattr("contactlearn.diagnosis.failure.regions._MOST", 1)
+    monkeypatch.setattr("contactlearn.diagnosis.regions._MOST", 1)
     alone = find_regions(drops, prediction, generator=seeded(0))[0]
     monkeypatch.undo()
     rest = torch.randperm(300, generator=seeded(0))[150:]

@@ -13,8 +13,7 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameEr
 from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.diagnosis.result.remainder import Remainder, WrenchComponent
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.formulas import formula_effect, formulas
-from contactlearn.diagnosis.unexplained.library import Library
+from contactlearn.diagnosis.unexplained.formulas import Library, formula_effect, formulas
 from contactlearn.diagnosis.unexplained.remainder import is_significant, learn_remainder
 from contactlearn.effects import find_effect
 from contactlearn.effects.formula.effect import formula

@@ -5,15 +5,13 @@ import math
 import pytest
 import torch
 
-from contactlearn.diagnosis.drift import lasts_beside
+from contactlearn.diagnosis.drift import dependence, lasts_beside
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.search.candidates import all_candidates, follows_order
 from contactlearn.diagnosis.search.frontier import Search
-from contactlearn.diagnosis.search.plausible import inclusion, plausible_models
 from contactlearn.diagnosis.search.pool import Pool, Spec, identities
 from contactlearn.diagnosis.search.quadratic import Group
-from contactlearn.diagnosis.search.selection import _pruned
-from contactlearn.diagnosis.sequence import dependence
+from contactlearn.diagnosis.search.selection import _pruned, inclusion, plausible_models
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId, find_effect
 from contactlearn.effects.formula.effect import formula

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from contactlearn.core.errors import DataError
-from contactlearn.diagnosis.sequence import blocks, dependence, drift_kind
+from contactlearn.diagnosis.drift import blocks, dependence, drift_kind
 
 SIZE = torch.tensor([0.02, 0.03, 1.0], dtype=torch.float64)  # of the noise, m/s, m/s, rad/s
 

@@ -17,7 +17,7 @@ from contactlearn.diagnosis.discrimination.experiment import reachable
 from contactlearn.diagnosis.events import AuditFindings, OnEvent, ignore
 from contactlearn.diagnosis.question import Question
 from contactlearn.diagnosis.result import Diagnosis, Finding, Verdict
-from contactlearn.diagnosis.sampling.subsamples import affordable, diagnose_subsamples
+from contactlearn.diagnosis.sampling import affordable, diagnose_subsamples
 from contactlearn.diagnosis.search.candidates import all_candidates, all_laws
 from contactlearn.diagnosis.stages import diagnose_audited
 from contactlearn.diagnosis.thresholds import Thresholds

@@ -41,9 +41,9 @@ from contactlearn.diagnosis.events import (
     VelocitiesAveraged,
     track,
 )
-from contactlearn.diagnosis.failure.regions import find_regions
 from contactlearn.diagnosis.question import Question
 from contactlearn.diagnosis.record import Record
+from contactlearn.diagnosis.regions import find_regions
 from contactlearn.diagnosis.result import (
     Diagnosis,
     ErrorBudget,

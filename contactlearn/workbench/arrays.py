@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from contactlearn.diagnosis.failure.variables import Variable
+from contactlearn.diagnosis.regions import Variable
 from contactlearn.inference.evaluation.partial_residuals import changes, partial_residuals
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction

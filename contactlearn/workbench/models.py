@@ -28,7 +28,7 @@ from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import EvaluateSettings, SourceSettings
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.diagnosis.error_budget import NoiseFloor, noise_floor
-from contactlearn.diagnosis.failure.regions import find_regions
+from contactlearn.diagnosis.regions import find_regions
 from contactlearn.diagnosis.result import Region
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS, all_candidates, usable
 from contactlearn.diagnosis.search.quadratic import Group, Quadratic

@@ -26,7 +26,7 @@ from contactlearn import laws
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.core.numerics import is_number
 from contactlearn.data.audit.findings import audit
-from contactlearn.diagnosis.failure.variables import variables
+from contactlearn.diagnosis.regions import variables
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
 from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation.metrics import mass_error

@@ -8,11 +8,10 @@ from torch import Tensor
 
 from contactlearn import laws
 from contactlearn.core.numerics import wrapped
-from contactlearn.diagnosis.failure.regions import find_regions
+from contactlearn.diagnosis.regions import find_regions
 from contactlearn.diagnosis.result import Remainder
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.processes import Processes
-from contactlearn.diagnosis.unexplained.remainder import learn_remainder
+from contactlearn.diagnosis.unexplained.remainder import Processes, learn_remainder
 from contactlearn.inference.identification.joint import JointFit, identify_jointly
 from contactlearn.inference.validation import Folds
 from contactlearn.mechanics.impacts import Impacts, Prediction

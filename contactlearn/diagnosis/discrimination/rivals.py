@@ -22,7 +22,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from contactlearn.diagnosis.result.rivals import Rival
+from contactlearn.diagnosis.result.effects import Rival
 from contactlearn.diagnosis.search.selection import Selection, validated
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import Effect, EffectId, columns

@@ -20,14 +20,20 @@ from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result.effects import (
     Choices,
+    Drop,
+    Experiment,
     FittedParameter,
     FrontierModel,
+    Improvement,
     MissingEffect,
     PlausibleModel,
+    Region,
+    Rival,
     Rung,
     RungKind,
+    Separation,
+    Verdict,
 )
-from contactlearn.diagnosis.result.regions import Improvement, Region
 from contactlearn.diagnosis.result.remainder import (
     Coefficient,
     ComponentTest,
@@ -39,9 +45,7 @@ from contactlearn.diagnosis.result.remainder import (
     VariableShare,
     WrenchComponent,
 )
-from contactlearn.diagnosis.result.rivals import Drop, Experiment, Rival, Separation
 from contactlearn.diagnosis.result.sample import Answer, Confirmation, ErrorMap, FailingRegion, Limit, Sample
-from contactlearn.diagnosis.result.verdict import Verdict
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval

@@ -1,12 +1,136 @@
-"""Results of the search: rungs of the ladder and missing effects."""
+"""Results about effects: verdict, regions, rivals with the experiment that separates them, ladder, missing effects."""
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from contactlearn.diagnosis.result.regions import Improvement
-from contactlearn.diagnosis.result.rivals import Rival
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
+
+
+class Verdict(StrEnum):
+    """The conclusion: known effects are missing, nothing is, something unknown is, or the data are wrong.
+
+    Unfinished: something is missing, and the search ran out of time before it had compared all known effects.
+    """
+
+    EFFECTS = "effects"
+    NONE = "none"
+    UNKNOWN = "unknown"
+    UNFINISHED = "unfinished"
+    BAD_DATA = "bad_data"
+
+
+# --- Regions ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Region:
+    """Trials with a variable of the contact before impact in [low, high), where the law's error is clearly higher.
+
+    Args:
+        variable: by name, see `failure.variables`.
+        where: the window in words.
+        low: lower limit in SI units; None if open.
+        high: upper limit likewise; of a periodic variable it may lie beyond ±π.
+        ratio: mean error inside to that of the rest, with its 95 % interval, on trials that were not searched.
+        p_value: of the one-sided rank-sum test on the same trials, corrected for the number of regions.
+        rows: all trials inside, counted from 0.
+    """
+
+    variable: str
+    where: str
+    low: float | None
+    high: float | None
+    ratio: Interval
+    p_value: float
+    rows: tuple[int, ...]
+
+    @property
+    def trials(self) -> int:
+        """Number of trials inside."""
+        return len(self.rows)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """[low, high), infinite where open."""
+        return -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
+
+
+@dataclass(frozen=True, kw_only=True)
+class Improvement:
+    """Mean errors inside a region and in the rest, before and after an effect is added.
+
+    `change` is that of the mean error inside, `excess` the change inside minus that of the rest, both with 95 %
+    intervals over paired trials; `share` is the part of the change summed over all trials that comes from inside.
+    """
+
+    before: float
+    after: float
+    rest_before: float
+    rest_after: float
+    change: Interval
+    excess: Interval
+    share: float
+
+    @property
+    def helped(self) -> bool:
+        """Whether the error inside fell beyond chance, and by more than in the rest."""
+        return self.change.high < 0 and self.excess.high < 0
+
+
+# --- Rivals ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rival:
+    """An effect that explains these data as well as a missing one.
+
+    `similarity` is the share R² of the missing effect's change of v_post that the rival reproduces to first order,
+    `loss_difference` the rise of the held-out loss in nats a trial with the rival instead.
+    """
+
+    effect: EffectId
+    similarity: float
+    loss_difference: float
+    standard_error: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Separation:
+    """A missing effect and a rival, and the drops expected to decide between them; None if a thousand do not."""
+
+    effect: EffectId
+    rival: EffectId
+    drops_needed: int | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drop:
+    """A state before impact in m, rad, m/s, rad/s; `x` is None where no model depends on it.
+
+    `body` is its name, None where all measurements are of one.  `differences` are distances of the
+    model's outcome from each rival's in standard deviations, in the order of `Experiment.separations`.
+    """
+
+    theta: float
+    v_x: float
+    v_y: float
+    omega: float
+    differences: tuple[float, ...]
+    x: float | None = None
+    body: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """Drops that separate the model from its rivals, the best first."""
+
+    separations: tuple[Separation, ...]
+    drops: tuple[Drop, ...]
+
+
+# --- Effects ---------------------------------------------------------------------------------------
 
 
 class RungKind(StrEnum):

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from contactlearn.data.audit.result import Finding
-from contactlearn.diagnosis.result.regions import Region
-from contactlearn.diagnosis.result.verdict import Verdict
+from contactlearn.diagnosis.result.effects import Region, Verdict
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
 

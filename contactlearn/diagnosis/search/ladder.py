@@ -16,11 +16,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.diagnosis.failure.regions import improvement_by_region
-from contactlearn.diagnosis.result.effects import FittedParameter, MissingEffect, Rung, RungKind
-from contactlearn.diagnosis.result.regions import Region
-from contactlearn.diagnosis.search.plausible import inclusion
-from contactlearn.diagnosis.search.selection import Selection, smaller
+from contactlearn.diagnosis.regions import improvement_by_region
+from contactlearn.diagnosis.result.effects import FittedParameter, MissingEffect, Region, Rung, RungKind
+from contactlearn.diagnosis.search.selection import Selection, inclusion, smaller
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import outside_admissible
 from contactlearn.inference.validation import ValidatedFit, held_out_interval

@@ -3,38 +3,46 @@
 Gaussian processes learn the wrench (P_t, P_n, τ) that the model leaves, per unit mass and inertia, from the full state
 and the order of the trials, on the fitted rows of each fold, and are tested on the rows held out:
 
-    share        how far the held-out mass error falls: with the model of a law alone this is the ceiling
-    components   those of the wrench that are predicted better than by 0, by held-out R² and its standard error
-    variables    the total Sobol index of the prediction: the part of its variance that goes if a variable is another
+    share        relative reduction of the held-out mass error; with the model of a law alone this is the ceiling
+    components   components of the wrench that are predicted better than by 0, by held-out R² and its standard error
+    variables    total Sobol index of the prediction: the part of its variance that is lost if a variable is another
                  trial's and everything else stays
 
-For a body of known shape above a level floor r and y are functions of θ.  A symbol that follows from θ moves with it
-and goes by its name, so that no impossible state is asked about.  A wrench at the contact point has no unique
-cause: a force elsewhere on the body shows as an impulse and a moment.
+For a body of known shape above a level floor r and y are functions of θ.  A symbol that is a function of θ moves with
+it and has its name, so that no impossible state is predicted.  A wrench at the contact point has no unique cause: a
+force elsewhere on the body shows as an impulse and a moment.
 The model has few parameters and is fitted to all trials, so that next to nothing of those held out is in it.
 Gross outliers count neither in training nor in the result, but have their `error`.
-Source: Rasmussen & Williams 2006, for the processes.
+Sources: Rasmussen & Williams 2006, for the processes; Jansen 1999, for the indices.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import MAD_SCALE, wrapped
 from contactlearn.diagnosis.result.remainder import ComponentTest, Remainder, VariableShare, WrenchComponent
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.processes import Processes, input_columns
-from contactlearn.diagnosis.unexplained.sobol import total_indices, variable_shares
+from contactlearn.effects import State
+from contactlearn.effects.formula.symbols import of_state
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.inference.evaluation.partial_residuals import share_explained
 from contactlearn.inference.validation import Folds
 from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.mechanics.noise_weight import noise_weight
 from contactlearn.models.contact_model import ContactModel
+from contactlearn.models.features import Standardisation
 
+if TYPE_CHECKING:  # GPyTorch takes long to load
+    from contactlearn.models.gp.exact import ExactGPs
+
+_INPUTS = ("m", "I", "rx", "ry", "x", "y", "theta", "vx", "vy", "omega", "order")
 _COMPONENTS = tuple(WrenchComponent)
 _GROSS = 8.0  # robust standard deviations, or medians, beyond which a residual is left out or curbed
 _TRIALS = 450  # of a fold that are learnt from, at most
@@ -43,6 +51,61 @@ _LEAST_R_SQUARED = 0.04  # of a component that is named
 FUNCTION_OF = 0.85
 """Share of a quantity's variance along a variable from which on it is a function of this variable."""
 _ROUNDING = 1e-12  # of a mass error
+_PERMUTATIONS = 2
+
+
+# --- Processes -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Processes:
+    """Gaussian processes of each fold for the three components of the residual wrench.
+
+    `x` are the inputs, `unit` the unit of the wrench of each trial: mass, mass, inertia.
+    """
+
+    x: Float[Tensor, "n d"]
+    unit: Float[Tensor, "n 3"]
+    inputs: Standardisation
+    outputs: Standardisation
+    gps: "ExactGPs"
+
+    @classmethod
+    def of(cls, impacts: Impacts, residual: Float[Tensor, "n 3"], rows: Int[Tensor, "b m"]) -> "Processes":
+        """Fit the processes to the rows of each fold.
+
+        Raises:
+            DataError: fewer than two rows.
+        """
+        from contactlearn.models.gp.exact import ExactGPs
+
+        if rows.shape[-1] < 2:
+            raise DataError(f"what remains needs at least 2 trials to learn from, got {rows.shape[-1]}")
+        x = torch.cat([columns for columns in input_columns(impacts).values()], -1)
+        unit = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1)
+        residual = residual / unit
+        inputs, outputs = Standardisation.of(x[rows]), Standardisation.of(residual[rows])
+        weight = noise_weight(impacts, "wrench")
+        gps = ExactGPs(
+            inputs.apply(x[rows]), outputs.apply(residual[rows]).mT, None if weight is None else weight[rows].mT
+        )
+        gps.fit()
+        return cls(x, unit, inputs, outputs, gps)
+
+    def at(self, rows: Int[Tensor, "b m"], x: Float[Tensor, "b m d"] | None = None) -> Float[Tensor, "b m 3"]:
+        """Predict the wrench of the rows, or of other inputs of theirs, in their units."""
+        mean = self.gps.mean(self.inputs.apply(self.x[rows] if x is None else x))
+        return self.outputs.undo(mean.mT) * self.unit[rows]
+
+
+def input_columns(impacts: Impacts) -> dict[str, Float[Tensor, "n _"]]:
+    """Compute the inputs by symbol, θ as (cos θ, sin θ)."""
+    known = of_state(State.of(impacts))
+    theta = torch.stack((known["theta"].cos(), known["theta"].sin()), -1)
+    return {name: theta if name == "theta" else known[name][:, None] for name in _INPUTS}
+
+
+# --- The remainder ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,3 +293,39 @@ def _groups(impacts: Impacts) -> dict[str, list[int]]:
         moves = name in ("rx", "ry", "y") and share_explained(turn, columns[:, 0]) > FUNCTION_OF
         groups.setdefault("theta" if moves else name, []).extend(own)
     return groups
+
+
+# --- Sobol indices ---------------------------------------------------------------------------------
+
+
+def total_indices(
+    predict: Callable[[Float[Tensor, "b m d"]], Float[Tensor, "b m o"]],
+    x: Float[Tensor, "b m d"],
+    groups: Mapping[str, Sequence[int]],
+    generator: torch.Generator,
+) -> Float[Tensor, "g o"]:
+    """Compute the mean square change of each output by each variable, in the outputs' units squared.
+
+    Args:
+        predict: the outputs at inputs.
+        x: inputs of the trials of each fold.
+        groups: columns of each variable, which move together.
+        generator: of the other trials.
+    """
+    here, found = predict(x), []
+    for _ in range(_PERMUTATIONS):
+        other = x[:, torch.randperm(x.shape[1], generator=generator)]
+        for columns in groups.values():
+            changed = x.clone()
+            changed[..., columns] = other[..., columns]
+            found.append((predict(changed) - here).square().mean((0, 1)))
+    return torch.stack(found).unflatten(0, (_PERMUTATIONS, len(groups))).mean(0)
+
+
+def variable_shares(
+    groups: Mapping[str, Sequence[int]], total: Float[Tensor, " g"], least: float
+) -> tuple[VariableShare, ...]:
+    """Return the shares of the variables in their sum, the largest first, without those below the least."""
+    each = zip(groups, (total / total.sum().clamp_min(1e-300)).tolist(), strict=True)
+    ordered = sorted(each, key=lambda item: -item[1])
+    return tuple(VariableShare(symbol=name, share=x) for name, x in ordered if x >= least)

@@ -26,9 +26,15 @@ from torch import Tensor
 from torch.nn.functional import one_hot
 
 from contactlearn.diagnosis.result.remainder import Coefficient, LaggedVariable, SerialDependence
-from contactlearn.diagnosis.sequence import exceedance, random_signs, window_spread
+from contactlearn.diagnosis.sign_flips import (
+    exceedance,
+    gamma_neg_log_p,
+    gumbel_neg_log_p,
+    normal_neg_log_p,
+    random_signs,
+    window_spread,
+)
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.neg_log_p import gamma_neg_log_p, gumbel_neg_log_p, normal_neg_log_p
 from contactlearn.diagnosis.unexplained.scores import Scores
 from contactlearn.diagnosis.unexplained.varying_coefficients import VaryingCoefficientFit, VaryingCoefficientModel
 from contactlearn.effects import State

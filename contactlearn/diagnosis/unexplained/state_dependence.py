@@ -23,12 +23,10 @@ from torch.nn.functional import one_hot
 
 from contactlearn.core.numerics import wrapped
 from contactlearn.diagnosis.result.remainder import Coefficient, StateDependence, VariableShare
-from contactlearn.diagnosis.sequence import exceedance, random_signs
+from contactlearn.diagnosis.sign_flips import exceedance, gamma_neg_log_p, normal_neg_log_p, random_signs
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.neg_log_p import gamma_neg_log_p, normal_neg_log_p
-from contactlearn.diagnosis.unexplained.remainder import FUNCTION_OF
+from contactlearn.diagnosis.unexplained.remainder import FUNCTION_OF, total_indices, variable_shares
 from contactlearn.diagnosis.unexplained.scores import Scores
-from contactlearn.diagnosis.unexplained.sobol import total_indices, variable_shares
 from contactlearn.diagnosis.unexplained.varying_coefficients import VaryingCoefficientFit, VaryingCoefficientModel
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state

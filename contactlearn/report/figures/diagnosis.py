@@ -25,7 +25,7 @@ from torch import Tensor
 
 from contactlearn.core.numerics import wrapped
 from contactlearn.data.audit.corrections import correct
-from contactlearn.diagnosis.failure.variables import Variable, variables
+from contactlearn.diagnosis.regions import Variable, variables
 from contactlearn.diagnosis.result import ComponentTest, Diagnosis, Record, Region, Remainder, RungKind, WrenchComponent
 from contactlearn.effects import EffectId, State
 from contactlearn.effects.formula.symbols import SYMBOLS, of_state

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from contactlearn.diagnosis.failure.variables import Variable, variables
+from contactlearn.diagnosis.regions import Variable, variables
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
