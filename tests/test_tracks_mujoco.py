@@ -9,7 +9,7 @@ from contactlearn.data import tracks
 from contactlearn.data.recordings.flights import FlightOptions, find_flights
 from contactlearn.data.recordings.result import Reason
 from contactlearn.data.recordings.track import turn
-from contactlearn.simulation import recordings_mujoco
+from contactlearn.simulation import recordings, recordings_mujoco
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.mujoco import Bench, Hidden
 from contactlearn.simulation.recordings import write_recordings
@@ -109,3 +109,10 @@ def test_the_source_writes_its_recordings_and_finds_their_impacts(tmp_path):
     assert len(found.impacts) >= 8
     assert found.impacts.shape == bench().body
     assert abs(found.impacts.apparatus.gravity.value - GRAVITY) < 4 * found.impacts.apparatus.gravity.error
+
+
+@pytest.mark.parametrize(("source", "order"), [(recordings, "xyzw"), (recordings_mujoco, "wxyz")])
+def test_a_tracker_in_space_is_simulated_too(source, order, tmp_path):
+    found = source.find(size=5, seed=1, axes="z_up", order=order, folder=str(tmp_path))
+    assert found.survey.frame.order == order
+    assert len(found.impacts) > 10

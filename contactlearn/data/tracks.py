@@ -30,7 +30,7 @@ from contactlearn.data.recordings.floor import Floor, find_floor, off_the_floor
 from contactlearn.data.recordings.frame import Clue
 from contactlearn.data.recordings.markers import Centre, MarkerHull, hull_of_markers, markers_of
 from contactlearn.data.recordings.readers import Layout, read, recording_files
-from contactlearn.data.recordings.result import REASONS, Found, Hit, Refusal
+from contactlearn.data.recordings.result import REASONS, Found, Hit
 from contactlearn.data.recordings.survey import Progress, Survey, TrackOptions, sample, survey, tracked
 from contactlearn.data.recordings.track import Array, Recording
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
@@ -38,155 +38,15 @@ from contactlearn.mechanics.bodies import make_shapes
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Shape, contact_point
 
-
-def moment_imbalance(contacts: Sequence[Hit], shape: Shape, gyration_squared: float, sense: int = 1) -> float:
-    """Median share of the moment balance that is left over, in [0, 1], if angles grow in this sense."""
-    angles = torch.tensor([sense * float(contact.pose[2]) for contact in contacts], dtype=torch.float64)
-    r = contact_point(shape, angles).numpy()
-    change = np.stack([contact.v_post - contact.v_pre for contact in contacts]) * (1, 1, sense)
-    terms = np.stack(
-        (change[:, 2], -r[:, 0] * change[:, 1] / gyration_squared, r[:, 1] * change[:, 0] / gyration_squared)
-    )
-    return float(np.median(np.abs(terms.sum(0)) / np.maximum(np.abs(terms).sum(0), 1e-12)))
-
-
-def impacts_of(
-    contacts: Sequence[Hit],
-    shape: Shape,
-    mass: float,
-    inertia: float,
-    name: str,
-    source: str,
-    apparatus: Apparatus | None = None,
-) -> Impacts:
-    """Return the impacts of contacts with the floor.
-
-    Args:
-        contacts: in their order.
-        shape: of the body.
-        mass: in kg.
-        inertia: in kg m² about the centre of mass.
-        name: of the body.
-        source: of the impacts.
-        apparatus: what is known of it.
-
-    Raises:
-        DataError: there are none, or two have one name.
-    """
-    if not contacts:
-        raise DataError(f"{source}: no contact between two free flights was found")
-    twice = [name for name, count in Counter(contact.name for contact in contacts).items() if count > 1]
-    if twice:
-        name = twice[0].rpartition("#")[0]
-        raise DataError(f"{source}: two recordings are called {name!r}; each needs a name of its own")
-    n = len(contacts)
-    covariance = torch.from_numpy(np.stack([contact.covariance for contact in contacts]))
-    pose = torch.from_numpy(np.stack([contact.pose for contact in contacts]))
-    return Impacts(
-        mass=torch.full((n,), mass, dtype=torch.float64),
-        inertia=torch.full((n,), inertia, dtype=torch.float64),
-        r=contact_point(shape, pose[:, 2]),
-        q=pose,
-        v_pre=torch.from_numpy(np.stack([contact.v_pre for contact in contacts])),
-        v_post=torch.from_numpy(np.stack([contact.v_post for contact in contacts])),
-        v_pre_cov=covariance[:, :3, :3],
-        v_post_cov=covariance[:, 3:6, 3:6],
-        trial=tuple(contact.name for contact in contacts),
-        object=(name,) * n,
-        shape=shape,
-        source=source,
-        apparatus=apparatus,
-    )
-
-
-_TELL = 3  # contacts that tell it, at least
-
 _Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
-
-
-def find_angles(
-    recordings: Sequence[Recording], options: TrackOptions, shape: Shape, gyration: float
-) -> tuple[Conventions, Clue]:
-    """Find the unit and sense of angles that are not stated, and check those that are.
-
-    Args:
-        recordings: a few.
-        options: with the conventions that are stated.
-        shape: of the body.
-        gyration: squared radius of gyration in m².
-
-    Raises:
-        DataError: a stated reading contradicts the impacts, or one is neither stated nor found.
-    """
-    stated, limit, source = options.conventions, options.thresholds.reading, recordings[0].source
-    known = [*ANGLES] if recordings[0].quaternion is None else [stated.angle]
-    units = [stated.angle] if stated.angle else known
-    left = _left_over(recordings, options, units, [stated.sense] if stated.sense else [*SENSES], shape, gyration)
-    best, *others = sorted(left, key=lambda reading: left[reading])
-    if left[best] > limit and (len(units) < len(known) or stated.sense):
-        every = _left_over(recordings, options, known, [*SENSES], shape, gyration)
-        closing = min(every, key=lambda reading: every[reading])
-        if every[closing] <= limit * min(left[best], 1.0):
-            leaves = f"leaves {left[best]:.2g} with it" if left[best] < math.inf else "cannot be told with it"
-            raise DataError(
-                f"{source}: the impacts contradict {_settings(stated.angle, stated.sense)}: their moment balance "
-                f"{leaves}, and {every[closing]:.2g} with {_settings(*closing)}"
-            )
-    if others and not left[best] <= limit * left[others[0]]:
-        asked = _settings("…" if len(units) > 1 else None, None if stated.sense else "…")
-        raise DataError(
-            f"{source}: in which unit and sense angles are measured is not seen: the moment balance of impacts leaves "
-            f"{left[best]:.2f} with one reading and {left[others[0]]:.2f} with another; state {asked}"
-        )
-    clue = Clue(
-        convention="angles",
-        value=", ".join(name for name in best if name),
-        stated=not others,
-        quantity="moment balance left over",
-        number=left[best],
-        unit="–",
-    )
-    return replace(stated, angle=best[0], sense=best[1]), clue
-
-
-def _settings(angle: str | None, sense: str | None) -> str:
-    """The settings of a reading, as they are stated."""
-    named = (("angle", angle), ("sense", sense))
-    return " and ".join(f"data.{name}={value}" for name, value in named if value)
-
-
-def _left_over(
-    recordings: Sequence[Recording],
-    options: TrackOptions,
-    units: Sequence[str | None],
-    senses: Sequence[str],
-    shape: Shape,
-    gyration: float,
-) -> dict[_Reading, float]:
-    """Share of the moment balance that each reading leaves over; infinite where contacts are too few to tell."""
-    left: dict[_Reading, float] = {}
-    for unit in units:
-        contacts = _contacts(recordings, replace(options.conventions, angle=unit, sense="as_read"), options)
-        for sense in senses:
-            enough = len(contacts) >= _TELL
-            left[unit, sense] = moment_imbalance(contacts, shape, gyration, SENSES[sense]) if enough else math.inf
-    return left
-
-
-def _contacts(recordings: Sequence[Recording], conventions: Conventions, options: TrackOptions) -> list[Hit]:
-    """Contacts of a few recordings under some conventions."""
-    frame = find_frame(recordings, conventions, options.thresholds)
-    ready = options.in_air(frame)
-    return [contact for recording in recordings for contact in tracked(recording, frame, ready).contacts]
-
-
+_READABLE = 3  # contacts that show the reading of angles, at least
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _INSTANT = 1e-6  # s, error of the instants at which flights meet, at least
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tracked:
-    """Impacts of recordings, and everything that was found on the way to them."""
+    """Impacts of recordings, and everything found on the way to them."""
 
     path: Path
     impacts: Impacts
@@ -203,7 +63,7 @@ class Tracked:
         return None if self.hull is None else self.hull.contact_covariance(self.survey.contacts)
 
     def again(self, names: Collection[str]) -> Iterator[Found]:
-        """Search some recordings once more, for what is not kept of all: tracks and flights.
+        """Search some recordings once more for their tracks and flights, which a survey does not keep.
 
         Files that cannot be read are left out.
         """
@@ -229,7 +89,7 @@ def find(
     centre: Centre = None,
     **settings: Any,
 ) -> Tracked:
-    """Impacts, and what was found on the way to them; see `find_impacts` and `track_options`."""
+    """Impacts, and everything found on the way to them; see `find_impacts` and `track_options`."""
     return find_impacts(path, mass=mass, shape=shape, inertia=inertia, centre=centre, options=track_options(**settings))
 
 
@@ -248,21 +108,11 @@ def track_options(
     contact_time: float = 5e-4,
     workers: int = 1,
 ) -> TrackOptions:
-    """Return the options of a search as a configuration states them; what is None is found, or asked for.
+    """Return the options of a search as a configuration states them.
 
-    Args:
-        unit: of length, one of `conventions.UNITS`, or its size in m, such as that of a pixel.
-        up: the file's axis that points up, such as z or -y.
-        order: of quaternions, wxyz or xyzw.
-        angle: unit of angles in a plane, rad or deg.
-        sense: as_read, or mirrored if rotations turn against the file's axes.
-        columns: names of columns, see `Layout`.
-        rate: frames a second, for files without times.
-        body: name of the rigid body, topic or group, where a file holds several.
-        drag: of the air, 1/s; None: found from the flights.
-        fewest: frames of a flight, at least.
-        contact_time: duration of a contact in s.
-        workers: processes, for a hundred files and more, or for a single one.
+    `unit`, `up`, `order`, `angle`, `sense` and `drag` are those of `Conventions`, `columns`, `rate` and `body` those of
+    `Layout`, `fewest` and `contact_time` those of `FlightOptions`; `workers` search a hundred files and more, or a
+    single one.
 
     Raises:
         DataError: a value out of its range.
@@ -325,28 +175,34 @@ def find_impacts(
         raise DataError("data.centre is of a body without data.shape; a shape has its centre of mass at its origin")
     mass = finite_number("mass", mass, 0, above=True)
     gyration = known.gyration_squared() if inertia is None else finite_number("inertia", inertia, 0, above=True) / mass
-    conventions, clue = find_angles(sample(recording_files(path), options.layout), options, known, gyration)
+    conventions, clue = _find_angles(sample(recording_files(path), options.layout), options, known, gyration)
     found = survey(path, replace(options, conventions=conventions), progress=progress)
     found = replace(found, frame=replace(found.frame, clues=(*found.frame.clues, clue)))
-    if not found.contacts:
-        counts = _counts(found.refusals)
-        raise DataError(
-            f"{path}: no contact between two free flights in {found.recordings} recordings; refused: {counts}"
-        )
+    _check_contacts(path, found)
     limits = options.thresholds
     floor = find_floor(found.contacts, known, found.rests, lean=found.frame.lean, limits=limits)
     contacts, refusals = off_the_floor(found.contacts, known, floor, limits)
     found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
+    _check_contacts(path, found)
     name = options.layout.body or type(known).__name__.lower()
     apparatus = _apparatus(found, floor, options)
-    impacts = impacts_of(contacts, known, mass, gyration * mass, name, f"tracks of {path}", apparatus)
+    impacts = _impacts(contacts, known, mass, gyration * mass, name, f"tracks of {path}", apparatus)
     return Tracked(
         path=path, impacts=impacts, survey=found, floor=floor, shape=known, options=options, hull=hull, centre=centre
     )
 
 
+def _check_contacts(path: Path, found: Survey) -> None:
+    if not found.contacts:
+        counter = Counter(REASONS[refusal.reason] for refusal in found.refusals)
+        counts = ", ".join(f"{reason} ({count})" for reason, count in counter.items()) or "nothing"
+        raise DataError(
+            f"{path}: no contact between two free flights in {found.recordings} recordings; refused: {counts}"
+        )
+
+
 def _shape_of(body: str | None, spec: Mapping[str, Any] | Shape | None) -> Shape | None:
-    """The shape of the body that recordings are of, where shapes of several are stated the one of its name."""
+    """The shape of the recorded body; of several shapes the one of its name."""
     shape = make_shapes(spec)
     if not isinstance(shape, Mapping):
         return shape
@@ -373,7 +229,7 @@ def _by_markers(path: Path, options: TrackOptions, centre: Centre) -> tuple[Trac
 
 
 def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
-    """What the recordings tell without any impact; states at contact may be off by a part of its duration."""
+    """Estimates without any impact; states at contact may be off by a part of its duration."""
     frame, shown = found.frame, len(found.contacts) + floor.rests
     return Apparatus(
         gravity=Estimate(value=math.hypot(*frame.gravity), error=frame.gravity_error),
@@ -384,6 +240,106 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
     )
 
 
-def _counts(refusals: Sequence[Refusal]) -> str:
-    reasons = [REASONS[refusal.reason] for refusal in refusals]
-    return ", ".join(f"{reason} ({reasons.count(reason)})" for reason in dict.fromkeys(reasons)) or "nothing"
+def _find_angles(
+    recordings: Sequence[Recording], options: TrackOptions, shape: Shape, gyration: float
+) -> tuple[Conventions, Clue]:
+    """Find the unit and sense of angles that are not stated, and check those that are.
+
+    Raises:
+        DataError: a stated reading contradicts the impacts, or one is neither stated nor found.
+    """
+    stated, limit, source = options.conventions, options.thresholds.reading, recordings[0].source
+    known = [*ANGLES] if recordings[0].quaternion is None else [stated.angle]
+    units = [stated.angle] if stated.angle else known
+    left = _imbalances(recordings, options, units, [stated.sense] if stated.sense else [*SENSES], shape, gyration)
+    best, *others = sorted(left, key=lambda reading: left[reading])
+    if left[best] > limit and (len(units) < len(known) or stated.sense):
+        every = _imbalances(recordings, options, known, [*SENSES], shape, gyration)
+        closing = min(every, key=lambda reading: every[reading])
+        if every[closing] <= limit * min(left[best], 1.0):
+            leaves = f"leaves {left[best]:.2g} with it" if left[best] < math.inf else "is unknown with it"
+            raise DataError(
+                f"{source}: the impacts contradict {_settings(stated.angle, stated.sense)}: their moment balance "
+                f"{leaves}, and {every[closing]:.2g} with {_settings(*closing)}"
+            )
+    if others and not left[best] <= limit * left[others[0]]:
+        needed = _settings("…" if len(units) > 1 else None, None if stated.sense else "…")
+        raise DataError(
+            f"{source}: the unit and sense of angles are not clear: the moment balance of impacts leaves "
+            f"{left[best]:.2f} with one reading and {left[others[0]]:.2f} with another; state {needed}"
+        )
+    clue = Clue(
+        convention="angles",
+        value=", ".join(name for name in best if name),
+        stated=not others,
+        quantity="residual of the moment balance",
+        number=left[best],
+        unit="–",
+    )
+    return replace(stated, angle=best[0], sense=best[1]), clue
+
+
+def _settings(angle: str | None, sense: str | None) -> str:
+    """The settings of a reading, as they are stated."""
+    named = (("angle", angle), ("sense", sense))
+    return " and ".join(f"data.{name}={value}" for name, value in named if value)
+
+
+def _imbalances(
+    recordings: Sequence[Recording],
+    options: TrackOptions,
+    units: Sequence[str | None],
+    senses: Sequence[str],
+    shape: Shape,
+    gyration: float,
+) -> dict[_Reading, float]:
+    """Residual of the moment balance under each reading; infinite where contacts are too few."""
+    left: dict[_Reading, float] = {}
+    for unit in units:
+        conventions = replace(options.conventions, angle=unit, sense="as_read")
+        frame = find_frame(recordings, conventions, options.thresholds)
+        ready = options.in_air(frame)
+        contacts = [contact for recording in recordings for contact in tracked(recording, frame, ready).contacts]
+        for sense in senses:
+            enough = len(contacts) >= _READABLE
+            left[unit, sense] = _moment_imbalance(contacts, shape, gyration, SENSES[sense]) if enough else math.inf
+    return left
+
+
+def _moment_imbalance(contacts: Sequence[Hit], shape: Shape, gyration_squared: float, sense: int = 1) -> float:
+    """Median residual of the moment balance relative to its terms, in [0, 1], if angles grow in this sense."""
+    angles = torch.tensor([sense * float(contact.pose[2]) for contact in contacts], dtype=torch.float64)
+    r = contact_point(shape, angles).numpy()
+    change = np.stack([contact.v_post - contact.v_pre for contact in contacts]) * (1, 1, sense)
+    terms = np.stack(
+        (change[:, 2], -r[:, 0] * change[:, 1] / gyration_squared, r[:, 1] * change[:, 0] / gyration_squared)
+    )
+    return float(np.median(np.abs(terms.sum(0)) / np.maximum(np.abs(terms).sum(0), 1e-12)))
+
+
+def _impacts(
+    contacts: Sequence[Hit], shape: Shape, mass: float, inertia: float, name: str, source: str, apparatus: Apparatus
+) -> Impacts:
+    """The impacts of contacts with the floor, with the errors of their instants in both covariances."""
+    twice = [name for name, count in Counter(contact.name for contact in contacts).items() if count > 1]
+    if twice:
+        name = twice[0].rpartition("#")[0]
+        raise DataError(f"{source}: two recordings are called {name!r}; each needs a name of its own")
+    n = len(contacts)
+    covariance = torch.from_numpy(np.stack([contact.covariance for contact in contacts]))
+    pose = torch.from_numpy(np.stack([contact.pose for contact in contacts]))
+    return Impacts(
+        mass=torch.full((n,), mass, dtype=torch.float64),
+        inertia=torch.full((n,), inertia, dtype=torch.float64),
+        r=contact_point(shape, pose[:, 2]),
+        q=pose,
+        v_pre=torch.from_numpy(np.stack([contact.v_pre for contact in contacts])),
+        v_post=torch.from_numpy(np.stack([contact.v_post for contact in contacts])),
+        v_pre_cov=covariance[:, :3, :3],
+        v_post_cov=covariance[:, 3:6, 3:6],
+        trial=tuple(contact.name for contact in contacts),
+        object=(name,) * n,
+        shape=shape,
+        source=source,
+        apparatus=apparatus,
+    )

@@ -24,7 +24,7 @@ from torch import Tensor
 from contactlearn import laws
 from contactlearn.core.numerics import finite_number, random, whole
 from contactlearn.data.recordings.track import Recording
-from contactlearn.data.tracks import Tracked, find_impacts
+from contactlearn.data.tracks import Tracked, find_impacts, track_options
 from contactlearn.effects import Effect
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY, contact_velocity
@@ -32,6 +32,8 @@ from contactlearn.mechanics.shapes import Ellipse, Shape, contact_point
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation.camera import AXES, Camera, Motion, TrueContacts, record
 
+QUATERNION = ("q1", "q2", "q3", "q4")
+"""Columns of a quaternion, whose names do not show the order of its components."""
 _SECONDS = 2.0  # of a recording
 ZENO = 2e-3  # s
 _MOST = 14  # contacts of a body
@@ -190,7 +192,8 @@ def find(
     recordings, _ = simulate(size, tracker, law=law, mu=mu, eps=eps, drag=drag, seed=seed)
     place = Path("outputs") / "tracks" / f"seed_{seed}" if folder is None else Path(folder)
     write_recordings(recordings, place)
-    return find_impacts(place, mass=MASS, shape=Ellipse(SEMI_AXES))
+    options = track_options(columns={"quaternion": QUATERNION})
+    return find_impacts(place, mass=MASS, shape=Ellipse(SEMI_AXES), options=options)
 
 
 def simulate(
@@ -224,6 +227,6 @@ def write_recordings(recordings: Sequence[Recording], folder: Path) -> None:
     for recording in recordings:
         names = ("x", "y", "z")[: recording.position.shape[1]]
         columns = {"time": recording.time, **dict(zip(names, recording.position.T, strict=True))}
-        rotations = ("theta",) if recording.quaternion is None else ("q1", "q2", "q3", "q4")
+        rotations = ("theta",) if recording.quaternion is None else QUATERNION
         columns |= dict(zip(rotations, recording.rotation.T, strict=True))
         pd.DataFrame(columns).to_csv(folder / f"{recording.name}.csv", index=False, float_format="%.9g")

@@ -22,7 +22,7 @@ from contactlearn.data.tracks import Tracked, find_impacts, track_options
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.simulation.camera import Camera, Motion, TrueContacts, record
 from contactlearn.simulation.mujoco import GRAVITY, STEPS, Bench, Hidden, engine, simulated
-from contactlearn.simulation.recordings import from_hand, write_recordings
+from contactlearn.simulation.recordings import QUATERNION, from_hand, write_recordings
 
 _KEPT = 10  # steps from one pose that is kept to the next: ten in a contact time
 
@@ -142,7 +142,7 @@ def find(
     recordings, _ = record_bounces(size, bench, tracker, seed=seed)
     place = Path("outputs") / "tracks" / f"mujoco_{seed}" if folder is None else Path(folder)
     write_recordings(recordings, place)
-    options = track_options(contact_time=bench.contact_time)
+    options = track_options(contact_time=bench.contact_time, columns={"quaternion": QUATERNION})
     return find_impacts(place, mass=bench.mass, shape=bench.body, options=options)
 
 
