@@ -233,7 +233,7 @@ def test_a_parameter_is_set_by_hand_and_back(session, models, act):
     fitted, moved = models.fitted(session), act(session, "slider", "mu", 0.5)
     assert models.manual(moved).error.mean > fitted.error.mean
     assert models.manual(moved).model.law.mu == 0.5
-    assert act(moved, "slider", "mu", 0.5) is moved  # the slider was set to what it says
+    assert act(moved, "slider", "mu", 0.5) is moved  # the slider was set to this value
     assert act(moved, "fit", "mu") == session
     assert models.manual(session).error == fitted.error
     with pytest.raises(UnknownNameError, match="unknown parameter of this model 'nu'"):
@@ -375,15 +375,15 @@ def test_an_option_is_written_fitted_and_in_the_command(session, models, act):
     assert replace(commands.session_of(commands.words_of(opted)), data=opted.data) == opted
     assert OmegaConf.create(commands.experiment(opted)).effect[name].v_ref == 0.7
     assert act(opted, "option", f"{name}.v_ref", "").options == opted.options[:1]
-    assert opted.with_effect(EffectId(name, "linear")).options == opted.options[:1]  # another form begins anew
+    assert opted.with_effect(EffectId(name, "linear")).options == opted.options[:1]  # another form has its defaults
     fields = [
         str(one.id)
         for part in content.parts(opted, models.fitted(opted), models.manual(opted))
         for one in _inputs(part)
     ]
     assert len(fields) == 2
-    for text, said in (("fast", "v_ref is a number"), ("-1", "must be a positive"), ("1, 2", "must be a positive")):
-        with pytest.raises(ContactLearnError, match=said):
+    for text, message in (("fast", "v_ref is a number"), ("-1", "must be a positive"), ("1, 2", "must be a positive")):
+        with pytest.raises(ContactLearnError, match=message):
             models.fitted(act(plain, "option", f"{name}.v_ref", text))
     with pytest.raises(ContactLearnError, match="a span must be"):
         models.fitted(act(plain, "option", "location_dependent_friction.span", "3"))

@@ -85,12 +85,12 @@ def click(browser, place, words):
     browser.execute_script(f"const x = {found}; (x.querySelector('input') ?? x).click()")
 
 
-def heard(browser):
-    """What the console said, and what was asked for that is not the workbench's own."""
+def messages(browser):
+    """Messages of the console, and requests to other servers."""
     own = urlsplit(browser.current_url).netloc
     events = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-    asked = [event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"]
-    foreign = [url for url in asked if not url.startswith(("data:", "blob:", "about:")) and urlsplit(url).netloc != own]
+    urls = [event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"]
+    foreign = [url for url in urls if not url.startswith(("data:", "blob:", "about:")) and urlsplit(url).netloc != own]
     return [entry["message"] for entry in browser.get_log("browser")] + foreign
 
 
@@ -103,7 +103,7 @@ def in_width(browser):
     return browser.execute_script("return document.documentElement.scrollWidth <= document.documentElement.clientWidth")
 
 
-@pytest.mark.nightly  # each of its steps is a test of test_workbench, and so is a diagnosis beside the page
+@pytest.mark.nightly  # each of its steps is a test of test_workbench, and so is a diagnosis in the background
 def test_the_whole_loop_on_hidden_physics(browser, served, tmp_path):
     """Upload, compare, see where it fails, add what is missing, undo, redo, save."""
     hidden_effects.load(7, size=SIZE, folder=str(tmp_path))
@@ -138,20 +138,20 @@ def test_the_whole_loop_on_hidden_physics(browser, served, tmp_path):
     assert [one.name for one in read_result(path).diagnosis.given] == _ticked(browser)
     assert (path.parent / "report.html").exists()
     assert in_width(browser)
-    assert not heard(browser)
+    assert not messages(browser)
 
 
 def _ticked(browser):
-    said = browser.execute_script("return new URLSearchParams(location.search).getAll('effect')")
-    return [one.partition(":")[0] for one in said]
+    effects = browser.execute_script("return new URLSearchParams(location.search).getAll('effect')")
+    return [one.partition(":")[0] for one in effects]
 
 
 def test_a_link_shows_the_same_and_a_wrong_one_says_why(browser, served):
     link = f"{served}{MYSTERY}&law=mirtich&effect=sampling_delay&manual.mu=0.3&trial=4"
-    said = text(opened(browser, link), "summary")
-    assert "set by hand" in said
+    summary = text(opened(browser, link), "summary")
+    assert "set by hand" in summary
     browser.get("about:blank")
-    assert text(opened(browser, link), "summary") == said
+    assert text(opened(browser, link), "summary") == summary
     assert browser.execute_script("return state.trial") == 4
     browser.get(f"{served}{MYSTERY}&law=mirtisch")
     until(browser, "document.getElementById('trouble')?.textContent.includes(\"did you mean 'mirtich'\")")
@@ -182,7 +182,7 @@ def test_a_slider_moves_the_curves_and_the_fitted_value_is_a_click_away(browser,
     click(browser, "parts", "Fitted value")
     until(browser, "!location.search.includes('manual.mu')")
     until(browser, f"document.getElementById('summary').textContent === {json.dumps(fitted)}")
-    assert not heard(browser)
+    assert not messages(browser)
 
 
 def test_nothing_is_wider_than_a_narrow_window(chrome, served):
@@ -191,7 +191,7 @@ def test_nothing_is_wider_than_a_narrow_window(chrome, served):
         shown.execute_script(f"document.getElementById('{figure}').scrollIntoView()")
         until(shown, f"document.querySelector('#{figure} .main-svg') !== null")
     assert in_width(shown)
-    assert not heard(shown)
+    assert not messages(shown)
 
 
 def test_a_box_on_the_map_selects_trials(browser, served):
@@ -223,7 +223,7 @@ def test_a_box_is_written_by_keyboard(browser, served):
     browser.execute_script("const x = get('map-x'); x.value = 2; x.dispatchEvent(new Event('change'))")
     label = browser.execute_script("return trials.variables[2].label")
     assert browser.find_element("css selector", "#box input").get_attribute("aria-label") == f"{label}, lowest"
-    assert not heard(browser)
+    assert not messages(browser)
 
 
 def _event(box):
@@ -273,11 +273,11 @@ def test_a_line_of_mathematics_is_completed_checked_and_added(browser, served):
     line.send_keys(Keys.BACKSPACE * 14 + "n; c = [-1, 1]" + Keys.ENTER)
     until(browser, "document.querySelectorAll('#ladder tr').length === 3")
     assert "τ ← τ" in text(browser, "line-status")
-    assert not heard(browser)
+    assert not messages(browser)
 
 
 @pytest.mark.nightly  # test_workbench has both studies
-def test_learned_models_and_learning_curve_come_beside_the_laws_or_are_cancelled(browser, served):
+def test_learned_models_and_learning_curve_are_shown_or_cancelled(browser, served):
     seed = browser.execute_script("return innerWidth")  # what was computed before is shown at once
     opened(browser, f"{served}&data=synthetic&data.size=60&data.seed={seed}")
     click(browser, "compare", "Learning curve")
@@ -292,7 +292,7 @@ def test_learned_models_and_learning_curve_come_beside_the_laws_or_are_cancelled
     until(browser, "document.getElementById('curve-bar').hidden", 120)
     browser.execute_script("document.getElementById('curve').scrollIntoView()")
     until(browser, "document.querySelector('#curve .main-svg') !== null")
-    assert not heard(browser)
+    assert not messages(browser)
 
 
 @pytest.mark.parametrize("count", repeated(25, 1000))
@@ -301,4 +301,4 @@ def test_random_clicks_do_no_harm(count, browser, served):
     assert browser.execute_async_script(_CLICKS, count) == count
     click(browser, "fails", "Worst")
     until(browser, "document.getElementById('summary').textContent.startsWith('Held-out error')")
-    assert not heard(browser)
+    assert not messages(browser)

@@ -139,12 +139,12 @@ def test_the_policy_allows_every_script_of_the_page(client):
     [({"Origin": "http://evil.example"}, 403), ({"Sec-Fetch-Site": "same-site"}, 403), ({"Host": "evil.example"}, 403)],
 )
 def test_a_dragged_slider_is_answered_to_the_page_alone(client, stranger, headers, status):
-    asked = {"address": "?data=synthetic&data.size=60", "of": "mu", "value": 0.3}
-    assert client.post("/moved", base_url=HOME, json=asked, headers=headers).status_code == status
-    answer = client.post("/moved", base_url=HOME, json=asked)
+    question = {"address": "?data=synthetic&data.size=60", "of": "mu", "value": 0.3}
+    assert client.post("/preview", base_url=HOME, json=question, headers=headers).status_code == status
+    answer = client.post("/preview", base_url=HOME, json=question)
     assert answer.json["summary"][0] == "Held-out error "
     client.delete_cookie(f"contactlearn-{PORT}", domain="127.0.0.1")
-    assert stranger.post("/moved", base_url=HOME, json=asked).status_code == 403
+    assert stranger.post("/preview", base_url=HOME, json=question).status_code == 403
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_a_dragged_slider_is_answered_to_the_page_alone(client, stranger, header
     ],
 )  # fmt: skip
 def test_what_is_no_slider_is_refused(client, body):
-    answer = client.post("/moved", base_url=HOME, data=body, content_type="application/json")
+    answer = client.post("/preview", base_url=HOME, data=body, content_type="application/json")
     assert answer.status_code == 400
 
 
@@ -220,8 +220,8 @@ def test_wrong_words_are_one_error_line(capsys):
 
 def test_without_dash_the_command_says_what_to_install():
     start = "from contactlearn.__main__ import main; sys.exit(main(['workbench']) - 2)"
-    said = run_alone("-c", f"import sys; sys.modules['dash'] = None; {start}")
+    printed = run_alone("-c", f"import sys; sys.modules['dash'] = None; {start}")
     assert (
-        said
+        printed
         == "error: the workbench needs Dash: pip install 'contactlearn[workbench]', or '.[workbench]' in a checkout\n"
     )

@@ -82,7 +82,7 @@ def progress(folder: Path | None = None) -> Generator[OnEvent]:
     """Show events on the terminal, with bars that disappear at the end.
 
     Args:
-        folder: of the run, whose `progress.jsonl` the events are appended to; they are not kept if None.
+        folder: of the run, whose `progress.jsonl` the events are appended to; None writes no file.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as display:

@@ -2,7 +2,7 @@
 
 trials   names, states, outcomes and variables of every trial, once for each data source
 model    outcomes of the law alone and of the model, and what each effect changes, with every change of the model
-moved    outcomes and what each effect changes, while a slider is dragged
+preview  outcomes and what each effect changes, while a slider is dragged
 trial    impulse and reach of every law for the selected trial
 """
 
@@ -72,7 +72,7 @@ def of_model(impacts: Impacts, alone: Tensor, v_post: Tensor, model: ContactMode
     }
 
 
-def of_moved(impacts: Impacts, v_post: Tensor, model: ContactModel) -> dict[str, Any]:
+def of_preview(impacts: Impacts, v_post: Tensor, model: ContactModel) -> dict[str, Any]:
     """Return the outcomes [N, …] of a model, and what each effect changes, [K, N, 3]: component and variable stay."""
     return _outcomes(impacts, v_post) | {"changes": floats(changes(model, impacts, _drawn(impacts, model)))}
 

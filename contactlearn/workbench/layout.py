@@ -39,7 +39,7 @@ HINTS = (
     (
         "Learn what is missing",
         "The effects are sorted by their predicted errors. The best candidates are near the top; several can have the "
-        "same error, because these data hardly distinguish them.",
+        "same error, because these data do not distinguish them well.",
     ),
     (
         "Add it",

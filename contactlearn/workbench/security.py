@@ -3,7 +3,7 @@
     Host      any other than the address that was printed: 403, so that a foreign name that is led here (DNS
               rebinding) reads nothing
     Origin    any other than the page's own, and requests that a browser marks as from another site: 403
-    token     none, or a wrong one: 403; the address that was printed has it, a cookie keeps it afterwards
+    token     none, or a wrong one: 403; the address that was printed has it, a cookie has it afterwards
     size      a body over the limit: 413, before it is read
 
 Every answer forbids frames, foreign scripts and caches.  The token is new with every start.

@@ -4,9 +4,9 @@ A control changes the session, that is the address (`act`).  The address is answ
 its error (`show`); once that is settled, comparison, predicted gains, ladder and regions follow separately.  Figures
 are drawn by scripts from the numbers that are sent (`arrays`).
 
-A page asks at /moved for the outcomes of a slider that is being dragged, without a round of callbacks:
+A page requests /preview for the outcomes of a slider that is being dragged, without a round of callbacks:
 
-    {"address": …, "of": parameter, "value": number}  →  {"summary", …}, see `arrays.of_moved`
+    {"address": …, "of": parameter, "value": number}  →  {"summary", …}, see `arrays.of_preview`
 
 Releasing the slider is an action like any other.  `security` guards this path as it guards all others.
 """
@@ -210,7 +210,7 @@ class SessionCallbacks:
         for name, sent in scripts:
             drawn = Output(f"{name}-drawn", "children")
             app.clientside_callback(ClientsideFunction("workbench", name), drawn, sent)
-        app.server.add_url_rule("/moved", "moved", self._answer_slider, methods=["POST"])
+        app.server.add_url_rule("/preview", "preview", self._answer_slider, methods=["POST"])
 
     def act(
         self, acted: list[dict[str, Any]] | None, done: int | None, address: str | None, history: _History | None
@@ -363,7 +363,7 @@ class SessionCallbacks:
         session = self.actions.slide(Session.read(address), of, value)
         fitted, manual = self.models.fitted(session), self.models.manual(session)
         summary = content.error_summary(session, fitted, manual, self.models.law_alone(session))
-        return arrays.of_moved(self.models.split(session).impacts, manual.v_post, manual.model) | {"summary": summary}
+        return arrays.of_preview(self.models.split(session).impacts, manual.v_post, manual.model) | {"summary": summary}
 
     def _answer_slider(self) -> Response:
         question: Any = None

@@ -1,11 +1,11 @@
-// Sliders: while one is moved the server is asked what the model would say there, the newest place first, one question
-// at a time.  The curves in view move at once, within their axes and with some of many dots; the other figures follow
+// Sliders: while one is dragged the server previews the model at its place, the newest place first, one request at a
+// time.  The curves in view move at once, within their axes and with some of many dots; the other figures follow
 // between the questions, and the whole of them once the slider rests.
 const touched = {of: "", when: 0};
 const MOVED_DOTS = 200, REST = 300;  // ms
-let wanted = null, asking = false, settling = 0;
+let wanted = null, requesting = false, settling = 0;
 
-// The slider that a callback is about, if a person moved it: sliders also come anew.
+// The slider of a callback, if a person moved it: new sliders trigger callbacks, too.
 function movedSlider() {
   const moved = dash_clientside.callback_context.triggered[0];
   if (!moved || !touched.of || performance.now() - touched.when > 3000) return null;
@@ -31,21 +31,21 @@ function release() {
 
 async function preview(place) {
   wanted = place;
-  if (asking) return;
-  asking = true;
+  if (requesting) return;
+  requesting = true;
   while (wanted) {
     const one = {...wanted, address: location.search};
     wanted = null;
-    const sent = await moved(one);
+    const sent = await previewed(one);
     if (sent && one.address === location.search) showMoved(sent);
   }
-  asking = false;
+  requesting = false;
 }
 
-// What the server says of the model with a parameter moved; nothing if that model has gone, or the server.
-async function moved(one) {
+// The server's preview of the model with one parameter moved; null if the model has changed, or the server has ended.
+async function previewed(one) {
   try {
-    const answer = await fetch("/moved", {method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(one)});
+    const answer = await fetch("/preview", {method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(one)});
     return answer.ok ? await answer.json() : null;
   } catch { return null; }
 }
@@ -78,7 +78,7 @@ function moveCurve(id, k) {
   Plotly.animate(id, {data, traces: [...metas.keys()]}, {mode: "immediate", transition: {duration: 0}, frame});
 }
 
-// The page shows what the server has fitted, or moved, again.
+// The page shows the model of its address again.
 function still() {
   clearTimeout(settling);
   delete document.documentElement.dataset.moving;
