@@ -1,4 +1,4 @@
-"""One run's record: TensorBoard events and, beside them, metrics.jsonl, a line a record.
+"""Record of one run: TensorBoard events and, beside them, metrics.jsonl with one record a line.
 
 The x axis of every scalar is the number of training impacts, so that the runs of a sweep over sizes
 lie along a learning curve.  Of a value with a 95 % interval the mean has the tag itself, `TAG`, and the
@@ -30,7 +30,7 @@ _NUMBER = ("number_value", api_pb2.DATA_TYPE_FLOAT64)
 
 
 def ends(tag: str) -> tuple[str, str]:
-    """Tags of the low and high end of the interval of a value."""
+    """Return the tags of the low and high end of the interval of a value."""
     return f"interval/{tag}/low", f"interval/{tag}/high"
 
 
@@ -97,7 +97,7 @@ class Tracker:
     def hyperparameters(
         self, values: Mapping[str, bool | float | str], choices: Mapping[str, Sequence[str]], metrics: Mapping[str, str]
     ) -> None:
-        """Log what the run was made with, and the metrics to compare runs by.
+        """Log the hyperparameters of the run, and the metrics to compare runs by.
 
         TensorBoard lists the names and choices of any one run for all of them: they must be the same in every run.
 
@@ -110,7 +110,7 @@ class Tracker:
         for name, value in values.items():
             attribute, kind = _KINDS.get(type(value), _NUMBER)
             setattr(start.hparams[name], attribute, value)
-            # TensorBoard shows at first the ones that are said to differ.
+            # TensorBoard first shows those that are marked as differing.
             infos.append(api_pb2.HParamInfo(name=name, type=kind, differs=name in _SHOWN))
             infos[-1].domain_discrete.extend([False, True] if isinstance(value, bool) else choices.get(name, ()))
         named = [
@@ -129,7 +129,7 @@ class Tracker:
             writer.add_summary(Summary(value=[value]))
 
     def _add(self, values: Mapping[str, float | Interval], step: int) -> dict[str, float]:
-        """Log at a step; the numbers by tag."""
+        """Log values at a step and return their numbers by tag."""
         numbers = {}
         for tag, value in values.items():
             if isinstance(value, Interval):
@@ -142,5 +142,5 @@ class Tracker:
 
 
 def _escaped(text: str) -> str:
-    """One line in which Markdown, HTML and tables see nothing but text."""
+    """Escape text to one line without markup of Markdown, HTML or tables."""
     return re.sub(r"[!-/:-@\[-`{-~]", lambda sign: f"&#{ord(sign[0])};", " ".join(text.split()))

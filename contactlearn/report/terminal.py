@@ -50,7 +50,7 @@ def show_data(source: str, pool: int, test: int) -> None:
 
 
 def show_samples(pool: int, test: int) -> None:
-    """Print what a random sample of many trials is used for."""
+    """Print how many trials of a large table are fitted and shown."""
     say(
         f"large table: models are fitted to {pool} trials, figures and page show {test}; "
         "errors are over all held-out trials"
@@ -67,7 +67,7 @@ def show_estimate(what: str, trials: int, seconds: float) -> None:
 
 
 def show_kept(trainings: int) -> None:
-    """Print how many trainings an earlier call of the same command has finished, if any."""
+    """Print how many trainings of an earlier run of the same command are reused, if any."""
     if trainings:
         say(f"trainings reused from an earlier run of the same command: {trainings}")
 
@@ -154,7 +154,7 @@ def show_processes(processes: Sequence[ProcessEstimate], kind: str) -> None:
 
 
 def show_sizes(sizes: Sequence[int], wanted: Sequence[int], seeds: int, pool: int) -> None:
-    """What the learning curves are drawn from."""
+    """Print the subsets from which learning curves are computed."""
     say(f"learning curves: {seeds} random subsets each of {', '.join(map(str, sizes))} trials")
     left_out = [str(size) for size in wanted if size not in sizes]
     if left_out:
@@ -164,7 +164,7 @@ def show_sizes(sizes: Sequence[int], wanted: Sequence[int], seeds: int, pool: in
 
 
 def show_left_out(models: Sequence[str]) -> None:
-    """Models that cannot be learnt around effects."""
+    """Print the models that are skipped because they cannot be learned around effects."""
     if models:
         say(
             f"note: {', '.join(models)} uses each trial's (μ, ε) of the law alone and is skipped when there are effects"
@@ -217,7 +217,7 @@ def show_transfer(model: str, bodies: Mapping[str, BodyTransfer], sizes: Sequenc
 
 
 def show_folder(folder: Path) -> None:
-    """Where the run's results lie and how to look at them."""
+    """Print the run's folder and the commands that show it."""
     shown = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
     say(f"results  {shown}")
     if (folder / "report.html").exists():
@@ -226,7 +226,7 @@ def show_folder(folder: Path) -> None:
 
 
 def show_columns(unused: Sequence[str], computed: Sequence[str]) -> None:
-    """Print the columns of a table that are not used, and what its body's shape gave instead of columns."""
+    """Print the unused columns of a table, and the fields that were computed from the body's shape."""
     if unused:
         say(f"columns not used: {', '.join(name if name.isprintable() and name else repr(name) for name in unused)}")
     if computed:
@@ -246,8 +246,8 @@ def show_mistakes(findings: Sequence[Finding], corrected: Sequence[str]) -> None
         if name is None:
             say(f"audit: {sentence(finding.sentence)}")
         else:
-            said = CORRECTIONS[name].description if finding.hypothesis else finding.sentence
-            say(f"audit: {said}: use {setting}")
+            text = CORRECTIONS[name].description if finding.hypothesis else finding.sentence
+            say(f"audit: {text}: use {setting}")
 
 
 def show_sweep(folders: Sequence[Path], place: Path) -> None:
@@ -285,7 +285,7 @@ def _spread(mean: float, std: float | None) -> str:
 
 
 def new_table(title: str, *headings: str) -> Table:
-    """A table with its first column on the left and the others on the right."""
+    """Return a table with its first column left-aligned and the others right-aligned."""
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for place, heading in enumerate(headings):
         table.add_column(heading, justify="right" if place else "left", no_wrap=True)

@@ -98,8 +98,10 @@ class ComparedRun:
     @property
     def law(self) -> str | None:
         """Name of the law; None for a model without one, and for data that were refused."""
-        found = self.diagnosis
-        law = (found.law if found.ladder else None) if found is not None else self.result.law  # type: ignore[union-attr]
+        if isinstance(self.result, DiagnosisRun):
+            law = self.result.diagnosis.law if self.result.diagnosis.ladder else None
+        else:
+            law = self.result.law
         return None if law is None else printable(law)
 
     @property
@@ -241,7 +243,7 @@ def _comparable(path: Path) -> Training | Evaluation | DiagnosisRun:
 
 
 def _natural(name: str) -> list[tuple[bool, int, str]]:
-    """Sorts run 10 behind run 9."""
+    """Return a key that sorts run 10 behind run 9."""
     parts = re.split(r"(\d{1,15})", name, flags=re.ASCII)
     return [(k % 2 == 0, int(part) if k % 2 else 0, part) for k, part in enumerate(parts)]
 
@@ -299,7 +301,7 @@ def as_table(runs: Sequence[ComparedRun]) -> pd.DataFrame:
 
 
 def _about(run: ComparedRun) -> dict[str, Any]:
-    """What all models of a run share."""
+    """Return the columns that all models of a run share."""
     done, found = read_done(run.path.parent), run.diagnosis
     return {
         "run": run.name,
@@ -323,7 +325,7 @@ def _about(run: ComparedRun) -> dict[str, Any]:
 
 
 def _models(run: ComparedRun) -> Iterator[dict[str, Any]]:
-    """Name and errors of each model of a run."""
+    """Yield name and errors of each model of a run."""
     for name, errors in run.errors.items():
         intervals, rest = {HEADLINE: errors}, {}
         if isinstance(errors, ModelErrors):
@@ -337,12 +339,12 @@ def _models(run: ComparedRun) -> Iterator[dict[str, Any]]:
 
 
 def _columns(metric: str) -> tuple[str, str, str]:
-    """Columns of an error and of the ends of its interval."""
+    """Name the columns of an error and of the ends of its interval."""
     return metric, f"{metric}_low", f"{metric}_high"
 
 
 def _typed(values: Sequence[str | None]) -> list[Any]:
-    """Settings as numbers, if all are."""
+    """Return settings as numbers, if all are."""
     numbers = pd.to_numeric(pd.Series(values, dtype=object), errors="coerce")
     text = any(value is not None and pd.isna(number) for value, number in zip(values, numbers, strict=True))
     return list(values) if text else numbers.tolist()
@@ -352,12 +354,12 @@ def _typed(values: Sequence[str | None]) -> list[Any]:
 
 
 def varying(runs: Sequence[ComparedRun]) -> Settings:
-    """Settings in which runs differ."""
+    """Return the settings in which runs differ."""
     return {key: values for key, values in _settings(runs).items() if _differ(values)}
 
 
 def distinguishing(runs: Sequence[ComparedRun]) -> Settings:
-    """Everything that tells runs apart: data, command, law and given effects first, where runs differ in them."""
+    """Return everything in which runs differ: data, command, law and given effects first, then settings."""
     parts: Settings = {
         "data": [run.data.source for run in runs],
         "command": [run.command for run in runs],
@@ -368,7 +370,7 @@ def distinguishing(runs: Sequence[ComparedRun]) -> Settings:
 
 
 def shared(runs: Sequence[ComparedRun]) -> list[tuple[str, str]]:
-    """Settings that are the same wherever they are, with the commands that have them where not all do."""
+    """Return the settings that are the same wherever they are, with the commands that have them where not all do."""
     found = []
     for key, values in _settings(runs).items():
         there = [(value, run.command) for value, run in zip(values, runs, strict=True) if value is not None]

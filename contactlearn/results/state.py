@@ -1,4 +1,4 @@
-"""State of a run folder: finished, failed, or neither; told by small files, each of which is whole or not there.
+"""State of a run folder: finished, failed, or neither, by small files that are each written whole or not at all.
 
 .lock         held by the process that writes to the folder; the system lets go of it when that process ends, however
 failed.json   why the last attempt ended, where it could still say so
@@ -106,7 +106,7 @@ def finish(folder: Path, done: Done) -> None:
 
 
 def fail(folder: Path, failed: Failed) -> None:
-    """Say why a run failed, if the folder can still be written."""
+    """Record why a run failed, if the folder can still be written."""
     try:
         if folder.is_dir():
             with written_whole(folder / FAILED) as part:

@@ -116,14 +116,14 @@ def load_predictions(impacts: Impacts, path: Path, rows: Int[Tensor, " n"]) -> d
         DataError: the file cannot be read, lacks a column, or belongs to other trials.
     """
     found: dict[str, list[pd.DataFrame]] = {}
-    before, kept = defaultdict[str, int](int), rows.numpy()
+    before, chosen = defaultdict[str, int](int), rows.numpy()
     try:
         for frame in _frames(path):
             for model, part in frame.groupby("model", sort=False):
                 first = before[str(model)]
                 before[str(model)] += len(part)
-                low, high = np.searchsorted(kept, (first, first + len(part)))
-                found.setdefault(str(model), []).append(part.iloc[kept[low:high] - first])
+                low, high = np.searchsorted(chosen, (first, first + len(part)))
+                found.setdefault(str(model), []).append(part.iloc[chosen[low:high] - first])
         return {model: _prediction(impacts, model, pd.concat(parts), path) for model, parts in found.items()}
     except FileNotFoundError:
         raise DataError(f"{path}: no such file; the run is not complete, or was moved without it") from None
@@ -167,7 +167,7 @@ def write_frames(frames: list[pd.DataFrame], path: Path) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOut:
-    """Trials that no model was made from, at most `SHOWN`, and the predictions of every model and bound by name."""
+    """Trials that no model was fitted to, at most `SHOWN`, and the predictions of every model and bound by name."""
 
     impacts: Impacts
     predictions: Mapping[str, Prediction]

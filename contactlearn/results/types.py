@@ -209,7 +209,7 @@ def known_model(model: str, errors: Mapping[str, ModelErrors]) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Training:
-    """One trained model; the model itself is the checkpoint beside the file.
+    """A trained model and its errors; the model itself is the checkpoint beside the file.
 
     Args:
         provenance: of the run.

@@ -19,7 +19,7 @@ from contactlearn.report.figures.browser import plotly_style
 from contactlearn.report.figures.style import BOUNDS, MODEL_STYLE, STYLES
 from contactlearn.report.page.page import FILE, render, save
 from contactlearn.report.page.trials import digits
-from contactlearn.report.text import base_label, conclusion, effect_label, interval, join_words, label, rung_label
+from contactlearn.report.text import base_label, conclusion, effect_label, join_words, label, phrases, rung_label
 from contactlearn.results.folder import is_run
 from contactlearn.results.runs import (
     ComparedRun,
@@ -37,7 +37,7 @@ from contactlearn.results.runs import (
 from contactlearn.results.types import IRB, Evaluation
 
 MARK = "contactlearn report"
-"""How such a page is known again."""
+"""Mark by which such a page is recognised."""
 _FEW = 5  # settings that come before what was found, not after it
 _HASH = 10  # digits of the hash of data that are shown
 _SIZE = "train.size"
@@ -50,7 +50,7 @@ def write_runs(
     out: str | os.PathLike[str] | None = None,
     progress: Progress = silent,
 ) -> tuple[Path, list[ComparedRun], list[tuple[str, str]]]:
-    """One page over all runs in `folders` and in what is below them.
+    """Write one page over all runs in some folders and below them.
 
     Args:
         folders: runs, sweeps, or trees of them.
@@ -74,7 +74,7 @@ def write_runs(
 
 
 def _target(roots: Sequence[Path], out: str | os.PathLike[str] | None) -> Path:
-    """Where the page goes: never in place of a run's own, nor of anything but such a page."""
+    """Return the path of the page; it replaces nothing but another page over several runs."""
     single = roots[0] if len(roots) == 1 and not is_run(roots[0]) else Path.cwd()
     path = Path(os.path.abspath(single / FILE if out is None else out))
     if path.suffix != ".html":
@@ -91,7 +91,7 @@ def _target(roots: Sequence[Path], out: str | os.PathLike[str] | None) -> Path:
 
 
 def of_runs(runs: Sequence[ComparedRun], skipped: Sequence[tuple[str, str]], folder: Path) -> dict[str, Any]:
-    """All that the page says and draws; links are from `folder`.  What begins with "_" the scripts do without."""
+    """Return the content of the page, with links relative to `folder`; scripts do not get entries that begin with _."""
     settings, errors = varying(runs), _errors(as_table(runs))
     families = sorted({effect.name for run in runs for effect in (*run.given, *run.found)})
     several = len({run.data.sha256 for run in runs}) > 1
@@ -135,7 +135,7 @@ def of_runs(runs: Sequence[ComparedRun], skipped: Sequence[tuple[str, str]], fol
 
 
 def _traits(runs: Sequence[ComparedRun]) -> list[list[tuple[str, str]]]:
-    """The settings that tell each run from the others, by the last word of their names; and its name where none do."""
+    """Return the settings that distinguish each run, by the last word of their names, or else its name."""
     settings = [(key.rpartition(".")[2], values) for key, values in distinguishing(runs).items()]
     traits = [[(key, x) for key, values in settings if (x := values[k]) is not None] for k in range(len(runs))]
     times = Counter(map(tuple, traits))
@@ -146,7 +146,7 @@ def _traits(runs: Sequence[ComparedRun]) -> list[list[tuple[str, str]]]:
 
 
 def _errors(table: pd.DataFrame) -> dict[str, list[dict[str, float] | None]]:
-    """Held-out mass errors of the runs: of their own models, of the laws alone, of noise, and the bound."""
+    """Return the held-out mass errors of each run: its own model, the law alone, the noise and the bound."""
     rows = {"error": table.own, "base": table.law_alone, "noise": table.model == "noise", "bound": table.model == IRB}
     columns = {HEADLINE: "mean", f"{HEADLINE}_low": "low", f"{HEADLINE}_high": "high"}
     return {
@@ -162,7 +162,7 @@ def _errors(table: pd.DataFrame) -> dict[str, list[dict[str, float] | None]]:
 def _columns(
     runs: Sequence[ComparedRun], errors: Mapping[str, list], settings: Settings, families: Sequence[str], several: bool
 ) -> list[dict[str, Any]]:
-    """Name, kind (text, number, tick or error) and cells (what is shown, what is sorted by) of each column."""
+    """Return name, kind (text, number, tick or error) and cells (text, sort key) of each column."""
 
     def column(
         name: str, values: Iterable[Any], kind: str = "text", shown: Callable[[Any], str] = str
@@ -191,10 +191,7 @@ def _columns(
         found.append(column("Model", [plotly_style(run.learned or "law")["label"] for run in runs]))
     found += [
         column("Verdict", map(_verdict, runs)),
-        column(
-            "Missing effects",
-            [", ".join(map(_words, run.found)) or None for run in runs],
-        ),
+        column("Missing effects", [", ".join(map(_words, run.found)) or None for run in runs]),
         of_errors("Law alone", "base"),
         of_errors("Noise floor", "noise"),
         of_errors("IRB bound", "bound"),
@@ -212,7 +209,7 @@ def _columns(
 
 
 def _tick(run: ComparedRun, family: str) -> tuple[str, int | None]:
-    """Whether an effect of a family was found, or was in the model from the start; and the rank of that."""
+    """Say whether an effect of a family was found or given, with the rank of that."""
     if any(effect.name == family for effect in run.found):
         return "found", 2
     return "", 1 if any(effect.name == family for effect in run.given) else None
@@ -234,57 +231,35 @@ def _numeric(values: Iterable[str | None]) -> bool:
 
 
 def _with(run: ComparedRun) -> str:
-    """The law with the effects that were given to it."""
+    """Name the law with the effects that were given."""
     law, given = plotly_style(run.law or "no law")["label"], join_words(map(_words, run.given)) if run.given else ""
     return f"{law} with {given}" if given else law
 
 
 def _sentences(runs: Sequence[ComparedRun]) -> list[str]:
-    """How many there are, and which leaves the least error on each set of data."""
-    commands = {run.command: sum(other.command == run.command for other in runs) for run in runs}
-    said = [f"Runs of {join_words(f'{command}.py ({count})' for command, count in commands.items())}."]
+    """Count the runs, and name the one with the lowest error on each set of data."""
+    best = []
     for data in {run.data.sha256: run.data for run in runs}.values():
         there = [(run, run.error) for run in runs if run.data.sha256 == data.sha256 and run.error]
-        if len(there) < 2:
-            continue
-        best, least = min(there, key=lambda one: one[1].mean)
-        near = sum(run is not best and error.low <= least.high for run, error in there)
-        overlap = {0: "no other interval overlaps its own", 1: "one other interval overlaps its own"}
-        said.append(
-            f"Of {len(there)} runs on {data.source} ({data.trials} trials, {data.sha256[:_HASH]}) run {best.name} has "
-            f"the lowest error, {interval(asdict(least))}; "
-            f"{overlap.get(near, f'{near} other intervals overlap its own')}."
-        )
-    return said
+        if len(there) > 1:
+            first, least = min(there, key=lambda one: one[1].mean)
+            overlaps = sum(run is not first and error.low <= least.high for run, error in there)
+            best.append((data, len(there), first.name, least, overlaps))
+    return phrases("runs_summary", Counter(run.command for run in runs), best)
 
 
 def _warnings(runs: Sequence[ComparedRun], settings: Settings) -> list[str]:
-    """Why errors may not be compared, in words."""
-    said, count = [], len({run.data.sha256 for run in runs})
-    if count > 1:
-        said.append(
-            f"These runs are on {count} different sets of data, so their errors cannot be compared with each other: "
-            "only those with the same hash can."
-        )
-    held_out = [run.command for run in runs if run.command != "diagnose"]
-    if held_out and len(held_out) < len(runs):
-        said.append(
-            "Errors of diagnose.py are cross-validated over all trials, those of the other commands are on one share "
-            "of them that was held out; small differences between the two mean nothing."
-        )
+    """Say why errors may not be compared."""
+    diagnosed = sum(run.command == "diagnose" for run in runs)
     split = [key for key in settings if key in ("seed", "test")]
-    if len(held_out) > 1 and split:
-        said.append(
-            f"Runs that differ in {join_words(split)} hold out different trials, so their errors differ by chance too."
-        )
     versions = sorted({run.versions.get("contactlearn", "?") for run in runs})
-    if len(versions) > 1:
-        said.append(f"They come from different versions of contactlearn: {', '.join(versions)}.")
-    return said
+    return phrases(
+        "runs_warnings", len({run.data.sha256 for run in runs}), diagnosed, len(runs) - diagnosed, split, versions
+    )
 
 
 def _link(run: ComparedRun, folder: Path) -> str | None:
-    """From the page to the run's own; nothing in it but a relative path, whatever the folders are called."""
+    """Return the link to the page of a run: a relative path, whatever the folders are called."""
     own = run.path.parent / FILE
     if not own.is_file():
         return None
@@ -303,7 +278,7 @@ class _Line:
 
     Args:
         model: by name.
-        traits: the words that tell it from other lines, by setting; those of the model have the key "".
+        traits: the words that distinguish it from other lines, by setting; those of the model have the key "".
         sha256: hash of its data.
         points: error by number of training trials.
         rows: its runs.
@@ -326,7 +301,7 @@ def learning_lines(runs: Sequence[ComparedRun], settings: Settings) -> list[dict
     if not lines:
         return []
     drawn = [_entry(line, words) | {"runs": line.rows} for line, words in zip(lines, _labels(lines), strict=True)]
-    _told_apart(drawn)
+    _distinguish_colors(drawn)
     sizes = sorted({size for line in lines for size in line.points})
     yardsticks = _yardsticks(runs, settings, {line.sha256 for line in lines})
     for line, words in zip(yardsticks, _labels(yardsticks), strict=True):
@@ -340,7 +315,7 @@ def learning_lines(runs: Sequence[ComparedRun], settings: Settings) -> list[dict
 
 
 def _across(runs: Sequence[ComparedRun], settings: Settings) -> list[_Line]:
-    """Lines of runs that differ in nothing but their size."""
+    """Return lines of runs that differ in nothing but their size."""
     found: dict[tuple[tuple[str, str], ...], _Line] = {}
     for k, size, traits in _sized(runs, settings):
         run = runs[k]
@@ -355,7 +330,7 @@ def _across(runs: Sequence[ComparedRun], settings: Settings) -> list[_Line]:
 
 
 def _within(runs: Sequence[ComparedRun]) -> list[_Line]:
-    """Learning curves of evaluations."""
+    """Return the learning curves of evaluations."""
     return [
         _Line(
             model=printable(name),
@@ -371,7 +346,7 @@ def _within(runs: Sequence[ComparedRun]) -> list[_Line]:
 
 
 def _yardsticks(runs: Sequence[ComparedRun], settings: Settings, data: Container[str]) -> list[_Line]:
-    """The bounds of evaluations on these data, those once that are the same in several."""
+    """Return the bounds of evaluations on these data; equal ones once."""
     found: dict[tuple[str | tuple[str, str], ...], _Line] = {}
     for k, size, traits in _sized(runs, settings):
         run = runs[k]
@@ -387,7 +362,7 @@ def _yardsticks(runs: Sequence[ComparedRun], settings: Settings, data: Container
 
 
 def _sized(runs: Sequence[ComparedRun], settings: Settings) -> Iterator[tuple[int, float, dict[str, str]]]:
-    """Places of runs with their number of training trials and with all else in which they differ from others."""
+    """Yield place, number of training trials and all other differing settings of each run."""
     for k, run in enumerate(runs):
         train = run.config.get("train")
         size = train.get("size") if isinstance(train, Mapping) else None
@@ -402,7 +377,7 @@ def _parts(run: ComparedRun) -> dict[str, str]:
 
 
 def _labels(lines: Iterable[_Line]) -> list[str]:
-    """Each line's model, and the traits in which the lines differ, data last."""
+    """Label each line by its model and by the traits in which the lines differ, data last."""
     traits = [line.traits for line in lines]
     values = {key: {one.get(key) for one in traits} for one in traits for key in one if key}
     differing = [key for key in values if len(values[key] - (set() if key in ("effects", "run") else {None})) > 1]
@@ -427,8 +402,8 @@ def _entry(line: _Line, words: str, points: Mapping[float, Interval] | None = No
     }
 
 
-def _told_apart(lines: Sequence[dict[str, Any]]) -> None:
-    """Give a line a free colour if another has its own already; without a free one, colours come again."""
+def _distinguish_colors(lines: Sequence[dict[str, Any]]) -> None:
+    """Give a line a free colour if another line has its own; colours repeat when none is free."""
     taken = set()
     free = [name for name in _LOOKS if plotly_style(name)["color"] not in {line["color"] for line in lines}]
     for place, line in enumerate(lines):

@@ -12,7 +12,7 @@ WRENCH = {WrenchComponent.TANGENTIAL: "P_t", WrenchComponent.NORMAL: "P_n", Wren
 """Components of the wrench."""
 
 COEFFICIENTS = {Coefficient.FRICTION: "friction", Coefficient.RESTITUTION: "restitution", None: "the outcome"}
-"""What varies in a remainder; None where no coefficient does."""
+"""Coefficients that vary; None where it is the outcome and no coefficient."""
 
 NOISE_SOURCES = {
     NoiseSource.STATED: "from the stated noise",

@@ -2,6 +2,7 @@
 
     templates/diagnosis.txt.j2   each stage of a diagnosis, its search, its verdict, the subsamples of a large table
     templates/fits.txt.j2        evaluations, and parameters that free flight has measured
+    templates/runs.txt.j2        the page over several runs
 
 A macro is one sentence, or several; `phrase` and `phrases` render it by its name.
 """
@@ -178,8 +179,8 @@ def macro(name: str) -> Macro:
     Raises:
         AttributeError: no template has such a macro.
     """
-    diagnosis, fits = _modules()
-    return getattr(fits if hasattr(fits, name) else diagnosis, name)
+    first, *others = _modules()
+    return getattr(next((one for one in others if hasattr(one, name)), first), name)
 
 
 @cache
@@ -227,4 +228,4 @@ def _modules() -> tuple[TemplateModule, ...]:
         "Verdict": Verdict,
         "error_after": _error_after,
     }
-    return tuple(templates.get_template(f"{name}.txt.j2").module for name in ("diagnosis", "fits"))
+    return tuple(templates.get_template(f"{name}.txt.j2").module for name in ("diagnosis", "fits", "runs"))

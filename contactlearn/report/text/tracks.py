@@ -1,4 +1,4 @@
-"""What was found in recordings: impacts and their errors, conventions with their evidence, refusals by reason."""
+"""Findings in recordings: impacts and their errors, conventions with their evidence, refusals by reason."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -35,8 +35,7 @@ def tracks_facts(found: Tracked) -> list[tuple[str, str]]:
     facts = [*map(_convention, frame.clues), ("gravity", gravity), *_hull(found), *_floor(found), *_errors(found)]
     missing = sum(contact.missing > 0 for contact in found.survey.contacts)
     if missing:
-        said = f"frames at contact in {missing} impacts, though their time stamps show no gap"
-        facts.append(("missing", said))
+        facts.append(("missing", f"frames at contact in {missing} impacts, though their time stamps show no gap"))
     return facts
 
 
@@ -61,7 +60,7 @@ def _with_unit(quantity: str, value: float, unit: str) -> str:
 
 
 def _hull(found: Tracked) -> list[tuple[str, str]]:
-    """How contact points are known where the shape is that of the markers, and how well."""
+    """State the contact points and their errors where the shape is the convex hull of the markers."""
     if found.hull is None or found.r_cov is None:
         return []
     x, y = (1e3 * np.sqrt(np.median(found.r_cov.diagonal(axis1=1, axis2=2), 0))).tolist()
@@ -75,8 +74,8 @@ def _hull(found: Tracked) -> list[tuple[str, str]]:
 def _floor(found: Tracked) -> list[tuple[str, str]]:
     floor, rests = found.floor, len(found.survey.rests)
     height, slope, zero = floor.height, floor.slope, floor.orientation
-    said = f"at {number(1e3 * height.value, 4)} ± {number(1e3 * height.error, 1)} mm"
-    facts = [("floor", said if slope is None else f"{said}, inclined by {_angle(slope)}")]
+    height_text = f"at {number(1e3 * height.value, 4)} ± {number(1e3 * height.error, 1)} mm"
+    facts = [("floor", height_text if slope is None else f"{height_text}, inclined by {_angle(slope)}")]
     if zero is not None:
         facts.append(("zero", f"of θ off by {_angle(zero)}"))
     if rests:
@@ -90,19 +89,19 @@ def _angle(angle: Estimate) -> str:
 
 
 def _errors(found: Tracked) -> list[tuple[str, str]]:
-    impacts, said = found.impacts, list[tuple[str, str]]()
+    impacts, facts = found.impacts, list[tuple[str, str]]()
     for when, covariance in (("before", impacts.v_pre_cov), ("after", impacts.v_post_cov)):
         if covariance is not None:
             x, y, spin = covariance.diagonal(dim1=-2, dim2=-1).sqrt().median(0).values.tolist()
             words = f"{number(1e3 * x, 2)} and {number(1e3 * y, 2)} mm/s, {number(spin, 2)} rad/s in the median"
-            said.append(("errors", f"{when} contact: {words}"))
-    return said
+            facts.append(("errors", f"{when} contact: {words}"))
+    return facts
 
 
 def _refused(refusals: Sequence[Refusal], path: Path) -> list[str]:
     """Say how much was refused for which reason, and name the files that could not be read."""
     if not refusals:
         return ["Nothing was refused."]
-    said = ", ".join(f"{REASONS[reason]} {count}" for reason, count in refusals_by_reason(refusals))
-    lines = [f"{len(refusals)} parts of recordings were refused, see {path}: {said}"]
+    reasons = ", ".join(f"{REASONS[reason]} {count}" for reason, count in refusals_by_reason(refusals))
+    lines = [f"{len(refusals)} parts of recordings were refused, see {path}: {reasons}"]
     return lines + [f"  left out {r.message}" for r in refusals if r.reason is Reason.NOT_READ]
