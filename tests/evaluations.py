@@ -2,10 +2,10 @@
 
 import torch
 
-from contactlearn.cli.commands.results import ranked
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import METRICS, ErrorSums, Interval, bootstrap
 from contactlearn.mechanics.shapes import shape_entries
+from contactlearn.results.estimates import ranked
 from contactlearn.results.tables import HeldOut
 from contactlearn.results.types import (
     DataSource,

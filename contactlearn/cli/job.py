@@ -1,6 +1,7 @@
 """One run in a folder of its own, which is held while it runs and marked last of all as finished."""
 
 import errno
+import platform
 import shlex
 import shutil
 import sys
@@ -9,6 +10,7 @@ import traceback
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from itertools import count
 from pathlib import Path
 from typing import Any, cast
@@ -21,10 +23,13 @@ from omegaconf import DictConfig, OmegaConf, read_write
 from contactlearn.cli.config_files import check_settings
 from contactlearn.cli.config_security import check_targets
 from contactlearn.cli.sweeps.identity import job_identity
+from contactlearn.core import __version__, devices
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import written_whole
+from contactlearn.data.blocks import Blocks
 from contactlearn.results.folder import is_run
 from contactlearn.results.state import DONE, Done, Failed, clear, fail, finish, held, read_done, remove_if_empty
+from contactlearn.results.types import DataSource, Provenance
 
 _ELSEWHERE = "choose another with hydra.run.dir=FOLDER, or hydra.sweep.dir=FOLDER for a sweep"
 _FIXES = {
@@ -59,6 +64,26 @@ class Run:
     def command_line(self) -> str:
         """The command as it was typed."""
         return shlex.join([*invocation(self.command), *self.words])
+
+    def provenance(self, data: Blocks, device: torch.device, train_size: int | None = None) -> Provenance:
+        """Return the data, code, configuration and command that give the result.
+
+        Args:
+            data: all impacts of the source.
+            device: that computed.
+            train_size: number of training trials, which the configuration may leave open.
+        """
+        packages = {name: version(name) for name in ("torch", "gpytorch", "numpy")}
+        config = dict(self.config)
+        if train_size is not None:
+            config["train"] = {**config["train"], "size": train_size}
+        return Provenance(
+            data=DataSource(source=data.source, trials=data.trials, sha256=data.sha256),
+            versions={"contactlearn": __version__, "python": platform.python_version(), **packages},
+            config=config,
+            command=self.command_line,
+            device=devices.described(device),
+        )
 
     def remove_partial_results(self) -> None:
         """Remove the partial results, and the folder above theirs if it is empty then."""

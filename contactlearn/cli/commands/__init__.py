@@ -2,7 +2,6 @@
 
     loading    data and their split
     fitting    fits that several commands make
-    results    fits as the types of `contactlearn.results`, and provenance
     record     TensorBoard, card and figures of a result
     train      one model from one random subset
     evaluate   laws and learned models beside the bounds; `curves` has the learning curves, `evaluation_record` figures

@@ -6,12 +6,13 @@ from dataclasses import asdict
 
 from matplotlib.figure import Figure
 
-from contactlearn.cli.commands import fitting, loading, record, results
+from contactlearn.cli.commands import fitting, loading, record
 from contactlearn.cli.commands.record import RunRecord
 from contactlearn.cli.job import Run, invocation
 from contactlearn.cli.resource_limits import available_memory
 from contactlearn.cli.settings import DiagnoseSettings
 from contactlearn.core import devices
+from contactlearn.data.blocks import Blocks
 from contactlearn.diagnosis import pipeline
 from contactlearn.diagnosis.events import OnEvent, track
 from contactlearn.diagnosis.result import Diagnosis
@@ -35,7 +36,7 @@ def diagnose(settings: DiagnoseSettings, run: Run) -> None:
     with progress(run.folder) as on_event:
         found = _found(settings, run, impacts, on_event)
     command = _next_command(settings, run, found)
-    provenance = results.provenance(run, impacts, devices.find("cpu"))
+    provenance = run.provenance(Blocks.of(impacts), devices.find("cpu"))
     result = DiagnosisRun(provenance=provenance, use=command, diagnosis=found)
     if found.record is not None:
         found.record.save(run.folder, asdict(provenance))

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from contactlearn.cli.commands import curves, evaluation_record, fitting, loading, record, results
+from contactlearn.cli.commands import curves, evaluation_record, fitting, loading, record
 from contactlearn.cli.commands.fitting import Comparison
 from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.commands.transfer import transfer
@@ -22,7 +22,7 @@ from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
-from contactlearn.results import folder
+from contactlearn.results import estimates, folder
 from contactlearn.results.tables import HeldOut, save_curves, save_held_out, save_trial_parameters
 from contactlearn.results.types import Evaluation
 
@@ -84,18 +84,18 @@ def _result(settings: EvaluateSettings, run: Run, data: Split, compared: Compari
 
     Runs are compared by the law with its effects, else by the law, or by the best one if that is not among them.
     """
-    errors = results.error_table(sums, settings.bootstrap, data.generator)
-    joint = {name: results.joint_estimate(fit) for name, fit in compared.joint.items()}
-    best, differences = results.ranked(sums)
+    errors = estimates.error_table(sums, settings.bootstrap, data.generator)
+    joint = {name: estimates.joint_estimate(fit) for name, fit in compared.joint.items()}
+    best, differences = estimates.ranked(sums)
     law, laws = settings.law.name, [fit.law.name for fit in compared.fits]
     law = law if joint or law in laws else min(laws, key=lambda name: errors[name].headline)
     return Evaluation(
-        provenance=results.provenance(run, data.blocks, settings.device, data.train_size),
+        provenance=run.provenance(data.blocks, settings.device, data.train_size),
         model=list(joint)[-1] if joint else law,
         law=law,
-        effects=results.effect_ids(settings.effects),
+        effects=estimates.effect_ids(settings.effects),
         norm=settings.norm,
-        fits=tuple(map(results.law_estimate, compared.fits)),
+        fits=tuple(map(estimates.law_estimate, compared.fits)),
         joint=joint,
         errors=errors,
         best=best,

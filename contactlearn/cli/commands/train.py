@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 import torch
 from matplotlib.figure import Figure
 
-from contactlearn.cli.commands import fitting, loading, record, results
+from contactlearn.cli.commands import fitting, loading, record
 from contactlearn.cli.commands.fitting import CostSurface
 from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.commands.record import RunRecord
@@ -29,7 +29,7 @@ from contactlearn.models.regressor import Regressor
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.figures import quality
-from contactlearn.results import folder
+from contactlearn.results import estimates, folder
 from contactlearn.results.types import IRB, Training
 
 CHECKPOINT = "model.pt"
@@ -109,22 +109,22 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
 
 
 def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, sums: ErrorSums) -> Training:
-    errors = results.error_table(sums, settings.bootstrap, data.generator)
+    errors = estimates.error_table(sums, settings.bootstrap, data.generator)
     del errors[IRB]
     recipe, regressor = settings.recipe, trained.regressor
     return Training(
-        provenance=results.provenance(run, data.blocks, settings.device, data.train_size),
+        provenance=run.provenance(data.blocks, settings.device, data.train_size),
         model=trained.name,
         learned=None if recipe is None else settings.model,
         law=None if settings.law is None else settings.law.name,
-        effects=results.effect_ids(settings.effects),
+        effects=estimates.effect_ids(settings.effects),
         trained_on=data.train_size,
         equation=str(trained.model),
-        fits=tuple(map(results.law_estimate, trained.fits)),
-        joint={name: results.joint_estimate(fit) for name, fit in trained.joint.items()},
+        fits=tuple(map(estimates.law_estimate, trained.fits)),
+        joint={name: estimates.joint_estimate(fit) for name, fit in trained.joint.items()},
         errors=errors,
         irb=sums.interval(metrics.HEADLINE, IRB, data.generator, settings.bootstrap),
-        processes=() if recipe is None or regressor is None else results.process_estimates(recipe, regressor),
+        processes=() if recipe is None or regressor is None else estimates.process_estimates(recipe, regressor),
         processes_kind=None if regressor is None else regressor.kind,
     )
 

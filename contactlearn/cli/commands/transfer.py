@@ -5,7 +5,7 @@ from dataclasses import asdict
 import torch
 from matplotlib.figure import Figure
 
-from contactlearn.cli.commands import curves, loading, record, results
+from contactlearn.cli.commands import curves, loading, record
 from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.commands.record import RunRecord
 from contactlearn.cli.job import Run
@@ -43,7 +43,7 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
     bodies = {
         name: loading.load_data(one).split(settings.split.test, data.generator) for name, one in wanted.bodies.items()
     }
-    provenance = results.provenance(run, data.blocks, settings.device, data.train_size)
+    provenance = run.provenance(data.blocks, settings.device, data.train_size)
     terminal.show_kept(count_trainings(run.partial))
     found = {}
     for name, recipe in settings.recipes.items():

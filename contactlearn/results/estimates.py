@@ -1,14 +1,9 @@
-"""Fits and errors as the types of `contactlearn.results`, and the provenance of a run."""
+"""Fits and errors as plain numbers, of the types that result files hold."""
 
-import platform
 from collections.abc import Mapping
-from importlib.metadata import version
 
 import torch
 
-from contactlearn.cli.job import Run
-from contactlearn.core import __version__, devices
-from contactlearn.data.blocks import Blocks
 from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import Effect, EffectId
 from contactlearn.inference.evaluation import metrics
@@ -16,42 +11,16 @@ from contactlearn.inference.evaluation.metrics import ErrorSums, Interval
 from contactlearn.inference.identification.joint import JointFit
 from contactlearn.inference.identification.shared import SharedFit
 from contactlearn.inference.learning.recipe import TARGETS, Recipe
-from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.features import SPACES
 from contactlearn.models.regressor import Regressor
 from contactlearn.results.types import (
     BEST_POST_HOC,
     IRB,
-    DataSource,
     JointEstimate,
     LawEstimate,
     ModelErrors,
     ProcessEstimate,
-    Provenance,
 )
-
-
-def provenance(run: Run, data: Impacts | Blocks, device: torch.device, train_size: int | None = None) -> Provenance:
-    """Return the data, code, configuration and command that give the result of a run.
-
-    Args:
-        run: the run.
-        data: all impacts of its source.
-        device: that computed.
-        train_size: number of training trials, which the configuration may leave open.
-    """
-    blocks = Blocks.of(data) if isinstance(data, Impacts) else data
-    packages = {name: version(name) for name in ("torch", "gpytorch", "numpy")}
-    config = dict(run.config)
-    if train_size is not None:
-        config["train"] = {**config["train"], "size": train_size}
-    return Provenance(
-        data=DataSource(source=blocks.source, trials=blocks.trials, sha256=blocks.sha256),
-        versions={"contactlearn": __version__, "python": platform.python_version(), **packages},
-        config=config,
-        command=run.command_line,
-        device=devices.described(device),
-    )
 
 
 def effect_ids(effects: Mapping[str, Effect]) -> tuple[EffectId, ...]:
