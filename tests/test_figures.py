@@ -25,8 +25,15 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures import learning
 from contactlearn.report.figures.browser import as_plotly
-from contactlearn.report.figures.impulse_space import areas, compared_impulses, ellipse_vectors, reach
-from contactlearn.report.figures.style import LAW_STYLE, law_style, plain
+from contactlearn.report.figures.comparison import error_comparison, patch_curve
+from contactlearn.report.figures.impulse_space import (
+    areas,
+    compared_impulses,
+    ellipse_vectors,
+    reach,
+    reachable_impulses,
+)
+from contactlearn.report.figures.style import LAW_STYLE, law_style, plain, save
 from contactlearn.simulation import synthetic
 
 UNIT = re.compile(r"\((mN s|mm|s/m|–|count)\)")
@@ -72,21 +79,19 @@ def surface(drops: Impacts):
 def comparison(names=(*LAW_STYLE, "X1 → (P, τ), 450 trials")):
     errors = {name: 0.1 + 0.02 * place + torch.rand(60, dtype=torch.float64) for place, name in enumerate(names)}
     intervals = {name: (x.mean().item(), x.mean().item() - 0.03, x.mean().item() + 0.05) for name, x in errors.items()}
-    return figures.error_comparison(errors, intervals, "Normalised velocity error (–)")
+    return error_comparison(errors, intervals, "Normalised velocity error (–)")
 
 
 def patch(names=("anitescu_potra_newton", "best_post_hoc")):
     mean = torch.tensor([0.4, 0.3, 0.25])
     errors = torch.stack((mean, mean - 0.02, mean + 0.02), -1)
-    return figures.patch_curve([0, 1, 2], errors, dict.fromkeys(names, 0.45), "Normalised velocity error (–)")
+    return patch_curve([0, 1, 2], errors, dict.fromkeys(names, 0.45), "Normalised velocity error (–)")
 
 
 FIGURES = {
-    "ellipse inadmissible": lambda d: figures.reachable_impulses(inadmissible(d), 0, six("fazeli2017")),
-    "ellipse one": lambda d: figures.reachable_impulses(
-        inadmissible(d), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)}
-    ),
-    "ellipse seven": lambda d: figures.reachable_impulses(d, 5, {n: laws.find(n).at(0.1, 0.5) for n in laws.names()}),
+    "ellipse inadmissible": lambda d: reachable_impulses(inadmissible(d), 0, six("fazeli2017")),
+    "ellipse one": lambda d: reachable_impulses(inadmissible(d), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)}),
+    "ellipse seven": lambda d: reachable_impulses(d, 5, {n: laws.find(n).at(0.1, 0.5) for n in laws.names()}),
     "cost surface": surface,
     "convergence": lambda d: figures.convergence(shared(d)),
     "convergence once": lambda d: figures.convergence(shared(d, sizes=(3,), repetitions=1)),
@@ -138,7 +143,7 @@ def test_every_figure_fits_names_its_units_and_is_written_as_vectors(build, drop
     assert_fits(figure)
     assert_units(figure)
     assert all(text.get_fontsize() == 8 for text in figure.findobj(Text) if text.get_text().strip())
-    png, pdf = (path.read_bytes() for path in figures.save(figure, tmp_path / "new", "name"))
+    png, pdf = (path.read_bytes() for path in save(figure, tmp_path / "new", "name"))
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["name.pdf", "name.png"]
     assert png.startswith(b"\x89PNG")
     assert int.from_bytes(png[16:20], "big") == round(200 * figure.get_figwidth())
@@ -156,13 +161,13 @@ def test_no_global_state_of_pyplot_is_used():
 
 
 def test_same_figure_gives_same_bytes(tmp_path):
-    first, second = ([path.read_bytes() for path in figures.save(patch(), tmp_path, "a")] for _ in range(2))
+    first, second = ([path.read_bytes() for path in save(patch(), tmp_path, "a")] for _ in range(2))
     assert first == second
 
 
 def test_save_leaves_the_old_files_when_writing_fails(tmp_path, monkeypatch):
     figure = patch()
-    old = [path.read_bytes() for path in figures.save(figure, tmp_path, "a")]
+    old = [path.read_bytes() for path in save(figure, tmp_path, "a")]
     write = figure.savefig
 
     def fail_on_pdf(path, **options):
@@ -173,7 +178,7 @@ def test_save_leaves_the_old_files_when_writing_fails(tmp_path, monkeypatch):
     monkeypatch.setattr(figure, "savefig", fail_on_pdf)
     figure.suptitle("changed")
     with pytest.raises(OSError, match="disk full"):
-        figures.save(figure, tmp_path, "a")
+        save(figure, tmp_path, "a")
     assert [(tmp_path / f"a{suffix}").read_bytes() for suffix in (".png", ".pdf")] == old
     assert len(list(tmp_path.iterdir())) == 2
 
@@ -249,7 +254,7 @@ def test_an_artist_that_no_browser_shows_is_refused(drops):
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_names_are_shown_as_they_are(name, drops):
-    figure = figures.reachable_impulses(inadmissible(drops, name), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)})
+    figure = reachable_impulses(inadmissible(drops, name), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)})
     assert_fits(figure)
     shown = " ".join(name.split())[:9]
     assert shown in figure.get_suptitle().replace(r"\$", "$")
@@ -329,13 +334,13 @@ def test_reach_holds_what_the_law_gives_and_nothing_else(name, variant, drops):
 
 def test_ellipse_shows_measurement_prediction_and_bound(drops):
     impacts, law = inadmissible(drops), laws.find("wang_mason").at(0.12, 0.55)
-    axes = figures.reachable_impulses(impacts, 0, {"wang_mason": law}).axes[0]
+    axes = reachable_impulses(impacts, 0, {"wang_mason": law}).axes[0]
     points = [line.get_xydata()[0] for line in axes.lines if len(line.get_xydata()) == 1]
     expected = (law.impulse(impacts.W, impacts.v_c)[0], impacts.wrench[0, :2], bounds.irb(impacts).wrench[0, :2])
     np.testing.assert_allclose(np.sort(points, 0), np.sort(1e3 * torch.stack(expected).numpy(), 0), rtol=1e-12)
     shaded = torch.from_numpy(axes.patches[0].get_xy() / 1e3)
     assert rigid_body.admissible(impacts.W[0], impacts.v_c[0], shaded, tolerance=1e-9).all()
-    inside = figures.reachable_impulses(drops, 3, {"wang_mason": law})
+    inside = reachable_impulses(drops, 3, {"wang_mason": law})
     assert "IRB bound" not in [text.get_text() for text in inside.legends[0].get_texts()]
 
 
@@ -380,12 +385,12 @@ def test_comparison_keeps_the_order_and_sets_the_bounds_apart():
 
 
 BAD = {
-    "no laws": (lambda d: figures.reachable_impulses(d, 0, {}), "at least one law"),
+    "no laws": (lambda d: reachable_impulses(d, 0, {}), "at least one law"),
     "other impacts": (lambda d: figures.trial_parameters(identify_trials(laws.find("mirtich"), d[:4]), d), "4 .* 80"),
-    "no models": (lambda d: figures.error_comparison({}, {}, "e (–)"), "any model"),
-    "no interval": (lambda d: figures.error_comparison({"mirtich": torch.ones(3)}, {}, "e (–)"), "none for mirtich"),
+    "no models": (lambda d: error_comparison({}, {}, "e (–)"), "any model"),
+    "no interval": (lambda d: error_comparison({"mirtich": torch.ones(3)}, {}, "e (–)"), "none for mirtich"),
     "not finite": (
-        lambda d: figures.error_comparison({"a": torch.tensor([1.0, torch.nan])}, {"a": (1, 1, 1)}, "e (–)"),
+        lambda d: error_comparison({"a": torch.tensor([1.0, torch.nan])}, {"a": (1, 1, 1)}, "e (–)"),
         "'a' must be finite, got 1",
     ),
 }  # fmt: skip

@@ -22,6 +22,7 @@ from contactlearn.inference.learning.curves import Curve
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures import learning, quality
+from contactlearn.report.figures.comparison import error_comparison, patch_curve
 from contactlearn.report.figures.impulse_space import reachable_impulses
 from contactlearn.results.tables import HeldOut
 from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation, LearningCurve, ModelErrors
@@ -133,8 +134,8 @@ def _errors_drawn(
     widths, patched = _patch_curve(settings, data)
     return {
         "energy_ellipse": reachable_impulses(test, row, laws, how.box, target=how.target),
-        "error_comparison": figures.error_comparison(per_trial, intervals, axis),
-        "patch_curve": figures.patch_curve((1e3 * widths).tolist(), patched, levels, axis),
+        "error_comparison": error_comparison(per_trial, intervals, axis),
+        "patch_curve": patch_curve((1e3 * widths).tolist(), patched, levels, axis),
     }
 
 

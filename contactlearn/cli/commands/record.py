@@ -16,6 +16,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures.effects import effect_curve
+from contactlearn.report.figures.style import save
 from contactlearn.report.tensorboard import Tracker, ends
 from contactlearn.results.types import JointEstimate, LawEstimate, ModelErrors, Provenance
 
@@ -68,7 +69,7 @@ def write_record(run: Run, provenance: Provenance, record: RunRecord) -> None:
             tracker.series(tag, values)
         tracker.charts(_charts(record))
         for name, figure in record.figures.items():
-            png, _ = figures.save(figure, run.folder / "figures", name)
+            png, _ = save(figure, run.folder / "figures", name)
             tracker.figure(f"figures/{name}", png.read_bytes())
         _log_hyperparameters(tracker, run, provenance, record)
         _log_card(tracker, provenance, record)

@@ -4,8 +4,7 @@
     convergence        Fig. 3.4  identified (μ, ε) against the number of trials
     trial_parameters   Fig. 3.6  (μ_k, ε_k) trial by trial
 
-Impulses are shown in mN s.  The figure numbers are those of Fazeli et al. (2017).  Fig. 2.3 is in `impulse_space`,
-Fig. 3.5 in `comparison`.
+Impulses are shown in mN s.  The figure numbers are those of Fazeli et al. (2017).
 """
 
 from dataclasses import dataclass
@@ -27,19 +26,6 @@ from contactlearn.inference.identification.shared import Box, SharedFit
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st
-from contactlearn.report.figures.comparison import error_comparison, patch_curve
-from contactlearn.report.figures.impulse_space import reachable_impulses
-from contactlearn.report.figures.style import save
-
-__all__ = [
-    "convergence",
-    "cost_map",
-    "error_comparison",
-    "patch_curve",
-    "reachable_impulses",
-    "save",
-    "trial_parameters",
-]
 
 _EPS = "Restitution ε (–)"
 

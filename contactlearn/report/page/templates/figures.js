@@ -43,10 +43,12 @@ function show(id, {data, layout}, exchanged = {}, changed = {}) {
     };
   });
   const panels = Object.keys(layout).filter(key => key.startsWith("xaxis")).map(key => key.slice(5)), size = 1 / panels.length;
-  const stacked = narrow() && panels.length > 1 ? Object.fromEntries(panels.flatMap((key, k) => [
-    [`xaxis${key}`, {...layout[`xaxis${key}`], domain: [0, 1]}],
+  const slim = narrow() && panels.length > 1;  // one panel below the other, with one title of their x axis if they share it
+  const stacked = slim ? Object.fromEntries(panels.flatMap((key, k) => [
+    [`xaxis${key}`, {...layout[`xaxis${key}`], domain: [0, 1], ...(layout[`xaxis${panels[k + 1]}`]?.matches && {title: {text: ""}})}],
     [`yaxis${key}`, {...layout[`yaxis${key}`], domain: [1 - (k + 0.78) * size, 1 - (k + 0.08) * size]}],
   ])) : {};
+  get(id).style.height = slim ? `${15 * panels.length + 4}rem` : "";
   const shapes = (layout.shapes ?? []).map(one => ({...one, line: inks(one.line), ...(one.fillcolor && {fillcolor: shade(one.fillcolor)})}));
   const notes = layout.annotations?.some(one => one.yref.endsWith("domain"));
   return draw(id, traces, {margin: {l: 50, r: 15, t: notes ? 40 : 15, b: 45}, ...layout, ...stacked, shapes, ...changed});
@@ -272,9 +274,9 @@ function curve(state, k) {
   const explained = trials.name.map((_, i) => scale * arrays.explained(i, k));
   const rest = trials.name.map((_, i) => measured[quantity](i)[component] - arrays[quantity](state.model, i, component));
   const without = rest.map((value, i) => value + (on ? explained[i] : 0));
-  const mean = y => groups.map(group => group && average(group.map(i => y[i]))), middle = mean(x);
+  const opacity = dark() ? 0.45 : 1, mean = y => groups.map(group => group && average(group.map(i => y[i]))), middle = mean(x);
   return {
-    measured: {x, y: without}, explained: {x, y: explained}, mean: {x: middle, y: mean(without)}, rest: {x: middle, y: mean(rest)},
+    measured: {x, y: without, opacity}, explained: {x, y: explained, opacity}, mean: {x: middle, y: mean(without)}, rest: {x: middle, y: mean(rest)},
     effect: {x: middle, y: mean(explained), line: {dash: on ? "solid" : "dot"}},
   };
 }

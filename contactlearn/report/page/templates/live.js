@@ -174,6 +174,20 @@ function nextWorse() {
   return order[(order.indexOf(state.trial) + 1) % order.length];
 }
 
+// Load the library that draws.
+async function library() {
+  const script = document.createElement("script");
+  script.textContent = new TextDecoder().decode(await unpacked("library"));
+  document.head.append(script);
+}
+
+// Draw each figure when it comes near the window or changes its size.
+function attend() {
+  const resized = new ResizeObserver(entries => redraw(...entries.map(one => one.target.id)));
+  for (const figure of document.querySelectorAll(".plot")) { watch.observe(figure); resized.observe(figure); }
+  document.documentElement.dataset.ready = "yes";
+}
+
 async function start() {
   addEventListener("beforeprint", () => paper(true));
   addEventListener("afterprint", () => paper(false));
@@ -189,10 +203,7 @@ async function start() {
     if (!page.runs && !page.recordings) document.documentElement.dataset.ready = "yes";
     return;
   }
-  const [library, block] = await Promise.all([unpacked("library"), unpacked("block")]);
-  const script = document.createElement("script");
-  script.textContent = new TextDecoder().decode(library);
-  document.head.append(script);
+  const [block] = await Promise.all([unpacked("block"), library()]);
   for (const [name, entry] of Object.entries(page.arrays)) arrays[name] = view(block, entry);
   const labels = trials.variables.map(one => one.label), place = name => trials.variables.findIndex(one => one.name === name);
   const up = page.regions?.[0]?.variable ?? "theta", pose = ["theta", "theta_folded", "lever_arm", "lever_length"].includes(up);
@@ -213,9 +224,7 @@ async function start() {
   showModel();
   showTrial();
   listen();
-  const resized = new ResizeObserver(entries => redraw(...entries.map(one => one.target.id)));
-  for (const figure of document.querySelectorAll(".plot")) { watch.observe(figure); resized.observe(figure); }
-  document.documentElement.dataset.ready = "yes";
+  attend();
 }
 
 start();

@@ -172,21 +172,17 @@ function listenToChoices() {
 }
 
 async function startRecordings() {
-  if (page.recordings.length) {
-    const [library, block] = await Promise.all([unpacked("library"), unpacked("block")]), script = document.createElement("script"), text = new TextDecoder();
-    script.textContent = text.decode(library);
-    document.head.append(script);
-    tracked.all = JSON.parse(text.decode(block));
-    for (const id of Object.keys(drawn)) delete drawn[id];
-    Object.assign(drawn, {track: drawTrack, body: drawBody, residuals: () => show("residuals", page.figures.residuals, {}, {summary: [...document.querySelectorAll("#errors li")].map(item => item.textContent).join("; ")})});
-    listRecordings("");
-    listen();
-    listenToChoices();
-    showRecording(ofAddress() ?? 0);
-    const resized = new ResizeObserver(entries => redraw(...entries.map(entry => entry.target.id)));
-    for (const figure of document.querySelectorAll(".plot")) { watch.observe(figure); resized.observe(figure); }
-  }
-  document.documentElement.dataset.ready = "yes";
+  if (!page.recordings.length) { document.documentElement.dataset.ready = "yes"; return; }
+  const [block] = await Promise.all([unpacked("block"), library()]), errors = [...document.querySelectorAll("#errors li")];
+  tracked.all = JSON.parse(new TextDecoder().decode(block));
+  for (const id of Object.keys(drawn)) delete drawn[id];
+  const summary = errors.map(item => item.textContent).join("; ");
+  Object.assign(drawn, {track: drawTrack, body: drawBody, residuals: () => show("residuals", page.figures.residuals, {}, {summary})});
+  listRecordings("");
+  listen();
+  listenToChoices();
+  showRecording(ofAddress() ?? 0);
+  attend();
 }
 
 startRecordings();

@@ -119,15 +119,11 @@ function drawLines() {
 async function startRuns() {
   heads.forEach((head, column) => head.querySelector("button").addEventListener("click", () => sortBy(column)));
   for (const list of document.querySelectorAll("[data-effect]")) list.addEventListener("change", filterRows);
-  const script = document.createElement("script");
-  script.textContent = new TextDecoder().decode(await unpacked("library"));
-  document.head.append(script);
+  await library();
   Object.assign(drawn, {"by-run": drawRuns, curve: drawLines});
   fit();
   listen();
-  const resized = new ResizeObserver(entries => redraw(...entries.map(one => one.target.id)));
-  for (const figure of document.querySelectorAll(".plot")) { watch.observe(figure); resized.observe(figure); }
-  document.documentElement.dataset.ready = "yes";
+  attend();
 }
 
 startRuns();
