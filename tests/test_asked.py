@@ -26,9 +26,9 @@ LAW = laws.find("wang_mason").at(0.12, 0.55)
     ids=["predict", "identify", "identify_jointly", "diagnose"],
 )
 def test_other_things_than_impacts_are_told_the_way(use):
-    with pytest.raises(ContactLearnError, match=r"impacts are asked for, got DataFrame; frame\.to_csv.*table\.load"):
+    with pytest.raises(ContactLearnError, match=r"impacts must be Impacts, got DataFrame; frame\.to_csv.*table\.load"):
         use(pd.DataFrame({"mass": [1.0]}))
-    with pytest.raises(ContactLearnError, match=r"asked for, got str; contactlearn\.data\.table\.load"):
+    with pytest.raises(ContactLearnError, match=r"must be Impacts, got str; contactlearn\.data\.table\.load"):
         use("drops.csv")
 
 

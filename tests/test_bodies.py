@@ -131,7 +131,7 @@ def test_residuals_of_a_fit_are_those_of_its_bodies(parts, both):
 
 
 @given(theta=st.lists(st.floats(-10, 10), min_size=1, max_size=8), which=st.randoms())
-def test_a_batch_is_a_loop(theta, which):
+def test_batched_equals_looped(theta, which):
     shapes = {"oak": Ellipse((0.035, 0.025)), "beech": make_shapes(BEECH), "disc": Disc(0.02)}
     names = [which.choice([*shapes]) for _ in theta]
     angles = torch.tensor(theta, dtype=torch.float64)
@@ -218,7 +218,7 @@ REFUSED = {
     "a slip": ({"oka": OAK, "beech": BEECH}, ["row 1", "'oak' must have a shape, did you mean 'oka'?"]),
     "a stranger": ({**SPECS, "beach": OAK}, ["data.shape.beach is of no body", "did you mean 'beech'?", "oak, beech"]),
     "one and several": ({**OAK, "beech": BEECH}, ["one shape, {kind: …}, or one for each body", "kind: ellipse"]),
-    "null": ({"oak": OAK, "beech": None}, ["shapes of oak, and beside them beech: None"]),
+    "null": ({"oak": OAK, "beech": None}, ["shapes of oak, and also beech: None"]),
     "a kind": ({"oak": OAK, "beech": {"kind": "elipse"}}, ["data.shape.beech: unknown shape kind", "'ellipse'"]),
     "a length": ({"oak": OAK, "beech": {"kind": "disc", "radius": -1}}, ["data.shape.beech: radius", "positive"]),
 }

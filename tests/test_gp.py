@@ -295,7 +295,7 @@ def test_the_limit_of_evaluations():
     assert (minimise(rosenbrock, start, *unbounded(2), tolerance=1e-14, evaluations=1).evaluations == 1).all()
 
 
-def test_a_batch_is_its_problems_one_by_one():
+def test_batched_problems_equal_looped():
     start = torch.tensor([[-1.2, 1.0], [0.3, 0.1], [3.0, -2.0], [1.0, 1.0]]).double()
     low, high = torch.tensor([-2.0, -3.0]).double(), torch.tensor([1.05, 3.0]).double()
     counted = torch.zeros(4, dtype=torch.long)
@@ -410,7 +410,7 @@ def test_a_state_dict_holds_all_that_was_learnt(weighted):
 
 @WEIGHTS
 @BATCHES
-def test_a_batch_of_processes_is_a_loop(batch, weighted):
+def test_batched_processes_equal_looped(batch, weighted):
     x, y, weight, new = subsets(*batch, weighted=weighted)
     gps = ExactGPs(x, y, weight)
     fit, (mean, variance) = gps.fit(), gps.predict(new)

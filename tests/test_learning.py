@@ -344,7 +344,7 @@ def test_drops_without_noise_have_a_density(recipe, exact):
 
 
 @pytest.mark.parametrize(("recipe", "n"), crossed(RECIPES, [2, 10, 40]))
-def test_a_batch_of_subsets_is_a_loop(recipe, n, pool, test):
+def test_batched_subsets_equal_looped(recipe, n, pool, test):
     rows = subsets(900, n)
     mu, eps = torch.tensor([[0.1], [0.12], [0.15]]).double(), torch.tensor([[0.5], [0.55], [0.6]]).double()
     base = recipe.law.at(mu, eps) if recipe.law else None

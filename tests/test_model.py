@@ -195,7 +195,7 @@ def test_two_residuals_commute(drops):
     assert_same(first.predict(drops), second.predict(drops))
 
 
-def test_a_batch_is_its_members_one_by_one(drops):
+def test_batched_equals_looped(drops):
     for target in RESIDUALS:
         part, extra = learned(target, 3), noise(3)
         every = ContactModel(LAW, part, target, noise=extra).predict(drops)

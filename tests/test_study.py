@@ -122,7 +122,7 @@ def test_transfer_learns_the_correction(drops):
 
 def test_transfer_refuses_sizes_that_a_body_cannot_give(drops):
     pool, _ = drops
-    with pytest.raises(DataError, match="disc: 40 trials asked for, but 30 are there"):
+    with pytest.raises(DataError, match="disc: 40 trials were requested, but 30 are there"):
         study.transfer_curves(RECIPES["wrench"], pool, {"disc": (pool[:30], pool[30:])}, (4, 40), 1, torch.Generator())
 
 

@@ -116,7 +116,7 @@ def test_what_is_wanted_is_said():
         ContactModel(laws.find("mirtich").at(0.2, 0.5), effects=["spin_damping"])
     with pytest.raises(ContactLearnError, match="a recipe builds on a law"):
         Recipe("x1", "wrench", "mirtich")
-    with pytest.raises(ContactLearnError, match="a law is asked for"):
+    with pytest.raises(ContactLearnError, match="law must be a Law or its name"):
         identify_jointly(3, [], synthetic.load(size=20))
 
 

@@ -1,4 +1,4 @@
-"""Where tensors lie, and with them what is computed: on the CPU, or on a GPU that PyTorch sees.
+"""Devices on which tensors lie and are computed: the CPU, or a GPU that PyTorch sees.
 
     there = moved(impacts, "cuda")
     fit = moved(identify_jointly("mirtich", ["spin_damping"], there), "cpu")

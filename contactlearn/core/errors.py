@@ -24,7 +24,7 @@ class DataError(ContactLearnError):
         self.row, self.column = row, column
 
     def below(self, rows: int) -> "DataError":
-        """The same error of a row in a block of a table, with `rows` rows above the block."""
+        """Return the error with the row counted from the start of the table, `rows` rows above the block."""
         text = re.sub(r"(?<=[:;f] row )\d+", lambda number: str(int(number[0]) + rows), str(self))
         return DataError(text, row=self.row and self.row + rows, column=self.column)
 

@@ -2,7 +2,7 @@
 
     Z_95, MAD_SCALE     quantile of a 95 % interval; standard deviations in a median absolute deviation
     wrapped             an angle in (−π, π]
-    finite_number       a setting as a finite float, or a DataError that names its rule; `whole` likewise
+    finite_number       a setting as a finite float, or a DataError that names its rule; `whole` for an integer
     is_number, is_whole the same as a test
     random              float64 random numbers of a generator; `random_share` some of many trials, to hold them out
     number, measured    a number as text; a value with its standard error and unit as text
@@ -53,7 +53,7 @@ def random_share(trials: int, share: float, generator: torch.Generator, source: 
         DataError: none would be held out, or all; or no generator.
     """
     if not isinstance(generator, torch.Generator):
-        raise DataError(f"a generator is asked for, such as torch.Generator().manual_seed(0), got {generator!r}")
+        raise DataError(f"generator must be one such as torch.Generator().manual_seed(0), got {generator!r}")
     count = round(share * trials)
     if not 0 < count < trials:
         rest = "train" if count else "test"
@@ -129,7 +129,7 @@ def written_whole(path: str | os.PathLike[str]) -> Generator[Path]:
     """Yield a path of the same file name in a hidden folder beside `path`; the file moves to `path` at the end.
 
     A reader sees the old file or the new one, never a part of it; after an exception the old one stands and
-    nothing is left beside it.  The folder of `path` is made if there is none.
+    no partial file is left.  The folder of `path` is made if there is none.
 
         with written_whole("results.json") as part:
             part.write_text(text, encoding="utf-8")

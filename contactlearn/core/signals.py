@@ -41,7 +41,7 @@ def graceful_exit() -> Generator[None]:
     except BrokenPipeError:
         if not _unread():
             raise
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left is flushed at the end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the rest is flushed at exit
         sys.exit(128 + signal.SIGPIPE)
     finally:
         if alone:

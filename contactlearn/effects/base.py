@@ -106,7 +106,7 @@ class Effect(ABC):
     """
 
     formula: ClassVar[str]
-    """What it does, in the letters of the documentation."""
+    """Its equation, in the symbols of the documentation."""
     form: ClassVar[str | None] = None
     """Name of a form within its family; None for an effect that has no other form."""
     source: ClassVar[str] = ""
@@ -125,7 +125,7 @@ class Effect(ABC):
     last: ClassVar[bool] = False
     """Whether it acts after the others of its place, because it depends on what they change."""
     place: ClassVar[str]
-    """One of `PLACES`: the method that the class overrides."""
+    """Method that the class overrides, one of `PLACES`."""
     name: ClassVar[str]
     """Name of the family: its class's name in small letters."""
     id: ClassVar[EffectId]
@@ -173,7 +173,7 @@ class Effect(ABC):
     def parameters(self) -> tuple[Parameter, ...]:
         """Fitted parameters, in the order of the fields."""
         kind = type(self)
-        if "_parameters" not in vars(kind):  # asked some hundred times a fit
+        if "_parameters" not in vars(kind):  # read some hundred times a fit
             declared = (f for f in fields(kind) if "parameter" in f.metadata)
             kind._parameters = tuple(Parameter(f.name, **f.metadata["parameter"]) for f in declared)
         return kind._parameters

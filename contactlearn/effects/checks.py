@@ -93,12 +93,12 @@ def _given(place: str, impacts: Impacts) -> tuple[Any, ...]:
 
 
 def _call(effect: Effect, impacts: Impacts) -> Any:
-    """Whatever the method of the effect's place returns."""
+    """Call the method of the effect's place."""
     return getattr(effect, effect.place)(*_given(effect.place, impacts))
 
 
 def _fits(returned: object, place: str, count: int) -> bool:
-    """Whether a method returned the kind of thing that its place asks for, in the shape of the impacts."""
+    """Whether a method returned the type that its place requires, in the shape of the impacts."""
     if place == "state":
         return isinstance(returned, State)
     if place == "law":
@@ -155,7 +155,7 @@ def _lasting(effect: Effect, impacts: Impacts, share: float | None, rounding: fl
             )
 
 
-def _bad_trials(said: str, value: Float[Tensor, "..."], impacts: Impacts) -> str | None:
+def _bad_trials(sentence: str, value: Float[Tensor, "..."], impacts: Impacts) -> str | None:
     """Name the first trial on which a value of each trial is infinite or no number."""
     value = value.broadcast_to(len(impacts))
     bad = ~value.isfinite()
@@ -163,7 +163,7 @@ def _bad_trials(said: str, value: Float[Tensor, "..."], impacts: Impacts) -> str
         return None
     row = int(bad.nonzero()[0, 0])
     return (
-        f"{said} {value[row].item():g} on trial {impacts.trial[row]!r} of {impacts.source} ({int(bad.sum())} of "
+        f"{sentence} {value[row].item():g} on trial {impacts.trial[row]!r} of {impacts.source} ({int(bad.sum())} of "
         f"{len(impacts)} trials); is it a root, logarithm or power of a negative number or of 0, or should a parameter "
         "start elsewhere?"
     )

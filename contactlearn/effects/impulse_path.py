@@ -2,7 +2,7 @@
 
 A law gives the end of a contact.  A change that acts at every instant, such as a moment or another friction,
 moves the whole path; `perturbed_path` adds to the law's wrench the difference between the two paths, each
-followed until v_n is what the law made it.  The path is continuous in everything, so the change is too.
+integrated until v_n reaches the law's value.  The path is continuous in all inputs, so the change is too.
 """
 
 from jaxtyping import Float

@@ -7,7 +7,7 @@ the place `state` change it, and it keeps the changes of frame, so that a veloci
     offset    centre of mass minus the tracked point, m; v_pre is the centre of mass's
 
 `stretch` is the factor on the body's nominal shape along its own axes, `corner` the radius of a polygon's corners in m.
-`body` is a number for the name of each trial's object (`mechanics.bodies`), by which shapes are told apart.
+`body` is a number for the name of each trial's object (`mechanics.bodies`), which selects its shape.
 
 Once the law's coefficients are known they are in `mu` and `eps`.
 """
@@ -154,7 +154,7 @@ class State:
         return per_body(self.shape, self.body, lambda one: self._contact_point(one, theta))
 
     def _contact_point(self, shape: Shape, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n 2"]:
-        """The same of bodies that all have this shape."""
+        """Contact points [..., N, 2] of bodies that all have this shape."""
         sharp = contact_point(shape, theta, self.stretch)
         return sharp + _rounding(shape, theta, self.corner) if isinstance(shape, Polygon) else sharp
 

@@ -1,4 +1,4 @@
-"""What sticks springs back sideways."""
+"""A contact that sticks springs back sideways."""
 
 import math
 from abc import abstractmethod
@@ -129,13 +129,13 @@ class SpringRebound(TangentialRestitution):
 def _within_cone(
     mu: Float[Tensor, "..."], impulse: tuple[Tensor, Tensor], direction: tuple[Tensor, Tensor]
 ) -> Float[Tensor, "..."]:
-    """How far an impulse (P_t, P_n) can go in a direction (t, n) before |P_t| = μ P_n."""
+    """Distance that an impulse (P_t, P_n) can go in a direction (t, n) before |P_t| = μ P_n."""
     (P_t, P_n), (t, n) = impulse, direction
     return torch.minimum(_room(mu * P_n - P_t, t - mu * n), _room(mu * P_n + P_t, -t - mu * n))
 
 
 def _room(distance: Float[Tensor, "..."], rate: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
-    """How far an impulse can go that approaches an edge of the cone, at a `distance`, at a rate."""
+    """Distance that an impulse can go at a rate towards an edge of the cone at a `distance`."""
     return torch.where(rate > 0, distance / torch.where(rate > 0, rate, 1.0), torch.inf)
 
 

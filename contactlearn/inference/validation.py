@@ -17,7 +17,7 @@ from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
 
 RESAMPLES = 1000
-"""Of the bootstrap of a mean error."""
+"""Resamples of the bootstrap of a mean error."""
 _STARTS = 4  # of a fit to all trials without a start
 _TOLERANCE = 1e-5  # nats a trial, of the fits of the folds, which begin next to their ends
 _CHI_SQUARED_50 = 2.3659739  # median, 3 degrees of freedom

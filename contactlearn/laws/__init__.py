@@ -57,7 +57,7 @@ def find(name: str, variant: str = "textbook", **options: Any) -> Law:
     Args:
         name: one of `names()`.
         variant: `textbook` or `fazeli2017`, or another that some law has.
-        options: fields of the law beside μ and ε.
+        options: fields of the law other than μ and ε.
 
     Raises:
         UnknownNameError: no such law, variant or option; a law of another package is known once that has been imported.
@@ -87,11 +87,11 @@ def named(law: Law | str) -> Law:
         return find(law)
     if isinstance(law, Law):
         return law
-    raise ContactLearnError(f"a law is asked for, such as 'mirtich' or laws.find('mirtich'), got {law!r}")
+    raise ContactLearnError(f"law must be a Law or its name, such as 'mirtich' or laws.find('mirtich'), got {law!r}")
 
 
 def _concrete(kind: type[Law]) -> Iterator[type[Law]]:
-    """All subclasses that can be made."""
+    """Yield all concrete subclasses."""
     for law in kind.__subclasses__():
         if not inspect.isabstract(law):
             yield law

@@ -41,11 +41,11 @@ class Law(ABC):
     eps: Values | float = 0.0
 
     name: ClassVar[str]
-    """Of the family, such as `wang_mason`; the class name in snake case if left out."""
+    """Name of the family, such as `wang_mason`; the class name in snake case if left out."""
     variant: ClassVar[str] = "textbook"
-    """Of the family: `textbook`, or `fazeli2017` for the law as the paper's authors computed it."""
+    """Variant of the family: `textbook`, or `fazeli2017` for the law as the paper's authors computed it."""
     label: ClassVar[str]
-    """In figures and text; made from the name if left out."""
+    """Label in figures and text; derived from the name if left out."""
     citations: ClassVar[tuple[str, ...]] = ()
     """BibTeX keys of references.bib, or whole entries; `contactlearn.cite` prints them."""
     paper: ClassVar[int | None] = None
@@ -95,7 +95,7 @@ class Law(ABC):
 
     @property
     def options(self) -> dict[str, Any]:
-        """The fields beside μ and ε."""
+        """Fields other than μ and ε."""
         return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in ("mu", "eps")}
 
     def at(self, mu: Values | float, eps: Values | float) -> Self:

@@ -1,4 +1,4 @@
-"""A contact in components, and the elementary solutions that several laws are made of.
+"""A contact in components, and the elementary solutions that several laws share.
 
 All of them take broadcastable tensors and assume an approach, v_n < 0, and a positive definite W.  A division by
 a quantity that may vanish in a branch that is not taken is guarded, so that gradients stay finite there.
@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 Values = Float[Tensor, "*#batch"]
-"""One number a trial, broadcast against [..., N]."""
+"""Values of each trial, broadcast against [..., N]."""
 
 
 class Contact(NamedTuple):

@@ -136,7 +136,7 @@ def make_shapes(spec: Mapping[str, Any] | Shape | None) -> AnyShape | None:
     """Shape as `shapes.make_shape` takes it, or shapes by body: `{oak: {kind: ellipse, …}, beech: {kind: disc, …}}`.
 
     Raises:
-        DataError: a missing, unknown or impossible entry, or a shape beside shapes by body.
+        DataError: a missing, unknown or impossible entry, or a shape together with shapes by body.
         UnknownNameError: a kind that does not exist.
     """
     if not isinstance(spec, Mapping) or isinstance(spec, Shapes):
@@ -148,7 +148,7 @@ def make_shapes(spec: Mapping[str, Any] | Shape | None) -> AnyShape | None:
     if others := [f"{name}: {entry}" for name, entry in entries.items() if name not in named]:
         raise DataError(
             "data.shape is one shape, {kind: …}, or one for each body, {oak: {kind: …}, beech: {kind: …}}; got "
-            f"shapes of {', '.join(named)}, and beside them {', '.join(others)}"
+            f"shapes of {', '.join(named)}, and also {', '.join(others)}"
         )
     return Shapes.of({name: _made(name, entry) for name, entry in entries.items()})
 

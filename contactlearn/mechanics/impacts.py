@@ -1,7 +1,7 @@
-"""Impacts: an immutable batch of measured planar impacts.  Prediction: what a model says of one.
+"""Impacts: an immutable batch of measured planar impacts.  Prediction: the outcomes by a model.
 
 Everything downstream of the data sources takes an `Impacts` and nothing reads a file again.  It holds float64 tensors
-in SI units, all on one device (`contactlearn.core.devices` moves them); validation happens once, when it is made.
+in SI units, all on one device (`contactlearn.core.devices` moves them); validation happens once, at construction.
 
     mass, inertia      [N]     kg, kg m²   about the centre of mass
     r                  [N, 2]  m           contact point minus centre of mass, world axes
@@ -12,7 +12,7 @@ in SI units, all on one device (`contactlearn.core.devices` moves them); validat
     order              [N]                 place in the sequence of measurements; 1, 2, 3 … if left out
     trial, object      tuples of N names
     shape                              optional: that of all bodies, or by object (`contactlearn.mechanics.bodies`)
-    apparatus                          optional: what is known of it without any impact
+    apparatus                          optional: estimates of its parameters from other measurements
 """
 
 from collections.abc import Sequence
@@ -152,7 +152,7 @@ class Impacts:
             self._check_unique_trials()
 
     def _refuse_covariance(self, name: str, columns: Sequence[str]) -> None:
-        """Refuse what is no covariance, and make it symmetric to the last bit."""
+        """Refuse a matrix that is no covariance, and make it symmetric to the last bit."""
         value: Tensor = getattr(self, name)
         for column, i, j in zip(columns, *UPPER, strict=True):
             both = torch.stack((value[:, i, j], value[:, j, i]), -1)
@@ -283,7 +283,7 @@ def measured_impulse(impacts: Impacts, target: str = "momentum") -> Float[Tensor
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What a model predicts for N impacts; leading axes, such as seeds, may come before N.
+    """Prediction of a model for N impacts; leading axes, such as seeds, may come before N.
 
     v_post [..., N, 3] in (m/s, m/s, rad/s) and wrench [..., N, 3] in (N s, N s, N m s); covariance
     [..., N, 3, 3] of the measured v_post about it, for a model that says how sure it is.
@@ -310,6 +310,5 @@ def require_impacts(given: object) -> None:
         return
     kind = type(given).__name__
     written = "frame.to_csv('drops.csv', index=False) writes one, and " if kind == "DataFrame" else ""
-    raise ContactLearnError(
-        f"impacts are asked for, got {kind}; {written}contactlearn.data.table.load('drops.csv', shape=…) reads a table"
-    )
+    read = "contactlearn.data.table.load('drops.csv', shape=…) reads a table"
+    raise ContactLearnError(f"impacts must be Impacts, got {kind}; {written}{read}")

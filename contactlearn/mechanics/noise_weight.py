@@ -2,7 +2,7 @@
 
     w² = 2 m / (m + s²)      of a value with the stated variance s², whose median is m over the trials that have one
 
-Half of the noise is taken to be the same in all trials, since models leave more than what is stated of measurements.
+Half of the noise is assumed equal in all trials, since models leave more residual than the stated measurement noise.
 """
 
 import torch

@@ -43,7 +43,7 @@ def save(model: ContactModel, path: str | os.PathLike[str], *, provenance: dict[
     Args:
         model: with leading axes or without.
         path: of a .pt file.
-        provenance: how the model was made, as JSON.
+        provenance: settings and data that made the model, as JSON.
 
     Raises:
         DataError: a suffix other than .pt, or the file cannot be written.
@@ -93,7 +93,7 @@ def _read(path: Path) -> tuple[ContactModel, dict[str, Any]]:
     contents = torch.load(path, weights_only=True, map_location="cpu")
     description, tensors = json.loads(contents["description"]), contents["tensors"]
     if (swollen := sum(tensor.numel() * tensor.element_size() for tensor in tensors.values())) > size:
-        raise DataError(f"has tensors of {swollen} bytes in {size}")  # such as one number that is said to be a matrix
+        raise DataError(f"has tensors of {swollen} bytes in {size}")  # such as one number with the shape of a matrix
     if description["format"] > FORMAT:
         raise DataError(f"is of format {description['format']}, and the newest known is {FORMAT}")
     model = _build(description["model"], "model", tensors)
@@ -128,8 +128,8 @@ def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:
     if isinstance(part, Law):
         plain = {key: value for key, value in part.options.items() if not isinstance(value, Tensor | float)}
         own = {key: value for key, value in vars(part).items() if key not in plain}
-        said = {"kind": "Law", "name": part.name, "variant": part.variant} | ({"options": plain} if plain else {})
-        return said | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
+        about = {"kind": "Law", "name": part.name, "variant": part.variant} | ({"options": plain} if plain else {})
+        return about | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
     if isinstance(part, torch.nn.Module):  # Gaussian processes
         own = {"x": part.train_inputs[0][..., 0, :, :], "y": part.train_targets, "weight": part.likelihood.weight}
         own |= part.state_dict()

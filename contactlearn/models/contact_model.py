@@ -27,7 +27,7 @@ from contactlearn.mechanics.impacts import Impacts, Prediction, require_impacts
 from contactlearn.models.regressor import Regressor
 
 RESIDUALS = ("velocity", "impulse", "wrench")
-"""What a residual adds to: v_post, (P_t, P_n) or (P_t, P_n, τ)."""
+"""Quantity to which a residual is added: v_post, (P_t, P_n) or (P_t, P_n, τ)."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class ContactModel:
     __repr__ = __str__  # tensors say nothing at a prompt
 
     def standard_errors(self) -> list[float | None]:
-        """Of μ, ε and the parameters of the effects, the mean over leading axes; None where they are not known."""
+        """Standard errors of μ, ε and the parameters of the effects, means over leading axes; None where unknown."""
         if self.parameter_covariance is None:
             return [None] * (2 + sum(len(effect.parameters) for effect in self.effects.values()))
         errors = self.parameter_covariance.diagonal(dim1=-2, dim2=-1).sqrt()
@@ -138,7 +138,7 @@ class ContactModel:
         return processes
 
     def base_prediction(self, impacts: Impacts) -> Prediction:
-        """What the base predicts, with its effects."""
+        """Predict with the base and its effects."""
         if isinstance(self.base, ContactModel):
             return self.base.predict(impacts)
         if self.base is None:

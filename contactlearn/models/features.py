@@ -84,7 +84,7 @@ class Standardisation:
 
     @classmethod
     def of(cls, x: Float[Tensor, "*batch n d"]) -> "Standardisation":
-        """Of training values x [..., n, D]."""
+        """Return the standardisation of training values x [..., n, D]."""
         mean, spread = x.mean(-2, keepdim=True), x.std(-2, keepdim=True, correction=0)
         constant = spread <= 1e-9 * x.abs().amax(-2, keepdim=True)
         return cls(mean, torch.where(constant, torch.inf, spread))

@@ -67,7 +67,7 @@ class Regressor:
 
     @property
     def training(self) -> "Fit":
-        """How the hyperparameters were found.
+        """Result of the search for the hyperparameters.
 
         Raises:
             ContactLearnError: the processes come from a checkpoint, which does not keep it.

@@ -1,4 +1,4 @@
-"""What every effect must obey, as tests that the package of an effect of your own can inherit.
+"""Rules of every effect, as tests that the package of an effect of your own can inherit.
 
     from contactlearn.testing import EffectContract
     from my_package import SeamFriction
@@ -7,7 +7,7 @@
         effect = SeamFriction()
 
 pytest then finds the methods: the effect declares itself, changes nothing at its vanishing values, acts
-elsewhere, treats a batch like a loop, has exact gradients, mirrors as it says and adds energy as it says.
+elsewhere, gives the same batched and looped, has exact gradients, mirrors as it says and adds energy as it says.
 Each form of a family is a class and has a test class of its own.
 """
 
@@ -37,7 +37,7 @@ DIFFERENCES = 1e-3  # of a difference with a step of 1e-6 of the range
 
 @cache
 def _drops(shape: Shape | None) -> Impacts:
-    """The drops of `EffectContract.impacts`, which every test asks for several times."""
+    """Make the drops of `EffectContract.impacts` once for all tests."""
     drops = synthetic.load(size=N, shape=shape, velocity_noise=0, spin_noise=0, seed=5)
     drops = drops.replace(object=tuple(("first", "second", "third")[k % 3] for k in range(N)))
     generator = torch.Generator().manual_seed(6)
@@ -58,7 +58,7 @@ class EffectContract:
     shape: Shape | None = None
 
     def impacts(self) -> Impacts:
-        """Drops of three objects alike from both sides and from different heights, in a sequence."""
+        """Drops of three equal objects from both sides and from different heights, in a sequence."""
         return _drops(self.shape)
 
     def predict(
@@ -110,7 +110,7 @@ class EffectContract:
         at_rest = self.predict(impacts, columns(*self.prepared.vanished().values)).v_post
         assert ((self.predict(impacts, self.samples(2)).v_post - at_rest).abs().amax((-2, -1)) > 0).all()
 
-    def test_a_batch_is_a_loop(self) -> None:
+    def test_batched_equals_looped(self) -> None:
         """Leading axes of values and a choice of trials give what one value and one trial give."""
         impacts, samples = self.impacts(), self.samples(3)
         batch = self.predict(impacts, samples)

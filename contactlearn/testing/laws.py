@@ -1,4 +1,4 @@
-"""What every law must obey, as tests that the package of a law of your own can inherit.
+"""Rules of every law, as tests that the package of a law of your own can inherit.
 
     from contactlearn.testing import LawContract
     from my_package import Frictionless
@@ -7,7 +7,7 @@
         law = Frictionless()
 
 pytest then finds the methods: the law declares itself, stays in what a rigid contact with Coulomb friction can do
-except where it says otherwise, mirrors and scales, treats a batch and blocks of it like a loop, and has finite
+except where it says otherwise, mirrors and scales, gives the same in one batch, in blocks and in a loop, and has finite
 gradients.
 """
 
@@ -123,7 +123,7 @@ class LawContract:
         heavier = c._replace(W=c.W / SPEED)
         assert self._close(self.impulse(heavier), SPEED * self.impulse(c), heavier)
 
-    def test_a_batch_is_a_loop(self) -> None:
+    def test_batched_equals_looped(self) -> None:
         """Single contacts with scalar coefficients give the same impulses."""
         c = Contacts.draw(64)
         each = zip(*c, strict=True)

@@ -177,7 +177,7 @@ def _number(name: str, key: str, value: Any) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Formula:
-    """What the four places share.
+    """Part of a formula effect that the four places share.
 
     Args:
         expressions: text by output, all of one place.

@@ -58,7 +58,7 @@ _INSTEAD = {"^": "**", "//": "/", "·": "*", "×": "*", "−": "-", "²": "**2",
 
 
 class _Step(NamedTuple):
-    """One thing to do with the stack: put a number or a name's tensor on it, or apply a function to its top."""
+    """One operation on the stack: put a number or a name's tensor on it, or apply a function to its top."""
 
     kind: str
     what: Any
@@ -66,7 +66,7 @@ class _Step(NamedTuple):
 
 
 class Expression:
-    """One line of mathematics; `names` has its free names in order, each with the column of its first use.
+    """A line of mathematics; `names` has its free names in order, each with the column of its first use.
 
     Raises:
         ContactLearnError: text that is anything else, with the text and a caret under the character.

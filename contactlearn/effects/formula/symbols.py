@@ -1,4 +1,4 @@
-"""What a line of mathematics about an impact may speak of: every symbol with its unit and its meaning.
+"""Symbols of a formula about an impact, with their units and meanings.
 
     state symbols     m, I, rx, ry, x, y, theta, vx, … before contact, known at every place
     the outputs       what the effects of a place change, as it is so far: mu and eps at the law,
@@ -75,7 +75,7 @@ def symbols(
     """The named symbols [..., N], and no others are computed.
 
     Args:
-        state: what is known before contact, with `mu` and `eps` once the law has them.
+        state: quantities before contact, with `mu` and `eps` once the law has them.
         names: of `SYMBOLS`.
         place: one of `contactlearn.effects.PLACES`.
         so_far: the outputs of the place by name, see `OUTPUTS`; those of the place `state` are in the state.

@@ -1,4 +1,4 @@
-"""Predictions beside measurements.
+"""Predictions against measurements.
 
 metrics             errors of held-out trials, with intervals
 bounds              Best Post Hoc and the ideal rigid-body bound

@@ -1,4 +1,4 @@
-"""Partial residuals: the change that one effect of a model makes, beside the residual of the model without it.
+"""Partial residuals: the change by one effect of a model against the residual of the model without it.
 
 The model is evaluated with and without the effect, its other effects unchanged.  `measured` is the measurement less
 the prediction without the effect, `explained` the change that the effect makes; if nothing else is missing, they
@@ -32,7 +32,7 @@ _PREDICTED = 1 / 3  # share of the effect's variance that a symbol must predict 
 
 @dataclass(frozen=True)
 class Partial:
-    """One effect over N impacts: measured and explained [N] against a variable [N], with letters and units."""
+    """An effect over N impacts: measured and explained [N] against a variable [N], with letters and units."""
 
     effect: str
     component: str

@@ -144,7 +144,7 @@ class JointFit:
         return int((~self.inliers).sum())
 
     def known_parameters(self) -> tuple[KnownParameter, ...]:
-        """Return a single subset's parameters that free flight limits, beside their fit to the impacts alone."""
+        """Return a single subset's parameters that free flight limits, with their fit to the impacts alone."""
         if self.alone is None:
             return ()
         alone = zip(self.alone.values.tolist(), self.alone.standard_errors.tolist(), strict=True)
@@ -169,14 +169,14 @@ class JointFit:
         reasons = {
             p.name: " and ".join(self._open(k)) for k, p in enumerate(self.parameters) if p.prior_from_flight is None
         }
-        return {name: said for name, said in reasons.items() if said}
+        return {name: found for name, found in reasons.items() if found}
 
     def _open(self, k: int) -> list[str]:
         """List the reasons why the data do not determine parameter k."""
         limits, reasons = self.thresholds, []
         share = self.standard_errors[k].item() / (self.parameters[k].high - self.parameters[k].low)
         if share >= 1:
-            reasons.append("hardly anything depends on it")
+            reasons.append("the outcome barely depends on it")
         elif share > limits.open_share:
             reasons.append(f"its standard error is {share:.0%} of its plausible range")
         trials = self.effective_trials[k].item()

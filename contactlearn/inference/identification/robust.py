@@ -279,9 +279,9 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
     root = width[:, None] * (turn * scale[:, None] @ vectors) * values.clamp_min(1).sqrt()[:, None]
     covariance = small * root @ root.mT
     # Information of each trial on each parameter, the others being free.
-    told = weight[..., None] * (slope @ inverse[:, None]).square().sum(-2)
-    telling = told.sum(1).square() / told.square().sum(1).clamp_min(1e-300)
-    return covariance, weight * (_NU / (_NU + 3)), telling
+    information = weight[..., None] * (slope @ inverse[:, None]).square().sum(-2)
+    trials = information.sum(1).square() / information.square().sum(1).clamp_min(1e-300)
+    return covariance, weight * (_NU / (_NU + 3)), trials
 
 
 def _scattered(problem: Problem, residual: Tensor, scatter: Tensor, steps: int) -> Tensor:

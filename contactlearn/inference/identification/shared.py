@@ -6,7 +6,7 @@ C is not smooth (trials change their contact mode) and can have several minima, 
 least.  It is evaluated on a grid over the whole box, once for all trials, and the surface of every subset is a mean of
 these values.  Finer grids surround the lowest local minima and the lowest nodes of each surface, and their best points
 start a pattern search, whose best result is kept.  The search can miss a basin narrower than a sixth of the grid's
-spacing, or one without a low node beside it.
+spacing, or one without a low node near it.
 
 Where all trials stick, μ is only bounded below: `mu_range` and `eps_range` are the ranges of each parameter within
 which the cost, minimised over the other, rises by no more than 0.1 %.
@@ -259,7 +259,7 @@ def _orders(
         raise DataError(f"sizes must be positive and increasing, got {list(sizes)}")
     if sizes[-1] > len(impacts):
         raise DataError(
-            f"{impacts.source}: {sizes[-1]} trials asked for, but only {len(impacts)} are there to draw from"
+            f"{impacts.source}: {sizes[-1]} trials were requested, but only {len(impacts)} are there to draw from"
         )
     if repetitions < 1:
         raise DataError(f"repetitions must be at least 1, got {repetitions}")

@@ -38,7 +38,7 @@ from contactlearn.models.contact_model import RESIDUALS, ContactModel
 
 @dataclass(frozen=True, kw_only=True)
 class Trained:
-    """One model trained on subsets of one size, for the held-out trials."""
+    """A model trained on subsets of one size, for the held-out trials."""
 
     key: tuple[str, ...]  # of the curve
     size: int
@@ -239,7 +239,7 @@ def learning_curves(
 
 @dataclass(frozen=True, kw_only=True)
 class _Training:
-    """One model to train on subsets of one size: the arguments of `learn`, and the trials to predict."""
+    """A model to train on subsets of one size: the arguments of `learn`, and the trials to predict."""
 
     key: tuple[str, ...]
     size: int
@@ -324,7 +324,7 @@ def transfer_curves(
     curves, trainings = {}, []
     for body, (pool, test) in bodies.items():
         if max(sizes) > len(pool):
-            raise DataError(f"{body}: {max(sizes)} trials asked for, but {len(pool)} are there to draw from")
+            raise DataError(f"{body}: {max(sizes)} trials were requested, but {len(pool)} are there to draw from")
         curves[body] = {"zero_shot": Curve.of(test, {0: model.predict(test)})}
         orders = nested_orders(len(pool), seeds, generator)
         fit = None

@@ -3,7 +3,7 @@
     target                  what the processes learn                             paper
     velocity                v_post − v_pre, or − that of the law                 Class I
     impulse                 (P_t, P_n), or what the law leaves of it             Class I, II; rigid
-    wrench                  (P_t, P_n, τ), likewise                              Class I, II
+    wrench                  (P_t, P_n, τ), or its residual                        Class I, II
     parameters_identified   the (μ, ε) that fit each single trial best           Class II; rigid
     parameters_likelihood   (μ, ε) such that the law's impulse is likely         Class II; rigid
 
@@ -37,7 +37,7 @@ TARGETS = {
     "parameters_identified": {"μ": "–", "ε": "–"},
     "parameters_likelihood": {"μ": "–", "ε": "–"},
 }
-"""What is learnt for each target, with units."""
+"""Components of each target, with units."""
 
 _ROUNDS = 4  # linearisations of the law; most parameters move little after the third
 _COVERAGE = 0.95

@@ -19,13 +19,13 @@ Objective = Callable[[Tensor, Tensor, bool], tuple[Tensor, Tensor, Tensor | None
 `which` [b]; nan where it cannot be evaluated."""
 
 _CURVED = 4  # rounds that use the objective's curvature
-_DAMPING = 0.01  # added to it, so that what it says nothing about moves a finite way
+_DAMPING = 0.01  # added to it, so that a direction without curvature moves a finite way
 _PATIENCE = 5  # evaluations after which a start may give up
 _LONGEST = 2.0  # a step changes no variable by more: the variables are logarithms
 
 
 class Minimum(NamedTuple):
-    """Where each of B minimisations ended."""
+    """End of each of B minimisations."""
 
     x: Float[Tensor, "b p"]
     value: Float[Tensor, "b"]

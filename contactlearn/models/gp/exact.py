@@ -41,7 +41,7 @@ def _blas() -> ThreadpoolController:
 
 
 class Fit(NamedTuple):
-    """How the hyperparameters were found."""
+    """Result of the search for the hyperparameters."""
 
     loss: Float[Tensor, "*batch o"]  # −log marginal likelihood (and prior) per point in nats
     converged: Bool[Tensor, "*batch o"]
