@@ -1,5 +1,6 @@
-"""The benchmark of thresholds has a row for each of them, and decides and resumes as it says."""
+"""The table of sensitivities has one row for each public threshold, and measures only what it lacks."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -7,23 +8,34 @@ import pytest
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
 from sensitivity import thresholds as benchmark
-from sensitivity.studies.study import AllThresholds, paths, replaced
+from sensitivity.study import AllThresholds, paths, replaced
 
 DEFAULTS = dict(paths(AllThresholds()))
 
 
+def row(field):
+    return next(one for one in benchmark.ROWS if one.field == field)
+
+
 def test_every_threshold_has_one_row():
-    assert sorted(row.field for row in benchmark.ROWS) == sorted(DEFAULTS)
+    assert sorted(one.field for one in benchmark.ROWS) == sorted(DEFAULTS)
+    assert len(DEFAULTS) <= 45
 
 
 def test_a_study_has_one_name():
-    assert all(benchmark.STUDIES[row.study.name] is row.study for row in benchmark.ROWS)
+    assert all(benchmark.STUDIES[one.study.name] is one.study for one in benchmark.ROWS)
 
 
-@pytest.mark.parametrize("row", benchmark.ROWS, ids=lambda row: row.field)
-def test_values_are_different_and_contain_the_default(row):
-    assert DEFAULTS[row.field] in row.values
-    assert len(set(row.values)) == len(row.values) > 1
+@pytest.mark.parametrize("one", benchmark.ROWS, ids=lambda one: one.field)
+def test_halved_and_doubled_values_lie_on_both_sides_of_the_default(one):
+    assert one.values["default"] == DEFAULTS[one.field]
+    low, middle, high = sorted(one.values.values())
+    assert low < middle == DEFAULTS[one.field] < high
+
+
+def test_ratios_and_probabilities_keep_to_their_side_of_1():
+    assert row("audit.gross_ratio").values == {"halved": 1.5, "default": 2.0, "doubled": 3.0}
+    assert row("tracks.certainty").values == {"halved": 0.975, "default": 0.95, "doubled": 0.9}
 
 
 def test_another_value_changes_nothing_else():
@@ -31,15 +43,25 @@ def test_another_value_changes_nothing_else():
     assert changed == DEFAULTS | {"audit.gross_ratio": 3.0}
 
 
-def test_a_cheap_row_decides_and_goes_on_where_it_was_interrupted(tmp_path):
-    rows = [row for row in benchmark.ROWS if row.field == "audit.gross_ratio"]
-    keep = tmp_path / "decisions.jsonl"
-    first = benchmark.Outcome.of(rows[0], benchmark.decisions(rows, keep))
-    lines = keep.read_text().splitlines(keepends=True)
-    keep.write_text("".join(lines[: len(lines) // 2]) + lines[-1][:20])  # the last line was not written to its end
-    again = benchmark.decisions(rows, keep)
-    assert benchmark.Outcome.of(rows[0], again) == first
-    assert first.changes
-    assert first.false_alarms[0] >= first.false_alarms[-1]
-    assert first.power[0] > first.power[-1]
-    assert "**2**: 0/24" in benchmark.table([first])
+def test_the_table_is_that_of_the_results():
+    results = benchmark.read(benchmark.FOLDER / "results.json")
+    assert set(results) <= set(DEFAULTS)
+    assert (benchmark.FOLDER / "thresholds.md").read_text("utf-8") == benchmark.table(results)
+
+
+def test_a_row_whose_default_has_changed_is_no_longer_measured(tmp_path):
+    results = benchmark.read(benchmark.FOLDER / "results.json")
+    results["audit.gross_ratio"]["default"] = 2.5
+    (tmp_path / "results.json").write_text(json.dumps(results))
+    assert set(results) - set(benchmark.read(tmp_path / "results.json")) == {"audit.gross_ratio"}
+
+
+def test_a_row_is_measured_once(tmp_path, monkeypatch):
+    path, rows = tmp_path / "results.json", [row("audit.gross_ratio")]
+    results = benchmark.update(rows, path)
+    false, right = zip(*(results["audit.gross_ratio"]["alarms"][name] for name in benchmark.FACTORS), strict=True)
+    assert false[0] > false[2]
+    assert right[0] > right[2]
+    assert "2: 0/24, 24/24" in benchmark.table(results)
+    monkeypatch.setattr(benchmark, "measure", None)
+    assert benchmark.update(rows, path) == results

@@ -1,19 +1,19 @@
-"""What does each threshold of the diagnosis decide?  False alarms and power over a range of its values.
+"""Sensitivity of the answers to each threshold: false alarms and right alarms with it halved and doubled.
 
-    python benchmarks/sensitivity/thresholds.py [--only PREFIX] [--keep FILE] [--workers 2] [--table FILE]
+    python benchmarks/sensitivity/thresholds.py [--only PREFIX] [--again] [--workers 2] [--table]
 
-A study has null cases, in which an alarm is false, and planted ones, in which it is right; the diagnosis decides about
-each by its own code, with one threshold at another value and all others at their defaults.  Whatever is expensive and
-depends on no threshold of the study is made once for each case.  A threshold over which no decision changes has no
-reason to exist.  With --keep, decisions are kept in a file, and a run that was interrupted goes on from there.
+A study has null cases, in which an alarm is false, and planted ones, in which it is right.  The package's own code
+decides about each with one threshold changed and all others at their defaults.  Every finished study is written to
+results.json, from which thresholds.md is made; rows that stand there are run again with --again only.
 """
 
 import argparse
 import json
 import sys
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -37,188 +37,183 @@ from sensitivity.studies import (
     search,
     state_dependence,
 )
-from sensitivity.studies.memory import memory
-from sensitivity.studies.study import AllThresholds, Row, paths, replaced
+from sensitivity.study import AllThresholds, Case, Study, paths, replaced
 
-ROWS: tuple[Row, ...] = (
-    *flights.ROWS,
-    *frames.ROWS,
-    *measurements.ROWS,
-    *conventions.ROWS,
-    *search.ROWS,
-    *rivals.ROWS,
-    *residuals.ROWS,
-    *descriptions.ROWS,
-    *fits.ROWS,
-    *samples.ROWS,
-    *state_dependence.ROWS,
-)
-STUDIES = {row.study.name: row.study for row in ROWS}
-
-Setting = tuple[str, Any]
-"""A field and a value of it."""
-Question = tuple[str, str, list[Setting]]
-"""A study, one of its cases, and the settings under which it is decided about."""
+FOLDER = Path(__file__).parent
+DEFAULTS = dict(paths(AllThresholds()))
+FACTORS = {"halved": 0.5, "default": 1.0, "doubled": 2.0}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Decision:
-    """Whether there is an alarm about a case with a threshold at a value."""
+@dataclass(frozen=True)
+class Row:
+    """A threshold by its path, the study that shows its influence, and where its scale begins.
 
-    field: str
-    value: Any
-    case: str
-    planted: bool
-    alarm: bool
-
-    @property
-    def key(self) -> tuple[str, str, str]:
-        """The same for a decision that was read from a file."""
-        return self.field, json.dumps(self.value), self.case
-
-
-def decide(questions: Sequence[Question]) -> list[Decision]:
-    """Decide about one case under each setting of one or more studies; equal thresholds are decided about once."""
-    material, default, known, found = None, AllThresholds(), {}, []
-    with memory():
-        for name, case, settings in questions:
-            study = STUDIES[name]
-            planted, arguments = next((p, a) for other, p, a in study.cases() if other == case)
-            material = study.prepare(*arguments) if material is None else material
-            alarm = study.alarm if planted else study.false_alarm or study.alarm
-            for field, value in settings:
-                asked = alarm, replaced(default, field, value)
-                if asked not in known:
-                    known[asked] = alarm(material, asked[1])
-                found.append(Decision(field=field, value=value, case=case, planted=planted, alarm=known[asked]))
-    return found
-
-
-def tasks(rows: Iterable[Row], known: set[tuple[str, str, str]]) -> list[tuple[list[Question]]]:
-    """What is not decided yet, in questions about the same material."""
-    settings: dict[Any, dict[tuple[str, str], list[Setting]]] = defaultdict(lambda: defaultdict(list))
-    for row in rows:
-        for case, _, arguments in row.study.cases():
-            for value in row.values:
-                if (row.field, json.dumps(value), case) not in known:
-                    settings[row.study.prepare, arguments][row.study.name, case].append((row.field, value))
-    return [([(*names, wanted) for names, wanted in questions.items()],) for questions in settings.values()]
-
-
-def kept(path: Path | None) -> list[Decision]:
-    """Decisions of earlier runs; a line that was not written to its end is taken out of the file."""
-    if path is None or not path.exists():
-        return []
-    text = path.read_text()
-    whole = text[: text.rfind("\n") + 1]
-    if whole != text:
-        path.write_text(whole)
-    return [Decision(**json.loads(line)) for line in whole.splitlines()]
-
-
-def decisions(rows: Sequence[Row], keep: Path | None = None, workers: int = 1) -> list[Decision]:
-    """All decisions of some rows: those kept, and the others made now."""
-    wanted = {(row.field, json.dumps(value)) for row in rows for value in row.values}
-    found = [d for d in kept(keep) if d.key[:2] in wanted]
-    left = tasks(rows, {d.key for d in found})
-    for batch in track(run(decide, left, workers), "cases", total=len(left)):
-        found += batch
-        if keep:
-            with keep.open("a") as file:
-                file.write("".join(json.dumps(vars(d)) + "\n" for d in batch))
-    return found
-
-
-@dataclass(frozen=True, kw_only=True)
-class Outcome:
-    """Alarms of a row's null and planted cases at each value, as counts of those cases that are decided at every value.
-
-    `changes` is whether the decision about any case changes over the values.
+    Ratios and probabilities near 1 have `zero` = 1: their distance from 1 is halved and doubled.
     """
 
-    row: Row
-    null: int
-    planted: int
-    false_alarms: tuple[int, ...]
-    power: tuple[int, ...]
-    changes: bool
-
-    @classmethod
-    def of(cls, row: Row, made: Iterable[Decision]) -> "Outcome":
-        """Count the decisions of a row."""
-        by_case: dict[tuple[bool, str], dict[str, bool]] = defaultdict(dict)
-        for decision in made:
-            if decision.field == row.field:
-                by_case[decision.planted, decision.case][json.dumps(decision.value)] = decision.alarm
-        keys = [json.dumps(value) for value in row.values]
-        done = [(planted, [alarm[k] for k in keys]) for (planted, _), alarm in by_case.items() if {*keys} <= {*alarm}]
-        null, planted = ([alarms for which, alarms in done if which == wanted] for wanted in (False, True))
-        return cls(
-            row=row,
-            null=len(null),
-            planted=len(planted),
-            false_alarms=tuple(map(sum, zip(*null, strict=True))) or (0,) * len(keys),
-            power=tuple(map(sum, zip(*planted, strict=True))) or (0,) * len(keys),
-            changes=any(len(set(alarms)) > 1 for alarms in null + planted),
-        )
+    field: str
+    study: Study
+    zero: int = 0
 
     @property
-    def verdict(self) -> str:
-        """Whether the threshold decides anything over these values."""
-        if not self.null + self.planted:
-            return "not run"
-        return "decides" if self.changes else "nothing changes"
+    def values(self) -> dict[str, float]:
+        """The threshold halved, by default and doubled."""
+        default = DEFAULTS[self.field]
+        values = {name: self.zero + factor * (default - self.zero) for name, factor in FACTORS.items()}
+        return {name: type(default)(round(value, 12)) for name, value in values.items()} | {"default": default}
 
 
-HEAD = """# Thresholds: false alarms and power
+ROWS = (
+    Row("tracks.excess", flights.CONTACTS),
+    Row("tracks.meets", flights.CONTACTS),
+    Row("tracks.certainty", flights.CONTACTS, zero=1),
+    Row("tracks.velocity_change", flights.JUMPS),
+    Row("tracks.rest_speed", flights.SLIDING),
+    Row("tracks.hand_height", flights.HAND),
+    Row("tracks.off_sigmas", flights.FLOOR),
+    Row("tracks.off_least", flights.FLOOR),
+    Row("tracks.contacts_of_a_slope", flights.ZERO),
+    Row("tracks.plane_distance", frames.APART),
+    Row("tracks.plane_tilt", frames.TILTED),
+    Row("tracks.scale", frames.SCALE),
+    Row("tracks.leaning", frames.LEANING),
+    Row("tracks.aligned", frames.ORDER),
+    Row("tracks.reading", frames.READING),
+    Row("audit.false_outliers", measurements.MODELLED),
+    Row("audit.moment_sigmas", measurements.MOMENT),
+    Row("audit.gross_ratio", measurements.WEIGHT, zero=1),
+    Row("audit.dropped_share", measurements.DROPPED),
+    Row("audit.contact_point_off", measurements.SHAPE),
+    Row("audit.scale_off", measurements.SCALE),
+    Row("audit.convention_gain", conventions.CONVENTIONS),
+    Row("audit.consistent", conventions.CONVENTIONS),
+    Row("audit.inertia_factor", conventions.INERTIA, zero=1),
+    Row("audit.impossible", conventions.IMPOSSIBLE),
+    Row("audit.open_balance", conventions.OPEN),
+    Row("audit.doubted_balance", conventions.DOUBTED),
+    Row("fewest_trials", search.FEW),
+    Row("whole", samples.NAMES),
+    Row("trials_per_parameter", search.SMALL),
+    Row("least_gain", search.SELECTION),
+    Row("gain_sigmas", search.SELECTION),
+    Row("window", rivals.PLAUSIBLE),
+    Row("chance_sigmas", rivals.RIVALS),
+    Row("form_error", residuals.UNKNOWN),
+    Row("certain_sigmas", residuals.COMPONENT),
+    Row("minor_share", residuals.VARIABLES),
+    Row("dependence_level", state_dependence.STATE),
+    Row("region_level", residuals.REGIONS),
+    Row("region_ratio", residuals.REGIONS, zero=1),
+    Row("stated_noise_ratio", descriptions.STATED, zero=1),
+    Row("fit.outlier_weight", fits.OUTLIERS),
+    Row("fit.open_share", fits.NOISE),
+    Row("fit.collinearity", fits.SPEEDS, zero=1),
+    Row("fit.effective_trials", fits.ORDER),
+)
+STUDIES = {row.study.name: row.study for row in ROWS}
+Setting = tuple[str, Any]
+"""A threshold and a value of it."""
+Results = dict[str, dict[str, Any]]
+"""For each threshold: its default, the date, the numbers of cases, and [false alarms, right alarms] by factor."""
 
-`python benchmarks/sensitivity/thresholds.py` makes this table; its first lines say how. Each row is a field of
-`contactlearn.diagnosis.thresholds.Thresholds`, or below `tracks` of
-`contactlearn.data.recordings.thresholds.TrackThresholds`.
-At each value, the default one bold: false alarms of so many null cases, and right alarms of so many planted ones.
-Planted mistakes and effects are small on purpose, so that some are missed.
-A row that says "not run", or has fewer cases than its study, is still to be decided: `--keep` goes on from there.
-A threshold that serves several decisions has the row of one of them; the others were made at the default value.
+
+def decide(study: str, planted: bool, case: Case, settings: list[Setting]) -> list[bool]:
+    """Decide about one case under each setting; equal thresholds are decided about once."""
+    of = STUDIES[study]
+    alarm = of.alarm if planted else of.false_alarm or of.alarm
+    material, known = of.prepare(*case), {}
+    for field, value in settings:
+        thresholds = replaced(AllThresholds(), field, value)
+        if thresholds not in known:
+            known[thresholds] = alarm(material, thresholds)
+    return [known[replaced(AllThresholds(), field, value)] for field, value in settings]
+
+
+def measure(rows: list[Row], workers: int) -> Results:
+    """Run the study of some rows, and count its alarms."""
+    study = rows[0].study
+    settings = [(row.field, value) for row in rows for value in row.values.values()]
+    cases = [*((False, case) for case in study.null), *((True, case) for case in study.planted)]
+    tasks = [(study.name, planted, case, settings) for planted, case in cases]
+    alarms = list(track(run(decide, tasks, workers), study.name, total=len(tasks)))
+    found: Results = {}
+    for k, row in enumerate(rows):
+        found[row.field] = {"default": DEFAULTS[row.field], "date": date.today().isoformat()}
+        found[row.field] |= {"null": len(study.null), "planted": len(study.planted), "alarms": {}}
+        for j, name in enumerate(FACTORS):
+            counts = [
+                sum(decided[len(FACTORS) * k + j] for (is_planted, _), decided in zip(cases, alarms, strict=True)
+                    if is_planted == planted)
+                for planted in (False, True)
+            ]  # fmt: skip
+            found[row.field]["alarms"][name] = counts
+    return found
+
+
+def read(path: Path) -> Results:
+    """Read the results of thresholds that still exist and still have the same default."""
+    results = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    return {field: one for field, one in results.items() if DEFAULTS.get(field) == one["default"]}
+
+
+def update(rows: Iterable[Row], path: Path, workers: int = 1, again: bool = False) -> Results:
+    """Measure the rows that the file lacks, or all of them, and write the file after every study."""
+    results, by_study = read(path), defaultdict(list)
+    for row in rows:
+        if again or set(results.get(row.field, {}).get("alarms", ())) != set(FACTORS):
+            by_study[row.study.name].append(row)
+    for group in by_study.values():
+        results |= measure(group, workers)
+        lines = ",\n".join(f"{json.dumps(field)}: {json.dumps(results[field])}" for field in sorted(results))
+        path.write_text(f"{{\n{lines}\n}}\n", "utf-8")
+    return results
+
+
+HEAD = """# Sensitivity to thresholds
+
+`python benchmarks/sensitivity/thresholds.py` makes this table. Each row is a public threshold: a field of
+`contactlearn.diagnosis.thresholds.Thresholds`, or, below `tracks`, of
+`contactlearn.data.recordings.thresholds.TrackThresholds`. It is halved and doubled; all others have their defaults.
+Ratios and probabilities near 1 have their distance from 1 halved and doubled.
+
+A cell has the value, false alarms of null cases, and right alarms of planted cases. Planted mistakes and effects are
+small, so that some are missed. A threshold of several decisions has a row for one of them. Angles are in rad.
 """
 
 
-def table(outcomes: Iterable[Outcome]) -> str:
-    """Markdown; the default value of each threshold is bold."""
-    defaults = dict(paths(AllThresholds()))
-    lines = ["| field | decided in | value: false alarms, power | verdict |", "| --- | --- | --- | --- |"]
-    for outcome in outcomes:
-        row, cells = outcome.row, []
-        for value, false, right in zip(row.values, outcome.false_alarms, outcome.power, strict=True):
-            said = f"**{_said(value)}**" if value == defaults[row.field] else _said(value)
-            counts = f": {false}/{outcome.null}, {right}/{outcome.planted}" if outcome.null + outcome.planted else ""
-            cells.append(said + counts)
-        lines.append(f"| `{row.field}` | {row.study.name} | {'; '.join(cells)} | {outcome.verdict} |")
-    return "\n".join(lines)
-
-
-def _said(value: Any) -> str:
-    if isinstance(value, tuple):
-        return "–".join(map(_said, value))
-    return ("−∞" if value < 0 else "∞") if abs(value) >= 1e8 else f"{value:.3g}"
+def table(results: Results) -> str:
+    """Format the Markdown document of all rows."""
+    lines = ["| threshold | study | default | halved | doubled | date |", "| --- | --- | --- | --- | --- | --- |"]
+    for row in ROWS:
+        one = results.get(row.field, {"alarms": {}, "date": ""})
+        cells = {}
+        for name, value in row.values.items():
+            if name in one["alarms"]:
+                false, right = one["alarms"][name]
+                cells[name] = f"{value:.3g}: {false}/{one['null']}, {right}/{one['planted']}"
+            else:
+                cells[name] = f"{value:.3g}: not measured"
+        lines.append(
+            f"| `{row.field}` | {row.study.name} | {cells['default']} | {cells['halved']} | {cells['doubled']} | "
+            f"{one['date']} |"
+        )
+    return f"{HEAD}\n" + "\n".join(lines) + "\n"
 
 
 def main() -> None:
-    """Decide, print the table and write it."""
+    """Measure the rows that results.json lacks, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", default="", help="beginning of the fields to be decided")
-    parser.add_argument("--keep", type=Path, help="file of the decisions, one a line")
+    parser.add_argument("--only", nargs="*", default=[""], help="beginnings of thresholds")
+    parser.add_argument("--again", action="store_true", help="measure also what results.json has")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--table", type=Path, help="Markdown file that the table is written to")
-    parser.add_argument("--redraw", action="store_true", help="the table of what is kept, no decisions")
+    parser.add_argument("--table", action="store_true", help="only write the table of results.json")
     options = parser.parse_args()
     torch.set_num_threads(1)
     threadpool_limits(1)
-    rows = [row for row in ROWS if row.field.startswith(options.only)]
-    made = kept(options.keep) if options.redraw else decisions(rows, options.keep, options.workers)
-    text = table(Outcome.of(row, made) for row in rows)
-    print(text)
-    if options.table:
-        options.table.write_text(f"{HEAD}\n{text}\n")
+    rows = [] if options.table else [row for row in ROWS if row.field.startswith(tuple(options.only))]
+    results = update(rows, FOLDER / "results.json", options.workers, options.again)
+    (FOLDER / "thresholds.md").write_text(table(results), "utf-8")
+    print(table(results))
 
 
 if __name__ == "__main__":

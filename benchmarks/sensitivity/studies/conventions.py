@@ -27,7 +27,7 @@ from sensitivity.studies.cases import (
     spoilt,
     textbook,
 )
-from sensitivity.studies.study import Row, Study, each, scaled
+from sensitivity.study import Study, each
 
 
 class Written(NamedTuple):
@@ -213,12 +213,3 @@ DOUBTED = Study(
     name="doubted balance", null=each(5, "contact_patch", "rolling_resistance", "side_drag", "spin_damping"),
     planted=each(16, "uneven"), prepare=_moments, alarm=_doubted,
 )  # fmt: skip
-
-ROWS = (
-    Row(field="audit.convention_gain", values=scaled(0.15, 1 / 5, 1 / 2, 1, 2, 4), study=CONVENTIONS),
-    Row(field="audit.consistent", values=(0.1, 0.25, 0.5, 1.0, 2.0), study=CONVENTIONS),
-    Row(field="audit.inertia_factor", values=(1.05, 1.2, 1.4, 2.5, 4.0), study=INERTIA),
-    Row(field="audit.impossible", values=(0.1, 0.2, 0.3, 0.45, 0.7), study=IMPOSSIBLE),
-    Row(field="audit.open_balance", values=(0.0, 0.02, 0.05, 0.1, 0.3), study=OPEN),
-    Row(field="audit.doubted_balance", values=(0.1, 0.2, 0.4, 0.8, 2.0), study=DOUBTED),
-)

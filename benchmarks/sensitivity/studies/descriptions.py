@@ -1,18 +1,16 @@
-"""Studies of formulas for a residual, of the mean in place of a noisy velocity, and of a noise that was stated."""
+"""Study of a stated noise."""
+
+from dataclasses import replace
 
 from contactlearn import laws
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained import formulas as written
 from contactlearn.effects import EffectId
 from contactlearn.report.text import misfit
 from sensitivity.studies.cases import between, textbook
-from sensitivity.studies.memory import remember
-from sensitivity.studies.study import Row, Study, each
-
-remember("identify_jointly", written)
+from sensitivity.study import Study, each
 
 
 def _stated(kind: str, seed: int) -> Diagnosis:
@@ -32,5 +30,3 @@ STATED = Study(
     name="stated noise", null=each(12, "right"), planted=each(4, "degrees", "millimetres", "factor"),
     prepare=_stated, alarm=_questioned,
 )  # fmt: skip
-
-ROWS = (Row(field="stated_noise_ratio", values=(1.05, 1.2, 1.4, 2.0, 4.0), study=STATED),)

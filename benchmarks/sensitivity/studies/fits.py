@@ -11,7 +11,7 @@ from contactlearn.effects import find_effect
 from contactlearn.inference.identification.joint import JointFit, identify_jointly
 from contactlearn.mechanics.impacts import Impacts
 from sensitivity.studies.cases import between, heavy, random, some, spiked, textbook
-from sensitivity.studies.study import Row, Study, each, scaled
+from sensitivity.study import Study, each
 
 
 def _fit(impacts: Impacts, effect: str) -> JointFit:
@@ -79,10 +79,4 @@ NOISE = Study(name="undetermined spin", null=each(12, "all"), planted=each(24, "
 ORDER = Study(name="drift of few trials", null=each(12, "all"), planted=each(24, "few"), prepare=_late, alarm=_open)
 SPEEDS = Study(
     name="delay at one speed", null=each(12, "many"), planted=each(24, "one"), prepare=_speeds, alarm=_traded
-)
-ROWS = (
-    Row(field="fit.outlier_weight", values=(*scaled(0.07, 0.3, 0.6, 1, 1.5), 0.2, 0.4), study=OUTLIERS),
-    Row(field="fit.open_share", values=scaled(0.125, 0.25, 0.5, 1, 2, 4), study=NOISE),
-    Row(field="fit.effective_trials", values=(1.0, 2.0, 3.0, 5.0, 10.0, 20.0), study=ORDER),
-    Row(field="fit.collinearity", values=(0.8, 0.9, 0.95, 0.98, 0.99), study=SPEEDS),
 )

@@ -15,7 +15,7 @@ from contactlearn.mechanics.shapes import Ellipse
 from contactlearn.simulation.camera import Camera, TrueContacts
 from contactlearn.simulation.recordings import SEMI_AXES, simulate
 from sensitivity.studies.cases import between
-from sensitivity.studies.study import AllThresholds, Row, Study, each
+from sensitivity.study import AllThresholds, Study, each
 
 BODY = Ellipse(SEMI_AXES)
 CAMERAS = {
@@ -161,15 +161,3 @@ def _zeroed(hits: list[Hit], thresholds: AllThresholds) -> bool:
 
 
 ZERO = Study(name="zero of θ", null=each(20, "floor"), planted=each(20, "turned"), prepare=_on_a_floor, alarm=_zeroed)
-
-ROWS = (
-    Row(field="tracks.excess", values=(1.5, 3.0, 6.0, 12.0, 48.0), study=CONTACTS),
-    Row(field="tracks.meets", values=(3.0, 9.0, 18.0, 50.0, 500.0), study=CONTACTS),
-    Row(field="tracks.certainty", values=(0.0, 0.8, 0.95, 0.999, 1 - 1e-9), study=CONTACTS),
-    Row(field="tracks.velocity_change", values=(0.0, 9.0, 25.0, 100.0, 1000.0), study=JUMPS),
-    Row(field="tracks.rest_speed", values=(0.003, 0.01, 0.03, 0.1, 0.3), study=SLIDING),
-    Row(field="tracks.hand_height", values=(0.05, 0.15, 0.3, 0.5, 0.8), study=HAND),
-    Row(field="tracks.off_sigmas", values=(2.0, 4.0, 8.0, 16.0, 32.0), study=FLOOR),
-    Row(field="tracks.off_least", values=(0.0, 3e-4, 1e-3, 3e-3, 1e-2), study=FLOOR),
-    Row(field="tracks.contacts_of_a_slope", values=(3, 6, 12, 20, 40), study=ZERO),
-)

@@ -17,7 +17,7 @@ from contactlearn.mechanics.shapes import Ellipse
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
 from sensitivity.studies.cases import between
-from sensitivity.studies.study import AllThresholds, Row, Study, each
+from sensitivity.study import AllThresholds, Study, each
 
 RATE = Camera().rate
 
@@ -159,13 +159,3 @@ READING = Study(
     name="reading of angles", null=each(24, "unzeroed"), planted=each(16, "clear"), prepare=_read,
     alarm=_reading(True), false_alarm=_reading(False),
 )  # fmt: skip
-
-
-ROWS = (
-    Row(field="tracks.plane_distance", values=(0.0005, 0.002, 0.005, 0.01, 0.05), study=APART),
-    Row(field="tracks.plane_tilt", values=tuple(math.radians(x) for x in (1, 2.5, 5, 10, 30)), study=TILTED),
-    Row(field="tracks.scale", values=(0.005, 0.015, 0.03, 0.06, 0.2), study=SCALE),
-    Row(field="tracks.leaning", values=tuple(math.radians(x) for x in (3, 5, 10, 20, 45)), study=LEANING),
-    Row(field="tracks.aligned", values=tuple(math.radians(x) for x in (0.2, 2, 8, 20, 60)), study=ORDER),
-    Row(field="tracks.reading", values=(0.1, 0.3, 0.5, 0.7, 0.95), study=READING),
-)

@@ -21,7 +21,7 @@ from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import Ellipse
 from contactlearn.models.contact_model import ContactModel
 from sensitivity.studies.cases import after, between, heavy, nature, random, some, spiked, textbook
-from sensitivity.studies.study import Row, Study, each, scaled
+from sensitivity.study import Study, each
 
 
 class Marked(NamedTuple):
@@ -171,12 +171,3 @@ MODELLED = Study(
     name="outliers of a model", null=each(16, "clean", "heavy"), planted=each(16, "turned"), prepare=_modelled,
     alarm=_called,
 )  # fmt: skip
-
-ROWS = (
-    Row(field="audit.false_outliers", values=(1e-6, 1e-3, 0.05, 1.0, 10.0), study=MODELLED),
-    Row(field="audit.moment_sigmas", values=(3.0, 6.0, 12.0, 24.0, 48.0), study=MOMENT),
-    Row(field="audit.gross_ratio", values=(1.2, 1.5, 2.0, 4.0, 8.0), study=WEIGHT),
-    Row(field="audit.dropped_share", values=(0.05, 0.1, 0.2, 0.3, 0.4), study=DROPPED),
-    Row(field="audit.contact_point_off", values=scaled(0.15, 1 / 4, 1 / 2, 1, 2, 4), study=SHAPE),
-    Row(field="audit.scale_off", values=(0.0, 0.005, 0.01, 0.02, 0.04), study=SCALE),
-)

@@ -11,15 +11,12 @@ from contactlearn.core.numerics import wrapped
 from contactlearn.diagnosis.regions import find_regions
 from contactlearn.diagnosis.result import Remainder
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.remainder import Processes, learn_remainder
+from contactlearn.diagnosis.unexplained.remainder import learn_remainder
 from contactlearn.inference.identification.joint import JointFit, identify_jointly
 from contactlearn.inference.validation import Folds
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from sensitivity.studies.cases import between, drops, heavy, random
-from sensitivity.studies.memory import remember
-from sensitivity.studies.study import Row, Study, each
-
-remember("of", Processes)
+from sensitivity.study import Study, each
 
 
 class Failing(NamedTuple):
@@ -145,11 +142,3 @@ VARIABLES = Study(
     name="variables of the remainder", null=_CLEAR, planted=_CLEAR, prepare=residual,
     alarm=_right_variables, false_alarm=_wrong_variable,
 )  # fmt: skip
-
-ROWS = (
-    Row(field="region_level", values=(0.001, 0.01, 0.05, 0.2, 0.5), study=REGIONS),
-    Row(field="region_ratio", values=(1.0, 1.25, 1.5, 2.0, 3.0), study=REGIONS),
-    Row(field="form_error", values=(0.025, 0.05, 0.1, 0.2, 0.4), study=UNKNOWN),
-    Row(field="certain_sigmas", values=(0.0, 1.5, 3.0, 6.0, 12.0), study=COMPONENT),
-    Row(field="minor_share", values=(0.01, 0.025, 0.05, 0.1, 0.2), study=VARIABLES),
-)

@@ -5,26 +5,19 @@ from typing import NamedTuple
 import torch
 
 from contactlearn import laws
-from contactlearn.diagnosis.discrimination import rivals
 from contactlearn.diagnosis.discrimination.rivals import find_rivals
-from contactlearn.diagnosis.search import pool, quadratic
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.diagnosis.search.pool import Pool, Spec
 from contactlearn.diagnosis.search.selection import Selection, select, validated
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId, catalogue
-from contactlearn.inference import validation
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.validation import Folds
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
 from sensitivity.studies.cases import random
-from sensitivity.studies.memory import remember
-from sensitivity.studies.study import Row, Study, each
-
-remember("identify_jointly", validation, pool)
-remember("linearise", quadratic, rivals)
+from sensitivity.study import Study, each
 
 _LAW = "wang_mason"
 _NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
@@ -107,8 +100,3 @@ RIVALS = Study(
 PLAUSIBLE = Study(
     name="plausible models", null=each(1, *_DISTINCT), planted=each(1, *_CONFOUNDED), prepare=_drops, alarm=_exchanged,
 )  # fmt: skip
-
-ROWS = (
-    Row(field="window", values=(1.0, 3.0, 7.0, 12.0), study=PLAUSIBLE),
-    Row(field="chance_sigmas", values=(0.5, 1.0, 2.0, 4.0, 1e9), study=RIVALS),
-)

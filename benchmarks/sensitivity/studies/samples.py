@@ -8,7 +8,7 @@ from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.mechanics.impacts import Impacts
 from sensitivity.studies.cases import drops
-from sensitivity.studies.study import Row, Study, each
+from sensitivity.study import Study, each
 
 _TABLE = 6000  # trials
 
@@ -37,6 +37,3 @@ NAMES = Study(
     planted=each(1, *(((name,), _WEAK) for name in ("surface_tilt", "side_drag", "com_offset", "parameter_drift"))),
     prepare=_large, alarm=_named,
 )  # fmt: skip
-
-
-ROWS = (Row(field="whole", values=(1000, 2000, 5000, 6000), study=NAMES),)

@@ -6,22 +6,15 @@ import torch
 
 from contactlearn import laws
 from contactlearn.core.errors import DataError
-from contactlearn.diagnosis.discrimination import rivals
 from contactlearn.diagnosis.pipeline import diagnose
-from contactlearn.diagnosis.search import pool, quadratic
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.diagnosis.search.selection import Selection, select
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.inference import validation
 from contactlearn.inference.validation import Folds
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.simulation import hidden_effects
 from sensitivity.studies.cases import drops, heavy
-from sensitivity.studies.memory import remember
-from sensitivity.studies.study import Row, Study, each
-
-remember("identify_jointly", validation, pool)
-remember("linearise", quadratic, rivals)
+from sensitivity.study import Study, each
 
 
 class Hidden(NamedTuple):
@@ -98,10 +91,3 @@ FEW = Study(
     planted=each(1, *((effect, _CLEAR, size) for effect, *_ in _EFFECTS[::7] for size in (20, 30, 40))),
     prepare=_hidden, alarm=_diagnosed,
 )  # fmt: skip
-
-ROWS = (
-    Row(field="fewest_trials", values=(20, 25, 35, 50), study=FEW),
-    Row(field="trials_per_parameter", values=(1, 5, 10, 20, 40), study=SMALL),
-    Row(field="least_gain", values=(0.0, 0.01, 0.02, 0.03, 0.06, 0.12), study=SELECTION),
-    Row(field="gain_sigmas", values=(-1e9, 1.0, 2.0, 2.5, 3.0, 5.0), study=SELECTION),
-)

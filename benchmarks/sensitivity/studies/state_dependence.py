@@ -7,7 +7,7 @@ from contactlearn.inference.identification.joint import FitOptions
 from sensitivity.studies.cases import between
 from sensitivity.studies.follows import DEPENDS
 from sensitivity.studies.serial_dependence import DESIGNS, Drops, made
-from sensitivity.studies.study import Row, Study, each
+from sensitivity.study import Study, each
 
 
 def state_dependence(drops: Drops, thresholds: Thresholds, block: int = 1) -> StateDependence | None:
@@ -30,4 +30,3 @@ def _said(drops: Drops, thresholds: Thresholds) -> bool:
 _NULL = each(8, "iid", "heavy", "before")
 _PLANTED = each(6, "direction and angle", "spin with slip", "curtain")
 STATE = Study(name="state", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_said)
-ROWS = (Row(field="dependence_level", values=(0.005, 0.01, 0.05, 0.2), study=STATE),)

@@ -1,4 +1,4 @@
-"""A study of thresholds: null and planted cases, what is prepared once for each, and the decision on it."""
+"""A study of thresholds: null and planted cases, their material, and the decision under some thresholds."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields, is_dataclass, replace
@@ -27,7 +27,7 @@ class Study:
         planted: likewise.
         prepare: makes the data of a case, and everything expensive that depends on no threshold of the study.
         alarm: decides by the package's own code on that material under some thresholds.
-        false_alarm: the same in null cases, if another question is asked of them.
+        false_alarm: decides in null cases, by default as `alarm` does.
     """
 
     name: str
@@ -37,24 +37,9 @@ class Study:
     alarm: Callable[[Any, AllThresholds], bool]
     false_alarm: Callable[[Any, AllThresholds], bool] | None = None
 
-    def cases(self) -> Iterator[tuple[str, bool, Case]]:
-        """The name, whether something is planted, and the arguments of each case."""
-        for planted, cases in ((False, self.null), (True, self.planted)):
-            for k, case in enumerate(cases):
-                yield f"{'planted' if planted else 'null'} {k}", planted, case
-
-
-@dataclass(frozen=True, kw_only=True)
-class Row:
-    """A threshold by its path, such as `audit.conventions.gain`, and the values at which a study decides."""
-
-    field: str
-    values: tuple[Any, ...]
-    study: Study
-
 
 def paths(thresholds: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Path and value of every threshold, those of nested groups among them."""
+    """Yield path and default of every threshold, such as `audit.consistent`."""
     for one in fields(thresholds):
         value, path = getattr(thresholds, one.name), prefix + one.name
         if is_dataclass(value):
@@ -64,18 +49,13 @@ def paths(thresholds: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def replaced(thresholds: Any, path: str, value: Any) -> Any:
-    """The thresholds with another value at a path."""
+    """Return the thresholds with another value at a path."""
     name, _, rest = path.partition(".")
     return replace(thresholds, **{name: replaced(getattr(thresholds, name), rest, value) if rest else value})
 
 
-def scaled(default: float, *factors: float) -> tuple[float, ...]:
-    """Factors of a default value, 1 among them."""
-    return tuple(default if factor == 1 else default * factor for factor in factors)
-
-
 def each(count: int, *kinds: Any) -> tuple[Case, ...]:
-    """(kind, seed) of so many cases of each kind; a kind of several arguments is a tuple."""
+    """Return (kind, seed) for so many cases of each kind; a kind of several arguments is a tuple."""
     return tuple(
         (*(kind if isinstance(kind, tuple) else (kind,)), 1000 * j + k)
         for j, kind in enumerate(kinds)
