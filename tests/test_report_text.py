@@ -10,60 +10,20 @@ from evaluations import evaluation, joint_estimate
 
 import contactlearn
 from contactlearn.data.audit.result import Finding
+from contactlearn.diagnosis import result
 from contactlearn.diagnosis.events import AuditFindings, EffectsFound, RegionsFound
-from contactlearn.diagnosis.result import (
-    Drop,
-    ErrorShares,
-    Experiment,
-    FittedParameter,
-    Formula,
-    FrontierModel,
-    Improvement,
-    LawFit,
-    NoiseSource,
-    PlausibleModel,
-    Region,
-    Rival,
-    Rung,
-    RungKind,
-    Separation,
-    Verdict,
-    WrenchComponent,
-)
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.report import text
 from contactlearn.report.events import TerminalObserver, show_verdict
-from contactlearn.report.text import (
-    compared,
-    conclusion,
-    effect_label,
-    error,
-    formula_overrides,
-    headline,
-    interval,
-    listed_models,
-    listed_name,
-    measured,
-    misfit,
-    model_labels,
-    phrase,
-    phrases,
-    rung_label,
-    search_notes,
-    sentence,
-    sentences,
-    share_of_whole,
-    summary,
-    support,
-)
 
 TILT, DRAG = EffectId("surface_tilt", "computed"), EffectId("side_drag", "linear")
-REGION = Region(
+REGION = result.Region(
     variable="spin", where="-3 ≤ ω < 2.5 rad/s", low=-3.0, high=2.5, ratio=Interval(2.3, 1.5, 3.0), p_value=3e-8,
     rows=(0, 1, 2),
 )  # fmt: skip
-BEST = Formula(
-    component=WrenchComponent.MOMENT, terms=("omega",), ranges=((-1.0, 1.0),), coefficients=(0.1,),
+BEST = result.Formula(
+    component=result.WrenchComponent.MOMENT, terms=("omega",), ranges=((-1.0, 1.0),), coefficients=(0.1,),
     error_reduction=0.25, standard_error=0.0,
 )  # fmt: skip
 
@@ -81,19 +41,19 @@ def plain(text: str) -> str:
 
 
 def test_words():
-    assert measured(0.10512, 0.00412, "m") == "0.1051 ± 0.0041 m"
-    assert measured(-3.2e-7, 4e-8) == "−3.2e−7 ± 4e−8"
+    assert text.measured(0.10512, 0.00412, "m") == "0.1051 ± 0.0041 m"
+    assert text.measured(-3.2e-7, 4e-8) == "−3.2e−7 ± 4e−8"
     known = EffectId("velocity_dependent_restitution", "kuwabara_kono")
-    assert effect_label(known) == "velocity-dependent restitution (Kuwabara–Kono)"
+    assert text.effect_label(known) == "velocity-dependent restitution (Kuwabara–Kono)"
     joint = {"irb": joint_estimate("wang_mason", "side_drag"), "mirtich": joint_estimate("mirtich")}
-    assert model_labels(replace(evaluation(), joint=joint)) == {
+    assert text.model_labels(replace(evaluation(), joint=joint)) == {
         "mirtich": "Mirtich (joint)",
         "whittaker": "Whittaker",
         "best_post_hoc": "Best Post Hoc",
         "irb": "Wang–Mason + side drag",
     }
-    assert sentence("x points left") == "x points left."
-    assert sentence("no balance. Is it?") == "No balance. Is it?"
+    assert text.sentence("x points left") == "x points left."
+    assert text.sentence("no balance. Is it?") == "No balance. Is it?"
 
 
 @pytest.mark.parametrize(
@@ -109,19 +69,23 @@ def test_words():
     ],
 )
 def test_errors_are_compared_in_factors_where_percentages_mislead(x, y, said):
-    assert plain(compared(x, y)) == said
+    assert plain(text.compared(x, y)) == said
 
 
 def test_small_errors_keep_two_digits():
-    assert [error(x) for x in (0.18114, 0.00042, 2e-5, 0.0)] == ["0.1811", "0.00042", "2e−5", "0.0000"]
-    assert plain(interval(Interval(0.1, -0.02, 0.3))) == "0.1000 (95 %: −0.0200 to 0.3000)"
+    assert [text.error(x) for x in (0.18114, 0.00042, 2e-5, 0.0)] == ["0.1811", "0.00042", "2e−5", "0.0000"]
+    assert plain(text.interval(Interval(0.1, -0.02, 0.3))) == "0.1000 (95 %: −0.0200 to 0.3000)"
 
 
 def test_rungs_are_named_by_their_kind():
     effect = EffectId("velocity_dependent_friction", "stribeck")
-    rungs = [Rung(kind=kind, error=Interval(0, 0, 0)) for kind in RungKind if kind is not RungKind.EFFECT]
-    rungs.append(Rung(kind=RungKind.EFFECT, error=Interval(0, 0, 0), effect=effect))
-    assert [rung_label(rung, "Mirtich") for rung in rungs] == [
+    rungs = [
+        result.Rung(kind=kind, error=Interval(0, 0, 0))
+        for kind in result.RungKind
+        if kind is not result.RungKind.EFFECT
+    ]
+    rungs.append(result.Rung(kind=result.RungKind.EFFECT, error=Interval(0, 0, 0), effect=effect))
+    assert [text.rung_label(rung, "Mirtich") for rung in rungs] == [
         "Mirtich", "+ Gaussian processes on the residual", "noise floor", "+ velocity-dependent friction (Stribeck)",
     ]  # fmt: skip
 
@@ -131,11 +95,11 @@ def test_rungs_are_named_by_their_kind():
 
 def test_the_headline_names_rivals_and_doubts(found):
     effects = EffectId("com_offset"), EffectId("shape_error"), EffectId("adhesion", "work")
-    rivals = tuple(Rival(effect=one, similarity=0.9, loss_difference=0.0, standard_error=0.1) for one in effects)
+    rivals = tuple(result.Rival(effect=one, similarity=0.9, loss_difference=0.0, standard_error=0.1) for one in effects)
     first, *others = found.missing
 
     def confused(count):
-        return headline(replace(found, missing=(replace(first, rivals=rivals[:count]), *others)))
+        return text.headline(replace(found, missing=(replace(first, rivals=rivals[:count]), *others)))
 
     assert confused(0) == "Surface tilt (computed) and spin damping (after) are missing from Wang–Mason."
     assert confused(1).endswith(
@@ -143,78 +107,80 @@ def test_the_headline_names_rivals_and_doubts(found):
     )
     assert confused(3).endswith("surface tilt (computed) from com offset, shape error or one other effect.")
     more = remainder(Interval(0.05, 0.02, 0.08))
-    assert headline(replace(found, remainder=more)).endswith(
+    assert text.headline(replace(found, remainder=more)).endswith(
         "; no known effect explains the predictable part of the residual."
     )
     noted = Finding(name="grams", sentence="grams", evidence=(), correction="grams")
-    assert headline(replace(found, findings=(noted,))).endswith(" The data were corrected first.")
+    assert text.headline(replace(found, findings=(noted,))).endswith(" The data were corrected first.")
     doubted = replace(noted, correction=None)
-    assert headline(replace(found, findings=(doubted,))).endswith(" The audit questions the data.")
-    assert headline(replace(found, findings=(replace(doubted, fatal=True),))).startswith(
+    assert text.headline(replace(found, findings=(doubted,))).endswith(" The audit questions the data.")
+    assert text.headline(replace(found, findings=(replace(doubted, fatal=True),))).startswith(
         "The measurements are inconsistent"
     )
 
 
 def test_the_headline_without_effects(found):
-    bare = replace(found, missing=(), physics=Verdict.NONE)
-    assert headline(bare) == "These data show no effect missing from Wang–Mason."
+    bare = replace(found, missing=(), physics=result.Verdict.NONE)
+    assert text.headline(bare) == "These data show no effect missing from Wang–Mason."
     more = remainder(Interval(0.05, 0.02, 0.08))
-    assert headline(replace(bare, remainder=more)).endswith("but a small part of its residual is predictable.")
-    unknown = headline(replace(bare, physics=Verdict.UNKNOWN))
+    assert text.headline(replace(bare, remainder=more)).endswith("but a small part of its residual is predictable.")
+    unknown = text.headline(replace(bare, physics=result.Verdict.UNKNOWN))
     assert unknown.startswith("An unknown effect is missing from Wang–Mason: no effect in the catalogue explains")
     given = replace(bare, given=(DRAG,))
-    assert headline(given).endswith("from Wang–Mason with side drag (linear).")
+    assert text.headline(given).endswith("from Wang–Mason with side drag (linear).")
 
 
 def test_something_unknown_has_its_size(found):
-    shares = ErrorShares(noise=0.0016, explained=0.9947, unexplained=0.0037, beyond_rigid=0.0)
+    shares = result.ErrorShares(noise=0.0016, explained=0.9947, unexplained=0.0037, beyond_rigid=0.0)
 
     def said(unexplained):
         budget = replace(found.budget, shares=replace(shares, unexplained=unexplained))
-        return plain(headline(replace(found, physics=Verdict.UNKNOWN, budget=budget)))
+        return plain(text.headline(replace(found, physics=result.Verdict.UNKNOWN, budget=budget)))
 
-    assert "and so is something unknown, 0.4 % of the law's error: no effect" in said(0.0037)
-    assert "and so is something unknown, 12 % of the law's error:" in said(0.123)
-    assert "and so is something unknown, less than 0.1 % of the law's error:" in said(0.0002)
+    sizes = {0.0037: ", 0.4 %", 0.123: ", 12 %", 0.0002: ", less than 0.1 %"}
+    for unexplained, size in sizes.items():
+        assert f"and so is something unknown{size} of the law's error: no effect" in said(unexplained)
     assert "and so is something unknown: no effect" in said(0.0)  # noise alone is as large
-    text = plain(phrase("shares", replace(found.budget, shares=shares)))
-    assert "the effects explain 99 %, <1 % is noise and <1 % is unexplained." in text
+    written = plain(text.phrase("shares", replace(found.budget, shares=shares)))
+    assert "the effects explain 99 %, <1 % is noise and <1 % is unexplained." in written
     whole = replace(shares, explained=0.998, noise=0.0, unexplained=0.002)
     assert "the effects explain over 99 %, 0 % is noise and <1 %" in plain(
-        phrase("shares", replace(found.budget, shares=whole))
+        text.phrase("shares", replace(found.budget, shares=whole))
     )
 
 
 def test_one_sentence_supports_the_headline(found):
     first, second = (replace(one, confidence=x) for one, x in zip(found.missing, (0.9987, 0.62), strict=True))
-    said = plain(support(replace(found, missing=(first, second))))
+    said = plain(text.support(replace(found, missing=(first, second))))
     after, noise = found.ladder[2].error.mean, found.budget.noise.mean
     assert said.startswith(f"The held-out mass error falls from 0.1000 to {after:.4f}, ")
     assert (
         f"and noise alone accounts for {noise:.4f}; the names are correct with a probability of 99 % and 62 %." in said
     )
-    assert plain(support(replace(found, missing=(second,)))).endswith("the name is correct with a probability of 62 %.")
-    bare = support(replace(found, missing=(), physics=Verdict.NONE))
+    assert plain(text.support(replace(found, missing=(second,)))).endswith(
+        "the name is correct with a probability of 62 %."
+    )
+    bare = text.support(replace(found, missing=(), physics=result.Verdict.NONE))
     assert bare == f"Wang–Mason has a held-out mass error of 0.1000; noise alone accounts for {noise:.4f}."
-    assert support(replace(found, ladder=(), budget=None)) == ""
+    assert text.support(replace(found, ladder=(), budget=None)) == ""
 
 
 def test_the_verdict_says_what_remains(found):
     """Components, variables and the best formula, as the terminal does."""
-    left = remainder(Interval(0.4, 0.3, 0.5), WrenchComponent.MOMENT, WrenchComponent.TANGENTIAL)
-    text = plain(" ".join(summary(replace(found, remainder=left, formulas=(BEST,)))))
+    left = remainder(Interval(0.4, 0.3, 0.5), result.WrenchComponent.MOMENT, result.WrenchComponent.TANGENTIAL)
+    written = plain(" ".join(text.summary(replace(found, remainder=left, formulas=(BEST,)))))
     said = "Gaussian processes on the residual reduce the held-out error by 40 % (30 % to 50 %), in τ and P_t."
-    assert said in text
-    assert "The predicted residual depends on ω (61 %) and θ (20 %)." in text
-    assert "The best formula for the residual: τ ← τ + c1*omega reduces the held-out error by 25 % ± 0 %." in text
-    assert formula_overrides(BEST) == "'+effect.mine.tau=\"c1*omega\"' '+effect.mine.parameters.c1=[-1,1]'"
+    assert said in written
+    assert "The predicted residual depends on ω (61 %) and θ (20 %)." in written
+    assert "The best formula for the residual: τ ← τ + c1*omega reduces the held-out error by 25 % ± 0 %." in written
+    assert text.formula_overrides(BEST) == "'+effect.mine.tau=\"c1*omega\"' '+effect.mine.parameters.c1=[-1,1]'"
 
 
 def test_the_conclusion_names_the_corrections():
-    said = conclusion(Verdict.BAD_DATA, Verdict.NONE, ("mirrored_x",))
+    said = text.conclusion(result.Verdict.BAD_DATA, result.Verdict.NONE, ("mirrored_x",))
     assert said == "the data were corrected (mirrored_x); no missing effect is detectable"
-    assert conclusion(Verdict.BAD_DATA, None) == "the measurements are inconsistent"
-    assert conclusion(Verdict.EFFECTS, Verdict.EFFECTS) == "effects are missing"
+    assert text.conclusion(result.Verdict.BAD_DATA, None) == "the measurements are inconsistent"
+    assert text.conclusion(result.Verdict.EFFECTS, result.Verdict.EFFECTS) == "effects are missing"
 
 
 # --- The stages -----------------------------------------------------------------------------------
@@ -222,110 +188,110 @@ def test_the_conclusion_names_the_corrections():
 
 def test_laws_are_compared_with_the_next_and_the_worst():
     errors = {"wang_mason": 0.1, "mirtich": 0.12, "whittaker": 0.4}
-    fits = [LawFit(name=law, variant="textbook", error=x, mu=0.1, eps=0.5) for law, x in errors.items()]
-    assert plain(phrase("laws", "wang_mason", fits)) == (
+    fits = [result.LawFit(name=law, variant="textbook", error=x, mu=0.1, eps=0.5) for law, x in errors.items()]
+    assert plain(text.phrase("laws", "wang_mason", fits)) == (
         "Wang–Mason has a held-out mass error of 0.1000, 17 % less than Mirtich; Whittaker has the largest, 0.4000."
     )
-    assert plain(phrase("laws", "whittaker", fits)) == (
+    assert plain(text.phrase("laws", "whittaker", fits)) == (
         "Whittaker has a held-out mass error of 0.4000, Wang–Mason 0.1000, 4.0 times less."
     )
 
 
 def test_an_effect_has_its_parameters_inadmissible_impulses_and_regions():
-    parameter = FittedParameter(name="c", symbol="c", unit="m", value=0.10512, standard_error=0.00412)
+    parameter = result.FittedParameter(name="c", symbol="c", unit="m", value=0.10512, standard_error=0.00412)
     change, excess = Interval(-0.1, -0.15, -0.05), Interval(-0.08, -0.12, -0.01)
-    helped = Improvement(
+    helped = result.Improvement(
         before=0.25, after=0.15, rest_before=0.1, rest_after=0.08, change=change, excess=excess, share=0.8
     )
     effect = replace(missing(SIX[2]), parameters=(parameter,), inadmissible_after=0.021, improvements=(helped,))
-    assert plain(phrase("missing_effect", effect)) == (
+    assert plain(text.phrase("missing_effect", effect)) == (
         "contact patch (linear): held-out error 0.1000 → 0.1000; c = 0.1051 ± 0.0041 m; with this effect 2.1 % of the "
         "impulses gain energy, pull or penetrate, without it 0.0 %"
     )
     said = "-3 ≤ ω < 2.5 rad/s: error 0.25 → 0.15 (rest 0.1 → 0.08)"
-    assert phrases("improvements", effect, [REGION]) == [said]
+    assert text.phrases("improvements", effect, [REGION]) == [said]
     unhelped = replace(effect, improvements=(replace(helped, change=Interval(-0.1, -0.15, 0.05)),))
-    assert phrases("improvements", unhelped, [REGION]) == []
-    assert phrase("region", REGION) == "-3 ≤ ω < 2.5 rad/s: 2.3 times the rest's error, 3 trials, p = 3e−8"
+    assert text.phrases("improvements", unhelped, [REGION]) == []
+    assert text.phrase("region", REGION) == "-3 ≤ ω < 2.5 rad/s: 2.3 times the rest's error, 3 trials, p = 3e−8"
 
 
 def test_the_next_experiment_says_where_and_how_many():
     separations = (
-        Separation(effect=TILT, rival=DRAG, drops_needed=4),
-        Separation(effect=TILT, rival=SIX[5], drops_needed=None),
+        result.Separation(effect=TILT, rival=DRAG, drops_needed=4),
+        result.Separation(effect=TILT, rival=SIX[5], drops_needed=None),
     )
-    drop = Drop(theta=0.5, v_x=-1.0, v_y=-2.0, omega=3.0, differences=(3.2, 0.4))
-    experiment = Experiment(separations=separations, drops=(drop,))
-    assert phrase("drop", drop, experiment) == (
+    drop = result.Drop(theta=0.5, v_x=-1.0, v_y=-2.0, omega=3.0, differences=(3.2, 0.4))
+    experiment = result.Experiment(separations=separations, drops=(drop,))
+    assert text.phrase("drop", drop, experiment) == (
         "A drop at θ = 28.6°, v = (−1, −2) m/s, ω = 3 rad/s: the prediction differs by 3.2 σ from side drag "
         "(linear) in place of surface tilt (computed) and 0.4 σ from sampling delay in place of surface tilt "
         "(computed)."
     )
-    assert [phrase("needed_drops", one) for one in separations] == [
+    assert [text.phrase("needed_drops", one) for one in separations] == [
         "About 4 drops like these distinguish surface tilt (computed) from side drag (linear).",
         "No feasible drop distinguishes surface tilt (computed) from sampling delay.",
     ]
 
 
 def test_stated_noise_that_does_not_agree_is_questioned(found):
-    budget = replace(found.budget, noise_source=NoiseSource.STATED, noise=Interval(0.02, 0.01, 0.03))
+    budget = replace(found.budget, noise_source=result.NoiseSource.STATED, noise=Interval(0.02, 0.01, 0.03))
     quiet = remainder(Interval(0.0, -0.1, 0.1))
-    said = misfit(replace(found, budget=budget, remainder=quiet))
+    said = text.misfit(replace(found, budget=budget, remainder=quiet))
     assert said.startswith("The residual is 5 times as large as the stated noise implies")
-    assert misfit(replace(found, remainder=quiet)) == ""  # it was estimated
+    assert text.misfit(replace(found, remainder=quiet)) == ""  # it was estimated
     agreeing = replace(budget, noise=Interval(0.09, 0.08, 0.1))
-    assert misfit(replace(found, budget=agreeing, remainder=quiet)) == ""
+    assert text.misfit(replace(found, budget=agreeing, remainder=quiet)) == ""
 
 
 def test_a_model_with_fewer_effects_that_does_nearly_as_well_is_named(found):
     tilt, damping = (one.effect for one in found.missing)
 
     def with_frontier(*models):
-        frontier = (FrontierModel(law="mirtich", effects=e, error=Interval(x, x, x)) for x, e in models)
+        frontier = (result.FrontierModel(law="mirtich", effects=e, error=Interval(x, x, x)) for x, e in models)
         return replace(found, frontier=tuple(frontier))
 
     one, both = (0.105, (tilt,)), (0.1, (tilt, damping))
     near = with_frontier((0.2, ()), one, both)
     assert near.simpler is near.frontier[1]
     said = "Mirtich + surface tilt (computed) has 5 % more error: spin damping (after) may only compensate for "
-    assert plain(phrase("simpler", near)) == said + "imperfect functional forms of the others."
-    assert phrase("simpler", near) in search_notes(near)
+    assert plain(text.phrase("simpler", near)) == said + "imperfect functional forms of the others."
+    assert text.phrase("simpler", near) in text.search_notes(near)
     none = with_frontier((0.109, ()), one, both)
     said = "Mirtich has 9 % more error: surface tilt (computed) and spin damping (after) contribute little."
-    assert plain(phrase("simpler", none)) == said
+    assert plain(text.phrase("simpler", none)) == said
     for clear in (with_frontier((0.2, ()), (0.111, (tilt,)), both), replace(near, missing=())):
         assert clear.simpler is None
-        assert not phrase("simpler", clear)
+        assert not text.phrase("simpler", clear)
 
 
 def test_the_chosen_model_is_listed_first_whatever_its_share(found):
     effects = tuple(one.effect for one in found.missing)
     laws = ("mirtich", "whittaker", "routh", "ap_newton", "ap_poisson")
-    others = tuple(PlausibleModel(law=law, effects=effects, share=0.19) for law in laws)
-    chosen = PlausibleModel(law="wang_mason", effects=effects[::-1], share=0.004)
+    others = tuple(result.PlausibleModel(law=law, effects=effects, share=0.19) for law in laws)
+    chosen = result.PlausibleModel(law="wang_mason", effects=effects[::-1], share=0.004)
     many = replace(found, models=(*others, chosen))
-    assert listed_models(many) == (chosen, *others[:4])
-    assert listed_name(many, chosen).endswith("surface tilt (computed) (chosen)")
-    assert not listed_name(many, others[0]).endswith("(chosen)")
-    assert plain(share_of_whole(chosen.share)) == "<1 %"
+    assert text.listed_models(many) == (chosen, *others[:4])
+    assert text.listed_name(many, chosen).endswith("surface tilt (computed) (chosen)")
+    assert not text.listed_name(many, others[0]).endswith("(chosen)")
+    assert plain(text.share_of_whole(chosen.share)) == "<1 %"
     alone = replace(found, models=(replace(chosen, share=1.0),))
-    assert [listed_name(alone, one) for one in listed_models(alone)] == [
+    assert [text.listed_name(alone, one) for one in text.listed_models(alone)] == [
         "Wang–Mason + spin damping (after) + surface tilt (computed)"
     ]
 
 
 def test_candidates_of_ones_own_that_nothing_asks_for_are_told(found):
-    assert "not selected" not in " ".join(search_notes(found))
+    assert "not selected" not in " ".join(text.search_notes(found))
     asked = replace(found, unwanted=(EffectId("kick"), EffectId("wind")))
-    assert "Tested, not selected: kick and wind." in search_notes(asked)
+    assert "Tested, not selected: kick and wind." in text.search_notes(asked)
 
 
 def test_a_law_that_does_better_alone_is_named(found):
-    better = LawFit(name="mirtich", variant="textbook", error=0.05, mu=0.1, eps=0.5)
-    unknown = replace(found, physics=Verdict.UNKNOWN, laws=(better,))
-    assert phrase("better_law", unknown).endswith("try law=mirtich.")
-    assert "Mirtich alone has an error of 0.0500" in headline(unknown)
-    assert phrase("better_law", replace(unknown, laws=(replace(better, error=0.095),))) == ""
+    better = result.LawFit(name="mirtich", variant="textbook", error=0.05, mu=0.1, eps=0.5)
+    unknown = replace(found, physics=result.Verdict.UNKNOWN, laws=(better,))
+    assert text.phrase("better_law", unknown).endswith("try law=mirtich.")
+    assert "Mirtich alone has an error of 0.0500" in text.headline(unknown)
+    assert text.phrase("better_law", replace(unknown, laws=(replace(better, error=0.095),))) == ""
 
 
 def test_the_terminal_prints_the_sentences_of_the_page(found, capsys):
@@ -339,11 +305,11 @@ def test_the_terminal_prints_the_sentences_of_the_page(found, capsys):
     for said in (
         "audit: 50 % in grams. The data are corrected from here on; data.correct=[g] applies the same correction in "
         "any command.",
-        f"region: {phrase('no_region')}",
-        f"missing: {phrase('missing_effect', found.missing[0])}",
+        f"region: {text.phrase('no_region')}",
+        f"missing: {text.phrase('missing_effect', found.missing[0])}",
         "residual: Gaussian processes on the residual reduce the held-out error by 40 % (30 % to 50 %), in τ.",
         "  0.1000  0.0900–0.1100  + surface tilt (computed)\n",
-        f"verdict: {headline(replace(found, remainder=remainder(Interval(0.4, 0.3, 0.5))))}",
+        f"verdict: {text.headline(replace(found, remainder=remainder(Interval(0.4, 0.3, 0.5))))}",
         "to use it: python evaluate.py",
     ):
         assert said in printed
@@ -356,4 +322,6 @@ def test_every_phrase_has_its_macro():
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("phrase", "phrases"):
                 name, *values = node.args
                 if isinstance(name, ast.Constant):
-                    assert len(sentences.macro(str(name.value)).arguments) == len(values), f"{path.name}: {name.value}"
+                    assert len(text.sentences.macro(str(name.value)).arguments) == len(values), (
+                        f"{path.name}: {name.value}"
+                    )
