@@ -327,10 +327,11 @@ def _about(run: ComparedRun) -> dict[str, Any]:
 def _models(run: ComparedRun) -> Iterator[dict[str, Any]]:
     """Yield name and errors of each model of a run."""
     for name, errors in run.errors.items():
-        intervals, rest = {HEADLINE: errors}, {}
         if isinstance(errors, ModelErrors):
             intervals = {metric: errors.of(metric) for metric in METRICS}
             rest = {"outside_admissible": errors.outside_admissible}
+        else:
+            intervals, rest = {HEADLINE: errors}, {}
         numbers = {key: x for metric, one in intervals.items() for key, x in zip(_columns(metric), one, strict=True)}
         roles = {"own": name == run.own, "bound": name in run.bounds, "law_alone": name == run.law_alone}
         yield {"model": name, **roles, **numbers, **rest}

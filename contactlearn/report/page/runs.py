@@ -160,7 +160,11 @@ def _errors(table: pd.DataFrame) -> dict[str, list[dict[str, float] | None]]:
 
 
 def _columns(
-    runs: Sequence[ComparedRun], errors: Mapping[str, list], settings: Settings, families: Sequence[str], several: bool
+    runs: Sequence[ComparedRun],
+    errors: Mapping[str, list[Any]],
+    settings: Settings,
+    families: Sequence[str],
+    several: bool,
 ) -> list[dict[str, Any]]:
     """Return name, kind (text, number, tick or error) and cells (text, sort key) of each column."""
 

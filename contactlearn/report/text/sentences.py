@@ -11,7 +11,6 @@ import math
 import re
 from collections.abc import Sequence
 from functools import cache
-from operator import getitem
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -162,6 +161,11 @@ def formula_overrides(found: Formula) -> str:
     return " ".join(f"'{one}'" for one in found.overrides())
 
 
+def _symbol(name: str) -> str:
+    """Write the letter of a variable; the only one without a symbol is the body."""
+    return SYMBOLS[name].letter if name in SYMBOLS else "the body"
+
+
 def _error_after(found: Diagnosis) -> Interval:
     """Return the error of the ladder with all missing effects."""
     return next(rung.error for rung in reversed(found.ladder) if rung.kind is RungKind.EFFECT)
@@ -190,7 +194,7 @@ def _modules() -> tuple[TemplateModule, ...]:
         undefined=StrictUndefined,
         autoescape=False,  # plain text; a page escapes it
     )
-    templates.filters |= {
+    filters: dict[str, Any] = {
         "capitalize_first": names.capitalize_first,
         "coefficient": names.COEFFICIENTS.__getitem__,
         "compared": numbers.compared,
@@ -208,7 +212,7 @@ def _modules() -> tuple[TemplateModule, ...]:
         "measured": measured,
         "noise_source": names.NOISE_SOURCES.__getitem__,
         "number": number,
-        "of": lambda key, mapping: getitem(mapping, key),
+        "of": lambda key, mapping: mapping[key],
         "p_value": numbers.p_value,
         "parameter": fitted_value,
         "percent": numbers.percent,
@@ -216,11 +220,12 @@ def _modules() -> tuple[TemplateModule, ...]:
         "share": numbers.share_of_whole,
         "share_interval": numbers.share_interval,
         "shortened": names.shortened,
-        "symbol": lambda name: SYMBOLS[name].letter if name in SYMBOLS else "the body",
+        "symbol": _symbol,
         "times": numbers.times,
         "words": names.join_words,
     }
-    templates.globals |= {
+    templates.filters.update(filters)
+    values: dict[str, Any] = {
         "LIMITS": _LIMITS,
         "LAGGED_QUANTITIES": _LAGGED_QUANTITIES,
         "LaggedVariable": LaggedVariable,
@@ -228,4 +233,5 @@ def _modules() -> tuple[TemplateModule, ...]:
         "Verdict": Verdict,
         "error_after": _error_after,
     }
+    templates.globals.update(values)
     return tuple(templates.get_template(f"{name}.txt.j2").module for name in ("diagnosis", "fits", "runs"))
