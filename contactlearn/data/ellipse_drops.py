@@ -9,7 +9,7 @@ Jacobian, so r = (r_x, −d₃), although the ellipse's own contact point differ
 The moment of inertia is not published, so it is a named option:
 
     uniform_disc   I = m (a² + b²) / 4   a uniform elliptical disc
-    fazeli2017     I = m (a² + b²) / 5   what the paper's authors used
+    fazeli2017     I = m (a² + b²) / 5   as the paper's authors used
 """
 
 import hashlib

@@ -15,8 +15,8 @@ spring and dashpot, scaled to the effective mass.  With ζ = c / (2 √k) = cos 
 constraint (impedance 0.005) with a stiff friction (impratio 10⁵) is Coulomb's cone; MuJoCo's
 default impedance, 0.9 and above, would add to the normal force where there is slip.
 
-**Hidden effects**, each off at 0, act in the simulation and are not reported: what comes back is what a
-laboratory would believe, a flat floor, a uniform body, and the velocity of its geometric centre.
+**Hidden effects**, each off at 0, act in the simulation and are not reported: the impacts are those that a laboratory
+would report, on a flat floor, of a uniform body, with the velocity of its geometric centre.
 
 Source: Todorov, Erez and Tassa (2012), IROS; the engine's own manual, "Computation", for solref.
 """
@@ -202,7 +202,7 @@ def collect(
 
     Raises:
         ContactLearnError: MuJoCo is not installed.
-        DataError: hardly any drop is a single contact.
+        DataError: too few drops are single contacts.
     """
     mujoco, rollout = engine()
     model = mujoco.MjModel.from_xml_string(bench.spec())
@@ -243,7 +243,7 @@ def _drop(runner: Any, model: Any, data: Any, bench: Bench, q: Tensor, v: Tensor
         return q, v, torch.ones(0, dtype=torch.bool)
     model.opt.timestep = bench.contact_time / STEPS
     # Half a step early: the engine's force then starts at touch (its error is of second order), and rounding,
-    # 10⁻⁹ m in a box's corners, cannot tell whether it starts a step late.
+    # 10⁻⁹ m in a box's corners, cannot decide whether it starts a step late.
     states, contacts = simulated(runner, model, data, q - v * model.opt.timestep / 2, v, WINDOW * STEPS)
     # contacts[:, k] counts those before step k, and states[:, k] is what follows it.
     touching, step = contacts > 0, torch.arange(contacts.shape[1])
@@ -331,7 +331,7 @@ def load(
 
     Raises:
         ContactLearnError: MuJoCo is not installed.
-        DataError: a value out of its range, or settings under which hardly any drop is a single contact.
+        DataError: a value out of its range, or settings under which too few drops are single contacts.
         UnknownNameError: no such kind of body.
     """
     size, seed = whole("size", size, 1), whole("seed", seed, 0)

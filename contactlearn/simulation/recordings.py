@@ -52,8 +52,8 @@ class Body:
     drag: float = 0.0
 
 
-def from_hand(count: int, generator: torch.Generator) -> tuple[Float[Tensor, "{count} 3"], Float[Tensor, "{count} 3"]]:
-    """Pose and velocity of bodies that leave a hand, a hand's breadth above the floor.
+def random_throws(count: int, generator: torch.Generator) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
+    """Pose and velocity of bodies that leave a hand above the floor.
 
     y₀ ~ U(0.22, 0.32) m, v_x ~ U(0.3, 0.9) m/s, v_y ~ U(−0.5, 0.3) m/s, θ ~ U(−π, π), ω ~ N(0, 6²) rad/s.
     """
@@ -66,7 +66,7 @@ def from_hand(count: int, generator: torch.Generator) -> tuple[Float[Tensor, "{c
 
 def throw(body: Body, count: int, generator: torch.Generator) -> Motion:
     """Throw bodies from a hand until they rest."""
-    q, v = from_hand(count, generator)
+    q, v = random_throws(count, generator)
     time, rests = torch.zeros(count, dtype=torch.float64), torch.full((count,), torch.inf, dtype=torch.float64)
     starts, flights, q_rest, v_rest = [time], [(q, v, v)], q.clone(), v.clone()
     for _ in range(_MOST):
@@ -173,7 +173,7 @@ def find(
     seed: int = 0,
     **camera: Any,
 ) -> Tracked:
-    """Impacts from simulated recordings of an ellipse, and what was found on the way to them.
+    """Impacts from simulated recordings of an ellipse, and everything found on the way to them.
 
     Args:
         size: number of recordings, each of two seconds.

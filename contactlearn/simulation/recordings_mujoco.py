@@ -22,9 +22,9 @@ from contactlearn.data.tracks import Tracked, find_impacts, track_options
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.simulation.camera import Camera, Motion, TrueContacts, record
 from contactlearn.simulation.mujoco import GRAVITY, STEPS, Bench, Hidden, engine, simulated
-from contactlearn.simulation.recordings import QUATERNION, from_hand, write_recordings
+from contactlearn.simulation.recordings import QUATERNION, random_throws, write_recordings
 
-_KEPT = 10  # steps from one pose that is kept to the next: ten in a contact time
+_STRIDE = 10  # steps from one pose that is kept to the next: ten in a contact time
 
 
 def bounce(bench: Bench, count: int, seconds: float, generator: torch.Generator) -> Motion:
@@ -37,7 +37,7 @@ def bounce(bench: Bench, count: int, seconds: float, generator: torch.Generator)
     model = mujoco.MjModel.from_xml_string(bench.spec())
     data = mujoco.MjData(model)
     step, steps = bench.contact_time / STEPS, math.ceil(seconds / bench.contact_time) * STEPS
-    q, v = from_hand(count, generator)
+    q, v = random_throws(count, generator)
     with rollout.Rollout(nthread=0) as runner:
         thrown = [_thrown(runner, model, data, q[k : k + 1], v[k : k + 1], step, steps) for k in range(count)]
     most = max(len(start) for start, *_ in thrown)
@@ -45,7 +45,7 @@ def bounce(bench: Bench, count: int, seconds: float, generator: torch.Generator)
     rests, path = zip(*(one[4:] for one in thrown), strict=True)
     start, q, v, v_before = padded
     start = torch.where(torch.arange(most) < torch.tensor([[len(one[0])] for one in thrown]), start, torch.inf)
-    paths, kept_step = torch.stack(path), step * _KEPT
+    paths, kept_step = torch.stack(path), step * _STRIDE
 
     def poses(time: Tensor) -> Tensor:  # between two kept ones on a line
         place = time / kept_step
@@ -76,7 +76,7 @@ def _thrown(
     first = (torch.zeros(1, dtype=torch.float64), q, v, v)
     met = [first, *_meetings(states, runs, step)]
     start, q, v, v_before = (torch.cat(parts) for parts in zip(*met, strict=True))
-    return start, q, v, v_before, rests, states[::_KEPT, :3]
+    return start, q, v, v_before, rests, states[::_STRIDE, :3]
 
 
 def _meetings(states: Tensor, runs: Tensor, step: float) -> Iterator[tuple[Tensor, Tensor, Tensor, Tensor]]:
@@ -113,7 +113,7 @@ def find(
     seed: int = 0,
     **camera: Any,
 ) -> Tracked:
-    """Impacts from recordings that MuJoCo simulates, and what was found on the way to them.
+    """Impacts from recordings that MuJoCo simulates, and everything found on the way to them.
 
     Args:
         size: number of recordings, each of one second.

@@ -117,5 +117,5 @@ def _draw(size: int, body: Shape, sigma: Tensor, generator: torch.Generator) -> 
     # ω and the noise are symmetric, so any body approaches in a quarter of the draws; only nan does not.
     raise DataError(
         f"only {found} of {100 * size} draws approach the floor, so their numbers overflow or underflow: "
-        f"are the lengths in metres, {body}, and the noise what was meant?"
+        f"are the lengths in metres, {body}, and the noise right?"
     )

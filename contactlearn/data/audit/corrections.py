@@ -134,10 +134,6 @@ def _swapped_pre_post(impacts: Impacts, _: AuditThresholds) -> Impacts:
     return swapped if impacts.q_post is None else swapped.replace(q=impacts.q_post, q_post=impacts.q)
 
 
-def _in_grams(impacts: Impacts, _: AuditThresholds) -> Impacts:
-    return impacts.replace(mass=impacts.mass * 1e-3)
-
-
 def _inertia_scaled(impacts: Impacts, _: AuditThresholds) -> Impacts:
     factor = torque(impacts).inertia_factor.item()
     if not 0 < factor < math.inf:
@@ -151,14 +147,6 @@ def _drop(impacts: Impacts, bad: Bool[Tensor, " n"]) -> Impacts:
     if bool(bad.all()):
         raise DataError(f"{impacts.source}: none of {len(impacts)} trials would be left")
     return impacts[~bad]
-
-
-def _drop_duplicates(impacts: Impacts, _: AuditThresholds) -> Impacts:
-    return _drop(impacts, repeated(impacts))
-
-
-def _drop_outliers(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
-    return _drop(impacts, outliers(impacts, thresholds))
 
 
 def _averaged(column: int) -> Callable[[Impacts, AuditThresholds], Impacts]:
@@ -224,7 +212,7 @@ CORRECTIONS = {
         Apparatus.from_millimetres,
     ),
     "millimetres_velocity": Correction("velocities are in mm/s", _scaled(((1e-3, 1e-3, 1), _VELOCITIES))),
-    "grams": Correction("the mass is in g", _in_grams),
+    "grams": Correction("the mass is in g", lambda impacts, _: impacts.replace(mass=impacts.mass * 1e-3)),
     "inertia_scaled": Correction(
         "the moment of inertia is off by the factor that the moment balance of the data asks for",
         _inertia_scaled,
@@ -233,8 +221,16 @@ CORRECTIONS = {
     "drop_incomplete": Correction(
         "trials of a table in which a number is missing: they are left out as it is read", lambda impacts, _: impacts
     ),
-    "drop_duplicates": Correction("trials occur more than once: the first is kept", _drop_duplicates, of_all=True),
-    "drop_outliers": Correction("gross outliers, which cannot be real measurements", _drop_outliers, of_all=True),
+    "drop_duplicates": Correction(
+        "trials occur more than once: the first is kept",
+        lambda impacts, _: _drop(impacts, repeated(impacts)),
+        of_all=True,
+    ),
+    "drop_outliers": Correction(
+        "gross outliers, which cannot be real measurements",
+        lambda impacts, limits: _drop(impacts, outliers(impacts, limits)),
+        of_all=True,
+    ),
     "averaged_vx": Correction(
         "v_x before impact varies by no more than its noise: its mean is used", _averaged(0), of_all=True
     ),

@@ -166,7 +166,7 @@ def markers_of(recording: Recording) -> Float[Array, "m d"]:
     if recording.markers is None:
         raise DataError(
             f"{recording.source}: data.shape must be given: the contact point is the lowest point of the body's shape, "
-            "and without markers (data.columns.markers) nothing else tells it"
+            "and without markers (data.columns.markers) nothing else shows it"
         )
     if len(recording.markers) < _FEWEST:
         raise DataError(

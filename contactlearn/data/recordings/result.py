@@ -92,7 +92,7 @@ class Hit:
 
     @property
     def name(self) -> str:
-        """Of the impact: that of its recording and its number in it."""
+        """Trial name: recording name and contact number."""
         return f"{self.recording}#{self.number}"
 
 
@@ -103,7 +103,7 @@ class Rest:
     Args:
         recording: name of its recording.
         pose: mean (x, y, θ), θ in [−π, π).
-        error: standard errors of the mean, from the scatter of parts of it; what all of them share is not in it.
+        error: standard errors of the mean, from the scatter of its parts, without the error that all of them share.
     """
 
     recording: str
@@ -113,7 +113,7 @@ class Rest:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Found:
-    """What one track holds.
+    """Flights, contacts, refusals and rests of one track.
 
     Args:
         track: in the plane of motion.

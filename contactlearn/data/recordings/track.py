@@ -102,7 +102,7 @@ class Track:
         time: of the frames in s.
         pose: (x, y, θ) in m, m and rad; θ is continuous but for whole turns.
         apart: distance of the tracked point from the plane of motion in m; 0 where only a plane was recorded.
-        tilted: angle in rad between the body's axis of rotation and the normal of the plane; 0 likewise.
+        tilted: angle in rad between the body's axis of rotation and the normal of the plane, or 0.
     """
 
     name: str

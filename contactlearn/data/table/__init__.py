@@ -10,7 +10,7 @@
     time                             optional, s     time of contact
     cov_vx_vx, cov_vx_vy …           optional        covariance of the errors of vx, vy, omega, its upper half: six or
     cov_vx_vx_post …                                 none; and of vx_post, vy_post, omega_post
-    apparatus_gravity, …_error       optional        what is known of the apparatus (`mechanics.apparatus`) and its
+    apparatus_gravity, …_error       optional        estimates of the apparatus (`mechanics.apparatus`), each with its
     apparatus_slope, … _error …                      standard error: m/s², 1/s, rad, rad, s; in every row the same
     order                            optional        place in the sequence of measurements; by default 1, 2, 3 …
 
@@ -69,7 +69,7 @@ _WRITERS = {".csv": sheet.write_csv, ".parquet": sheet.write_parquet}
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """What a table file gives.
+    """The content of a table file.
 
     Args:
         impacts: the measurements.
@@ -103,7 +103,7 @@ def read(
     validate: bool = True,
     drop_incomplete: bool = False,
 ) -> Table:
-    """Impacts from the table file `path`, with what became of its columns.
+    """Impacts from the table file `path`, with the use of its columns.
 
     Args:
         path: a .csv or .parquet file with the columns of the module's table.
@@ -113,7 +113,7 @@ def read(
         columns: names in the file by those of the module's table, such as {"vx": "speed_x"}; None where the file has
             no such column.
         units: of length, mass, angle and time, and the sense of rotation, see `units.CHOICES`; those left out are SI.
-        validate: False reads also what does not approach the floor, for the audit and for corrections.
+        validate: False reads also trials that do not approach the floor, for the audit and for corrections.
         drop_incomplete: leave out rows with an empty cell, or one that is not a finite number, and name them in
             `Impacts.incomplete`; trials without names or order keep the number of their row.
 
@@ -196,7 +196,7 @@ def _impacts(
     *,
     validate: bool,
 ) -> Impacts:
-    """The impacts in cells under our names, besides the values that are known already."""
+    """The impacts in cells under our names, together with the values that are known already."""
     values |= {name: cells.names(name) for name in NAMES if name in cells.header}
     for field, names in COMPONENTS.items():
         if names[0] in cells.header:
@@ -351,7 +351,7 @@ def blocks_of(tables: Iterator[Table], impacts_of: Callable[[Table], Impacts]) -
 
 
 def is_large(path: Path) -> bool:
-    """Whether a table file has more than `LARGE` rows; what cannot be read is not large."""
+    """Whether a table file has more than `LARGE` rows; an unreadable file is not large."""
     try:
         if path.suffix.lower() == ".parquet":
             from pyarrow import parquet

@@ -1,4 +1,4 @@
-"""A table file as raw cells: what `table` reads, writes and names in its errors.
+"""A table file as raw cells, which `table` reads, writes and names in its errors.
 
 CSV goes through the standard library's reader, in strict mode: it knows the line of every row,
 and neither pads, drops nor guesses.  Parquet goes through pyarrow.  A cell stays text (CSV) or a
@@ -67,7 +67,7 @@ class Sheet:
         return self.first + row == 0 and not any(_is_number(cells[row]) for cells in self.columns)
 
     def place(self, row: int, column: str | None) -> str:
-        """Where a row (of the sheet, from 1) is in a CSV file, and what is written in one of our columns there."""
+        """Where a row (of the sheet, from 1) is in a CSV file, and the content of one of our columns there."""
         place = "" if self.lines is None else f"; line {self.lines[row - 1]} of the file"
         if column not in self.header:
             return place

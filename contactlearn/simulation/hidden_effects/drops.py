@@ -6,7 +6,7 @@
     drops       θ ~ U(−π, π) rad,   x ~ U(0.08, 0.5) m,   ω ~ N(0, 8²) rad/s
                 |v_x| ~ U(0.2, 2.5) m/s to either side,   v_y ~ U(−3.5, −1.2) m/s
 
-What is reported is nominal: mass and moment of inertia of the drawing, the contact point of the nominal
+Reported values are nominal: mass and moment of inertia of the drawing, the contact point of the nominal
 shape at the reported θ on a level floor, y its height, velocities of the tracked point.  A drop whose
 contact point does not approach clearly (v_n ≥ −5 % of the speed), truly or as reported, is drawn again.
 
@@ -151,17 +151,21 @@ class _Chosen(NamedTuple):
     units: dict[str, str]
 
     def account(self, plain: World, states: States, without: Tensor) -> dict[str, Any]:
-        world = self.act(plain)
-        good = world.approaches(states)  # with the other effects all do
-        some = States(*(value[good] for value in states))
-        change = _relative(world.outcome(some) - without[good], without[good], some)
         return {
             "name": self.name,
             "form": self.text,
             "parameters": self.values,
             "units": self.units,
-            "relative_change": change.square().mean().sqrt().item(),
+            "relative_change": _change(self.act(plain), states, without).item(),
         }
+
+
+def _change(world: World, states: States, without: Tensor, steps: int | None = None) -> Tensor:
+    """RMS relative change of the outcomes by a world's effects, where its contacts approach."""
+    good = world.approaches(states)  # with the other effects all do
+    some = States(*(value[good] for value in states))
+    change = _relative(world.outcome(some, steps) - without[good], without[good], some)
+    return change.square().mean().sqrt()
 
 
 def _chosen(
@@ -176,11 +180,7 @@ def _chosen(
     typical = _relative(sigma, without, states).square().mean().sqrt()
 
     def share(size: float) -> float:
-        world = form.act(plain, **parameters(size))
-        good = world.approaches(states)
-        some = States(*(value[good] for value in states))
-        change = _relative(world.outcome(some, _STEPS) - without[good], without[good], some)
-        return (change.square().mean().sqrt() / typical).item()
+        return (_change(form.act(plain, **parameters(size)), states, without, _STEPS) / typical).item()
 
     values = parameters(_size(share, multiple))
     units = {symbol: parameter.unit for symbol, parameter in form.parameters.items()}

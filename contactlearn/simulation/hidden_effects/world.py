@@ -1,4 +1,4 @@
-"""The world behind the measurements: what is true of a body, its floor and its camera.
+"""The world behind the measurements: the true body, its floor and its camera.
 
 `States` are drops as they are reported, without noise.  `World.outcome` makes the true contact of
 each (the pose at that instant, the true body, the floor's own axes), resolves it (`contact`), and
@@ -25,7 +25,7 @@ from contactlearn.simulation.hidden_effects.contact import (
 )
 
 GRAZING = 0.05  # a contact point approaches at more than this share of the body's speed
-_EPS, _MU = (0.02, 0.98), (0.0, 1.5)  # what a coefficient may become, whatever the effects
+_EPS, _MU = (0.02, 0.98), (0.0, 1.5)  # ranges of the coefficients under all effects
 
 
 class States(NamedTuple):
@@ -75,7 +75,7 @@ class World:
     compliance: float = 0.0  # k_n/k_t and resilience of the tangential spring, where `compliant`
     resilience: float = 0.0
     adhesion: float = 0.0  # J, work that it takes to part
-    # Velocity: what becomes of (v_x, v_y, ω) of the centre of mass until it is measured
+    # Velocity: changes of (v_x, v_y, ω) of the centre of mass until it is measured
     after: tuple[Callable[[ContactContext, Tensor], Tensor], ...] = ()
 
     def touch(self, states: States) -> ContactContext:

@@ -136,7 +136,7 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataErro
     """Yield the recordings of a file; one of several that is not as it must be is its error.
 
     Raises:
-        DataError: the file cannot be read, or is not what it seems; it names the file.
+        DataError: the file cannot be read, or its content is not of its format; it names the file.
         ContactLearnError: the library that reads the format is not installed.
     """
     name = _MODULES.get(path.suffix.lower())

@@ -1,6 +1,6 @@
 """C3D: labelled markers, from which poses are found; the unit and the frame rate are the file's.
 
-Of a file with the markers of several bodies, `data.body` names the prefix of those that are meant.
+Of a file with the markers of several bodies, `data.body` names the prefix of the wanted ones.
 Source: the format's documentation at c3d.org.
 """
 

@@ -26,7 +26,7 @@ MOST_FRAMES = 2_000_000
 
 
 def read(path: Path, layout: Layout) -> Iterator[Recording | DataError]:
-    """Yield the recordings of a CSV or Parquet file, or what is the matter with one."""
+    """Yield the recordings of a CSV or Parquet file, or the error of one."""
     names, seen = layout.recording, set[str]()
     pending, rows = list[pd.DataFrame](), 0
     for part in _parts(path):
@@ -75,7 +75,7 @@ def _parts(path: Path) -> Iterator[pd.DataFrame]:
 
 
 def _whole(path: Path, pieces: list[pd.DataFrame], rows: int, layout: Layout, seen: set[str]) -> Recording | DataError:
-    """One recording of its pieces, or what is the matter with it.
+    """One recording of its pieces, or its error.
 
     Raises:
         DataError: it is alone; or its frames are not in one piece, and those of others will not be either.

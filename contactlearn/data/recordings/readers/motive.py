@@ -1,12 +1,12 @@
 """CSV exports of OptiTrack Motive: a rigid body's position and quaternion.
 
     line 1      pairs of a key and its value: Format Version, Export Frame Rate, Rotation Type, Length Units, …
-    then        lines that say of each column its type, name, ID, from version 1.24 its parent, and what it measures
+    then        lines that say of each column its type, name, ID, from version 1.24 its parent, and its quantity
     then        Frame, Time (Seconds), from 1.24 perhaps TimeCode, and the letters X, Y, Z, W
     then        a line a frame; cells of frames in which the body was lost are empty
 
-Versions 1.1 to 1.25 differ in how many lines there are and whether they have titles, so columns are found by what their
-lines say.  Quaternions are the columns that are called X, Y, Z and W, in this order or another.
+Versions 1.1 to 1.25 differ in how many lines there are and whether they have titles, so columns are found by the
+content of these lines.  Quaternions are the columns that are called X, Y, Z and W, in this order or another.
 Source: the exporter's documentation, "Data Export: CSV".
 """
 
@@ -82,8 +82,8 @@ def _columns(path: Path, titles: list[list[str]], letters: list[str], body: str 
     for k in range(width):
         if kinds[k] == "Rigid Body" and names[k] == (body or bodies[0]) and measured[k] in found:
             found[measured[k]][letters[k].strip().upper()] = k
-    lacking = [f"{what} {one}" for what, all_ in (("Position", "XYZ"), ("Rotation", "XYZW")) for one in all_
-               if one not in found[what]]  # fmt: skip
+    lacking = [f"{kind} {one}" for kind, all_ in (("Position", "XYZ"), ("Rotation", "XYZW")) for one in all_
+               if one not in found[kind]]  # fmt: skip
     if lacking:
         raise DataError(f"{path}: the rigid body lacks {', '.join(lacking)}")
     return found
