@@ -133,6 +133,7 @@ def test_the_whole_loop_on_hidden_physics(browser, served, tmp_path):
     click(browser, "bar", "Redo")
     until(browser, f"parseFloat(document.getElementById('summary').textContent.split(' ')[2]) === {ticked}")
     click(browser, "keep", "Save run")
+    until(browser, "document.getElementById('diagnosis-status').textContent.startsWith('Running')")
     until(browser, "document.getElementById('diagnosis-status').textContent.startsWith('Written')", 240)
     (path,) = (path for path in find_results("outputs") if path.parent.name in text(browser, "diagnosis-status"))
     assert [one.name for one in read_result(path).diagnosis.given] == _ticked(browser)

@@ -30,11 +30,11 @@ _INTERVAL = 0.1  # s between two events of a task
 _Item = TypeVar("_Item")
 
 
-class _Event(msgspec.Struct, frozen=True, kw_only=True, tag_field="event"):
+class _Event(msgspec.Struct, frozen=True, tag_field="event"):
     """Common base: immutable, written to JSON with the name of its class."""
 
 
-class TaskProgress(_Event):
+class TaskProgress(_Event, frozen=True, kw_only=True):
     """A long task goes on: `done` steps of `total`; `total` is None while it is unknown."""
 
     task: str
@@ -42,13 +42,13 @@ class TaskProgress(_Event):
     total: int | None
 
 
-class AuditFindings(_Event):
+class AuditFindings(_Event, frozen=True, kw_only=True):
     """The audit, or a later stage, has findings about the measurements; empty if the audit has none."""
 
     findings: tuple[Finding, ...]
 
 
-class SubsampleStarted(_Event):
+class SubsampleStarted(_Event, frozen=True, kw_only=True):
     """The next subsample of a large table is diagnosed; the following events are about it.
 
     Args:
@@ -70,69 +70,69 @@ class SubsampleStarted(_Event):
     resumed: bool = False
 
 
-class LawsCompared(_Event):
+class LawsCompared(_Event, frozen=True, kw_only=True):
     """The held-out errors of all laws are known; `law` is the given one, or else the best."""
 
     law: str
     fits: tuple[LawFit, ...]
 
 
-class CandidatesExcluded(_Event):
+class CandidatesExcluded(_Event, frozen=True, kw_only=True):
     """These candidate effects cannot be decided: they need a body's shape, or more trials."""
 
     candidates: tuple[EffectId, ...]
 
 
-class VelocitiesAveraged(_Event):
+class VelocitiesAveraged(_Event, frozen=True, kw_only=True):
     """Some measured velocities are replaced by their means."""
 
     findings: tuple[Finding, ...]
 
 
-class LimitsEstimated(_Event):
+class LimitsEstimated(_Event, frozen=True, kw_only=True):
     """The errors of the law, of the flexible ceiling and of the rigid bound are known; again if the law changes."""
 
     limits: ErrorLimits
 
 
-class RegionsFound(_Event):
+class RegionsFound(_Event, frozen=True, kw_only=True):
     """The regions in which the law fails are known; again if the law changes."""
 
     regions: tuple[Region, ...]
 
 
-class LawChanged(_Event):
+class LawChanged(_Event, frozen=True, kw_only=True):
     """With the effects, this law predicts better than the one chosen before."""
 
     law: str
 
 
-class EffectsFound(_Event):
+class EffectsFound(_Event, frozen=True, kw_only=True):
     """The missing effects, without rivals so far, and the regions that they improve."""
 
     effects: tuple[MissingEffect, ...]
     regions: tuple[Region, ...]
 
 
-class RemainderLearned(_Event):
+class RemainderLearned(_Event, frozen=True, kw_only=True):
     """The predictable part of the residual of the full model."""
 
     remainder: Remainder
 
 
-class FormulasSkipped(_Event):
+class FormulasSkipped(_Event, frozen=True, kw_only=True):
     """No formulas are sought for the predictable residual."""
 
     reason: str
 
 
-class SampleConfirmed(_Event):
+class SampleConfirmed(_Event, frozen=True, kw_only=True):
     """The result on the last subsample has been tested on all trials of a large table."""
 
     sample: Sample
 
 
-class LearningProgress(_Event):
+class LearningProgress(_Event, frozen=True, kw_only=True):
     """Models are trained on subsets: held-out errors so far by model, each with its number of training trials."""
 
     done: int
