@@ -29,8 +29,8 @@ PIXEL = base64.b64decode(
 def run(*arguments, cwd=ROOT, status=0, figures=False, forms=False):
     """Run `train.py …`, `evaluate.py …`, `diagnose.py …` or `contactlearn …` from `cwd`; its output.
 
-    Unless asked for, figures are built, but their files hold nothing, for drawing takes longer than everything else;
-    and a diagnosis has no more than the first form of each effect to search.
+    Unless `figures`, the files of figures hold nothing, for drawing takes longer than everything else;
+    unless `forms`, a diagnosis searches the first form of each effect alone.
     """
     printed, handlers = io.StringIO(), list(logging.getLogger().handlers)
     try:
@@ -42,7 +42,7 @@ def run(*arguments, cwd=ROOT, status=0, figures=False, forms=False):
             contextlib.redirect_stderr(printed),
             patch.object(sys, "argv", list(arguments)),
         ):
-            done = _done(*arguments)
+            done = _exit_status(*arguments)
     finally:
         logging.getLogger().handlers = handlers  # Hydra's write to what is closed now
     assert done == status, printed.getvalue()
@@ -69,7 +69,7 @@ def _save_a_pixel(figure, path, **options):
     path.write_bytes(PIXEL)
 
 
-def _done(command, *arguments):
+def _exit_status(command, *arguments):
     """The exit status of a command."""
     if command == "contactlearn":
         return main(list(arguments))

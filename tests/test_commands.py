@@ -224,7 +224,7 @@ def test_help(script):
     assert "threads: 1" in printed
 
 
-def test_every_command_has_its_summary_beside_it():
+def test_every_command_has_a_summary():
     printed = run_alone("-m", "contactlearn", "--help")
     described = re.findall(r"^    (\w+) +\w", printed, re.MULTILINE)
     assert len(described) == 10, printed
@@ -335,27 +335,21 @@ def test_a_law_alone_has_no_learning_curve(tmp_path):
     assert json.loads((tmp_path / "results.json").read_text())["learning_curves"] == {}
 
 
-def test_a_stopped_evaluation_goes_on_behind_what_was_trained(tmp_path, monkeypatch):
+def test_a_stopped_evaluation_resumes_after_its_finished_trainings(tmp_path, monkeypatch):
     command = ("evaluate.py", *SMALL[:5], "model=x1_wrench", "curves.sizes=[10,20]", "curves.seeds=2", "workers=1")
-    sizes, train = [], curves._train_one
+    sizes, train, allowed = [], curves._Training.run, 1
 
-    def stopped(key, size, *rest):
-        if sizes:
+    def counted(self):
+        if len(sizes) == allowed:
             raise KeyboardInterrupt
-        sizes.append(size)
-        return train(key, size, *rest)
+        sizes.append(self.size)
+        return train(self)
 
-    with monkeypatch.context() as patched:
-        patched.setattr(curves, "_train_one", stopped)
-        run(*command, cwd=tmp_path, status=130)
-    (kept,) = tmp_path.glob("outputs/*/.parts/*/*/*.npz")
-    assert kept.stem == "20"
-
-    def last(key, size, *rest):
-        sizes.append(size)
-        return train(key, size, *rest)
-
-    monkeypatch.setattr(curves, "_train_one", last)
+    monkeypatch.setattr(curves._Training, "run", counted)
+    run(*command, cwd=tmp_path, status=130)
+    (finished,) = tmp_path.glob("outputs/*/.parts/*/*/*.npz")
+    assert finished.stem == "20"
+    allowed = 2
     assert "earlier run of the same command: 1\n" in run(*command, cwd=tmp_path)
     assert sizes == [20, 10]
     assert not list(tmp_path.glob("outputs/*/.parts"))
@@ -448,7 +442,7 @@ def test_misspelt_commands_and_their_options(words, said, capsys):
     assert said in capsys.readouterr().err
 
 
-def test_the_version_is_told(capsys):
+def test_the_version_is_printed(capsys):
     with pytest.raises(SystemExit, match="0"):
         main(["--version"])
     assert capsys.readouterr().out == f"contactlearn {contactlearn.__version__}\n"

@@ -51,33 +51,21 @@ def run(tmp_path_factory) -> tuple[Path, str]:
         row[header.index("object")] = HOSTILE[k % 2]
     with path.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([[*header, *more], *([*row, *("1" for _ in more)] for row in rows)])
-    words = [
-        "data=table",
-        f"data.path='{path}'",
-        "data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}",
-        "train.size=10",
-    ]
-    words += [
-        "train.repetitions=2",
-        "laws=[whittaker]",
-        "model=[]",
-        "bootstrap=20",
-        "figures.repetitions=1",
-        "tables=csv",
-    ]
-    words += ["figures.parameters=whittaker", f"hydra.run.dir={root / 'run'}"]
-    monkeypatch, said = pytest.MonkeyPatch(), StringIO()
+    words = ["data=table", f"data.path='{path}'", "data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}"]
+    words += ["train.size=10", "train.repetitions=2", "laws=[whittaker]", "model=[]", "bootstrap=20", "tables=csv"]
+    words += ["figures.repetitions=1", "figures.parameters=whittaker", f"hydra.run.dir={root / 'run'}"]
+    monkeypatch, printed = pytest.MonkeyPatch(), StringIO()
     monkeypatch.setattr(sys, "argv", ["evaluate.py", *words])
-    with contextlib.redirect_stdout(said):
+    with contextlib.redirect_stdout(printed):
         hydra_main.evaluate()
     monkeypatch.undo()
-    return root, said.getvalue()
+    return root, printed.getvalue()
 
 
 def test_the_terminal_is_not_steered(run):
-    _, said = run
-    assert "columns not used" in said
-    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f\u202e]", said)
+    _, printed = run
+    assert "columns not used" in printed
+    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f\u202e]", printed)
 
 
 def test_nothing_is_written_elsewhere(run):

@@ -78,11 +78,11 @@ def test_killed_workers_take_no_job_with_them(undisturbed, tmp_path):
 
 def _works_for(parent, pid):
     try:
-        told = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         words = Path(f"/proc/{pid}/cmdline").read_text()
     except OSError:
         return False
-    return int(told[1]) == parent and "popen_loky" in words
+    return int(fields[1]) == parent and "popen_loky" in words
 
 
 def test_killed_on_all_cores(undisturbed, tmp_path):
@@ -124,19 +124,19 @@ def test_a_launcher_that_is_not_there_is_named(launcher, tmp_path):
     assert printed.splitlines()[-1].endswith(f"is not installed: {installing(extra)}")
 
 
-def test_what_slurm_is_asked_for():
+def test_requests_to_slurm():
     """One core, the stated memory, a limit of time, and to be queued again."""
     found = hydra_main.compose(
         "train", ["hydra/launcher=submitit_slurm", "hydra.sweeper.gigabytes=3"], return_hydra_config=True
     )
-    asked = OmegaConf.to_container(found.hydra.launcher, resolve=False)
-    assert (asked["cpus_per_task"], asked["timeout_min"], asked["max_num_timeout"]) == (1, 240, 3)
-    assert asked["additional_parameters"] == {"requeue": True}
+    wanted = OmegaConf.to_container(found.hydra.launcher, resolve=False)
+    assert (wanted["cpus_per_task"], wanted["timeout_min"], wanted["max_num_timeout"]) == (1, 240, 3)
+    assert wanted["additional_parameters"] == {"requeue": True}
     assert found.hydra.launcher.mem_gb == 3
     assert found.threads == 1
 
 
-def test_what_ray_is_asked_for():
+def test_requests_to_ray():
     """On this machine as many jobs as fit; on a cluster the memory of each, where its own settings say nothing else."""
     own = hydra_main.compose("train", ["hydra/launcher=ray"], return_hydra_config=True).hydra.launcher
     _limit(own, gigabytes=2, jobs=64)

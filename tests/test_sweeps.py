@@ -1,4 +1,4 @@
-"""Sweeps go on where they stopped: killed, failing, side by side, on full disks, and with nothing left to do."""
+"""Sweeps resume where they stopped: killed, failing, side by side, on full disks, and with nothing left to do."""
 
 import errno
 import json
@@ -12,12 +12,12 @@ from unittest.mock import patch
 
 import pytest
 from commands import TRAIN, run
-from forked import Forked
+from forked_sweeps import ForkedSweep
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from repetitions import repeated
 
 from contactlearn.cli import hydra_main
-from contactlearn.cli import job as door
+from contactlearn.cli import job as job_module
 from contactlearn.cli.resource_limits import GIB, available_memory, jobs_at_a_time
 from contactlearn.cli.settings import TrainSettings
 from contactlearn.cli.sweeps.identity import code_version, data_fingerprint, job_identity
@@ -51,20 +51,18 @@ def identity(name, *words):
 # The same command again
 
 
-def test_finished_jobs_are_skipped(undisturbed):
+def test_finished_jobs_are_skipped_and_not_even_composed(undisturbed):
     before = finished(undisturbed)
-    with patch.object(door, "run_job", side_effect=AssertionError):
+    with (
+        patch.object(job_module, "run_job", side_effect=AssertionError),
+        patch.object(ConfigLoaderImpl, "load_sweep_config", side_effect=AssertionError),
+    ):
         printed = run("train.py", "-m", *JOBS, f"hydra.sweep.dir={undisturbed}")
     assert f"{COUNT} jobs, {COUNT} finished before" in printed
     assert finished(undisturbed) == before
 
 
-def test_finished_jobs_are_not_even_composed(undisturbed):
-    with patch("hydra._internal.config_loader_impl.ConfigLoaderImpl.load_sweep_config", side_effect=AssertionError):
-        run("train.py", "-m", *JOBS, f"hydra.sweep.dir={undisturbed}")
-
-
-def test_a_larger_sweep_takes_over_what_it_can(undisturbed, tmp_path):
+def test_a_larger_sweep_reuses_finished_jobs(undisturbed, tmp_path):
     subprocess.run(["cp", "-a", f"{undisturbed}/.", str(tmp_path)], check=True)
     before = finished(tmp_path)
     more = [word.replace("20", "20,25") if word.startswith("train.size") else word for word in JOBS]
@@ -79,7 +77,7 @@ def test_another_spelling_is_the_same_job(undisturbed):
     assert f"{COUNT} finished before" in run("train.py", "-m", *words, f"hydra.sweep.dir={undisturbed}")
 
 
-def test_what_a_job_depends_on(tmp_path):
+def test_identity_of_a_job(tmp_path):
     table = tmp_path / "a.csv"
     table.write_text("a")
     words = ("data=table", f"data.path={table}")
@@ -154,13 +152,13 @@ def test_a_wrong_setting_in_one_job_runs_none(tmp_path):
 
 def test_data_that_change_during_a_sweep_fail_the_job(tmp_path):
     """Its folder is named by the former data."""
-    with patch.object(door, "job_identity", return_value=identity("train", "seed=5")):
+    with patch.object(job_module, "job_identity", return_value=identity("train", "seed=5")):
         printed = run("train.py", "-m", *SMALL, "train.size=10,20", f"hydra.sweep.dir={tmp_path}", status=1)
     assert printed.count("data, code or configuration changed during the sweep") == 2
 
 
 class Launcher:
-    """What becomes of jobs by name: done, failed, silent (began, and no word), never (did not begin)."""
+    """Fates of jobs by name: done, failed, silent (began, and left no reason), never (did not begin)."""
 
     def __init__(self, fates, breaks=False):
         self.fates, self.breaks, self.batches = fates, breaks, []
@@ -187,7 +185,7 @@ class Launcher:
         return [None] * len(batch)
 
 
-def told(tmp_path, launcher, at_once=None, queues=False):
+def run_with(tmp_path, launcher, at_once=None, queues=False):
     jobs = [Job(words=(), name=name, folder=tmp_path / name) for name in launcher.fates]
     found = run_jobs(jobs, launcher, at_once, queues)
     return (
@@ -201,7 +199,7 @@ def test_a_killed_job_takes_no_other_with_it(tmp_path):
     """Where workers share a pool: the rest runs again, those that had begun alone."""
     alone = lambda jobs: "done" if jobs == 1 else "silent"  # noqa: E731 - a victim of the first
     launcher = Launcher({"greedy": "silent", "beside": alone, "later": "done", "failing": "failed"}, breaks=True)
-    finished, failed, queued = told(tmp_path, launcher)
+    finished, failed, queued = run_with(tmp_path, launcher)
     assert sorted(finished) == ["beside", "later"]
     assert failed == {"failing": "on purpose", "greedy": "ended without a result and without a reason; was it killed?"}
     assert not queued
@@ -224,25 +222,25 @@ def test_many_killed_jobs_take_no_other_with_them(tmp_path):
     assert {reason for _, reason in found.failed} == {"ended without a result and without a reason; was it killed?"}
 
 
-def test_what_never_begins_is_not_launched_for_ever(tmp_path):
+def test_jobs_that_never_begin_are_launched_three_times(tmp_path):
     launcher = Launcher({"a": "never", "b": "never"}, breaks=True)
-    assert told(tmp_path, launcher)[1] == dict.fromkeys("ab", "could not be launched: a worker was killed")
+    assert run_with(tmp_path, launcher)[1] == dict.fromkeys("ab", "could not be launched: a worker was killed")
     assert len(launcher.batches) == 1
     quiet = Launcher({"c": "never"})
-    assert set(told(tmp_path, quiet)[1]) == {"c"}
+    assert set(run_with(tmp_path, quiet)[1]) == {"c"}
     assert len(quiet.batches) == 3
 
 
 def test_jobs_in_a_queue_are_left_there(tmp_path):
     """One killed job breaks the launcher down while others wait in the cluster's queue."""
     launcher = Launcher({"killed": "silent", "done": "done", "waits": "never"}, breaks=True)
-    assert told(tmp_path, launcher, queues=True) == (["done"], {}, ["killed", "waits"])
+    assert run_with(tmp_path, launcher, queues=True) == (["done"], {}, ["killed", "waits"])
     assert len(launcher.batches) == 1
 
 
 def test_jobs_at_once_are_limited(tmp_path):
     launcher = Launcher(dict.fromkeys("abcde", "done"))
-    told(tmp_path, launcher, at_once=2)
+    run_with(tmp_path, launcher, at_once=2)
     assert launcher.batches == [["a", "b"], ["c", "d"], ["e"]]
 
 
@@ -255,9 +253,9 @@ def test_killed_at_random_moments(kills, undisturbed, tmp_path):
 
     Fifty kills are in benchmarks/speed/sweeps.py.
     """
-    hits, lost = survive(tmp_path, kills=kills, longest=3, start=Forked)
+    hits, lost = survive(tmp_path, kills=kills, longest=3, start=ForkedSweep)
     assert (hits, lost) == (kills, [])
-    status, printed = ended(Forked(tmp_path, *JOBS))
+    status, printed = ended(ForkedSweep(tmp_path, *JOBS))
     assert status == 0, printed
     assert content(tmp_path) == content(undisturbed)
 
@@ -284,8 +282,8 @@ def test_a_half_written_marker_is_no_marker(undisturbed, tmp_path):
     assert f"{COUNT - 1} finished before" in run("train.py", "-m", *JOBS, f"hydra.sweep.dir={tmp_path}")
 
 
-@pytest.mark.parametrize("start", repeated(Forked, started))
-def test_interrupted_by_hand(start, tmp_path):
+@pytest.mark.parametrize("start", repeated(ForkedSweep, started))
+def test_ctrl_c_is_one_line(start, tmp_path):
     """Ctrl-C is one line and status 130, and the same command goes on; also where nothing was loaded before."""
     sweep = start(tmp_path, *JOBS)
     while not finished(tmp_path) and sweep.poll() is None:
@@ -322,7 +320,7 @@ def test_interrupted_while_a_configuration_is_composed(tmp_path):
 
 def test_two_processes_on_one_sweep(undisturbed, tmp_path):
     """They share the jobs; each is run once, and both end with all of them."""
-    both = [Forked(tmp_path, *JOBS) for _ in range(2)]
+    both = [ForkedSweep(tmp_path, *JOBS) for _ in range(2)]
     printed = []
     for sweep in both:
         status, text = ended(sweep)
@@ -381,7 +379,7 @@ def test_a_run_of_an_earlier_version_stays_readable(tmp_path):
     assert read_result(path).trained_on == 10
 
 
-def test_other_sweepers_lose_nothing(tmp_path):
+def test_other_sweepers_overwrite_nothing(tmp_path):
     """They number their jobs from 0 in each sweep."""
     words = ("-m", *SMALL, "train.size=10", "hydra/sweeper=basic", f"hydra.sweep.dir={tmp_path}")
     for seeds in ("0,1", "2,3"):
@@ -403,7 +401,7 @@ def test_failed_runs_leave_no_folder(word, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_of_ones_own_is_never_cleared(tmp_path):
+def test_a_folder_of_the_user_is_never_cleared(tmp_path):
     """hydra.run.dir=. is a folder with other things in it."""
     (tmp_path / "notes.txt").write_text("mine")
     run("train.py", *SMALL, "train.size=1000", "hydra.run.dir=.", cwd=tmp_path, status=2)
@@ -412,7 +410,7 @@ def test_a_folder_of_ones_own_is_never_cleared(tmp_path):
     assert (tmp_path / "results.json").exists()
 
 
-# What disks do
+# Disks
 
 
 @pytest.fixture
@@ -461,7 +459,7 @@ def test_a_file_in_place_of_a_folder(tmp_path):
 
 def test_a_folder_that_vanishes(tmp_path):
     """It is not made again with half of the result in it."""
-    split = door.time.monotonic
+    split = job_module.time.monotonic
 
     def vanish(*arguments):
         subprocess.run(["rm", "-rf", str(tmp_path / "a")], check=True)
@@ -483,8 +481,8 @@ def test_a_folder_that_vanishes(tmp_path):
     ],
 )
 def test_reasons_are_one_line(error, said):
-    assert door.reason(error).startswith(said)
-    assert "\n" not in door.reason(error)
+    assert job_module.reason(error).startswith(said)
+    assert "\n" not in job_module.reason(error)
 
 
 # Resources

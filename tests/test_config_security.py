@@ -18,7 +18,7 @@ from contactlearn.effects.base import parameter
 Path(__file__).with_name("imported").touch()
 def touch(path): Path(path).touch()
 """
-BROUGHT = {
+FOREIGN = {
     "a law": ("law: {{_target_: brought.Law}}", "law._target_=brought.Law comes from a file"),
     "an effect": (
         "effect: {{mine: {{_target_: brought.Mine}}}}",
@@ -60,8 +60,8 @@ def shared(tmp_path, monkeypatch) -> Path:
 
 
 @pytest.mark.parametrize("several", [False, True], ids=["run", "sweep"])
-@pytest.mark.parametrize(("text", "message"), BROUGHT.values(), ids=BROUGHT)
-def test_what_a_shared_experiment_brings_is_not_run(text, message, several, shared, monkeypatch, capsys):
+@pytest.mark.parametrize(("text", "message"), FOREIGN.values(), ids=FOREIGN)
+def test_classes_named_by_a_shared_experiment_are_not_run(text, message, several, shared, monkeypatch, capsys):
     content = text.format(shared / "called")
     (shared / "experiment" / "theirs.yaml").write_text(f"# @package _global_\n{content}\n")
     words = ["--config-dir", str(shared), "experiment=theirs", *SMALL, *(["-m"] if several else [])]
@@ -82,7 +82,7 @@ def test_what_a_shared_experiment_brings_is_not_run(text, message, several, shar
         "law._target_='brought.Law'",
     ],
 )
-def test_what_the_command_line_names_is_composed(word):
+def test_classes_named_on_the_command_line_are_composed(word):
     assert "brought." in str(compose("evaluate", [word]))
 
 

@@ -12,10 +12,10 @@ from commands import ROOT
 from contactlearn.cli import hydra_main
 
 _FORKS = get_context("forkserver")
-_FORKS.set_forkserver_preload(["contactlearn.cli.commands", "contactlearn.cli.sweeps.sweep", "forked"])
+_FORKS.set_forkserver_preload(["contactlearn.cli.commands", "contactlearn.cli.sweeps.sweep", "forked_sweeps"])
 
 
-class Forked:
+class ForkedSweep:
     """A sweep as `speed.sweeps.started` gives it, which takes half a second and not five to begin."""
 
     def __init__(self, folder, *words):
