@@ -9,12 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from jaxtyping import Int
-from torch import Tensor
 
 from contactlearn.diagnosis.result import Choices, Diagnosis, ErrorBudget, ErrorMap, Finding, Record, Region, Sample
-from contactlearn.effects import EffectId
-from contactlearn.inference.evaluation.partial_residuals import Partial
 from contactlearn.report.figures.browser import as_plotly, plotly_style
 from contactlearn.report.figures.diagnosis import ladder_figure, laws_figure
 from contactlearn.report.page.effects import effect_content, experiment_content, residual_content
@@ -89,9 +85,10 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
     if found.record is None or found.choices is None or found.budget is None:
         return content
     models = _models(found, found.choices)
-    told = {"telling": _telling(found), "figures": _figures(found)}
+    figures = {"rungs": ladder_figure(found), "telling-laws": laws_figure(found)}  # no choice changes them
+    fixed = {"telling": _telling(found), "figures": {key: digits(as_plotly(one)) for key, one in figures.items()}}
     shown = replace(found, record=thinned(found.record, found.sample))
-    return content | told | _ladder(found) | _budget(found, found.budget) | models | _effects(shown) | _arrays(shown)
+    return content | fixed | _ladder(found) | _budget(found, found.budget) | models | _effects(shown) | _arrays(shown)
 
 
 def _telling(found: Diagnosis) -> list[dict[str, str]]:
@@ -111,23 +108,16 @@ def _telling(found: Diagnosis) -> list[dict[str, str]]:
     return figures
 
 
-def _figures(found: Diagnosis) -> dict[str, Any]:
-    """The figures that no choice changes, by their place on the page."""
-    return {"rungs": digits(as_plotly(ladder_figure(found))), "telling-laws": digits(as_plotly(laws_figure(found)))}
-
-
 def _finding(finding: Finding) -> dict[str, Any]:
     return {
         "name": label(finding.name),
         "sentence": sentence(finding.sentence),
-        "evidence": [[label(one.quantity), digits(one.value), _unit(one.unit)] for one in finding.evidence],
+        "evidence": [
+            [label(one.quantity), digits(one.value), "" if one.unit == "–" else one.unit] for one in finding.evidence
+        ],
         "note": phrase("correction_note", finding),
         "fatal": finding.fatal,
     }
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "–" else unit
 
 
 def _ladder(found: Diagnosis) -> dict[str, Any]:
@@ -156,30 +146,17 @@ def _search(found: Diagnosis) -> dict[str, Any]:
 
 
 def _region(region: Region, shown: Mapping[int, int]) -> dict[str, Any]:
-    limits = {"variable": region.variable, "where": region.where, "low": region.low, "high": region.high}
+    same = {name: getattr(region, name) for name in ("variable", "where", "low", "high", "trials", "p_value")}
     ratio = {"ratio": region.ratio.mean, "interval": [region.ratio.low, region.ratio.high]}
-    tested = {
-        "trials": region.trials,
-        "p_value": region.p_value,
-        "rows": [shown[row] for row in region.rows if row in shown],
-    }
-    return digits(limits | ratio | tested)
+    return digits(same | ratio | {"rows": [shown[row] for row in region.rows if row in shown]})
 
 
 def _budget(found: Diagnosis, budget: ErrorBudget) -> dict[str, Any]:
     """The entries of the budget, from the law down, without repeating the law where no effect is missing."""
     words = budget_labels(base_label(found), budget.noise_source)
-    shown = {
-        "base": budget.base,
-        "named": budget.named,
-        "ceiling": budget.ceiling,
-        "flexible": budget.flexible,
-        "bound": budget.bound,
-        "noise": budget.noise,
-    }
-    if not found.missing:
-        del shown["named"], shown["flexible"]
-    rows = [{"name": words[key], **bounded(error)} for key, error in shown.items()]
+    shown = ("base", "named", "ceiling", "flexible", "bound", "noise")
+    shown = shown if found.missing else [key for key in shown if key not in ("named", "flexible")]
+    rows = [{"name": words[key], **bounded(getattr(budget, key))} for key in shown]
     return {"budget": rows, "shares": phrase("shares", budget)}
 
 
@@ -189,10 +166,10 @@ def _models(found: Diagnosis, choices: Choices) -> dict[str, Any]:
     in_play = set(choices.effects)
     on = [effect_label(missing.effect) for missing in found.missing if missing.effect not in in_play]
     always = [base, *(f"{name} (always on)" for name in on)]
-    models = [
-        {"name": " + ".join((*always, *map(effect_label, _ticked(choices, k)))), **bounded(error)}
-        for k, error in enumerate(choices.errors)
-    ]
+    models = []
+    for k, error in enumerate(choices.errors):
+        ticked = [effect_label(effect) for j, effect in enumerate(choices.effects) if k >> j & 1]
+        models.append({"name": " + ".join((*always, *ticked)), **bounded(error)})
     return {
         "models": models,
         "yardstick": 0,
@@ -200,11 +177,6 @@ def _models(found: Diagnosis, choices: Choices) -> dict[str, Any]:
         "switches": [{"name": str(effect), "label": effect_label(effect)} for effect in choices.effects],
         "always": [*map(effect_label, found.given), *on],
     }
-
-
-def _ticked(choices: Choices, k: int) -> list[EffectId]:
-    """The effects of choice k."""
-    return [effect for j, effect in enumerate(choices.effects) if k >> j & 1]
 
 
 def _effects(found: Diagnosis) -> dict[str, Any]:
@@ -268,18 +240,12 @@ def thinned(record: Record, sample: Sample | None) -> Record:
     rows = torch.tensor([*places(record, sample)])
     if len(rows) == len(record.impacts):
         return record
-    return Record(
-        impacts=record.impacts[rows],
-        base=record.base,
-        model=record.model,
-        outcomes=record.outcomes[:, rows],
-        residuals=tuple(_part(one, rows) for one in record.residuals),
+    residuals = tuple(
+        replace(one, x=one.x[rows], measured=one.measured[rows], explained=one.explained[rows])
+        for one in record.residuals
     )
-
-
-def _part(partial: Partial, rows: Int[Tensor, " k"]) -> Partial:
-    arrays = {name: getattr(partial, name)[rows] for name in ("x", "measured", "explained")}
-    return replace(partial, **arrays)
+    impacts, outcomes = record.impacts[rows], record.outcomes[:, rows]
+    return Record(impacts=impacts, base=record.base, model=record.model, outcomes=outcomes, residuals=residuals)
 
 
 def _map(cells: ErrorMap) -> dict[str, Any]:

@@ -11,7 +11,7 @@ evenly over those with impacts.
 import json
 import math
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -67,9 +67,12 @@ def of_recordings(found: Tracked) -> dict[str, Any]:
         contacts[contact.recording].append(contact)
     for refusal in found.survey.refusals:
         refusals[refusal.recording].append(refusal)
-    founds = _again(found, chosen(found))
+    founds = dict[str, Found]()
+    for one in found.again({*chosen(found)}):  # the first where two have one name
+        founds.setdefault(one.track.name, one)
     shown = [of_recording(one, contacts[name], refusals[name]) for name, one in founds.items()]
-    scores = standardised([*founds.values()])
+    scores, floor = standardised([*founds.values()]), found.floor
+    packed = json.dumps(shown, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return {
         "title": tracks_headline(found),
         "trials": None,
@@ -78,9 +81,12 @@ def of_recordings(found: Tracked) -> dict[str, Any]:
         ],
         "reasons": dict(REASONS),
         "outline": digits(found.shape.outline(91).T.tolist(), 5),
-        "floor": _floor(found),
+        "floor": {
+            "height": digits(floor.height.value, 6),
+            "slope": digits(floor.slope.value if floor.slope else 0.0, 4),
+        },
         "figures": {"residuals": digits(as_plotly(residuals_figure([*founds.values()])))},
-        "block": compressed(_packed(shown)),
+        "block": compressed(packed.encode(errors="replace")),
         "_facts": tracks_facts(found),
         "_limits": _limits(found, len(shown)),
         "_refusals": _reasons(found, shown),
@@ -92,11 +98,6 @@ def of_recordings(found: Tracked) -> dict[str, Any]:
         ],
         "_residuals": _residuals(scores),
     }
-
-
-def _packed(shown: Sequence[Mapping[str, Any]]) -> bytes:
-    """JSON of the recordings; characters of a name that UTF-8 cannot hold become "?"."""
-    return json.dumps(shown, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode(errors="replace")
 
 
 def chosen(found: Tracked, most: int = MOST) -> list[str]:
@@ -117,20 +118,6 @@ def _spread(names: Sequence[str], most: int) -> list[str]:
     if len(names) <= most:
         return [*names]
     return [names[int(k)] for k in np.linspace(0, len(names) - 1, most).round()]
-
-
-def _again(found: Tracked, names: Collection[str]) -> dict[str, Found]:
-    """Tracks and flights by name, the first where two have one."""
-    founds = dict[str, Found]()
-    for one in found.again({*names}):
-        founds.setdefault(one.track.name, one)
-    return founds
-
-
-def _floor(found: Tracked) -> dict[str, float]:
-    """Height in m at x = 0, and slope in rad."""
-    floor = found.floor
-    return {"height": digits(floor.height.value, 6), "slope": digits(floor.slope.value if floor.slope else 0.0, 4)}
 
 
 def _limits(found: Tracked, shown: int) -> str:
@@ -288,7 +275,10 @@ def sketch(found: Found, refusals: Sequence[Refusal]) -> dict[str, Any]:
         x, y = WIDTH * (time - left) / span, 3 + (HEIGHT - 6) * (1 - (height - low) / range_)
         return [f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True)]
 
-    lines = []
+    axes, lines = "no frame was seen", []
+    if len(seen):
+        lowest, highest = (number(1e3 * float(end), 3) for end in (height.min(), height.max()))
+        axes = f"time 0–{number(span, 2)} s, height {lowest} to {highest} mm"
     for flight in found.flights:
         when = np.linspace(track.time[flight.first], track.time[flight.last], _SKETCH_LINE)
         lines.append("M" + "L".join(placed(when, flight.poses(when)[:, 1])))
@@ -298,20 +288,15 @@ def sketch(found: Found, refusals: Sequence[Refusal]) -> dict[str, Any]:
         "flights": "".join(lines),
         "bands": [_band(refusal, left, span) for refusal in refusals],
         "reasons": _counted_reasons(refusals),
-        "axes": f"time 0–{number(span, 2)} s, height {_ends(height)} mm" if len(time) else "no frame was seen",
+        "axes": axes,
     }
 
 
 def _band(refusal: Refusal, left: float, span: float) -> dict[str, Any]:
     start, end = (WIDTH * (time - left) / span for time in refusal.time)
-    width = max(end - start, _LEAST)
-    said = f"{REASONS[refusal.reason]}: {refusal_number(refusal)}"
-    return {
-        "x": round((start + end - width) / 2, 1),
-        "width": round(width, 1),
-        "said": said,
-        "rest": refusal.reason is Reason.REST,
-    }
+    width, text = max(end - start, _LEAST), f"{REASONS[refusal.reason]}: {refusal_number(refusal)}"
+    place = {"x": round((start + end - width) / 2, 1), "width": round(width, 1)}
+    return place | {"text": text, "rest": refusal.reason is Reason.REST}
 
 
 def _counted_reasons(refusals: Sequence[Refusal]) -> list[str]:
@@ -323,8 +308,3 @@ def _counted_reasons(refusals: Sequence[Refusal]) -> list[str]:
         f"{reason}{f' ({len(ones)} times)' if len(ones) > 1 else ''}: {refusal_number(ones[0])}"
         for reason, ones in counts.items()
     ]
-
-
-def _ends(height: Float[Array, " n"]) -> str:
-    low, high = (number(1e3 * float(end), 3) for end in (height.min(), height.max()))
-    return f"{low} to {high}"
