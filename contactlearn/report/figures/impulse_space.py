@@ -111,7 +111,7 @@ def compared_impulses(trial: Impacts, laws: Mapping[str, Law]) -> Figure:
 
     The figure is for a browser, whose script exchanges the impact, the law and the `model`, here the measurement.
     """
-    space = _space(trial, list(laws.values()), Box(), "momentum")
+    space = _space(trial, list(laws.values()), Box(), "momentum", reached=1)
     figure = st.new_figure(st.COLUMN, st.COLUMN)
     axes = st.name_axes(figure.subplots(), "Tangential impulse $P_t$ (mN s)", "Normal impulse $P_n$ (mN s)")
     _draw_panel(axes, space, 0)
@@ -128,8 +128,8 @@ def compared_impulses(trial: Impacts, laws: Mapping[str, Law]) -> Figure:
     return figure
 
 
-def _space(trial: Impacts, laws: Sequence[Law], box: Box, target: str) -> _Space:
-    """One impact, and its image under the laws."""
+def _space(trial: Impacts, laws: Sequence[Law], box: Box, target: str, reached: int | None = None) -> _Space:
+    """One impact, its image under the laws, and the reach of the first few, else of all."""
     W, v_c, measured = trial.W[0], trial.v_c[0], measured_impulse(trial, target)[0]
     points = [measured]
     if not bool(rigid_body.admissible(W, v_c, measured)):
@@ -139,7 +139,7 @@ def _space(trial: Impacts, laws: Sequence[Law], box: Box, target: str) -> _Space
         laws=laws,
         ellipse=st.array(rigid_body.energy_ellipse(W, v_c)),
         points=st.array(torch.stack(points)),
-        reaches=[reach(law, W, v_c, box) for law in laws],
+        reaches=[reach(law, W, v_c, box) for law in laws[:reached]],
         predicted=st.array(torch.stack([law.impulse(W, v_c) for law in laws])),
     )
 

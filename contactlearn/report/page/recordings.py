@@ -267,7 +267,7 @@ def sketch(found: Found, refusals: Sequence[Refusal]) -> dict[str, Any]:
     """Return the frames and flights as paths, the refused parts as bands, and the words of a small picture."""
     track, seen = found.track, np.flatnonzero(found.track.seen)
     frames = seen[np.linspace(0, len(seen) - 1, min(_POINTS, len(seen))).astype(int)]
-    time, height = track.time[seen], track.pose[seen, 1]
+    height = track.pose[seen, 1]
     left, span = float(track.time[0]), float(np.ptp(track.time))
     low, range_ = (float(height.min()), float(np.ptp(height)) or 1.0) if len(seen) else (0.0, 1.0)
 
