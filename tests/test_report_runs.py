@@ -120,8 +120,14 @@ def row(text, name):
     raise KeyError(name)
 
 
-def said(x):
+def written(x):
+    """An interval as the page writes it."""
     return f"{x['mean']:.4f} ({x['low']:.4f}–{x['high']:.4f})"
+
+
+def text_of(folder):
+    """The page over the runs in a folder."""
+    return write_runs([folder])[0].read_text()
 
 
 @pytest.fixture(scope="module")
@@ -164,16 +170,11 @@ def test_numbers_of_a_real_sweep(sweep):
     for job in jobs:
         results = json.loads((folder / job / "results.json").read_text())
         (law, error), cells = next(iter(results["errors"].items())), row(text, job)
-        assert cells["Held-out mass error"] == said(error[METRIC])
+        assert cells["Held-out mass error"] == written(error[METRIC])
         assert cells["train.size"] == str(results["provenance"]["config"]["train"]["size"])
         assert cells["Law"].lower().replace("–", "_") == law
-    assert set(row(text, jobs[0])) == {
-        "Run",
-        "Held-out mass error",
-        "train.size",
-        "Law",
-        "IRB bound",
-    }  # the rest does not differ
+    columns = {"Run", "Held-out mass error", "train.size", "Law", "IRB bound"}
+    assert set(row(text, jobs[0])) == columns  # the rest does not differ
     shared = html.unescape(re.search(r'id="shared">(.*?)</table>', text, re.S)[1])
     assert '<th scope="row">data.size</th><td>80</td>' in shared
     assert results["provenance"]["data"]["sha256"] in text
@@ -216,20 +217,23 @@ def test_every_command_has_its_numbers(mixed):
     assert [one.name for one in runs][:3] == ["b9", "b10", "evaluation"]
     own = diagnosed()["diagnosis"]
     cells = row(text, "javascript:alert(1)/#<b>?%41")
-    assert cells["Held-out mass error"] == said(own["ladder"][1]["error"])
-    assert cells["Law alone"] == said(own["budget"]["base"])
-    assert cells["Noise floor"] == said(own["budget"]["noise"])
-    assert cells["IRB bound"] == said(own["budget"]["bound"])
+    assert cells["Held-out mass error"] == written(own["ladder"][1]["error"])
+    for column, part in {"Law alone": "base", "Noise floor": "noise", "IRB bound": "bound"}.items():
+        assert cells[column] == written(own["budget"][part])
     assert (cells["Verdict"], cells["Missing effects"]) == ("effects are missing", "spin damping (after)")
     assert (cells["Command"], cells["Trials"], cells["SHA-256 of the data"]) == ("diagnose", "200", "a" * 10)
     assert (cells["spin damping"], cells["surface tilt"]) == ("✓ found", "")
     assert row(text, "b10")["surface tilt"] == "✓ "
-    assert row(text, "b10")["Held-out mass error"] == said(interval(0.15))
-    assert row(text, "b10")["Law alone"] == said(interval(1.5 * 0.15))
-    assert row(text, "evaluation")["Held-out mass error"] == said(interval(0.2))
-    assert row(text, "evaluation")["IRB bound"] == said(interval(0.05))
+    for run_name, column, error in (
+        ("b10", "Held-out mass error", 0.15),
+        ("b10", "Law alone", 1.5 * 0.15),
+        ("b10", "IRB bound", 0.05),
+        ("evaluation", "Held-out mass error", 0.2),
+        ("evaluation", "IRB bound", 0.05),
+    ):
+        assert row(text, run_name)[column] == written(interval(error))
     for step in own["ladder"]:
-        assert f'<td class="value">{said(step["error"])}</td>' in text
+        assert f'<td class="value">{written(step["error"])}</td>' in text
 
 
 def test_different_data_are_warned_of(mixed):
@@ -277,7 +281,7 @@ def test_settings_that_only_some_runs_have(tmp_path):
     }
     leave(tmp_path / "b", other)
     leave(tmp_path / "c", diagnosed())
-    text = write_runs([tmp_path])[0].read_text()
+    text = text_of(tmp_path)
     cells = row(text, "b")
     assert cells["reference"] == '{"mirtich": {"mu": 0.1}}'
     assert cells["model"] == cells["Model"].replace("X1 → wrench", "x1_wrench") == "x1_wrench"
@@ -287,13 +291,14 @@ def test_settings_that_only_some_runs_have(tmp_path):
 
 def test_data_that_had_to_be_corrected_have_a_verdict(tmp_path):
     finding = Finding(name="mirrored_x", sentence="", evidence=(), correction="mirrored_x")
-    for physics in (Verdict.NONE, Verdict.EFFECTS, Verdict.UNKNOWN, None):
+    conclusions = (Verdict.NONE, Verdict.EFFECTS, Verdict.UNKNOWN, None)
+    for physics in conclusions:
         found = Diagnosis(
             verdict=Verdict.BAD_DATA, physics=physics, law="mirtich", variant="textbook", findings=(finding,)
         )
         leave(tmp_path / f"{physics}", ran(found))
-    text = write_runs([tmp_path])[0].read_text()
-    for physics in (Verdict.NONE, Verdict.EFFECTS, Verdict.UNKNOWN, None):
+    text = text_of(tmp_path)
+    for physics in conclusions:
         assert row(text, f"{physics}")["Verdict"] == conclusion(Verdict.BAD_DATA, physics, ("mirrored_x",))
 
 
@@ -373,7 +378,7 @@ def test_not_utf8(tmp_path):
 
 def test_data_that_are_refused_have_a_row(tmp_path):
     leave(tmp_path / "refused", ran(Diagnosis(verdict=Verdict.BAD_DATA, law=None, variant=None, findings=())))
-    cells = row(write_runs([tmp_path])[0].read_text(), "refused")
+    cells = row(text_of(tmp_path), "refused")
     assert (cells["Held-out mass error"], cells["Verdict"]) == ("–", conclusion(Verdict.BAD_DATA, None))
 
 
@@ -392,12 +397,11 @@ def test_where_the_page_goes(tmp_path, monkeypatch):
         with pytest.raises(ContactLearnError, match="is the page of the run in that folder"):
             write_runs([one], out)
     (tmp_path / "notes.html").write_text("mine")
-    refusals = {
+    for out, reason in {
         "results.json": "must be an .html file",
         "no/folder.html": "no such folder",
         str(tmp_path / "notes.html"): "is no page over several runs",
-    }
-    for out, reason in refusals.items():
+    }.items():
         with pytest.raises(ContactLearnError, match=reason):
             write_runs([one], out)
     assert (one / "report.html").read_text() == "its own"

@@ -6,9 +6,10 @@ import pandas as pd
 import pytest
 from commands import TRAIN, run
 from evaluations import evaluation
-from test_report_runs import changed, diagnosed, evaluated, leave, trained
+from test_report_runs import changed, diagnosed, evaluated, leave, ran, trained
 
 from contactlearn.__main__ import main
+from contactlearn.diagnosis.result import Diagnosis, Verdict
 from contactlearn.inference.evaluation.metrics import METRICS
 from contactlearn.report.page.runs import write_runs
 from contactlearn.results.runs import write_table
@@ -23,10 +24,10 @@ def mixed(tmp_path_factory):
     leave(folder / "evaluate", evaluated())
     leave(folder / "diagnose", diagnosed())
     leave(folder / "hostile\n<b>,;", trained(error=0.3))
-    leave(folder / "half", trained(error=0.001))
-    (folder / "half" / ".lock").touch()
-    leave(folder / "failed", trained(error=0.001))
-    (folder / "failed" / ".lock").touch()
+    leave(folder / "refused", ran(Diagnosis(verdict=Verdict.BAD_DATA, law=None, variant=None, findings=())))
+    for name in ("half", "failed"):
+        leave(folder / name, trained(error=0.001))
+        (folder / name / ".lock").touch()
     (folder / "failed" / "failed.json").write_text(json.dumps({"reason": "no luck"}))
     frame, skipped = write_table([folder], folder / "results.parquet")
     return folder, frame, dict(skipped)
@@ -58,6 +59,16 @@ def test_numbers_are_those_of_the_results(mixed):
     assert frame[frame.bound].model.isin(["irb", "best_post_hoc", "noise"]).all()
 
 
+def test_roles_and_verdicts_are_columns(mixed):
+    """The law alone where there are effects; data that were refused have a row without a model."""
+    _, frame, _ = mixed
+    alone = frame[frame.law_alone].set_index("run")
+    assert dict(alone.model) == {"b10": "mirtich", "diagnose": "law"}
+    (refused,) = frame[frame.run == "refused"].to_dict("records")
+    assert refused["own"]
+    assert (refused["verdict"], pd.isna(refused["mass_error"])) == ("bad_data", True)
+
+
 def test_settings_that_differ_are_columns(mixed):
     _, frame, _ = mixed
     assert set(frame[frame.run == "b9"]["setting_seed"]) == {7}
@@ -69,7 +80,8 @@ def test_the_page_has_the_same_runs(mixed):
     folder, frame, skipped = mixed
     _, runs, left_out = write_runs([folder])
     assert [row.name for row in runs] == list(frame.run.drop_duplicates())
-    assert {row.name: row.error.mean for row in runs} == frame[frame.own].set_index("run").mass_error.to_dict()
+    errors = frame[frame.own].set_index("run").mass_error.dropna()
+    assert {row.name: row.error.mean for row in runs if row.error} == errors.to_dict()
     assert dict(left_out) == skipped
 
 
