@@ -327,7 +327,7 @@ def with_regions(found: Diagnosis, *limits: tuple[str, float, float]) -> Diagnos
     regions = (
         Region(
             variable=name,
-            where=known[name].said(low, high),
+            where=known[name].window_text(low, high),
             low=low if math.isfinite(low) else None,
             high=high if math.isfinite(high) else None,
             ratio=Interval(2.3, 1.5, 3.0),

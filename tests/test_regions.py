@@ -218,7 +218,7 @@ def test_words_of_a_window(words):
     if unit == "°":
         limits = tuple(map(math.radians, limits))
     variable = Variable("any", letter, unit, torch.zeros(1), period and math.radians(period))
-    assert variable.said(*limits) == words
+    assert variable.window_text(*limits) == words
 
 
 @pytest.mark.parametrize("size", [1, 2, 20, 41])

@@ -1,11 +1,14 @@
 """Diagnosis: from measurements and a contact model to a named missing effect, or to an honest alternative.
 
-pipeline         all stages in order, and the verdict
-budget, noise    the shares of the error that are noise, explained, unexplained or out of reach
+pipeline         `diagnose`: audit, corrections, and the choice between one pass and subsamples
+stages           all stages in order, from the laws to the result
+sampling         large tables, diagnosed on subsamples
 search           candidates, the selection among them, and the ladder of held-out errors
-failure          regions in which a model fails
-discrimination   effects that these data cannot tell apart, and the drops that would
-unexplained      the remainder that flexible models predict, and formulas for it
+regions          regions in which a model fails
+discrimination   confounded effects, and the drops that discriminate between them
+drift            drift of the measurement
+unexplained      the remainder that flexible models predict: its dependences, proxy effects, and formulas
+error_budget     the shares of the error that are noise, explained, unexplained or out of reach
 """
 
 TYPE_CHECKING = False

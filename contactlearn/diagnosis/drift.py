@@ -1,4 +1,4 @@
-"""Drift of the measurement: errors that wander with the sequence of trials, told apart from a parameter that drifts.
+"""Drift of the measurement: errors that wander with the sequence of trials, distinguished from a parameter that drifts.
 
     dependence   tests whether residuals of neighbouring trials resemble each other: a wandering calibration
     drift_kind   decides whether the measurement wanders, alike for every impact, or a parameter of the model does
@@ -37,13 +37,13 @@ from contactlearn.inference.validation import Folds, robust_covariance
 from contactlearn.mechanics.impacts import Impacts
 
 _CLIP = 2.5  # robust standard deviations beyond which a residual counts no more
-_FEWEST = 20  # trials below which nothing is said
+_FEWEST = 20  # trials below which nothing is tested
 _LAGS = 60  # of the autocorrelation at most, and no more than a quarter of the trials
 _SCALES = 24  # correlation times that are tried
 _CURVES = 40  # cosines over the sequence at most, and no more than a quarter of the trials
 _DECIDES = 6.0  # difference of BIC: "strong evidence", Kass & Raftery 1995
 _FOLDS = 5
-_BLOCKS = 20  # at least, for effects over the order to be asked about beside a drift
+_BLOCKS = 20  # at least, to test effects over the order beside a drift
 _SLOW = 4  # cosines over the sequence by which velocities may change alike in place of an effect
 
 
@@ -61,7 +61,7 @@ class Dependence:
         time_scale: trials after which the dependent part has forgotten all but 1/e.
         size: standard deviation of the dependent part in v_x, v_y (m/s) and ω (rad/s).
         share: of the residual variance that is dependent, mean of the components.
-        block: length of blocks for folds, in trials, beyond which hardly anything is remembered.
+        block: length of blocks for folds, in trials, beyond which almost nothing is remembered.
     """
 
     p_value: float
@@ -264,7 +264,7 @@ def measurement_drift(selection: Selection, thresholds: Thresholds, generator: t
 def lasts_beside(
     drift: Dependence, pool: Pool, whole: ScoredFit, without: ScoredFit, sigmas: float, generator: torch.Generator
 ) -> bool:
-    """Whether effects over the order predict blocks that were held out, beside a measurement that drifts.
+    """Tell whether effects over the order predict held-out blocks beside a measurement that drifts.
 
     Args:
         drift: of what the whole model leaves.
@@ -340,6 +340,6 @@ def _left(impacts: Impacts, fit: JointFit) -> Float[Tensor, "n 3"]:
 def _without_order(selection: Selection) -> ScoredFit:
     """The chosen model without effects that follow the order."""
     pool, effects = selection.pool, selection.spec.effects
-    kept = frozenset(key for key in effects if not follows_order(pool.candidates[key], selection.impacts))
-    spec = Spec(selection.spec.law, kept)
+    left = frozenset(key for key in effects if not follows_order(pool.candidates[key], selection.impacts))
+    spec = Spec(selection.spec.law, left)
     return pool.fitted(spec, pool.start(spec, selection.chosen, {}))

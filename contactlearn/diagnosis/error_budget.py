@@ -8,7 +8,7 @@ The noise floor is the error of a model that misses nothing but the noise:
                 difference of neighbours against their squared distance is a line, and its intercept is the noise
                 (the Gamma test).  Repeats of one drop are neighbours at distance 0.
 
-The better the model, the less depends on the line, so the estimate is for the best model at hand.  It is the noise of
+The better the model, the less depends on the line, so the estimate uses the best available model.  It is the noise of
 the outcome, not of an instrument: a quantity that varies from drop to drop and is not measured is noise as well.
 Sources: Stefánsson, Končar & Jones 1997; Evans & Jones 2002.
 """
@@ -59,7 +59,7 @@ def noise_floor(
 
     Args:
         impacts: measurements.
-        model: the best at hand, fitted to these impacts.
+        model: the best available model, fitted to these impacts.
         generator: of the draws and resamples.
         noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), before impact as after it; if
             None, that of the covariances of the impacts, or estimated where there are none.

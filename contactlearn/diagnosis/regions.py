@@ -61,7 +61,7 @@ _SMALLEST = 10  # trials of a region, and of its rest, in the half that is searc
 class Variable:
     """A quantity of each trial in SI units; one of unit ° is in rad, modulo `period` in rad, and written in degrees.
 
-    With `labels` the values −1, 0 and 1 stand for three names.
+    With `labels` the values −1, 0 and 1 are the three labels.
     """
 
     name: str
@@ -76,7 +76,7 @@ class Variable:
         """Factor from SI units to those of text and figures."""
         return math.degrees(1) if self.unit == "°" else 1.0
 
-    def said(self, low: float, high: float) -> str:
+    def window_text(self, low: float, high: float) -> str:
         """Write the window [low, high) in words: |θ − 90°| < 20° (mod 180°), |v_t| < 0.3 m/s, 0.1 ≤ x < 0.2 m."""
         if self.labels:
             return self.labels[(low > -1) + (low > 0)]
@@ -277,7 +277,7 @@ class _Window:
         low, high = self.grid.limits[self.index].tolist()
         return Region(
             variable=self.grid.variable.name,
-            where=self.grid.variable.said(low, high),
+            where=self.grid.variable.window_text(low, high),
             low=low if math.isfinite(low) else None,
             high=high if math.isfinite(high) else None,
             ratio=ratio,

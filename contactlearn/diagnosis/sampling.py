@@ -123,7 +123,7 @@ def normal_interval(errors: Float[Tensor, " n"]) -> Interval:
 
 
 def agree(one: Interval, other: Interval, thresholds: Thresholds) -> bool:
-    """Whether two mean errors of different trials are the same but for chance."""
+    """Tell whether two mean errors of different trials differ by no more than chance."""
     spread = math.hypot(one.high - one.low, other.high - other.low) / (2 * Z_95)
     return abs(one.mean - other.mean) <= thresholds.certain_sigmas * spread
 
@@ -136,7 +136,7 @@ def _noise(
     generator: torch.Generator,
     noise: Sequence[float] | None,
 ) -> Interval | None:
-    """The noise floor of trials outside the subsample; a model that misses something does not tell it."""
+    """Estimate the noise floor of trials outside the subsample; None for a model that misses something."""
     if found.remainder is not None and found.remainder.unknown:
         return None
     others = outside.nonzero()[:, 0]

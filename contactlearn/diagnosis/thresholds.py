@@ -1,4 +1,4 @@
-"""Thresholds of the diagnosis: every number that decides what a user is told, with its unit and its reason.
+"""Thresholds of the diagnosis: every number that decides what is reported, with its unit and its reason.
 
 The row of `benchmarks/sensitivity` that shows false alarms and power over a range of a threshold has its name.  Sizes
 of grids, numbers of starts and tolerances of fits are no thresholds and stay where they are used.

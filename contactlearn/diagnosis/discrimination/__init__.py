@@ -1,1 +1,1 @@
-"""Effects that these data cannot tell apart, and the drops that would tell them apart."""
+"""Confounded effects, and the drops that discriminate between them."""

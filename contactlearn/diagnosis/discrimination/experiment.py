@@ -195,7 +195,7 @@ def _depends_on_place(
     squared: Float[Tensor, "r n"],
     within: Float[Tensor, "5 2"],
 ) -> bool:
-    """Whether a separation changes if all states move to the middle of the floor."""
+    """Tell whether a separation changes if all states move to the middle of the floor."""
     middle = states.q.clone()
     middle[:, 0] = within[0].mean()
     moved = separations_of(impacts, chosen, rivals, states.replace(q=middle))
@@ -246,8 +246,10 @@ def _states(impacts: Impacts, within: Float[Tensor, "5 2"], generator: torch.Gen
     good = ((state >= within[:, 0]) & (state <= within[:, 1])).all(-1)
     good &= contact_velocity(r, v)[:, 1] < -_GRAZING * v[:, :2].norm(dim=-1).clamp_min(1e-9)
     if not good.any():
-        said = ", ".join(f"{name} in [{low:.3g}, {high:.3g}]" for name, (low, high) in zip(STATES, within, strict=True))
-        raise DataError(f"no drop within the limits approaches the floor: {said}; v_y < 0 is downwards")
+        limits = ", ".join(
+            f"{name} in [{low:.3g}, {high:.3g}]" for name, (low, high) in zip(STATES, within, strict=True)
+        )
+        raise DataError(f"no drop within the limits approaches the floor: {limits}; v_y < 0 is downwards")
     last, names = impacts.order.max() + 1, tuple(impacts.object[k] for k in rows[good].tolist())
     return Impacts(
         mass=impacts.mass[rows][good], inertia=impacts.inertia[rows][good], r=r[good], q=q[good], v_pre=v[good],

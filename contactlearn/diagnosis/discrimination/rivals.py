@@ -2,14 +2,14 @@
 
     change     the chosen effect's change of the predicted v_post of each trial, at its fitted values, in units of the
                scatter: the model without it minus the model with it
-    screen     the share of the change that a candidate can mimic to first order, R².  The part that the law's own
+    screen     the share of the change that a candidate can reproduce to first order, R².  The part that the law's own
                parameters and the other chosen effects could do as well is taken out of both, since a refit would do it
-    refit      the candidates that mimic half of it or more are fitted in the effect's place
+    refit      the candidates that reproduce half of it or more are fitted in the effect's place
     compare    on the same folds, trial by trial against the chosen model, in the scatter of its residual
 
 The effects that a plausible model of the selection has in the place of the chosen one are refitted as well.
 A candidate is a rival if its held-out loss is no higher by more than chance, two standard errors of the paired
-difference.  One that mimics nearly all of the change may be somewhat worse, since another form of it, which the
+difference.  One that reproduces nearly all of the change may be somewhat worse, since another form of it, which the
 catalogue has not, might not be.  So a rival is about these trials and not about physics:
 where drops come from one height, most effects of the speed are rivals; `next_experiment` says which drops would
 separate them.  Forms of one effect are not reported as rivals of each other.
@@ -42,7 +42,7 @@ class FittedRival:
 
 @dataclass(frozen=True, kw_only=True)
 class Collinearity:
-    """The share R² of an effect's change that a candidate mimics to first order, and the parameters that do so."""
+    """The share R² of an effect's change that a candidate reproduces to first order, and the parameters that do so."""
 
     similarity: float
     start: Float[Tensor, " k"]
@@ -85,11 +85,11 @@ def find_rivals(
 
 
 def similarity(selection: Selection, effect: EffectId) -> dict[EffectId, Collinearity]:
-    """Compute how well each candidate of another family mimics a chosen effect to first order."""
+    """Compute how much of a chosen effect each candidate of another family reproduces to first order."""
     present, pool = selection.present, selection.pool
     others = {key: value for key, value in present.effects.items() if key != effect.name}
-    kept = ~own_parameters(present, effect.name)
-    values = present.fit.values[kept]
+    others_parameters = ~own_parameters(present, effect.name)
+    values = present.fit.values[others_parameters]
     among = {key: e for key, e in pool.candidates.items() if key.name not in present.effects}
     if not among:
         return {}
@@ -134,7 +134,7 @@ def _yardstick(selection: Selection) -> tuple[Float[Tensor, "3 3"], ValidatedFit
 
 
 def _as_good(chosen: ValidatedFit, other: ValidatedFit, rival: Rival, thresholds: Thresholds) -> bool:
-    """Whether another model is no worse by more than chance, or by what a form may make."""
+    """Tell whether another model is worse by no more than chance, or by no more than a wrong form may make."""
     harm = other.mean_error / chosen.mean_error - 1
     if rival.similarity >= thresholds.fit.collinearity and harm < thresholds.form_error:
         return True

@@ -7,7 +7,7 @@
     Remainder       the part of the residual that Gaussian processes still predict
     Sample          the trials of a large table that were diagnosed, and the test of the answer on all others
 
-All errors are mass errors (dimensionless), on held-out trials where nothing else is said.  Arrays by trial and fitted
+All errors are mass errors (dimensionless), on held-out trials unless stated otherwise.  Arrays by trial and fitted
 models are no part of the file: they are the `Record` beside it.  No stage of the diagnosis is imported here.
 """
 
@@ -166,12 +166,13 @@ class Diagnosis:
         ladder: law, effect after effect, processes on the residual, noise.
         budget: the error of the law in parts.
         regions: where the law fails, the surest first.
-        equation: the full model with parameters and standard errors, as text.
+        equation: the full model with parameters and standard errors as it prints itself.  It is stored as text because
+            the law or an effect may come from a package that the reader of the file has not installed.
         experiment: drops that separate the effects from their rivals; None without rivals.
         remainder: the predictable part of the residual.
         formulas: for it, the best first.
         choices: every subset of the missing effects.
-        models: laws with effects that the data cannot tell from the chosen model, it among them, by their shares.
+        models: the chosen model and those that the data cannot distinguish from it, by their shares.
         unwanted: candidates of one's own that were tested, and are in no plausible model and no rival.
         frontier: the best model with each number of effects, from none on.
         complete: whether the search came to its own end; if not, its time was up.

@@ -75,7 +75,7 @@ class Improvement:
 
     @property
     def helped(self) -> bool:
-        """Whether the error inside fell beyond chance, and by more than in the rest."""
+        """The error inside fell beyond chance, and by more than in the rest."""
         return self.change.high < 0 and self.excess.high < 0
 
 
@@ -153,7 +153,7 @@ class Rung:
 
 @dataclass(frozen=True, kw_only=True)
 class PlausibleModel:
-    """A law with effects that the data cannot tell from the chosen model, and its share of all belief."""
+    """A law with effects that the data cannot distinguish from the chosen model, and its share of all belief."""
 
     law: str
     effects: tuple[EffectId, ...]

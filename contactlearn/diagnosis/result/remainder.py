@@ -52,7 +52,7 @@ class Coefficient(StrEnum):
 
 
 class LaggedVariable(StrEnum):
-    """What a trial may depend on that is no part of its own state: its place in the sequence, or impacts before it.
+    """A variable that is no part of a trial's own state: its place in the sequence, or a quantity of earlier impacts.
 
     Impulses are those that the model predicts; slip, spin and tangential impulse count with their signs, their sizes
     without.  Of a place it is the number of earlier impacts near it.
@@ -75,11 +75,11 @@ class SerialDependence:
     """A dependence of what remains on the sequence of the trials, which no effect of the model explains.
 
     Args:
-        coefficient: of the law, which varies from trial to trial; None where it is told in the velocities alone.
-        follows: what it follows.
+        coefficient: of the law, which varies from trial to trial; None where only the velocities depend.
+        variable: the variable that it depends on.
         trials: over which neighbours resemble each other, of the period, or impacts that are remembered.
         p_value: of independence, over all coefficients, times scales, periods and quantities of earlier impacts.
-        share: of the held-out residual, in units of its scatter, that is taken away by a coefficient that follows it.
+        share: of the held-out residual, in units of its scatter, that such a coefficient takes away.
         large: whether that share is so high that something unknown must be missing.
         width: in m, standard deviation, of a place that earlier impacts were near; None of anything else.
     """
@@ -105,7 +105,7 @@ class StateDependence:
         large: whether that share is so high that something unknown must be missing.
         form_of: an effect of the model with the same coefficient as a function of the same variable, whose form is not
             nature's then; it is not unknown.
-        superseded_effects: effects of a larger model that predicts no better; they would stand for it.
+        superseded_effects: proxy effects: those of a larger model that predicts no better.
     """
 
     coefficient: Coefficient | None
@@ -121,7 +121,7 @@ class StateDependence:
 class Remainder:
     """The part of the model's held-out error that Gaussian processes on its residual take away.
 
-    `share` is the relative fall of the mean error, at or below 0 where there is nothing to learn; `components` are
+    `share` is the relative reduction of the mean error, at or below 0 where there is nothing to learn; `components` are
     the named ones, by their reduction of the error; `variables` the symbols that they depend on; `large` whether the
     share is so high that something unknown must be missing; `state_dependence` and `serial_dependence` describe what
     remains as a function of the state and of the sequence.
@@ -137,17 +137,17 @@ class Remainder:
 
     @property
     def found(self) -> bool:
-        """Whether the residual is predictable beyond chance, from the state or from the sequence."""
+        """The residual is predictable beyond chance, from the state or from the sequence."""
         return self.predictable or self.serial_dependence is not None or self.state_dependence is not None
 
     @property
     def predictable(self) -> bool:
-        """Whether Gaussian processes of the state and the order predict a part of it beyond chance."""
+        """Gaussian processes of the state and the order predict a part of it beyond chance."""
         return bool(self.components) and self.share.low > 0
 
     @property
     def unknown(self) -> bool:
-        """Whether so much is predictable that something unknown must be missing."""
+        """So much is predictable that something unknown must be missing."""
         return self.large or any(
             one is not None and one.large for one in (self.serial_dependence, self.state_dependence)
         )
@@ -155,7 +155,7 @@ class Remainder:
 
 @dataclass(frozen=True, kw_only=True)
 class Formula:
-    """One or two terms that are added to a component of the wrench, each times a coefficient c1, c2.
+    """A sum of one or two terms, each times a coefficient c1, c2, that is added to a component of the wrench.
 
     Args:
         component: of the wrench.

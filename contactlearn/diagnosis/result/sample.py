@@ -27,7 +27,7 @@ class Answer:
     error: Interval
 
     def agrees(self, other: "Answer") -> bool:
-        """Whether law, names and verdict are the same; the forms of the effects need not be."""
+        """Tell whether law, names and verdict are the same; the forms of the effects may differ."""
         mine, theirs = ({effect.name for effect in one.effects} for one in (self, other))
         return mine == theirs and (self.law, self.physics) == (other.law, other.physics)
 

@@ -75,7 +75,7 @@ def follows_order(effect: Effect, impacts: Impacts) -> bool:
 
 
 def _sees_outcomes(effect: Effect, impacts: Impacts) -> bool:
-    """Whether its prediction changes once the outcomes of the trials are exchanged."""
+    """Tell whether its prediction changes once the outcomes of the trials are exchanged."""
     other = impacts.replace(v_post=1.1 * impacts.v_post.flip(0), validate=False)
     return not torch.equal(_nudged(effect.prepare(impacts), impacts), _nudged(effect.prepare(other), impacts))
 

@@ -69,11 +69,11 @@ def fit_choices(
     outcomes, errors = {}, {}
     for choice in progress(range(full, -1, -1)):
         left_out = {effect.name for j, effect in enumerate(effects) if not choice >> j & 1}
-        kept = {name: effect for name, effect in model.effects.items() if name not in left_out}
-        fit = identify_jointly(law, kept, sample, options=options, start=start[choice])
+        left = {name: effect for name, effect in model.effects.items() if name not in left_out}
+        fit = identify_jointly(law, left, sample, options=options, start=start[choice])
         owner = [p.name.rpartition(".")[0] for p in fit.parameters]
         for j, effect in enumerate(effects):
-            if effect.name in kept:
+            if effect.name in left:
                 others = torch.tensor([one != effect.name for one in owner])
                 start.setdefault(choice - 2**j, fit.values[others])
         prediction = fit.model.predict(impacts)

@@ -29,7 +29,7 @@ Neighbours = Callable[[frozenset[Group], Sequence[Group]], Iterator[frozenset[Gr
 
 _BEAM, _OF_A_LAW = 4, 2  # at most, models of a size from which the next is grown
 HOPELESS = 0.5
-"""Nats a trial behind the best beyond which a law is not followed."""
+"""Nats a trial behind the best beyond which a law is given up."""
 _SAME = 2.0  # nats between laws that agree on the data
 _IDENTICAL = 1e-6  # nats between laws that predict the same
 _FITTED = 4  # sets that are fitted of each expansion
@@ -77,7 +77,7 @@ class Search:
 
     @property
     def late(self) -> bool:
-        """Whether the time is up."""
+        """The time is up."""
         return time.monotonic() > self.end
 
     def run(self, progress: Callable[[Iterable[int]], Iterable[int]] = iter) -> bool:

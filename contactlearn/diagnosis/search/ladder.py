@@ -24,8 +24,8 @@ from contactlearn.inference.evaluation.metrics import outside_admissible
 from contactlearn.inference.validation import ValidatedFit, held_out_interval
 
 COEFFICIENTS = (-0.32, 0.37, 2.15, -9.75)
-"""Of `regressors`, fitted by `benchmarks/blind/calibrate.py`."""
-_FULL = 0.995  # a share beyond which no set of models is large enough to tell
+"""Coefficients of `regressors`, fitted by `benchmarks/blind/calibrate.py`."""
+_FULL = 0.995  # a share beyond which no set of models is large enough
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -51,7 +51,7 @@ class Plausible:
 
 
 def plausible_models(pool: Pool, chosen: ScoredFit, window: float, generator: torch.Generator) -> tuple[Plausible, ...]:
-    """Find the models that the data cannot tell from a chosen one, that one among them, by their shares.
+    """Find the models that the data cannot distinguish from a chosen one, that one among them, by their shares.
 
     Args:
         pool: of fitted models.
@@ -73,7 +73,7 @@ def inclusion(models: Sequence[Plausible], effect: EffectId) -> float:
 
 
 def _part(other: ScoredFit, model: ScoredFit) -> bool:
-    """Whether another model is a part of a model and scores no worse."""
+    """Tell whether another model is a part of a model and scores no worse."""
     smaller = other.spec.law == model.spec.law and other.spec.effects < model.spec.effects
     return smaller and other.score <= model.score
 
@@ -108,7 +108,7 @@ class Selection:
         spec: of the chosen model.
         base: its law with the given effects.
         present: the chosen model.
-        plausible: models that the data cannot tell from it.
+        plausible: models that the data cannot distinguish from it.
         complete: whether the search came to its own end.
     """
 
@@ -122,7 +122,7 @@ class Selection:
 
     @property
     def law(self) -> Law:
-        """The law of the chosen model; its own μ and ε are of no account."""
+        """The law of the chosen model; its own μ and ε are not used."""
         return self.pool.laws[self.spec.law]
 
     @property
@@ -190,7 +190,7 @@ def select(
     """Choose a law and effects around it.
 
     Args:
-        laws: by name, one or several; their own μ and ε are of no account.
+        laws: by name, one or several; their own μ and ε are not used.
         impacts: measurements.
         candidates: by identity; `usable` ones.
         folds: of the cross-validation.
@@ -299,7 +299,7 @@ def _best_of(pool: Pool, sizes: Container[int]) -> ScoredFit:
 def _worth_a_name(
     without: ValidatedFit, whole: ValidatedFit, base: float, thresholds: Thresholds, effects: int = 1
 ) -> bool:
-    """Whether effects bring more than chance, enough, and enough beside the others; each of several its share."""
+    """Tell whether effects gain more than chance, enough, and enough beside the others, each of several its share."""
     gain, error = paired_gain(without, whole)
     fall, together = without.mean_error - whole.mean_error, base - whole.mean_error
     enough = min(thresholds.minor_share * together, thresholds.form_error * without.mean_error)

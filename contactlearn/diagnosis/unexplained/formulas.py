@@ -122,7 +122,7 @@ class Library:
         return [first, self.terms[second[0]]] if len(pair) == 2 and second and self._clear(y, pair, second[0]) else []
 
     def _clear(self, y: Float[Tensor, " n"], which: list[int], last: int) -> bool:
-        """Whether chance gives the last of these terms such a coefficient in fewer libraries than is allowed."""
+        """Tell whether chance rarely enough gives the last of these terms such a coefficient."""
         columns, own = self.columns[:, which], self.columns[:, last]
         residual = y - columns @ torch.linalg.lstsq(columns, y[:, None]).solution[:, 0]
         others = self.columns[:, [k for k in which if k != last]]

@@ -45,7 +45,7 @@ if TYPE_CHECKING:  # GPyTorch takes long to load
 _INPUTS = ("m", "I", "rx", "ry", "x", "y", "theta", "vx", "vy", "omega", "order")
 _COMPONENTS = tuple(WrenchComponent)
 _GROSS = 8.0  # robust standard deviations, or medians, beyond which a residual is left out or curbed
-_TRIALS = 450  # of a fold that are learnt from, at most
+_TRIALS = 450  # of a fold that the processes are fitted to, at most
 _RESAMPLES = 2000
 _LEAST_R_SQUARED = 0.04  # of a component that is named
 FUNCTION_OF = 0.85
@@ -139,7 +139,7 @@ def learn_remainder(
     Args:
         impacts: measurements.
         model: fitted to these impacts, without leading axes.
-        folds: to learn from and to hold out; all are learnt at once.
+        folds: trials to fit and to hold out; all folds are fitted at once.
         generator: of the permutations and the bootstrap.
         inliers: trials that are no gross outliers, see `JointFit`; if None, those without a component beyond several
             robust standard deviations.
@@ -207,7 +207,7 @@ def _tested(
     counted: Bool[Tensor, " n"],
     thresholds: Thresholds,
 ) -> ComponentTest:
-    """The prediction of one component where it was not learnt."""
+    """Test the held-out prediction of one component."""
     k = _COMPONENTS.index(name)
     r_squared, error = _r_squared(learned.folds, residual[:, k], learned.wrench[..., k], counted)
     return ComponentTest(
@@ -226,13 +226,13 @@ def inlier_mask(residual: Float[Tensor, "n 3"]) -> Bool[Tensor, " n"]:
 
 
 def is_significant(r_squared: float, standard_error: float, thresholds: Thresholds) -> bool:
-    """Whether a component with this R² can be named: it is both large and certain."""
+    """Tell whether a component with this R² can be named: it is both large and certain."""
     certain = r_squared > thresholds.certain_sigmas * standard_error
     return r_squared > _LEAST_R_SQUARED and certain
 
 
 def _rows(folds: Folds, inliers: Bool[Tensor, " n"]) -> Int[Tensor, "b m"]:
-    """Of each fold's fitted rows as many inliers as every fold has, in their random order."""
+    """Choose as many inliers of each fold's fitted rows as every fold has, in their random order."""
     rows = [part[inliers[part]] for part in folds.fitted]
     size = min(_TRIALS, *map(len, rows))
     return torch.stack([part[:size] for part in rows])
@@ -257,7 +257,7 @@ def _r_squared(
 def relative_error_reduction(
     before: Float[Tensor, " n"], error: Float[Tensor, " n"], generator: torch.Generator
 ) -> Interval:
-    """Compute the relative fall of the mean error with its 95 % paired bootstrap interval."""
+    """Compute the relative reduction of the mean error with its 95 % paired bootstrap interval."""
     before, error = before + _ROUNDING, error + _ROUNDING
     rows = torch.randint(len(before), (_RESAMPLES, len(before)), generator=generator)
     falls = 1 - error[rows].mean(-1) / before[rows].mean(-1)

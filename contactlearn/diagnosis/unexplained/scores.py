@@ -107,7 +107,7 @@ def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
         return torch.zeros(len(impacts), 0, dtype=torch.float64)
     state = State.of(impacts)
     theta, bodies = state.theta, {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
-    told = [
+    parts = [
         state.v_n,
         state.v_t,
         state.v_t.abs(),
@@ -116,8 +116,8 @@ def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
         *(f(k * theta) for f in (torch.sin, torch.cos) for k in (1, 2)),
     ]
     if 1 < len(bodies) <= _BODIES:
-        told += one_hot(torch.tensor([bodies[name] for name in impacts.object])).to(torch.float64).unbind(-1)
-    columns = torch.stack(told, -1)
+        parts += one_hot(torch.tensor([bodies[name] for name in impacts.object])).to(torch.float64).unbind(-1)
+    columns = torch.stack(parts, -1)
     return (columns - columns.mean(0)) / columns.std(0).clamp_min(1e-12)
 
 
@@ -134,11 +134,11 @@ def _projected(reach: Float[Tensor, "n 3 q"], columns: Float[Tensor, "n 3 k"]) -
     return (flat @ (flat.mT @ columns.flatten(0, 1))).unflatten(0, (-1, 3))
 
 
-_TOLD = 1.0  # standard errors of a sum over all trials that dilution may amount to
+_NOTICEABLE = 1.0  # standard errors of a sum over all trials that dilution may amount to
 
 
 def attenuation_regressors(impacts: Impacts, fit: JointFit, options: FitOptions) -> Float[Tensor, "n 3 k"]:
-    """Compute whitened changes of v_post by errors that v_pre tells; none where its noise is known to the fit.
+    """Compute the whitened changes of v_post by errors of v_pre (regression dilution); none if their size is known.
 
     Components of v_pre count whose errors, if as large as the residual, could be seen over so many trials.
     """
@@ -146,12 +146,12 @@ def attenuation_regressors(impacts: Impacts, fit: JointFit, options: FitOptions)
     if options.known(impacts).noise is not None or options.target != "velocity":
         return none
     centred = impacts.v_pre - impacts.v_pre.mean(0)
-    told = len(impacts) * fit.scatter.diagonal() > _TOLD**2 * centred.square().mean(0)
-    if not told.any():
+    noticeable = len(impacts) * fit.scatter.diagonal() > _NOTICEABLE**2 * centred.square().mean(0)
+    if not noticeable.any():
         return none
     model, own = fit.model, [part.clone().requires_grad_() for part in impacts.v_pre.unbind(-1)]
     with torch.enable_grad():
         state = State.of(impacts).replace(v_pre=torch.stack(own, -1))
         slope = derivative(resolve(model.law, model.effects, state, *model.law.coefficients).v_post, own)
-    columns = (slope[:, :, told, None] * (centred / centred.std(0).clamp_min(1e-300))[:, None, None]).flatten(2)
+    columns = (slope[:, :, noticeable, None] * (centred / centred.std(0).clamp_min(1e-300))[:, None, None]).flatten(2)
     return torch.linalg.solve_triangular(torch.linalg.cholesky(fit.scatter), columns, upper=False)

@@ -48,8 +48,8 @@ _WIDTHS, _BINS = (0.03, 0.12), 128  # of a place, standard deviations in the ran
 _LASTING = (1.0, 0.9)  # of the memory of a place, from trial to trial: of all earlier impacts, of about ten
 _NUMBERS = 1_000_000  # of scores with flipped signs at once
 _COEFFICIENTS = tuple(Coefficient)
-_FEWEST = 40  # trials below which nothing is said
-_STRETCH = 560  # trials that are learnt from and held out, at most: as many as follow one another
+_FEWEST = 40  # trials below which nothing is tested
+_STRETCH = 560  # consecutive trials that processes are fitted to and tested on, at most
 _TRIED = 4  # associations, the most significant ones
 _PLACES = 4.0  # trials in the unit of length of processes over the place, whose lengths begin at 7 and at 49 trials
 
@@ -64,9 +64,9 @@ class Memory(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Association:
-    """What the sequence seems to tell of a coefficient, or of the velocities, and the p-value of that among all.
+    """A significant association of a coefficient, or of the velocities if it is None, with a lagged variable.
 
-    `values` [n] of what is followed are in the sequence: places, phases in rad, or standardised quantities.
+    `values` [n] of the variable are in the sequence: places, phases in rad, or standardised quantities.
     """
 
     coefficient: Coefficient | None
@@ -76,7 +76,7 @@ class Association:
 
     @property
     def variable(self) -> LaggedVariable:
-        """What is followed."""
+        """The lagged variable."""
         return self.memory.variable
 
 
@@ -88,7 +88,7 @@ def histories(impacts: Impacts, prediction: Prediction) -> dict[Memory, Float[Te
         prediction: of them, for the impulses.
     """
     state, wrench = State.of(impacts), prediction.wrench
-    told = {
+    values = {
         LaggedVariable.NORMAL_SPEED: state.v_n.abs(),
         LaggedVariable.NORMAL_IMPULSE: wrench[:, 1],
         LaggedVariable.SLIP: state.v_t,
@@ -98,11 +98,11 @@ def histories(impacts: Impacts, prediction: Prediction) -> dict[Memory, Float[Te
         LaggedVariable.TANGENTIAL_IMPULSE: wrench[:, 0],
     }
     gaps = impacts.order.diff()
-    follows = torch.cat((torch.zeros(1, dtype=torch.bool), gaps <= 1.5 * gaps.median()))
+    consecutive = torch.cat((torch.zeros(1, dtype=torch.bool), gaps <= 1.5 * gaps.median()))
     found = {
-        Memory(name, 1 / (1 - decay)): torch.where(follows, _remembered(x, decay), 0.0)
+        Memory(name, 1 / (1 - decay)): torch.where(consecutive, _remembered(x, decay), 0.0)
         for decay in _DECAYS
-        for name, x in told.items()
+        for name, x in values.items()
         if x.std() > 1e-9 * x.abs().max()
     }
     return found | _visited(state)
@@ -111,10 +111,10 @@ def histories(impacts: Impacts, prediction: Prediction) -> dict[Memory, Float[Te
 def screen_associations(
     scores: Scores, history: Mapping[Memory, Float[Tensor, " n"]], level: float
 ) -> tuple[float, tuple[Association, ...]]:
-    """Compute the p-value of independence, and what refutes it at the level, the most surprising first."""
-    signs, told = random_signs(len(scores)), _told(scores, history)
+    """Compute the p-value of independence, and the associations that refute it at the level, most significant first."""
+    signs, terms = random_signs(len(scores)), _lagged_terms(scores, history)
     size = max(1, _NUMBERS // len(scores))
-    parts = [_statistics(scores, told, some) for some in signs.split(size)]
+    parts = [_statistics(scores, terms, some) for some in signs.split(size)]
     spread, peak, frequency, memory = (torch.cat(part) for part in zip(*parts, strict=True))
     neg_log_p = torch.cat((gamma_neg_log_p(spread), gumbel_neg_log_p(peak), normal_neg_log_p(memory)), 1).nan_to_num(
         0.0
@@ -134,16 +134,16 @@ def screen_associations(
 
 
 def _statistics(
-    scores: Scores, told: Float[Tensor, "n v"], signs: Float[Tensor, "flips n"]
+    scores: Scores, terms: Float[Tensor, "n v"], signs: Float[Tensor, "flips n"]
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Spread of windows [flips, 2 widths], peak of the periodogram and its frequency [flips, 2], sums [flips, v]."""
     flipped, n = scores.flipped(signs), len(scores)
     power = torch.fft.rfft(flipped, 2 * n, dim=1).abs().square()[:, 2:] / flipped.square().sum(1, keepdim=True)
     peak, place = power.max(1)
-    return window_spread(flipped).mT.flatten(1), peak, (place + 2) / (2 * n), signs @ told
+    return window_spread(flipped).mT.flatten(1), peak, (place + 2) / (2 * n), signs @ terms
 
 
-def _told(scores: Scores, history: Mapping[Memory, Tensor]) -> Float[Tensor, "n v"]:
+def _lagged_terms(scores: Scores, history: Mapping[Memory, Tensor]) -> Float[Tensor, "n v"]:
     """Terms of the sums of scores and residuals times each quantity, by trial."""
     alike = torch.eye(3, dtype=torch.float64).expand(len(scores), 3, 3)
     kinds = torch.cat((scores.slope, alike), -1)  # μ, ε, and the three velocities
@@ -169,14 +169,14 @@ def _sequential(scores: Scores, widths: int, frequency: Float[Tensor, "2"]) -> I
 
 
 def _historical(history: Mapping[Memory, Tensor]) -> Iterator[_Name]:
-    """Quantities of earlier impacts, each for all that may follow it."""
+    """Quantities of earlier impacts, each with every coefficient that may depend on it."""
     for memory, values in history.items():
         for kind in _kinds(memory):
             yield kind, memory, values
 
 
 def _kinds(memory: Memory) -> tuple[Coefficient | None, ...]:
-    """What may follow so many impacts: coefficients; and of one impact, which no drift resembles, three velocities."""
+    """Coefficients; for a single earlier impact, which no drift resembles, three velocities as well."""
     return (*_COEFFICIENTS, None, None, None) if memory.trials == 1 else _COEFFICIENTS
 
 
@@ -224,13 +224,13 @@ def _earlier(x: Float[Tensor, "n *k"], decay: float) -> Float[Tensor, "n *k"]:
 def find_serial_dependence(
     impacts: Impacts, fit: JointFit, options: FitOptions, thresholds: Thresholds = Thresholds()
 ) -> SerialDependence | None:
-    """Find what the sequence of the trials tells of a fitted model's remainder; None where it tells nothing.
+    """Find the serial dependence of a fitted model's remainder; None without any.
 
     Args:
         impacts: measurements, whose errors are independent.
-        fit: of a law with effects to all of them.
-        options: of the fit.
-        thresholds: of the level, and of what is large.
+        fit: fit of a law with effects to all of them.
+        options: options of the fit.
+        thresholds: level of the test, and size of a large share.
     """
     if len(impacts) < _FEWEST:
         return None
@@ -260,7 +260,7 @@ def find_serial_dependence(
 def _best(
     model: VaryingCoefficientModel, stretch: slice, found: Sequence[Association]
 ) -> tuple[Coefficient | None, Association, Interval, float] | None:
-    """What takes most of the error away; None where nothing does, or where velocities that drift take more."""
+    """Fit every association and return the best; None if none helps, or if velocities that drift predict more."""
     drift = model.velocities(_inputs(replace(found[0], memory=Memory(LaggedVariable.ORDER, 1.0)))[stretch])
     tried: list[tuple[Coefficient | None, Association, VaryingCoefficientFit]] = []
     for one in found:
@@ -289,7 +289,7 @@ def _scale(association: Association, fit: VaryingCoefficientFit) -> float:
 
 
 def _inputs(association: Association) -> Float[Tensor, "n d"]:
-    """Inputs of a process over what is followed."""
+    """Inputs of a process over the lagged variable."""
     if association.variable is LaggedVariable.PERIOD:
         return torch.stack((association.values.cos(), association.values.sin()), -1)
     if association.variable is LaggedVariable.ORDER:

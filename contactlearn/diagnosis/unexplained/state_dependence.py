@@ -38,17 +38,17 @@ ANGLE, BODY, PLACE = "theta", "object", "x"
 _ALONE = 16  # cosines over a variable alone
 _TOGETHER = {PLACE: 8}  # of a variable in a product; floors have stripes
 _FEW = 4  # of all other variables
-_BODIES = 10  # at most, to be told apart
+_BODIES = 10  # at most, that have a function each
 _KINDS = (*Coefficient, None, None, None)  # that may depend on the state: coefficients, whitened velocities
-_FEWEST, _BLOCKS = 40, 20  # trials, and blocks of them, below which nothing is said
-_LEARNT = 560  # trials that are learnt from and held out, at most
+_FEWEST, _BLOCKS = 40, 20  # trials, and blocks of them, below which nothing is tested
+_TRIALS = 560  # trials that processes are fitted to and tested on, at most
 _TRIED = 3  # associations, the most significant ones
 _UNION = 3  # variables of their union, at most
 
 
 @dataclass(frozen=True, kw_only=True)
 class StateAssociation:
-    """What the state seems to tell of a coefficient, or of the velocities where that is None.
+    """A significant association of a coefficient, or of the velocities if it is None, with variables of the state.
 
     Args:
         coefficient: of the law.
@@ -64,10 +64,10 @@ class StateAssociation:
 def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
     """Compute columns of each variable that varies: (cos θ, sin θ), each body alone, the others standardised."""
     state, names = State.of(impacts), list(dict.fromkeys(impacts.object))
-    told = {"vn": state.v_n, "vt": state.v_t, "omega": state.omega, PLACE: state.x}
+    values = {"vn": state.v_n, "vt": state.v_t, "omega": state.omega, PLACE: state.x}
     found = {
         name: ((value - value.mean()) / value.std())[:, None]
-        for name, value in told.items()
+        for name, value in values.items()
         if value.std() > 1e-9 * value.abs().max()
     }
     circle = torch.stack((state.theta.cos(), state.theta.sin()), -1)
@@ -81,26 +81,25 @@ def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
 def screen_state_associations(
     scores: Scores, among: Mapping[str, Float[Tensor, "n c"]], level: float, block: int = 1
 ) -> tuple[float, tuple[StateAssociation, ...]]:
-    """Compute the p-value of independence, and what refutes it at the level, the most surprising first.
+    """Compute the p-value of independence, and the associations that refute it at the level, most significant first.
 
     Residuals of so many neighbouring trials, a `block`, may resemble each other: they have one random sign.
     """
     signs = random_signs(math.ceil(len(scores) / block)).repeat_interleave(block, 1)[:, : len(scores)]
     groups = list(_functions(among))
     alike = torch.eye(3, dtype=torch.float64).expand(len(scores), 3, 3)
-    channels, found, told = torch.cat((scores.slope, alike), -1), list[StateAssociation](), list[Tensor]()
+    channels, found, largest = torch.cat((scores.slope, alike), -1), list[StateAssociation](), list[Tensor]()
     for orders, functions in groups:
         for kind, channel in zip(_KINDS, channels.unbind(-1), strict=True):
             free = scores.free(channel[..., None] * (functions - functions.mean(0))[:, None])
             sums = signs @ (free * scores.residual[..., None]).sum(1)
             z = sums / sums.square().mean(0).sqrt().clamp_min(1e-300)
             each, together = normal_neg_log_p(sums), gamma_neg_log_p(z.square().sum(1, keepdim=True))
-            told.append(torch.cat((each, together), 1).nan_to_num(0.0).amax(1))
+            largest.append(torch.cat((each, together), 1).nan_to_num(0.0).amax(1))
             strongest = orders[int(each[0].argmax())]
-            found.append(StateAssociation(coefficient=kind, orders=strongest, neg_log_p=told[-1][0].item()))
-    neg_log_p = torch.stack(told, 1)
-    largest = neg_log_p.amax(1)
-    chance, enough = exceedance(largest), largest[1:].quantile(1 - level).item()
+            found.append(StateAssociation(coefficient=kind, orders=strongest, neg_log_p=largest[-1][0].item()))
+    overall = torch.stack(largest, 1).amax(1)
+    chance, enough = exceedance(overall), overall[1:].quantile(1 - level).item()
     if chance > level:
         return chance, ()
     return chance, tuple(sorted((one for one in found if one.neg_log_p > enough), key=lambda one: -one.neg_log_p))
@@ -171,17 +170,16 @@ def find_state_dependence(
     thresholds: Thresholds = Thresholds(),
     block: int = 1,
 ) -> StateDependence | None:
-    """Find what the trials' own state tells of a fitted model's remainder; None where it tells nothing.
+    """Find the dependence of a fitted model's remainder on the state of the trials; None without any.
 
-    A model has its effects for what they are worth.  What one with more of them does not show is explained by known
-    effects, too small for a name.
+    A dependence that the best-scoring model does not leave is explained by known effects that are too small for a name.
 
     Args:
         impacts: measurements, in the sequence of their order.
-        fit: of a law with effects to all of them.
-        best: of the law and effects with the best score, the same or another one.
-        options: of the fits.
-        thresholds: of the level, and of what is large.
+        fit: fit of a law with effects to all of them.
+        best: fit of the law and effects with the best score, the same or another one.
+        options: options of the fits.
+        thresholds: level of the test, and size of a large share.
         block: neighbouring trials whose errors may resemble each other.
     """
     ask = partial(
@@ -189,7 +187,7 @@ def find_state_dependence(
         impacts,
         options=options,
         level=thresholds.dependence_level,
-        trials=_LEARNT,
+        trials=_TRIALS,
         block=block,
     )
     found = ask(fit)
@@ -205,7 +203,7 @@ def find_state_dependence(
 def fit_state_dependence(
     impacts: Impacts, fit: JointFit, options: FitOptions, level: float, trials: int, block: int = 1
 ) -> StateDependenceFit | None:
-    """Learn what the state tells of the remainder of a model from so many trials; None where it tells nothing."""
+    """Fit the remainder of a model over the state, on so many trials; None where it does not depend on it."""
     if len(impacts) < max(_FEWEST, _BLOCKS * block):
         return None
     scores = Scores.of_state(impacts, fit, options, block)

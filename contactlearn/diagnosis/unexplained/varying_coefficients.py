@@ -1,9 +1,10 @@
-"""Processes that learn a coefficient, or velocities, over given inputs, and the held-out residual with them.
+"""Varying coefficients: processes that learn a law coefficient, or velocities, over given inputs.
 
-Each trial tells of a coefficient by δ_k = s_kᵀ e_k / s_kᵀ s_k, with the variance 1/(s_kᵀ s_k).  A Gaussian process
-learns δ over the inputs; the law with the coefficients so predicted is tested on the trials held out.  So are processes
-that add to the velocities alike, whatever the impact.  The share that is taken away is of the mean size of the residual
-in units of its scatter: friction moves few trials, and those in the spin, which the mass error hardly counts.
+Each trial estimates the change of a coefficient as δ_k = s_kᵀ e_k / s_kᵀ s_k, with the variance 1/(s_kᵀ s_k).  A
+Gaussian process learns δ over the inputs, and the law with the predicted coefficients is tested on held-out trials.  So
+are processes that add to the velocities, whatever the impact.  The share is the relative reduction of the mean size of
+the residual in units of its scatter: friction moves few trials, and mostly their spin, which barely counts in the mass
+error.
 """
 
 from collections.abc import Callable
@@ -27,14 +28,14 @@ from contactlearn.models.contact_model import predict_with
 if TYPE_CHECKING:  # GPyTorch takes long to load
     from contactlearn.models.gp.exact import ExactGPs
 
-_TELLING = 0.02  # of the mean information of a trial, below which it does not tell of a coefficient
+_INFORMATIVE = 0.02  # of the mean information of a trial, below which it does not inform a coefficient
 
 
 @dataclass(frozen=True)
 class VaryingCoefficientFit:
-    """The fall of the held-out residual by what was learnt, and the processes of each fold, of one output or three.
+    """A fitted varying coefficient: its relative reduction of the held-out residual, and the processes of each fold.
 
-    `x` are the inputs of the trials held out, `unit` that of each output, `v_post` the held-out predictions.
+    `x` are the inputs of the trials held out, `unit` the unit of each output, `v_post` the held-out predictions.
     """
 
     share: Interval
@@ -44,18 +45,18 @@ class VaryingCoefficientFit:
     unit: Float[Tensor, "b 1 o"]
 
     def at(self, x: Float[Tensor, "b m d"]) -> Float[Tensor, "b m o"]:
-        """Predict the outputs in their units, but for a constant."""
+        """Predict the outputs in their units, up to a constant."""
         return self.unit * self.gps.mean(x).mT
 
 
 @dataclass(frozen=True)
 class VaryingCoefficientModel:
-    """Trials, their folds, and what each trial tells of the coefficients."""
+    """Trials, their folds, and the estimate `delta` of both coefficients' change by each trial with its information."""
 
     impacts: Impacts
     fit: JointFit
     folds: Folds
-    told: Float[Tensor, "n 2"]
+    delta: Float[Tensor, "n 2"]
     information: Float[Tensor, "n 2"]
     inliers: Bool[Tensor, " n"]
 
@@ -66,26 +67,26 @@ class VaryingCoefficientModel:
         """Take some rows of the impacts in the order of their scores."""
         slope, residual = scores.slope[rows], scores.residual[rows]
         information = slope.square().sum(1)
-        told = (slope * residual[..., None]).sum(1) / information.clamp_min(1e-300)
+        delta = (slope * residual[..., None]).sum(1) / information.clamp_min(1e-300)
         folds = Folds.draw(len(slope), torch.Generator().manual_seed(0), repeats=1)
-        return cls(ordered[rows], fit, folds, told, information, fit.inliers[scores.rows][rows])
+        return cls(ordered[rows], fit, folds, delta, information, fit.inliers[scores.rows][rows])
 
     def coefficient(self, which: Coefficient, x: Float[Tensor, "n d"]) -> VaryingCoefficientFit:
         """Let a coefficient depend on the inputs."""
         k, law = tuple(Coefficient).index(which), self.fit.model.law
         known = self.information[:, k]
-        telling = self.inliers & (known > _TELLING * known.mean())
-        weight = (known / known[telling].median())[:, None]
-        change, learnt = self._learnt(x, self.told[:, k : k + 1], weight, telling)
+        informative = self.inliers & (known > _INFORMATIVE * known.mean())
+        weight = (known / known[informative].median())[:, None]
+        change, make_fit = self._fit_processes(x, self.delta[:, k : k + 1], weight, informative)
         values = torch.stack([part.expand(len(self.impacts)) for part in law.coefficients], -1).clone()
         values[:, k] += change[:, 0]
-        return self._tested(predict_with(law, self.impacts, values, self.fit.model.effects).v_post, learnt)
+        return self._validate(predict_with(law, self.impacts, values, self.fit.model.effects).v_post, make_fit)
 
     def velocities(self, x: Float[Tensor, "n d"]) -> VaryingCoefficientFit:
         """Let the velocities after impact depend on the inputs, whatever the impact."""
         residual = self.impacts.v_post - self.v_post
-        change, learnt = self._learnt(x, residual, torch.ones_like(residual), self.inliers)
-        return self._tested(self.v_post + change, learnt)
+        change, make_fit = self._fit_processes(x, residual, torch.ones_like(residual), self.inliers)
+        return self._validate(self.v_post + change, make_fit)
 
     @property
     def v_post(self) -> Float[Tensor, "n 3"]:
@@ -103,24 +104,24 @@ class VaryingCoefficientModel:
         root = torch.linalg.cholesky(robust_covariance(base))
         return torch.linalg.solve_triangular(root, left.mT, upper=False).norm(dim=1)
 
-    def _tested(
-        self, v_post: Float[Tensor, "n 3"], learnt: Callable[[Interval, Tensor], VaryingCoefficientFit]
+    def _validate(
+        self, v_post: Float[Tensor, "n 3"], make_fit: Callable[[Interval, Tensor], VaryingCoefficientFit]
     ) -> VaryingCoefficientFit:
-        """What was learnt with the fall of the held-out residual by it."""
+        """Complete a fit with its relative reduction of the held-out residual."""
         before, after = self.errors(self.v_post, v_post)
-        return learnt(relative_error_reduction(before, after, torch.Generator().manual_seed(0)), v_post)
+        return make_fit(relative_error_reduction(before, after, torch.Generator().manual_seed(0)), v_post)
 
-    def _learnt(
+    def _fit_processes(
         self,
         x: Float[Tensor, "n d"],
         y: Float[Tensor, "n o"],
         weight: Float[Tensor, "n o"],
-        telling: Bool[Tensor, " n"],
+        informative: Bool[Tensor, " n"],
     ) -> tuple[Float[Tensor, "n o"], Callable[[Interval, Tensor], VaryingCoefficientFit]]:
-        """Learn y over the inputs; its value on held-out trials."""
+        """Fit processes of y over the inputs; return their held-out predictions, and a constructor of the fit."""
         from contactlearn.models.gp.exact import ExactGPs
 
-        rows = [part[telling[part]] for part in self.folds.fitted]
+        rows = [part[informative[part]] for part in self.folds.fitted]
         size = min(map(len, rows))
         rows = torch.stack([part[:size] for part in rows])
         mean = (weight[rows] * y[rows]).sum(1, keepdim=True) / weight[rows].sum(1, keepdim=True)
