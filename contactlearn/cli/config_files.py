@@ -1,7 +1,7 @@
-"""The shipped configuration files: which settings and choices there are, and what a misspelt one was meant to be.
+"""The shipped configuration files: the settings and choices that exist, and the nearest one to a misspelt name.
 
 A setting that no file declares is refused, also after a `+`, by which Hydra would accept and the program ignore it.
-What holds entries by name (`effect`, `model` …) is open: each entry is checked where it is read.
+A part that holds entries by name (`effect`, `model` …) is open: each entry is checked where it is read.
 """
 
 import re
@@ -67,7 +67,7 @@ def check_settings(cfg: DictConfig, command: str) -> None:
 
 
 def explained(error: Exception, command: str, words: Sequence[str]) -> str:
-    """Return Hydra's message on the words of a command in one line; on a setting that is not there with the nearest."""
+    """Return Hydra's error on the words of a command in one line, with the nearest setting for an unknown one."""
     refused = _REFUSED.search(str(error))
     own = refused and re.fullmatch(r"(effect|candidate)\.(\w+)(\..+)?", refused[1])
     if own and f"Key {own[2]!r} is not in struct" in str(error.__cause__):
@@ -78,9 +78,9 @@ def explained(error: Exception, command: str, words: Sequence[str]) -> str:
             others = f"other choices ({', '.join(holders)})" if holders else "other choices"
             return f"{refused[1]} is a setting of {others}, not of these{near}; --help lists all settings"
         return str(_unknown(refused[1], _declared(command) | _data_keys()))
-    said = " ".join(str(error).partition("Config search path")[0].split())
-    unread = any(sign in said for sign in ("Unknown function", "no viable alternative", "mismatched input"))
-    return said + ('; text with brackets, = or the like stands in double quotes: {x: "x (mm)"}' if unread else "")
+    message = " ".join(str(error).partition("Config search path")[0].split())
+    unread = any(sign in message for sign in ("Unknown function", "no viable alternative", "mismatched input"))
+    return message + ('; text with brackets, = or the like stands in double quotes: {x: "x (mm)"}' if unread else "")
 
 
 def _holders(key: str) -> list[str]:

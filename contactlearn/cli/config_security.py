@@ -6,7 +6,7 @@ A `_target_` may name
     a class of a package that announces laws or effects under an entry point: it was installed
     a class that the command line itself names: law._target_=my_module.MyLaw
 
-and nothing else, before anything is imported.  What Hydra itself makes (launchers, sweepers) comes from its plugins;
+and nothing else, before anything is imported.  Hydra's launchers and sweepers come from its plugins;
 its callbacks and settings of the environment are taken from the command line alone, and its logs are logs.
 """
 
@@ -39,7 +39,7 @@ def restrict_targets() -> Generator[None]:
 
     Hydra has no public place for that.  It configures logs, whose settings can name any function to call, and builds
     callbacks, sweeper and launcher before the first event that a callback or a plugin receives; and a sweep composes
-    each job anew.  `load_configuration` is where all of these configurations come from.
+    each job by itself.  `load_configuration` is where all of these configurations come from.
 
     Raises:
         ContactLearnError: see `check_targets`.

@@ -1,4 +1,4 @@
-"""The doors: commands that parse a Hydra configuration and hand it to `contactlearn.cli.commands`.
+"""The commands train, evaluate and diagnose as Hydra starts them: composed configurations, help, errors in one line.
 
 Nothing heavy is imported before a configuration is complete, so `--help` is fast.
 """
@@ -81,11 +81,11 @@ def _load_commands() -> ModuleType:
 
 
 def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
-    """The door of a job: the configuration of its name, from the command line."""
+    """Make a command of a job: the configuration of its name, from the command line."""
     run: Callable[[], None] = hydra.main(version_base="1.3", config_path=CONFIGS, config_name=job.__name__)(job)
 
     @functools.wraps(job)
-    def door() -> None:
+    def run_command() -> None:
         words = sys.argv[1:]
         flags = {word for word in words if word.startswith("-")}
         with graceful_exit(), _one_message(job.__name__):
@@ -97,27 +97,27 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
                 with restrict_targets():
                     run()
 
-    return door
+    return run_command
 
 
 @contextmanager
 def _one_message(command: str) -> Generator[None]:
     """End with one message and status 2 for an error that the user can mend."""
-    asked = os.environ.get(_FULL)
-    os.environ[_FULL] = "1"  # Hydra hands exceptions on, and prints none itself
+    before = os.environ.get(_FULL)
+    os.environ[_FULL] = "1"  # Hydra raises exceptions, and prints none itself
     try:
         yield
     except BrokenPipeError:
         raise
     except (ContactLearnError, HydraException, OmegaConfBaseException, OSError) as error:
-        if asked == "1":
+        if before == "1":
             raise
-        _end(f"error: {_said(error, command)}", 2)
+        _end(f"error: {_in_one_line(error, command)}", 2)
     finally:
-        os.environ.pop(_FULL) if asked is None else os.environ.update({_FULL: asked})
+        os.environ.pop(_FULL) if before is None else os.environ.update({_FULL: before})
 
 
-def _said(error: Exception, command: str) -> str:
+def _in_one_line(error: Exception, command: str) -> str:
     """An error in one line."""
     if isinstance(error, ContactLearnError):
         return str(error)
@@ -134,7 +134,7 @@ def _end(message: str, status: int) -> None:
 
 
 def _help(config_name: str, overrides: list[str]) -> str:
-    """What Hydra prints for `--help`, folded, without its search for every group, which takes half of the time."""
+    """Hydra's `--help`, folded, without its search for every group, which takes half of the time."""
     cfg = compose(config_name, overrides, return_hydra_config=True)
     ours = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
     named = (f"{group}: {', '.join(choices(group))}" for group in groups())

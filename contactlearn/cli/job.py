@@ -50,8 +50,8 @@ class Run:
         words: settings as they were typed.
         config: the resolved configuration, for the record.
         folder: to write to.
-        partial: folder of partial results, from which the same command resumes.  It is known by what the result
-            depends on, and beside `folder`, since the next run has another one; but inside a folder given by name.
+        partial: folder of partial results, from which the same command resumes.  It is named by the identity of the
+            run, next to `folder`, since the next run has another one; but inside a folder given by name.
     """
 
     command: str
@@ -124,7 +124,7 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
             with read_write(hydra.runtime):
                 hydra.runtime.output_dir = str(folder)  # of the configuration that is written
             _write_configuration(folder, cfg, hydra)
-            beside = folder if _is_given(hydra) else folder.parent
+            shared = folder if _is_given(hydra) else folder.parent
             config = OmegaConf.to_container(cfg, resolve=True)
             job(
                 Run(
@@ -132,7 +132,7 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
                     words=tuple(hydra.overrides.task),
                     config=cast(dict[str, Any], config),
                     folder=folder,
-                    partial=beside / ".parts" / identity.job,
+                    partial=shared / ".parts" / identity.job,
                 )
             )
             finish(folder, replace(identity, seconds=round(time.monotonic() - start, 3)))
@@ -237,7 +237,7 @@ def _folder_of_name(folder: Path, identity: Done) -> Generator[Path | None]:
 
 @contextmanager
 def _new_folder(wanted: Path) -> Generator[Path]:
-    """Hold the wanted folder, or the first one beside it, numbered from 2, that has no result and no run."""
+    """Hold the wanted folder, or the first of its successors, numbered from 2, that has no result and no run."""
     for number in count(1):
         folder = wanted if number == 1 else wanted.with_name(f"{wanted.name}-{number}")
         if is_run(folder):

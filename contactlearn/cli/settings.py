@@ -250,7 +250,7 @@ class EvaluateSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseSettings:
-    """What a diagnosis searches: laws, effects in the model already, candidates of the user's own, and limits.
+    """Laws and candidates of a diagnosis, effects in the model already, and limits of proposed drops.
 
     Args:
         law: the law, or None for the one with the least held-out error of `laws`.
@@ -305,7 +305,7 @@ def plain_values(part: DictConfig) -> dict[str, Any]:
 def law_of(entry: Any, variant: str) -> Law | None:
     """Return the law of a name, or of a mapping with `_target_` and options; None for `best` and for no `_target_`.
 
-    A class of the variant `textbook` stands for its family, so that the variant can be chosen beside it.
+    A class of the variant `textbook` stands for its family, so that the variant is a setting of its own.
 
     Raises:
         ContactLearnError: a `_target_` that is no law, or a class of the user's own that fails.

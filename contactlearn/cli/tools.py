@@ -59,7 +59,7 @@ def _add_data_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
         "impacts",
         help="find the impacts in recordings of tracked poses",
         description="Find the impacts between free flights in recordings, with covariances, as a table for data=table; "
-        "everything that was refused goes, with reason and number, into a table beside it.",
+        "a second table holds everything that was refused, with reason and number.",
         epilog="example: contactlearn impacts drops/ -o impacts.parquet mass=0.05 'shape={kind: disc, radius: 0.02}'",
     )
     impacts.add_argument("path", metavar="FOLDER", help="a recording, or a folder with recordings")
@@ -74,7 +74,7 @@ def _add_result_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
     reveal = add(
         "reveal",
         help="print the hidden effects of the drops of data=mystery",
-        description="Open the truth beside mystery drops: law, parameters, noise and hidden effects.",
+        description="Print the ground truth of mystery drops: law, parameters, noise and hidden effects.",
         epilog="example: contactlearn reveal outputs/mystery/seed_7",
     )
     reveal.add_argument("folder", metavar="DIR", help="the folder that data=mystery wrote")

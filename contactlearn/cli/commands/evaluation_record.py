@@ -79,7 +79,7 @@ def evaluation_record(
 def _curve_scalars(
     curves: Mapping[str, LearningCurve], yardsticks: Mapping[str, ModelErrors]
 ) -> list[tuple[int, Scalars]]:
-    """Every curve by number of training trials and, as lines beside them, the bounds."""
+    """Every curve by number of training trials, and the bounds as horizontal lines."""
     found = []
     for place, size in enumerate(next(iter(curves.values())).sizes if curves else ()):
         values: dict[str, float | Interval] = {}

@@ -85,7 +85,7 @@ def fit_with_effects(
 ) -> dict[str, JointFit]:
     """Fit the law alone and with its effects, by name, both to the same trials in the same way.
 
-    Where flight limits a parameter the fit to the impacts alone stands beside.
+    Where flight limits a parameter, the fit has that to the impacts alone as `alone`.
     """
     fits = {}
     for chosen in track(({}, effects), f"fitting {law.name} and its effects", on_event):

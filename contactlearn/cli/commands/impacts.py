@@ -1,4 +1,4 @@
-"""The impacts command: recordings to a table of impacts, and beside it a table of refusals, figures, and a page."""
+"""The impacts command: recordings to a table of impacts, a table of refusals, figures, and a page."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -31,7 +31,7 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
 
     Args:
         source: `data` of a configuration with data=tracks.
-        out: a .csv or .parquet file; NAME.refused.csv beside it holds the refusals, NAME.recordings.html shows all.
+        out: a .csv or .parquet file; NAME.refused.csv next to it holds the refusals, NAME.recordings.html shows all.
 
     Raises:
         ContactLearnError: a setting is missing.
@@ -78,7 +78,7 @@ def _written(source: SourceSettings, out: Path) -> str:
 
 
 def _renamed(survey: Survey, source: SourceSettings) -> Survey:
-    """What recordings hold, with the command's names of settings in the words about what was refused."""
+    """The survey of recordings, whose refusals name settings as this command does."""
     refusals = (replace(one, message=own_names(one.message, source.options)) for one in survey.refusals)
     return replace(survey, refusals=tuple(refusals))
 

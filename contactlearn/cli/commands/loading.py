@@ -1,7 +1,7 @@
 """Data of a run: a source of measurements as impacts, and their split.
 
-Tables of more than `LARGE` rows are read in blocks.  What is computed trial by trial goes over all of them; what is
-fitted, drawn or shown has a random sample in memory, see docs/large-data.md.
+Tables of more than `LARGE` rows are read in blocks.  Computations trial by trial cover all of them; fits,
+figures and pages use a random sample in memory, see docs/large-data.md.
 """
 
 import time

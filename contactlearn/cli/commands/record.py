@@ -1,4 +1,4 @@
-"""Record of a run beside its result: figures as files, and the values, charts and card of TensorBoard."""
+"""Record of a run: figures as files, and the values, charts and card of TensorBoard."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ Scalars = Mapping[str, float | Interval]
 
 @dataclass(frozen=True, kw_only=True)
 class RunRecord:
-    """Everything that a run shows beside its result.
+    """Figures and values that a run shows in addition to its result.
 
     Args:
         trained_on: number of training trials of its model.

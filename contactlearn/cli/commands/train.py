@@ -100,7 +100,7 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
     elif law is not None:
         fits = (fitting.identify_law(law, pool, how, data.generator, on_event, sizes=sizes, orders=rows[None]),)
         base = fits[0].to_law()
-    models = {name: fit.model for name, fit in joint.items()}  # a law alone is not shown beside the model on it
+    models = {name: fit.model for name, fit in joint.items()}  # a law under a model has no row of its own
     if recipe is not None:
         on_event(TaskProgress(task=f"training {settings.model} on {len(rows)} trials", done=0, total=None))
         model = learn(recipe, pool, rows, base, impulse=how.target, box=how.box)

@@ -1,4 +1,4 @@
-"""What the result of a job depends on: resolved configuration, data files and code, as digests.
+"""Identity of a job: digests of the configuration, data files and code that its result depends on.
 
 Two jobs with the same digest give the same result, but for rounding.  `threads`, `workers` and `device` say how a job
 is computed, and are left out: `device=auto` may mean another one on the machine where a sweep goes on.  Data are known
@@ -52,9 +52,9 @@ def words_digest(hydra: DictConfig, words: Sequence[str]) -> str:
     Equal digests mean equal configurations, which need not be composed to know that.
     """
     sources = [str(source.path) for source in hydra.runtime.config_sources if source.schema == "file"]
-    kept = [word for word in words if word.lstrip("+").partition("=")[0] not in _HOW]
-    used = [f"{name}={os.environ.get(name)}" for word in kept for name in _ENVIRONMENT.findall(word)]
-    return _sha([hydra.job.config_name, *map(_tree, sources), kept, used, __version__])
+    counted = [word for word in words if word.lstrip("+").partition("=")[0] not in _HOW]
+    used = [f"{name}={os.environ.get(name)}" for word in counted for name in _ENVIRONMENT.findall(word)]
+    return _sha([hydra.job.config_name, *map(_tree, sources), counted, used, __version__])
 
 
 def still_valid(done: Done) -> bool:
