@@ -488,7 +488,7 @@ def test_sorting(browser, mixed):
     into_view(shown, "by-run")
     worst = f"document.querySelector('#by-run .ytick title').textContent.endsWith({json.dumps(order(shown)[0])})"
     assert until(shown, worst)
-    noise = {one.name: one.noise.mean for one in mixed[1] if one.noise}
+    noise = {one.name: x.mean for one in mixed[1] if (x := one.mass_error("noise"))}
     for direction in (False, True):  # those without stay at the end
         press(shown, "Noise floor")
         assert order(shown)[: len(noise)] == sorted(noise, key=noise.get, reverse=direction)

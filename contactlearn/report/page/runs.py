@@ -106,7 +106,7 @@ def of_runs(runs: Sequence[ComparedRun], skipped: Sequence[tuple[str, str]], fol
                 "traits": traits,
                 **plotly_style(run.law or "no law"),
                 "effects": [effect.name for effect in (*run.given, *run.found)],
-                **{key: values[k] for key, values in errors.items()},
+                **{key: digits(values[k], 8) for key, values in errors.items()},
             }
             for k, (run, traits) in enumerate(zip(runs, _traits(runs), strict=True))
         ],
@@ -151,7 +151,7 @@ def _errors(table: pd.DataFrame) -> dict[str, list[dict[str, float] | None]]:
     columns = {HEADLINE: "mean", f"{HEADLINE}_low": "low", f"{HEADLINE}_high": "high"}
     return {
         key: [
-            None if pd.isna(one["mean"]) else digits(one, 8)
+            None if pd.isna(one["mean"]) else one
             for one in table[which].set_index("run").rename(columns=columns)[[*columns.values()]]
             .reindex(table.run.unique()).to_dict("records")
         ]
