@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 from pyarrow import parquet
+from refusals import refused
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.data import ellipse_drops as published
@@ -113,10 +114,8 @@ BAD_CSV = {
 def test_csv_refuses(tmp_path, content, fragments):
     path = tmp_path / "drops.csv"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    with pytest.raises(DataError) as caught:
+    with refused([str(path), *fragments]):
         table.load(path)
-    for fragment in [str(path), *fragments]:
-        assert fragment in str(caught.value)
 
 
 def write_parquet(path: Path, **changes) -> Path:
@@ -145,10 +144,8 @@ BAD_PARQUET = {
 @pytest.mark.parametrize(("changes", "fragments"), BAD_PARQUET.values(), ids=BAD_PARQUET)
 def test_parquet_refuses(tmp_path, changes, fragments):
     path = write_parquet(tmp_path / "drops.parquet", **changes)
-    with pytest.raises(DataError) as caught:
+    with refused([str(path), *fragments]):
         table.load(path)
-    for fragment in [str(path), *fragments]:
-        assert fragment in str(caught.value)
 
 
 def test_parquet_with_a_column_twice_is_refused(tmp_path):
@@ -440,10 +437,8 @@ def test_mat_is_found_by_argument_and_by_environment(tmp_path, monkeypatch, no_d
 
 def test_mat_missing_under_the_given_root(tmp_path, monkeypatch, no_download):
     for call in (lambda: published.load(tmp_path), published.load):
-        with pytest.raises(DataError) as caught:
+        with refused((str(tmp_path / "ellipse_drops"), "ellipse_uniform.mat", "unset", "download")):
             call()
-        for fragment in (str(tmp_path / "ellipse_drops"), "ellipse_uniform.mat", "unset", "download"):
-            assert fragment in str(caught.value)
         monkeypatch.setenv("CONTACTLEARN_DATA", str(tmp_path))
 
 
@@ -452,10 +447,8 @@ def test_mat_with_another_checksum(tmp_path, monkeypatch, no_download):
     whole = path.read_bytes()
     for content in (b"", b"garbage" * 99, whole[:200], whole + b"\0", whole[:-1] + bytes([whole[-1] ^ 1])):
         path.write_bytes(content)
-        with pytest.raises(DataError) as caught:
+        with refused((str(path), "sha256 must be", published.SHA256, f"{len(content)} bytes", "again from https://")):
             published.load(tmp_path)
-        for fragment in (str(path), "sha256 must be", published.SHA256, f"{len(content)} bytes", "again from https://"):
-            assert fragment in str(caught.value)
 
 
 def test_broken_mat_with_the_right_checksum(tmp_path, monkeypatch, no_download):
@@ -515,10 +508,9 @@ def test_download_that_fails(monkeypatch, fault):
 
     monkeypatch.delenv("CONTACTLEARN_DATA", raising=False)
     monkeypatch.setattr(pooch, "retrieve", retrieve)
-    with pytest.raises(DataError) as caught:
+    parts = ("could not be downloaded", type(fault).__name__, "network", published.URL, "CONTACTLEARN_DATA")
+    with refused(parts) as caught:
         published.load()
-    for fragment in ("could not be downloaded", type(fault).__name__, "network", published.URL, "CONTACTLEARN_DATA"):
-        assert fragment in str(caught.value)
     assert len(str(caught.value)) < 700
     assert caught.value.__cause__ is fault
 
@@ -673,10 +665,8 @@ BAD_SYNTHETIC = {
 
 @pytest.mark.parametrize(("options", "fragments"), BAD_SYNTHETIC.values(), ids=BAD_SYNTHETIC)
 def test_synthetic_refuses(options, fragments):
-    with pytest.raises(ContactLearnError) as caught:
+    with refused(fragments, ContactLearnError):
         synthetic.load(**options)
-    for fragment in fragments:
-        assert fragment in str(caught.value)
 
 
 # Configurations

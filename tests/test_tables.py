@@ -13,6 +13,7 @@ from commands import run
 from corruptions import corrupt
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refusals import refused
 
 from contactlearn.cli.commands import loading
 from contactlearn.cli.commands.loading import load_data
@@ -151,10 +152,8 @@ def test_errors_tell_the_files_column_and_the_value_as_written(tmp_path, drops):
         ("inertia", "", ["column inertia: must be a finite number in g mm²"]),
     ):
         changed = own | {column: [own[column][0], value, *own[column][2:]]}
-        with pytest.raises(DataError) as caught:
+        with refused(fragments):
             table.load(written(tmp_path / "own.csv", changed), columns=names, units=units, validate=False)
-        for fragment in fragments:
-            assert fragment in str(caught.value)
 
 
 def test_the_first_missing_number_says_how_many_there_are(tmp_path, drops):
@@ -246,10 +245,8 @@ BAD_HEADER = {
 def test_headers_that_are_refused(tmp_path, drops, renamed, shape, fragments):
     columns = {renamed.get(name, name): values for name, values in columns_of(drops).items()}
     columns.pop(None, None)
-    with pytest.raises(DataError) as caught:
+    with refused(fragments):
         table.load(written(tmp_path / "own.csv", columns), shape)
-    for fragment in fragments:
-        assert fragment in str(caught.value)
 
 
 def test_names_with_units_are_proposed_as_a_shell_and_hydra_take_them(tmp_path, drops):
@@ -279,10 +276,8 @@ def test_settings_that_are_refused(tmp_path, drops, changes, kind, fragments):
     path = table.save(drops, tmp_path / "drops.csv")
     if changes.get("columns") == {"vx": "vy"}:
         changes = {"columns": {"vx": "vy", "vy": "vy"}}
-    with pytest.raises(kind) as caught:
+    with refused(fragments, kind):
         table.load(path, **changes)
-    for fragment in fragments:
-        assert fragment in str(caught.value)
 
 
 @pytest.mark.parametrize("names", [["mirrored_theta"], ["mirrored_theta", "inertia_scaled"]], ids="-".join)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from refusals import refused
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.data.recordings.frame import matrices
@@ -142,10 +143,8 @@ BAD = {
 def test_what_cannot_be_read_is_one_clear_line(tmp_path, content, layout, fragments):
     path = tmp_path / "drop.csv"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    with pytest.raises(DataError) as caught:
+    with refused([str(path), *fragments]) as caught:
         list(read(path, Layout(**layout)))
-    for fragment in [str(path), *fragments]:
-        assert fragment in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
