@@ -27,12 +27,12 @@ def catalogued(group: str) -> list[str]:
     Raises:
         ContactLearnError: two effects or laws have one name.
     """
-    return sorted({*_classes(group), *_announced(group), *([_BEST] if group == "law" else [])})
+    return sorted({*_sources(group), *_announced(group), *([_BEST] if group == "law" else [])})
 
 
 def has_choice(group: str, name: str) -> bool:
     """Whether a name is one of `catalogued`; other packages are loaded only if it is none of this one's."""
-    return name in _classes(group) or (group, name) == ("law", _BEST) or name in _announced(group)
+    return name in _sources(group) or (group, name) == ("law", _BEST) or name in _announced(group)
 
 
 def entry(group: str, name: str) -> dict[str, Any]:
@@ -44,8 +44,8 @@ def entry(group: str, name: str) -> dict[str, Any]:
         return {name: _effect(name)}
     if name == _BEST:
         return {"_target_": None}
-    if name in _classes(group):
-        return {"_target_": f"contactlearn.laws.{name}.{_camel(name)}"} | _options(_classes(group)[name])
+    if name in _sources(group):
+        return {"_target_": f"contactlearn.laws.{name}.{_camel(name)}"} | _options(name)
     from contactlearn.laws import catalogue
 
     (law, *_) = catalogue()[name].values()
@@ -63,23 +63,26 @@ def _effect(name: str) -> dict[str, Any]:
 
 
 @lru_cache
-def _classes(group: str) -> dict[str, ast.ClassDef]:
-    """Classes of this package by the name of their module, which is theirs in small letters."""
+def _sources(group: str) -> dict[str, str]:
+    """Source files of this package's effects or laws by the name of the module, which is that of its class."""
     room, base = _KINDS[group]
+    texts = {path.stem: path.read_text("utf-8") for path in Path(_PACKAGE, room).glob("*.py")}
+    return {
+        name: text
+        for name, text in texts.items()
+        if re.search(rf"^class {_camel(name)}\(.*\b{base}\):", text, re.MULTILINE)
+    }
+
+
+def _options(law: str) -> dict[str, Any]:
+    """Fields of a law with their defaults, from its source."""
     found = {}
-    for path in Path(_PACKAGE, room).glob("*.py"):
-        text, kind = path.read_text("utf-8"), _camel(path.stem)
-        if re.search(rf"^class {kind}\(.*\b{base}\):", text, re.MULTILINE):
-            nodes = ast.parse(text).body if group == "law" else [ast.ClassDef(kind)]
-            found[path.stem] = next(node for node in nodes if isinstance(node, ast.ClassDef) and node.name == kind)
+    for node in ast.walk(ast.parse(_sources("law")[law])):
+        if isinstance(node, ast.ClassDef) and node.name == _camel(law):
+            for field in node.body:
+                if isinstance(field, ast.AnnAssign) and "ClassVar" not in ast.unparse(field.annotation) and field.value:
+                    found[ast.unparse(field.target)] = ast.literal_eval(field.value)
     return found
-
-
-def _options(law: ast.ClassDef) -> dict[str, Any]:
-    """Fields of a law by name, with their defaults."""
-    fields = [node for node in law.body if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)]
-    own = [field for field in fields if field.value is not None and "ClassVar" not in ast.unparse(field.annotation)]
-    return {field.target.id: ast.literal_eval(field.value) for field in own}
 
 
 def _announced(group: str) -> list[str]:

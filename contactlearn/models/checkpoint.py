@@ -130,9 +130,10 @@ def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         own = {key: value for key, value in vars(part).items() if key not in plain}
         about = {"kind": "Law", "name": part.name, "variant": part.variant} | ({"options": plain} if plain else {})
         return about | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
-    if isinstance(part, torch.nn.Module):  # Gaussian processes
-        own = {"x": part.train_inputs[0][..., 0, :, :], "y": part.train_targets, "weight": part.likelihood.weight}
-        own |= part.state_dict()
+    if isinstance(part, torch.nn.Module):
+        gps: Any = part
+        own = {"x": gps.train_inputs[0][..., 0, :, :], "y": gps.train_targets, "weight": gps.likelihood.weight}
+        own |= gps.state_dict()
     else:
         own = {field.name: getattr(part, field.name) for field in fields(part) if field.name != "status"}
     return {"kind": type(part).__name__} | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}

@@ -258,6 +258,7 @@ class _Formula:
         """
         if "theta" in self.expressions:
             require_shape(self.name, impacts)
+        assert isinstance(self, Effect)  # as every class that this is a part of
         for broken in violations(self, impacts):
             raise ContactLearnError(f"the formula {self.equation} {broken}")
         return self

@@ -8,6 +8,7 @@ gradient of `evidence`, from two starts, since the likelihood has several optima
 
 import math
 from functools import cache
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import gpytorch
@@ -35,8 +36,7 @@ _TOLERANCE = 3e-5  # nats a point
 @cache
 def _blas() -> ThreadpoolController:
     """Control of the threads of every BLAS, with SciPy's, which is loaded for it."""
-    import scipy.linalg  # noqa: F401
-
+    import_module("scipy.linalg")
     return ThreadpoolController()
 
 

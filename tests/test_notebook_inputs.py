@@ -1,4 +1,4 @@
-"""What a first notebook hands over: a DataFrame, a path, one trial, arrays, the wrong velocities."""
+"""Inputs of a first notebook: a DataFrame, a path, one trial, arrays, the wrong velocities."""
 
 import numpy as np
 import pandas as pd
@@ -25,7 +25,7 @@ LAW = laws.find("wang_mason").at(0.12, 0.55)
     ],
     ids=["predict", "identify", "identify_jointly", "diagnose"],
 )
-def test_other_things_than_impacts_are_told_the_way(use):
+def test_non_impacts_are_refused_with_the_way_to_read_a_table(use):
     with pytest.raises(ContactLearnError, match=r"impacts must be Impacts, got DataFrame; frame\.to_csv.*table\.load"):
         use(pd.DataFrame({"mass": [1.0]}))
     with pytest.raises(ContactLearnError, match=r"must be Impacts, got str; contactlearn\.data\.table\.load"):
