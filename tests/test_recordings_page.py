@@ -82,13 +82,13 @@ def test_the_page_has_what_was_found(found, page):
 def test_a_recording_has_its_frames_flights_and_contacts(found):
     (one,) = found.again({"0001"})
     contacts = [contact for contact in found.survey.contacts if contact.recording == "0001"]
-    said = of_recording(one, contacts, one.refusals)
-    assert len(said["time"]) == len(said["pose"][2]) == one.track.seen.sum() < len(one.track)
-    for flight, shown in zip(one.flights, said["flights"], strict=True):
+    recording = of_recording(one, contacts, one.refusals)
+    assert len(recording["time"]) == len(recording["pose"][2]) == one.track.seen.sum() < len(one.track)
+    for flight, shown in zip(one.flights, recording["flights"], strict=True):
         residual = np.array(shown["residual"]).T / (1e3, 1e3, np.degrees(1))
         np.testing.assert_allclose(residual, flight.residual, rtol=0.01, atol=1e-6)
-        np.testing.assert_allclose(np.array(said["time"])[shown["at"]], one.track.time[flight.frames], atol=1e-6)
-    first, shown = contacts[0], said["contacts"][0]
+        np.testing.assert_allclose(np.array(recording["time"])[shown["at"]], one.track.time[flight.frames], atol=1e-6)
+    first, shown = contacts[0], recording["contacts"][0]
     instant, _, falling, *_ = (float(cell.split()[0].replace("−", "-")) for cell in shown["cells"])
     assert instant == pytest.approx(first.time, abs=1e-4)
     assert falling == pytest.approx(first.v_pre[1], abs=1e-3)
@@ -104,7 +104,7 @@ def test_long_recordings_are_thinned(found):
     about = of_recording(replace(one, track=long), (), ())
     assert len(about["time"]) <= FRAMES
     assert all(len(flight["at"]) == len(own.frames) for flight, own in zip(about["flights"], one.flights, strict=True))
-    assert "of them shown" in about["said"]
+    assert "of them shown" in about["summary"]
     whole = of_recording(replace(one, track=long, flights=()), (), ())
     assert FRAMES / 2 < len(whole["time"]) <= FRAMES
 
@@ -193,8 +193,8 @@ def shown(browser, page):
     return opened(browser, page)
 
 
-def said(browser):
-    return browser.execute_script("return document.getElementById('said').textContent")
+def summary(browser):
+    return browser.execute_script("return document.getElementById('summary').textContent")
 
 
 def test_everything_is_drawn_in_silence(browser, page):
@@ -213,14 +213,14 @@ def test_a_choice_changes_figure_tables_and_address(shown):
     from selenium.webdriver.common.keys import Keys
 
     draw_everything(shown)
-    first, height = said(shown), "document.getElementById('track').data.find(one => one.yaxis === 'y2').y[1]"
+    first, height = summary(shown), "document.getElementById('track').data.find(one => one.yaxis === 'y2').y[1]"
     before = shown.execute_script(f"return {height}")
     shown.find_element(By.ID, "later").send_keys(Keys.ENTER)
     until(shown, f"{height} !== {before}")
-    assert said(shown) != first
+    assert summary(shown) != first
     assert shown.current_url.endswith("#recording=0002")
     shown.find_element(By.ID, "choice").send_keys(Keys.ARROW_DOWN)
-    until(shown, "document.getElementById('said').textContent.startsWith('0003')")
+    until(shown, "document.getElementById('summary').textContent.startsWith('0003')")
     into_view(shown, "body")
     last = "[...document.querySelectorAll('#contacts button')].at(-1)"
     shown.execute_script(f"{last}.click()")
@@ -230,7 +230,7 @@ def test_a_choice_changes_figure_tables_and_address(shown):
     shown.get("about:blank")
     shown.get(again)
     until(shown, "document.documentElement.dataset.ready")
-    assert said(shown).startswith("0003")
+    assert summary(shown).startswith("0003")
 
 
 @pytest.mark.nightly  # a recording is chosen in the test before
@@ -240,7 +240,7 @@ def test_refused_recordings_are_a_click_away(shown):
     names = shown.execute_script("return [...document.querySelectorAll('.sketch strong')].map(one => one.textContent)")
     assert NAME in names
     shown.execute_script(f"document.querySelectorAll('.sketch')[{names.index(NAME)}].click()")
-    assert said(shown).startswith(NAME)
+    assert summary(shown).startswith(NAME)
     draw_everything(shown)
     assert "hand or a wall" in shown.find_element(By.ID, "parts").text
     shown.execute_script("document.querySelector('[data-reason=hand_or_wall]').click()")

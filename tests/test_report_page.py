@@ -69,8 +69,8 @@ def test_the_numbers_are_those_of_the_diagnosis(found, content):
         assert (shown["mean"], shown["low"], shown["high"]) == pytest.approx(tuple(rung.error), rel=1e-4)
     for effect, missing in zip(content["effects"], found.missing, strict=True):
         assert effect["error_reduction"] == pytest.approx(missing.error_reduction, rel=1e-4)
-        for said, known in zip(effect["parameters"], missing.parameters, strict=True):
-            assert said["value"] == pytest.approx(known.value, rel=1e-3)
+        for shown, known in zip(effect["parameters"], missing.parameters, strict=True):
+            assert shown["value"] == pytest.approx(known.value, rel=1e-3)
     whole = mass_error(impacts, found.record.model.predict(impacts)).mean().item()
     assert content["models"][-1]["mean"] == pytest.approx(whole, rel=1e-3)
     alone = mass_error(impacts, found.record.base.predict(impacts)).mean().item()
@@ -197,8 +197,8 @@ def evaluation(tmp_path_factory, found):
 
 def test_an_evaluation_has_a_page(evaluation):
     path, result = evaluation
-    said = data_of(path)
-    assert {one["label"]: one["mean"] for one in said["models"]}["Mirtich"] == pytest.approx(
+    page = data_of(path)
+    assert {one["label"]: one["mean"] for one in page["models"]}["Mirtich"] == pytest.approx(
         result.errors["mirtich"].headline.mean, rel=1e-4
     )
     assert "<script>window" not in path.read_text()
@@ -223,8 +223,8 @@ def test_models_that_cannot_be_told_apart(found):
     labels = [one["label"] for one in content["models"]]
     assert sorted(labels[:2]) == ["Mirtich", "Mirtich + side drag"]
     assert labels[2:] == ["Whittaker", "IRB bound"]
-    said = f"{labels[0]} has the lowest error of 3 models, but these data cannot distinguish it from {labels[1]}."
-    assert content["verdict"]["headline"] == said
+    headline = f"{labels[0]} has the lowest error of 3 models, but these data cannot distinguish it from {labels[1]}."
+    assert content["verdict"]["headline"] == headline
     assert "The next that these data can distinguish from it, Whittaker, has" in " ".join(
         content["verdict"]["sentences"]
     )
@@ -305,10 +305,10 @@ def test_an_evaluation_is_drawn_in_silence(browser, evaluation):
 def test_ticking_an_effect_moves_numbers_map_and_curves(shown, content):
     into_view(shown, "map")
     colors = "document.querySelector('#map').data[0].marker.color.slice(0, 5).join()"
-    said, before = (
+    error, before = (
         shown.execute_script(f"return {what}") for what in ("document.querySelector('.ticked').textContent", colors)
     )
-    assert f"{content['models'][-1]['mean']:.4f}" in said
+    assert f"{content['models'][-1]['mean']:.4f}" in error
     shown.execute_script("document.querySelector('#map-0').click()")
     without = content["models"][-2]
     assert f"Error {without['mean']:.4f}" in shown.execute_script(

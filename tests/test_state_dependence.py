@@ -213,7 +213,7 @@ def test_a_diagnosis_calls_it_unknown_and_says_what_it_depends_on(sets, capsys):
     said = "behaves like friction that depends on"
     assert (said in headline(found)) == bool(sets)
     assert (said in capsys.readouterr().out) == bool(sets)
-    assert (said in residual_content(found.remainder, ())["said"]) == bool(sets)
+    assert (said in residual_content(found.remainder, ())["text"]) == bool(sets)
     assert Diagnosis.from_json(found.to_json()) == found
 
 

@@ -73,9 +73,9 @@ def audit_figure(
         thresholds: with which it was found; the same limits are drawn.
     """
     draw, width, height = _EVIDENCE.get(finding.name, (_frame, st.PAGE, 2.85))
-    said = wrap(finding.sentence, 112 if width == st.PAGE else 54, max_lines=6, placeholder=" …")
-    figure = st.new_figure(width, height + st.ROW * len(said))
-    figure.suptitle("\n".join(st.plain(line, 120) for line in said))
+    lines = wrap(finding.sentence, 112 if width == st.PAGE else 54, max_lines=6, placeholder=" …")
+    figure = st.new_figure(width, height + st.ROW * len(lines))
+    figure.suptitle("\n".join(st.plain(line, 120) for line in lines))
     draw(figure, finding, before, after, thresholds)
     return figure
 

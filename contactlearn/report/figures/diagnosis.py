@@ -39,7 +39,7 @@ from contactlearn.report.text import base_label, effect_label, error, fix_spacin
 
 _BLUE, _RED, _YELLOW = st.CONTRAST
 _LOOKS: tuple[dict[str, Any], ...] = ({"color": _BLUE}, {"color": _RED, "linestyle": (0, (4, 1.5))})
-_GOLDEN = 0.618  # spreads dots of one label beside each other
+_GOLDEN = 0.618  # spreads the dots of one label
 ERROR = f"{METRICS[HEADLINE].label} ({METRICS[HEADLINE].unit})"
 """Axis label of the mass error."""
 _SYMBOLS = 2  # columns of panels, at most
@@ -198,7 +198,7 @@ def _draw_region(axes: Axes, region: Region, variable: Variable, errors: Mapping
 def _along(region: Region, variable: Variable) -> tuple[Float[Tensor, " n"], tuple[float, float], tuple[float, float]]:
     """Trials along the axis in its units, the region's window there, and the ends of the axis.
 
-    A periodic variable has the region in the middle; trials of a variable with labels stand beside each other.
+    A periodic variable has the region in the middle; trials of a variable with labels are spread.
     """
     x = variable.scale * variable.values
     low, high = (variable.scale * end for end in region.limits)

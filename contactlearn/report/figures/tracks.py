@@ -59,8 +59,8 @@ def contact_figure(found: Found, contact: Hit, shape: Shape) -> Figure:
     panels[1, 3].axis("off")
     errors = np.sqrt(contact.covariance.diagonal())
     values = zip(_VELOCITIES, (*contact.v_pre, *contact.v_post), errors[:6].tolist(), strict=True)
-    said = "\n".join(f"{name} = {measured(float(value), error, unit)}" for (name, unit), value, error in values)
-    panels[1, 3].text(0, 1, said, va="top", fontsize="x-small")
+    text = "\n".join(f"{name} = {measured(float(value), error, unit)}" for (name, unit), value, error in values)
+    panels[1, 3].text(0, 1, text, va="top", fontsize="x-small")
     figure.suptitle(f"{st.plain(contact.name)}: contact at {contact.time:.5f} s ± {1e6 * errors[9]:.2g} µs")
     return figure
 
@@ -92,7 +92,7 @@ def refused_figure(founds: Sequence[Found]) -> Figure:
 
 @st.look()
 def residuals_figure(founds: Sequence[Found]) -> Figure:
-    """Draw the distribution of residuals in standard deviations beside the normal one, for x, y and θ."""
+    """Draw the distribution of residuals in standard deviations and the normal one, for x, y and θ."""
     figure = st.new_figure(st.PAGE, 2.2)
     grid, scores = np.linspace(-5, 5, 101), standardised(founds).clip(-5, 5)
     for k, axes in enumerate(figure.subplots(1, 3, sharey=True)):

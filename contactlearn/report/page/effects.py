@@ -62,8 +62,8 @@ def effect_content(missing: MissingEffect, partial: Partial, regions: Sequence[R
 
 def _parameter(found: FittedParameter) -> dict[str, Any]:
     numbers = digits({"value": found.value, "standard_error": found.standard_error}, 4)
-    said = measured(found.value, found.standard_error, found.unit)
-    return {"symbol": found.symbol, "unit": found.unit, "said": said, **numbers}
+    text = measured(found.value, found.standard_error, found.unit)
+    return {"symbol": found.symbol, "unit": found.unit, "text": text, **numbers}
 
 
 def _rival(rival: Rival) -> dict[str, Any]:
@@ -102,7 +102,7 @@ def experiment_content(experiment: Experiment) -> dict[str, Any]:
             for name, axis in axes.items()
         ],
         "rivals": [
-            {"name": phrase("separation", one), "said": phrase("needed_drops", one)} for one in experiment.separations
+            {"name": phrase("separation", one), "text": phrase("needed_drops", one)} for one in experiment.separations
         ],
         "drops": [
             digits({name: axis.scale * getattr(drop, name) for name, axis in axes.items()}, 3)
@@ -115,11 +115,11 @@ def experiment_content(experiment: Experiment) -> dict[str, Any]:
 def residual_content(left: Remainder, formulas: Sequence[Formula]) -> dict[str, Any]:
     """Return the predictable part of the residual by component and variable, and formulas for it."""
     return {
-        "said": " ".join((phrases("residual", left)[0], *phrases("dependences", left))),
+        "text": " ".join((phrases("residual", left)[0], *phrases("dependences", left))),
         "components": [
             {
                 "name": WRENCH[one.component],
-                "said": measured(one.r_squared, one.standard_error),
+                "text": measured(one.r_squared, one.standard_error),
                 "named": one.clear,
             }
             for one in left.tested
@@ -132,5 +132,5 @@ def residual_content(left: Remainder, formulas: Sequence[Formula]) -> dict[str, 
             }
             for one in left.variables
         ],
-        "formulas": [{"code": formula_overrides(one), "said": phrase("formula_gain", one)} for one in formulas],
+        "formulas": [{"code": formula_overrides(one), "text": phrase("formula_gain", one)} for one in formulas],
     }

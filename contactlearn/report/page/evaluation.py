@@ -36,15 +36,15 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
     laws = {fit.law: find(fit.law, fit.variant, **fit.options).at(fit.mu, fit.eps) for fit in result.fits}
     closest = min(laws, key=lambda name: result.errors[name].headline.mean)
     fitted, arrays = of_laws(test, laws)
-    said = _sentences(result, labels, closest, len(test))
+    sentences = _sentences(result, labels, closest, len(test))
     arrays |= of_outcomes(test, torch.stack([predictions[name].v_post for name in names]))
     return {
         "title": f"Evaluation on {test.source}",
         "verdict": {
             "key": "evaluation",
             "headline": phrase("evaluation_headline", labels, result.best, result.differences),
-            "support": said[0],
-            "sentences": said[1:],
+            "support": sentences[0],
+            "sentences": sentences[1:],
         },
         "law": plotly_style(closest) | {"name": closest},
         "comparison": [{"key": key, "label": metric.label, "unit": metric.unit} for key, metric in METRICS.items()],
@@ -87,8 +87,8 @@ def _model(name: str, label: str, errors: ModelErrors) -> dict[str, Any]:
 def _sentences(result: Evaluation, labels: Mapping[str, str], closest: str, trials: int) -> list[str]:
     """The numbers behind the headline, and where the learned models are."""
     errors = {name: entry.headline for name, entry in result.errors.items()}
-    said = phrases("evaluation_summary", labels, errors, result.best, result.differences, closest, trials)
-    return said + (["Learned models are under Learning curves."] if result.learning_curves else [])
+    sentences = phrases("evaluation_summary", labels, errors, result.best, result.differences, closest, trials)
+    return sentences + (["Learned models are under Learning curves."] if result.learning_curves else [])
 
 
 def _curves(result: Evaluation) -> list[dict[str, Any]]:

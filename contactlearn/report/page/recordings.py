@@ -167,7 +167,7 @@ def of_recording(found: Found, contacts: Sequence[Hit], refusals: Sequence[Refus
     pose = _nearest(found)
     return {
         "name": track.name,
-        "said": _said(found, len(contacts), len(kept)),
+        "summary": _summary(found, len(contacts), len(kept)),
         "reasons": [*dict.fromkeys(refusal.reason.value for refusal in refusals)],
         "step": digits(track.step),
         "time": digits(track.time[kept].tolist(), 7),
@@ -247,7 +247,7 @@ def _refused(refusal: Refusal) -> dict[str, Any]:
     }
 
 
-def _said(found: Found, contacts: int, shown: int) -> str:
+def _summary(found: Found, contacts: int, shown: int) -> str:
     """How much a recording holds, and the noise of its frames."""
     track, frames = found.track, len(found.track)
     lost = frames - int(track.seen.sum())

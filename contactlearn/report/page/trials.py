@@ -95,8 +95,8 @@ def of_laws(impacts: Impacts, fitted: Mapping[str, Law]) -> tuple[list[dict[str,
 
 def impulse_figure(impacts: Impacts, fitted: Mapping[str, Law]) -> dict[str, Any]:
     """Return the figure of impulse space in which a script shows any trial, here the first."""
-    figure = digits(as_plotly(compared_impulses(impacts[[0]], fitted)))
-    return figure | {"data": [trace | {"x": [], "y": []} for trace in figure["data"] if trace["meta"]]}
+    figure = as_plotly(compared_impulses(impacts[[0]], fitted))
+    return digits(figure | {"data": [trace | {"x": [], "y": []} for trace in figure["data"] if trace["meta"]]})
 
 
 def _reach(

@@ -24,7 +24,7 @@ function draw(id, traces, {summary, ...layout}) {
   });
 }
 
-// What a figure shows, for those who do not see it: its notes, and each trace's one point or first and last.
+// Describe a figure for screen readers: its notes, and the only point of each trace or its first and last.
 function described(traces, {annotations = []}) {
   const bare = text => new DOMParser().parseFromString(text, "text/html").body.textContent;
   const ends = ({x, y}) => (x.length > 1 ? [0, -1] : [0]).map(k => `(${[x, y].map(part => digits(part.at(k) ?? NaN)).join(", ")})`).join(" to ");

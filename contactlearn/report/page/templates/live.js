@@ -1,4 +1,4 @@
-// What is chosen, and what follows when that changes.
+// The choices of the reader, and all that depends on them.
 const state = {
   model: 0, trial: 0, region: -1, law: 0, across: 0, up: 0, dropAcross: 0, dropUp: 0,
   alone: false,  // the map has the law alone, whatever is ticked

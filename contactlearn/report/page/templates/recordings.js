@@ -45,7 +45,7 @@ function drawTrack() {
     if (!last) layout.xaxis.showticklabels = true;
   });
   layout.uirevision = one.name;
-  return draw("track", traces, {...layout, summary: `Recording ${one.name}: ${one.said} Contacts at ${one.contacts.map(({time}) => `${digits(time, 5)} s`).join(", ") || "no instant"}. ${
+  return draw("track", traces, {...layout, summary: `Recording ${one.name}: ${one.summary} Contacts at ${one.contacts.map(({time}) => `${digits(time, 5)} s`).join(", ") || "no instant"}. ${
     one.refused.map(part => `Refused from ${digits(part.time[0], 4)} s to ${digits(part.time[1], 4)} s: ${part.reason}, ${part.number}`).join(". ")}`});
 }
 
@@ -104,7 +104,7 @@ function showRecording(number) {
   tracked.recording = number;
   const one = current(), bodies = ["contacts", "parts"].map(id => get(id).tBodies[0]);
   get("choice").value = number;
-  get("said").textContent = `${one.name}: ${one.said}`;
+  get("summary").textContent = `${one.name}: ${one.summary}`;
   bodies.forEach(body => body.replaceChildren());
   one.contacts.forEach(({name, cells}, k) => {
     const button = document.createElement("button");
