@@ -1,13 +1,11 @@
-"""Coverage-guided fuzzing of everything that reads what others made: only documented errors may come out.
+"""Coverage-guided fuzzing of all readers of foreign input: only documented errors may come out.
 
-    tables       CSV and Parquet tables of impacts, under any names, units and shapes
-    mat          the published .mat, with the checksum of whatever is read
-    recordings   tracks: CSV, Parquet, Motive, TUM; HDF5, C3D, ROS bags and MCAP with contactlearn[tracks]
-    formulas     effects from lines of mathematics, read, tried on measurements and used
-    overrides    the words of a command line, composed and checked
-    checkpoints  model files: whole ones, their pickle, their description
-    target       what a target is, and what is made of it
-    run          the command
-
-Each target is a function from bytes; tests/corpus holds small inputs of each, which the tests replay.
+tables       CSV and Parquet tables of impacts
+mat          the published .mat
+recordings   tracked poses: CSV, Parquet, Motive, TUM; HDF5, C3D, ROS bags and MCAP with contactlearn[tracks]
+formulas     effects from lines of mathematics
+overrides    the words of a command line
+checkpoints  model files
+target       a target and the judge of its results
+run          the command
 """

@@ -77,18 +77,10 @@ def seeds() -> list[bytes]:
 
 KINDS = ["ContactModel", "Regressor", "Standardisation", "ExactGPs", "SparseGPs", "Law", "effect", "effects"]
 TARGET = Target(
-    read,
-    seeds,
+    read, seeds,
     words=[
-        *KINDS,
-        '"kind": ',
-        "null",
-        "1e999",
-        "[[[[",
-        "cos\nsystem\n",
-        "ctorch._utils\n_rebuild_tensor_v2\n",
-        "\x80\x02",
-        ".",
+        *KINDS, '"kind": ', "null", "1e999", "[[[[", "cos\nsystem\n", "ctorch._utils\n_rebuild_tensor_v2\n",
+        "\x80\x02", ".",
     ],
     watched=["torch._weights_only_unpickler"],
-)
+)  # fmt: skip

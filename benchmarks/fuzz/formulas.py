@@ -60,19 +60,9 @@ def seeds() -> list[bytes]:
 NAMES = [*SYMBOLS, *(name for outputs in OUTPUTS.values() for name in outputs)]
 FUNCTIONS = ["sin(", "exp(", "log(", "sqrt(", "abs(", "sign(", "tanh(", "min(", "max(", "tan("]
 TARGET = Target(
-    read,
-    seeds,
+    read, seeds,
     words=[
-        *dict.fromkeys(NAMES),
-        *FUNCTIONS,
-        "**",
-        "1e308",
-        "9**9**9",
-        "lambda",
-        "__class__",
-        "null",
-        "(((((",
-        "not",
+        *dict.fromkeys(NAMES), *FUNCTIONS, "**", "1e308", "9**9**9", "lambda", "__class__", "null", "(((((", "not",
         "if",
     ],
-)
+)  # fmt: skip

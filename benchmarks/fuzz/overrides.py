@@ -80,36 +80,13 @@ def seeds() -> list[bytes]:
 
 
 KEYS = [
-    "train.size",
-    "data.path",
-    "effect",
-    "law._target_",
-    "candidate",
-    "limits",
-    "hydra.run.dir",
-    "reference",
-    "laws",
-]
+    "train.size", "data.path", "effect", "law._target_", "candidate", "limits", "hydra.run.dir", "reference", "laws",
+]  # fmt: skip
 TARGET = Target(
-    read,
-    seeds,
+    read, seeds,
     words=[
-        *KEYS,
-        "${",
-        "}",
-        "[",
-        "]",
-        "{",
-        "null",
-        "nan",
-        "inf",
-        "1e999",
-        "glob(*)",
-        "range(1,9)",
-        "++",
-        "~",
-        "@",
+        *KEYS, "${", "}", "[", "]", "{", "null", "nan", "inf", "1e999", "glob(*)", "range(1,9)", "++", "~", "@",
         "\\,",
     ],
     watched=["hydra.core.override_parser", "hydra._internal.grammar"],
-)
+)  # fmt: skip

@@ -48,22 +48,8 @@ def seeds() -> list[bytes]:
 
 
 TARGET = Target(
-    read,
-    seeds,
+    read, seeds,
     words=[
-        *table.COLUMNS,
-        "nan",
-        "inf",
-        "-1e308",
-        "1e309",
-        '"',
-        "\r\n",
-        ",",
-        ";",
-        "\x00",
-        "1_0",
-        "٣",
-        "PAR1",
-        "speed_x",
+        *table.COLUMNS, "nan", "inf", "-1e308", "1e309", '"', "\r\n", ",", ";", "\x00", "1_0", "٣", "PAR1", "speed_x",
     ],
-)
+)  # fmt: skip
