@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import reduce
 from importlib import import_module
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import torch
 from omegaconf import DictConfig, OmegaConf
@@ -195,7 +195,7 @@ class EvaluateSettings:
     curve_seeds: int
     transfer: TransferSettings | None
     figures: FigureSettings
-    tables: str
+    tables: Literal["parquet", "csv"]
     reference: Mapping[str, Mapping[str, tuple[float, ...]]]
 
     @classmethod
@@ -554,10 +554,10 @@ def _reference(config: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, ..
     """Published parameters by law, (mean, standard deviation) each; none where the configuration has none."""
     found = {}
     for law, entry in (config["reference"] or {}).items():
-        pairs = [entry.get(name) if isinstance(entry, dict) else None for name in ("mu", "eps")]
-        if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
+        pairs = {name: entry.get(name) if isinstance(entry, dict) else None for name in ("mu", "eps")}
+        if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs.values()):
             raise ContactLearnError(f"reference.{law} must hold mu: [mean, std] and eps: [mean, std], got {entry}")
-        found[str(law)] = dict(zip(("mu", "eps"), map(tuple, pairs), strict=True))
+        found[str(law)] = {name: tuple(pair or ()) for name, pair in pairs.items()}
     return found
 
 
