@@ -126,12 +126,12 @@ def test_a_fit_takes_them_for_the_stated_noise():
     found = identify_jointly(law, {}, impacts, options=FitOptions(starts=2))
     bare = impacts.replace(v_pre_cov=None, v_post_cov=None)
     torch.testing.assert_close(found.values, identify_jointly(law, {}, bare, options=stated).values)
-    assert stated.known(impacts) is stated
-    assert FitOptions().known(bare) == FitOptions()
-    one = FitOptions().known(impacts.replace(v_post_cov=None))
+    assert stated.with_noise_of(impacts) is stated
+    assert FitOptions().with_noise_of(bare) == FitOptions()
+    one = FitOptions().with_noise_of(impacts.replace(v_post_cov=None))
     assert one.noise == one.noise_before
     assert one.noise == pytest.approx((V / 2, V / 2, OMEGA / 2))
-    assert FitOptions().known(impacts.replace(v_post_cov=torch.zeros(size, 3, 3))).noise is None
+    assert FitOptions().with_noise_of(impacts.replace(v_post_cov=torch.zeros(size, 3, 3))).noise is None
 
 
 def test_the_noise_floor_is_that_of_the_covariances():

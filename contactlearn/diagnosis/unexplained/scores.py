@@ -143,7 +143,7 @@ def attenuation_regressors(impacts: Impacts, fit: JointFit, options: FitOptions)
     Components of v_pre count whose errors, if as large as the residual, could be seen over so many trials.
     """
     none = torch.zeros(len(impacts), 3, 0, dtype=torch.float64)
-    if options.known(impacts).noise is not None or options.target != "velocity":
+    if options.with_noise_of(impacts).noise is not None or options.target != "velocity":
         return none
     centred = impacts.v_pre - impacts.v_pre.mean(0)
     noticeable = len(impacts) * fit.scatter.diagonal() > _NOTICEABLE**2 * centred.square().mean(0)

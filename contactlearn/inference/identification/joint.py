@@ -62,7 +62,7 @@ class FitOptions:
     noise: tuple[float, float, float] | None = None
     """Standard deviations of the measured v_x, v_y (m/s) and ω (rad/s) after impact, known up to a common factor.
 
-    If None, it is that of the covariances of the impacts, see `known`; where they have none, the residual is weighted
+    If None, it is that of the covariances of the impacts, see `with_noise_of`; where they have none, the residual is weighted
     by its own scatter, and v_pre is treated as exact.
     """
     noise_before: tuple[float, float, float] | None = None
@@ -89,7 +89,7 @@ class FitOptions:
         if self.target not in FIT_TARGETS:
             raise UnknownNameError("target of a joint fit", self.target, FIT_TARGETS)
 
-    def known(self, impacts: Impacts) -> "FitOptions":
+    def with_noise_of(self, impacts: Impacts) -> "FitOptions":
         """Return the options with the noise that the covariances of the impacts imply, where none is stated.
 
         It is the root of their mean variances.  Covariances of one side serve for both; those that leave a component
@@ -316,7 +316,7 @@ def _observed(
     options: FitOptions,
 ) -> tuple[JointProblem, Tensor | None]:
     """Return the problem of rows [B, n] at measured v_pre, and the noise [2, 3] before and after if v_pre has one."""
-    options = options.known(impacts)
+    options = options.with_noise_of(impacts)
     deviations = partial(torch.tensor, dtype=torch.float64, device=impacts.mass.device)
     after = None if options.noise is None else deviations(options.noise)
     problem = JointProblem.of(law, effects, impacts, rows, parameters, options.target, after)
