@@ -62,8 +62,8 @@ class FitOptions:
     noise: tuple[float, float, float] | None = None
     """Standard deviations of the measured v_x, v_y (m/s) and ω (rad/s) after impact, known up to a common factor.
 
-    If None, it is that of the covariances of the impacts, see `with_noise_of`; where they have none, the residual is weighted
-    by its own scatter, and v_pre is treated as exact.
+    If None, it is that of the covariances of the impacts, see `with_noise_of`; where they have none, the residual is
+    weighted by its own scatter, and v_pre is treated as exact.
     """
     noise_before: tuple[float, float, float] | None = None
     """Standard deviations before impact, in the units and up to the factor of `noise`; equal to `noise` if None.
