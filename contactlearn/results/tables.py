@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 import torch
 from jaxtyping import Int
@@ -146,9 +147,13 @@ def _frames(path: Path) -> Iterator[pd.DataFrame]:
         with pq.ParquetFile(path) as file:
             yield from (batch.to_pandas() for batch in file.iter_batches(_ROWS, columns=[*_READ]))
     else:
-        yield from pd.read_csv(
-            path, dtype={"trial": str, "model": str}, keep_default_na=False, usecols=[*_READ], chunksize=_ROWS
+        names = pacsv.ConvertOptions(
+            include_columns=[*_READ], column_types={"trial": pa.string(), "model": pa.string()}
         )
+        with pacsv.open_csv(
+            path, convert_options=names
+        ) as reader:  # every number to its last digit, as pandas 2 does not
+            yield from (batch.to_pandas() for batch in reader)
 
 
 def _names(impacts: Impacts) -> dict[str, tuple[str, ...]]:
