@@ -11,7 +11,7 @@ that it exchanges.
 import html
 import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -54,7 +54,8 @@ def as_plotly(figure: Figure) -> dict[str, Any]:
     Raises:
         TypeError: an artist of another kind.
     """
-    data, layout, seen = list[_Trace](), {"shapes": [], "annotations": []}, set[str]()
+    data, seen = list[_Trace](), set[str]()
+    layout: _Trace = {"shapes": [], "annotations": []}
     panels = [axes for axes in figure.axes if axes.get_visible()]
     for place, axes in enumerate(panels):
         number = str(place + 1) if place else ""
@@ -80,7 +81,7 @@ def _axes(axes: Axes, panels: list[Axes], number: str) -> tuple[_Trace, _Trace]:
     spec = axes.get_subplotspec()
     assert spec is not None  # every panel is one of a grid
     rows, columns = spec.get_gridspec().get_geometry()
-    across, up = _axis(axes.xaxis), _axis(axes.yaxis)
+    across, up = _axis(axes.xaxis, axes.get_autoscalex_on()), _axis(axes.yaxis, axes.get_autoscaley_on())
     across |= {"domain": _share(spec.colspan.start, columns), "anchor": f"y{number}"}
     up |= {"domain": _share(rows - 1 - spec.rowspan.start, rows), "anchor": f"x{number}"}
     for one, way, shared in ((across, "x", axes.get_shared_x_axes()), (up, "y", axes.get_shared_y_axes())):
@@ -97,18 +98,18 @@ def _share(place: int, count: int) -> list[float]:
     return [place * (size + _GAP), place * (size + _GAP) + size]
 
 
-def _axis(axis: Axis) -> _Trace:
+def _axis(axis: Axis, automatic: bool) -> _Trace:
     """Title, scale, ends and ticks; what matplotlib chooses itself is left to plotly."""
     found: _Trace = {"title": {"text": _text(axis.get_label_text())}, "zeroline": False}
     log = axis.get_scale() == "log"
     ends = np.array(axis.get_view_interval())
     if log:
         found["type"] = "log"
-    if not axis._get_autoscale_on():
+    if not automatic:
         found["range"] = (np.log10(ends) if log else ends).tolist()
     locator = axis.get_major_locator()
     if isinstance(locator, FixedLocator):
-        places = [float(place) for place in locator.locs]
+        places = [float(place) for place in locator()]
         words = [_text(word) for word in axis.get_major_formatter().format_ticks(places)]
         found |= {"tickvals": places, "ticktext": words}
     return found
@@ -172,7 +173,7 @@ def _line(line: Line2D, axes: Axes) -> _Trace:
     look = {"color": color, "width": _PIXELS * line.get_linewidth(), "dash": _dashes(line)}
     x, y = (np.atleast_1d(np.asarray(part, float)) for part in line.get_data())
     if isinstance(line, AxLine):
-        (x0, y0), x = line.get_xy1(), np.array(axes.get_xlim())
+        (x0, y0), x = line.get_xy1() or (0, 0), np.array(axes.get_xlim())
         y = y0 + line.get_slope() * (x - x0)
     elif not all(_in_data(line, axes)):
         return _crossing("line", line, axes, x, y) | {"line": look}
@@ -187,7 +188,7 @@ def _line(line: Line2D, axes: Axes) -> _Trace:
     marker: _Trace = {"symbol": symbol + "-open" * hollow, "color": edge if hollow or thin else face, "size": size}
     if hollow or thin:
         marker["line"] = {"width": 1.5 * _PIXELS, "color": edge}
-    every = line.get_markevery()
+    every: Any = line.get_markevery()
     if every is not None:
         shown = set(np.arange(len(x))[::every] if isinstance(every, int) else every)
         marker["size"] = [size if k in shown else 0 for k in range(len(x))]
@@ -196,11 +197,11 @@ def _line(line: Line2D, axes: Axes) -> _Trace:
 
 def _dashes(line: Line2D) -> str:
     """The dashes of a line, which has no public way to ask for those of its own."""
-    _, dashes = line._unscaled_dash_pattern
+    _, dashes = vars(line)["_unscaled_dash_pattern"]
     return " ".join(f"{_PIXELS * line.get_linewidth() * part:.3g}px" for part in dashes) if dashes else "solid"
 
 
-def _in_data(artist: Line2D | Rectangle, axes: Axes) -> tuple[bool, bool]:
+def _in_data(artist: Line2D | Rectangle, axes: Axes) -> Sequence[bool]:
     """Whether x and y are data; else they are shares of the panel."""
     return artist.get_transform().contains_branch_seperately(axes.transData)
 
@@ -223,13 +224,15 @@ def _span(patch: Rectangle, axes: Axes) -> _Trace:
 
 def _segments(collection: LineCollection) -> _Trace:
     """Separate lines as one trace."""
-    look = {"color": to_hex(collection.get_color()[0]), "width": _PIXELS * float(collection.get_linewidth()[0])}
+    color, width = np.atleast_2d(collection.get_color())[0], np.atleast_1d(collection.get_linewidth())[0]
+    look = {"color": to_hex(tuple(color)), "width": _PIXELS * float(width)}
     return {"type": "scatter", "mode": "lines", "line": look, "hoverinfo": "skip"} | _joined(collection.get_segments())
 
 
-def _fill(polygons: list[np.ndarray], face: Any, edge: Any = None) -> _Trace:
-    edged = edge is not None and to_hex(edge, keep_alpha=True)[-2:] != "00"
-    line = {"width": 1, "color": to_hex(edge)} if edged else {"width": 0}
+def _fill(polygons: Any, face: Any, edge: Any = None) -> _Trace:
+    line: _Trace = {"width": 0}
+    if edge is not None and to_hex(edge, keep_alpha=True)[-2:] != "00":
+        line = {"width": 1, "color": to_hex(edge)}
     look = {"fill": "toself", "fillcolor": to_hex(face), "line": line, "hoveron": "points"}
     return {"type": "scatter", "mode": "lines", **look} | _joined(polygons)
 
@@ -259,7 +262,7 @@ def _annotations(axes: Axes, number: str) -> list[_Trace]:
 
 def _note(text: Text) -> _Trace:
     x, y = text.get_position()
-    sides = {"xanchor": _SIDES[text.get_ha()], "yanchor": _SIDES[text.get_va()]}
+    sides = {"xanchor": _SIDES[text.get_horizontalalignment()], "yanchor": _SIDES[text.get_verticalalignment()]}
     return {"x": float(x), "y": float(y), "text": _text(text.get_text()), "align": "left", **sides}
 
 

@@ -94,7 +94,7 @@ def ladder_figure(found: Diagnosis) -> Figure:
     figure = _bars(names, [rung.error for rung in found.ladder], physical)
     if found.budget is not None:
         style = st.law_style("irb")
-        look = {"color": style.color, "linestyle": style.linestyle, "zorder": 0.5}
+        look: dict[str, Any] = {"color": style.color, "linestyle": style.linestyle, "zorder": 0.5}
         figure.axes[0].axvline(found.budget.bound.mean, **look, label=style.label)
         figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center")
     return figure

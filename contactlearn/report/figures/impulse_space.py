@@ -120,9 +120,14 @@ def compared_impulses(trial: Impacts, laws: Mapping[str, Law]) -> Figure:
         label = st.plain(style.label)
         axes.plot(*guess, style.marker, color=style.color, **_GUESS, zorder=5, label=label, gid=f"law {place}")
     mu, top = float(space.laws[0].mu), st.MILLI * space.ellipse[:, 1].max()
-    cone = {"color": st.law_style(space.laws[0].name).color, "linestyle": "--"}
+    cone: dict[str, Any] = {"color": st.law_style(space.laws[0].name).color, "linestyle": "--"}
     axes.plot((-mu * top, 0, mu * top), (top, 0, top), **cone, zorder=3, label="Friction cone", gid="cone")
-    model = {"markerfacecolor": "white", "markeredgecolor": st.CONTRAST[1], "markersize": 10, "linestyle": "none"}
+    model: dict[str, Any] = {
+        "markerfacecolor": "white",
+        "markeredgecolor": st.CONTRAST[1],
+        "markersize": 10,
+        "linestyle": "none",
+    }
     axes.plot(*space.points[0] * st.MILLI, "o", **model, zorder=6, label="Chosen model", gid="model")
     axes.set_aspect("equal")
     return figure

@@ -64,7 +64,8 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
 def _figures(result: Evaluation, held_out: HeldOut, labels: Mapping[str, str]) -> dict[str, Any]:
     """The figures that no choice changes, by their place on the page."""
     errors = {label: mass_error(held_out.impacts, held_out.predictions[name]) for name, label in labels.items()}
-    intervals = {label: tuple(result.errors[name].headline) for name, label in labels.items()}
+    means = {label: result.errors[name].headline for name, label in labels.items()}
+    intervals = {label: (mean.mean, mean.low, mean.high) for label, mean in means.items()}
     figures = {"distributions": error_comparison(errors, intervals, ERROR)}
     if result.learning_curves:
         curves = {name: torch.tensor([*map(tuple, one.headline)]) for name, one in result.learning_curves.items()}
