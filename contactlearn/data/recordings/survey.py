@@ -207,15 +207,16 @@ def _search_file(file: Path, frame: Frame, options: TrackOptions) -> Survey:
 def _search(piece: _Piece, frame: Frame, options: TrackOptions) -> Survey:
     founds, refusals = list[Found](), list[Refusal]()
     for recording in piece:
+        if isinstance(recording, Refusal):
+            refusals.append(recording)
+            continue
         try:
-            found = recording if isinstance(recording, Refusal) else tracked(recording, frame, options)
+            found = tracked(recording, frame, options)
         except ContactLearnError as error:
-            found = _not_read(Path(recording.source), len(founds), error)
-        if isinstance(found, Refusal):
-            refusals.append(found)
-        else:
-            founds.append(found)
-            refusals += found.refusals
+            refusals.append(_not_read(Path(recording.source), len(founds), error))
+            continue
+        founds.append(found)
+        refusals += found.refusals
     return Survey(
         frame=frame,
         recordings=len(founds),

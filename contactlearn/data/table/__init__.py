@@ -38,6 +38,7 @@ from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import written_whole
 from contactlearn.data import table
 from contactlearn.data.blocks import BLOCK, LARGE, Blocks
+from contactlearn.data.table import sheet
 from contactlearn.data.table.columns import (
     COLUMNS,
     NAMES,
