@@ -1,23 +1,23 @@
-"""Does the diagnosis find what is hidden?  On data whose physics is nature's own, not the catalogue's.
+"""Does the diagnosis find hidden effects?  The physics of the data is an independent simulator's, or MuJoCo's.
 
     python benchmarks/accuracy/hidden_effects.py [--workers 2] [--scale 1.0] [--only single] [--keep entries.jsonl]
 
 `data=mystery` hides effects whose size is two to five times the noise in the outcome.  Each data set is diagnosed with
-law=best and the whole catalogue, knowing nothing; only then is the truth looked at.
+law=best and the whole catalogue; the ground truth is read afterwards.
 
     single      one effect, named first (or found at all)
     pair        two effects, both found
-    none        nothing hidden: anything named is a false alarm
-    unknown     effects that no catalogue entry describes: said to be unknown, with the right component
-    confounded  two effects that leave nearly the same trace, both found or said to be rivals
-    corrupted   columns, axes and units of clean drops spoilt: caught, and clean data not accused
+    none        nothing hidden: any name is a false alarm
+    unknown     effects that no catalogue entry describes: called unknown, with the right component
+    confounded  two effects with nearly the same trace, both found or reported as rivals
+    corrupted   wrong columns, axes and units of clean drops: corrected, without any effect
     mujoco      tilt, offset centre of mass, wrong inertia, late sample, by another engine
 
-    way         share of the way from the law alone to nature's own prediction that the named effects bring
-    precision   share of the effects named that were hidden;  recall: share of those hidden that were named
-    coverage    of the 95 % intervals of parameters that mean the same to nature and to the catalogue
+    gain        share of the error reduction from the law alone to the true prediction that the named effects reach
+    precision   share of the named effects that were hidden;  recall: share of the hidden effects that were named
+    coverage    of the 95 % intervals of parameters that simulator and catalogue share
 
-With --keep, what is done is kept in a file, and a run that was interrupted goes on from there.
+Finished sets are lines of the file --keep, and an interrupted run resumes from there.
 """
 
 import argparse
@@ -118,7 +118,7 @@ def one(group: str, names: tuple, seed: int, size: int, noise: float) -> dict:
     if truth is not None and found.budget is not None:
         best = _error(impacts, truth["v_post_from_measured"])
         base, named = found.budget.base.mean, found.budget.named.mean
-        entry["way"] = (base - named) / (base - best) if base > 1.05 * best else None
+        entry["gain"] = (base - named) / (base - best) if base > 1.05 * best else None
         entry["hidden_share"] = 1 - best / base
         entry["floor"] = found.budget.noise.mean / best
     return entry
@@ -152,26 +152,26 @@ def report(entries: list[dict]) -> None:
         if key in ("single", "none", "pair"):
             key += f", {entry['size']} trials, noise × {entry['noise']:g}"
         groups[key].append(entry)
-    print("| group | sets | as asked | precision | recall | way, median | coverage | seconds, median (max) |")
+    print("| group | sets | right | precision | recall | gain, median | coverage | seconds, median (max) |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for key, group in groups.items():
-        asked = [_as_asked(entry) for entry in group]
+        right = [_is_right(entry) for entry in group]
         hits = sum(name in entry["names"] for entry in group for name in entry["found"])
         claims = sum(len(entry["found"]) for entry in group)
         hidden = sum(len(entry["names"]) for entry in group if entry["group"] != "corrupted")
         recall = sum(named(entry, name) for entry in group for name in entry["names"])
-        ways = [entry["way"] for entry in group if entry.get("way") is not None]
+        gains = [entry["gain"] for entry in group if entry.get("gain") is not None]
         times = [entry["seconds"] for entry in group]
         inside = [abs(sigma) < Z_95 for entry in group for sigma in entry["sigmas"]]
         print(
-            f"| {key} | {len(group)} | {mean(asked):.0%} | {hits / claims if claims else 1:.0%} | "
-            f"{recall / hidden if hidden else 1:.0%} | {f'{median(ways):.0%}' if ways else ''} | "
+            f"| {key} | {len(group)} | {mean(right):.0%} | {hits / claims if claims else 1:.0%} | "
+            f"{recall / hidden if hidden else 1:.0%} | {f'{median(gains):.0%}' if gains else ''} | "
             f"{f'{mean(inside):.0%} of {len(inside)}' if inside else ''} | {median(times):.1f} ({max(times):.1f}) |"
         )
 
 
-def _as_asked(entry: dict) -> bool:
-    """Named first, or both named, or nothing named, or said to be unknown."""
+def _is_right(entry: dict) -> bool:
+    """Whether the answer is right: named first, both named, nothing named, corrected, or unknown."""
     found, names = entry["found"], entry["names"]
     if entry["group"] == "none":
         return not found and not entry["repairs"]
@@ -189,7 +189,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--scale", type=float, default=1.0, help="of the number of data sets")
     parser.add_argument("--only", help="one group")
-    parser.add_argument("--keep", type=Path, help="file of what is done, one data set a line")
+    parser.add_argument("--keep", type=Path, help="file of finished sets, one JSON line each")
     options = parser.parse_args()
     torch.set_num_threads(1)
     threadpool_limits(1)
@@ -202,9 +202,9 @@ def main() -> None:
         if options.keep:
             with options.keep.open("a") as file:
                 file.write(json.dumps(entry) + "\n")
-        if not _as_asked(entry):
-            said = entry["found"] or entry["repairs"] or entry["verdict"]
-            print(f"  missed: {entry['group']} {entry['names']} n = {entry['size']}: {said}", flush=True)
+        if not _is_right(entry):
+            answer = entry["found"] or entry["repairs"] or entry["verdict"]
+            print(f"  missed: {entry['group']} {entry['names']} n = {entry['size']}: {answer}", flush=True)
     report(entries)
 
 

@@ -2,7 +2,7 @@
 
     python benchmarks/accuracy/recordings.py [--size 300] [--seed 1000] [--what contacts conventions files diagnosis]
 
-A contact is clean if the flights before and after it have one frame more than the search asks for.  An accepted one
+A contact is clean if the flights before and after it have one frame more than the search requires.  An accepted one
 is false if one of its flights has three frames fewer, or if no true contact is within half a frame.  Shares have
 Wilson's 95 % intervals.
 """
@@ -151,15 +151,15 @@ CONVENTIONS = {
 
 
 def conventions(size: int, seed: int, sets: int = 10) -> None:
-    """Outcomes of sets of recordings with wrong or unstated conventions: right, caught or asked for, wrong."""
-    print("| recordings | found and right | caught or asked for | wrong |\n| --- | --- | --- | --- |")
+    """Outcomes of sets of recordings with wrong or unstated conventions: right, caught or requested, wrong."""
+    print("| recordings | found and right | caught or requested | wrong |\n| --- | --- | --- | --- |")
     for number, (name, (camera, settings)) in enumerate(CONVENTIONS.items()):
         outcomes = Counter(outcome(size, camera, settings, seed + 100 * number + k) for k in range(sets))
         print(f"| {name} | {outcomes['right']} | {outcomes['caught']} | {outcomes['wrong']} |", flush=True)
 
 
 def outcome(size: int, camera: Camera, settings: dict, seed: int) -> str:
-    """Whether velocities are right, or an error says what is the matter."""
+    """Whether velocities are right, or an error names the problem."""
     recordings, truth = simulate(size, camera, seed=seed)
     with tempfile.TemporaryDirectory() as folder:
         write_recordings(recordings, Path(folder))
@@ -221,8 +221,8 @@ def tabled(found: Tracked, truth: TrueContacts, seed: int) -> Impacts:
 def named(impacts: Impacts) -> str:
     """The names that a diagnosis gives, with their confidence, or its verdict."""
     answer = diagnose(impacts)
-    said = ", ".join(f"{one.effect} {one.confidence:.2f}" for one in answer.missing) or "no name"
-    return f"{said}; {answer.verdict}"
+    names = ", ".join(f"{one.effect} {one.confidence:.2f}" for one in answer.missing) or "no name"
+    return f"{names}; {answer.verdict}"
 
 
 def files(size: int, seed: int) -> None:

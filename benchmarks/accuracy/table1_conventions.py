@@ -1,7 +1,7 @@
 """Which convention reproduces the paper's Table 1?  Every law, all drops, k = 120 × 100 subsets.
 
 The variants of the laws, I = m(a² + b²)/5, the published Jacobian rows and the authors' parameter
-limits are held fixed; what is varied is the measured impulse:
+limits are fixed; the definition of the measured impulse varies:
 
     target       momentum, least_squares (the paper's text), contact (the authors' script)
     free fall    time between both measured states during which gravity acts and which is taken out of

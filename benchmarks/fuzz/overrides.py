@@ -46,10 +46,10 @@ def read(content: bytes) -> None:
         check_targets(cfg, words)
         SETTINGS[command].from_config(cfg)
     except (HydraException, OmegaConfBaseException) as error:
-        said = explained(error, command, words)
-        if not said or "\n" in said:
-            raise AssertionError(f"is no line: {said!r}") from error
-        raise ContactLearnError(said) from error
+        line = explained(error, command, words)
+        if not line or "\n" in line:
+            raise AssertionError(f"is no line: {line!r}") from error
+        raise ContactLearnError(line) from error
 
 
 def composed(command: str, words: list[str]) -> DictConfig:

@@ -5,7 +5,7 @@
 10 seeds × 3 outputs: from the features X1 of n random drops to their wrenches, all standardised.  Every
 method fits the same model (zero mean, scaled ARD squared exponential, Gaussian noise, no priors), within
 our bounds where it takes bounds and with noise ≥ 1e-6 everywhere, and starts and stops as its library
-does by default unless said:
+does by default unless stated:
 
     ours                       `ExactGPs.fit`, all processes at once, two starts
     L-BFGS-B, our evidence     SciPy's, one process at a time, from the first of our starts

@@ -4,7 +4,7 @@
 
 The command is started as a user starts it, and headless Chromium clicks.  A tick adds a fifth effect to four, another
 one each time, so no fit is known before; its time ends when error and parameters stand in the page.  Times are medians
-and depend on what else the machine does: the load average stands beside them.
+and depend on other work of the machine: the load average is printed first.
 """
 
 import os
@@ -76,7 +76,7 @@ def tick(browser, name):
     took = browser.execute_async_script(_TICK, name)
     time.sleep(0.5)
     browser.execute_async_script(_TICK, name)
-    time.sleep(1.5)  # until the slower parts have followed
+    time.sleep(1.5)  # until the slower parts are updated
     return took
 
 

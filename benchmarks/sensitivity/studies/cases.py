@@ -1,4 +1,4 @@
-"""Data sets for the studies: nature's own drops, drops by the textbook, and ways of spoiling either."""
+"""Data sets for the studies: simulated and textbook drops, and mistakes of measurement."""
 
 import math
 from functools import cache
@@ -15,14 +15,14 @@ Truth = dict
 
 
 @cache
-def nature(
+def simulated(
     seed: int,
     effects: tuple[str, ...] = (),
     size: int = 150,
     noise: float = 1.0,
     strength: tuple[float, float] = (2, 5),
 ) -> tuple[Impacts, Truth]:
-    """Drops of `data=mystery` and the truth about them."""
+    """Draw drops of `data=mystery` with their ground truth."""
     return hidden_effects.draw(seed, effects=list(effects), size=size, noise=noise, strength=strength)
 
 
@@ -40,10 +40,10 @@ def textbook(
 def drops(
     effects: tuple[str, ...], size: int, seed: int, strength: tuple[float, float] = (2, 5)
 ) -> tuple[Impacts, str]:
-    """Nature's drops with hidden effects, or textbook drops where there are none; and the law that is true of them."""
+    """Draw drops with hidden effects, or textbook drops without, with their true law."""
     if not effects:
         return textbook(seed, size), "wang_mason"
-    impacts, truth = nature(seed, effects, size, strength=strength)
+    impacts, truth = simulated(seed, effects, size, strength=strength)
     return impacts, truth["law"]
 
 

@@ -21,9 +21,9 @@ from sensitivity.studies.cases import (
     between,
     body,
     heavier,
-    nature,
     random,
     shuffled,
+    simulated,
     spoilt,
     textbook,
 )
@@ -53,9 +53,9 @@ def _written(kind: str, seed: int) -> Written:
     size, level = _SIZES[seed % 3], between(0.01, 0.1, seed)
     match kind:
         case "clean":
-            return Written(nature(seed, size=size)[0])
+            return Written(simulated(seed, size=size)[0])
         case "disturbed":
-            return Written(nature(seed, (_STRONG[seed % len(_STRONG)],), size, strength=(5, 10))[0])
+            return Written(simulated(seed, (_STRONG[seed % len(_STRONG)],), size, strength=(5, 10))[0])
         case "rough":
             level = between(0.02, 0.4, seed)
             return Written(textbook(seed, size, level, 20 * level, body(seed)))
@@ -107,7 +107,7 @@ def _weighed(kind: str, seed: int) -> Impacts:
         case "noise":
             level = between(0.02, 0.2, seed)
             return textbook(seed, 100, level, 20 * level, body(seed))
-    return nature(seed, (kind,), strength=(4, 10))[0]
+    return simulated(seed, (kind,), strength=(4, 10))[0]
 
 
 def _scaled(impacts: Impacts, thresholds: Thresholds) -> bool:
@@ -137,7 +137,7 @@ def _torn(kind: str, seed: int) -> ConventionComparison:
             level = between(0.05, 0.4, seed)
             impacts = textbook(seed, 60, level, 20 * level, body(seed))
         case _:
-            impacts = nature(seed, (kind,), size=60, strength=(4, 10))[0]
+            impacts = simulated(seed, (kind,), size=60, strength=(4, 10))[0]
     return compare(impacts.replace(validate=False), Thresholds().audit)
 
 
@@ -156,7 +156,7 @@ def _moments(kind: str, seed: int) -> Impacts:
     level = between(0.005, 0.05, seed)
     match kind:
         case "clean":
-            return nature(seed)[0]
+            return simulated(seed)[0]
         case "rough":
             return textbook(seed, 100, level, 20 * level, body(seed))
         case "open":
@@ -174,12 +174,12 @@ def _moments(kind: str, seed: int) -> Impacts:
             return textbook(seed, 20, 0.02, between(8.0, 30.0, seed), Disc(0.03))
         case "vertical":  # a disc without slip and spin: no moment at all
             return _pushed(_discs(seed, 0.0), level, 0.0)
-        case "slight":  # hardly any friction, and spins off by a factor
+        case "slight":  # little friction, and spins off by a factor
             factor = between(0.4, 0.65, seed)
             return _pushed(_discs(seed, 0.03), 0.002, factor)
         case "still":  # spins that answer to no moment, noise apart
             return _pushed(textbook(seed, 100, 0.0, 0.0, Disc(0.03)), level, 0.0)
-    return nature(seed, (kind,))[0]
+    return simulated(seed, (kind,))[0]
 
 
 def _discs(seed: int, mu: float) -> Impacts:

@@ -63,7 +63,7 @@ def _open(fit: JointFit, thresholds: Thresholds) -> bool:
 
 
 def _traded(fit: JointFit, thresholds: Thresholds) -> bool:
-    """Whether the parameter of the effect is said to trade off with another."""
+    """Whether the parameter of the effect trades off with another."""
     name = fit.parameters[-1].name
     return any(name in pair for pair in replace(fit, thresholds=thresholds.fit).trade_offs())
 

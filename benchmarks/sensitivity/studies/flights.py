@@ -1,4 +1,4 @@
-"""Studies of recordings: which contacts are accepted, what the refused ones are called, what is off the floor."""
+"""Studies of recordings: accepted contacts, reasons of refusal, contacts off the floor."""
 
 import math
 from dataclasses import dataclass, replace

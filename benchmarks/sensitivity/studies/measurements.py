@@ -20,7 +20,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import Ellipse
 from contactlearn.models.contact_model import ContactModel
-from sensitivity.studies.cases import after, between, heavy, nature, random, some, spiked, textbook
+from sensitivity.studies.cases import after, between, heavy, random, simulated, some, spiked, textbook
 from sensitivity.study import Study, each
 
 
@@ -113,10 +113,10 @@ DROPPED = Study(
 
 
 def _shaped(kind: str, seed: int) -> Impacts:
-    """Contact points of a body that a physical effect moves a little, or of another body than is said."""
+    """Contact points of a body that a physical effect moves a little, or of another body than stated."""
     if kind not in ("axes", "scale", "turned"):
-        return nature(seed, (kind,), strength=(4, 8))[0]
-    impacts = nature(seed)[0]
+        return simulated(seed, (kind,), strength=(4, 8))[0]
+    impacts = simulated(seed)[0]
     a, b = impacts.shape.semi_axes
     if kind == "turned":
         turn = torch.tensor((0.0, 0.0, between(0.3, 1.5, seed)), dtype=torch.float64)

@@ -99,7 +99,7 @@ ACTS = {
 
 
 def residual(kind: str, strength: tuple[float, float], seed: int) -> Learning:
-    """Nature's law, alone on its drops, on some with noise of heavy tails, or with something unknown."""
+    """The true law, alone on its drops, on some with noise of heavy tails, or with something unknown."""
     impacts, law = drops((kind,) if kind in ACTS else (), 100, seed, strength)
     impacts = heavy(impacts, seed) if kind == "heavy" else impacts
     component, variables = ACTS.get(kind, ("", set()))

@@ -1,4 +1,4 @@
-"""Studies of effects that cannot be told from a chosen one, on drops that are all alike, and on others."""
+"""Studies of effects that are confounded with a chosen one, on drops of nearly one state and on others."""
 
 from typing import NamedTuple
 

@@ -14,7 +14,7 @@ _TABLE = 6000  # trials
 
 
 class Large(NamedTuple):
-    """A table with hidden effects, and the law that nature's contacts agree with."""
+    """A table with hidden effects, and the law of the simulated contacts."""
 
     impacts: Impacts
     law: str

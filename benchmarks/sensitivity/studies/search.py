@@ -18,7 +18,7 @@ from sensitivity.study import Study, each
 
 
 class Hidden(NamedTuple):
-    """Measurements with hidden effects, and the law that nature's contacts agree with."""
+    """Measurements with hidden effects, and the law of the simulated contacts."""
 
     impacts: Impacts
     law: str
@@ -29,7 +29,7 @@ class Hidden(NamedTuple):
         return Folds.draw(len(self.impacts), torch.Generator().manual_seed(0), repeats=1)
 
     def selection(self, thresholds: Thresholds, law: str | None = None) -> Selection:
-        """The selection around a law, nature's if None."""
+        """Select around a law, by default the true one."""
         limits, law = thresholds, law or self.law
         among = usable(all_candidates(), self.impacts, limits)
         return select(
@@ -39,7 +39,7 @@ class Hidden(NamedTuple):
 
 
 def _hidden(effects: tuple[str, ...], strength: tuple[float, float], size: int, seed: int) -> Hidden:
-    """Nature's drops; ("heavy",) has no effect, but noise of heavy tails."""
+    """Simulated drops; ("heavy",) has no effect, but noise of heavy tails."""
     named = tuple(name for name in effects if name != "heavy")
     impacts, law = drops(named, size, seed, strength)
     known = tuple(name for name in named if name in hidden_effects.EFFECTS)

@@ -28,14 +28,14 @@ NAMED: Mapping[str, tuple[float, ...]] = {
     "parameter_drift": (0.15,),
     "surface_tilt": (0.02,),
 }
-"""Effects that are in nature and in the fitted model."""
+"""Effects of the simulation that the fitted model has."""
 
 ERRORS = ("iid", "heavy", "ar1", "weak ar1", "wander", "hetero", "before")
 """Errors of measurement; `before` are errors of v_pre as large as those of v_post."""
 DESIGNS = ("drops", "throws", "ascending", "turned")
 """How bodies are thrown: dropped, thrown to both sides, ever faster, each orientation many times in a row."""
 NARROW, BODIES = "alike", "two bodies"
-"""Two designs more: throws that are alike within 5 %, and two bodies in turn."""
+"""Two designs more: throws within 5 % of each other, and two bodies in turn."""
 
 
 class Drops(NamedTuple):
@@ -67,7 +67,7 @@ def made(
         follows: of `FOLLOWS` or `DEPENDS`; nothing if empty.
         coefficient: mu or eps; or velocity, for the outcome whatever the impact.
         strength: size of what follows the sequence, in standard deviations of the noise.
-        named: of `NAMED`, in nature and in the model; nothing if empty.
+        named: of `NAMED`, in the simulation and in the model; nothing if empty.
         missed: size of a restitution over orientation that the model lacks, likewise.
     """
     generator = random(seed)
@@ -185,5 +185,5 @@ def _errors(kind: str, exact: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def serial_dependence(drops: Drops, thresholds: Thresholds) -> SerialDependence | None:
-    """What the diagnosis says of the sequence."""
+    """Test for serial dependence as a diagnosis does."""
     return find_serial_dependence(drops.impacts, drops.fit, FitOptions(), thresholds)

@@ -11,7 +11,7 @@ from sensitivity.study import Study, each
 
 
 def state_dependence(drops: Drops, thresholds: Thresholds, block: int = 1) -> StateDependence | None:
-    """What the diagnosis says of the state, where no model is better than the fitted one."""
+    """Test for state dependence where no model is better than the fitted one."""
     return find_state_dependence(drops.impacts, drops.fit, drops.fit, FitOptions(), thresholds, block)
 
 
@@ -23,7 +23,7 @@ def _studied(kind: str, seed: int) -> Drops:
 
 
 def _said(drops: Drops, thresholds: Thresholds) -> bool:
-    """Whether anything is said of the state."""
+    """Whether a state dependence is found."""
     return state_dependence(drops, thresholds) is not None
 
 
