@@ -29,9 +29,17 @@ from blind.report import share, table
 from contactlearn.diagnosis.drift import drifts
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.identification.joint import FitOptions
+from sensitivity.studies.dependences import (
+    BODIES,
+    DESIGNS,
+    ERRORS,
+    NAMED,
+    NARROW,
+    made,
+    serial_dependence,
+    state_dependence,
+)
 from sensitivity.studies.follows import DEPENDS, FOLLOWS
-from sensitivity.studies.serial_dependence import BODIES, DESIGNS, ERRORS, NAMED, NARROW, made, serial_dependence
-from sensitivity.studies.state_dependence import state_dependence
 
 SIZES, STRENGTHS = (150, 300, 500, 800), (0.3, 0.5, 0.75, 1.0, 1.5)
 CORRELATED = ("ar1", "weak ar1", "wander")

@@ -26,16 +26,14 @@ from threadpoolctl import threadpool_limits
 from contactlearn.inference.learning.curves import run
 from sensitivity.studies import (
     conventions,
-    descriptions,
+    dependences,
     fits,
     flights,
     frames,
     measurements,
     residuals,
     rivals,
-    samples,
     search,
-    state_dependence,
 )
 from sensitivity.study import AllThresholds, Case, Study, paths, replaced
 
@@ -92,7 +90,7 @@ ROWS = (
     Row("audit.open_balance", conventions.OPEN),
     Row("audit.doubted_balance", conventions.DOUBTED),
     Row("fewest_trials", search.FEW),
-    Row("whole", samples.NAMES),
+    Row("whole", search.NAMES),
     Row("trials_per_parameter", search.SMALL),
     Row("least_gain", search.SELECTION),
     Row("gain_sigmas", search.SELECTION),
@@ -101,10 +99,10 @@ ROWS = (
     Row("form_error", residuals.UNKNOWN),
     Row("certain_sigmas", residuals.COMPONENT),
     Row("minor_share", residuals.VARIABLES),
-    Row("dependence_level", state_dependence.STATE),
+    Row("dependence_level", dependences.STATE),
     Row("region_level", residuals.REGIONS),
     Row("region_ratio", residuals.REGIONS, zero=1),
-    Row("stated_noise_ratio", descriptions.STATED, zero=1),
+    Row("stated_noise_ratio", search.STATED, zero=1),
     Row("fit.outlier_weight", fits.OUTLIERS),
     Row("fit.open_share", fits.NOISE),
     Row("fit.collinearity", fits.SPEEDS, zero=1),

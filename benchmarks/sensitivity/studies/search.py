@@ -1,5 +1,6 @@
-"""Studies of the choice of a law and of missing effects."""
+"""Studies of whole diagnoses: laws and missing effects, large tables, a stated noise."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import torch
@@ -7,13 +8,16 @@ import torch
 from contactlearn import laws
 from contactlearn.core.errors import DataError
 from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.diagnosis.search.selection import Selection, select
 from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.effects import EffectId
 from contactlearn.inference.validation import Folds
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.report.text import misfit
 from contactlearn.simulation import hidden_effects
-from sensitivity.studies.cases import drops, heavy
+from sensitivity.studies.cases import between, drops, heavy, textbook
 from sensitivity.study import Study, each
 
 
@@ -90,4 +94,44 @@ FEW = Study(
     name="few trials in all", null=each(3, ((), _CLEAR, 20), ((), _CLEAR, 30), ((), _CLEAR, 40)),
     planted=each(1, *((effect, _CLEAR, size) for effect, *_ in _EFFECTS[::7] for size in (20, 30, 40))),
     prepare=_hidden, alarm=_diagnosed,
+)  # fmt: skip
+
+
+_TABLE = 6000  # trials
+
+
+def _large(effects: tuple[str, ...], strength: tuple[float, float], seed: int) -> Hidden:
+    return Hidden(*drops(effects, _TABLE, seed, strength), effects)
+
+
+def _named_in_table(table: Hidden, thresholds: Thresholds) -> bool:
+    """Whether the hidden effects are named, each of its family; where there are none, whether any is."""
+    found = diagnose(table.impacts, laws.find(table.law), candidates=all_candidates(), thresholds=thresholds).effects
+    return set(table.effects) <= set(found) if table.effects else bool(found)
+
+
+_FAINT = (0.3, 0.7)
+NAMES = Study(
+    name="names in large tables", null=each(2, ((), _FAINT)),
+    planted=each(1, *(((name,), _FAINT) for name in ("surface_tilt", "side_drag", "com_offset", "parameter_drift"))),
+    prepare=_large, alarm=_named_in_table,
+)  # fmt: skip
+
+
+def _stated(kind: str, seed: int) -> Diagnosis:
+    """A diagnosis with noise that was stated about right, or in other units or off by a factor."""
+    off = {"right": between(0.8, 1.25, seed), "degrees": 57.3, "millimetres": 1000.0, "factor": between(1.5, 5, seed)}
+    factor = off[kind] ** (1 - 2 * (seed % 2))
+    noise = (0.01, 0.01, 0.5 * factor) if kind == "degrees" else (0.01 * factor, 0.01 * factor, 0.5 * factor)
+    law, tilt = laws.find("wang_mason"), EffectId("surface_tilt", "computed")
+    return diagnose(textbook(seed, 100), law, laws=[law], candidates={tilt: all_candidates()[tilt]}, noise=noise)
+
+
+def _questioned(found: Diagnosis, thresholds: Thresholds) -> bool:
+    return bool(misfit(replace(found, thresholds=thresholds)))
+
+
+STATED = Study(
+    name="stated noise", null=each(12, "right"), planted=each(4, "degrees", "millimetres", "factor"),
+    prepare=_stated, alarm=_questioned,
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Studies of what depends on the sequence of the trials: drops whose coefficients follow it, or whose errors do."""
+"""Drops whose coefficients, outcomes or errors depend on the sequence or the state, and a study of them."""
 
 import math
 from collections.abc import Mapping
@@ -9,9 +9,10 @@ from torch import Tensor
 
 from contactlearn import laws
 from contactlearn.core.numerics import random as drawn
-from contactlearn.diagnosis.result import SerialDependence
+from contactlearn.diagnosis.result import SerialDependence, StateDependence
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.serial_dependence import find_serial_dependence
+from contactlearn.diagnosis.unexplained.state_dependence import find_state_dependence
 from contactlearn.effects import Effect, State, find_effect
 from contactlearn.inference.identification.joint import FitOptions, JointFit, identify_jointly
 from contactlearn.mechanics.impacts import Impacts
@@ -20,6 +21,7 @@ from contactlearn.models.contact_model import predict_with
 from contactlearn.simulation import synthetic
 from sensitivity.studies.cases import between, random
 from sensitivity.studies.follows import DEPENDS, FOLLOWS
+from sensitivity.study import Study, each
 
 LAWS = ("wang_mason", "mirtich", "anitescu_potra_poisson")
 NAMED: Mapping[str, tuple[float, ...]] = {
@@ -187,3 +189,25 @@ def _errors(kind: str, exact: Tensor, generator: torch.Generator) -> Tensor:
 def serial_dependence(drops: Drops, thresholds: Thresholds) -> SerialDependence | None:
     """Test for serial dependence as a diagnosis does."""
     return find_serial_dependence(drops.impacts, drops.fit, FitOptions(), thresholds)
+
+
+def state_dependence(drops: Drops, thresholds: Thresholds, block: int = 1) -> StateDependence | None:
+    """Test for state dependence where no model is better than the fitted one."""
+    return find_state_dependence(drops.impacts, drops.fit, drops.fit, FitOptions(), thresholds, block)
+
+
+def _studied(kind: str, seed: int) -> Drops:
+    """Drops whose errors are of a kind, or of which something depends faintly on the state."""
+    if kind in DEPENDS:
+        return made(seed, follows=kind, coefficient=DEPENDS[kind][0], strength=between(0.25, 1.0, seed), size=200)
+    return made(seed, errors=kind, design=DESIGNS[seed % len(DESIGNS)], size=200)
+
+
+def _said(drops: Drops, thresholds: Thresholds) -> bool:
+    """Whether a state dependence is found."""
+    return state_dependence(drops, thresholds) is not None
+
+
+_NULL = each(8, "iid", "heavy", "before")
+_PLANTED = each(6, "direction and angle", "spin with slip", "curtain")
+STATE = Study(name="state", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_said)
