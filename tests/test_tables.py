@@ -5,6 +5,7 @@ import json
 import math
 import re
 import shlex
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,7 @@ from contactlearn.data import table
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import audit, quick_audit
 from contactlearn.data.table.columns import CHOICES
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
 from contactlearn.mechanics.shapes import contact_point, make_shape
 from contactlearn.simulation import synthetic
@@ -388,9 +390,11 @@ def test_the_audit_refuses(words, fragment):
 @pytest.mark.parametrize("script", ["train.py", "evaluate.py", "diagnose.py"])
 def test_help_lists_sources_and_corrections(script):
     tail = run(script, "--help").partition("\nData: ")[2]
-    sources, _, corrections = tail.partition("\nCorrections")
-    listed = corrections.partition("\n")[2].partition("What is wrong")[0]
+    sources, _, rest = tail.partition("\nCorrections")
+    lines = rest.partition("\n")[2].splitlines()
+    listed, end = " ".join(takewhile(lambda line: line.startswith("  "), lines)), rest.partition("\nMistakes")[2]
     assert [name.strip() for name in listed.split(",")] == [*CORRECTIONS]
+    assert f"a diagnosis {Thresholds().fewest_trials} at least" in " ".join(end.split())
     for path in (ROOT / "configs" / "data").glob("*.yaml"):
         assert path.stem in sources.replace(",", "").split(), path.stem
 
