@@ -18,7 +18,7 @@ from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.mechanics.shapes import make_shape, shape_entries
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.page.redraw import has_page, redraw
+from contactlearn.report.page.runs import has_page, redraw
 from contactlearn.results import folder as run_folder
 from contactlearn.results.tables import HeldOut, save_held_out
 from contactlearn.results.types import BodyTransfer, CurveCalibration, LearningCurve, ModelErrors, Transfer

@@ -197,8 +197,7 @@ def run_report(options: argparse.Namespace) -> str:
 
     from contactlearn.diagnosis.events import track
     from contactlearn.report.events import progress
-    from contactlearn.report.page.redraw import has_page, redraw
-    from contactlearn.report.page.runs import write_runs
+    from contactlearn.report.page.runs import has_page, redraw, write_runs
     from contactlearn.results.runs import printable
 
     if options.out is None and len(options.folders) == 1 and has_page(Path(options.folders[0])):

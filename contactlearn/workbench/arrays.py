@@ -27,7 +27,6 @@ from contactlearn.report.page.trials import (
     axis_content,
     axis_values,
     digits,
-    impulse_figure,
     map_variables,
     of_laws,
     of_outcomes,
@@ -91,7 +90,7 @@ def of_trial(impacts: Impacts, row: int, fitted: Mapping[str, Law]) -> dict[str,
     laws, found = of_laws(impacts[[row]], fitted)
     ellipse = digits(found.pop("ellipse")[0])
     arrays = {name: digits(values[:, 0].double().tolist()) for name, values in found.items()}
-    return {"row": row, "fitted": laws, "figure": impulse_figure(impacts, fitted), "ellipse": ellipse} | arrays
+    return {"row": row, "fitted": laws, "ellipse": ellipse} | arrays
 
 
 def inside(windows: tuple[Window, ...], among: list[Variable]) -> Bool[Tensor, " n"]:

@@ -31,6 +31,7 @@ from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
 from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.mechanics.impacts import Prediction
+from contactlearn.report.page.trials import impulse_figure
 from contactlearn.report.text import law_label
 from contactlearn.workbench import arrays, content
 from contactlearn.workbench.commands import command
@@ -164,6 +165,7 @@ class SessionCallbacks:
     def __init__(self, models: Models) -> None:
         self.models, self.actions = models, Actions(models=models)
         self._latest: Cache[dict[str, str]] = Cache(_TABS)
+        self._figures: Cache[dict[str, Any]] = Cache(_TABS)
         self._slow = Lock()
 
     def register(self, app: Dash) -> None:
@@ -294,8 +296,9 @@ class SessionCallbacks:
         among = arrays.map_variables(impacts, self.models.fitted(session).model.predict(impacts))
         rows = arrays.inside(session.windows, among).nonzero()[:, 0].tolist() if session.windows else None
         windows = [{"variable": one.variable, "low": one.low, "high": one.high} for one in session.windows]
-        trial = arrays.of_trial(impacts, self.actions.trial(session), known) | {"law": session.law}
-        return trial, {"windows": windows, "rows": rows}
+        trial = arrays.of_trial(impacts, self.actions.trial(session), known)
+        figure = self._figures.get(tuple(known), lambda: impulse_figure(impacts, known))  # of the laws alone
+        return trial | {"law": session.law, "figure": figure}, {"windows": windows, "rows": rows}
 
     def compare(self, address: str) -> tuple[Any, Any]:
         """Show laws, bounds and the model side by side."""

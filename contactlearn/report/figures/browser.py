@@ -140,7 +140,7 @@ def _traces(axes: Axes) -> Iterator[_Trace]:
         elif isinstance(artist, PathCollection):
             x, y = np.asarray(artist.get_offsets()).T
             trace = {"type": "scatter", "mode": "markers", "x": x.tolist(), "y": y.tolist(),
-                     "marker": {"color": to_hex(artist.get_facecolor()[0])}}  # fmt: skip
+                     "marker": {"color": to_hex(tuple(np.atleast_2d(artist.get_facecolor())[0]))}}  # fmt: skip
         else:
             raise TypeError(f"{type(artist).__name__} has no counterpart in plotly")
         if trace:

@@ -5,8 +5,7 @@
     evaluation   an evaluation as the data of its page
     trials       every trial: state, variables, outcomes and errors of the models, impulses of the laws and their reach
     recordings   the recordings behind some impacts
-    runs         several runs side by side
-    redraw       the page of a run folder, without its data source
+    runs         pages from run folders alone: one run again, several side by side
     templates    HTML, style and scripts; plotly.js, which is part of the page, shows the figures of `report.figures`
 
 The page asks for nothing: its Content-Security-Policy allows its own two scripts, by their hashes, and no request.

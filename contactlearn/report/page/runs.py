@@ -1,10 +1,14 @@
-"""Several runs as one page: what they differ in, their held-out errors and learning curves, and what was found."""
+"""Pages from run folders alone: no data source is read and nothing is fitted.
+
+redraw       the page of one run
+write_runs   several runs as one page: what they differ in, their errors and learning curves, and what was found
+"""
 
 import os
 import re
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -13,13 +17,17 @@ import pandas as pd
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import is_number
+from contactlearn.diagnosis.record import Record
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import HEADLINE, Interval
 from contactlearn.report.figures.browser import plotly_style
 from contactlearn.report.figures.style import BOUNDS, MODEL_STYLE, STYLES
-from contactlearn.report.page.page import FILE, render, save
+from contactlearn.report.page.diagnosis import of_diagnosis
+from contactlearn.report.page.evaluation import of_evaluation
+from contactlearn.report.page.page import FILE, render, save, write
 from contactlearn.report.page.trials import digits
 from contactlearn.report.text import base_label, conclusion, effect_label, join_words, label, phrases, rung_label
+from contactlearn.results import folder as run_folder
 from contactlearn.results.folder import is_run
 from contactlearn.results.runs import (
     ComparedRun,
@@ -34,7 +42,8 @@ from contactlearn.results.runs import (
     silent,
     varying,
 )
-from contactlearn.results.types import IRB, Evaluation
+from contactlearn.results.tables import HeldOut
+from contactlearn.results.types import IRB, DiagnosisRun, Evaluation
 
 MARK = "contactlearn report"
 """Mark by which such a page is recognised."""
@@ -43,6 +52,35 @@ _HASH = 10  # digits of the hash of data that are shown
 _SIZE = "train.size"
 _PLAIN = ("law", "command", "data")  # traits of a line that are written without their key
 _LOOKS = [name for name in (*MODEL_STYLE, *STYLES) if name not in BOUNDS]  # for lines whose own look is taken
+
+
+def has_page(folder: Path) -> bool:
+    """Whether a folder holds one run, of a kind that has a page of its own: an evaluation or a diagnosis."""
+    files = [*run_folder.files(folder)]
+    try:
+        return len(files) == 1 and isinstance(run_folder.read_result(files[0]), Evaluation | DiagnosisRun)
+    except ContactLearnError:
+        return False
+
+
+def redraw(folder: Path) -> Path:
+    """Write report.html of a run from its result and the tables beside it; the same page as the run's own.
+
+    Raises:
+        ContactLearnError: a file of the run that is missing or damaged, or a run of a kind without a page.
+    """
+    (path,) = run_folder.files(folder)
+    result = run_folder.read_result(path)
+    try:
+        if isinstance(result, Evaluation):
+            return write(folder, of_evaluation(result, HeldOut.load(folder, result)))
+        if isinstance(result, DiagnosisRun):
+            found = result.diagnosis
+            found = replace(found, record=None if found.choices is None else Record.load(folder))
+            return write(folder, of_diagnosis(found, result.provenance, use=result.use if found.missing else ""))
+    except OSError as error:
+        raise ContactLearnError(f"{folder}: cannot be written: {error.strerror}") from None
+    raise ContactLearnError(f"{folder}: a run of kind {result.kind} has no page of its own")
 
 
 def write_runs(
