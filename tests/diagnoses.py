@@ -32,13 +32,9 @@ from contactlearn.simulation import synthetic
 
 ERROR = Interval(0.1, 0.09, 0.11)
 SIX = (
-    EffectId("surface_tilt", "computed"),
-    EffectId("spin_damping", "after"),
-    EffectId("contact_patch", "linear"),
-    EffectId("inertia_error"),
-    EffectId("side_drag", "linear"),
-    EffectId("sampling_delay"),
-)
+    EffectId("surface_tilt", "computed"), EffectId("spin_damping", "after"), EffectId("contact_patch", "linear"),
+    EffectId("inertia_error"), EffectId("side_drag", "linear"), EffectId("sampling_delay"),
+)  # fmt: skip
 MOST = 6  # effects in play
 
 
@@ -59,34 +55,20 @@ def made_up(size: int, *effects: EffectId) -> Diagnosis:
     rungs = (Rung(kind=RungKind.EFFECT, error=ERROR, effect=effect) for effect in effects)
     record = record_of(size, *effects)
     return Diagnosis(
-        verdict=Verdict.EFFECTS,
-        physics=Verdict.EFFECTS,
-        law="wang_mason",
-        variant="textbook",
-        findings=(),
+        verdict=Verdict.EFFECTS, physics=Verdict.EFFECTS, law="wang_mason", variant="textbook", findings=(),
         laws=tuple(LawFit(name=law, variant="textbook", error=0.1, mu=0.1, eps=0.5) for law in PAPER_LAWS),
         missing=tuple(missing(effect, ERROR if k < MOST else None) for k, effect in enumerate(effects)),
         ladder=(Rung(kind=RungKind.LAW, error=ERROR), *rungs),
         budget=ErrorBudget(**errors, noise_source=NoiseSource.ESTIMATED, shares=shares),
-        choices=Choices(effects=effects[:MOST], errors=(ERROR,) * len(record.outcomes)),
-        record=record,
-    )
+        choices=Choices(effects=effects[:MOST], errors=(ERROR,) * len(record.outcomes)), record=record,
+    )  # fmt: skip
 
 
 def missing(effect: EffectId, reduction: Interval | None = None) -> MissingEffect:
     return MissingEffect(
-        effect=effect,
-        equation="",
-        parameters=(),
-        error_before=ERROR,
-        error_after=ERROR,
-        error_reduction=0.01,
-        share=1.0,
-        confidence=1.0,
-        inadmissible_before=0.0,
-        inadmissible_after=0.0,
-        reduction_on_all_trials=reduction,
-    )
+        effect=effect, equation="", parameters=(), error_before=ERROR, error_after=ERROR, error_reduction=0.01,
+        share=1.0, confidence=1.0, inadmissible_before=0.0, inadmissible_after=0.0, reduction_on_all_trials=reduction,
+    )  # fmt: skip
 
 
 def record_of(size: int, *effects: EffectId) -> Record:
@@ -100,12 +82,9 @@ def record_of(size: int, *effects: EffectId) -> Record:
     generator = torch.Generator().manual_seed(0)
     noise = torch.randn((choices, len(impacts), 3), generator=generator, dtype=torch.float64)
     return Record(
-        impacts=impacts,
-        base=replace(model, effects={}),
-        model=model,
-        outcomes=impacts.v_post + noise,
+        impacts=impacts, base=replace(model, effects={}), model=model, outcomes=impacts.v_post + noise,
         residuals=tuple(partial_residuals(model, impacts, effect.name) for effect in effects),
-    )
+    )  # fmt: skip
 
 
 def remainder(share: Interval, *components: WrenchComponent) -> Remainder:

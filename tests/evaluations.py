@@ -56,20 +56,12 @@ def training(law="mirtich", size=20, error=0.2, effects=(), **data):
     config = {"law": law, "model": {"analytical": {"law": law}}, "effect": {name: {} for name in effects}, "seed": 0}
     model = " + ".join((law, *effects))
     return Training(
-        provenance=provenance(config | {"train": {"size": size}}, **data),
-        model=model,
-        learned=None,
-        law=law,
-        effects=tuple(map(EffectId.parse, effects)),
-        trained_on=size,
-        equation=law,
-        fits=(),
+        provenance=provenance(config | {"train": {"size": size}}, **data), model=model, learned=None, law=law,
+        effects=tuple(map(EffectId.parse, effects)), trained_on=size, equation=law, fits=(),
         joint={law: joint_estimate(law), model: joint_estimate(law, *effects)} if effects else {},
-        errors={law: errors(1.5 * error)} | {model: errors(error)},
-        irb=interval(0.05),
-        processes=(),
+        errors={law: errors(1.5 * error)} | {model: errors(error)}, irb=interval(0.05), processes=(),
         processes_kind=None,
-    )
+    )  # fmt: skip
 
 
 def evaluation(size=20, **data):
@@ -77,19 +69,11 @@ def evaluation(size=20, **data):
     config = {"law": "mirtich", "laws": ["mirtich", "whittaker"], "effect": {}, "seed": 0, "train": {"size": size}}
     means = {"mirtich": 0.2, "whittaker": 0.3, "best_post_hoc": 0.1, "irb": 0.05}
     return Evaluation(
-        provenance=provenance(config, **data),
-        model="mirtich",
-        law="mirtich",
-        effects=(),
-        norm="mass",
-        fits=(law_estimate("mirtich"), law_estimate("whittaker")),
-        joint={},
-        errors={name: errors(mean) for name, mean in means.items()},
-        best="mirtich",
-        differences={"whittaker": interval(0.1)},
-        tables="parquet",
-        shape=None,
-    )
+        provenance=provenance(config, **data), model="mirtich", law="mirtich", effects=(), norm="mass",
+        fits=(law_estimate("mirtich"), law_estimate("whittaker")), joint={},
+        errors={name: errors(mean) for name, mean in means.items()}, best="mirtich",
+        differences={"whittaker": interval(0.1)}, tables="parquet", shape=None,
+    )  # fmt: skip
 
 
 def evaluation_of(impacts, predictions, laws, config, curves=()):
@@ -107,18 +91,11 @@ def evaluation_of(impacts, predictions, laws, config, curves=()):
     best, differences = ranked(sums)
     law = min(laws, key=lambda name: table[name].headline)
     result = Evaluation(
-        provenance=provenance(config, impacts.source, len(impacts), impacts.fingerprint()),
-        model=law,
-        law=law,
-        effects=(),
-        norm="mass",
+        provenance=provenance(config, impacts.source, len(impacts), impacts.fingerprint()), model=law, law=law,
+        effects=(), norm="mass",
         fits=tuple(law_estimate(name, float(one.mu), float(one.eps)) for name, one in laws.items()),
-        joint={name: joint_estimate(*name.split(" + ")) for name in predictions if " + " in name},
-        errors=table,
-        best=best,
-        differences=differences,
-        tables="parquet",
-        shape=shape_entries(impacts.shape),
+        joint={name: joint_estimate(*name.split(" + ")) for name in predictions if " + " in name}, errors=table,
+        best=best, differences=differences, tables="parquet", shape=shape_entries(impacts.shape),
         learning_curves=dict(curves),
-    )
+    )  # fmt: skip
     return result, HeldOut(impacts=impacts, predictions=predictions)

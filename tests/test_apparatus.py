@@ -199,27 +199,15 @@ def test_parameters_stay_within_what_is_known():
 TILT = find_effect("surface_tilt")
 
 
-@pytest.mark.parametrize(
-    ("planted", "noise", "slope", "said"),
-    [
-        (
-            0.0,
-            5.0,
-            (0.002, 0.001),
-            "free flight determines t.phi more precisely than the impacts: φ = 0.0020 ± 0.0010 rad from free flight",
-        ),
-        (
-            0.05,
-            0.0,
-            (0.002, 0.001),
-            "imply more t.phi than free flight allows: φ = 0.0020 ± 0.0010 rad from free flight, 0.05",
-        ),
-        (0.05, 0.01, (-0.002, 0.001), "the fit stops at the limit, 0.001;"),
-        (0.0, 0.0, (0.02, 0.002), "imply less t.phi than free flight shows: φ = 0.0200 ± 0.0020 rad from free flight"),
-        (0.05, 0.0, (0.048, 0.002), "impacts and free flight agree on t.phi"),
-    ],
-    ids=["better", "more", "other way", "less", "agree"],
-)
+@pytest.mark.parametrize(("planted", "noise", "slope", "said"), [
+    (0.0, 5.0, (0.002, 0.001),
+        "free flight determines t.phi more precisely than the impacts: φ = 0.0020 ± 0.0010 rad from free flight"),
+    (0.05, 0.0, (0.002, 0.001),
+        "imply more t.phi than free flight allows: φ = 0.0020 ± 0.0010 rad from free flight, 0.05"),
+    (0.05, 0.01, (-0.002, 0.001), "the fit stops at the limit, 0.001;"),
+    (0.0, 0.0, (0.02, 0.002), "imply less t.phi than free flight shows: φ = 0.0200 ± 0.0020 rad from free flight"),
+    (0.05, 0.0, (0.048, 0.002), "impacts and free flight agree on t.phi"),
+], ids=["better", "more", "other way", "less", "agree"])  # fmt: skip
 def test_a_fit_says_whether_flight_or_the_impacts_know_better(planted, noise, slope, said):
     model = laws.find("wang_mason").at(0.12, 0.55)
     states = synthetic.load(size=120, seed=1)
@@ -268,23 +256,19 @@ def test_the_apparatus_goes_with_its_impacts():
 LEANING = replace(KNOWN, slope=Estimate(value=0.02, error=0.002), orientation=Estimate(value=-0.05, error=0.003))
 
 
-@pytest.mark.parametrize(
-    ("names", "slope", "orientation", "gravity"),
-    [
-        (["drop_duplicates"], 0.02, -0.05, 9.81),
-        (["swapped_pre_post"], 0.02, -0.05, 9.81),
-        (["mirrored_omega"], 0.02, -0.05, 9.81),
-        (["mirrored_x"], -0.02, -0.09, 9.81),
-        (["mirrored_y"], -0.02, None, 9.81),
-        (["mirrored_theta"], 0.02, 0.09, 9.81),
-        (["mirrored_x", "mirrored_theta"], -0.02, 0.05, 9.81),
-        (["swapped_axes"], None, None, 9.81),
-        (["degrees"], 0.02, None, 9.81),
-        (["millimetres"], 0.02, None, 9.81e-3),
-        (["millimetres_velocity", "grams"], 0.02, -0.05, 9.81),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("names", "slope", "orientation", "gravity"), [
+    (["drop_duplicates"], 0.02, -0.05, 9.81),
+    (["swapped_pre_post"], 0.02, -0.05, 9.81),
+    (["mirrored_omega"], 0.02, -0.05, 9.81),
+    (["mirrored_x"], -0.02, -0.09, 9.81),
+    (["mirrored_y"], -0.02, None, 9.81),
+    (["mirrored_theta"], 0.02, 0.09, 9.81),
+    (["mirrored_x", "mirrored_theta"], -0.02, 0.05, 9.81),
+    (["swapped_axes"], None, None, 9.81),
+    (["degrees"], 0.02, None, 9.81),
+    (["millimetres"], 0.02, None, 9.81e-3),
+    (["millimetres_velocity", "grams"], 0.02, -0.05, 9.81),
+], ids=str)  # fmt: skip
 def test_corrections_carry_what_is_known_along_or_forget_it(names, slope, orientation, gravity):
     impacts = synthetic.load(size=40).replace(apparatus=LEANING, validate=False)
     known = correct(impacts, names).apparatus
@@ -328,17 +312,13 @@ def test_tables_carry_what_is_known(tmp_path, suffix, known):
     assert again.fingerprint() == impacts.fingerprint()
 
 
-@pytest.mark.parametrize(
-    ("change", "fragments"),
-    [
-        (lambda t: t.drop(columns="apparatus_slope_error"), ["come both or none; missing: apparatus_slope_error"]),
-        (lambda t: t.filter(regex="^(?!apparatus_(gravity|delay))"), ["all four", "apparatus_gravity, "]),
-        (lambda t: t.assign(apparatus_delay_error=-1.0), ["apparatus_delay_error", "at least 0"]),
-        (lambda t: t.assign(apparatus_slope=range(7)), ["row 2, column apparatus_slope", "same in every row"]),
-        (lambda t: t.assign(apparatus_slope=["steep"] * 7), ["apparatus_slope", "number in rad", "'steep'"]),
-    ],
-    ids=["half", "no gravity", "negative", "differs", "no number"],
-)
+@pytest.mark.parametrize(("change", "fragments"), [
+    (lambda t: t.drop(columns="apparatus_slope_error"), ["come both or none; missing: apparatus_slope_error"]),
+    (lambda t: t.filter(regex="^(?!apparatus_(gravity|delay))"), ["all four", "apparatus_gravity, "]),
+    (lambda t: t.assign(apparatus_delay_error=-1.0), ["apparatus_delay_error", "at least 0"]),
+    (lambda t: t.assign(apparatus_slope=range(7)), ["row 2, column apparatus_slope", "same in every row"]),
+    (lambda t: t.assign(apparatus_slope=["steep"] * 7), ["apparatus_slope", "number in rad", "'steep'"]),
+], ids=["half", "no gravity", "negative", "differs", "no number"])  # fmt: skip
 def test_a_table_that_contradicts_itself_is_refused(tmp_path, change, fragments):
     path = table.save(synthetic.load(size=7).replace(apparatus=KNOWN), tmp_path / "drops.csv")
     change(pd.read_csv(path)).to_csv(path, index=False)

@@ -136,11 +136,9 @@ def test_mistakes_that_come_together(names, known):
 
 THREE = ("millimetres", "degrees", "mirrored_theta")
 MANY = [
-    THREE,
-    (*THREE, "millimetres_velocity"),
-    (*THREE, "contact_point_sign"),
+    THREE, (*THREE, "millimetres_velocity"), (*THREE, "contact_point_sign"),
     ("grams", "degrees_omega", "mirrored_omega"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("names", MANY, ids=" + ".join)
@@ -356,13 +354,9 @@ def test_hidden_effects_are_no_mistakes(effect, known, seed):
 
 
 HIDDEN = {
-    "nothing": {},
-    "tilt": {"tilt": 0.05},
-    "com_offset": {"com_offset": (0.003, 0.002)},
-    "inertia_error": {"inertia_error": 0.25},
-    "damping": {"damping": 20.0},
-    "delay": {"delay": 0.01},
-}
+    "nothing": {}, "tilt": {"tilt": 0.05}, "com_offset": {"com_offset": (0.003, 0.002)},
+    "inertia_error": {"inertia_error": 0.25}, "damping": {"damping": 20.0}, "delay": {"delay": 0.01},
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("kind", "hidden"), crossed(["ellipse", "box"], HIDDEN))

@@ -162,19 +162,16 @@ def test_each_name_is_right_for_one_effect():
     assert not scored("author_a", "04", "c", "b", truth=truth).exact
 
 
-@pytest.mark.parametrize(
-    ("suite", "name", "effects", "expected"),
-    [
-        ("author_c", "02", ["configuration_dependent_restitution"], (True, True)),
-        ("author_c", "02", ["orientation_dependent_restitution"], (True, True)),  # acceptable
-        ("author_c", "53", ["orientation_dependent_restitution"], (False, False)),
-        ("author_c", "51", ["parameter_drift", "sampling_delay", "gravity_impulse"], (True, True)),
-        ("author_c", "51", ["adhesion", "gravity_impulse", "sampling_delay"], (True, False)),
-        ("author_d", "13", ["tangential_restitution", "side_drag"], (True, True)),
-        ("author_d", "13", ["incidence_dependent_restitution", "side_drag"], (False, False)),
-        ("author_d", "47", ["contact_patch", "body_dependent_restitution", "body_dependent_friction"], (True, True)),
-    ],
-)
+@pytest.mark.parametrize(("suite", "name", "effects", "expected"), [
+    ("author_c", "02", ["configuration_dependent_restitution"], (True, True)),
+    ("author_c", "02", ["orientation_dependent_restitution"], (True, True)),  # acceptable
+    ("author_c", "53", ["orientation_dependent_restitution"], (False, False)),
+    ("author_c", "51", ["parameter_drift", "sampling_delay", "gravity_impulse"], (True, True)),
+    ("author_c", "51", ["adhesion", "gravity_impulse", "sampling_delay"], (True, False)),
+    ("author_d", "13", ["tangential_restitution", "side_drag"], (True, True)),
+    ("author_d", "13", ["incidence_dependent_restitution", "side_drag"], (False, False)),
+    ("author_d", "47", ["contact_patch", "body_dependent_restitution", "body_dependent_friction"], (True, True)),
+])  # fmt: skip
 def test_names_of_authors_sets(suite, name, effects, expected):
     found = scored(suite, name, *effects)
     assert (found.first, found.exact) == expected
@@ -267,25 +264,22 @@ def test_unknown_physics_is_asked_of_the_corrected_measurements_of_the_independe
     assert not scored("independent", name, verdict="unknown", physics=None).unknown
 
 
-@pytest.mark.parametrize(
-    ("suite", "name", "changes", "expected"),
-    [
-        ("author_c", "55", {}, (True, True)),
-        ("author_c", "55", {"coefficient": "eps"}, (True, False)),
-        ("author_c", "55", {"trials": 94.0}, (True, False)),
-        ("author_c", "55", {"coefficient": "eps", "follows": "spin"}, (False, False)),
-        ("author_d", "63", {"coefficient": "eps", "follows": "normal_speed"}, (True, None)),  # no coefficient changes
-        ("author_d", "63", {"coefficient": "eps", "follows": "spin"}, (False, None)),
-        ("author_d", "56", {"coefficient": "eps", "trials": 41.03}, (True, True)),
-        ("author_d", "56", {"coefficient": "eps", "trials": 20.5}, (True, False)),
-        ("author_d", "22", {"coefficient": "eps", "follows": "place"}, (True, True)),
-        ("author_d", "19", {"coefficient": "eps", "follows": "place"}, (True, False)),
-        ("author_b", "26", {"coefficient": "eps", "trials": 4.0}, (True, True)),
-        ("author_b", "26", {"trials": 4.0}, (True, False)),
-        ("author_b", "26", {"coefficient": "eps", "trials": 8.0}, (True, False)),
-        ("author_b", "24", {}, (None, None)),  # along no sequence
-    ],
-)
+@pytest.mark.parametrize(("suite", "name", "changes", "expected"), [
+    ("author_c", "55", {}, (True, True)),
+    ("author_c", "55", {"coefficient": "eps"}, (True, False)),
+    ("author_c", "55", {"trials": 94.0}, (True, False)),
+    ("author_c", "55", {"coefficient": "eps", "follows": "spin"}, (False, False)),
+    ("author_d", "63", {"coefficient": "eps", "follows": "normal_speed"}, (True, None)),  # no coefficient changes
+    ("author_d", "63", {"coefficient": "eps", "follows": "spin"}, (False, None)),
+    ("author_d", "56", {"coefficient": "eps", "trials": 41.03}, (True, True)),
+    ("author_d", "56", {"coefficient": "eps", "trials": 20.5}, (True, False)),
+    ("author_d", "22", {"coefficient": "eps", "follows": "place"}, (True, True)),
+    ("author_d", "19", {"coefficient": "eps", "follows": "place"}, (True, False)),
+    ("author_b", "26", {"coefficient": "eps", "trials": 4.0}, (True, True)),
+    ("author_b", "26", {"trials": 4.0}, (True, False)),
+    ("author_b", "26", {"coefficient": "eps", "trials": 8.0}, (True, False)),
+    ("author_b", "24", {}, (None, None)),  # along no sequence
+])  # fmt: skip
 def test_unknown_serial_dependence(suite, name, changes, expected):
     serial = {"coefficient": "mu", "follows": "period", "trials": 46.0, "share": 0.27} | changes
     found = scored(suite, name, verdict="unknown", serial_dependence=serial)

@@ -382,11 +382,9 @@ def test_only_the_mass_norm_ignores_the_unit_of_length():
     impacts = random_impacts()
     per_length = torch.tensor([1, 1, 1e-3], dtype=torch.float64)  # metres to millimetres, but for v_x and v_y
     smaller = impacts.replace(
-        r=1e3 * impacts.r,
-        inertia=1e6 * impacts.inertia,
-        v_pre=impacts.v_pre * per_length,
+        r=1e3 * impacts.r, inertia=1e6 * impacts.inertia, v_pre=impacts.v_pre * per_length,
         v_post=impacts.v_post * per_length,
-    )
+    )  # fmt: skip
     assert_same_motion(smaller, irb(smaller, "mass", 50).v_post, irb(impacts, "mass", 0.05).v_post * per_length)
     changed = irb(smaller, "euclidean").v_post - irb(impacts, "euclidean").v_post * per_length
     assert changed.abs().max() > 1e-3

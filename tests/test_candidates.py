@@ -88,12 +88,9 @@ def test_ones_own_candidate_is_found_from_the_command_line(tmp_path):
     command = shlex.split(result.use)
     assert '+effect.mine.tau="c*Pn*sin(3*theta)"' in command
     run(
-        *command[1:],
-        "train.repetitions=2",
-        "figures.repetitions=2",
-        "bootstrap=50",
+        *command[1:], "train.repetitions=2", "figures.repetitions=2", "bootstrap=50",
         f"hydra.run.dir={tmp_path / 'used'}",
-    )
+    )  # fmt: skip
     errors = json.loads((tmp_path / "used" / "results.json").read_text())["errors"]
     assert errors["wang_mason + mine"]["mass_error"]["high"] < errors["wang_mason"]["mass_error"]["low"]
     (c,) = result.diagnosis.missing[0].parameters
@@ -126,12 +123,8 @@ def test_limits_and_settings_reach_the_experiment_and_the_command(tmp_path):
     assert "limits.v_y must be [low, high]" in run("diagnose.py", "data.size=60", "+limits.v_y=-3", status=2)
     words = ("data=mystery", "data.seed=11", "data.size=40", f"data.folder={tmp_path}", "fit.noise=[0.01,0.01,0.4]")
     run(
-        "diagnose.py",
-        *words,
-        "seconds=1",
-        "law=wang_mason",
-        "+limits.v_y=[-3,-1]",
+        "diagnose.py", *words, "seconds=1", "law=wang_mason", "+limits.v_y=[-3,-1]",
         f"hydra.run.dir={tmp_path / 'found'}",
-    )
+    )  # fmt: skip
     result = run_folder.read_result(tmp_path / "found" / "diagnosis.json")
     assert "fit.noise=[0.01,0.01,0.4]" in shlex.split(result.use)

@@ -212,11 +212,9 @@ def test_nothing_is_executed(tmp_path, place):
 
 
 FOREIGN = {
-    "empty": b"",
-    "text": b"epoch,loss\n1,0.3\n",
-    "random": bytes(range(256)) * 9,
+    "empty": b"", "text": b"epoch,loss\n1,0.3\n", "random": bytes(range(256)) * 9,
     "empty zip": b"PK\x05\x06" + bytes(18),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("content", FOREIGN.values(), ids=FOREIGN)
@@ -297,10 +295,8 @@ BAD = {
     "format as text": (describe(format="1"), ["is not a checkpoint"]),
     "no model": (lambda description, tensors: description.pop("model"), ["is not a checkpoint", "model"]),
     "no provenance": (lambda description, tensors: description.pop("provenance"), ["provenance"]),
-    "law": (
-        describe("model", "base", "base", name="wang_masson"),
-        ["unknown law", "did you mean 'wang_mason'", UPGRADE],
-    ),
+    "law": (describe("model", "base", "base", name="wang_masson"),
+        ["unknown law", "did you mean 'wang_mason'", UPGRADE]),
     "variant": (describe("model", "base", "base", variant="new"), ["unknown variant 'new'", UPGRADE]),
     "space": (describe("model", "residual", space="x9"), ["unknown feature space 'x9'", "known: state", UPGRADE]),
     "other space": (describe("model", "residual", space="x1"), [MEAN, "11 columns", "x1 has 5"]),
@@ -319,7 +315,7 @@ BAD = {
     "infinite mean": (put(MEAN, first(torch.inf)), [MEAN, "finite", "inf"]),
     "scale": (put(SCALE, first(torch.nan)), [SCALE, "finite", "nan"]),
     "bound": (put(BOUND, lambda tensor: tensor * torch.nan), [BOUND, "finite", "nan"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("change", "fragments"), BAD.values(), ids=BAD)

@@ -26,13 +26,8 @@ from contactlearn.simulation import synthetic
 
 CURVES = ("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10,20,500]", "curves.seeds=3", "workers=1")
 FIGURES = (
-    "energy_ellipse",
-    "cost_surface",
-    "convergence",
-    "error_comparison",
-    "trial_parameters",
-    "patch_curve",
-)
+    "energy_ellipse", "cost_surface", "convergence", "error_comparison", "trial_parameters", "patch_curve",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -205,12 +200,9 @@ def test_own_table_round_trip(tmp_path):
 def test_published_table_beside_ours(ellipse_drops, tmp_path):
     """experiment=fazeli2017 composes, runs on the real drops, and prints every difference in σ."""
     small = (
-        "train.repetitions=2",
-        "figures.repetitions=1",
-        "bootstrap=20",
-        "laws=[whittaker,anitescu_potra_newton]",
+        "train.repetitions=2", "figures.repetitions=1", "bootstrap=20", "laws=[whittaker,anitescu_potra_newton]",
         "model=[]",
-    )
+    )  # fmt: skip
     printed = run("evaluate.py", "experiment=fazeli2017", *small, f"hydra.run.dir={tmp_path}")
     assert "Published table beside ours" in printed
     assert re.search(r"whittaker +0\.111 ± 0\.008 .* 0\.484 ± 0\.011", printed)
@@ -267,10 +259,8 @@ ERRORS = {
     "tables": (["evaluate.py", "tables=xls"], "unknown table format 'xls'"),
     "trial": (["evaluate.py", "figures.trial=nobody"], "figures.trial=nobody is not among the 200 held-out trials"),
     "no laws": (["evaluate.py", "laws=[]"], "at least one law"),
-    "size": (
-        ["train.py", "train.size=2.5"],
-        "train.size must be a whole number, 1 or more, or null for as many as there are, got 2.5",
-    ),
+    "size": (["train.py", "train.size=2.5"],
+        "train.size must be a whole number, 1 or more, or null for as many as there are, got 2.5"),
     "resamples": (["train.py", "bootstrap=0"], "bootstrap must be a whole number"),
     "restitution": (["train.py", "train.eps=[0,1.5]"], "bounds of eps must end at 1 or below, got [0, 1.5]"),
     "threads": (["train.py", "threads=0"], "threads must be a whole number"),
@@ -282,21 +272,17 @@ ERRORS = {
     "learned target": (["train.py", "model=x1_impulse", "model.x1_impulse.target=force"], "unknown target 'force'"),
     "model setting": (["train.py", "+model.mine.lengthscale=3"], "model.mine must hold features, target and law"),
     "two models": (["train.py", "model=[x1_impulse,x1_wrench]"], "one model is trained at a time"),
-    "no law": (
-        ["evaluate.py", "model=parameters_identified", "model.parameters_identified.law=null"],
-        "target parameters_identified needs a law",
-    ),
+    "no law": (["evaluate.py", "model=parameters_identified", "model.parameters_identified.law=null"],
+        "target parameters_identified needs a law"),
     "sizes": (["evaluate.py", "curves.sizes=[20,10]"], "curves.sizes must be an increasing list"),
     "no size": (["evaluate.py", *SMALL[:5], "model=x1_wrench", "curves.sizes=[90]"], "curves.sizes begin at 90"),
-    "body": (
-        ["evaluate.py", "experiment=transfer", "+transfer.bodies.mine={path: a.csv}"],
-        "unexpected keyword argument 'path'",
-    ),
+    "body": (["evaluate.py", "experiment=transfer", "+transfer.bodies.mine={path: a.csv}"],
+        "unexpected keyword argument 'path'"),
     "one trial": (["train.py", "model=x1_wrench", "train.size=1"], "at least 2 training trials, got 1"),
     "workers": (["evaluate.py", "workers=0"], "workers must be a whole number, 1 or more, or null"),
     "transfer": (["evaluate.py", "experiment=transfer", "model=[]"], "transfer needs a learned model and a body"),
     "foreign target": (["train.py", "data._target_=os.system"], "must be a source under contactlearn.data"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("arguments", "message"), ERRORS.values(), ids=ERRORS)
@@ -374,12 +360,10 @@ MISSPELT = {
     "experiment": ("experiment=fazeli", "unknown experiment 'fazeli', did you mean 'fazeli2017'?"),
     "experiment, after a plus": ("+experiment=fazeli", "unknown experiment 'fazeli', did you mean 'fazeli2017'?"),
     "setting of an effect": ("effect.spin_damping.c=1", "not in the model; add effect=[spin_damping]"),
-    "own effect without a plus": (
-        "effect.wind.vx_post=u",
-        "no effect is called 'wind'; one of your own is added with a plus, +effect.wind.vx_post=…",
-    ),
+    "own effect without a plus": ("effect.wind.vx_post=u",
+        "no effect is called 'wind'; one of your own is added with a plus, +effect.wind.vx_post=…"),
     "launcher": ("hydra/launcher=basik", "Could not find 'hydra/launcher/basik'"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("word", "message", "several"), crossed(MISSPELT, {"run": False, "sweep": True}))
@@ -414,28 +398,22 @@ def test_every_shipped_setting_is_known(name):
     check_settings(hydra_main.compose("evaluate", ["experiment=fazeli2017"]), "evaluate")
 
 
-@pytest.mark.parametrize(
-    ("program", "words"),
-    [
-        ("train.py", ["python", "evaluate.py"]),
-        ("contactlearn train", ["python", "-m", "contactlearn", "evaluate"]),
-        ("bin/contactlearn-train", ["python", "-m", "contactlearn", "evaluate"]),
-    ],
-)
+@pytest.mark.parametrize(("program", "words"), [
+    ("train.py", ["python", "evaluate.py"]),
+    ("contactlearn train", ["python", "-m", "contactlearn", "evaluate"]),
+    ("bin/contactlearn-train", ["python", "-m", "contactlearn", "evaluate"]),
+])  # fmt: skip
 def test_printed_commands_are_called_as_this_one_was(program, words, monkeypatch):
     monkeypatch.setattr("sys.argv", [program])
     assert invocation("evaluate") == words
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["resluts", "outputs"], "no command is called 'resluts', did you mean 'results'?"),
-        (["whatever"], "no command is called 'whatever'; --help lists all"),
-        (["workbench", "--prot", "3"], "unknown argument '--prot', did you mean '--port'?"),
-        (["report", "outputs", "--uot", "a.html"], "unknown argument '--uot', did you mean '--out'?"),
-    ],
-)
+@pytest.mark.parametrize(("words", "said"), [
+    (["resluts", "outputs"], "no command is called 'resluts', did you mean 'results'?"),
+    (["whatever"], "no command is called 'whatever'; --help lists all"),
+    (["workbench", "--prot", "3"], "unknown argument '--prot', did you mean '--port'?"),
+    (["report", "outputs", "--uot", "a.html"], "unknown argument '--uot', did you mean '--out'?"),
+])  # fmt: skip
 def test_misspelt_commands_and_their_options(words, said, capsys):
     with pytest.raises(SystemExit):
         main(words)

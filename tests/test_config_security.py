@@ -20,32 +20,24 @@ def touch(path): Path(path).touch()
 """
 FOREIGN = {
     "a law": ("law: {{_target_: brought.Law}}", "law._target_=brought.Law comes from a file"),
-    "an effect": (
-        "effect: {{mine: {{_target_: brought.Mine}}}}",
-        "effect.mine._target_=brought.Mine comes from a file",
-    ),
+    "an effect": ("effect: {{mine: {{_target_: brought.Mine}}}}",
+        "effect.mine._target_=brought.Mine comes from a file"),
     "by reference": ("variant: brought.Mine\neffect: {{mine: {{_target_: '${{variant}}'}}}}", "comes from a file"),
     "in a text": ("effect: {{mine: '${{oc.decode:\"{{_target_: brought.Mine}}\"}}'}}", "comes from a file"),
     "a source": ("data: {{_target_: brought.touch, path: {0}}}", "comes from a file"),
-    "through a source": (
-        "data: {{_target_: contactlearn.data.table.os.mkdir, path: {0}}}",
-        "must be a source under contactlearn.data",
-    ),
+    "through a source": ("data: {{_target_: contactlearn.data.table.os.mkdir, path: {0}}}",
+        "must be a source under contactlearn.data"),
     "within data": ("data: {{shape: {{_target_: os.mkdir, path: {0}}}}}", "comes from a file"),
-    "a body": (
-        "transfer: {{sizes: [5], seeds: 1, bodies: {{b: {{_target_: brought.touch, path: {0}}}}}}}",
-        "comes from a file",
-    ),
+    "a body": ("transfer: {{sizes: [5], seeds: 1, bodies: {{b: {{_target_: brought.touch, path: {0}}}}}}}",
+        "comes from a file"),
     "a callback": ("hydra: {{callbacks: {{x: {{_target_: os.mkdir, path: {0}}}}}}}", "no plugin of Hydra's"),
     "a launcher": ("hydra: {{launcher: {{_target_: brought.Launcher}}}}", "no plugin of Hydra's"),
     "a log": ("hydra: {{job_logging: {{handlers: {{x: {{(): os.mkdir, path: {0}}}}}}}}}", "more than a log"),
-    "a log of Hydra's": (
-        "hydra: {{hydra_logging: {{handlers: {{x: {{class: brought.touch, path: {0}}}}}}}}}",
-        "more than a log",
-    ),
+    "a log of Hydra's": ("hydra: {{hydra_logging: {{handlers: {{x: {{class: brought.touch, path: {0}}}}}}}}}",
+        "more than a log"),
     "an object": ("hydra: {{job_logging: {{root: {{level: 'ext://brought.touch'}}}}}}", "more than a log"),
     "an environment": ("hydra: {{job: {{env_set: {{PYTHONPATH: /tmp}}}}}}", "from the command line alone"),
-}
+}  # fmt: skip
 
 
 @pytest.fixture
@@ -74,14 +66,11 @@ def test_classes_named_by_a_shared_experiment_are_not_run(text, message, several
     assert not {"imported", "called"} & {path.name for path in shared.iterdir()}
 
 
-@pytest.mark.parametrize(
-    "word",
-    [
-        "+effect.mine._target_=brought.Mine",
-        "+effect.mine={_target_: brought.Mine, form: a}",
-        "law._target_='brought.Law'",
-    ],
-)
+@pytest.mark.parametrize("word", [
+    "+effect.mine._target_=brought.Mine",
+    "+effect.mine={_target_: brought.Mine, form: a}",
+    "law._target_='brought.Law'",
+])  # fmt: skip
 def test_classes_named_on_the_command_line_are_composed(word):
     assert "brought." in str(compose("evaluate", [word]))
 

@@ -90,17 +90,14 @@ def test_a_table_with_a_part_of_a_covariance_is_refused(tmp_path):
         table.load(path)
 
 
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [
-        ("mirrored_x", torch.diag(torch.tensor((-1.0, 1, 1)))),
-        ("degrees", torch.diag(torch.tensor((1.0, 1, torch.pi / 180)))),
-        ("millimetres_velocity", torch.diag(torch.tensor((1e-3, 1e-3, 1)))),
-        ("swapped_axes", torch.tensor([[0, 1.0, 0], [1, 0, 0], [0, 0, 1]])),
-        ("averaged_vy", torch.diag(torch.tensor((1.0, 0, 1)))),
-        ("millimetres", torch.eye(3)),
-    ],
-)
+@pytest.mark.parametrize(("name", "change"), [
+    ("mirrored_x", torch.diag(torch.tensor((-1.0, 1, 1)))),
+    ("degrees", torch.diag(torch.tensor((1.0, 1, torch.pi / 180)))),
+    ("millimetres_velocity", torch.diag(torch.tensor((1e-3, 1e-3, 1)))),
+    ("swapped_axes", torch.tensor([[0, 1.0, 0], [1, 0, 0], [0, 0, 1]])),
+    ("averaged_vy", torch.diag(torch.tensor((1.0, 0, 1)))),
+    ("millimetres", torch.eye(3)),
+])  # fmt: skip
 def test_corrections_carry_them_as_they_carry_velocities(name, change):
     impacts, change = drops(validate=False), change.double()
     corrected = correct(impacts, [name])

@@ -94,10 +94,8 @@ BAD_CSV = {
     "german": (text(grid(), ";").replace(".", ","), ["separated by commas", "semicolons", "decimal points"]),
     "decimal comma": (put(2, "mass", '"0,0364"'), ["row 2 (line 3)", "'0,0364'", "decimal comma", "write 0.0364"]),
     "bare comma": (put(2, "mass", "0,0364"), ["row 2 (line 3)", "16 cells", "header has 15", "decimal comma"]),
-    "short row": (
-        text([*grid(), ["4", "body", "0.0364"]]),
-        ["row 4 (line 5)", "3 cells", "header has 15", "truncated"],
-    ),
+    "short row": (text([*grid(), ["4", "body", "0.0364"]]),
+        ["row 4 (line 5)", "3 cells", "header has 15", "truncated"]),
     "open quote": (put(3, "trial", '"1'), ["is not CSV", "line", "quotes"]),
     "half a pose": (extra(["x_post", "theta_post"]), ["all three or none", "missing: y_post"]),
     "bad pose": (extra(POSE, "?"), ["row 1 (line 2)", "column x_post", "number in m;", "'?'"]),
@@ -107,7 +105,7 @@ BAD_CSV = {
     "not utf-8": (put(1, "object", "Würfel").encode("latin-1"), ["UTF-8"]),
     "utf-16": (text(grid()).encode("utf-16"), ["UTF-8"]),
     "binary": (bytes(range(256)), ["UTF-8"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("content", "fragments"), BAD_CSV.values(), ids=BAD_CSV)
@@ -234,12 +232,10 @@ def test_bad_shape_is_refused_before_the_file_is_read(tmp_path):
 
 def test_parquet_numbers_of_other_kinds_are_converted(tmp_path):
     path = write_parquet(
-        tmp_path / "drops.parquet",
-        trial=pyarrow.array([1, 2, 3], "int32"),
-        object=pyarrow.array(["a", "b", "a"]).dictionary_encode(),
-        mass=pyarrow.array([1, 2, 3], "int8"),
+        tmp_path / "drops.parquet", trial=pyarrow.array([1, 2, 3], "int32"),
+        object=pyarrow.array(["a", "b", "a"]).dictionary_encode(), mass=pyarrow.array([1, 2, 3], "int8"),
         inertia=pyarrow.array([0.1] * 3, "float32"),
-    )
+    )  # fmt: skip
     impacts = table.load(path)
     assert impacts.trial == ("1", "2", "3")
     assert impacts.object == ("a", "b", "a")
@@ -291,15 +287,11 @@ def test_round_trip_of_anything_is_exact(tmp_path_factory, suffix, numbers, tria
     n = len(numbers)
     values = torch.tensor(numbers, dtype=torch.float64)
     impacts = Impacts(
-        mass=values[:, 0].abs() + 5e-324,
-        inertia=values[:, 1].abs() + 5e-324,
-        r=torch.stack((torch.zeros(n), values[:, 2]), -1),
-        q=values[:, 2:5],
-        v_pre=torch.stack((values[:, 5], -values[:, 6].abs() - 1e-300, values[:, 7]), -1),
-        v_post=values[:, :3],
-        trial=trials[:n],
-        object=objects[:n],
-    )
+        mass=values[:, 0].abs() + 5e-324, inertia=values[:, 1].abs() + 5e-324,
+        r=torch.stack((torch.zeros(n), values[:, 2]), -1), q=values[:, 2:5],
+        v_pre=torch.stack((values[:, 5], -values[:, 6].abs() - 1e-300, values[:, 7]), -1), v_post=values[:, :3],
+        trial=trials[:n], object=objects[:n],
+    )  # fmt: skip
     path = tmp_path_factory.mktemp("round") / f"drops{suffix}"
     assert_same(table.load(table.save(impacts, path)), impacts)
 
@@ -493,15 +485,11 @@ def test_download_is_checked_and_cached(tmp_path, monkeypatch):
     assert Path(folder) == Path(pooch.os_cache("contactlearn"))
 
 
-@pytest.mark.parametrize(
-    "fault",
-    [
-        ConnectionError("Failed to resolve host " + "x" * 999),
-        PermissionError(13, "Permission denied"),
-        ValueError("hash"),
-    ],
-    ids=lambda fault: type(fault).__name__,
-)
+@pytest.mark.parametrize("fault", [
+    ConnectionError("Failed to resolve host " + "x" * 999),
+    PermissionError(13, "Permission denied"),
+    ValueError("hash"),
+], ids=lambda fault: type(fault).__name__)  # fmt: skip
 def test_download_that_fails(monkeypatch, fault):
     def retrieve(*args, **kwargs):
         raise fault
@@ -672,15 +660,9 @@ def test_synthetic_refuses(options, fragments):
 # Configurations
 
 SOURCES = {
-    "ellipse_drops": published,
-    "mujoco": mujoco,
-    "mystery": hidden_effects,
-    "synthetic": synthetic,
-    "table": table,
-    "tracks": tracks,
-    "tracks_mujoco": recordings_mujoco,
-    "tracks_synthetic": recordings,
-}
+    "ellipse_drops": published, "mujoco": mujoco, "mystery": hidden_effects, "synthetic": synthetic, "table": table,
+    "tracks": tracks, "tracks_mujoco": recordings_mujoco, "tracks_synthetic": recordings,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SOURCES)

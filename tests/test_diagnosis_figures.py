@@ -326,16 +326,12 @@ def with_regions(found: Diagnosis, *limits: tuple[str, float, float]) -> Diagnos
     known = {v.name: v for v in variables(record.impacts, record.base.predict(record.impacts))}
     regions = (
         Region(
-            variable=name,
-            where=known[name].window_text(low, high),
-            low=low if math.isfinite(low) else None,
-            high=high if math.isfinite(high) else None,
-            ratio=Interval(2.3, 1.5, 3.0),
-            p_value=3e-8,
+            variable=name, where=known[name].window_text(low, high), low=low if math.isfinite(low) else None,
+            high=high if math.isfinite(high) else None, ratio=Interval(2.3, 1.5, 3.0), p_value=3e-8,
             rows=tuple(range(250)),
         )
         for name, low, high in limits
-    )
+    )  # fmt: skip
     return replace(found, regions=tuple(regions))
 
 
@@ -402,10 +398,8 @@ def test_without_effects_there_is_one_median(found):
     regions = with_regions(found, ("mode", -0.5, 0.5), ("spin", -3, 2)).regions
     figure = regions_figure(regions, recorded(found.record, model=found.record.base, residuals=()))
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
-        "Region",
-        "Trial, law",
-        "Law, running median",
-    ]
+        "Region", "Trial, law", "Law, running median",
+    ]  # fmt: skip
 
 
 # --- What remains -------------------------------------------------------------------------------

@@ -119,20 +119,16 @@ REFUSED = {
     "a class that is none": (["+effect.mine._target_=pathlib.Path"], "must be a subclass"),
     "not importable": (["+effect.mine._target_=no_such.Thing"], "cannot be imported"),
     "a fitted parameter": (["effect=[side_drag]", "+effect.side_drag.c=0.1"], "has no setting 'c' (it is fitted)"),
-    "a form": (
-        ["effect=[spin_damping]", "effect.spin_damping.form=durring"],
+    "a form": (["effect=[spin_damping]", "effect.spin_damping.form=durring"],
         "effect.spin_damping: unknown form of spin_damping 'durring', did you mean 'during'?; "
-        "known: after, quadratic, during, lasting",
-    ),
+        "known: after, quadratic, during, lasting"),
     "a form of a form": ([f"+effect.mine._target_={FAMILY}After", "+effect.mine.form=during"], "unknown form"),
-    "a form of none": (
-        ["effect=[gravity_impulse]", "+effect.gravity_impulse.form=late"],
-        "has no setting 'form'; it has: none",
-    ),
+    "a form of none": (["effect=[gravity_impulse]", "+effect.gravity_impulse.form=late"],
+        "has no setting 'form'; it has: none"),
     "a formula": (['+effect.mine.tau="c*__import__"', "+effect.mine.parameters.c=[0,1]"], "^"),
     "identified": (["model=parameters_identified", "effect=[side_drag]"], "use model=parameters_likelihood"),
     "noise": (["fit.noise=[0.1,0.1]"], "three positive standard deviations"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("arguments", "message"), REFUSED.values(), ids=REFUSED)

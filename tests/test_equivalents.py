@@ -283,14 +283,11 @@ def test_limits_reach_a_quarter_beyond_what_was_measured(rivals):
     assert within["x"] == [impacts.q[:, 0].min(), impacts.q[:, 0].max()]
 
 
-@pytest.mark.parametrize(
-    ("limits", "error", "words"),
-    [
-        ({"v_n": (-2, -1)}, UnknownNameError, "v_n"),
-        ({"v_y": (-1, -2)}, DataError, "limits of v_y must be finite numbers"),
-        ({"v_y": (1.0, 2.0), "omega": (0.0, 0.0)}, DataError, "no drop within the limits approaches the floor"),
-    ],
-)
+@pytest.mark.parametrize(("limits", "error", "words"), [
+    ({"v_n": (-2, -1)}, UnknownNameError, "v_n"),
+    ({"v_y": (-1, -2)}, DataError, "limits of v_y must be finite numbers"),
+    ({"v_y": (1.0, 2.0), "omega": (0.0, 0.0)}, DataError, "no drop within the limits approaches the floor"),
+])  # fmt: skip
 def test_impossible_limits_are_refused(rivals, limits, error, words):
     impacts, chosen, others = rivals
     with pytest.raises(error, match=words):

@@ -153,13 +153,10 @@ def test_a_linearisation_is_about_the_latent_states():
     assert gradient(EXACT) > 0.5
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"noise_before": (0.1, 0.1, 0.1)}, "needs noise"),
-        ({"noise": (0.1, 0.1, 0.1), "noise_before": (0.1, -0.1, 0.1)}, "three non-negative standard deviations"),
-    ],
-)
+@pytest.mark.parametrize(("given", "message"), [
+    ({"noise_before": (0.1, 0.1, 0.1)}, "needs noise"),
+    ({"noise": (0.1, 0.1, 0.1), "noise_before": (0.1, -0.1, 0.1)}, "three non-negative standard deviations"),
+])  # fmt: skip
 def test_noise_before_that_makes_no_sense_is_refused(given, message):
     with pytest.raises(DataError, match=message):
         replace(FitOptions(), **given)

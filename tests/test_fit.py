@@ -372,32 +372,20 @@ REFUSED = {
     "sizes that repeat": (lambda d: identify(find("whittaker"), d, sizes=(5, 5)), DataError, ["increasing", "[5, 5]"]),
     "size zero": (lambda d: identify(find("whittaker"), d, sizes=(0, 3)), DataError, ["positive", "[0, 3]"]),
     "no sizes": (lambda d: identify(find("whittaker"), d, sizes=()), DataError, ["sizes", "[]"]),
-    "no repetitions": (
-        lambda d: identify(find("whittaker"), d, sizes=(3,), repetitions=0),
-        DataError,
-        ["at least 1", "got 0"],
-    ),
+    "no repetitions": (lambda d: identify(find("whittaker"), d, sizes=(3,), repetitions=0), DataError,
+        ["at least 1", "got 0"]),
     "box upside down": (lambda d: Box(mu=(0.5, 0.5)), DataError, ["mu", "low < high", "[0.5, 0.5]"]),
     "box below zero": (lambda d: Box(eps=(-0.1, 1.0)), DataError, ["eps", "0 ≤ low", "[-0.1, 1.0]"]),
     "box above one": (lambda d: Box(eps=(0.0, 1.2)), DataError, ["eps", "1 or below", "[0.0, 1.2]"]),
     "box not a number": (lambda d: Box(mu=(0.0, math.nan)), DataError, ["mu", "nan"]),
     "few nodes": (lambda d: Box(nodes=2), DataError, ["3 nodes", "got 2"]),
-    "law": (
-        lambda d: identify(find("witaker"), d, sizes=(3,)),
-        UnknownNameError,
-        ["witaker", "did you mean 'whittaker'?"],
-    ),
-    "variant": (
-        lambda d: identify(find("whittaker", "fazeli"), d, sizes=(3,)),
-        UnknownNameError,
-        ["fazeli", "did you mean 'fazeli2017'?"],
-    ),
-    "target": (
-        lambda d: identify(find("whittaker"), d, sizes=(3,), target="momentun"),
-        UnknownNameError,
-        ["momentun", "did you mean 'momentum'?"],
-    ),
-}
+    "law": (lambda d: identify(find("witaker"), d, sizes=(3,)), UnknownNameError,
+        ["witaker", "did you mean 'whittaker'?"]),
+    "variant": (lambda d: identify(find("whittaker", "fazeli"), d, sizes=(3,)), UnknownNameError,
+        ["fazeli", "did you mean 'fazeli2017'?"]),
+    "target": (lambda d: identify(find("whittaker"), d, sizes=(3,), target="momentun"), UnknownNameError,
+        ["momentun", "did you mean 'momentum'?"]),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("call", "error", "fragments"), REFUSED.values(), ids=REFUSED)

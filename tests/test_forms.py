@@ -280,15 +280,12 @@ def on_paper(name, impacts, amount):
     return impacts.v_pre + torch.stack((P_t / impacts.mass, P_n / impacts.mass, turn), -1)
 
 
-@pytest.mark.parametrize(
-    ("name", "form", "amount"),
-    [
-        ("velocity_dependent_friction", "initial", 0.05),
-        ("directional_friction", "initial", 0.3),
-        ("contact_patch", "after", 0.2),
-        ("rolling_resistance", "before", 0.0005),
-    ],
-)
+@pytest.mark.parametrize(("name", "form", "amount"), [
+    ("velocity_dependent_friction", "initial", 0.05),
+    ("directional_friction", "initial", 0.3),
+    ("contact_patch", "after", 0.2),
+    ("rolling_resistance", "before", 0.0005),
+])  # fmt: skip
 def test_a_formula_on_paper_has_its_form(name, form, amount):
     """It is met where other forms of its effect leave five times as much or more, and its amount is found."""
     impacts = drops(size=300)

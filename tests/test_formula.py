@@ -417,16 +417,12 @@ BAD = {
     "no parameter": ({"tau": "-rx*Pn"}, "needs a parameter that is fitted"),
     "unknown output": ({"tua": "c", "parameters": C}, r"unknown output of a formula 'tua', did you mean 'tau'"),
     "misspelt parameters": ({"tau": "c", "parameter": C}, "did you mean 'parameters'"),
-    "two places": (
-        {"tau": "c", "mu": "c", "parameters": C},
-        "must be of one place, got tau of the wrench, mu of the law",
-    ),
+    "two places": ({"tau": "c", "mu": "c", "parameters": C},
+        "must be of one place, got tau of the wrench, mu of the law"),
     "number": ({"tau": 0.1, "parameters": C}, "must be text, got 0.1"),
     "syntax": ({"tau": "c*rx^2", "parameters": C}, r"write \*\*\n    c\*rx\^2\n {8}\^"),
-    "unknown symbol": (
-        {"tau": "c*vtt", "parameters": C},
-        r"parameter 'vtt', did you mean 'vt'\?.*\n    c\*vtt\n {6}\^",
-    ),
+    "unknown symbol": ({"tau": "c*vtt", "parameters": C},
+        r"parameter 'vtt', did you mean 'vt'\?.*\n    c\*vtt\n {6}\^"),
     "symbol of another place": ({"mu": "c*Pn", "parameters": C}, r"Pn is known only at wrench.*\n.*\n {6}\^"),
     "state without mu": ({"rx": "c*mu", "parameters": C}, "mu is known only at law, wrench, velocity"),
     "unused": ({"tau": "c*Pn", "parameters": C | {"d": [0, 1]}}, "parameter d is not used in τ ← τ"),
@@ -448,7 +444,7 @@ BAD = {
     "outside": ({"tau": "c", "parameters": {"c": [1, 2]}}, r"vanishing in \[1, 2\], got 0; .* vanishing: null"),
     "start": ({"tau": "c", "parameters": {"c": {"low": 0, "high": 1, "start": 2}}}, r"start in \[0, 1\], got 2"),
     "unit": ({"tau": "c", "parameters": {"c": {"low": 0, "high": 1, "unit": 1}}}, "unit of parameter c must be text"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("entries", "message"), BAD.values(), ids=BAD)
@@ -466,26 +462,20 @@ def test_a_class_takes_only_outputs_of_its_place():
 
 NULL = {"low": 0.0, "high": 1.0, "vanishing": None}
 UNFIT = {
-    "constant": (
-        {"tau": "rx*Pn + c", "parameters": C},
-        r"rx\*Pn \+ c\) must .* at c = 0 it adds up to 0\.\d+ N m s to tau; a fac",
-    ),
+    "constant": ({"tau": "rx*Pn + c", "parameters": C},
+        r"rx\*Pn \+ c\) must .* at c = 0 it adds up to 0\.\d+ N m s to tau; a fac"),
     "factor": ({"mu": "exp(c*vt)", "parameters": C}, "adds up to 1 – to mu; a factor is missing"),
     "vanishing": ({"mu": "c - 0.5", "parameters": C}, "adds up to 0.5"),
     "nothing vanishes": ({"mu": "p", "parameters": {"p": NULL}}, "p = 0.5"),
-    "vanishes at a start": (
-        {"mu": "c + p - 0.5", "parameters": C | {"p": NULL}},
-        r"at c = 0, p = 0\.25 .* up to 0\.25",
-    ),
+    "vanishes at a start": ({"mu": "c + p - 0.5", "parameters": C | {"p": NULL}},
+        r"at c = 0, p = 0\.25 .* up to 0\.25"),
     "one output of two": ({"mu": "c", "eps": "0.1 + c", "parameters": C}, "adds up to 0.1 – to eps"),
-    "logarithm": (
-        {"tau": "c*log(vn)", "parameters": C},
-        r"value nan on trial '1' of synthetic drops .*60 of 60 trials",
-    ),
+    "logarithm": ({"tau": "c*log(vn)", "parameters": C},
+        r"value nan on trial '1' of synthetic drops .*60 of 60 trials"),
     "division": ({"tau": "1/c", "parameters": C}, "value inf on trial '1'"),
     "slope": ({"tau": "sqrt(c)", "parameters": {"c": [0, 1]}}, "derivative in c inf on trial '1'"),
     "power": ({"tau": "c*abs(vn)**(p*1e6)", "parameters": C | {"p": NULL}}, "value"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("entries", "message"), UNFIT.values(), ids=UNFIT)

@@ -22,21 +22,17 @@ FOUND = {
     "a column's name that is no UTF-8": ("tables", lambda seed: seed[PARQUET].replace(b"mass", b"ma\xffs")),
     "a formula without its parameter": ("formulas", lambda _: b"Pt=g*pi\nPn=k\nk:-1,1,0,0"),
     "text in place of states": ("mat", lambda _: b"\x01\x05\x01\x0c\x00|p|p|p"),
-    "quaternions of zeros": (
-        "recordings",
-        lambda _: b"\x40time,x,y,z,qw,qx,qy,qz\n" + b"".join(b"%d,0,1,0,0,0,0,0\n" % k for k in range(20)),
-    ),
-    "coordinates whose squares overflow": (
-        "recordings",
-        lambda _: b"\x40time,x,y,theta\n" + b"".join(b"%d,1e300,-1e300,1e300\n" % k for k in range(20)),
-    ),
+    "quaternions of zeros": ("recordings",
+        lambda _: b"\x40time,x,y,z,qw,qx,qy,qz\n" + b"".join(b"%d,0,1,0,0,0,0,0\n" % k for k in range(20))),
+    "coordinates whose squares overflow": ("recordings",
+        lambda _: b"\x40time,x,y,theta\n" + b"".join(b"%d,1e300,-1e300,1e300\n" % k for k in range(20))),
     "a number in place of a part": ("overrides", lambda _: b"evaluate\ntrain=00\nmodel=[x1_wrench]"),
     "a choice of nothing": ("overrides", lambda _: b"diagnose\ndata=table\ndata.path=a.csv\nlaw=null"),
     "a list under the name of a package": ("overrides", lambda _: b"evaluate\n+effect@mine.parameters.c=[-1,1]"),
     "a null in place of a part": ("overrides", lambda _: b"evaluate\nfit=null"),
     "a text in place of Hydra's part": ("overrides", lambda _: b"evaluate\n++hydra="),
     "a number in place of effects": ("overrides", lambda _: b"evaluate\n++candidate=3\n++limits=[1]"),
-}
+}  # fmt: skip
 
 
 @pytest.fixture(autouse=True)

@@ -98,12 +98,8 @@ def test_evidence_agrees_with_autograd(B, n, D, weighted):
 
 
 @given(
-    B=st.integers(1, 4),
-    n=st.integers(1, 12),
-    D=st.integers(1, 4),
-    weighted=st.booleans(),
-    seed=st.integers(0, 2**31),
-)
+    B=st.integers(1, 4), n=st.integers(1, 12), D=st.integers(1, 4), weighted=st.booleans(), seed=st.integers(0, 2**31),
+)  # fmt: skip
 @settings(max_examples=30, deadline=None)
 def test_evidence_agrees_with_autograd_on_any_shape(B, n, D, weighted, seed):
     assert_matches_reference(random_phi(B, D, seed), torch.arange(B), *random_data(B, n, D, weighted, seed))
@@ -309,12 +305,9 @@ def test_batched_problems_equal_looped():
     assert torch.equal(batch.value, rosenbrock(batch.x, torch.arange(4), False)[0])
     for i in range(4):
         alone = minimise(
-            lambda x, which, curvature, i=i: rosenbrock(x, which + i, curvature),
-            start[i : i + 1],
-            low,
-            high,
+            lambda x, which, curvature, i=i: rosenbrock(x, which + i, curvature), start[i : i + 1], low, high,
             tolerance=1e-10,
-        )
+        )  # fmt: skip
         for one, every in zip(alone[:4], (part[i : i + 1] for part in batch[:4]), strict=True):
             close(one, every, **CLOSE)
 
@@ -479,15 +472,9 @@ def degenerate(case: str, n: int) -> tuple[Tensor, Tensor]:
 
 
 CASES = (
-    "plain",
-    "constant outputs",
-    "a large constant",
-    "duplicate inputs",
-    "equal inputs",
-    "duplicate points",
-    "a constant column",
-    "no noise",
-)
+    "plain", "constant outputs", "a large constant", "duplicate inputs", "equal inputs", "duplicate points",
+    "a constant column", "no noise",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("prior", [True, False], ids=["prior", "no prior"])

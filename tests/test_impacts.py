@@ -85,30 +85,21 @@ def test_numbers_of_any_kind_become_float64():
     }
 
 
-@pytest.mark.parametrize(
-    ("rows", "expected"),
-    [
-        ([2, 0], [2, 0]),
-        (torch.tensor([3, 1]), [3, 1]),
-        (np.array([1, 2]), [1, 2]),
-        (torch.tensor([True, False, False, True]), [0, 3]),
-        ([False, True, True, False], [1, 2]),
-        (slice(1, None), [1, 2, 3]),
-        (slice(None, None, 2), [0, 2]),
-        ([-1], [3]),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("rows", "expected"), [
+    ([2, 0], [2, 0]),
+    (torch.tensor([3, 1]), [3, 1]),
+    (np.array([1, 2]), [1, 2]),
+    (torch.tensor([True, False, False, True]), [0, 3]),
+    ([False, True, True, False], [1, 2]),
+    (slice(1, None), [1, 2, 3]),
+    (slice(None, None, 2), [0, 2]),
+    ([-1], [3]),
+], ids=str)  # fmt: skip
 def test_indexing_picks_every_field_in_the_given_order(rows, expected):
     impacts = make(
-        4,
-        q_post=torch.arange(12.0).reshape(4, 3),
-        time=torch.arange(4.0),
-        trial="wxyz",
-        object="abcd",
-        shape=Disc(0.03),
-        source="s",
-    )
+        4, q_post=torch.arange(12.0).reshape(4, 3), time=torch.arange(4.0), trial="wxyz", object="abcd",
+        shape=Disc(0.03), source="s",
+    )  # fmt: skip
     picked = impacts[rows]
     for name in COMPONENTS:
         assert torch.equal(getattr(picked, name), getattr(impacts, name)[expected])
@@ -315,13 +306,11 @@ BAD_SHAPES = {
     "not pairs": ({"kind": "polygon", "vertices": [1, 2, 3]}, ["pairs", "metres"]),
     "nan corner": ({"kind": "polygon", "vertices": [[1, 0], [0, math.nan], [-1, -1]]}, ["finite", "nan"]),
     "dented": ({"kind": "polygon", "vertices": [[2, -1], [0, 2], [-2, -1], [0, -0.5]]}, ["convex"]),
-    "star": (
-        {"kind": "polygon", "vertices": [[math.cos(2 * k * 1.2566), math.sin(2 * k * 1.2566)] for k in range(5)]},
-        ["convex", "in order"],
-    ),
+    "star": ({"kind": "polygon", "vertices": [[math.cos(2 * k * 1.2566), math.sin(2 * k * 1.2566)] for k in range(5)]},
+        ["convex", "in order"]),
     "flat": ({"kind": "polygon", "vertices": [[-1, 0], [0, 0], [1, 0]]}, ["convex"]),
     "centre outside": ({"kind": "polygon", "vertices": [[1, 1], [2, 1], [1, 2]]}, ["centre of mass", "inside"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("spec", "fragments"), BAD_SHAPES.values(), ids=BAD_SHAPES)

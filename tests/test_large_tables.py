@@ -84,15 +84,11 @@ def answering(laws, sizes):
     return diagnosed
 
 
-@pytest.mark.parametrize(
-    ("laws", "sizes", "limit"),
-    [
-        (("mirtich", "mirtich"), [150, 300], None),
-        (("mirtich", "routh", "routh"), [150, 300, 600], None),
-        (("mirtich", "routh", "mirtich"), [150, 300, 600], Limit.SIZE),
-    ],
-    ids=["at once", "later", "never"],
-)
+@pytest.mark.parametrize(("laws", "sizes", "limit"), [
+    (("mirtich", "mirtich"), [150, 300], None),
+    (("mirtich", "routh", "routh"), [150, 300, 600], None),
+    (("mirtich", "routh", "mirtich"), [150, 300, 600], Limit.SIZE),
+], ids=["at once", "later", "never"])  # fmt: skip
 def test_subsamples_grow_until_two_answers_agree(many, laws, sizes, limit):
     asked = []
     found = grown(many[slice(0, 2000)], answering(laws, asked))

@@ -361,11 +361,9 @@ def test_held_out_trials_are_never_seen(recipe, pool, test):
     outside = torch.ones(900, dtype=torch.bool).index_fill(0, rows.flatten(), False)
     factor = torch.where(outside, 1.5, 1.0)[:, None]
     other = pool.replace(
-        q=pool.q + outside[:, None],
-        v_pre=pool.v_pre * factor,
-        v_post=pool.v_post * (2 * factor - 1),
+        q=pool.q + outside[:, None], v_pre=pool.v_pre * factor, v_post=pool.v_post * (2 * factor - 1),
         mass=pool.mass * factor[:, 0],
-    )
+    )  # fmt: skip
     one, two = (trained(recipe, trials, rows).predict(test) for trials in (pool, other))
     assert_same(one, two, rtol=ALIKE)
     if not recipe.target.startswith("parameters"):  # whose trials are computed side by side, to rounding
@@ -457,17 +455,11 @@ def test_one_trial_is_too_few(recipe, n, pool):
 REFUSED = {
     "features": (("x3", "wrench"), UnknownNameError, ["feature space 'x3'", "did you mean 'x2'?", "x2_polar"]),
     "target": (("x1", "wrenches"), UnknownNameError, ["target 'wrenches'", "did you mean 'wrench'?", *TARGETS]),
-    "identified of no law": (
-        ("x1", "parameters_identified"),
-        ContactLearnError,
-        ["parameters_identified", "law", "none"],
-    ),
-    "likelihood of no law": (
-        ("x1", "parameters_likelihood"),
-        ContactLearnError,
-        ["parameters_likelihood", "law", "none"],
-    ),
-}
+    "identified of no law": (("x1", "parameters_identified"), ContactLearnError,
+        ["parameters_identified", "law", "none"]),
+    "likelihood of no law": (("x1", "parameters_likelihood"), ContactLearnError,
+        ["parameters_likelihood", "law", "none"]),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("arguments", "kind", "fragments"), REFUSED.values(), ids=REFUSED)

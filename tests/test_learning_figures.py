@@ -216,15 +216,12 @@ def line(axes, label: str):
     return next(line for line in axes.lines if line.get_label() == label)
 
 
-@pytest.mark.parametrize(
-    ("names", "titles"),
-    [
-        (MODELS, ["Class I: data-driven", "Class II: data-reinforced"]),
-        (CLASS_II, ["Class II: data-reinforced"]),
-        (("X1 → wrench", "mirtich"), ["Class I: data-driven", "Others"]),
-        (("mine", "residual_wrench"), ["Class II: data-reinforced, and others"]),
-    ],
-)
+@pytest.mark.parametrize(("names", "titles"), [
+    (MODELS, ["Class I: data-driven", "Class II: data-reinforced"]),
+    (CLASS_II, ["Class II: data-reinforced"]),
+    (("X1 → wrench", "mirtich"), ["Class I: data-driven", "Others"]),
+    (("mine", "residual_wrench"), ["Class II: data-reinforced, and others"]),
+])  # fmt: skip
 def test_classes_have_their_panels(names, titles):
     for figure in (curve(names), densities((*BOUNDS, *names))):
         assert [axes.get_legend().get_title().get_text() for axes in figure.axes] == titles
@@ -276,10 +273,8 @@ def test_velocities_say_how_close_they_are():
     measured = torch.tensor([[0.0, 1.0, 0.0], [1.0, 1.0, 10.0]])
     axes = quality.predicted_against_measured(measured, measured + torch.tensor([0.1, 0.0, -50.0])).axes
     assert [a.get_title() for a in axes] == [
-        "R² = 0.96, rms 0.1 m/s",
-        "R² undefined, rms 0 m/s",
-        "R² = −99, rms 50 rad/s",
-    ]
+        "R² = 0.96, rms 0.1 m/s", "R² undefined, rms 0 m/s", "R² = −99, rms 50 rad/s",
+    ]  # fmt: skip
 
 
 def test_bars_of_the_prediction_hold_95_percent():
@@ -330,13 +325,11 @@ BAD = {
     "other levels": (lambda: quality.calibration_curve({"a": (PAIR[0], PAIR[0, :2])}), "'a' .* got 3 and 2"),
     "no bodies": (lambda: learning.transfer_errors(SIZES, {}, {}, METRIC), "at least one body"),
     "no model of a body": (lambda: learning.transfer_errors(SIZES, {"Square": {}}, {}, METRIC), "got 7 and 0"),
-    "transfer at other sizes": (
-        lambda: learning.transfer_errors(SIZES[1:], {"Square": ONE}, {}, METRIC),
-        "must be .6, 3",
-    ),
+    "transfer at other sizes": (lambda: learning.transfer_errors(SIZES[1:], {"Square": ONE}, {}, METRIC),
+        "must be .6, 3"),
     "no iterations": (lambda: quality.training(torch.ones(0), {"P_t": {"v_t": 1.0}}), "one iteration"),
     "no features": (lambda: quality.training(torch.ones(3), {"P_t": {}}), "one relevance"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("build", "message"), BAD.values(), ids=BAD)

@@ -249,12 +249,9 @@ numbers = st.floats(-3, 3)
 
 @PROFILE
 @given(
-    mass=st.floats(0.1, 10),
-    inertia=st.floats(0.1, 10),
-    r=st.tuples(numbers, numbers),
-    v=st.tuples(numbers, numbers, numbers),
-    wrench=st.tuples(numbers, numbers, numbers),
-)
+    mass=st.floats(0.1, 10), inertia=st.floats(0.1, 10), r=st.tuples(numbers, numbers),
+    v=st.tuples(numbers, numbers, numbers), wrench=st.tuples(numbers, numbers, numbers),
+)  # fmt: skip
 def test_any_body(mass, inertia, r, v, wrench):
     """Zeros and equal numbers, which random draws miss: the wrench comes back, the energies balance."""
     mass, inertia, r, v, wrench = (torch.tensor(x, dtype=torch.float64) for x in (mass, inertia, r, v, wrench))

@@ -41,12 +41,9 @@ def test_mass_error_does_not_depend_on_units(case):
     expected = metrics.mass_error(impacts, prediction)
     lengths = torch.tensor((1e3, 1e3, 1.0), dtype=torch.float64)
     changed = impacts.replace(
-        mass=1e3 * impacts.mass,
-        inertia=1e9 * impacts.inertia,
-        r=1e3 * impacts.r,
-        v_pre=impacts.v_pre * lengths,
+        mass=1e3 * impacts.mass, inertia=1e9 * impacts.inertia, r=1e3 * impacts.r, v_pre=impacts.v_pre * lengths,
         v_post=impacts.v_post * lengths,
-    )
+    )  # fmt: skip
     actual = metrics.mass_error(changed, Prediction(prediction.v_post * lengths, prediction.wrench))
     torch.testing.assert_close(actual, expected, rtol=EXACT, atol=0)
 

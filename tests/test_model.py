@@ -225,12 +225,9 @@ def test_parameters_of_each_impact(law, drops):
 
 
 CLAMPED = {
-    "no friction": ((-0.3, 0.5), (0.0, 0.5)),
-    "no restitution": ((0.2, -0.1), (0.2, 0.0)),
-    "elastic": ((0.2, 1.7), (0.2, 1.0)),
-    "all": ((-1.0, 2.0), (0.0, 1.0)),
-    "none": ((3.0, 1.0), (3.0, 1.0)),
-}
+    "no friction": ((-0.3, 0.5), (0.0, 0.5)), "no restitution": ((0.2, -0.1), (0.2, 0.0)),
+    "elastic": ((0.2, 1.7), (0.2, 1.0)), "all": ((-1.0, 2.0), (0.0, 1.0)), "none": ((3.0, 1.0), (3.0, 1.0)),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("given", "counted"), CLAMPED.values(), ids=CLAMPED)

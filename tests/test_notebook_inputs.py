@@ -15,16 +15,12 @@ DROPS = synthetic.load(size=30)
 LAW = laws.find("wang_mason").at(0.12, 0.55)
 
 
-@pytest.mark.parametrize(
-    "use",
-    [
-        ContactModel(LAW).predict,
-        lambda given: identify(LAW, given),
-        lambda given: identify_jointly(LAW, {}, given),
-        diagnose,
-    ],
-    ids=["predict", "identify", "identify_jointly", "diagnose"],
-)
+@pytest.mark.parametrize("use", [
+    ContactModel(LAW).predict,
+    lambda given: identify(LAW, given),
+    lambda given: identify_jointly(LAW, {}, given),
+    diagnose,
+], ids=["predict", "identify", "identify_jointly", "diagnose"])  # fmt: skip
 def test_non_impacts_are_refused_with_the_way_to_read_a_table(use):
     with pytest.raises(ContactLearnError, match=r"impacts must be Impacts, got DataFrame; frame\.to_csv.*table\.load"):
         use(pd.DataFrame({"mass": [1.0]}))

@@ -93,14 +93,9 @@ FAULTS: dict[str, Callable[[], Impacts]] = {
     "needles": lambda: synthetic.load(size=SIZE, shape={"kind": "ellipse", "semi_axes": [1.0, 1e-6]}),
 }
 EFFECTS = {
-    "com_offset": None,
-    "velocity_dependent_friction": "stribeck",
-    "velocity_dependent_restitution": None,
-    "location_dependent_friction": None,
-    "tangential_restitution": None,
-    "adhesion": None,
-    "spin_damping": None,
-}
+    "com_offset": None, "velocity_dependent_friction": "stribeck", "velocity_dependent_restitution": None,
+    "location_dependent_friction": None, "tangential_restitution": None, "adhesion": None, "spin_damping": None,
+}  # fmt: skip
 ROUTH = laws.find("wang_mason")
 
 
@@ -189,11 +184,9 @@ def test_answers_are_numbers(fault, function):
 # --- The same drops of another mass and size ------------------------------------------------------
 
 SCALES = {
-    "1 mg, 1 mm": (1e-6 / 0.0364, 1e-3 / 0.03),
-    "1000 t, 1 km": (1e6 / 0.0364, 1e3 / 0.03),
-    "1000 t, 1 mm": (1e6 / 0.0364, 1e-3 / 0.03),
-    "1 mg, 1 km": (1e-6 / 0.0364, 1e3 / 0.03),
-}
+    "1 mg, 1 mm": (1e-6 / 0.0364, 1e-3 / 0.03), "1000 t, 1 km": (1e6 / 0.0364, 1e3 / 0.03),
+    "1000 t, 1 mm": (1e6 / 0.0364, 1e-3 / 0.03), "1 mg, 1 km": (1e-6 / 0.0364, 1e3 / 0.03),
+}  # fmt: skip
 ALIKE = ("1000 t, 1 mm", "1 mg, 1 km")  # each end of mass and of length is in the others
 
 

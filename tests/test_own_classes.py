@@ -51,16 +51,12 @@ SLIPS = {
     "a component": (lambda u, v: v[..., 0] + u, r"must return v_post, a tensor .* got a tensor \[5\] on 5 impacts"),
     "nothing": (lambda u, v: None, "from velocity, got NoneType"),
     "if": (lambda u, v: v if u > 0 else v + u, r"line \d+: RuntimeError: Boolean .*torch.where"),
-    "detached": (
-        lambda u, v: columns(v[..., 0] + u.detach(), v[..., 1], v[..., 2]),
-        "depends on u, but has no gradient",
-    ),
+    "detached": (lambda u, v: columns(v[..., 0] + u.detach(), v[..., 1], v[..., 2]),
+        "depends on u, but has no gradient"),
     "rounded": (lambda u, v: columns(v[..., 0] + (9 * u).round(), v[..., 1], v[..., 2]), "depends on u, but has no"),
-    "never vanishes": (
-        lambda u, v: columns(v[..., 0] + u + 0.1, v[..., 1], v[..., 2]),
-        r"at u = 0 it adds .* 0\.1 m/s",
-    ),
-}
+    "never vanishes": (lambda u, v: columns(v[..., 0] + u + 0.1, v[..., 1], v[..., 2]),
+        r"at u = 0 it adds .* 0\.1 m/s"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("velocity", "said"), SLIPS.values(), ids=SLIPS)

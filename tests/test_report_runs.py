@@ -81,15 +81,10 @@ def diagnosed(names=("spin_damping:after",), first=0.3, law="wang_mason", **data
         shares=ErrorShares(noise=0.2, explained=0.5, unexplained=0.3, beyond_rigid=0.0),
     )  # fmt: skip
     found = Diagnosis(
-        verdict=Verdict.EFFECTS if names else Verdict.NONE,
-        physics=Verdict.EFFECTS if names else Verdict.NONE,
-        law=law,
-        variant="textbook",
-        findings=(),
-        missing=missing,
-        ladder=tuple(Rung(kind=kind, effect=effect, error=error) for kind, effect, error in rungs),
-        budget=budget,
-    )
+        verdict=Verdict.EFFECTS if names else Verdict.NONE, physics=Verdict.EFFECTS if names else Verdict.NONE, law=law,
+        variant="textbook", findings=(), missing=missing,
+        ladder=tuple(Rung(kind=kind, effect=effect, error=error) for kind, effect, error in rungs), budget=budget,
+    )  # fmt: skip
     return ran(found, **data)
 
 
@@ -324,21 +319,15 @@ DAMAGED = {
     "deep config": (changed(trained(), "provenance", "config", to=NESTED), "is nested too deeply"),
     "digits": (f'{{"data": {"9" * 5000}}}', "is not JSON"),
     "surrogate": (changed(trained(), "model", to="\ud800"), "is not JSON"),
-    "transfer": (
-        {"kind": "transfer", "provenance": trained()["provenance"], "sizes": [1], "transfer": {}},
-        "is a transfer to other bodies",
-    ),
-    "curves": (
-        changed(evaluated(), "learning_curves", to={"m": {**LEARNT, "sizes": [1, 2]}}),
-        "learning_curves.m: 2 sizes and 1 errors must be as many",
-    ),
+    "transfer": ({"kind": "transfer", "provenance": trained()["provenance"], "sizes": [1], "transfer": {}},
+        "is a transfer to other bodies"),
+    "curves": (changed(evaluated(), "learning_curves", to={"m": {**LEARNT, "sizes": [1, 2]}}),
+        "learning_curves.m: 2 sizes and 1 errors must be as many"),
     "verdict": (changed(diagnosed(), "diagnosis", "verdict", to="sure"), "diagnosis.verdict: invalid enum value"),
-    "budget": (
-        changed(diagnosed(), "diagnosis", "budget", "base", "low", to=-1.0),
-        "an error of the diagnosis must be",
-    ),
+    "budget": (changed(diagnosed(), "diagnosis", "budget", "base", "low", to=-1.0),
+        "an error of the diagnosis must be"),
     "missing": (changed(diagnosed(), "diagnosis", "missing", to=["tilt"]), "diagnosis.missing.0: expected object"),
-}
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

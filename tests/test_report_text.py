@@ -47,27 +47,17 @@ def test_words():
     assert text.effect_label(known) == "velocity-dependent restitution (Kuwabara–Kono)"
     joint = {"irb": joint_estimate("wang_mason", "side_drag"), "mirtich": joint_estimate("mirtich")}
     assert text.model_labels(replace(evaluation(), joint=joint)) == {
-        "mirtich": "Mirtich (joint)",
-        "whittaker": "Whittaker",
-        "best_post_hoc": "Best Post Hoc",
+        "mirtich": "Mirtich (joint)", "whittaker": "Whittaker", "best_post_hoc": "Best Post Hoc",
         "irb": "Wang–Mason + side drag",
-    }
+    }  # fmt: skip
     assert text.sentence("x points left") == "x points left."
     assert text.sentence("no balance. Is it?") == "No balance. Is it?"
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "said"),
-    [
-        (0.1, 0.39, "3.9 times less"),
-        (0.09, 0.1, "10 % less"),
-        (0.11, 0.1, "10 % more"),
-        (0.03988, 0.04, "0.3 % less"),
-        (3.0, 0.1, "30 times more"),
-        (0.0, 0.1, "less"),
-        (0.0, 0.0, "no less"),
-    ],
-)
+@pytest.mark.parametrize(("x", "y", "said"), [
+    (0.1, 0.39, "3.9 times less"), (0.09, 0.1, "10 % less"), (0.11, 0.1, "10 % more"), (0.03988, 0.04, "0.3 % less"),
+    (3.0, 0.1, "30 times more"), (0.0, 0.1, "less"), (0.0, 0.0, "no less"),
+])  # fmt: skip
 def test_errors_are_compared_in_factors_where_percentages_mislead(x, y, said):
     assert plain(text.compared(x, y)) == said
 

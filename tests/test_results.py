@@ -33,13 +33,10 @@ TRANSFER = Transfer(
     provenance=provenance({}),
     sizes=(4, 8),
     transfer={
-        "x1_wrench": {
-            "disc": BodyTransfer(
-                zero_shot=(interval(0.4),), prior=(interval(0.3), interval(0.2)), scratch=(interval(0.5), interval(0.4))
-            )
-        }
+        "x1_wrench": {"disc": BodyTransfer(
+            zero_shot=(interval(0.4),), prior=(interval(0.3), interval(0.2)), scratch=(interval(0.5), interval(0.4)))}
     },
-)
+)  # fmt: skip
 RESULTS = {
     "training": training(effects=["surface_tilt"]),
     "evaluation": dataclasses.replace(evaluation(), learning_curves={"x1_wrench": CURVE}),
@@ -47,14 +44,11 @@ RESULTS = {
 }
 
 
-@pytest.mark.parametrize(
-    ("number", "entry", "message"),
-    [
-        (None, "errors", r"^is of format 1, by an earlier contactlearn: run its command again \(errors is not there"),
-        (2, "errors", "^errors is not there"),
-        (99, None, "^is of format 99, and the newest known is 2: upgrade contactlearn"),
-    ],
-)
+@pytest.mark.parametrize(("number", "entry", "message"), [
+    (None, "errors", r"^is of format 1, by an earlier contactlearn: run its command again \(errors is not there"),
+    (2, "errors", "^errors is not there"),
+    (99, None, "^is of format 99, and the newest known is 2: upgrade contactlearn"),
+])  # fmt: skip
 def test_results_of_another_format_are_refused_in_one_line(number, entry, message, tmp_path):
     """Unless an earlier one has all that is needed."""
     path = run_folder.write_result(tmp_path, RESULTS["training"])

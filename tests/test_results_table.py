@@ -106,15 +106,12 @@ def test_identities_are_there(tmp_path):
     assert jobs.code.nunique() == 1
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["nowhere", "-o", "a.csv"], "nowhere: no such folder"),
-        ([".", "-o", "a.csv"], "no run can be read"),
-        ([".", "-o", "a.xlsx"], "unknown table format 'xlsx'"),
-        (["b", "-o", "b/results.json/a.csv"], "cannot be written: "),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["nowhere", "-o", "a.csv"], "nowhere: no such folder"),
+    ([".", "-o", "a.csv"], "no run can be read"),
+    ([".", "-o", "a.xlsx"], "unknown table format 'xlsx'"),
+    (["b", "-o", "b/results.json/a.csv"], "cannot be written: "),
+])  # fmt: skip
 def test_errors_of_the_table_are_one_line(arguments, message, tmp_path, monkeypatch, capsys):
     leave(tmp_path / "elsewhere" / "b", trained())
     monkeypatch.chdir(tmp_path / "elsewhere")

@@ -52,18 +52,11 @@ def test_false_statements_are_as_rare_as_the_level(runs):
     assert sum(chances) / runs > 0.35
 
 
-@pytest.mark.parametrize(
-    ("change", "coefficient", "followed"),
-    [
-        ({"friction": sawtooth}, Coefficient.FRICTION, {LaggedVariable.PERIOD, LaggedVariable.ORDER}),
-        (
-            {"restitution": after_fast},
-            Coefficient.RESTITUTION,
-            {LaggedVariable.NORMAL_SPEED, LaggedVariable.NORMAL_IMPULSE},
-        ),
-    ],
-    ids=["friction that is wiped", "restitution that remembers"],
-)
+@pytest.mark.parametrize(("change", "coefficient", "followed"), [
+    ({"friction": sawtooth}, Coefficient.FRICTION, {LaggedVariable.PERIOD, LaggedVariable.ORDER}),
+    ({"restitution": after_fast}, Coefficient.RESTITUTION,
+        {LaggedVariable.NORMAL_SPEED, LaggedVariable.NORMAL_IMPULSE}),
+], ids=["friction that is wiped", "restitution that remembers"])  # fmt: skip
 def test_a_coefficient_that_follows_the_sequence_is_found(change, coefficient, followed):
     drops, fit = fitted(300, 1, **change)
     found = find_serial_dependence(drops, fit, FitOptions())
@@ -151,13 +144,9 @@ def test_a_diagnosis_calls_it_unknown_and_says_what_follows(sets):
 
 def test_it_is_said_in_words():
     found = SerialDependence(
-        coefficient=Coefficient.RESTITUTION,
-        variable=LaggedVariable.NORMAL_SPEED,
-        trials=1.0,
-        p_value=0.002,
-        share=Interval(0.2, 0.15, 0.25),
-        large=True,
-    )
+        coefficient=Coefficient.RESTITUTION, variable=LaggedVariable.NORMAL_SPEED, trials=1.0, p_value=0.002,
+        share=Interval(0.2, 0.15, 0.25), large=True,
+    )  # fmt: skip
     assert phrase("serial_dependence", found) == "restitution depends on the previous impact's normal speed"
     period = replace(found, coefficient=Coefficient.FRICTION, variable=LaggedVariable.PERIOD, trials=23.04)
     assert phrase("serial_dependence", period) == "friction changes periodically along the sequence, every 23 trials"

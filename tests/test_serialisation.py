@@ -42,12 +42,9 @@ plain = st.recursive(
     max_leaves=8,
 )
 wholes = st.builds(
-    Whole,
-    name=texts,
-    parts=st.dictionaries(texts, parts, max_size=3),
-    steps=st.lists(parts, max_size=3).map(tuple),
+    Whole, name=texts, parts=st.dictionaries(texts, parts, max_size=3), steps=st.lists(parts, max_size=3).map(tuple),
     config=st.dictionaries(texts, plain, max_size=3),
-)
+)  # fmt: skip
 
 
 @given(wholes)

@@ -27,12 +27,10 @@ for arguments in {}:
         print(False)
 """
 COMMANDS = {
-    "evaluate": (
-        *("evaluate.py", *SMALL[:5], "laws=[wang_mason,drumwright_shell]", "effect=[side_drag]", "tables=csv"),
-        *("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10]", "curves.seeds=2", "workers=1"),
-    ),
+    "evaluate": (*("evaluate.py", *SMALL[:5], "laws=[wang_mason,drumwright_shell]", "effect=[side_drag]", "tables=csv"),
+        *("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10]", "curves.seeds=2", "workers=1")),
     "diagnose": ("diagnose.py", "data.size=40", "law=wang_mason", "seconds=1"),
-}
+}  # fmt: skip
 
 
 def test_a_wrong_shape_is_found():

@@ -27,14 +27,11 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize(
-    ("stop", "status"),
-    [
-        pytest.param(lambda parent: os.killpg(parent, signal.SIGINT), 130, id="Ctrl-C"),  # goes to the workers as well
-        pytest.param(lambda parent: os.kill(parent, signal.SIGTERM), 143, id="SIGTERM", marks=pytest.mark.nightly),
-        pytest.param(lambda parent: os.kill(parent, signal.SIGKILL), -signal.SIGKILL, id="SIGKILL"),
-    ],
-)
+@pytest.mark.parametrize(("stop", "status"), [
+    pytest.param(lambda parent: os.killpg(parent, signal.SIGINT), 130, id="Ctrl-C"),  # goes to the workers as well
+    pytest.param(lambda parent: os.kill(parent, signal.SIGTERM), 143, id="SIGTERM", marks=pytest.mark.nightly),
+    pytest.param(lambda parent: os.kill(parent, signal.SIGKILL), -signal.SIGKILL, id="SIGKILL"),
+])  # fmt: skip
 def test_workers_end_silently_with_their_parent(stop, status, tmp_path):
     (tmp_path / "at_work.py").write_text(_AT_WORK)
     parent = subprocess.Popen(

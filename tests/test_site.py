@@ -63,16 +63,12 @@ def site(request, tmp_path_factory):
     return Site(target / "site", len(FEW), (laws,), "laws.html")
 
 
-@pytest.mark.parametrize(
-    ("text", "fault"),
-    [
-        ("[there](nowhere.md)", "nowhere.md"),
-        ("[there](#nothing)", "nothing"),
-        ("![picture](none.png)", "none.png"),
-        ("```{eval-rst}\n.. automodule:: contactlearn.nothing\n```", "contactlearn.nothing"),
-    ],
-    ids=["page", "anchor", "picture", "module"],
-)
+@pytest.mark.parametrize(("text", "fault"), [
+    ("[there](nowhere.md)", "nowhere.md"),
+    ("[there](#nothing)", "nothing"),
+    ("![picture](none.png)", "none.png"),
+    ("```{eval-rst}\n.. automodule:: contactlearn.nothing\n```", "contactlearn.nothing"),
+], ids=["page", "anchor", "picture", "module"])  # fmt: skip
 def test_a_fault_ends_the_build(text, fault, tmp_path):
     page = tmp_path / "source" / "docs" / "index.md"
     page.parent.mkdir(parents=True)

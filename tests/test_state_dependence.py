@@ -64,14 +64,10 @@ def test_false_statements_are_as_rare_as_the_level():
     assert sum(chances) / runs > 0.35
 
 
-@pytest.mark.parametrize(
-    ("change", "coefficient", "named"),
-    [
-        ({"friction": by_direction_and_angle}, Coefficient.FRICTION, {"vt", "theta"}),
-        ({"restitution": by_spin_with_slip}, Coefficient.RESTITUTION, {"vt", "omega"}),
-    ],
-    ids=["direction and angle", "spin with slip"],
-)
+@pytest.mark.parametrize(("change", "coefficient", "named"), [
+    ({"friction": by_direction_and_angle}, Coefficient.FRICTION, {"vt", "theta"}),
+    ({"restitution": by_spin_with_slip}, Coefficient.RESTITUTION, {"vt", "omega"}),
+], ids=["direction and angle", "spin with slip"])  # fmt: skip
 def test_a_product_of_two_inputs_is_found(change, coefficient, named):
     drops, fit = fitted(300, 1, **change)
     found = asked(drops, fit)
@@ -220,11 +216,9 @@ def test_a_diagnosis_calls_it_unknown_and_says_what_it_depends_on(sets, capsys):
 def test_it_is_said_in_words():
     found = StateDependence(
         coefficient=Coefficient.FRICTION,
-        variables=(VariableShare(symbol="vt", share=0.6), VariableShare(symbol="theta", share=0.4)),
-        p_value=0.002,
-        share=Interval(0.12, 0.08, 0.16),
-        large=True,
-    )
+        variables=(VariableShare(symbol="vt", share=0.6), VariableShare(symbol="theta", share=0.4)), p_value=0.002,
+        share=Interval(0.12, 0.08, 0.16), large=True,
+    )  # fmt: skip
     assert phrase("state_dependence", found) == "the residual behaves like friction that depends on v_t together with θ"
     outcome = replace(found, coefficient=None, variables=found.variables[:1])
     assert phrase("state_dependence", outcome) == "the outcome depends on v_t in an unknown way"

@@ -219,28 +219,16 @@ BAD_HEADER = {
     "needs a shape": ({"rx": None, "ry": None}, None, ["missing column rx, ry", "data.shape={kind: …}, from which"]),
     "inertia needs one": ({"inertia": None}, None, ["missing column inertia", "data.shape="]),
     "half a contact point": ({"ry": None}, SHAPE, ["missing column ry"]),
-    "slips": (
-        {"vx": "v_x", "omega": "spin"},
-        SHAPE,
-        ["'v_x', did you mean 'vx'?", "missing column omega", "not used: 'spin'", "data.columns={vx: v_x, omega: …}"],
-    ),
-    "names of their own": (
-        {"mass": "m_g", "x": "pos_x", "y": "pos_y", "rx": None, "ry": None},
-        None,
-        [
-            "5 columns are missing, or have other names than ours",
-            "'data.columns={mass: …, rx: …, ry: …, x: …, y: …}' says",
-            "not used: 'm_g', 'pos_x', 'pos_y'",
-            "data.shape={kind: …}, from which rx, ry are computed",
-        ],
-    ),
-    "two near one": (
-        {"vx": "v_x", "vy": None, "omega_post": "_omega_post", "omega": "omega_b"},
-        SHAPE,
-        ["data.columns={vx: v_x, omega: omega_b, omega_post: _omega_post, vy: …}'"],
-    ),
+    "slips": ({"vx": "v_x", "omega": "spin"}, SHAPE,
+        ["'v_x', did you mean 'vx'?", "missing column omega", "not used: 'spin'", "data.columns={vx: v_x, omega: …}"]),
+    "names of their own": ({"mass": "m_g", "x": "pos_x", "y": "pos_y", "rx": None, "ry": None}, None, [
+        "5 columns are missing, or have other names than ours",
+        "'data.columns={mass: …, rx: …, ry: …, x: …, y: …}' says", "not used: 'm_g', 'pos_x', 'pos_y'",
+        "data.shape={kind: …}, from which rx, ry are computed"]),
+    "two near one": ({"vx": "v_x", "vy": None, "omega_post": "_omega_post", "omega": "omega_b"}, SHAPE,
+        ["data.columns={vx: v_x, omega: omega_b, omega_post: _omega_post, vy: …}'"]),
     "capitals": ({"trial": "Trial"}, None, ["unknown column 'Trial', did you mean 'trial'?"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("renamed", "shape", "fragments"), BAD_HEADER.values(), ids=BAD_HEADER)
@@ -371,15 +359,12 @@ def test_the_audit_alone(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["own.csv"]
 
 
-@pytest.mark.parametrize(
-    ("words", "fragment"),
-    [
-        (["none.csv"], "none.csv: no such file"),
-        (["a.csv", "b.csv"], "one table is audited at a time, got a.csv, b.csv"),
-        (["data=tabel"], "did you mean 'table'"),
-        (["data=table"], "data.path must be given"),
-    ],
-)
+@pytest.mark.parametrize(("words", "fragment"), [
+    (["none.csv"], "none.csv: no such file"),
+    (["a.csv", "b.csv"], "one table is audited at a time, got a.csv, b.csv"),
+    (["data=tabel"], "did you mean 'table'"),
+    (["data=table"], "data.path must be given"),
+])  # fmt: skip
 def test_the_audit_refuses(words, fragment):
     assert fragment in run("contactlearn", "audit", *words, status=2)
 

@@ -21,14 +21,11 @@ def test_every_package_that_is_needed_has_a_lower_bound_to_be_tested():
     assert len(tool("versions").lower_bounds()) == len(needed)
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["oldst"], "invalid choice: 'oldst'"),
-        (["oldest", "python2.99"], "python2.99: no such command"),
-        ([], "no Python 3.11 or later is found"),
-    ],
-)
+@pytest.mark.parametrize(("words", "said"), [
+    (["oldst"], "invalid choice: 'oldst'"),
+    (["oldest", "python2.99"], "python2.99: no such command"),
+    ([], "no Python 3.11 or later is found"),
+])  # fmt: skip
 def test_versions_that_are_not_there_are_no_success(words, said, capsys, monkeypatch):
     versions = tool("versions")
     monkeypatch.setattr(versions, "pythons", list)

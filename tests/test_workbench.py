@@ -108,23 +108,20 @@ def test_an_address_is_the_session(session):
     assert Session.read(session.address).address == session.address
 
 
-@pytest.mark.parametrize(
-    ("address", "message"),
-    [
-        ("?manual.mu=much", "an address holds numbers such as 0.25, got 'much'"),
-        ("?manual.mu=nan", "finite numbers only"),
-        ("?option.side_drag=1", "an option is option.EFFECT.NAME"),
-        ("?option.a.b=inf", "finite numbers only"),
-        ("?seed=-1", "seed is a whole number"),
-        ("?trial=x", "trial is a whole number"),
-        ("?window=v_x:1", "a window is variable:low:high"),
-        ("?data=${oc.env:HOME}", "without [$]"),
-        ("?data=mystery&data.seed=7%0Alaw=x", "data is named as"),
-        ("?effect=side_drag&effect=side_drag:linear", "once, in one form"),
-        ("?effect=a:b:c", "without a colon"),
-        ("?law=" + 30_000 * "x", "up to 20000 characters"),
-    ],
-)
+@pytest.mark.parametrize(("address", "message"), [
+    ("?manual.mu=much", "an address holds numbers such as 0.25, got 'much'"),
+    ("?manual.mu=nan", "finite numbers only"),
+    ("?option.side_drag=1", "an option is option.EFFECT.NAME"),
+    ("?option.a.b=inf", "finite numbers only"),
+    ("?seed=-1", "seed is a whole number"),
+    ("?trial=x", "trial is a whole number"),
+    ("?window=v_x:1", "a window is variable:low:high"),
+    ("?data=${oc.env:HOME}", "without [$]"),
+    ("?data=mystery&data.seed=7%0Alaw=x", "data is named as"),
+    ("?effect=side_drag&effect=side_drag:linear", "once, in one form"),
+    ("?effect=a:b:c", "without a colon"),
+    ("?law=" + 30_000 * "x", "up to 20000 characters"),
+])  # fmt: skip
 def test_a_wrong_address_is_one_clear_error(address, message):
     with pytest.raises(ContactLearnError, match=message):
         Session.read(address)
@@ -148,18 +145,15 @@ def test_a_line_is_the_effect_of_the_command(session, models):
     assert EvaluateSettings.from_config(compose("evaluate", words)).effects["mine"].options == effect.options
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("tau", "write an output and its expression"),
-        ("tau = c*Pn; c", "a parameter has a range"),
-        ("tau = c*Pn; c = [0, x]", "a parameter has a range"),
-        ("tau = c*Pm; c = [0, 1]", "unknown symbol or parameter 'Pm'"),
-        ("tau = __import__('os').system('x')*c; c = [0, 1]", "only mathematics, not Python"),
-        ("speed = c; c = [0, 1]", "unknown output"),
-        ("tau = c*" + 600 * "1" + "; c = [0, 1]", "up to 500 characters"),
-    ],
-)
+@pytest.mark.parametrize(("line", "message"), [
+    ("tau", "write an output and its expression"),
+    ("tau = c*Pn; c", "a parameter has a range"),
+    ("tau = c*Pn; c = [0, x]", "a parameter has a range"),
+    ("tau = c*Pm; c = [0, 1]", "unknown symbol or parameter 'Pm'"),
+    ("tau = __import__('os').system('x')*c; c = [0, 1]", "only mathematics, not Python"),
+    ("speed = c; c = [0, 1]", "unknown output"),
+    ("tau = c*" + 600 * "1" + "; c = [0, 1]", "up to 500 characters"),
+])  # fmt: skip
 def test_a_wrong_line_is_one_clear_error(line, message):
     with pytest.raises(ContactLearnError, match=message):
         lines.parse_effect(line)
