@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import contactlearn
+from contactlearn.effects import Effect, catalogue
 
 # The trees of all pages are kept: looking through them for garbage took a tenth of the time.
 gc.set_threshold(100_000, 20, 50)
@@ -18,11 +19,12 @@ project = "contactlearn"
 copyright = "the contactlearn authors, MIT licence"
 version = release = contactlearn.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon"]
 root_doc = "docs/index"
 include_patterns = [
     "docs/**/*.md",
     "docs/*.md",
+    "docs/api/*.rst",
     "examples/**/*.md",
     "examples/*.md",
     "benchmarks/*.md",
@@ -31,11 +33,14 @@ include_patterns = [
 include_patterns += ["CONTRIBUTING.md", "CHANGELOG.md"]
 exclude_patterns = [".*", "outputs", "multirun", "site"]
 
+templates_path = ["_templates"]  # a page for each module below those that docs/api.md names
+
 myst_heading_anchors = 3
 suppress_warnings = ["misc.highlighting_failure"]  # a `console` block is a shell with comments
 
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
+autodoc_mock_imports = ["ezc3d", "h5py", "rosbags"]  # extras that readers of recordings import
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 
@@ -73,6 +78,26 @@ def as_restructured_text(app: Any, what: str, name: str, target: Any, options: A
     lines[:] = result
 
 
+def formulas(of: Effect) -> str:
+    """The row of one form of an effect in the table of docs/effects.md."""
+    ranges: dict[str, list[str]] = {}
+    for p in of.parameters:
+        unit = "" if p.unit == "–" else f" {p.unit}"
+        ranges.setdefault(f"[{p.low:g}, {p.high:g}]{unit}", []).append(p.symbol)
+    parameters = "; ".join(f"{', '.join(symbols)} in {range_}" for range_, symbols in ranges.items())
+    name = f"`{of.name}`" if of.form is None else f"`{of.name}`, `form={of.form}`"
+    cells = (name, of.place, of.formula, parameters or "one for each further object", of.source)
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def with_formulas(app: Any, name: str, source: list[str]) -> None:
+    """The table of all effects with their formulas, made from the classes."""
+    head = "| effect | place | what it does | parameters | source |\n| --- | --- | --- | --- | --- |\n"
+    if name == "docs/effects":
+        rows = "\n".join(formulas(kind()) for forms in catalogue().values() for kind in forms)
+        source[0] = source[0].replace("<!-- formulas of the catalogue -->", head + rows)
+
+
 def as_index(app: Any, error: Exception | None) -> None:
     """The site opens at its root."""
     if error is None and app.builder.name == "html":
@@ -81,6 +106,7 @@ def as_index(app: Any, error: Exception | None) -> None:
 
 
 def setup(app: Any) -> None:
-    """Connect both to Sphinx, the first before napoleon reads the sections of a docstring."""
+    """Connect them to Sphinx, the first before napoleon reads the sections of a docstring."""
     app.connect("autodoc-process-docstring", as_restructured_text, priority=400)
+    app.connect("source-read", with_formulas)
     app.connect("build-finished", as_index)

@@ -2,6 +2,7 @@
 
 import gc
 import re
+import runpy
 import shlex
 from pathlib import Path
 
@@ -117,11 +118,21 @@ def test_every_setting_is_explained():
 
 
 def test_the_document_lists_the_whole_catalogue():
-    """Every effect in every form with its formula and the ranges of its parameters, and every symbol."""
-    text = (ROOT / "docs" / "effects.md").read_text("utf-8").replace("\\|", "|")
+    """Every effect and form; on the site with its formula and the ranges of its parameters; and every symbol."""
+    text = (ROOT / "docs" / "effects.md").read_text("utf-8")
+    site = [text]
+    runpy.run_path(str(ROOT / "docs" / "conf.py"))["with_formulas"](None, "docs/effects", site)
+    rows = site[0].replace("\\|", "|").splitlines()
     for kind in (kind for forms in catalogue().values() for kind in forms):
+        (family,) = [
+            row for row in text.splitlines() if row.startswith("| `") and f"`{kind.name}`" in row.split(" | ")[0]
+        ]
+        assert kind.form is None or re.search(
+            rf"`{kind.form}`|`{kind.form.split('_')[0]}_…`|`…_{kind.form.split('_')[-1]}`", family
+        )
+        assert f"| {kind.place} |" in family
         name = f"| `{kind.name}` |" if kind.form is None else f"| `{kind.name}`, `form={kind.form}` |"
-        (row,) = [row for row in text.splitlines() if row.startswith(name)]
+        *_, row = [row for row in rows if row.startswith(name)]
         assert kind.formula in row
         assert kind.source in row
         for p in kind().parameters[:1]:
