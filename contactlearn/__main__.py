@@ -10,7 +10,7 @@ import sys
 
 from contactlearn.cli.tools import add_tools
 from contactlearn.core import __version__
-from contactlearn.core.errors import ContactLearnError, harmless, installing, suggest
+from contactlearn.core.errors import ContactLearnError, install_hint, suggest, terminal_safe
 from contactlearn.core.signals import graceful_exit
 
 _CONFIGURED = {
@@ -45,17 +45,18 @@ def _run_tool(words: list[str]) -> int:
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
-    from contactlearn.cli.config_files import explained
+    from contactlearn.cli.config_files import explain_error
 
     try:
-        print(harmless(options.run(options)))
+        print(terminal_safe(options.run(options)))
     except ContactLearnError as error:
         message = str(error).splitlines()[0]
     except (HydraException, OmegaConfBaseException) as error:
-        message = explained(error, "evaluate", vars(options).get("overrides", ()))  # which composes the data of tools
+        overrides = vars(options).get("overrides", ())
+        message = explain_error(error, "evaluate", overrides)  # these commands share its settings of data
     else:
         return 0
-    print(f"error: {harmless(message)}", file=sys.stderr)
+    print(f"error: {terminal_safe(message)}", file=sys.stderr)
     return 2
 
 
@@ -106,7 +107,7 @@ def _run_workbench(options: argparse.Namespace) -> str:
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("dash", "flask"):
             raise
-        raise ContactLearnError(f"the workbench needs Dash: {installing('workbench')}") from None
+        raise ContactLearnError(f"the workbench needs Dash: {install_hint('workbench')}") from None
     serve(options.overrides, host=options.host, port=options.port, browser=not options.no_browser)
     return "closed; every address works again after the next start, and the runs are in outputs"
 

@@ -12,7 +12,7 @@ from evaluations import training
 
 from contactlearn import laws
 from contactlearn.cli.config_files import choices
-from contactlearn.cli.config_groups import entry
+from contactlearn.cli.config_groups import choice_settings
 from contactlearn.cli.hydra_main import compose
 from contactlearn.effects import catalogue
 from contactlearn.effects.formula.symbols import SYMBOLS
@@ -147,7 +147,7 @@ def test_every_effect_and_law_is_a_choice():
     effects, about = catalogue(), (ROOT / "docs" / "effects.md").read_text("utf-8")
     assert choices("effect") == sorted(effects)
     for name, (default, *_) in effects.items():
-        (one,) = entry("effect", name).values()
+        (one,) = choice_settings("effect", name).values()
         assert one.pop("_target_") == f"contactlearn.effects.{name}.{name.title().replace('_', '')}"
         assert one.pop("form", None) == default.form
         assert one == default().options
@@ -155,7 +155,7 @@ def test_every_effect_and_law_is_a_choice():
             assert f"| `{option}` |" in about
     assert choices("law") == sorted([*laws.names(), "best"])
     for name in laws.names():
-        one, kind = entry("law", name), laws.catalogue()[name]["textbook"]
+        one, kind = choice_settings("law", name), laws.catalogue()[name]["textbook"]
         assert one.pop("_target_") == f"{kind.__module__}.{kind.__name__}"
         assert one == kind().options
         assert f"| `{name}` |" in (ROOT / "docs" / "laws.md").read_text("utf-8")

@@ -14,8 +14,8 @@ from contactlearn.diagnosis.discrimination.experiment import (
     ModelDiscrimination,
     Substitution,
     next_experiment,
-    reachable,
     separations_of,
+    state_limits,
 )
 from contactlearn.diagnosis.discrimination.rivals import find_rivals, similarity
 from contactlearn.diagnosis.result.effects import Experiment
@@ -275,7 +275,7 @@ def test_noise_is_seen_through_outliers():
 
 def test_limits_reach_a_quarter_beyond_what_was_measured(rivals):
     impacts, _, _ = rivals
-    within = dict(zip(STATES, reachable(impacts, {"v_x": (0.0, 1.0)}).tolist(), strict=True))
+    within = dict(zip(STATES, state_limits(impacts, {"v_x": (0.0, 1.0)}).tolist(), strict=True))
     assert within["v_x"] == [0.0, 1.0]
     assert within["v_y"] == pytest.approx(
         [1.25 * impacts.v_pre[:, 1].min().item(), 0.75 * impacts.v_pre[:, 1].max().item()]

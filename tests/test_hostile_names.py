@@ -14,9 +14,9 @@ import pytest
 from contactlearn.cli import hydra_main
 from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings
-from contactlearn.core.errors import ContactLearnError, harmless
+from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.data import table
-from contactlearn.report.terminal import new_table, print_table, say
+from contactlearn.report.terminal import new_table, print_line, print_table
 from contactlearn.results.folder import read_result
 from contactlearn.results.runs import write_table
 from contactlearn.simulation import synthetic
@@ -113,7 +113,7 @@ def test_cells_of_tables_are_no_markup(capsys, monkeypatch):
     for name in HOSTILE[5:7]:
         shown.add_row(name)
     print_table(shown)
-    say(HOSTILE[4])
+    print_line(HOSTILE[4])
     printed = capsys.readouterr().out
     assert all(name in printed for name in HOSTILE[5:7])
     assert "\x1b" not in printed
@@ -121,10 +121,10 @@ def test_cells_of_tables_are_no_markup(capsys, monkeypatch):
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_harmless_text_steers_nothing(name):
-    shown = harmless(name)
+    shown = terminal_safe(name)
     assert len(shown) == len(name)
     assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f\u202e\u200b]", shown)
-    assert harmless("μ = 0.12 ± 0.01\n  é 日本") == "μ = 0.12 ± 0.01\n  é 日本"
+    assert terminal_safe("μ = 0.12 ± 0.01\n  é 日本") == "μ = 0.12 ± 0.01\n  é 日本"
 
 
 def test_the_workbench_has_no_place_for_markup():

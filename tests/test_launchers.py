@@ -15,7 +15,7 @@ from omegaconf import OmegaConf
 from contactlearn.cli import hydra_main
 from contactlearn.cli.resource_limits import GIB, jobs_at_a_time
 from contactlearn.cli.sweeps.sweep import _limit
-from contactlearn.core.errors import installing
+from contactlearn.core.errors import install_hint
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
 from speed.sweeps import COUNT, JOBS, content, ended, finished, nothing_half_written, started, survive
@@ -121,7 +121,7 @@ def test_a_launcher_that_is_not_there_is_named(launcher, tmp_path):
         words = ("-m", *JOBS, f"hydra/launcher={launcher}", f"hydra.sweep.dir={tmp_path}")
         printed = run("train.py", *words, status=2)
     extra = launcher if launcher in ("joblib", "ray") else "slurm"
-    assert printed.splitlines()[-1].endswith(f"is not installed: {installing(extra)}")
+    assert printed.splitlines()[-1].endswith(f"is not installed: {install_hint(extra)}")
 
 
 def test_requests_to_slurm():

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from contactlearn.data.audit.model_checks import outliers_of
+from contactlearn.data.audit.model_checks import find_model_outliers
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
@@ -33,7 +33,7 @@ def measured(n: int, seed: int, freedom: float = 0.0) -> Impacts:
 @pytest.mark.parametrize("freedom", [0, 3, 6])
 def test_false_alarms_over_the_whole_table(freedom):
     """One in twenty tables is expected to have one: of forty, no more than six."""
-    found = [outliers_of(measured(200, seed, freedom), truth) for seed in range(40)]
+    found = [find_model_outliers(measured(200, seed, freedom), truth) for seed in range(40)]
     assert sum(one is not None for one in found) <= 6
 
 
@@ -45,7 +45,7 @@ def test_planted_outliers_are_named(freedom):
     v_post[after, 2] *= -1
     v_pre[before, 2] *= -1
     v_post[7, 0] += 3.0
-    finding = outliers_of(impacts.replace(v_pre=v_pre, v_post=v_post, validate=False), truth)
+    finding = find_model_outliers(impacts.replace(v_pre=v_pre, v_post=v_post, validate=False), truth)
     assert finding is not None
     assert not finding.mistake
     assert set(finding.value("rows").split(", ")) == {"8", str(after + 1), str(before + 1)}
@@ -64,10 +64,10 @@ def test_stated_covariances_are_the_yardstick():
     v_post[10, 0] += 10 * sigma[10, 0]
     v_post[11, 0] += 10 * sigma[10, 0]
     plain = drops.replace(v_post=v_post)
-    finding = outliers_of(plain.replace(v_post_cov=torch.diag_embed(sigma.square())), truth)
+    finding = find_model_outliers(plain.replace(v_post_cov=torch.diag_embed(sigma.square())), truth)
     assert finding is not None
     assert finding.value("rows") == "11"
-    assert outliers_of(plain, truth) is None
+    assert find_model_outliers(plain, truth) is None
 
 
 def test_a_stricter_table_has_fewer():
@@ -75,8 +75,8 @@ def test_a_stricter_table_has_fewer():
     v_post = impacts.v_post.clone()
     v_post[7, 0] += 10 * SIZE[0]
     spoilt = impacts.replace(v_post=v_post)
-    assert outliers_of(spoilt, truth) is not None
-    assert outliers_of(spoilt, truth, AuditThresholds(false_outliers=1e-9)) is None
+    assert find_model_outliers(spoilt, truth) is not None
+    assert find_model_outliers(spoilt, truth, AuditThresholds(false_outliers=1e-9)) is None
 
 
 def test_published_drops_have_a_spin_of_the_wrong_sign(ellipse_drops):
@@ -85,7 +85,7 @@ def test_published_drops_have_a_spin_of_the_wrong_sign(ellipse_drops):
         q=ellipse_drops.q * flip, v_pre=ellipse_drops.v_pre * flip, v_post=ellipse_drops.v_post * flip
     )
     fit = identify_jointly(find("wang_mason"), {}, drops)
-    finding = outliers_of(drops, lambda impacts: fit.model.predict(impacts).v_post)
+    finding = find_model_outliers(drops, lambda impacts: fit.model.predict(impacts).v_post)
     assert finding is not None
     assert finding.value("trials") <= 5
     assert f"row {drops.trial.index('1097') + 1} (trial '1097') after impact, -50.6 rad/s, has" in finding.sentence

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from contactlearn.cli.settings import law_of
+from contactlearn.cli.settings import parse_law
 from contactlearn.cli.user_classes import check_effect, check_law, located_errors
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import Effect, catalogue, columns, parameter
@@ -112,9 +112,9 @@ def test_the_command_tries_a_law_user_candidates(monkeypatch):
     law = law_with(lambda P: (torch.zeros_like(P), P / 0))
     monkeypatch.setitem(globals(), "Mine", type(law))
     with pytest.raises(ContactLearnError, match=r"Mine\.solve gives an impulse that is no finite number"):
-        law_of({"_target_": f"{__name__}.Mine"}, "textbook")
+        parse_law({"_target_": f"{__name__}.Mine"}, "textbook")
 
 
 def test_a_module_is_no_class():
     with pytest.raises(ContactLearnError, match=r"must be a class in its module, such as my_law\.Law, got my_law"):
-        law_of({"_target_": "my_law"}, "textbook")
+        parse_law({"_target_": "my_law"}, "textbook")

@@ -8,7 +8,7 @@ from contactlearn import diagnose
 from contactlearn.diagnosis.result import Diagnosis, Verdict
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.proxy_effects import drop_proxies
+from contactlearn.diagnosis.unexplained.proxy_effects import index_without_proxies
 from contactlearn.effects import State, find_effect
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.laws import find
@@ -38,13 +38,13 @@ def models(drops, *sets):
 def test_the_fewest_effects_that_predict_no_worse(sets):
     drops = hidden()
     fits = models(drops, *sets)
-    assert drop_proxies(drops, fits, FitOptions(), Thresholds()) == sets.index((TRUE,))
+    assert index_without_proxies(drops, fits, FitOptions(), Thresholds()) == sets.index((TRUE,))
 
 
 def test_nothing_is_left_out_where_the_state_tells_nothing():
     drops = hidden(restitution=None)
     fits = models(drops, (TRUE,), (TRUE, "spin_damping"))
-    assert drop_proxies(drops, fits, FitOptions(), Thresholds()) == 1
+    assert index_without_proxies(drops, fits, FitOptions(), Thresholds()) == 1
 
 
 def test_a_diagnosis_says_what_was_left_out():

@@ -110,7 +110,7 @@ def test_the_pipeline_is_read_at_one_glance():
 
 HOMONYMS = {"diagnose"}  # one act: the library's on impacts, the command's on what its settings name
 PATTERNS = {
-    r"os\.replace": "files are written by numerics.written_whole",
+    r"os\.replace": "files are written by numerics.atomic_write",
     r"\b1\.4826\b": "numerics.MAD_SCALE",
     r"\b1\.959964\b": "numerics.Z_95",
     r"partition\(\":\"\)": "an effect is named by an EffectId",

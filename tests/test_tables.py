@@ -23,7 +23,7 @@ from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data import table
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import audit, quick_audit
-from contactlearn.data.table.columns import CHOICES
+from contactlearn.data.table.columns import UNIT_FACTORS
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
 from contactlearn.mechanics.shapes import contact_point, make_shape
@@ -93,7 +93,7 @@ def assert_close(mine: Impacts, theirs: Impacts) -> None:
 
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(
-    units=st.fixed_dictionaries({quantity: st.sampled_from([*units]) for quantity, units in CHOICES.items()}),
+    units=st.fixed_dictionaries({quantity: st.sampled_from([*units]) for quantity, units in UNIT_FACTORS.items()}),
     mapped=st.sets(st.sampled_from(table.COLUMNS[:31])),
     order=st.randoms(use_true_random=False),
 )
@@ -114,7 +114,7 @@ def test_any_names_and_units_give_the_same_impacts(tmp_path_factory, units, mapp
 
 def test_every_unit_is_tried_above():
     tried = {"length": LENGTH, "mass": MASS, "angle": ANGLE, "time": TIME, "rotation": SENSE}
-    assert {name: {*units} for name, units in CHOICES.items()} == {name: {*units} for name, units in tried.items()}
+    assert {name: {*units} for name, units in UNIT_FACTORS.items()} == {name: {*units} for name, units in tried.items()}
 
 
 @pytest.fixture
@@ -388,7 +388,7 @@ def test_the_document_lists_columns_units_and_corrections():
     text = (ROOT / "docs" / "tables.md").read_text("utf-8")
     for name, correction in CORRECTIONS.items():
         assert f"| `{name}` | {correction.description} |" in text
-    for quantity, units in CHOICES.items():
+    for quantity, units in UNIT_FACTORS.items():
         assert f"| `{quantity}` | {', '.join(f'`{unit}`' for unit in units)} |" in text
     for column in table.COLUMNS:
         if not column.startswith("apparatus_") and not (column.startswith("cov_") and column.endswith("_post")):

@@ -13,7 +13,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from contactlearn.cli.config_files import CONFIGS, check_choices, check_settings, explained
+from contactlearn.cli.config_files import CONFIGS, check_choices, check_settings, explain_error
 from contactlearn.cli.config_security import check_targets, readable_errors
 from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings, TrainSettings
 from contactlearn.core.errors import ContactLearnError
@@ -46,7 +46,7 @@ def read(content: bytes) -> None:
         check_targets(cfg, words)
         SETTINGS[command].from_config(cfg)
     except (HydraException, OmegaConfBaseException) as error:
-        line = explained(error, command, words)
+        line = explain_error(error, command, words)
         if not line or "\n" in line:
             raise AssertionError(f"is no line: {line!r}") from error
         raise ContactLearnError(line) from error

@@ -12,7 +12,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from contactlearn.cli.config_groups import catalogued, entry, has_choice, is_catalogued
+from contactlearn.cli.config_groups import catalogue_names, choice_settings, has_choice, is_catalogued
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 
 _PACKAGE = Path(__file__).parents[1]
@@ -31,9 +31,9 @@ def groups() -> list[str]:
 
 def choices(group: str) -> list[str]:
     """Return the names of the choices of a group."""
-    return (
-        catalogued(group) if is_catalogued(group) else sorted(path.stem for path in Path(CONFIGS, group).glob("*.yaml"))
-    )
+    if is_catalogued(group):
+        return catalogue_names(group)
+    return sorted(path.stem for path in Path(CONFIGS, group).glob("*.yaml"))
 
 
 def check_choices(words: list[str]) -> None:
@@ -66,7 +66,7 @@ def check_settings(cfg: DictConfig, command: str) -> None:
             raise _unknown(key, known)
 
 
-def explained(error: Exception, command: str, words: Sequence[str]) -> str:
+def explain_error(error: Exception, command: str, words: Sequence[str]) -> str:
     """Return Hydra's error on the words of a command in one line, with the nearest setting for an unknown one."""
     refused = _REFUSED.search(str(error))
     own = refused and re.fullmatch(r"(effect|candidate)\.(\w+)(\..+)?", refused[1])
@@ -143,7 +143,7 @@ def _data_keys() -> set[str]:
 
 def _settings(group: str, choice: str) -> dict[str, Any]:
     """Settings of one choice of a group."""
-    return entry(group, choice) if is_catalogued(group) else _content(Path(CONFIGS, group, f"{choice}.yaml"))
+    return choice_settings(group, choice) if is_catalogued(group) else _content(Path(CONFIGS, group, f"{choice}.yaml"))
 
 
 def _content(path: Path) -> dict[str, Any]:

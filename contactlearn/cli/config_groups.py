@@ -21,7 +21,7 @@ def is_catalogued(group: str) -> bool:
     return group in _KINDS
 
 
-def catalogued(group: str) -> list[str]:
+def catalogue_names(group: str) -> list[str]:
     """Return the names of the effects, or of the laws and `best`: those of this package and those that others announce.
 
     Raises:
@@ -31,11 +31,11 @@ def catalogued(group: str) -> list[str]:
 
 
 def has_choice(group: str, name: str) -> bool:
-    """Whether a name is one of `catalogued`; other packages are loaded only if it is none of this one's."""
+    """Whether a name is one of `catalogue_names`; other packages are loaded only if it is none of this one's."""
     return name in _sources(group) or (group, name) == ("law", _BEST) or name in _announced(group)
 
 
-def entry(group: str, name: str) -> dict[str, Any]:
+def choice_settings(group: str, name: str) -> dict[str, Any]:
     """Return the settings of a choice: `_target_`, `form` where there are several, and options with their defaults.
 
     Those of an effect stand under its name, since a model has several.

@@ -23,9 +23,9 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from contactlearn.cli.config_files import CONFIGS, check_choices, check_settings, choices, explained, groups
+from contactlearn.cli.config_files import CONFIGS, check_choices, check_settings, choices, explain_error, groups
 from contactlearn.cli.config_security import check_targets, readable_errors, restrict_targets
-from contactlearn.core.errors import ContactLearnError, harmless
+from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.core.signals import defer_interrupts, graceful_exit
 
 # Our configurations of launchers have the names of those that their packages bring, whose types they are checked by.
@@ -122,14 +122,14 @@ def _in_one_line(error: Exception, command: str) -> str:
     if isinstance(error, ContactLearnError):
         return str(error)
     if isinstance(error, HydraException | OmegaConfBaseException):
-        return explained(error, command, sys.argv)
+        return explain_error(error, command, sys.argv)
     from contactlearn.cli.job import reason
 
     return reason(error)
 
 
 def _end(message: str, status: int) -> None:
-    print(harmless(message), file=sys.stderr)
+    print(terminal_safe(message), file=sys.stderr)
     sys.exit(status)
 
 

@@ -25,7 +25,7 @@ from contactlearn.cli.config_security import check_targets
 from contactlearn.cli.sweeps.identity import job_identity
 from contactlearn.core import __version__, devices
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.core.numerics import written_whole
+from contactlearn.core.numerics import atomic_write
 from contactlearn.data.blocks import Blocks
 from contactlearn.results.folder import is_run
 from contactlearn.results.state import DONE, Done, Failed, clear, fail, finish, held, read_done, remove_if_empty
@@ -47,7 +47,7 @@ class Run:
 
     Args:
         command: train, evaluate or diagnose.
-        words: settings as they were typed.
+        overrides: settings from the command line, as they were typed.
         config: the resolved configuration, for the record.
         folder: to write to.
         partial: folder of partial results, from which the same command resumes.  It is named by the identity of the
@@ -55,7 +55,7 @@ class Run:
     """
 
     command: str
-    words: tuple[str, ...]
+    overrides: tuple[str, ...]
     config: Mapping[str, Any]
     folder: Path
     partial: Path
@@ -63,7 +63,7 @@ class Run:
     @property
     def command_line(self) -> str:
         """The command as it was typed."""
-        return shlex.join([*invocation(self.command), *self.words])
+        return shlex.join([*invocation(self.command), *self.overrides])
 
     def provenance(self, data: Blocks, device: torch.device, train_size: int | None = None) -> Provenance:
         """Return the data, code, configuration and command that give the result.
@@ -129,7 +129,7 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
             job(
                 Run(
                     command=command,
-                    words=tuple(hydra.overrides.task),
+                    overrides=tuple(hydra.overrides.task),
                     config=cast(dict[str, Any], config),
                     folder=folder,
                     partial=shared / ".parts" / identity.job,
@@ -262,5 +262,5 @@ def _write_configuration(folder: Path, cfg: DictConfig, hydra: DictConfig) -> No
     """Write the configuration where Hydra would; Hydra itself might write over that of another run."""
     parts = {"config": cfg, "hydra": OmegaConf.create({"hydra": hydra}), "overrides": hydra.overrides.task}
     for name, part in parts.items():
-        with written_whole(folder / ".hydra" / f"{name}.yaml") as path:
+        with atomic_write(folder / ".hydra" / f"{name}.yaml") as path:
             path.write_text(OmegaConf.to_yaml(part), encoding="utf-8")

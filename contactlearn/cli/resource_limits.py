@@ -23,7 +23,7 @@ def affordable_train_size(wanted: int | None) -> int | None:
     if wanted is None or free is None or wanted * _TRAINED <= free / 2:
         return wanted
     most = int(free / 2 / _TRAINED)
-    terminal.say(
+    terminal.print_line(
         f"train.size={wanted} would take about {wanted * _TRAINED / GIB:.1f} GiB of memory, and {free / GIB:.1f} are "
         f"free: {most} trials are used"
     )
@@ -48,7 +48,7 @@ def fits_on_disk(folder: Path, predictions: int) -> bool:
     """Return whether tables of so many predictions have room in a folder; if not, print what is written instead."""
     needed, free = predictions * _WRITTEN, shutil.disk_usage(folder).free
     if needed > free / 2:
-        terminal.say(
+        terminal.print_line(
             f"{predictions} predictions would take about {needed / GIB:.1f} GiB on disk, and {free / GIB:.1f} are "
             "free: those of the trials that the page shows are written"
         )

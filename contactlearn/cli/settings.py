@@ -277,7 +277,7 @@ class DiagnoseSettings:
             ContactLearnError: a setting that breaks its rule, or a candidate with the name of another effect.
         """
         config = _checked(cfg, "diagnose")
-        law = law_of(config["law"], str(config["variant"]))
+        law = parse_law(config["law"], str(config["variant"]))
         effects, own = _effects(config, "effect"), _effects(config, "candidate")
         for name, effect in own.items():  # a class that was imported is in the catalogue under its own name
             if name in effects or (name in catalogue() and type(effect) not in catalogue()[name]):
@@ -302,7 +302,7 @@ def plain_values(part: DictConfig) -> dict[str, Any]:
     return {str(name): value for name, value in values.items() if name != "hydra"}
 
 
-def law_of(entry: Any, variant: str) -> Law | None:
+def parse_law(entry: Any, variant: str) -> Law | None:
     """Return the law of a name, or of a mapping with `_target_` and options; None for `best` and for no `_target_`.
 
     A class of the variant `textbook` stands for its family, so that the variant is a setting of its own.
@@ -465,7 +465,7 @@ def _device(config: Mapping[str, Any]) -> torch.device:
 
 def _law(config: Mapping[str, Any]) -> Law:
     """The law `law` of a command that cannot choose one."""
-    law = law_of(config["law"], str(config["variant"]))
+    law = parse_law(config["law"], str(config["variant"]))
     if law is None:
         raise ContactLearnError("law=best is a choice of diagnose.py alone; name a law, such as law=wang_mason")
     return law
@@ -492,7 +492,7 @@ def _recipes(config: Mapping[str, Any]) -> dict[str, Recipe]:
         if missing:
             raise ContactLearnError(f"model.{name} lacks {', '.join(sorted(missing))}; see configs/model")
         base = settings.get("law")
-        law = None if base is None else law_of(base, str(config["variant"]))
+        law = None if base is None else parse_law(base, str(config["variant"]))
         found[name] = Recipe(settings["features"], settings["target"], law)
     return found
 

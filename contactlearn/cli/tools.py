@@ -165,7 +165,7 @@ def run_impacts(options: argparse.Namespace) -> str:
     from omegaconf.errors import OmegaConfBaseException
 
     from contactlearn.cli.commands.impacts import own_names, write_impacts
-    from contactlearn.cli.config_files import explained
+    from contactlearn.cli.config_files import explain_error
     from contactlearn.cli.hydra_main import compose
     from contactlearn.cli.settings import SourceSettings
 
@@ -179,7 +179,7 @@ def run_impacts(options: argparse.Namespace) -> str:
     try:
         cfg = compose("evaluate", ["data=tracks", *words])
     except (HydraException, OmegaConfBaseException) as error:
-        raise ContactLearnError(own_names(explained(error, "evaluate", words), every)) from None
+        raise ContactLearnError(own_names(explain_error(error, "evaluate", words), every)) from None
     cfg.data.path = options.path
     return write_impacts(SourceSettings.from_config(cfg), Path(options.out))
 

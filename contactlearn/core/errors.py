@@ -23,7 +23,7 @@ class DataError(ContactLearnError):
         super().__init__(message)
         self.row, self.column = row, column
 
-    def below(self, rows: int) -> "DataError":
+    def shifted_by(self, rows: int) -> "DataError":
         """Return the error with the row counted from the start of the table, `rows` rows above the block."""
         text = re.sub(r"(?<=[:;f] row )\d+", lambda number: str(int(number[0]) + rows), str(self))
         return DataError(text, row=self.row and self.row + rows, column=self.column)
@@ -49,12 +49,12 @@ def suggest(name: str, known: Iterable[str]) -> str:
     return f", did you mean {near[0]!r}?" if near else ""
 
 
-def installing(extra: str) -> str:
+def install_hint(extra: str) -> str:
     """Return how an optional part is installed, in words."""
     return f"pip install 'contactlearn[{extra}]', or '.[{extra}]' in a checkout"
 
 
-def harmless(text: str) -> str:
+def terminal_safe(text: str) -> str:
     """Return text as a terminal may be given it: characters that steer one, and invisible ones, become "?".
 
     Names of columns, files, trials and settings come from others, and may hold escape sequences.  Line ends stay.

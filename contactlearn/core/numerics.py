@@ -6,7 +6,7 @@
     is_number, is_whole the same as a test
     random              float64 random numbers of a generator; `random_share` some of many trials, to hold them out
     number, measured    a number as text; a value with its standard error and unit as text
-    written_whole       a file that appears whole or not at all
+    atomic_write       a file that appears whole or not at all
 
 Nothing here knows of contact.
 """
@@ -125,13 +125,13 @@ def measured(value: float, standard_error: float | None, unit: str = "–") -> s
 
 
 @contextmanager
-def written_whole(path: str | os.PathLike[str]) -> Generator[Path]:
+def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
     """Yield a path of the same file name in a hidden folder beside `path`; the file moves to `path` at the end.
 
     A reader sees the old file or the new one, never a part of it; after an exception the old one stands and
     no partial file is left.  The folder of `path` is made if there is none.
 
-        with written_whole("results.json") as part:
+        with atomic_write("results.json") as part:
             part.write_text(text, encoding="utf-8")
 
     Raises:

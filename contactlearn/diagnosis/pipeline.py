@@ -13,7 +13,7 @@ import torch
 from contactlearn.core.errors import DataError
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import audit
-from contactlearn.diagnosis.discrimination.experiment import reachable
+from contactlearn.diagnosis.discrimination.experiment import state_limits
 from contactlearn.diagnosis.events import AuditFindings, OnEvent, ignore
 from contactlearn.diagnosis.question import Question
 from contactlearn.diagnosis.result import Diagnosis, Finding, Verdict
@@ -95,7 +95,7 @@ def _check(impacts: Impacts, limits: Mapping[str, tuple[float, float]], threshol
     fewest = thresholds.fewest_trials
     if len(impacts) < fewest:
         raise DataError(f"{impacts.source}: a diagnosis needs at least {fewest} trials, got {len(impacts)}")
-    reachable(impacts, limits)
+    state_limits(impacts, limits)
 
 
 def _refused(law: Law | None, findings: tuple[Finding, ...], thresholds: Thresholds) -> Diagnosis:

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError
-from contactlearn.core.numerics import written_whole
+from contactlearn.core.numerics import atomic_write
 from contactlearn.data import table
 from contactlearn.inference.evaluation.partial_residuals import Partial
 from contactlearn.mechanics.bodies import make_shapes, shapes_entries
@@ -82,7 +82,7 @@ class Record:
             f"{name}_{k}": np.asarray(getattr(one, name)) for k, one in enumerate(self.residuals) for name in _PARTIAL
         }
         try:
-            with written_whole(folder / _ARRAYS) as part:
+            with atomic_write(folder / _ARRAYS) as part:
                 np.savez_compressed(part, allow_pickle=False, **arrays)
         except OSError as error:
             raise DataError(f"{folder / _ARRAYS}: cannot be written: {error}") from error

@@ -27,9 +27,9 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.core.numerics import Z_95, written_whole
+from contactlearn.core.numerics import Z_95, atomic_write
 from contactlearn.data.audit.corrections import correct
-from contactlearn.data.audit.model_checks import outliers_of
+from contactlearn.data.audit.model_checks import find_model_outliers
 from contactlearn.diagnosis.error_budget import noise_floor
 from contactlearn.diagnosis.events import SampleConfirmed, SubsampleStarted
 from contactlearn.diagnosis.question import Question
@@ -104,7 +104,7 @@ def confirm(
         named=error,
         noise=_noise(found, record.model, impacts, outside, generator, noise),
         agrees=agree(error, found.budget.named, thresholds),
-        outliers=outliers_of(impacts, lambda some: predicted(record.model, some).v_post, thresholds.audit),
+        outliers=find_model_outliers(impacts, lambda some: predicted(record.model, some).v_post, thresholds.audit),
         regions=tuple(FailingRegion.of(one, int((~outside[list(one.rows)]).sum())) for one in regions),
         map=error_map(impacts, law, before, after),
     )
@@ -317,7 +317,7 @@ def _finish(folder: Path, found: Diagnosis) -> None:
     assert found.record is not None
     with suppress(FileNotFoundError):  # the same command beside this one has ended, and removed the folder
         found.record.save(folder, {})
-        with written_whole(folder / _RESULT) as path:
+        with atomic_write(folder / _RESULT) as path:
             path.write_text(found.to_json(), encoding="utf-8")
 
 

@@ -23,7 +23,7 @@ import torch
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.data.audit.corrections import correct
-from contactlearn.data.audit.model_checks import averaged, outliers_of
+from contactlearn.data.audit.model_checks import averaging_notes, find_model_outliers
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment
 from contactlearn.diagnosis.discrimination.rivals import FittedRival, find_rivals
 from contactlearn.diagnosis.drift import blocked_folds, drift_finding, measurement_drift, ordered_candidates
@@ -68,7 +68,7 @@ from contactlearn.diagnosis.search.ladder import Ladder, calibrated, ladder
 from contactlearn.diagnosis.search.selection import Selection, select, validated
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.formulas import formulas
-from contactlearn.diagnosis.unexplained.proxy_effects import drop_proxies
+from contactlearn.diagnosis.unexplained.proxy_effects import index_without_proxies
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder, learn_remainder
 from contactlearn.diagnosis.unexplained.serial_dependence import find_serial_dependence
 from contactlearn.diagnosis.unexplained.state_dependence import find_state_dependence
@@ -170,7 +170,7 @@ def search_effects(
     def error_on(drops: Impacts) -> float:
         return held_out_error(law, question.given, drops, folds, question.options)
 
-    notes = averaged(impacts, ceiling.v_post, error_on)
+    notes = averaging_notes(impacts, ceiling.v_post, error_on)
     if notes:
         question.on_event(VelocitiesAveraged(findings=notes))
         corrections = [note.correction for note in notes if note.correction]
@@ -192,10 +192,10 @@ def search_effects(
     changed = selection.law.name != law.name
     if changed:
         question.on_event(LawChanged(law=selection.law.name))
-    return _with_failures(question, selection, notes, None if changed or notes else ceiling, generator)
+    return _with_limits_and_regions(question, selection, notes, None if changed or notes else ceiling, generator)
 
 
-def _with_failures(
+def _with_limits_and_regions(
     question: Question,
     selection: Selection,
     notes: tuple[Finding, ...],
@@ -231,7 +231,7 @@ def drop_proxy_effects(
     if found is None or not found.large:
         return tested
     path = selection.path()
-    spec = path[drop_proxies(impacts, [one.fit for one in path], options, thresholds, block)].spec
+    spec = path[index_without_proxies(impacts, [one.fit for one in path], options, thresholds, block)].spec
     if spec == selection.spec:
         return tested
     smaller = selection.at(spec, thresholds.window, generator)
@@ -242,7 +242,7 @@ def drop_proxy_effects(
     if spec.law == selection.spec.law:
         return replace(search, selection=smaller, state_dependence=found)
     question.on_event(LawChanged(law=spec.law))
-    search = _with_failures(question, smaller, search.notes, None, generator)
+    search = _with_limits_and_regions(question, smaller, search.notes, None, generator)
     return replace(search, state_dependence=found)
 
 
@@ -346,7 +346,7 @@ def _result(
     impacts, model, remainder = selection.impacts, selection.present.fit.model, decomposition.learned.remainder
     choices, missing = _choices(question, selection, comparison)
     missing = tuple(replace(one, confidence=_confidence(one, decomposition)) for one in missing)
-    outliers = outliers_of(impacts, lambda some: model.predict(some).v_post, thresholds.audit)
+    outliers = find_model_outliers(impacts, lambda some: model.predict(some).v_post, thresholds.audit)
     findings = (*findings, *([outliers] if outliers is not None else []))
     laws = _law_fits(question, search, laws, bool(missing))
     physics = _physics(missing, decomposition, laws, selection.complete, thresholds)

@@ -22,7 +22,7 @@ from torch import Tensor
 
 from contactlearn import effects, laws
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.core.numerics import written_whole
+from contactlearn.core.numerics import atomic_write
 from contactlearn.effects import Effect, columns
 from contactlearn.laws import Law
 from contactlearn.models.contact_model import RESIDUALS, ContactModel
@@ -55,7 +55,7 @@ def save(model: ContactModel, path: str | os.PathLike[str], *, provenance: dict[
     description = {"format": FORMAT, "model": _describe(model, "model", tensors), "provenance": provenance}
     contents = {"description": json.dumps(description), "tensors": tensors}
     try:
-        with written_whole(path) as part:
+        with atomic_write(path) as part:
             torch.save(contents, part)
     except (OSError, RuntimeError) as error:
         raise DataError(f"{path}: cannot be written: {error}") from error

@@ -29,7 +29,7 @@ from contactlearn.diagnosis.events import (
 )
 from contactlearn.diagnosis.result import Diagnosis, Finding
 from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.report.terminal import console, say
+from contactlearn.report.terminal import console, print_line
 from contactlearn.report.text import (
     base_label,
     error,
@@ -64,7 +64,7 @@ class TerminalObserver:
         if isinstance(event, TaskProgress) and self._display is not None:
             self._show_progress(event, self._display)
         for line in event_lines(event):
-            say(line)
+            print_line(line)
 
     def _show_progress(self, event: TaskProgress, display: Progress) -> None:
         if event.done == 0:
@@ -74,7 +74,7 @@ class TerminalObserver:
         waited = event.done and time.monotonic() - self._began.get(event.task, time.monotonic()) > _LONG
         if waited and not display.console.is_terminal:
             del self._began[event.task]
-            say(f"{event.task} …")
+            print_line(f"{event.task} …")
 
 
 @contextmanager
@@ -145,17 +145,17 @@ def show_verdict(found: Diagnosis, command: str) -> None:
     _show_rivals(found)
     _show_residual(found)
     for rung in found.ladder:
-        say(f"  {_error_columns(rung.error)}  {rung_label(rung, base_label(found))}")
+        print_line(f"  {_error_columns(rung.error)}  {rung_label(rung, base_label(found))}")
     if found.budget is not None:
-        say(f"budget: {phrase('noise', found.budget)} {phrase('shares', found.budget)}")
+        print_line(f"budget: {phrase('noise', found.budget)} {phrase('shares', found.budget)}")
     if found.equation:
-        say(found.equation)
-    say(f"verdict: {headline(found)}")
+        print_line(found.equation)
+    print_line(f"verdict: {headline(found)}")
     for note in (misfit(found), phrase("better_law", found)):
         if note:
-            say(f"note: {note}")
+            print_line(f"note: {note}")
     if found.missing:
-        say(f"to use it: {command}")
+        print_line(f"to use it: {command}")
 
 
 def _error_columns(x: Interval) -> str:
@@ -167,28 +167,28 @@ def _error_columns(x: Interval) -> str:
 def _show_search(found: Diagnosis) -> None:
     """The best model of each number of effects, and the models that the data do not distinguish."""
     for model in found.frontier:
-        say(f"frontier: {_error_columns(model.error)}  {phrase('model', model.law, model.effects)}")
+        print_line(f"frontier: {_error_columns(model.error)}  {phrase('model', model.law, model.effects)}")
     for model in listed_models(found):
-        say(f"model: {share_of_whole(model.share)}  {listed_name(found, model)}")
+        print_line(f"model: {share_of_whole(model.share)}  {listed_name(found, model)}")
     for note in search_notes(found):
-        say(f"note: {note}")
+        print_line(f"note: {note}")
 
 
 def _show_rivals(found: Diagnosis) -> None:
     """Effects that the data do not distinguish, and the drops that do."""
     for missing in found.missing:
         if missing.rivals:
-            say(f"rivals: {phrase('rivals', missing)}")
+            print_line(f"rivals: {phrase('rivals', missing)}")
     if found.experiment is not None:
         for drop in found.experiment.drops:
-            say(f"next experiment: {phrase('drop', drop, found.experiment)}")
+            print_line(f"next experiment: {phrase('drop', drop, found.experiment)}")
         for separation in found.experiment.separations:
-            say(f"next experiment: {phrase('needed_drops', separation)}")
+            print_line(f"next experiment: {phrase('needed_drops', separation)}")
 
 
 def _show_residual(found: Diagnosis) -> None:
     """The predictable part of the residual, and formulas for it."""
     if found.remainder is not None:
-        say(f"residual: {' '.join(phrases('residual', found.remainder))}")
+        print_line(f"residual: {' '.join(phrases('residual', found.remainder))}")
     for formula in found.formulas:
-        say(f"formula: {phrase('formula_change', formula)}: {formula_overrides(formula)}")
+        print_line(f"formula: {phrase('formula_change', formula)}: {formula_overrides(formula)}")

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from contactlearn.core.errors import ContactLearnError, harmless
+from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
 from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS
@@ -39,19 +39,19 @@ _WIDEST = 5  # settings in it
 _SHORT = {"mass_error": "mass error", "normalised_velocity_error": "velocity/speed", "velocity_error": "velocity"}
 
 
-def say(line: str) -> None:
+def print_line(line: str) -> None:
     """Print a line as it is: no markup, no folding of paths, plain spaces, nothing that steers a terminal."""
-    console.print(Text(harmless(line.replace("\u00a0", " "))), soft_wrap=True)
+    console.print(Text(terminal_safe(line.replace("\u00a0", " "))), soft_wrap=True)
 
 
 def show_data(source: str, pool: int, test: int) -> None:
     """Print the source of the data and the sizes of the split."""
-    say(f"{source}: {pool + test} impacts, {pool} for identification, {test} held out")
+    print_line(f"{source}: {pool + test} impacts, {pool} for identification, {test} held out")
 
 
 def show_samples(pool: int, test: int) -> None:
     """Print how many trials of a large table are fitted and shown."""
-    say(
+    print_line(
         f"large table: models are fitted to {pool} trials, figures and page show {test}; "
         "errors are over all held-out trials"
     )
@@ -59,17 +59,17 @@ def show_samples(pool: int, test: int) -> None:
 
 def show_estimate(what: str, trials: int, seconds: float) -> None:
     """Print how long a pass over many trials will take."""
-    say(
+    print_line(
         f"{what}: {trials}, about {seconds / 60:.0f} min"
         if seconds > 90
         else f"{what}: {trials}, about {seconds:.0f} s"
     )
 
 
-def show_kept(trainings: int) -> None:
+def show_reused_trainings(trainings: int) -> None:
     """Print how many trainings of an earlier run of the same command are reused, if any."""
     if trainings:
-        say(f"trainings reused from an earlier run of the same command: {trainings}")
+        print_line(f"trainings reused from an earlier run of the same command: {trainings}")
 
 
 def show_models(
@@ -93,30 +93,34 @@ def show_models(
         cells[0] += f"  {entry.headline.low:.4f}–{entry.headline.high:.4f}"
         table.add_row(model, mu, eps, *cells, f"{100 * entry.outside_admissible:.1f} %")
     print_table(table)
-    say("outside: share of predictions that gain energy, pull or penetrate")
+    print_line("outside: share of predictions that gain energy, pull or penetrate")
     if norm is not None:
         bounded = "only the mass error is bounded" if norm == "mass" else "none of these errors is bounded"
-        say(f"the bounds minimise the {norm} norm of (v_x, v_y, ω): {bounded}")
+        print_line(f"the bounds minimise the {norm} norm of (v_x, v_y, ω): {bounded}")
     for fit in fits:
         if fit.mu_undetermined > 0.05:
-            say(f"note: {100 * fit.mu_undetermined:.0f} % of the subsets leave μ of {fit.law} undetermined (flat cost)")
+            print_line(
+                f"note: {100 * fit.mu_undetermined:.0f} % of the subsets leave μ of {fit.law} undetermined (flat cost)"
+            )
 
 
 def show_joint(name: str, fit: JointEstimate) -> None:
     """Print a law with effects as an equation, and the parameters that the data do not determine."""
-    say(fit.equation)
+    print_line(fit.equation)
     for parameter, reason in fit.undetermined.items():
-        say(f"note: the data do not determine {parameter}: {reason}")
+        print_line(f"note: the data do not determine {parameter}: {reason}")
     for parameter, meaning in fit.at_bounds.items():
-        say(f"note: {parameter} {meaning}")
+        print_line(f"note: {parameter} {meaning}")
     for parameter in fit.known:
-        say(f"note: {phrase('known_parameter', parameter)}")
+        print_line(f"note: {phrase('known_parameter', parameter)}")
     if fit.trials < _MANY:
-        say(f"note: standard errors from {fit.trials} trials are too small; they are reliable from {_MANY} trials on")
+        print_line(
+            f"note: standard errors from {fit.trials} trials are too small; they are reliable from {_MANY} trials on"
+        )
     if fit.outliers:
-        say(f"note: {fit.outliers} of {fit.trials} trials are outliers with almost no weight")
+        print_line(f"note: {fit.outliers} of {fit.trials} trials are outliers with almost no weight")
     if not fit.converged:
-        say(f"note: the fit of {name} has not converged; more starts (fit.starts) or fewer effects may help")
+        print_line(f"note: the fit of {name} has not converged; more starts (fit.starts) or fewer effects may help")
 
 
 def show_reference(fits: Sequence[LawEstimate], reference: Mapping[str, Mapping[str, Sequence[float]]]) -> None:
@@ -150,23 +154,23 @@ def show_processes(processes: Sequence[ProcessEstimate], kind: str) -> None:
         count = f"{entry.evaluations}" + ("" if entry.converged else " (not converged)")
         table.add_row(entry.output, *scales, *sizes, count)
     print_table(table)
-    say(f"Gaussian processes: {kind}")
+    print_line(f"Gaussian processes: {kind}")
 
 
 def show_sizes(sizes: Sequence[int], wanted: Sequence[int], seeds: int, pool: int) -> None:
     """Print the subsets from which learning curves are computed."""
-    say(f"learning curves: {seeds} random subsets each of {', '.join(map(str, sizes))} trials")
+    print_line(f"learning curves: {seeds} random subsets each of {', '.join(map(str, sizes))} trials")
     left_out = [str(size) for size in wanted if size not in sizes]
     if left_out:
-        say(f"note: sizes {', '.join(left_out)} are skipped: the pool has only {pool} trials")
+        print_line(f"note: sizes {', '.join(left_out)} are skipped: the pool has only {pool} trials")
     if pool in sizes and seeds > 1:
-        say(f"note: at {pool} trials all subsets are identical")
+        print_line(f"note: at {pool} trials all subsets are identical")
 
 
 def show_left_out(models: Sequence[str]) -> None:
     """Print the models that are skipped because they cannot be learned around effects."""
     if models:
-        say(
+        print_line(
             f"note: {', '.join(models)} uses each trial's (μ, ε) of the law alone and is skipped when there are effects"
         )
 
@@ -185,13 +189,13 @@ def show_curves(curves: Mapping[str, LearningCurve]) -> None:
             sure = f"{100 * curve.calibration.coverage[-1]:.1f} %", f"{curve.calibration.negative_log_density[-1]:.2f}"
         table.add_row(model, *means, *reached, str(curve.settled[HEADLINE] or "not yet"), *sure)
     print_table(table)
-    say(
+    print_line(
         "<: number of trials at which the mean first falls below; "
         "settled: number from which it stays within 5 % of its best"
     )
     for model, curve in curves.items():
         _show_processes_of_curve(model, curve)
-    say("coverage: share of (v_x, v_y, ω) inside the predicted 95 % ellipsoid, and density, at the largest size")
+    print_line("coverage: share of (v_x, v_y, ω) inside the predicted 95 % ellipsoid, and density, at the largest size")
 
 
 def _show_processes_of_curve(model: str, curve: LearningCurve) -> None:
@@ -202,7 +206,7 @@ def _show_processes_of_curve(model: str, curve: LearningCurve) -> None:
     for size, kind, share in zip(curve.sizes, kinds, converged, strict=True):
         if kind != "exact" or share < 1:
             short = "" if share == 1 else f"; {100 * (1 - share):.0f} % of them did not converge"
-            say(f"note: the processes of {model} at {size} trials are {kind}{short}")
+            print_line(f"note: the processes of {model} at {size} trials are {kind}{short}")
 
 
 def show_transfer(model: str, bodies: Mapping[str, BodyTransfer], sizes: Sequence[int]) -> None:
@@ -219,18 +223,20 @@ def show_transfer(model: str, bodies: Mapping[str, BodyTransfer], sizes: Sequenc
 def show_folder(folder: Path) -> None:
     """Print the run's folder and the commands that show it."""
     shown = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
-    say(f"results  {shown}")
+    print_line(f"results  {shown}")
     if (folder / "report.html").exists():
-        say(f"open     {shlex.quote(str(shown / 'report.html'))}")
-    say(f"look at  tensorboard --logdir {shlex.quote(str(shown))}")
+        print_line(f"open     {shlex.quote(str(shown / 'report.html'))}")
+    print_line(f"look at  tensorboard --logdir {shlex.quote(str(shown))}")
 
 
 def show_columns(unused: Sequence[str], computed: Sequence[str]) -> None:
     """Print the unused columns of a table, and the fields that were computed from the body's shape."""
     if unused:
-        say(f"columns not used: {', '.join(name if name.isprintable() and name else repr(name) for name in unused)}")
+        print_line(
+            f"columns not used: {', '.join(name if name.isprintable() and name else repr(name) for name in unused)}"
+        )
     if computed:
-        say(f"computed: {'; '.join(_COMPUTED[field] for field in computed)}")
+        print_line(f"computed: {'; '.join(_COMPUTED[field] for field in computed)}")
 
 
 def show_mistakes(findings: Sequence[Finding], corrected: Sequence[str]) -> None:
@@ -244,10 +250,10 @@ def show_mistakes(findings: Sequence[Finding], corrected: Sequence[str]) -> None
     for finding in findings:
         name = finding.correction
         if name is None:
-            say(f"audit: {sentence(finding.sentence)}")
+            print_line(f"audit: {sentence(finding.sentence)}")
         else:
             text = CORRECTIONS[name].description if finding.hypothesis else finding.sentence
-            say(f"audit: {text}: use {setting}")
+            print_line(f"audit: {text}: use {setting}")
 
 
 def show_sweep(folders: Sequence[Path], place: Path) -> None:
@@ -277,7 +283,7 @@ def show_sweep(folders: Sequence[Path], place: Path) -> None:
         )
     print_table(table)
     for word, ending in (("report", ""), ("results", " -o results.parquet")):
-        say(f"compare  python -m contactlearn {word} {shlex.quote(str(place))}{ending}")
+        print_line(f"compare  python -m contactlearn {word} {shlex.quote(str(place))}{ending}")
 
 
 def _spread(mean: float, std: float | None) -> str:

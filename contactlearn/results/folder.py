@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.core.numerics import written_whole
+from contactlearn.core.numerics import atomic_write
 from contactlearn.core.serialisation import LARGEST_FILE, from_json, to_json
 from contactlearn.results.state import DONE, LOCK, is_held, read_failed, unfinished
 from contactlearn.results.types import FORMAT, DiagnosisRun, Evaluation, RunKind, Training, Transfer
@@ -45,7 +45,7 @@ def write_result(folder: Path, result: Result) -> Path:
     if isinstance(result, DiagnosisRun):
         result = replace(result, diagnosis=result.diagnosis.without_record())
     text = to_json(result)
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8")
     return path
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.core.numerics import written_whole
+from contactlearn.core.numerics import atomic_write
 from contactlearn.core.serialisation import from_json, to_json
 
 DONE, FAILED, LOCK = "done.json", "failed.json", ".lock"
@@ -101,7 +101,7 @@ def finish(folder: Path, done: Done) -> None:
     """
     if not (folder / LOCK).exists():
         raise ContactLearnError(f"{folder} vanished during the run, which is lost; was it moved or deleted?")
-    with written_whole(folder / DONE) as part:
+    with atomic_write(folder / DONE) as part:
         part.write_text(to_json(done), encoding="utf-8")
 
 
@@ -109,7 +109,7 @@ def fail(folder: Path, failed: Failed) -> None:
     """Record why a run failed, if the folder can still be written."""
     try:
         if folder.is_dir():
-            with written_whole(folder / FAILED) as part:
+            with atomic_write(folder / FAILED) as part:
                 part.write_text(to_json(failed), encoding="utf-8")
     except (OSError, ContactLearnError):
         return

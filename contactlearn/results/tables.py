@@ -19,7 +19,7 @@ from jaxtyping import Int
 from torch import Tensor
 
 from contactlearn.core.errors import DataError
-from contactlearn.core.numerics import written_whole
+from contactlearn.core.numerics import atomic_write
 from contactlearn.data import table
 from contactlearn.data.blocks import sampled
 from contactlearn.data.table import table_blocks
@@ -76,7 +76,7 @@ def save_predictions(predicted: Iterable[tuple[Impacts, Mapping[str, Prediction]
         for impacts, predictions in predicted
         for model, prediction in predictions.items()
     )
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         _WRITERS[path.suffix.removeprefix(".")](frames, part)
 
 
@@ -166,7 +166,7 @@ def write_frames(frames: list[pd.DataFrame], path: Path) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         _WRITERS[path.suffix.removeprefix(".")](iter((pd.concat(frames, ignore_index=True),)), part)
 
 

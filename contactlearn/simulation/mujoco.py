@@ -31,7 +31,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError, installing
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError, install_hint
 from contactlearn.core.numerics import finite_number, random, whole
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import contact_velocity, rotate
@@ -283,7 +283,7 @@ def engine() -> tuple[Any, Any]:
         from mujoco import rollout
     except ImportError as error:
         raise ContactLearnError(
-            f"drops by MuJoCo need the engine ({error}); install it with: {installing('mujoco')}"
+            f"drops by MuJoCo need the engine ({error}); install it with: {install_hint('mujoco')}"
         ) from None
     return mujoco, rollout
 

@@ -14,7 +14,7 @@ from dash.development.base_component import Component
 from flask import Flask, Response, abort
 
 from contactlearn.core.errors import ContactLearnError, DataError
-from contactlearn.core.numerics import written_whole
+from contactlearn.core.numerics import atomic_write
 from contactlearn.data import table
 from contactlearn.data.audit.findings import audit
 from contactlearn.report.page.page import FILE, RECORDINGS
@@ -232,7 +232,7 @@ class FileCallbacks:
         digest = hashlib.sha256(table_bytes).hexdigest()[:16]
         path = self.saved.outputs / "uploads" / f"{digest}{Path(name).suffix.lower()}"
         if not path.exists():
-            with written_whole(path) as part:
+            with atomic_write(path) as part:
                 part.write_bytes(table_bytes)
         try:
             table.load(path, validate=False)  # data that break a rule of impacts may be corrected

@@ -26,7 +26,7 @@ class CatalogueSource(ConfigSource):
     def load_config(self, config_path: str) -> ConfigResult:
         """Make the configuration of a choice, such as effect/side_drag."""
         group, _, name = config_path.removesuffix(".yaml").partition("/")
-        config = OmegaConf.create(config_groups.entry(group, name))
+        config = OmegaConf.create(config_groups.choice_settings(group, name))
         return ConfigResult(self.provider, f"{_SCHEME}://", config, header={"package": None})
 
     def available(self) -> bool:
@@ -47,7 +47,7 @@ class CatalogueSource(ConfigSource):
         group = config_path.strip("/")
         if results_filter == (ObjectType.GROUP if group else ObjectType.CONFIG):
             return []
-        return config_groups.catalogued(group) if group else [*_GROUPS]
+        return config_groups.catalogue_names(group) if group else [*_GROUPS]
 
 
 class CatalogueSearchPath(SearchPathPlugin):

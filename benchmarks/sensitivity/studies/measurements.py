@@ -11,7 +11,7 @@ from contactlearn.data.audit.findings import (
     scale_findings,
     shape_findings,
 )
-from contactlearn.data.audit.model_checks import outliers_of
+from contactlearn.data.audit.model_checks import find_model_outliers
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
@@ -164,7 +164,7 @@ def _modelled(kind: str, seed: int) -> Modelled:
 
 def _called(modelled: Modelled, thresholds: Thresholds) -> bool:
     limits = thresholds.audit
-    return outliers_of(modelled.impacts, lambda drops: modelled.model.predict(drops).v_post, limits) is not None
+    return find_model_outliers(modelled.impacts, lambda drops: modelled.model.predict(drops).v_post, limits) is not None
 
 
 MODELLED = Study(

@@ -40,7 +40,7 @@ def learning_study(settings: EvaluateSettings, data: Split, run: Run) -> dict[st
     recipes, sizes = settings.learnable, _sizes(settings, data.pool)
     terminal.show_left_out([name for name in settings.recipes if name not in recipes])
     terminal.show_sizes(sizes, settings.curve_sizes, settings.curve_seeds, len(data.pool))
-    terminal.show_kept(count_trainings(run.partial))
+    terminal.show_reused_trainings(count_trainings(run.partial))
     orders = study.nested_orders(len(data.pool), settings.curve_seeds, data.generator)
     pool, test = moved((data.pool, data.test), settings.device)
     with progress(run.folder) as on_event:

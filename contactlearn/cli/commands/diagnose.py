@@ -32,7 +32,7 @@ from contactlearn.results.types import DiagnosisRun
 def diagnose(settings: DiagnoseSettings, run: Run) -> None:
     """Find the missing effects; each stage is printed as soon as it is known, the conclusion once it is on disk."""
     impacts = loading.load_data(settings.source, validate=False, folder=run.folder)
-    terminal.say(f"{impacts.source}: {len(impacts)} impacts")
+    terminal.print_line(f"{impacts.source}: {len(impacts)} impacts")
     with progress(run.folder) as on_event:
         found = _found(settings, run, impacts, on_event)
     command = _next_command(settings, run, found)
@@ -95,7 +95,7 @@ def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[s
 
 def _next_command(settings: DiagnoseSettings, run: Run, found: Diagnosis) -> str:
     """The command that evaluates the found model on these data."""
-    task = run.words
+    task = run.overrides
     words = [*invocation("evaluate"), *(word for word in task if word.lstrip("+~").startswith("data"))]
     repairs = found.corrections
     if repairs:

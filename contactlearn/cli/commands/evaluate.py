@@ -63,16 +63,16 @@ def _save_predictions(
     settings: EvaluateSettings, data: Split, compared: Comparison, held_out: HeldOut, run: Run, on_event: OnEvent
 ) -> ErrorSums:
     """Predict all held-out trials, block by block, write them to tables, and add up their errors."""
-    sums, count = ErrorSums(held_out.predictions), data.unseen_trials
+    sums, count = ErrorSums(held_out.predictions), data.held_out_trials
 
     def predicted() -> Iterator[tuple[Impacts, Mapping[str, Prediction]]]:
-        for impacts in loading.track_blocks(on_event, data.unseen(), count, "held-out trials"):
+        for impacts in loading.track_blocks(on_event, data.held_out_impacts(), count, "held-out trials"):
             predictions = held_out.predictions if impacts is data.test else compared.predict(impacts)
             sums.add(impacts, predictions)
             yield impacts, predictions
 
     if fits_on_disk(run.folder, count * len(sums.models)):
-        save_held_out(run.folder, settings.tables, data.unseen(), predicted())
+        save_held_out(run.folder, settings.tables, data.held_out_impacts(), predicted())
     else:
         deque(predicted(), maxlen=0)
         save_held_out(run.folder, settings.tables, [data.test], [(data.test, held_out.predictions)])

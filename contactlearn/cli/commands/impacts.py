@@ -9,7 +9,7 @@ import pandas as pd
 
 from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError
-from contactlearn.core.numerics import written_whole
+from contactlearn.core.numerics import atomic_write
 from contactlearn.data import table, tracks
 from contactlearn.data.recordings.result import Reason, Refusal
 from contactlearn.data.recordings.survey import Survey
@@ -111,7 +111,7 @@ def save_refusals(refusals: Sequence[Refusal], path: Path) -> None:
     columns = ("recording", "reason", "quantity", "value", "unit", "from", "to", "message")
     rows = [(r.recording, r.reason.value, r.quantity, r.value, r.unit, *r.time, r.message) for r in refusals]
     try:
-        with written_whole(path) as part:
+        with atomic_write(path) as part:
             pd.DataFrame(rows, columns=list(columns)).to_csv(part, index=False)
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error}") from error

@@ -64,13 +64,13 @@ class Split:
     generator: torch.Generator
 
     @property
-    def unseen_trials(self) -> int:
+    def held_out_trials(self) -> int:
         """Number of all trials that are held out."""
         return int(self.held_out.sum())
 
-    def unseen(self) -> Iterator[Impacts]:
+    def held_out_impacts(self) -> Iterator[Impacts]:
         """Yield all trials that are held out, in blocks."""
-        return iter((self.test,)) if len(self.test) == self.unseen_trials else self.blocks.where(self.held_out)
+        return iter((self.test,)) if len(self.test) == self.held_out_trials else self.blocks.where(self.held_out)
 
 
 def load_data(source: SourceSettings, validate: bool = True, folder: Path | None = None) -> Impacts:
@@ -142,7 +142,7 @@ def load_blocks(source: SourceSettings, folder: Path | None = None) -> Blocks:
     if source.target != _TABLE or source.missing or not is_large(path):
         return Blocks.of(load_data(source, folder=folder))
     names = source.corrections
-    together = [name for name in names if name in CORRECTIONS and CORRECTIONS[name].of_all]
+    together = [name for name in names if name in CORRECTIONS and CORRECTIONS[name].needs_all_trials]
     if together:
         needed = path.stat().st_size * MEMORY_PER_BYTE
         refuse_too_large(needed, f"data.correct=[{', '.join(together)}] looks at all trials of {path} together")
@@ -193,12 +193,12 @@ def split(settings: SplitSettings, folder: Path | None = None) -> Split:
 
 def show_split(data: Split, device_name: str, device: torch.device) -> None:
     """Print the source of the data, the sizes of split and samples, and the device if it is not the usual one."""
-    trials, unseen = data.blocks.trials, data.unseen_trials
-    terminal.show_data(data.blocks.source, trials - unseen, unseen)
+    trials, held_out = data.blocks.trials, data.held_out_trials
+    terminal.show_data(data.blocks.source, trials - held_out, held_out)
     if len(data.impacts) < trials:
         terminal.show_samples(len(data.pool), len(data.test))
     if device_name != "cpu":
-        terminal.say(f"device={device_name}: computed on {described(device)}")
+        terminal.print_line(f"device={device_name}: computed on {described(device)}")
 
 
 def track_blocks(on_event: OnEvent, blocks: Iterator[Impacts], trials: int, what: str) -> Iterator[Impacts]:

@@ -130,7 +130,7 @@ def _log_hyperparameters(tracker: Tracker, run: Run, provenance: Provenance, rec
         "law": record.law or _NONE,
         "model": record.model,
         "seed": run.config["seed"],
-        "settings": " ".join(run.words),
+        "settings": " ".join(run.overrides),
         "train_size": record.trained_on,
         "variant": run.config["variant"],
     }

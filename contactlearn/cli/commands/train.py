@@ -65,7 +65,7 @@ def train(settings: TrainSettings, run: Run) -> None:
     with progress(run.folder) as on_event:
         trained = _trained(settings, moved(data.pool, device), data, on_event)
         sums = ErrorSums((*trained.models, IRB))
-        for block in loading.track_blocks(on_event, data.unseen(), data.unseen_trials, "held-out trials"):
+        for block in loading.track_blocks(on_event, data.held_out_impacts(), data.held_out_trials, "held-out trials"):
             impacts = moved(block, device)
             predictions = {name: model.predict(impacts) for name, model in trained.models.items()}
             sums.add(impacts, predictions | {IRB: bounds.irb(impacts)})

@@ -44,7 +44,7 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
         name: loading.load_data(one).split(settings.split.test, data.generator) for name, one in wanted.bodies.items()
     }
     provenance = run.provenance(data.blocks, settings.device, data.train_size)
-    terminal.show_kept(count_trainings(run.partial))
+    terminal.show_reused_trainings(count_trainings(run.partial))
     found = {}
     for name, recipe in settings.recipes.items():
         model, by_body = _transferred(settings, wanted, name, recipe, source, bodies, data, run)

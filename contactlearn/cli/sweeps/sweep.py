@@ -22,7 +22,7 @@ from omegaconf import DictConfig, open_dict
 from contactlearn.cli.config_files import check_settings
 from contactlearn.cli.resource_limits import GIB, jobs_at_a_time
 from contactlearn.cli.sweeps.plan import Job, Plan, plan_jobs
-from contactlearn.core.errors import ContactLearnError, harmless, installing
+from contactlearn.core.errors import ContactLearnError, install_hint, terminal_safe
 from contactlearn.report.terminal import show_sweep
 from contactlearn.results.state import FAILED, begun, is_held, read_failed
 
@@ -158,7 +158,7 @@ def _launcher(config: DictConfig, context: HydraContext, task: TaskFunction, gig
         extra = next((extra for word, extra in _EXTRAS.items() if word in target), None)
         if extra is None:
             raise
-        raise ContactLearnError(f"{target.rpartition('.')[2]} is not installed: {installing(extra)}") from error
+        raise ContactLearnError(f"{target.rpartition('.')[2]} is not installed: {install_hint(extra)}") from error
     side_by_side = not target.endswith("BasicLauncher") and "workers" in config
     launched: list[Job] = []
 
@@ -194,7 +194,7 @@ def _conclude(plan: Plan, outcome: Outcome) -> None:
     counts += [f"{len(outcome.failed)} failed"] if outcome.failed else []
     print(f"sweep    {', '.join(counts)}")
     for job, reason in outcome.failed:
-        print(harmless(f"failed   {job.name}: {reason}\n         {job.folder}"), file=sys.stderr)
+        print(terminal_safe(f"failed   {job.name}: {reason}\n         {job.folder}"), file=sys.stderr)
     if outcome.queued:
         print("The others go on in the queue; the same command shows them when they have ended.", file=sys.stderr)
     if outcome.failed:

@@ -36,16 +36,19 @@ _DEGREE = math.pi / 180
 
 @dataclass(frozen=True)
 class Correction:
-    """A mistake in the data, described as in a report, and the function that undoes it.
+    """A mistake in the data, and the function that undoes it.
 
-    The limits of outliers are an argument of every function; all but `drop_outliers` ignore them.  `apparatus`
-    transforms the estimates of the apparatus.  One `of_all` looks at all trials together, and cannot go block by block.
+    Args:
+        description: the mistake, for the user.
+        function: undoes it; only `drop_outliers` uses the limits of outliers, which every function takes.
+        apparatus: transforms the estimates of the apparatus.
+        needs_all_trials: whether all trials must be in memory; otherwise blocks are corrected one by one.
     """
 
     description: str
     function: Callable[[Impacts, AuditThresholds], Impacts]
     apparatus: Callable[[Apparatus], Apparatus] = lambda apparatus: apparatus
-    of_all: bool = False
+    needs_all_trials: bool = False
 
 
 def correct(
@@ -214,32 +217,34 @@ CORRECTIONS = {
     "millimetres_velocity": Correction("velocities are in mm/s", _scaled(((1e-3, 1e-3, 1), _VELOCITIES))),
     "grams": Correction("the mass is in g", lambda impacts, _: impacts.replace(mass=impacts.mass * 1e-3)),
     "inertia_scaled": Correction(
-        "the moment of inertia is off by the factor that the moment balance of the data asks for",
+        "the moment of inertia is off by the factor that the moment balance of the data requires",
         _inertia_scaled,
-        of_all=True,
+        needs_all_trials=True,
     ),
     "drop_incomplete": Correction(
         "trials of a table in which a number is missing: they are left out as it is read", lambda impacts, _: impacts
     ),
     "drop_duplicates": Correction(
-        "trials occur more than once: the first is kept",
+        "trials occur more than once: only the first remains",
         lambda impacts, _: _drop(impacts, repeated(impacts)),
-        of_all=True,
+        needs_all_trials=True,
     ),
     "drop_outliers": Correction(
         "gross outliers, which cannot be real measurements",
         lambda impacts, limits: _drop(impacts, outliers(impacts, limits)),
-        of_all=True,
+        needs_all_trials=True,
     ),
     "averaged_vx": Correction(
-        "v_x before impact varies by no more than its noise: its mean is used", _averaged(0), of_all=True
+        "v_x before impact varies by no more than its noise: its mean is used", _averaged(0), needs_all_trials=True
     ),
     "averaged_vy": Correction(
-        "v_y before impact varies by no more than its noise: its mean is used", _averaged(1), of_all=True
+        "v_y before impact varies by no more than its noise: its mean is used", _averaged(1), needs_all_trials=True
     ),
     "averaged_omega": Correction(
-        "ω before impact varies by no more than its noise: its mean is used", _averaged(2), of_all=True
+        "ω before impact varies by no more than its noise: its mean is used", _averaged(2), needs_all_trials=True
     ),
-    "ordered_by_time": Correction("the order of the trials is not that of their times", _ordered_by_time, of_all=True),
+    "ordered_by_time": Correction(
+        "the order of the trials is not that of their times", _ordered_by_time, needs_all_trials=True
+    ),
 }
 """By name; the order is that in which several are applied where the audit proposes them together."""

@@ -36,7 +36,7 @@ _NOISY_SPREAD = 1.5  # standard deviation of a velocity before impact over the r
 _FLIPPED = {"spin after": "after", "spin before": "before"}
 
 
-def outliers_of(
+def find_model_outliers(
     impacts: Impacts,
     predict: Callable[[Impacts], Float[Tensor, "n 3"]],
     thresholds: AuditThresholds = AuditThresholds(),
@@ -136,7 +136,7 @@ def _fitted(residual: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "3"], Float[T
 _COLUMNS = (("averaged_vx", "v_x", "m/s"), ("averaged_vy", "v_y", "m/s"), ("averaged_omega", "ω", "rad/s"))
 
 
-def averaged(
+def averaging_notes(
     impacts: Impacts,
     predicted: Float[Tensor, "n 3"],
     held_out: Callable[[Impacts], float],

@@ -35,7 +35,7 @@ import torch
 from torch import Tensor
 
 from contactlearn.core.errors import DataError
-from contactlearn.core.numerics import written_whole
+from contactlearn.core.numerics import atomic_write
 from contactlearn.data import table
 from contactlearn.data.blocks import BLOCK, LARGE, Blocks
 from contactlearn.data.table import sheet
@@ -215,7 +215,7 @@ def _impacts(
         if error.row is None:
             raise
         place = cells.place(error.row, error.column)
-        below = error.below(cells.first)
+        below = error.shifted_by(cells.first)
         raise DataError(f"{below}{place}", row=below.row) from None
 
 
@@ -281,7 +281,7 @@ def save(impacts: Impacts | Iterable[Impacts], path: str | os.PathLike[str]) -> 
     write = _WRITERS[_suffix(path)]
     blocks = [impacts] if isinstance(impacts, Impacts) else impacts
     try:
-        with written_whole(path) as part:
+        with atomic_write(path) as part:
             write(map(_columns, blocks), part)
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error}") from error
@@ -346,7 +346,7 @@ def blocks_of(tables: Iterator[Table], impacts_of: Callable[[Table], Impacts]) -
         try:
             impacts = impacts_of(one)
         except DataError as error:
-            raise error.below(trials) from None
+            raise error.shifted_by(trials) from None
         trials += len(impacts)
         yield impacts
 

@@ -33,7 +33,7 @@ from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, OPTIONAL
 SI = MappingProxyType({"length": "m", "mass": "kg", "angle": "rad", "time": "s", "rotation": "counterclockwise"})
 """The stated units of a table as `save` writes it."""
 
-CHOICES: dict[str, dict[str, float]] = {
+UNIT_FACTORS: dict[str, dict[str, float]] = {
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254},
     "mass": {"kg": 1.0, "g": 1e-3},
     "angle": {"rad": 1.0, "deg": math.pi / 180},
@@ -71,17 +71,17 @@ class Units:
         if not isinstance(stated, Mapping):
             raise DataError(f"data.units is given as {{length: mm, angle: deg}}, got {stated!r}")
         for quantity, unit in stated.items():
-            if quantity not in CHOICES:
-                raise UnknownNameError("quantity in data.units:", str(quantity), CHOICES)
-            if unit not in CHOICES[quantity]:
-                raise UnknownNameError(f"unit in data.units.{quantity}:", str(unit), CHOICES[quantity])
+            if quantity not in UNIT_FACTORS:
+                raise UnknownNameError("quantity in data.units:", str(quantity), UNIT_FACTORS)
+            if unit not in UNIT_FACTORS[quantity]:
+                raise UnknownNameError(f"unit in data.units.{quantity}:", str(unit), UNIT_FACTORS[quantity])
         self._stated = {**SI, **stated}
 
     def factor(self, column: str) -> float:
         """Return the factor that takes the numbers of a column to SI."""
         powers = _powers(column)
         powers |= {"rotation": powers.get("angle", 0)}
-        return math.prod(CHOICES[quantity][self._stated[quantity]] ** power for quantity, power in powers.items())
+        return math.prod(UNIT_FACTORS[quantity][self._stated[quantity]] ** power for quantity, power in powers.items())
 
     def text(self, column: str) -> str:
         """Return the unit of a column as it is written in the table."""

@@ -164,7 +164,7 @@ def next_experiment(
     """
     if not rivals:
         raise DataError("an experiment that separates models needs at least one rival, got none")
-    within = reachable(impacts, limits or {})
+    within = state_limits(impacts, limits or {})
     states = _states(impacts, within, generator, drawn)
     squared = separations_of(impacts, chosen, rivals, states)
     picked = _picked([*discriminations(impacts, chosen, rivals, states).values()], _places(states, within), count)
@@ -211,7 +211,7 @@ def separations_of(
     )
 
 
-def reachable(impacts: Impacts, limits: Mapping[str, tuple[float, float]]) -> Float[Tensor, "5 2"]:
+def state_limits(impacts: Impacts, limits: Mapping[str, tuple[float, float]]) -> Float[Tensor, "5 2"]:
     """Compute the limits of `STATES`: the given ones, else the measured ones, those of velocities a quarter beyond.
 
     Raises:

@@ -25,7 +25,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.core.errors import ContactLearnError, UnknownNameError, installing
+from contactlearn.core.errors import ContactLearnError, UnknownNameError, install_hint
 from contactlearn.diagnosis.result.remainder import Formula, WrenchComponent
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import Effect, State
@@ -177,7 +177,7 @@ def _pursuit() -> type:
         from sklearn.linear_model import OrthogonalMatchingPursuit
     except ImportError as error:
         raise ContactLearnError(
-            f"formulas for what remains need scikit-learn, which is not installed: {installing('formulas')}"
+            f"formulas for what remains need scikit-learn, which is not installed: {install_hint('formulas')}"
         ) from error
     return OrthogonalMatchingPursuit
 

@@ -18,7 +18,7 @@ from contactlearn.mechanics.impacts import Impacts
 _TRIALS = 300  # trials that processes are fitted to and tested on, at most
 
 
-def drop_proxies(
+def index_without_proxies(
     impacts: Impacts,
     fits: Sequence[JointFit],
     options: FitOptions,

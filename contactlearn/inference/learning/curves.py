@@ -24,7 +24,7 @@ from torch import Tensor
 
 from contactlearn.core.devices import moved
 from contactlearn.core.errors import DataError
-from contactlearn.core.numerics import written_whole
+from contactlearn.core.numerics import atomic_write
 from contactlearn.core.workers import WorkerPool
 from contactlearn.effects import Effect
 from contactlearn.inference.evaluation import metrics
@@ -59,7 +59,7 @@ def save_trained(folder: Path, trained: Trained) -> None:
     if prediction.covariance is not None:
         arrays["covariance"] = prediction.covariance.numpy()
     gone = suppress(FileNotFoundError)  # another run of the same command has ended and removed the folder
-    with gone, written_whole(_path(folder, trained.key, trained.size)) as part:
+    with gone, atomic_write(_path(folder, trained.key, trained.size)) as part:
         np.savez(part, allow_pickle=False, **arrays)
 
 

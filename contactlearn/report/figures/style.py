@@ -24,7 +24,7 @@ from matplotlib.font_manager import findfont, get_font
 from torch import Tensor
 
 from contactlearn import laws
-from contactlearn.core.numerics import written_whole
+from contactlearn.core.numerics import atomic_write
 from contactlearn.report.text.names import model_label
 
 COLUMN, PAGE = 3.4, 7.0
@@ -235,7 +235,7 @@ def save(figure: Figure, folder: str | os.PathLike[str], name: str) -> tuple[Pat
     """
     targets = Path(folder) / f"{name}.png", Path(folder) / f"{name}.pdf"
     engine = figure.get_layout_engine()
-    with look(), written_whole(targets[0]) as png, written_whole(targets[1]) as pdf:
+    with look(), atomic_write(targets[0]) as png, atomic_write(targets[1]) as pdf:
         figure.savefig(png, dpi=200)
         figure.set_layout_engine("none")
         figure.savefig(pdf, metadata={"CreationDate": None})

@@ -17,7 +17,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from torch import Tensor
 
-from contactlearn.core.numerics import written_whole
+from contactlearn.core.numerics import atomic_write
 from contactlearn.report.figures.style import array
 from contactlearn.report.text import brief_interval, error, fix_spacing, number, percent
 from contactlearn.results.types import Provenance
@@ -40,7 +40,7 @@ def write(folder: Path, content: dict[str, Any]) -> Path:
 
 def save(path: Path, text: str) -> Path:
     """Write a page, whole or not at all; characters that UTF-8 cannot hold become "?"."""
-    with written_whole(path) as part:
+    with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8", errors="replace")
     return path
 

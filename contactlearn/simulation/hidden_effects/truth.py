@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from contactlearn.core.errors import ContactLearnError, DataError
-from contactlearn.core.numerics import written_whole
+from contactlearn.core.numerics import atomic_write
 from contactlearn.core.serialisation import parsed
 from contactlearn.data import table
 from contactlearn.mechanics.impacts import Impacts
@@ -35,7 +35,7 @@ def load(seed: int, size: int = 500, folder: str | None = None) -> Impacts:
     place = Path("outputs") / "mystery" / f"seed_{seed}" if folder is None else Path(folder)
     table.save(impacts, place / DROPS)
     try:
-        with written_whole(place / TRUTH) as part:
+        with atomic_write(place / TRUTH) as part:
             part.write_text(json.dumps(truth, allow_nan=False, ensure_ascii=False), encoding="utf-8", newline="\n")
     except OSError as error:
         raise DataError(f"{place / TRUTH}: cannot be written: {error}") from error

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from contactlearn.core.errors import ContactLearnError, DataError, installing
+from contactlearn.core.errors import ContactLearnError, DataError, install_hint
 from contactlearn.data.recordings.track import Array, Recording, mean_step
 
 LARGEST = 2**30
@@ -150,7 +150,7 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataErro
         if (error.name or "").startswith("contactlearn"):
             raise
         raise ContactLearnError(
-            f"{path}: files with suffix {path.suffix} need {error.name}: {installing('tracks')}"
+            f"{path}: files with suffix {path.suffix} need {error.name}: {install_hint('tracks')}"
         ) from None
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
