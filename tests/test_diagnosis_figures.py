@@ -12,7 +12,7 @@ from corruptions import corrupt
 from diagnoses import few
 from matplotlib.text import Text
 from repetitions import repeated
-from test_figures import HOSTILE, assert_fits, visible_axes
+from test_figures import HOSTILE, assert_fits, assert_units, visible_axes
 
 from contactlearn.data.audit.consistency import balance, contradictions, gross_outliers, kinetic_energy, torque
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
@@ -136,11 +136,7 @@ def assert_sound(figure) -> None:
     """It fits its paper, has units wherever it has numbers, and one size of text."""
     assert_fits(figure)
     assert figure.get_figwidth() in (st.COLUMN, st.PAGE)
-    for axes, name in itertools.product(visible_axes(figure), "xy"):
-        numbers = any(re.search(r"^−?\d", tick.get_text()) for tick in getattr(axes, f"get_{name}ticklabels")())
-        siblings = getattr(axes, f"get_shared_{name}_axes")().get_siblings(axes)
-        labels = [getattr(other, f"get_{name}label")() for other in siblings]
-        assert not numbers or any(UNIT.search(label) for label in labels), (name, labels)
+    assert_units(figure, UNIT)
     assert {text.get_fontsize() for text in figure.findobj(Text) if text.get_text().strip()} == {st.FONT_SIZE}
 
 

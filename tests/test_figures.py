@@ -33,7 +33,7 @@ from contactlearn.report.figures.impulse_space import (
     reach,
     reachable_impulses,
 )
-from contactlearn.report.figures.style import LAW_STYLE, law_style, plain, save
+from contactlearn.report.figures.style import LAW_STYLE, MODEL_STYLE, law_style, plain, save
 from contactlearn.simulation import synthetic
 
 UNIT = re.compile(r"\((mN s|mm|s/m|–|count)\)")
@@ -125,13 +125,13 @@ def assert_fits(figure) -> None:
         assert box.y1 <= figure.bbox.y1, text
 
 
-def assert_units(figure) -> None:
-    """Wherever an axis has numbers, it or the one it is shared with says their unit."""
+def assert_units(figure, unit=UNIT) -> None:
+    """Wherever an axis has numbers, it or the one it is shared with has a label with their unit."""
     for axes, name in itertools.product(visible_axes(figure), "xy"):
         numbers = any(re.search(r"^−?\d", tick.get_text()) for tick in getattr(axes, f"get_{name}ticklabels")())
         siblings = getattr(axes, f"get_shared_{name}_axes")().get_siblings(axes)
         labels = [getattr(sibling, f"get_{name}label")() for sibling in siblings]
-        assert not numbers or any(UNIT.search(label) for label in labels), (axes, name, labels)
+        assert not numbers or any(map(unit.search, labels)), (axes, name, labels)
 
 
 @pytest.mark.parametrize("build", FIGURES.values(), ids=FIGURES)
@@ -293,13 +293,14 @@ MACHADO = {
 
 
 @pytest.mark.parametrize("blindness", MACHADO)
-def test_every_law_has_its_own_color_marker_and_line(blindness):
-    styles = {name: law_style(name) for name in (*laws.names(), "best_post_hoc", "irb")}
-    assert styles.items() >= LAW_STYLE.items()
-    for part in ("label", "color", "marker", "linestyle"):
+def test_every_law_and_model_has_its_own_color_marker_and_line(blindness):
+    known = {name: law_style(name) for name in (*laws.names(), "best_post_hoc", "irb")}
+    assert known.items() >= LAW_STYLE.items()
+    for styles, part in itertools.product((known, MODEL_STYLE), ("label", "color", "marker", "linestyle")):
         assert len({getattr(style, part) for style in styles.values()}) == len(styles)
-    colors = {name: _seen(style.color, blindness) for name, style in styles.items()}
-    nearest = min((np.linalg.norm(colors[a] - colors[b]), a, b) for a, b in itertools.combinations(colors, 2))
+    colors = {name: _seen(style.color, blindness) for name, style in (known | MODEL_STYLE).items()}
+    pairs = [*itertools.combinations(known, 2), *itertools.combinations(LAW_STYLE | MODEL_STYLE, 2)]
+    nearest = min((np.linalg.norm(colors[a] - colors[b]), a, b) for a, b in pairs)
     assert nearest[0] > 8, nearest  # ΔE of 2 to 3 is just noticed
     assert all(color[0] < 80 for color in colors.values())  # seen on white paper
 

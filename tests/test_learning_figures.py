@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from matplotlib.image import imread
-from test_figures import HOSTILE, MACHADO, _seen, assert_fits, visible_axes
+from test_figures import HOSTILE, assert_fits, assert_units, visible_axes
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.report.figures import learning, quality
@@ -126,11 +126,7 @@ def test_every_figure_is_readable_and_names_its_units(build):
     figure = build()
     assert figure.get_figwidth() in (3.4, 7.0)
     assert_readable(figure)
-    for axes, way in itertools.product(figure.axes, "xy"):
-        siblings = getattr(axes, f"get_shared_{way}_axes")().get_siblings(axes)
-        labels = [getattr(sibling, f"get_{way}label")() for sibling in siblings]
-        names = [tick.get_text() for tick in getattr(axes, f"get_{way}ticklabels")()]
-        assert any(map(UNIT.search, labels)) or not any(re.search(r"^−?\d", name) for name in names), labels
+    assert_units(figure, UNIT)
 
 
 @pytest.mark.parametrize(
@@ -182,17 +178,6 @@ def test_figures_with_such_names_are_readable(name, build):
 
 
 # --- Styles -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("blindness", MACHADO)
-def test_every_learned_model_has_its_own_color_marker_and_line(blindness):
-    for part in ("label", "color", "marker", "linestyle"):
-        assert len({getattr(style, part) for style in MODEL_STYLE.values()}) == 8
-    colors = {name: _seen(style.color, blindness) for name, style in (LAW_STYLE | MODEL_STYLE).items()}
-    pairs = [(a, b) for a, b in itertools.combinations(colors, 2) if b in MODEL_STYLE]
-    nearest = min((np.linalg.norm(colors[a] - colors[b]), a, b) for a, b in pairs)
-    assert nearest[0] > 8, nearest  # ΔE of 2 to 3 is just noticed
-    assert all(colors[name][0] < 80 for name in MODEL_STYLE)  # seen on white paper
 
 
 def test_classes_hold_the_learned_models():

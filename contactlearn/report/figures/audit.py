@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Bool, Float, Real
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE
@@ -165,7 +165,7 @@ def _outliers(figure: Figure, finding: Finding, before: Impacts, after: Impacts,
         reason = shown[name]
         st.name_axes(axes, y=reason.label)
         if name != "approach":
-            _scale_logarithmically(axes, reason.values)
+            st.scale_logarithmically(axes, (1, 2, 5) if reason.values.max() < 300 * reason.values.min() else (1,))
         dots(axes, rows[~bad], reason.values[~bad])
         axes.plot(st.array(rows[bad]), st.array(reason.values[bad]), "x", color=_RED, label="Gross outlier")
         for limit in reason.limits:
@@ -174,15 +174,6 @@ def _outliers(figure: Figure, finding: Finding, before: Impacts, after: Impacts,
         axes.margins(x=0.03, y=0.25)
     panels[-1].set_xlabel(_ROW)
     legend_below(figure, panels[0])
-
-
-def _scale_logarithmically(axes: Axes, values: Float[Tensor, " n"]) -> None:
-    """A logarithmic y axis with plain numbers, more of them where the values span little."""
-    axes.set_yscale("log")
-    few = values.max() < 300 * values.min()
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _name_trials(axes: Axes, impacts: Impacts, bad: Bool[Tensor, " n"], values: Float[Tensor, " n"]) -> None:
@@ -212,8 +203,7 @@ def _energy(figure: Figure, finding: Finding, before: Impacts, after: Impacts, t
     axes = st.name_axes(figure.subplots(), "E_post/E_pre (–)", "Trials (count)")
     axes.hist(st.array(rebound / energy), 30, color=st.tint(_BLUE, 0.45), edgecolor=_BLUE, linewidth=0.4)
     axes.axvline(1, color=_RED, label="As much as before")
-    gain = ENERGY_GAIN
-    axes.axvline(gain, color=_RED, linestyle="--", label=f"{gain - 1:.0%} more")
+    axes.axvline(ENERGY_GAIN, color=_RED, linestyle="--", label=f"{ENERGY_GAIN - 1:.0%} more")
     axes.set_xlim(left=0)
     legend_below(figure, axes)
 

@@ -23,7 +23,6 @@ from matplotlib.container import BarContainer, ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.lines import AxLine, Line2D
 from matplotlib.patches import Patch, Rectangle
-from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator
 
 from contactlearn.report.figures.style import law_style
@@ -126,7 +125,8 @@ def _traces(axes: Axes) -> Iterator[_Trace]:
         if isinstance(artist, Line2D):
             trace = _line(artist, axes)
         elif isinstance(artist, Rectangle) and not all(_in_data(artist, axes)):
-            trace = _span(artist, axes)
+            look = {"fillcolor": to_hex(artist.get_facecolor()), "layer": "below", "line": {"width": 0}}
+            trace = _crossing("rect", artist, axes, *np.array(artist.get_bbox()).T) | look
         elif isinstance(artist, Patch):
             path = artist.get_patch_transform().transform_path(artist.get_path())
             edge = artist.get_edgecolor()
@@ -216,12 +216,6 @@ def _crossing(kind: str, artist: Line2D | Rectangle, axes: Axes, x: np.ndarray, 
     )
 
 
-def _span(patch: Rectangle, axes: Axes) -> _Trace:
-    x, y = np.array(patch.get_bbox()).T
-    look = {"fillcolor": to_hex(patch.get_facecolor()), "layer": "below", "line": {"width": 0}}
-    return _crossing("rect", patch, axes, x, y) | look
-
-
 def _segments(collection: LineCollection) -> _Trace:
     """Separate lines as one trace."""
     color, width = np.atleast_2d(collection.get_color())[0], np.atleast_1d(collection.get_linewidth())[0]
@@ -253,17 +247,22 @@ def _annotations(axes: Axes, number: str) -> list[_Trace]:
     titles = axes.get_title(), axes.get_title("left"), legend.get_title().get_text() if legend else ""
     title = "\n".join(filter(None, titles))
     inside = {"showarrow": False, "xref": f"x{number}", "yref": f"y{number}"}
-    found = [_note(text) | inside for text in axes.texts]
+    found = [
+        {
+            "x": float(text.get_position()[0]),
+            "y": float(text.get_position()[1]),
+            "text": _text(text.get_text()),
+            "align": "left",
+            "xanchor": _SIDES[text.get_horizontalalignment()],
+            "yanchor": _SIDES[text.get_verticalalignment()],
+        }
+        | inside
+        for text in axes.texts
+    ]
     if title:
         above = {"xref": f"x{number} domain", "yref": f"y{number} domain", "x": 0.5, "y": 1, "yanchor": "bottom"}
         found.append({"text": _text(title), "showarrow": False, **above})
     return found
-
-
-def _note(text: Text) -> _Trace:
-    x, y = text.get_position()
-    sides = {"xanchor": _SIDES[text.get_horizontalalignment()], "yanchor": _SIDES[text.get_verticalalignment()]}
-    return {"x": float(x), "y": float(y), "text": _text(text.get_text()), "align": "left", **sides}
 
 
 def _text(words: str) -> str:

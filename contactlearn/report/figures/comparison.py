@@ -44,7 +44,9 @@ def error_comparison(
     axes = st.name_axes(figure.subplots(), metric)
     labels = []
     for place, (name, values) in enumerate(errors.items()):
-        _draw_model(axes, place, name, _finite(name, st.array(values)), intervals[name])
+        if bad := int((~values.isfinite()).sum()):
+            raise ContactLearnError(f"errors of {name!r} must be finite, got {bad} that are not")
+        _draw_model(axes, place, name, st.array(values), intervals[name])
         lines = wrap(st.law_style(name).label, 16, max_lines=2, placeholder="…")
         labels.append("\n".join(st.plain(line) for line in lines))
     axes.set_yticks(range(len(labels)), labels)
@@ -54,13 +56,6 @@ def error_comparison(
     means, names = axes.get_legend_handles_labels()
     figure.legend(means[-1:], names[-1:], loc="outside upper right")
     return figure
-
-
-def _finite(name: str, values: np.ndarray) -> np.ndarray:
-    bad = int((~np.isfinite(values)).sum())
-    if bad:
-        raise ContactLearnError(f"errors of {name!r} must be finite, got {bad} that are not")
-    return values
 
 
 def _draw_model(axes: Axes, place: int, name: str, values: np.ndarray, interval: tuple[float, float, float]) -> None:

@@ -27,7 +27,7 @@ from contactlearn.core.numerics import wrapped
 from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.regions import Variable, variables
 from contactlearn.diagnosis.result import ComponentTest, Diagnosis, Record, Region, Remainder, RungKind, WrenchComponent
-from contactlearn.effects import EffectId, State
+from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import SYMBOLS, of_state
 from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS, Interval, mass_error
 from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, binned, share_explained
@@ -62,7 +62,8 @@ def drawn(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
         figures["residual"] = residual_figure(found.remainder, record)
     if record is not None:
         for missing, partial in zip(found.missing, record.residuals, strict=True):
-            figures[_file(missing.effect)] = effect_curve(partial, effect_label(missing.effect))
+            name = "_".join(filter(None, ("effect", missing.effect.name, missing.effect.form)))
+            figures[name] = effect_curve(partial, effect_label(missing.effect))
     if found.ladder:
         figures["ladder"] = ladder_figure(found)
     if found.frontier:
@@ -79,11 +80,6 @@ def _audit_figures(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
         figures[f"audit_{finding.name}"] = audit_figure(finding, impacts, after)
         impacts = after
     return figures
-
-
-def _file(effect: EffectId) -> str:
-    """Name of the file of an effect's figure."""
-    return "_".join(("effect", effect.name, *([effect.form] if effect.form is not None else [])))
 
 
 @st.look()
@@ -246,11 +242,15 @@ def residual_figure(found: Remainder, record: Record) -> Figure:
     known = of_state(State.of(record.impacts))
     known["theta"] = wrapped(known["theta"])
     residual = (record.impacts.wrench - record.model.base_prediction(record.impacts).wrench) * st.MILLI
-    tests = _tests(found)
+    by_name = {one.component: one for one in found.tested}
+    tests = [by_name[name] for name in found.components] or [max(found.tested, key=lambda one: one.r_squared)]
     first = residual[:, _ROWS.index(tests[0].component)]
     shares = {one.symbol: one.share for one in found.variables}
     symbols = [*shares][:_SYMBOLS] or [max(known, key=lambda name: share_explained(known[name], first))]
-    figure = _titled(found, len(symbols), len(tests))
+    title = phrase("residual_share", found) if found.predictable else phrase("not_predictable")
+    lines = wrap(title.replace("\u00a0", " "), 54 if len(symbols) == 1 else 112)
+    figure = st.new_figure((st.COLUMN, st.PAGE)[len(symbols) - 1], 0.5 + st.ROW * len(lines) + 2.0 * len(tests))
+    figure.suptitle("\n".join(lines))
     panels = figure.subplots(len(tests), len(symbols), sharex="col", sharey="row", squeeze=False)
     for line, test in zip(panels, tests, strict=True):
         _draw_row(line, test, residual[:, _ROWS.index(test.component)], [known[symbol] for symbol in symbols])
@@ -258,21 +258,6 @@ def residual_figure(found: Remainder, record: Record) -> Figure:
         part = f", {percent(shares[symbol])} of the prediction" if symbol in shares else ""
         axes.set_xlabel(f"{SYMBOLS[symbol].letter} ({SYMBOLS[symbol].unit}){part}")
     legend_below(figure, panels[0, 0])
-    return figure
-
-
-def _tests(found: Remainder) -> list[ComponentTest]:
-    """The named components, or else the one that is predicted best."""
-    by_name = {one.component: one for one in found.tested}
-    return [by_name[name] for name in found.components] or [max(found.tested, key=lambda one: one.r_squared)]
-
-
-def _titled(found: Remainder, columns: int, rows: int) -> Figure:
-    """An empty figure with the share of the error that is predictable above it."""
-    title = phrase("residual_share", found) if found.predictable else phrase("not_predictable")
-    lines = wrap(title.replace("\u00a0", " "), 54 if columns == 1 else 112)
-    figure = st.new_figure((st.COLUMN, st.PAGE)[columns - 1], 0.5 + st.ROW * len(lines) + 2.0 * rows)
-    figure.suptitle("\n".join(lines))
     return figure
 
 

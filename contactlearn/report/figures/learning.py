@@ -17,7 +17,6 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
@@ -93,9 +92,10 @@ def error_densities(errors: Mapping[str, Float[Tensor, " trials"]], metric: str)
     models = [name for name in values if name not in bounds]
     figure, panels = _class_panels(models or bounds, 2.3 + st.ROW * len(bounds))
     x = np.linspace(0, _right_end(np.concatenate(list(values.values()))), 500)
+    unit = re.search(r"\(([^()–]+)\)\s*$", metric)  # a density is per m/s for an error in m/s
     densities, styles = {name: _density(sample, x) for name, sample in values.items()}, st.law_styles(values)
     for axes, title, names in panels:
-        st.name_axes(axes, metric, _density_label(metric)).label_outer()
+        st.name_axes(axes, metric, f"Density (per {unit[1]})" if unit else "Density (–)").label_outer()
         for name in dict.fromkeys((*bounds, *names)):
             mean = np.searchsorted(x, values[name].mean())
             st.draw_line(axes, x, densities[name], styles[name], markevery=[mean] if mean < len(x) else [])
@@ -141,7 +141,7 @@ def transfer_errors(
             _draw_level(axes, _ZERO_SHOT, zero_shot[body])
         axes.set_title(st.plain(body, 24))
         handles |= {line.get_label(): line for line in axes.get_legend_handles_labels()[0]}
-    _scale_logarithmically(figure.axes[-1])
+    st.scale_logarithmically(figure.axes[-1])
     figure.legend(handles=list(handles.values()), loc="outside lower center", ncols=1 if columns == 1 else 2)
     return figure
 
@@ -179,13 +179,6 @@ def _class_panels(names: Iterable[str], height: float) -> tuple[Figure, list[tup
     figure = st.new_figure(st.PAGE if len(groups) > 1 else st.COLUMN, height + st.ROW * rows)
     axes = figure.subplots(1, len(groups), sharex=True, sharey=True, squeeze=False)[0]
     return figure, [(panel, *group) for panel, group in zip(axes, groups, strict=True)]
-
-
-def _scale_logarithmically(axes: Axes) -> None:
-    """A logarithmic y axis, labelled in plain numbers at 1, 2 and 5 of each decade."""
-    axes.set_yscale("log")
-    ticks = LogLocator(subs=(1, 2, 5)), ScalarFormatter()
-    axes.yaxis.set(major_locator=ticks[0], major_formatter=ticks[1], minor_formatter=NullFormatter())
 
 
 def _draw_curves(
@@ -248,9 +241,3 @@ def _density(errors: np.ndarray, x: np.ndarray) -> np.ndarray:
 
     kernel = gaussian_kde(errors, 0.9 * min(1, middle / std or 1) * len(errors) ** -0.2)
     return kernel(x) + kernel(-x)
-
-
-def _density_label(metric: str) -> str:
-    """Axis label of the density: per m/s for an error in m/s."""
-    unit = re.search(r"\(([^()–]+)\)\s*$", metric)
-    return f"Density (per {unit[1]})" if unit else "Density (–)"

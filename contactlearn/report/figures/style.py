@@ -21,6 +21,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, get_font
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from torch import Tensor
 
 from contactlearn import laws
@@ -185,6 +186,13 @@ def name_axes(axes: Axes, x: str = "", y: str = "") -> Axes:
     axes.set(xlabel=x, ylabel=y)
     axes.tick_params(labelsize=FONT_SIZE, length=2.5)
     return axes
+
+
+def scale_logarithmically(axes: Axes, labelled: Sequence[int] = (1, 2, 5)) -> None:
+    """Scale a y axis logarithmically, with plain numbers at these places of each decade."""
+    axes.set_yscale("log")
+    ticks = {"major_locator": LogLocator(subs=labelled), "major_formatter": StrMethodFormatter("{x:g}")}
+    axes.yaxis.set(**ticks, minor_formatter=NullFormatter())
 
 
 def tint(color: str, strength: float) -> tuple[float, float, float]:

@@ -17,7 +17,7 @@ from contactlearn.report.page.page import packed, reproduced
 from contactlearn.report.page.trials import STEPS, digits, finely, impulse_figure, of_laws, of_outcomes, of_trials
 from contactlearn.report.text import model_labels, phrase, phrases
 from contactlearn.results.tables import HeldOut
-from contactlearn.results.types import Evaluation, ModelErrors
+from contactlearn.results.types import Evaluation
 
 
 def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
@@ -48,7 +48,15 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
         },
         "law": plotly_style(closest) | {"name": closest},
         "comparison": [{"key": key, "label": metric.label, "unit": metric.unit} for key, metric in METRICS.items()],
-        "models": [_model(name, labels[name], result.errors[name]) for name in names],
+        "models": [
+            {
+                **plotly_style(name),
+                "label": labels[name],
+                **finely(asdict(errors.headline)),
+                "errors": finely(asdict(errors)),
+            }
+            for name, errors in ((name, result.errors[name]) for name in names)
+        ],
         "chosen": 0,
         "yardstick": names.index(closest),
         "trials": of_trials(test, predictions[closest]),
@@ -75,16 +83,6 @@ def _figures(result: Evaluation, held_out: HeldOut, labels: Mapping[str, str]) -
     return {place: digits(as_plotly(figure)) for place, figure in figures.items()}
 
 
-def _model(name: str, label: str, errors: ModelErrors) -> dict[str, Any]:
-    """A row of the table of models."""
-    return {
-        **plotly_style(name),
-        "label": label,
-        **finely(asdict(errors.headline)),
-        "errors": finely(asdict(errors)),
-    }
-
-
 def _sentences(result: Evaluation, labels: Mapping[str, str], closest: str, trials: int) -> list[str]:
     """The numbers behind the headline, and where the learned models are."""
     errors = {name: entry.headline for name, entry in result.errors.items()}
@@ -93,18 +91,13 @@ def _sentences(result: Evaluation, labels: Mapping[str, str], closest: str, tria
 
 
 def _curves(result: Evaluation) -> list[dict[str, Any]]:
-    """Each model's mean error against the number of training trials, and the bounds as level lines."""
+    """Each model's mean error at each number of training trials, and the bounds, as rows of a table."""
     if not result.learning_curves:
         return []
     sizes = next(iter(result.learning_curves.values())).sizes
     lines = {name: curve.headline for name, curve in result.learning_curves.items()}
     lines |= {name: [result.errors[name].headline] * len(sizes) for name in BOUNDS if name in result.errors}
     return [
-        {
-            **plotly_style(name),
-            "sizes": list(sizes),
-            "intervals": finely([asdict(one) for one in line]),
-            "level": name in BOUNDS,
-        }
+        {"label": plotly_style(name)["label"], "sizes": sizes, "intervals": finely([asdict(one) for one in line])}
         for name, line in lines.items()
     ]

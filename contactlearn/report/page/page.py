@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
@@ -19,7 +19,7 @@ from torch import Tensor
 
 from contactlearn.core.numerics import atomic_write
 from contactlearn.report.figures.style import array
-from contactlearn.report.text import brief_interval, error, fix_spacing, number, percent
+from contactlearn.report.text import brief_interval, error, number, percent
 from contactlearn.results.types import Provenance
 
 FILE = "report.html"
@@ -93,9 +93,8 @@ def _templates() -> Environment:
         "error": error,
         "number": _number,
         "interval": brief_interval,
-        "pretty": _pretty,
+        "pretty": partial(json.dumps, indent=2, ensure_ascii=False),
         "percent": percent,
-        "spaced": fix_spacing,
     }
     return templates
 
@@ -117,10 +116,6 @@ def _number(x: float | None, digits: int = 4) -> str:
     return number(x, digits) if isinstance(x, float) else str(x)
 
 
-def _pretty(x: Any) -> str:
-    return json.dumps(x, indent=2, ensure_ascii=False)
-
-
 _LARGEST = 32767
 _NOTHING = -32768
 
@@ -134,7 +129,8 @@ def packed(arrays: Mapping[str, Tensor], steps: Mapping[str, float]) -> dict[str
     entries, parts, offset = {}, [], 0
     for name, values in arrays.items():
         x = array(values)
-        step = np.array([steps[name]]) if name in steps else _steps(x)
+        largest = np.nanmax(np.abs(x), axis=tuple(range(x.ndim - 1)), initial=0.0)
+        step = np.array([steps[name]]) if name in steps else np.where(largest > 0, largest, 1.0) / _LARGEST
         whole = np.clip(np.round(x / step), -_LARGEST, _LARGEST)
         parts.append(np.where(np.isnan(whole), _NOTHING, whole).astype("<i2").ravel())
         entries[name] = {"offset": offset, "shape": list(x.shape), "step": step.tolist()}
@@ -146,11 +142,6 @@ def packed(arrays: Mapping[str, Tensor], steps: Mapping[str, float]) -> dict[str
 def compressed(content: bytes) -> str:
     """base64 of gzip, the same for the same content."""
     return base64.b64encode(gzip.compress(content, 9, mtime=0)).decode()
-
-
-def _steps(x: np.ndarray) -> np.ndarray:
-    largest = np.nanmax(np.abs(x), axis=tuple(range(x.ndim - 1)), initial=0.0)
-    return np.where(largest > 0, largest, 1.0) / _LARGEST
 
 
 def has_recordings(config: Mapping[str, Any]) -> bool:

@@ -50,6 +50,7 @@ MARK = "contactlearn report"
 _FEW = 5  # settings that come before what was found, not after it
 _HASH = 10  # digits of the hash of data that are shown
 _SIZE = "train.size"
+_NUMBER = re.compile(r"[-+]?(\d{1,15}\.?\d{0,17}|\.\d+)(e[-+]?\d{1,2})?")
 _PLAIN = ("law", "command", "data")  # traits of a line that are written without their key
 _LOOKS = [name for name in (*MODEL_STYLE, *STYLES) if name not in BOUNDS]  # for lines whose own look is taken
 
@@ -223,7 +224,7 @@ def _columns(
         found.append(column("Command", [run.command for run in runs]))
     own = [
         column(name, [None if one is None else float(one) for one in values], "number", lambda x: f"{x:.12g}")
-        if _numeric(values)
+        if all(value is None or _NUMBER.fullmatch(value) for value in values)
         else column(name, values)
         for name, values in settings.items()
     ]
@@ -264,12 +265,6 @@ def _words(effect: EffectId) -> str:
 def _verdict(run: ComparedRun) -> str | None:
     found = run.diagnosis
     return None if found is None else printable(conclusion(found.verdict, found.physics, found.corrections))
-
-
-def _numeric(values: Iterable[str | None]) -> bool:
-    return all(
-        value is None or re.fullmatch(r"[-+]?(\d{1,15}\.?\d{0,17}|\.\d+)(e[-+]?\d{1,2})?", value) for value in values
-    )
 
 
 def _with(run: ComparedRun) -> str:
