@@ -270,18 +270,21 @@ def test_the_chosen_model_is_listed_first_whatever_its_share(found):
     ]
 
 
-def test_candidates_of_ones_own_that_nothing_asks_for_are_told(found):
+def test_own_candidates_that_were_not_selected_are_listed(found):
     assert "not selected" not in " ".join(text.search_notes(found))
-    asked = replace(found, unwanted=(EffectId("kick"), EffectId("wind")))
-    assert "Tested, not selected: kick and wind." in text.search_notes(asked)
+    rejected = replace(found, unwanted=(EffectId("kick"), EffectId("wind")))
+    assert "Tested, not selected: kick and wind." in text.search_notes(rejected)
 
 
-def test_a_law_that_does_better_alone_is_named(found):
+def test_a_law_that_does_better_alone_is_named_once(found, capsys):
     better = result.LawFit(name="mirtich", variant="textbook", error=0.05, mu=0.1, eps=0.5)
     unknown = replace(found, physics=result.Verdict.UNKNOWN, laws=(better,))
     assert text.phrase("better_law", unknown).endswith("try law=mirtich.")
     assert "Mirtich alone has an error of 0.0500" in text.headline(unknown)
     assert text.phrase("better_law", replace(unknown, laws=(replace(better, error=0.095),))) == ""
+    for diagnosis in (unknown, replace(unknown, physics=result.Verdict.EFFECTS)):
+        show_verdict(diagnosis, "")
+        assert capsys.readouterr().out.count("try law=mirtich") == 1
 
 
 def test_the_terminal_prints_the_sentences_of_the_page(found, capsys):

@@ -27,7 +27,7 @@ from contactlearn.diagnosis.events import (
     VelocitiesAveraged,
     append_event,
 )
-from contactlearn.diagnosis.result import Diagnosis, Finding
+from contactlearn.diagnosis.result import Diagnosis, Finding, Verdict
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.terminal import console, print_line
 from contactlearn.report.text import (
@@ -151,9 +151,10 @@ def show_verdict(found: Diagnosis, command: str) -> None:
     if found.equation:
         print_line(found.equation)
     print_line(f"verdict: {headline(found)}")
-    for note in (misfit(found), phrase("better_law", found)):
-        if note:
-            print_line(f"note: {note}")
+    if misfit(found):
+        print_line(f"note: {misfit(found)}")
+    if found.better_law is not None and found.physics is not Verdict.UNKNOWN:  # whose headline says it
+        print_line(f"note: {phrase('better_law', found)}")
     if found.missing:
         print_line(f"to use it: {command}")
 

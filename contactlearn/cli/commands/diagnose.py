@@ -55,11 +55,13 @@ def diagnose(settings: DiagnoseSettings, run: Run) -> None:
 
 def _found(settings: DiagnoseSettings, run: Run, impacts: Impacts, on_event: OnEvent) -> Diagnosis:
     own = {EffectId(name, effect.form): effect for name, effect in settings.candidates.items()}
+    kinds = {type(effect) for effect in own.values()}  # a class that is imported is also in the catalogue
+    others = {key: effect for key, effect in all_candidates().items() if type(effect) not in kinds}
     return pipeline.diagnose(
         impacts,
         settings.law,
         settings.effects,
-        candidates=all_candidates() | own,
+        candidates=others | own,
         laws=settings.laws,
         noise=settings.noise,
         limits=settings.limits,
