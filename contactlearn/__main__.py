@@ -31,33 +31,28 @@ def main(arguments: list[str] | None = None) -> int:
         getattr(hydra_main, words[0])()
         return 0
     with graceful_exit():
-        return _run_tool(words)
+        options = _parsed(words)
+        from hydra.errors import HydraException
+        from omegaconf.errors import OmegaConfBaseException
+
+        from contactlearn.cli.config_files import explain_error
+
+        try:
+            print(terminal_safe(options.run(options)))
+        except ContactLearnError as error:
+            message = str(error).splitlines()[0]
+        except (HydraException, OmegaConfBaseException) as error:
+            overrides = vars(options).get("overrides", ())
+            message = explain_error(error, "evaluate", overrides)  # these commands share its settings of data
+        else:
+            return 0
+        print(f"error: {terminal_safe(message)}", file=sys.stderr)
+        return 2
 
 
 def workbench() -> int:
     """Run `contactlearn workbench`; return the exit status."""
     return main(["workbench", *sys.argv[1:]])
-
-
-def _run_tool(words: list[str]) -> int:
-    """Run a command whose arguments argparse parses; return the exit status."""
-    options = _parsed(words)
-    from hydra.errors import HydraException
-    from omegaconf.errors import OmegaConfBaseException
-
-    from contactlearn.cli.config_files import explain_error
-
-    try:
-        print(terminal_safe(options.run(options)))
-    except ContactLearnError as error:
-        message = str(error).splitlines()[0]
-    except (HydraException, OmegaConfBaseException) as error:
-        overrides = vars(options).get("overrides", ())
-        message = explain_error(error, "evaluate", overrides)  # these commands share its settings of data
-    else:
-        return 0
-    print(f"error: {terminal_safe(message)}", file=sys.stderr)
-    return 2
 
 
 def _parsed(words: list[str]) -> argparse.Namespace:

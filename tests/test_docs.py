@@ -11,8 +11,7 @@ from commands import first_forms
 from evaluations import training
 
 from contactlearn import laws
-from contactlearn.cli.config_files import choices
-from contactlearn.cli.config_groups import choice_settings
+from contactlearn.cli.config_files import choice_settings, choices
 from contactlearn.cli.hydra_main import compose
 from contactlearn.effects import catalogue
 from contactlearn.effects.formula.symbols import SYMBOLS

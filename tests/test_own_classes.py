@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from contactlearn.cli.settings import parse_law
-from contactlearn.cli.user_classes import check_effect, check_law, located_errors
+from contactlearn.cli.settings import check_effect, check_law, located_errors, parse_law
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import Effect, catalogue, columns, parameter
 from contactlearn.laws import Law, find, names

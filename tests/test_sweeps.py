@@ -21,8 +21,7 @@ from contactlearn.cli import job as job_module
 from contactlearn.cli.resource_limits import GIB, available_memory, jobs_at_a_time
 from contactlearn.cli.settings import TrainSettings
 from contactlearn.cli.sweeps.identity import code_version, data_fingerprint, job_identity
-from contactlearn.cli.sweeps.plan import Job
-from contactlearn.cli.sweeps.sweep import run_jobs
+from contactlearn.cli.sweeps.sweep import Job, run_jobs
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.results import folder as results
 from contactlearn.results.folder import find_results, read_result

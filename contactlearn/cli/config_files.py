@@ -1,24 +1,31 @@
-"""The shipped configuration files: the settings and choices that exist, and the nearest one to a misspelt name.
+"""The settings and choices that exist, from shipped files and catalogues, and the nearest one to a misspelt name.
 
 A setting that no file declares is refused, also after a `+`, by which Hydra would accept and the program ignore it.
 A part that holds entries by name (`effect`, `model` …) is open: each entry is checked where it is read.
+
+The groups `effect` and `law` have no files: their choices are those of the catalogues.  Names are read from the classes
+in the source files, and so are a law's options: a command's `--help` shows both, and torch takes seconds to load.  An
+effect that is chosen, and all that other packages announce, is imported.
 """
 
+import ast
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from contactlearn.cli.config_groups import catalogue_names, choice_settings, has_choice, is_catalogued
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 
 _PACKAGE = Path(__file__).parents[1]
 CONFIGS = next(str(path) for path in (_PACKAGE / "configs", _PACKAGE.parent / "configs") if path.is_dir())
 """Beside the package in a checkout, inside it where it is installed."""
 _OPEN = ("data", "law", "model", "effect", "candidate", "limits", "reference", "transfer.bodies")
+_CATALOGUES = {"effect": ("effects", "Effect"), "law": ("laws", "Law")}
+_BEST = "best"  # of the paper's laws the one with the least held-out error, for a diagnosis
 _COMMANDS = ("train", "evaluate", "diagnose")
 _REFUSED = re.compile(r"Could not (?:override|append to config|delete from config)[^']*'([^']+)'")
 
@@ -26,14 +33,18 @@ _REFUSED = re.compile(r"Could not (?:override|append to config|delete from confi
 def groups() -> list[str]:
     """Return the names of all groups of choices."""
     folders = (path.name for path in Path(CONFIGS).iterdir() if path.is_dir())
-    return sorted({*folders, "effect", "law"} - {"hydra"})
+    return sorted({*folders, *_CATALOGUES} - {"hydra"})
 
 
 def choices(group: str) -> list[str]:
-    """Return the names of the choices of a group."""
-    if is_catalogued(group):
-        return catalogue_names(group)
-    return sorted(path.stem for path in Path(CONFIGS, group).glob("*.yaml"))
+    """Return the names of the choices of a group; of effects and laws also those that other packages announce.
+
+    Raises:
+        ContactLearnError: two effects or laws have one name.
+    """
+    if group not in _CATALOGUES:
+        return sorted(path.stem for path in Path(CONFIGS, group).glob("*.yaml"))
+    return sorted({*_sources(group), *_announced(group), *([_BEST] if group == "law" else [])})
 
 
 def check_choices(words: list[str]) -> None:
@@ -47,7 +58,7 @@ def check_choices(words: list[str]) -> None:
         if group not in groups() or "(" in choice:  # a setting, or a function of Hydra's
             continue
         for name in re.findall(r"\w+", choice):
-            known = is_catalogued(group) and has_choice(group, name)
+            known = group in _CATALOGUES and has_choice(group, name)
             if not known and name != "null" and name not in choices(group):
                 raise UnknownNameError(group, name, choices(group))
 
@@ -71,40 +82,26 @@ def explain_error(error: Exception, command: str, words: Sequence[str]) -> str:
     refused = _REFUSED.search(str(error))
     own = refused and re.fullmatch(r"(effect|candidate)\.(\w+)(\..+)?", refused[1])
     if own and f"Key {own[2]!r} is not in struct" in str(error.__cause__):
-        return _not_there(*own.group(0, 1, 2))
+        key, part, name = own.group(0, 1, 2)
+        known = choices("effect") if part == "effect" else []
+        if name in known:
+            return f"{key} is a setting of an effect that is not in the model; add effect=[{name}]"
+        near = suggest(name, known)
+        return f"{key}: no {part} is called {name!r}{near}; one of your own is added with a plus, +{key}=…"
     if refused:
-        holders, near = _holders(refused[1]), _near_in_source(refused[1], words)
+        group, _, name = refused[1].partition(".")
+        named = choices(group) if group in ("data", "law") else []
+        holders = [f"{group}={choice}" for choice in named if name in _settings(group, choice)]
         if holders or refused[1] in _declared(command):
+            source = next((word.removeprefix("data=") for word in reversed(words) if word.startswith("data=")), "")
+            near = suggest(name, _settings("data", source)) if group == "data" and source in named else ""
             others = f"other choices ({', '.join(holders)})" if holders else "other choices"
             return f"{refused[1]} is a setting of {others}, not of these{near}; --help lists all settings"
-        return str(_unknown(refused[1], _declared(command) | _data_keys()))
+        in_files = {f"data.{key}" for path in Path(CONFIGS, "data").glob("*.yaml") for key in _content(path)}
+        return str(_unknown(refused[1], _declared(command) | in_files))
     message = " ".join(str(error).partition("Config search path")[0].split())
     unread = any(sign in message for sign in ("Unknown function", "no viable alternative", "mismatched input"))
     return message + ('; text with brackets, = or the like stands in double quotes: {x: "x (mm)"}' if unread else "")
-
-
-def _holders(key: str) -> list[str]:
-    """The choices of data and laws that have a setting."""
-    group, _, name = key.partition(".")
-    named = choices(group) if group in ("data", "law") else []
-    return [f"{group}={choice}" for choice in named if name in _settings(group, choice)]
-
-
-def _near_in_source(key: str, words: Sequence[str]) -> str:
-    """The nearest setting of the data source that the words choose."""
-    chosen = [word.removeprefix("data=") for word in words if word.startswith("data=")]
-    there = chosen and chosen[-1] in choices("data")
-    known = _settings("data", chosen[-1]) if there else {}
-    return suggest(key.removeprefix("data."), known) if key.startswith("data.") else ""
-
-
-def _not_there(key: str, group: str, name: str) -> str:
-    """Say how an effect comes into a model whose settings were given, but not the effect."""
-    known = choices("effect")
-    if group == "effect" and name in known:
-        return f"{key} is a setting of an effect that is not in the model; add effect=[{name}]"
-    near = suggest(name, known) if group == "effect" else ""
-    return f"{key}: no {group} is called {name!r}{near}; one of your own is added with a plus, +{key}=…"
 
 
 def _unknown(key: str, known: set[str]) -> ContactLearnError:
@@ -136,14 +133,9 @@ def required_settings(command: str) -> list[str]:
     return ["data", "law", *(key for key in _keys(own) if key.partition(".")[0] not in ("defaults", "hydra"))]
 
 
-@lru_cache
-def _data_keys() -> set[str]:
-    return {f"data.{key}" for path in Path(CONFIGS, "data").glob("*.yaml") for key in _content(path)}
-
-
 def _settings(group: str, choice: str) -> dict[str, Any]:
     """Settings of one choice of a group."""
-    return choice_settings(group, choice) if is_catalogued(group) else _content(Path(CONFIGS, group, f"{choice}.yaml"))
+    return choice_settings(group, choice) if group in _CATALOGUES else _content(Path(CONFIGS, group, f"{choice}.yaml"))
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -159,3 +151,75 @@ def _keys(content: Any, path: str = "") -> Iterator[str]:
         yield key
         if isinstance(value, Mapping) and key not in _OPEN and key not in ("defaults", "hydra"):
             yield from _keys(value, key)
+
+
+# --- Catalogues of effects and laws ---------------------------------------------------------------
+
+
+def has_choice(group: str, name: str) -> bool:
+    """Whether a name is a choice of `effect` or `law`; other packages are loaded only if it is none of this one's."""
+    return name in _sources(group) or (group, name) == ("law", _BEST) or name in _announced(group)
+
+
+def choice_settings(group: str, name: str) -> dict[str, Any]:
+    """Return the settings of a choice: `_target_`, `form` where there are several, and options with their defaults.
+
+    Those of an effect stand under its name, since a model has several.
+    """
+    if group == "effect":
+        return {name: _effect(name)}
+    if name == _BEST:
+        return {"_target_": None}
+    if name in _sources(group):
+        return {"_target_": f"contactlearn.laws.{name}.{_camel(name)}"} | _options(name)
+    from contactlearn.laws import catalogue
+
+    (law, *_) = catalogue()[name].values()
+    return {"_target_": f"{law.__module__}.{law.__qualname__}"} | law().options
+
+
+def _effect(name: str) -> dict[str, Any]:
+    from contactlearn.effects import Effect, catalogue
+
+    default = catalogue()[name][0]
+    family = [base for base in default.__mro__ if issubclass(base, Effect) and base is not Effect][-1]
+    options = {key: list(x) if isinstance(x, tuple) else x for key, x in default().options.items()}
+    form = {} if default.form is None else {"form": default.form}
+    return {"_target_": f"{family.__module__}.{family.__qualname__}"} | form | options
+
+
+@lru_cache
+def _sources(group: str) -> dict[str, str]:
+    """Source files of this package's effects or laws by the name of the module, which is that of its class."""
+    room, base = _CATALOGUES[group]
+    texts = {path.stem: path.read_text("utf-8") for path in Path(_PACKAGE, room).glob("*.py")}
+    return {
+        name: text
+        for name, text in texts.items()
+        if re.search(rf"^class {_camel(name)}\(.*\b{base}\):", text, re.MULTILINE)
+    }
+
+
+def _options(law: str) -> dict[str, Any]:
+    """Fields of a law with their defaults, from its source."""
+    found = {}
+    for node in ast.walk(ast.parse(_sources("law")[law])):
+        if isinstance(node, ast.ClassDef) and node.name == _camel(law):
+            for field in node.body:
+                if isinstance(field, ast.AnnAssign) and "ClassVar" not in ast.unparse(field.annotation) and field.value:
+                    found[ast.unparse(field.target)] = ast.literal_eval(field.value)
+    return found
+
+
+def _announced(group: str) -> list[str]:
+    """Names of what other packages announce, with all of the catalogue."""
+    room, _ = _CATALOGUES[group]
+    if not entry_points(group=f"contactlearn.{room}"):
+        return []
+    from contactlearn import effects, laws
+
+    return list(effects.catalogue() if group == "effect" else laws.catalogue())
+
+
+def _camel(name: str) -> str:
+    return "".join(part.title() for part in name.split("_"))

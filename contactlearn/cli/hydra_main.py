@@ -60,13 +60,9 @@ def _run(command: str, cfg: DictConfig) -> None:
         _freeze_loaded()
 
 
-@functools.cache
-def _freeze_loaded() -> None:
-    """After the first job of a sweep, let collections of garbage pass over what it has loaded; joblib makes many.
-
-    None is made here: Ctrl-C in the midst of one can be lost.
-    """
-    gc.freeze()
+# Collections of garbage, of which joblib makes many, pass over what the first job of a sweep has loaded.  None is made
+# here: Ctrl-C in the midst of one can be lost.
+_freeze_loaded = functools.cache(gc.freeze)
 
 
 @functools.cache
@@ -112,20 +108,17 @@ def _one_message(command: str) -> Generator[None]:
     except (ContactLearnError, HydraException, OmegaConfBaseException, OSError) as error:
         if before == "1":
             raise
-        _end(f"error: {_in_one_line(error, command)}", 2)
+        if isinstance(error, ContactLearnError):
+            message = str(error)
+        elif isinstance(error, HydraException | OmegaConfBaseException):
+            message = explain_error(error, command, sys.argv)
+        else:
+            from contactlearn.cli.job import reason
+
+            message = reason(error)
+        _end(f"error: {message}", 2)
     finally:
         os.environ.pop(_FULL) if before is None else os.environ.update({_FULL: before})
-
-
-def _in_one_line(error: Exception, command: str) -> str:
-    """An error in one line."""
-    if isinstance(error, ContactLearnError):
-        return str(error)
-    if isinstance(error, HydraException | OmegaConfBaseException):
-        return explain_error(error, command, sys.argv)
-    from contactlearn.cli.job import reason
-
-    return reason(error)
 
 
 def _end(message: str, status: int) -> None:

@@ -8,7 +8,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import count
@@ -60,11 +60,6 @@ class Run:
     folder: Path
     partial: Path
 
-    @property
-    def command_line(self) -> str:
-        """The command as it was typed."""
-        return shlex.join([*invocation(self.command), *self.overrides])
-
     def provenance(self, data: Blocks, device: torch.device, train_size: int | None = None) -> Provenance:
         """Return the data, code, configuration and command that give the result.
 
@@ -81,7 +76,7 @@ class Run:
             data=DataSource(source=data.source, trials=data.trials, sha256=data.sha256),
             versions={"contactlearn": __version__, "python": platform.python_version(), **packages},
             config=config,
-            command=self.command_line,
+            command=shlex.join([*invocation(self.command), *self.overrides]),
             device=devices.described(device),
         )
 
@@ -123,7 +118,11 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
         with _failures_recorded(folder, began=True):
             with read_write(hydra.runtime):
                 hydra.runtime.output_dir = str(folder)  # of the configuration that is written
-            _write_configuration(folder, cfg, hydra)
+            # As Hydra would; Hydra itself might write over the configuration of another run.
+            parts = {"config": cfg, "hydra": OmegaConf.create({"hydra": hydra}), "overrides": hydra.overrides.task}
+            for name, part in parts.items():
+                with atomic_write(folder / ".hydra" / f"{name}.yaml") as path:
+                    path.write_text(OmegaConf.to_yaml(part), encoding="utf-8")
             shared = folder if _is_given(hydra) else folder.parent
             config = OmegaConf.to_container(cfg, resolve=True)
             job(
@@ -184,19 +183,13 @@ def _is_given(hydra: DictConfig) -> bool:
     return given and hydra.mode != RunMode.MULTIRUN
 
 
-@contextmanager
-def _own_folder(identity: Done, hydra: DictConfig) -> Generator[Path | None]:
+def _own_folder(identity: Done, hydra: DictConfig) -> AbstractContextManager[Path | None]:
     """Hold the folder of a run; None if there is nothing left to do."""
     wanted = Path(str(hydra.runtime.output_dir))
     ours = str(hydra.sweeper._target_).startswith("hydra_plugins.contactlearn_sweeper.")
     if hydra.mode == RunMode.MULTIRUN and ours:
-        taken = _folder_of_identity(wanted, identity)
-    elif _is_given(hydra):
-        taken = _folder_of_name(wanted, identity)
-    else:
-        taken = _new_folder(wanted)
-    with taken as folder:
-        yield folder
+        return _folder_of_identity(wanted, identity)
+    return _folder_of_name(wanted, identity) if _is_given(hydra) else _new_folder(wanted)
 
 
 @contextmanager
@@ -256,11 +249,3 @@ def _is_finished(folder: Path, identity: Done) -> bool:
     if found:
         print(f"finished already: {folder}")
     return found
-
-
-def _write_configuration(folder: Path, cfg: DictConfig, hydra: DictConfig) -> None:
-    """Write the configuration where Hydra would; Hydra itself might write over that of another run."""
-    parts = {"config": cfg, "hydra": OmegaConf.create({"hydra": hydra}), "overrides": hydra.overrides.task}
-    for name, part in parts.items():
-        with atomic_write(folder / ".hydra" / f"{name}.yaml") as path:
-            path.write_text(OmegaConf.to_yaml(part), encoding="utf-8")

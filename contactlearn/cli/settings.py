@@ -4,40 +4,50 @@
     SourceSettings                                      a source of measurements: `data`, or a body of `transfer.bodies`
 
 Parsing checks every value against its rule and builds laws, effects and learned models, before any data is read: a
-wrong setting costs seconds, not a run.
+wrong setting costs seconds, not a run.  Laws and effects of the user's own are tried on a few drops; a class that
+passes may still break a rule, and `contactlearn.testing` has the whole contract.
 """
 
 import inspect
 import re
-from collections.abc import Callable, Iterable, Mapping
+import traceback
+from collections.abc import Callable, Generator, Iterable, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import reduce
 from importlib import import_module
+from itertools import chain
 from typing import Any, Literal, TypeVar
 
 import torch
 from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
 
 from contactlearn import laws
 from contactlearn.cli.config_files import required_settings
+from contactlearn.cli.job import reason
 from contactlearn.cli.resource_limits import usable_cores
-from contactlearn.cli.user_classes import check_effect, check_law, located_errors
 from contactlearn.core import devices
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 from contactlearn.core.numerics import is_number, is_whole
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
 from contactlearn.effects import Effect, catalogue, from_settings
+from contactlearn.effects.checks import describe, lost_gradients, violations
 from contactlearn.effects.formula.effect import formula
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.identification.shared import Box
 from contactlearn.inference.learning.recipe import Recipe
-from contactlearn.laws import PAPER_LAWS, Law
+from contactlearn.laws import PAPER_LAWS, Contact, Law
 from contactlearn.mechanics.impacts import IMPULSE_TARGETS
 from contactlearn.results.tables import FORMATS
+from contactlearn.simulation import synthetic
 
 _BEST = "best"  # law of a diagnosis: the one with the least held-out error
 _IDENTIFIED = "parameters_identified"  # target of learned models that identify each trial's (μ, ε) with the law alone
+_DROPS, _MU, _EPS = 5, 0.2, 0.5
+_ROUNDING = 1e-9  # m/s and rad/s
+_NO_IF = "; a parameter has many values at once: torch.where(condition, a, b) takes the place of if"
 _MISSING = "???"  # OmegaConf's mark of a value that must be given
 Base = TypeVar("Base")
 _Rule = tuple[Callable[[Any], bool], str]
@@ -346,12 +356,10 @@ def _pair(example: str) -> _Rule:
     return lambda x: isinstance(x, list) and len(x) == 2 and all(map(is_number, x)), f"[low, high], such as {example}"
 
 
-def _is_increasing(x: Any) -> bool:
-    whole = isinstance(x, list) and len(x) > 0 and all(is_whole(one, 2) for one in x)
-    return whole and x == sorted(set(x))
-
-
-_SIZES = _is_increasing, "an increasing list of whole numbers, 2 or more, such as [10, 20, 50]"
+_SIZES: _Rule = (
+    lambda x: isinstance(x, list) and len(x) > 0 and all(is_whole(one, 2) for one in x) and x == sorted(set(x)),
+    "an increasing list of whole numbers, 2 or more, such as [10, 20, 50]",
+)
 _RULES: Mapping[str, _Rule] = {
     "test": _number(lambda x: 0 < x < 1, "a share in (0, 1)"),
     "seed": _whole(0),
@@ -582,3 +590,62 @@ def _subclass(target: object, base: type[Base]) -> type[Base]:
         package = base.__module__.rpartition(".")[0]
         raise ContactLearnError(f"_target_ must be a subclass of {package}.{base.__name__}, got {target}")
     return kind
+
+
+# Laws and effects of the user's own
+
+
+@contextmanager
+def located_errors(target: object, kind: type) -> Generator[None]:
+    """Turn any error of a class into one that names the place in its file.
+
+    Raises:
+        ContactLearnError: with the class, the method, the line and the error.
+    """
+    try:
+        yield
+    except ContactLearnError:
+        raise
+    except Exception as error:  # whatever code of the user's own may raise
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [frame for frame in frames if frame.filename == inspect.getfile(kind)]
+        where = (own or frames)[-1]
+        hint = _NO_IF if str(error).startswith("Boolean value of Tensor") else ""
+        message = f"{target} fails in {where.name}, line {where.lineno}: {reason(error)}{hint}"
+        raise ContactLearnError(message) from error
+
+
+def check_effect(effect: Effect, target: object) -> None:
+    """Use an effect on a few drops, unless they are none for it.
+
+    Raises:
+        ContactLearnError: it has no parameter, returns something else than its method should, changes the outcome
+            where it vanishes, or depends on a parameter without a gradient.
+    """
+    drops = synthetic.load(size=_DROPS)
+    broken = None
+    with suppress(ContactLearnError):  # an effect may need other drops
+        effect = effect.prepare(drops)
+        rules = chain(violations(effect, drops, rounding=_ROUNDING), lost_gradients(effect, drops))
+        broken = next(rules, None)
+    if broken:
+        raise ContactLearnError(f"{target} {broken}")
+
+
+def check_law(law: Law, target: object) -> None:
+    """Use a law on a few contacts, with several coefficients at once.
+
+    Raises:
+        ContactLearnError: it returns something else than two tensors of impulses, or no numbers.
+    """
+    drops = synthetic.load(size=_DROPS)
+    mu, eps = (torch.tensor(values, dtype=torch.float64)[:, None] for values in ((0.1, _MU), (0.3, _EPS)))
+    contact = Contact(drops.W[:, 0, 0], drops.W[:, 0, 1], drops.W[:, 1, 1], *drops.v_c.unbind(-1))
+    returned: object = law.solve(contact, mu, eps)
+    pair = isinstance(returned, tuple | list) and len(returned) == 2
+    if not pair or not all(isinstance(part, Tensor) for part in returned):
+        raise ContactLearnError(
+            f"{target}.solve must return two tensors (P_t, P_n) of impulses, got {describe(returned)}"
+        )
+    if not law.at(mu, eps).impulse(drops.W, drops.v_c).isfinite().all():
+        raise ContactLearnError(f"{target}.solve gives an impulse that is no finite number on ordinary contacts")

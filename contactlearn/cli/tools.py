@@ -178,10 +178,13 @@ def run_impacts(options: argparse.Namespace) -> str:
             raise UnknownNameError("setting of impacts", name, known)
     try:
         cfg = compose("evaluate", ["data=tracks", *words])
+        cfg.data.path = options.path
+        return write_impacts(SourceSettings.from_config(cfg), Path(options.out))
     except (HydraException, OmegaConfBaseException) as error:
         raise ContactLearnError(own_names(explain_error(error, "evaluate", words), every)) from None
-    cfg.data.path = options.path
-    return write_impacts(SourceSettings.from_config(cfg), Path(options.out))
+    except ContactLearnError as error:  # settings are named as this command has them, without `data.`
+        error.args = (own_names(str(error), every),)
+        raise
 
 
 def run_reveal(options: argparse.Namespace) -> str:

@@ -62,19 +62,16 @@ class TerminalObserver:
     def __call__(self, event: Event) -> None:
         """Show an event."""
         if isinstance(event, TaskProgress) and self._display is not None:
-            self._show_progress(event, self._display)
+            if event.done == 0:
+                self._tasks[event.task] = self._display.add_task(event.task, total=event.total)
+                self._began[event.task] = time.monotonic()
+            self._display.update(self._tasks[event.task], completed=event.done, total=event.total)
+            waited = event.done and time.monotonic() - self._began.get(event.task, time.monotonic()) > _LONG
+            if waited and not self._display.console.is_terminal:
+                del self._began[event.task]
+                print_line(f"{event.task} …")
         for line in event_lines(event):
             print_line(line)
-
-    def _show_progress(self, event: TaskProgress, display: Progress) -> None:
-        if event.done == 0:
-            self._tasks[event.task] = display.add_task(event.task, total=event.total)
-            self._began[event.task] = time.monotonic()
-        display.update(self._tasks[event.task], completed=event.done, total=event.total)
-        waited = event.done and time.monotonic() - self._began.get(event.task, time.monotonic()) > _LONG
-        if waited and not display.console.is_terminal:
-            del self._began[event.task]
-            print_line(f"{event.task} …")
 
 
 @contextmanager
@@ -141,9 +138,24 @@ def show_verdict(found: Diagnosis, command: str) -> None:
         found: the diagnosis.
         command: that evaluates the model with the missing effects.
     """
-    _show_search(found)
-    _show_rivals(found)
-    _show_residual(found)
+    for model in found.frontier:
+        print_line(f"frontier: {_error_columns(model.error)}  {phrase('model', model.law, model.effects)}")
+    for model in listed_models(found):
+        print_line(f"model: {share_of_whole(model.share)}  {listed_name(found, model)}")
+    for note in search_notes(found):
+        print_line(f"note: {note}")
+    for missing in found.missing:
+        if missing.rivals:
+            print_line(f"rivals: {phrase('rivals', missing)}")
+    if found.experiment is not None:
+        for drop in found.experiment.drops:
+            print_line(f"next experiment: {phrase('drop', drop, found.experiment)}")
+        for separation in found.experiment.separations:
+            print_line(f"next experiment: {phrase('needed_drops', separation)}")
+    if found.remainder is not None:
+        print_line(f"residual: {' '.join(phrases('residual', found.remainder))}")
+    for formula in found.formulas:
+        print_line(f"formula: {phrase('formula_change', formula)}: {formula_overrides(formula)}")
     for rung in found.ladder:
         print_line(f"  {_error_columns(rung.error)}  {rung_label(rung, base_label(found))}")
     if found.budget is not None:
@@ -163,33 +175,3 @@ def _error_columns(x: Interval) -> str:
     """Write a mean error and its 95 % interval in columns."""
     mean, low, high = map(error, x)
     return f"{mean}  {low}–{high}"
-
-
-def _show_search(found: Diagnosis) -> None:
-    """The best model of each number of effects, and the models that the data do not distinguish."""
-    for model in found.frontier:
-        print_line(f"frontier: {_error_columns(model.error)}  {phrase('model', model.law, model.effects)}")
-    for model in listed_models(found):
-        print_line(f"model: {share_of_whole(model.share)}  {listed_name(found, model)}")
-    for note in search_notes(found):
-        print_line(f"note: {note}")
-
-
-def _show_rivals(found: Diagnosis) -> None:
-    """Effects that the data do not distinguish, and the drops that do."""
-    for missing in found.missing:
-        if missing.rivals:
-            print_line(f"rivals: {phrase('rivals', missing)}")
-    if found.experiment is not None:
-        for drop in found.experiment.drops:
-            print_line(f"next experiment: {phrase('drop', drop, found.experiment)}")
-        for separation in found.experiment.separations:
-            print_line(f"next experiment: {phrase('needed_drops', separation)}")
-
-
-def _show_residual(found: Diagnosis) -> None:
-    """The predictable part of the residual, and formulas for it."""
-    if found.remainder is not None:
-        print_line(f"residual: {' '.join(phrases('residual', found.remainder))}")
-    for formula in found.formulas:
-        print_line(f"formula: {phrase('formula_change', formula)}: {formula_overrides(formula)}")

@@ -44,28 +44,6 @@ def print_line(line: str) -> None:
     console.print(Text(terminal_safe(line.replace("\u00a0", " "))), soft_wrap=True)
 
 
-def show_data(source: str, pool: int, test: int) -> None:
-    """Print the source of the data and the sizes of the split."""
-    print_line(f"{source}: {pool + test} impacts, {pool} for identification, {test} held out")
-
-
-def show_samples(pool: int, test: int) -> None:
-    """Print how many trials of a large table are fitted and shown."""
-    print_line(
-        f"large table: models are fitted to {pool} trials, figures and page show {test}; "
-        "errors are over all held-out trials"
-    )
-
-
-def show_estimate(what: str, trials: int, seconds: float) -> None:
-    """Print how long a pass over many trials will take."""
-    print_line(
-        f"{what}: {trials}, about {seconds / 60:.0f} min"
-        if seconds > 90
-        else f"{what}: {trials}, about {seconds:.0f} s"
-    )
-
-
 def show_reused_trainings(trainings: int) -> None:
     """Print how many trainings of an earlier run of the same command are reused, if any."""
     if trainings:
@@ -167,14 +145,6 @@ def show_sizes(sizes: Sequence[int], wanted: Sequence[int], seeds: int, pool: in
         print_line(f"note: at {pool} trials all subsets are identical")
 
 
-def show_left_out(models: Sequence[str]) -> None:
-    """Print the models that are skipped because they cannot be learned around effects."""
-    if models:
-        print_line(
-            f"note: {', '.join(models)} uses each trial's (μ, ε) of the law alone and is skipped when there are effects"
-        )
-
-
 def show_curves(curves: Mapping[str, LearningCurve]) -> None:
     """Print the headline error of each learned model against the number of trials, and its calibration at the end."""
     first = next(iter(curves.values()))
@@ -194,19 +164,14 @@ def show_curves(curves: Mapping[str, LearningCurve]) -> None:
         "settled: number from which it stays within 5 % of its best"
     )
     for model, curve in curves.items():
-        _show_processes_of_curve(model, curve)
+        if curve.calibration is None:
+            continue
+        kinds, converged = curve.calibration.processes, curve.calibration.converged
+        for size, kind, share in zip(curve.sizes, kinds, converged, strict=True):
+            if kind != "exact" or share < 1:
+                short = "" if share == 1 else f"; {100 * (1 - share):.0f} % of them did not converge"
+                print_line(f"note: the processes of {model} at {size} trials are {kind}{short}")
     print_line("coverage: share of (v_x, v_y, ω) inside the predicted 95 % ellipsoid, and density, at the largest size")
-
-
-def _show_processes_of_curve(model: str, curve: LearningCurve) -> None:
-    """Print where processes are not exact, or have not all converged."""
-    if curve.calibration is None:
-        return
-    kinds, converged = curve.calibration.processes, curve.calibration.converged
-    for size, kind, share in zip(curve.sizes, kinds, converged, strict=True):
-        if kind != "exact" or share < 1:
-            short = "" if share == 1 else f"; {100 * (1 - share):.0f} % of them did not converge"
-            print_line(f"note: the processes of {model} at {size} trials are {kind}{short}")
 
 
 def show_transfer(model: str, bodies: Mapping[str, BodyTransfer], sizes: Sequence[int]) -> None:

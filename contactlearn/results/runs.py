@@ -137,9 +137,8 @@ class ComparedRun:
         """Name in `errors` of the law without the effects, fitted as the model with them; None without effects."""
         if isinstance(self.result, DiagnosisRun):
             return "law"
-        return next(
-            (printable(x) for x in self.result.joint if x != self.result.model and x in self.result.errors), None
-        )
+        others = (x for x in self.result.joint if x != self.result.model and x in self.result.errors)
+        return next(map(printable, others), None)
 
     @property
     def bounds(self) -> tuple[str, ...]:
@@ -151,11 +150,9 @@ class ComparedRun:
         """Held-out errors by model: all of them, or mass errors alone; none of data that were refused."""
         if isinstance(self.result, DiagnosisRun):
             budget = self.result.diagnosis.budget
-            return (
-                {}
-                if budget is None
-                else dict(named=budget.named, law=budget.base, noise=budget.noise, irb=budget.bound)
-            )
+            if budget is None:
+                return {}
+            return {"named": budget.named, "law": budget.base, "noise": budget.noise, IRB: budget.bound}
         errors = {printable(name): one for name, one in self.result.errors.items()}
         return errors | ({IRB: self.result.irb} if isinstance(self.result, Training) else {})
 
@@ -230,13 +227,8 @@ def _comparable(path: Path) -> Training | Evaluation | DiagnosisRun:
     if isinstance(result, Transfer):
         raise ContactLearnError("is a transfer to other bodies, which has no one held-out error; see its own figures")
     if isinstance(result, DiagnosisRun) and (budget := result.diagnosis.budget) is not None:
-        errors = (
-            budget.named,
-            budget.base,
-            budget.noise,
-            budget.bound,
-            *(one.error for one in result.diagnosis.ladder),
-        )
+        rungs = (one.error for one in result.diagnosis.ladder)
+        errors = (budget.named, budget.base, budget.noise, budget.bound, *rungs)
         if not all(0 <= x < _HIGHEST for error in errors for x in error):
             raise ContactLearnError(f"an error of the diagnosis must be 0 or more, and less than {_HIGHEST:g}")
     return result
@@ -421,10 +413,5 @@ def _below(
         if path in _NAMED or not lacking:
             yield from _below(where, below, kinds)
         else:
-            yield (
-                where,
-                [
-                    printable(value) if value is not _ABSENT else "–" if kind in having else None
-                    for kind, value in zip(kinds, below, strict=True)
-                ],
-            )
+            blanks = ("–" if kind in having else None for kind in kinds)
+            yield where, [x if value is _ABSENT else printable(value) for value, x in zip(below, blanks, strict=True)]

@@ -147,12 +147,10 @@ def _frames(path: Path) -> Iterator[pd.DataFrame]:
         with pq.ParquetFile(path) as file:
             yield from (batch.to_pandas() for batch in file.iter_batches(_ROWS, columns=[*_READ]))
     else:
-        names = pacsv.ConvertOptions(
-            include_columns=[*_READ], column_types={"trial": pa.string(), "model": pa.string()}
-        )
-        with pacsv.open_csv(
-            path, convert_options=names
-        ) as reader:  # every number to its last digit, as pandas 2 does not
+        types = {"trial": pa.string(), "model": pa.string()}
+        names = pacsv.ConvertOptions(include_columns=[*_READ], column_types=types)
+        # Every number to its last digit, as pandas 2 does not.
+        with pacsv.open_csv(path, convert_options=names) as reader:
             yield from (batch.to_pandas() for batch in reader)
 
 

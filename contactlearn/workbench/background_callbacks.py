@@ -108,7 +108,10 @@ class BackgroundCallbacks:
     def follow_studies(self, _: int | None, *names: str | None) -> tuple[Any, ...]:
         """Show the progress of the studies of this page, and their results so far."""
         runs = {kind: self.runs.find(name or "") for kind, name in zip(STUDIES, names, strict=True)}
-        steps = {kind: _last_step(run) for kind, run in runs.items()}
+        steps = dict[str, LearningProgress | None]()
+        for kind, run in runs.items():
+            events = [] if run is None else [event for event in run.events if isinstance(event, LearningProgress)]
+            steps[kind] = events[-1] if events else None
         running = any(run is not None and run.status is RunStatus.RUNNING for run in runs.values())
         controls = [part for kind in STUDIES for part in _study_controls(runs[kind], steps[kind])]
         curves = _curves(runs["curve"], steps["curve"])
@@ -152,11 +155,6 @@ def _task(events: Sequence[Event]) -> str:
     if not isinstance(event, TaskProgress) or event.done == event.total:
         return ""
     return f", {event.task}" + (f" {event.done} of {event.total}" if event.total else "")
-
-
-def _last_step(run: BackgroundRun | None) -> LearningProgress | None:
-    steps = [event for event in run.events if isinstance(event, LearningProgress)] if run is not None else []
-    return steps[-1] if steps else None
 
 
 def _study_controls(run: BackgroundRun | None, step: LearningProgress | None) -> tuple[Any, ...]:

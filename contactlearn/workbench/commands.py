@@ -57,14 +57,10 @@ def words_of(session: Session) -> list[str]:
     """Write data, law, effects and lines as the words of a command."""
     words = [*session.data, f"law={session.law}", f"effect=[{','.join(one.name for one in session.effects)}]"]
     words += [f"effect.{one.name}.form={one.form}" for one in session.effects if one.form is not None]
-    words += [f"effect.{one.effect}.{one.name}={_written(one)}" for one in session.options]
+    words += [f"effect.{one.effect}.{one.name}={str(one.setting).replace(' ', '')}" for one in session.options]
     for place, line in enumerate(session.lines):
         words += overrides(line, line_name(place))
     return [*words, f"seed={session.seed}"]
-
-
-def _written(option: Option) -> str:
-    return str(option.setting).replace(" ", "")
 
 
 def command(session: Session) -> str:

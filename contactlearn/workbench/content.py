@@ -11,7 +11,7 @@ from contactlearn import laws
 from contactlearn.core.numerics import is_number, measured
 from contactlearn.data.audit.result import Finding
 from contactlearn.diagnosis.error_budget import NoiseFloor
-from contactlearn.diagnosis.result import Diagnosis, FrontierModel, PlausibleModel, Region
+from contactlearn.diagnosis.result import FrontierModel, PlausibleModel, Region
 from contactlearn.effects import Effect, Parameter, catalogue
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.text import (
@@ -47,12 +47,6 @@ _OPTIONS = {
 }
 
 # --- Header and bar ----------------------------------------------------------------------------
-
-
-def audit_notes(found: Sequence[Finding]) -> list[Component]:
-    """Return the findings of the audit that are no mistakes."""
-    rows = [html.Li(sentence(one.sentence)) for one in found if not one.mistake]
-    return [html.Ul(rows)] if rows else []
 
 
 def mistakes(found: Sequence[Finding], session: Session, loaded: bool = True) -> list[Component]:
@@ -174,6 +168,22 @@ def _effect_option(name: str, text: str, value: str, strong: bool) -> dict[str, 
 def diagnosis_content(run: DiagnosisRun, folder: str, session: Session) -> list[Component]:
     """Return a diagnosis: verdict, frontier, plausible models, residual with formulas, the next experiment."""
     found = run.diagnosis
+    frontier, residual, experiment = list[Component](), list[Component](), list[Component]()
+    if found.frontier:
+        rows = [(phrase("model", one.law, one.effects), one.error) for one in found.frontier]
+        buttons = (_adopt_button(f"Take {len(one.effects)}", session, one) for one in found.frontier)
+        head = note("The best model of each number of effects, held out:")
+        frontier = [html.H4("Frontier"), head, bars(rows, 1.05 * max(x.high for _, x in rows)), controls(*buttons)]
+    if found.remainder is not None:
+        formulas: list[list[Child]] = [
+            [action_button("line", "Add", of=formula_line(one)), f" {phrase('formula_change', one)}"]
+            for one in found.formulas
+        ]
+        residual = [html.H4("Residual"), *map(html.P, phrases("residual", found.remainder)), *items(formulas)]
+    if found.experiment is not None:
+        needed = (html.P(phrase("needed_drops", one)) for one in found.experiment.separations)
+        drops = [html.Li(phrase("drop", one, found.experiment)) for one in found.experiment.drops]
+        experiment = [html.H4("The next experiment"), *needed, html.Ol(drops)]
     page = html.A("the whole report", href=f"/runs/{folder}/report.html", target="_blank")
     plausible: list[list[Child]] = [
         [_adopt_button("Take", session, one), f" {share_of_whole(one.share)}  {phrase('model', one.law, one.effects)}"]
@@ -183,11 +193,11 @@ def diagnosis_content(run: DiagnosisRun, folder: str, session: Session) -> list[
         html.H3("Result of the search"),
         html.P(headline(found), className="headline"),
         note("Of ", html.Code(folder), ": ", page, "."),
-        *_frontier(found, session),
+        *frontier,
         *items(plausible, "Models that these data cannot distinguish"),
         *(html.P(text) for text in search_notes(found) if plausible),
-        *_residual(found),
-        *_experiment(found),
+        *residual,
+        *experiment,
     ]
 
 
@@ -197,33 +207,6 @@ def _adopt_button(text: str, session: Session, found: FrontierModel | PlausibleM
         data=session.data, seed=session.seed, trial=session.trial, law=found.law, effects=tuple(found.effects)
     )
     return action_button("adopt", text, of=other.address, label=f"Take {phrase('model', found.law, found.effects)}")
-
-
-def _frontier(found: Diagnosis, session: Session) -> list[Component]:
-    if not found.frontier:
-        return []
-    rows = [(phrase("model", one.law, one.effects), one.error) for one in found.frontier]
-    buttons = (_adopt_button(f"Take {len(one.effects)}", session, one) for one in found.frontier)
-    head = note("The best model of each number of effects, held out:")
-    return [html.H4("Frontier"), head, bars(rows, 1.05 * max(x.high for _, x in rows)), controls(*buttons)]
-
-
-def _residual(found: Diagnosis) -> list[Component]:
-    if found.remainder is None:
-        return []
-    formulas: list[list[Child]] = [
-        [action_button("line", "Add", of=formula_line(one)), f" {phrase('formula_change', one)}"]
-        for one in found.formulas
-    ]
-    return [html.H4("Residual"), *map(html.P, phrases("residual", found.remainder)), *items(formulas)]
-
-
-def _experiment(found: Diagnosis) -> list[Component]:
-    if found.experiment is None:
-        return []
-    needed = (html.P(phrase("needed_drops", one)) for one in found.experiment.separations)
-    drops = [html.Li(phrase("drop", one, found.experiment)) for one in found.experiment.drops]
-    return [html.H4("The next experiment"), *needed, html.Ol(drops)]
 
 
 # --- The model ---------------------------------------------------------------------------------

@@ -195,7 +195,7 @@ class Models:
 
         Raises:
             UnknownNameError: no such law, effect or form.
-            ContactLearnError: a line that cannot be read, or too few trials.
+            ContactLearnError: a line that cannot be read, an option that an effect does not have, or too few trials.
         """
         return self._fits.get(self._key(session), lambda: _fit(session, self.split(session)))
 
@@ -260,7 +260,10 @@ class Models:
     def predicted_gains(self, session: Session) -> tuple[PredictedGain, ...]:
         """Return the predicted gains of the effects that the model of a session lacks, the largest first."""
         data, fitted, key = self.split(session), self.fitted(session), self._key(session)
-        candidates = self._candidates.get(key[:2], lambda: _candidates(data))
+        candidates = self._candidates.get(
+            key[:2],
+            lambda: {one: effect.prepare(data.pool) for one, effect in usable(all_candidates(), data.pool).items()},
+        )
         return self._gains.get(key, lambda: _predicted_gains(fitted, candidates, data))
 
 
@@ -269,23 +272,13 @@ def mean_error(test: Impacts, prediction: Prediction) -> Interval:
     return bootstrap(mass_error(test, prediction), torch.Generator().manual_seed(0), _RESAMPLES)
 
 
-def effects_of(session: Session) -> dict[str, Effect]:
-    """Return the effects of a session by name, those of the catalogue first, then those of its lines.
-
-    Raises:
-        UnknownNameError: no such effect or form.
-        ContactLearnError: a line that cannot be read, or an option that the effect does not have.
-    """
-    found: dict[str, Effect] = {}
-    for effect in session.effects:
-        options = {option.name: option.setting for option in session.options if option.effect == effect.name}
-        found[effect.name] = from_settings(find_effect(effect.name, effect.form), options)
-    return found | {line_name(k): parse_effect(line) for k, line in enumerate(session.lines)}
-
-
 def _fit(session: Session, data: Split) -> FittedModel:
-    law = laws.find(session.law)
-    fit = identify_jointly(law, effects_of(session), data.pool, options=FitOptions(starts=STARTS))
+    law, effects = laws.find(session.law), dict[str, Effect]()
+    for one in session.effects:
+        options = {option.name: option.setting for option in session.options if option.effect == one.name}
+        effects[one.name] = from_settings(find_effect(one.name, one.form), options)
+    effects |= {line_name(k): parse_effect(line) for k, line in enumerate(session.lines)}
+    fit = identify_jointly(law, effects, data.pool, options=FitOptions(starts=STARTS))
     prediction = fit.model.predict(data.test)
     if not mass_error(data.test, prediction).isfinite().all():
         raise ContactLearnError(f"{fit.model} has errors that are not finite on held-out trials; leave an effect out")
@@ -297,11 +290,6 @@ def _file_stamps(words: tuple[str, ...]) -> tuple[tuple[int, int], ...]:
     """Return time and size of the files in the words of a session, so that a changed file is read again."""
     paths = [Path(word.partition("=")[2].strip("\"'")) for word in words if word.startswith("data.path=")]
     return tuple((os.stat(path).st_mtime_ns, os.stat(path).st_size) for path in paths if path.exists())
-
-
-def _candidates(data: Split) -> dict[EffectId, Effect]:
-    """Return the effects that these data can decide about, prepared."""
-    return {key: effect.prepare(data.pool) for key, effect in usable(all_candidates(), data.pool).items()}
 
 
 def _predicted_gains(

@@ -72,17 +72,13 @@ def make_app(address: ServerAddress, models: Models, outputs: Path = OUTPUTS) ->
     FileCallbacks(models, saved).register(app)
     _serve_scripts(app)
     saved.serve(app.server)
-    protect(app.server, address, _policy(app))
-    return app
-
-
-def _policy(app: Dash) -> str:
-    """Return the content-security policy, which allows only the page's own scripts."""
     scripts = " ".join(["'self'", *app.csp_hashes()])
-    return (
+    policy = (  # which allows only the page's own scripts
         f"default-src 'none'; script-src {scripts}; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
         "font-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     )
+    protect(app.server, address, policy)
+    return app
 
 
 def _serve_scripts(app: Dash) -> None:

@@ -32,7 +32,7 @@ from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.report.page.trials import impulse_figure
-from contactlearn.report.text import law_label
+from contactlearn.report.text import law_label, sentence
 from contactlearn.workbench import arrays, content
 from contactlearn.workbench.commands import command
 from contactlearn.workbench.lines import completions, parse_effect
@@ -343,7 +343,8 @@ class SessionCallbacks:
             return no_update, no_update
         session = Session.read(address or "")
         found = audit(self.models.split(session).impacts)
-        return content.audit_notes(found), content.mistakes(found, session)
+        notes = [html.Li(sentence(one.sentence)) for one in found if not one.mistake]
+        return [html.Ul(notes)] if notes else [], content.mistakes(found, session)
 
     def complete(self, line: str | None, address: str | None) -> tuple[Any, str]:
         """Show completions of a line, and its equation or its error."""

@@ -1,4 +1,4 @@
-"""Hydra's way to the configuration groups `effect` and `law`, which have no files; see `cli.config_groups`."""
+"""Hydra's way to the configuration groups `effect` and `law`, which have no files; see `cli.config_files`."""
 
 from pathlib import Path
 
@@ -8,8 +8,7 @@ from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import OmegaConf
 
-from contactlearn.cli import config_groups
-from contactlearn.cli.config_files import CONFIGS
+from contactlearn.cli.config_files import CONFIGS, choice_settings, choices, has_choice
 
 _SCHEME = "contactlearn"
 _GROUPS = ("effect", "law")
@@ -26,7 +25,7 @@ class CatalogueSource(ConfigSource):
     def load_config(self, config_path: str) -> ConfigResult:
         """Make the configuration of a choice, such as effect/side_drag."""
         group, _, name = config_path.removesuffix(".yaml").partition("/")
-        config = OmegaConf.create(config_groups.choice_settings(group, name))
+        config = OmegaConf.create(choice_settings(group, name))
         return ConfigResult(self.provider, f"{_SCHEME}://", config, header={"package": None})
 
     def available(self) -> bool:
@@ -40,14 +39,14 @@ class CatalogueSource(ConfigSource):
     def is_config(self, config_path: str) -> bool:
         """Whether a path is a choice of one of them."""
         group, _, name = config_path.removesuffix(".yaml").partition("/")
-        return group in _GROUPS and config_groups.has_choice(group, name)
+        return group in _GROUPS and has_choice(group, name)
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
         """Return the choices of a group, or the groups."""
         group = config_path.strip("/")
         if results_filter == (ObjectType.GROUP if group else ObjectType.CONFIG):
             return []
-        return config_groups.catalogue_names(group) if group else [*_GROUPS]
+        return choices(group) if group else [*_GROUPS]
 
 
 class CatalogueSearchPath(SearchPathPlugin):

@@ -4,7 +4,7 @@
     fitting    fits that several commands make
     record     TensorBoard, card and figures of a result
     train      one model from one random subset
-    evaluate   laws, learned models and bounds; `curves` has the learning curves, `evaluation_record` figures
+    evaluate   laws, learned models and bounds; `curves` has the learning curves
     transfer   a trained model on other bodies
     diagnose   the missing effects
     impacts    recordings to a table of impacts

@@ -19,7 +19,7 @@ from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.learning import curves as study
 from contactlearn.inference.learning.curves import Curve, count_trainings
 from contactlearn.laws import Law
-from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
@@ -37,8 +37,14 @@ def learning_study(settings: EvaluateSettings, data: Split, run: Run) -> dict[st
     Raises:
         DataError: fewer trials than the least of `curves.sizes`.
     """
-    recipes, sizes = settings.learnable, _sizes(settings, data.pool)
-    terminal.show_left_out([name for name in settings.recipes if name not in recipes])
+    recipes, sizes = settings.learnable, [size for size in settings.curve_sizes if size <= len(data.pool)]
+    if not sizes:
+        least, there = settings.curve_sizes[0], f"{len(data.pool)} trials are there to draw from"
+        raise DataError(f"{data.pool.source}: curves.sizes begin at {least}, but {there}")
+    if skipped := ", ".join(name for name in settings.recipes if name not in recipes):
+        terminal.print_line(
+            f"note: {skipped} uses each trial's (μ, ε) of the law alone and is skipped when there are effects"
+        )
     terminal.show_sizes(sizes, settings.curve_sizes, settings.curve_seeds, len(data.pool))
     terminal.show_reused_trainings(count_trainings(run.partial))
     orders = study.nested_orders(len(data.pool), settings.curve_seeds, data.generator)
@@ -66,15 +72,6 @@ def training_work(settings: EvaluateSettings, partial: Path, on_event: OnEvent, 
         cache=partial,
         progress=lambda done, total: track(done, description, on_event, total),
     )
-
-
-def _sizes(settings: EvaluateSettings, pool: Impacts) -> list[int]:
-    """The sizes of `curves.sizes` that the pool can give."""
-    sizes = [size for size in settings.curve_sizes if size <= len(pool)]
-    if not sizes:
-        least = settings.curve_sizes[0]
-        raise DataError(f"{pool.source}: curves.sizes begin at {least}, but {len(pool)} trials are there to draw from")
-    return sizes
 
 
 def _law_curves(
@@ -106,7 +103,16 @@ def curve_entry(
         mean = curve.errors[metric].mean((1, 2)).tolist()
         below[metric] = {name: study.first_below(mean, curve.sizes, level[metric]) for name, level in levels.items()}
         settled[metric] = study.settled(mean, curve.sizes)
-    return LearningCurve(sizes=curve.sizes, **intervals, below=below, settled=settled, calibration=_calibration(curve))
+    calibration, density = None, curve.density
+    if density is not None:
+        calibration = CurveCalibration(
+            processes=curve.kinds,
+            converged=curve.converged,
+            negative_log_density=tuple(density.negative_log.mean((1, 2)).tolist()),
+            coverage=tuple((density.distance <= metrics.CHI_SQUARED_95).double().mean((1, 2)).tolist()),
+            component_coverage=tuple(map(tuple, density.covered.double().mean((1, 2)).tolist())),
+        )
+    return LearningCurve(sizes=curve.sizes, **intervals, below=below, settled=settled, calibration=calibration)
 
 
 def curve_intervals(curve: Curve, metric: str, generator: torch.Generator, resamples: int) -> tuple[Interval, ...]:
@@ -117,24 +123,3 @@ def curve_intervals(curve: Curve, metric: str, generator: torch.Generator, resam
 def as_rows(intervals: tuple[Interval, ...]) -> Float[Tensor, "n 3"]:
     """Return intervals as rows (mean, low, high)."""
     return torch.tensor([list(one) for one in intervals], dtype=torch.float64)
-
-
-def mean_errors(test: Impacts, predictions: Mapping[str, Prediction]) -> dict[str, dict[str, float]]:
-    """Return the mean of every metric by model."""
-    return {
-        name: {key: metric.error(test, prediction).mean().item() for key, metric in metrics.METRICS.items()}
-        for name, prediction in predictions.items()
-    }
-
-
-def _calibration(curve: Curve) -> CurveCalibration | None:
-    density = curve.density
-    if density is None:
-        return None
-    return CurveCalibration(
-        processes=curve.kinds,
-        converged=curve.converged,
-        negative_log_density=tuple(density.negative_log.mean((1, 2)).tolist()),
-        coverage=tuple((density.distance <= metrics.CHI_SQUARED_95).double().mean((1, 2)).tolist()),
-        component_coverage=tuple(map(tuple, density.covered.double().mean((1, 2)).tolist())),
-    )

@@ -14,12 +14,11 @@ from contactlearn.cli.settings import DiagnoseSettings
 from contactlearn.core import devices
 from contactlearn.data.blocks import Blocks
 from contactlearn.diagnosis import pipeline
-from contactlearn.diagnosis.events import OnEvent, track
+from contactlearn.diagnosis.events import track
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.effects import EffectId, catalogue
 from contactlearn.inference.evaluation.metrics import HEADLINE
-from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report import terminal
 from contactlearn.report.events import progress, show_verdict
 from contactlearn.report.figures.diagnosis import drawn
@@ -34,7 +33,23 @@ def diagnose(settings: DiagnoseSettings, run: Run) -> None:
     impacts = loading.load_data(settings.source, validate=False, folder=run.folder)
     terminal.print_line(f"{impacts.source}: {len(impacts)} impacts")
     with progress(run.folder) as on_event:
-        found = _found(settings, run, impacts, on_event)
+        own = {EffectId(name, effect.form): effect for name, effect in settings.candidates.items()}
+        kinds = {type(effect) for effect in own.values()}  # a class that is imported is also in the catalogue
+        others = {key: effect for key, effect in all_candidates().items() if type(effect) not in kinds}
+        found = pipeline.diagnose(
+            impacts,
+            settings.law,
+            settings.effects,
+            candidates=others | own,
+            laws=settings.laws,
+            noise=settings.noise,
+            limits=settings.limits,
+            seed=settings.seed,
+            seconds=settings.seconds,
+            memory=available_memory(),
+            resume_folder=run.partial,
+            on_event=on_event,
+        )
     command = _next_command(settings, run, found)
     provenance = run.provenance(Blocks.of(impacts), devices.find("cpu"))
     result = DiagnosisRun(provenance=provenance, use=command, diagnosis=found)
@@ -51,26 +66,6 @@ def diagnose(settings: DiagnoseSettings, run: Run) -> None:
             show()
     run.remove_partial_results()
     terminal.show_folder(run.folder)
-
-
-def _found(settings: DiagnoseSettings, run: Run, impacts: Impacts, on_event: OnEvent) -> Diagnosis:
-    own = {EffectId(name, effect.form): effect for name, effect in settings.candidates.items()}
-    kinds = {type(effect) for effect in own.values()}  # a class that is imported is also in the catalogue
-    others = {key: effect for key, effect in all_candidates().items() if type(effect) not in kinds}
-    return pipeline.diagnose(
-        impacts,
-        settings.law,
-        settings.effects,
-        candidates=others | own,
-        laws=settings.laws,
-        noise=settings.noise,
-        limits=settings.limits,
-        seed=settings.seed,
-        seconds=settings.seconds,
-        memory=available_memory(),
-        resume_folder=run.partial,
-        on_event=on_event,
-    )
 
 
 def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[str, Figure]) -> RunRecord:

@@ -4,27 +4,36 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from contactlearn.cli.commands import curves, evaluation_record, fitting, loading, record
+import torch
+from matplotlib.figure import Figure
+
+from contactlearn.cli.commands import curves, fitting, loading, record
 from contactlearn.cli.commands.fitting import Comparison
 from contactlearn.cli.commands.loading import Split
+from contactlearn.cli.commands.record import RunRecord, Scalars
 from contactlearn.cli.commands.transfer import transfer
 from contactlearn.cli.job import Run
-from contactlearn.cli.resource_limits import fits_on_disk
+from contactlearn.cli.resource_limits import FITTED, fits_on_disk
 from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.devices import moved
 from contactlearn.core.errors import DataError
 from contactlearn.diagnosis.events import OnEvent
-from contactlearn.inference.evaluation.metrics import ErrorSums
+from contactlearn.inference.evaluation import bounds, metrics
+from contactlearn.inference.evaluation.metrics import ErrorSums, Interval
 from contactlearn.inference.learning.curves import Curve
 from contactlearn.mechanics.bodies import shapes_entries
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
+from contactlearn.report.figures import laws as figures
+from contactlearn.report.figures import learning, quality
+from contactlearn.report.figures.comparison import error_comparison, patch_curve
+from contactlearn.report.figures.impulse_space import reachable_impulses
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
 from contactlearn.results import estimates, folder
 from contactlearn.results.tables import HeldOut, save_curves, save_held_out, save_trial_parameters
-from contactlearn.results.types import Evaluation
+from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation, LearningCurve, ModelErrors
 
 
 def evaluate(settings: EvaluateSettings, run: Run) -> None:
@@ -51,9 +60,22 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
         terminal.show_reference(result.fits, settings.reference)
     learned: dict[str, Curve] = {}
     if settings.recipes:
-        result, learned = _with_curves(settings, run, data, held_out, result)
+        found = curves.learning_study(settings, data, run)
+        levels = {
+            name: {key: metric.error(data.test, bound).mean().item() for key, metric in metrics.METRICS.items()}
+            for name, bound in held_out.bounds.items()
+        }
+        entries = {
+            name: curves.curve_entry(curve, levels, data.generator, settings.bootstrap) for name, curve in found.items()
+        }
+        result = replace(result, learning_curves=entries)
+        save_curves(found, run.folder / f"learning_curves.{settings.tables}")
+        folder.write_result(run.folder, result)
+        learned = {name: curve for name, curve in found.items() if name not in settings.laws}
+        terminal.show_curves({name: entries[name] for name in learned})
+        run.remove_partial_results()
     with progress(run.folder) as on_event:
-        shown = evaluation_record.evaluation_record(settings, data, compared, held_out, result, learned, row, on_event)
+        shown = _record(settings, data, compared, held_out, result, learned, row, on_event)
     record.write_record(run, result.provenance, shown)
     write(run.folder, of_evaluation(result, held_out))
     terminal.show_folder(run.folder)
@@ -105,24 +127,6 @@ def _result(settings: EvaluateSettings, run: Run, data: Split, compared: Compari
     )
 
 
-def _with_curves(
-    settings: EvaluateSettings, run: Run, data: Split, held_out: HeldOut, result: Evaluation
-) -> tuple[Evaluation, dict[str, Curve]]:
-    """Add learning curves to the result, write it again and print them; with the curves that are no law's."""
-    found = curves.learning_study(settings, data, run)
-    levels = curves.mean_errors(data.test, held_out.bounds)
-    entries = {
-        name: curves.curve_entry(curve, levels, data.generator, settings.bootstrap) for name, curve in found.items()
-    }
-    result = replace(result, learning_curves=entries)
-    save_curves(found, run.folder / f"learning_curves.{settings.tables}")
-    folder.write_result(run.folder, result)
-    learned = {name: curve for name, curve in found.items() if name not in settings.laws}
-    terminal.show_curves({name: entries[name] for name in learned})
-    run.remove_partial_results()
-    return result, learned
-
-
 def _drawn_row(settings: EvaluateSettings, data: Split) -> int | None:
     """Row of the held-out trial to draw, if it is given by name."""
     name, test = settings.figures.trial, data.test
@@ -134,3 +138,124 @@ def _drawn_row(settings: EvaluateSettings, data: Split) -> int | None:
             f"they begin with {', '.join(test.trial[:5])}"
         )
     return test.trial.index(name)
+
+
+def _record(
+    settings: EvaluateSettings,
+    data: Split,
+    compared: Comparison,
+    held_out: HeldOut,
+    result: Evaluation,
+    learned: Mapping[str, Curve],
+    row: int | None,
+    on_event: OnEvent,
+) -> RunRecord:
+    """Return figures and values; figures show the held-out `row`, or that with the median error of the best law."""
+    size = len(data.pool) if result.joint else data.train_size
+    errors = record.headline_errors(result.errors)
+    yardsticks = {name: result.errors[name] for name in (BEST_POST_HOC, IRB)}
+    alone = {name: entry for name, entry in result.errors.items() if name not in result.joint}
+    with_effects = {name: result.errors[name] for name in result.joint}
+    drawn = _laws_drawn(settings, data, compared, on_event)
+    drawn |= _errors_drawn(settings, data, compared, held_out, result, row)
+    if learned:
+        drawn |= _curves_drawn(result, learned, data.test, held_out.bounds)
+    return RunRecord(
+        trained_on=size,
+        scalars=[
+            (data.train_size, record.scalars(result.fits, alone, {})),
+            *([(size, record.scalars([], with_effects, result.joint))] if result.joint else []),
+            (size, {record.MODEL: errors[result.model]}),
+            *_curve_scalars(result.learning_curves, yardsticks),
+        ],
+        figures=drawn,
+        law=result.law,
+        effects=[effect.name for effect in result.effects],
+        equations=(*map(record.law_equation, result.fits), *(fit.equation for fit in result.joint.values())),
+        errors=errors,
+        curves=(*result.learning_curves, *yardsticks) if result.learning_curves else (),
+    )
+
+
+def _curve_scalars(
+    by_model: Mapping[str, LearningCurve], yardsticks: Mapping[str, ModelErrors]
+) -> list[tuple[int, Scalars]]:
+    """Every curve by number of training trials, and the bounds as horizontal lines."""
+    found = []
+    for place, size in enumerate(next(iter(by_model.values())).sizes if by_model else ()):
+        values: dict[str, float | Interval] = {}
+        for metric in metrics.METRICS:
+            values |= {f"curve_{metric}/{model}": curve.of(metric)[place] for model, curve in by_model.items()}
+            values |= {f"curve_{metric}/{model}": errors.of(metric) for model, errors in yardsticks.items()}
+        for model, curve in by_model.items():
+            if curve.calibration is not None:
+                values[f"curve_coverage/{model}"] = curve.calibration.coverage[place]
+                values[f"curve_negative_log_density/{model}"] = curve.calibration.negative_log_density[place]
+        found.append((size, values))
+    return found
+
+
+def _laws_drawn(settings: EvaluateSettings, data: Split, compared: Comparison, on_event: OnEvent) -> dict[str, Figure]:
+    """Convergence and cost surface of a law, per-trial parameters, and the curves of the effects, by file name."""
+    most, shown, how = min(data.train_size, FITTED), settings.figures, settings.identification
+    sizes = torch.linspace(1, most, min(most, 120)).round().int().tolist()  # every k to 120, as many of a larger range
+    pool = moved(data.pool, settings.device)
+    convergence = fitting.identify_law(
+        shown.surface, pool, how, data.generator, on_event, sizes=sizes, repetitions=shown.repetitions
+    )
+    surface = fitting.law_surface(shown.surface, pool, how)
+    drawn = record.draw_effects(list(compared.joint.values())[-1].model, data.test) if compared.joint else {}
+    per_trial = compared.trials[shown.parameters.name]
+    return drawn | {
+        "cost_surface": record.draw_cost_surface(moved(surface, "cpu")),
+        "convergence": figures.convergence(moved(convergence, "cpu")),
+        "trial_parameters": figures.trial_parameters(per_trial, data.impacts, box=how.box),
+    }
+
+
+def _errors_drawn(
+    settings: EvaluateSettings,
+    data: Split,
+    compared: Comparison,
+    held_out: HeldOut,
+    result: Evaluation,
+    row: int | None,
+) -> dict[str, Figure]:
+    """Errors of all models, the bound of contact patches, and one trial in impulse space, by file name."""
+    test, how, axis = data.test, settings.identification, record.headline_axis(settings.norm)
+    laws = {fit.law.name: fit.to_law() for fit in compared.fits}
+    headline = metrics.METRICS[metrics.HEADLINE]
+    per_trial = {name: headline.error(test, prediction) for name, prediction in held_out.predictions.items()}
+    intervals = {name: (one.mean, one.low, one.high) for name, one in record.headline_errors(result.errors).items()}
+    best = min(laws, key=lambda name: intervals[name])
+    row = int(per_trial[best].argsort()[len(test) // 2]) if row is None else row
+    levels = {name: intervals[name][0] for name in (best, BEST_POST_HOC)}
+    widths = settings.patch * torch.linspace(0, 1, 25, dtype=torch.float64) ** 2  # dense where the bound falls
+    shown = moved(test, settings.device)
+    patched = moved(headline.error(shown, bounds.irb(shown, settings.norm, patch=widths[:, None])), "cpu")
+    rows = torch.tensor([list(metrics.bootstrap(error, data.generator, settings.bootstrap)) for error in patched])
+    return {
+        "energy_ellipse": reachable_impulses(test, row, laws, how.box, target=how.target),
+        "error_comparison": error_comparison(per_trial, intervals, axis),
+        "patch_curve": patch_curve((1e3 * widths).tolist(), rows, levels, axis),
+    }
+
+
+def _curves_drawn(
+    result: Evaluation, learned: Mapping[str, Curve], test: Impacts, limits: Mapping[str, Prediction]
+) -> dict[str, Figure]:
+    """Learning curves, error densities at the largest size, and calibration, by file name."""
+    sizes = next(iter(learned.values())).sizes
+    drawn = {}
+    for metric in (metrics.HEADLINE, "normalised_velocity_error"):
+        suffix = "" if metric == metrics.HEADLINE else f"_{metric}"
+        axis = f"{metrics.METRICS[metric].label} ({metrics.METRICS[metric].unit})"
+        intervals = {name: curves.as_rows(result.learning_curves[name].of(metric)) for name in learned}
+        lines = {name: result.errors[name].of(metric) for name in limits}
+        drawn[f"learning_curve{suffix}"] = learning.learning_curve(sizes, intervals, lines, axis)
+        densities = {name: curve.errors[metric][-1].flatten() for name, curve in learned.items()}
+        densities |= {name: metrics.METRICS[metric].error(test, bound) for name, bound in limits.items()}
+        drawn[f"error_densities{suffix}"] = learning.error_densities(densities, axis)
+    sure = {name: curve.density for name, curve in learned.items() if curve.density is not None}
+    coverage = {name: metrics.calibration(density.distance[-1].flatten()) for name, density in sure.items()}
+    return drawn | {"calibration": quality.calibration_curve(coverage)}

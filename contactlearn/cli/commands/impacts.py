@@ -1,7 +1,7 @@
 """The impacts command: recordings to a table of impacts, a table of refusals, figures, and a page."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,8 +11,7 @@ from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import atomic_write
 from contactlearn.data import table, tracks
-from contactlearn.data.recordings.result import Reason, Refusal
-from contactlearn.data.recordings.survey import Survey
+from contactlearn.data.recordings.result import Reason
 from contactlearn.diagnosis.events import track
 from contactlearn.report.events import progress
 from contactlearn.report.figures import style
@@ -27,8 +26,6 @@ _LONGEST = 60  # characters of a recording's name in the name of a file
 def write_impacts(source: SourceSettings, out: Path) -> str:
     """Find the impacts of recordings and write them; return what was found, in words.
 
-    Settings are named as this command has them, without `data.`.
-
     Args:
         source: `data` of a configuration with data=tracks.
         out: a .csv or .parquet file; NAME.refused.csv next to it holds the refusals, NAME.recordings.html shows all.
@@ -37,20 +34,6 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
         ContactLearnError: a setting is missing.
         DataError: see `contactlearn.data.tracks.find_impacts`; or a file cannot be written.
     """
-    try:
-        return _written(source, out)
-    except ContactLearnError as error:
-        error.args = (own_names(str(error), source.options),)
-        raise
-
-
-def own_names(text: str, settings: Iterable[str]) -> str:
-    """Return words about settings of data as the command impacts names them, without `data.`."""
-    return re.sub(rf"(?<![\w./])data\.(?=(?:{'|'.join(settings)})\b)", "", text)
-
-
-def _written(source: SourceSettings, out: Path) -> str:
-    """Do what `write_impacts` does; errors have the names of any other command."""
     for missing in source.missing:
         raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data/tracks.yaml")
     table.check_suffix(out)
@@ -68,19 +51,27 @@ def _written(source: SourceSettings, out: Path) -> str:
             options=options,
             progress=lambda parts: track(parts, "searching recordings", on_event),
         )
-    found = replace(found, survey=_renamed(found.survey, source))
+    refusals = [replace(one, message=own_names(one.message, source.options)) for one in found.survey.refusals]
+    found = replace(found, survey=replace(found.survey, refusals=tuple(refusals)))
     table.save(found.impacts, out)
     refused = out.with_name(f"{out.stem}.refused.csv")
-    save_refusals(found.survey.refusals, refused)
+    columns = ["recording", "reason", "quantity", "value", "unit", "from", "to", "message"]
+    rows = [
+        (r.recording, r.reason.value, r.quantity, r.value, r.unit, *r.time, r.message) for r in found.survey.refusals
+    ]
+    try:
+        with atomic_write(refused) as part:
+            pd.DataFrame(rows, columns=columns).to_csv(part, index=False)
+    except OSError as error:
+        raise DataError(f"{refused}: cannot be written: {error}") from error
     figures = draw_recordings(found, out.with_name(f"{out.stem}_figures"))
     page = write_recordings_page(out.with_name(f"{out.stem}.recordings.html"), found)
     return "\n".join([*tracks_summary(found, out, refused), f"figures  {figures}", f"page     {page}"])
 
 
-def _renamed(survey: Survey, source: SourceSettings) -> Survey:
-    """The survey of recordings, whose refusals name settings as this command does."""
-    refusals = (replace(one, message=own_names(one.message, source.options)) for one in survey.refusals)
-    return replace(survey, refusals=tuple(refusals))
+def own_names(text: str, settings: Iterable[str]) -> str:
+    """Return words about settings of data as the command impacts names them, without `data.`."""
+    return re.sub(rf"(?<![\w./])data\.(?=(?:{'|'.join(settings)})\b)", "", text)
 
 
 def draw_recordings(found: tracks.Tracked, folder: Path) -> Path:
@@ -100,18 +91,3 @@ def draw_recordings(found: tracks.Tracked, folder: Path) -> Path:
         style.save(refused_figure([founds[name] for name in dict.fromkeys(refused[:_REFUSED])]), folder, "refused")
     style.save(residuals_figure([*founds.values()]), folder, "residuals")
     return folder
-
-
-def save_refusals(refusals: Sequence[Refusal], path: Path) -> None:
-    """Write a row for each refusal.
-
-    Raises:
-        DataError: the file cannot be written.
-    """
-    columns = ("recording", "reason", "quantity", "value", "unit", "from", "to", "message")
-    rows = [(r.recording, r.reason.value, r.quantity, r.value, r.unit, *r.time, r.message) for r in refusals]
-    try:
-        with atomic_write(path) as part:
-            pd.DataFrame(rows, columns=list(columns)).to_csv(part, index=False)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be written: {error}") from error

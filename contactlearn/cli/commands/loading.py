@@ -194,9 +194,14 @@ def split(settings: SplitSettings, folder: Path | None = None) -> Split:
 def show_split(data: Split, device_name: str, device: torch.device) -> None:
     """Print the source of the data, the sizes of split and samples, and the device if it is not the usual one."""
     trials, held_out = data.blocks.trials, data.held_out_trials
-    terminal.show_data(data.blocks.source, trials - held_out, held_out)
+    terminal.print_line(
+        f"{data.blocks.source}: {trials} impacts, {trials - held_out} for identification, {held_out} held out"
+    )
     if len(data.impacts) < trials:
-        terminal.show_samples(len(data.pool), len(data.test))
+        terminal.print_line(
+            f"large table: models are fitted to {len(data.pool)} trials, figures and page show {len(data.test)}; "
+            "errors are over all held-out trials"
+        )
     if device_name != "cpu":
         terminal.print_line(f"device={device_name}: computed on {described(device)}")
 
@@ -210,4 +215,6 @@ def track_blocks(on_event: OnEvent, blocks: Iterator[Impacts], trials: int, what
         first, done = not done, done + len(block)
         on_event(TaskProgress(task=what, done=done, total=trials))
         if first and done < trials:
-            terminal.show_estimate(what, trials, (time.monotonic() - begin) * trials / done)
+            seconds = (time.monotonic() - begin) * trials / done
+            duration = f"{seconds / 60:.0f} min" if seconds > 90 else f"{seconds:.0f} s"
+            terminal.print_line(f"{what}: {trials}, about {duration}")

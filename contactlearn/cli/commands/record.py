@@ -67,7 +67,13 @@ def write_record(run: Run, provenance: Provenance, record: RunRecord) -> None:
             tracker.scalars(values, trained_on)
         for tag, values in record.series.items():
             tracker.series(tag, values)
-        tracker.charts(_charts(record))
+        chosen: dict[str, str | Sequence[str]] = {"Each run's model, and the IRB bound": [f"{MODEL}$", f"{BOUND}$"]}
+        if record.curves:
+            tag, named = f"curve_{metrics.HEADLINE}/", "|".join(laws.names())
+            chosen["Learned models, Best Post Hoc and IRB bound"] = [f"{tag}(?!({named})$)"]
+            chosen["Laws, Best Post Hoc and IRB bound"] = [f"{tag}({named}|best_post_hoc|irb)$"]
+            chosen |= {f"{name}: learning curve with 95 % interval": f"{tag}{name}" for name in record.curves}
+        tracker.charts({_HEADLINE_CHARTS: chosen, **record.charts})
         for name, figure in record.figures.items():
             png, _ = save(figure, run.folder / "figures", name)
             tracker.figure(f"figures/{name}", png.read_bytes())
@@ -161,14 +167,3 @@ def _log_card(tracker: Tracker, provenance: Provenance, record: RunRecord) -> No
             [("Held-out mass error", "Mean", "95 % interval"), *rows],
         )
     )
-
-
-def _charts(record: RunRecord) -> dict[str, Mapping[str, str | Sequence[str]]]:
-    """The charts of every run, and those of learning curves and of the run's own."""
-    chosen: dict[str, str | Sequence[str]] = {"Each run's model, and the IRB bound": [f"{MODEL}$", f"{BOUND}$"]}
-    if record.curves:
-        tag, named = f"curve_{metrics.HEADLINE}/", "|".join(laws.names())
-        chosen["Learned models, Best Post Hoc and IRB bound"] = [f"{tag}(?!({named})$)"]
-        chosen["Laws, Best Post Hoc and IRB bound"] = [f"{tag}({named}|best_post_hoc|irb)$"]
-        chosen |= {f"{name}: learning curve with 95 % interval": f"{tag}{name}" for name in record.curves}
-    return {_HEADLINE_CHARTS: chosen, **record.charts}

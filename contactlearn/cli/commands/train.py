@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import torch
-from matplotlib.figure import Figure
 
 from contactlearn.cli.commands import fitting, loading, record
 from contactlearn.cli.commands.fitting import CostSurface
@@ -19,7 +18,7 @@ from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.inference.identification.joint import JointFit
 from contactlearn.inference.identification.shared import SharedFit
-from contactlearn.inference.learning.recipe import TARGETS, Recipe, learn
+from contactlearn.inference.learning.recipe import TARGETS, learn
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models import checkpoint
@@ -142,8 +141,19 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
         drawn["cost_surface"] = record.draw_cost_surface(trained.surface)
     history = {}
     if settings.recipe is not None and trained.regressor is not None:
-        drawn |= _learned_figures(trained, settings.recipe, trained.regressor, test)
-        history = {"fit/loss": trained.regressor.training.history.mean(-1).tolist()}
+        recipe, regressor = settings.recipe, trained.regressor
+        prediction, columns = trained.model.predict(test), list(SPACES[recipe.features].columns)
+        relevance = {
+            output: dict(zip(columns, (1 / lengths[: len(columns)]).tolist(), strict=True))
+            for output, lengths in zip(TARGETS[recipe.target], regressor.gps.hyperparameters(), strict=True)
+        }
+        distance, spread = metrics.squared_distance(test, prediction), metrics.predicted_spread(prediction)
+        drawn |= {
+            "predicted_against_measured": quality.predicted_against_measured(test.v_post, prediction.v_post, spread),
+            "calibration": quality.calibration_curve({trained.name: metrics.calibration(distance)}),
+            "training": quality.training(regressor.training.history, relevance),
+        }
+        history = {"fit/loss": regressor.training.history.mean(-1).tolist()}
     return RunRecord(
         trained_on=result.trained_on,
         scalars=[(result.trained_on, values | {record.MODEL: shown[result.model], record.BOUND: result.irb})],
@@ -155,18 +165,3 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
         equations=[record.law_equation(fit) for fit in result.fits] if alone else [result.equation],
         errors=shown,
     )
-
-
-def _learned_figures(trained: _Trained, recipe: Recipe, regressor: Regressor, test: Impacts) -> dict[str, Figure]:
-    """Draw predictions, calibration and training of a learned model by file name."""
-    prediction, columns = trained.model.predict(test), list(SPACES[recipe.features].columns)
-    relevance = {
-        output: dict(zip(columns, (1 / lengths[: len(columns)]).tolist(), strict=True))
-        for output, lengths in zip(TARGETS[recipe.target], regressor.gps.hyperparameters(), strict=True)
-    }
-    distance, spread = metrics.squared_distance(test, prediction), metrics.predicted_spread(prediction)
-    return {
-        "predicted_against_measured": quality.predicted_against_measured(test.v_post, prediction.v_post, spread),
-        "calibration": quality.calibration_curve({trained.name: metrics.calibration(distance)}),
-        "training": quality.training(regressor.training.history, relevance),
-    }

@@ -3,32 +3,23 @@
 from dataclasses import asdict
 
 import torch
-from matplotlib.figure import Figure
 
 from contactlearn.cli.commands import curves, loading, record
-from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.commands.record import RunRecord
 from contactlearn.cli.job import Run
 from contactlearn.cli.settings import EvaluateSettings, TransferSettings
 from contactlearn.core.devices import moved
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.learning import curves as study
-from contactlearn.inference.learning.curves import Curve, count_trainings
-from contactlearn.inference.learning.recipe import Recipe
-from contactlearn.mechanics.impacts import Impacts
+from contactlearn.inference.learning.curves import count_trainings
 from contactlearn.models import checkpoint
-from contactlearn.models.contact_model import ContactModel
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.figures import learning
 from contactlearn.results import folder
 from contactlearn.results.types import BodyTransfer, Transfer
 
-_ORDER = ("zero_shot", "prior", "scratch")  # of the resamples, whatever is trained first
 WAYS = {"scratch": "From scratch", "prior": "Trained model as prior"}
-
-Bodies = dict[str, tuple[Impacts, Impacts]]
-"""Pool and held-out trials by body."""
 
 
 def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> None:
@@ -47,13 +38,24 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
     terminal.show_reused_trainings(count_trainings(run.partial))
     found = {}
     for name, recipe in settings.recipes.items():
-        model, by_body = _transferred(settings, wanted, name, recipe, source, bodies, data, run)
+        with progress(run.folder) as on_event:
+            learned = study.transfer_curves(
+                recipe,
+                *moved((source, bodies), settings.device),
+                list(wanted.sizes),
+                wanted.seeds,
+                data.generator,
+                impulse=settings.identification.target,
+                box=settings.identification.box,
+                work=curves.training_work(settings, run.partial / name, on_event, f"transfer of {name}"),
+            )
+        model, by_body = moved(learned, "cpu")
         checkpoint.save(model, run.folder / f"{name}.pt", provenance=asdict(provenance))
         found[name] = {
             body: BodyTransfer(
                 **{
                     way: curves.curve_intervals(ways[way], metrics.HEADLINE, data.generator, settings.bootstrap)
-                    for way in _ORDER
+                    for way in ("zero_shot", "prior", "scratch")  # order of the resamples, whatever is trained first
                 }
             )
             for body, ways in by_body.items()
@@ -67,58 +69,10 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
     terminal.show_folder(run.folder)
 
 
-def _transferred(
-    settings: EvaluateSettings,
-    wanted: TransferSettings,
-    name: str,
-    recipe: Recipe,
-    source: Impacts,
-    bodies: Bodies,
-    data: Split,
-    run: Run,
-) -> tuple[ContactModel, dict[str, dict[str, Curve]]]:
-    """Train one model, and compute its curves by body and way."""
-    source, bodies = moved((source, bodies), settings.device)
-    with progress(run.folder) as on_event:
-        found = study.transfer_curves(
-            recipe,
-            source,
-            bodies,
-            list(wanted.sizes),
-            wanted.seeds,
-            data.generator,
-            impulse=settings.identification.target,
-            box=settings.identification.box,
-            work=curves.training_work(settings, run.partial / name, on_event, f"transfer of {name}"),
-        )
-    return moved(found, "cpu")
-
-
 def _record(settings: EvaluateSettings, result: Transfer, train_size: int) -> RunRecord:
     """Figures, and for TensorBoard the errors of every model on every body."""
     headline = f"transfer_{metrics.HEADLINE}"
-    chart = {"Each model from scratch, and with the trained one as prior": [f"{headline}/"]}
-    return RunRecord(
-        trained_on=train_size,
-        scalars=[
-            (size, {f"{headline}/{body}/{name}/{way}": getattr(found, way)[place] for way in WAYS})
-            for name, bodies in result.transfer.items()
-            for place, size in enumerate(result.sizes)
-            for body, found in bodies.items()
-        ],
-        charts={"Transfer to other bodies, against their training impacts": chart},
-        figures=_drawn(settings, result),
-        law=settings.law.name,
-        effects=(),
-        model=", ".join(result.transfer),
-        equations=(),
-        errors={},
-    )
-
-
-def _drawn(settings: EvaluateSettings, result: Transfer) -> dict[str, Figure]:
-    """Draw the curves of every model on the other bodies, by file name."""
-    return {
+    figures = {
         f"transfer_{name}": learning.transfer_errors(
             result.sizes,
             {
@@ -130,3 +84,20 @@ def _drawn(settings: EvaluateSettings, result: Transfer) -> dict[str, Figure]:
         )
         for name, bodies in result.transfer.items()
     }
+    chart = {"Each model from scratch, and with the trained one as prior": [f"{headline}/"]}
+    return RunRecord(
+        trained_on=train_size,
+        scalars=[
+            (size, {f"{headline}/{body}/{name}/{way}": getattr(found, way)[place] for way in WAYS})
+            for name, bodies in result.transfer.items()
+            for place, size in enumerate(result.sizes)
+            for body, found in bodies.items()
+        ],
+        charts={"Transfer to other bodies, against their training impacts": chart},
+        figures=figures,
+        law=settings.law.name,
+        effects=(),
+        model=", ".join(result.transfer),
+        equations=(),
+        errors={},
+    )

@@ -39,7 +39,9 @@ def job_identity(cfg: DictConfig, hydra: DictConfig) -> Done:
     content = OmegaConf.to_container(own, resolve=True)
     config = _sha([hydra.job.config_name, content])
     paths = tuple(dict.fromkeys(_named(content, "path")))
-    data, code = data_fingerprint(paths), code_version(tuple(dict.fromkeys(_foreign(content))))
+    modules = dict.fromkeys(target.rpartition(".")[0] for target in _named(content, "_target_"))
+    foreign = tuple(name for name in modules if name and not name.startswith("contactlearn."))
+    data, code = data_fingerprint(paths), code_version(foreign)
     changing = _CHANGING.search(OmegaConf.to_yaml(own))
     words = "" if changing else words_digest(hydra, list(hydra.overrides.task))
     digest = _sha([config, data, code])[:DIGITS]
@@ -74,7 +76,8 @@ def data_fingerprint(paths: tuple[str, ...]) -> str:
         OSError: a file cannot be read.
     """
     known = [Path(path) for path in paths if Path(path).exists()]
-    return _sha([[_file(one) for one in _files(path)] for path in known]) if known else ""
+    files = ([path, *sorted(path.rglob("*"))] for path in known)
+    return _sha([[_file(one) for one in found if one.is_file()] for found in files]) if known else ""
 
 
 @lru_cache(maxsize=16)
@@ -84,14 +87,6 @@ def code_version(foreign: tuple[str, ...] = ()) -> str:
     sources = _sha([_file(path) for path in sorted(package.rglob("*.py"))])
     own = f"{__version__}+{sources[:DIGITS]}"
     return " ".join([own, *(f"{name}={_module(name)}" for name in foreign)])
-
-
-def _foreign(content: Any) -> Iterator[str]:
-    """Modules of classes that the configuration brings from elsewhere."""
-    for target in _named(content, "_target_"):
-        module = target.rpartition(".")[0]
-        if module and not module.startswith("contactlearn."):
-            yield module
 
 
 def _module(name: str) -> str:
@@ -112,17 +107,10 @@ def _named(content: Any, key: str) -> Iterator[str]:
     """Texts under a key, anywhere in a configuration."""
     if isinstance(content, dict):
         for name, value in content.items():
-            if name == key and isinstance(value, str):
-                yield value
-            else:
-                yield from _named(value, key)
+            yield from [value] if name == key and isinstance(value, str) else _named(value, key)
     elif isinstance(content, list):
         for value in content:
             yield from _named(value, key)
-
-
-def _files(path: Path) -> list[Path]:
-    return sorted(one for one in path.rglob("*") if one.is_file()) if path.is_dir() else [path]
 
 
 def _file(path: Path) -> str:

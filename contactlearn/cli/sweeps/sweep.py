@@ -1,4 +1,4 @@
-"""A whole sweep: launches the jobs that are left, whatever happens to single ones, and prints what failed.
+"""A whole sweep: finds the jobs that are left, launches them whatever happens to single ones, and lists failed ones.
 
 Jobs are judged by what they left on disk.  The return values of a launcher count for little: one killed job takes
 those of the others with it.  A job that fails leaves the reason in its folder, or in its return value where the disk
@@ -6,6 +6,8 @@ is full, and the others go on.  Where a launcher itself breaks down, for example
 memory, jobs that had not begun are launched again together, and those that had begun each alone.
 """
 
+import os
+import re
 import sys
 import time
 from collections import Counter, deque
@@ -21,17 +23,89 @@ from omegaconf import DictConfig, open_dict
 
 from contactlearn.cli.config_files import check_settings
 from contactlearn.cli.resource_limits import GIB, jobs_at_a_time
-from contactlearn.cli.sweeps.plan import Job, Plan, plan_jobs
+from contactlearn.cli.sweeps.identity import DIGITS, job_identity, still_valid, words_digest
 from contactlearn.core.errors import ContactLearnError, install_hint, terminal_safe
 from contactlearn.report.terminal import show_sweep
-from contactlearn.results.state import FAILED, begun, is_held, read_failed
+from contactlearn.results.state import FAILED, Done, begun, is_held, read_done, read_failed
 
-Launch = Callable[[Sequence[Job]], Sequence[str | None]]
+Launch = Callable[[Sequence["Job"]], Sequence[str | None]]
 """Runs jobs, and returns the reason of each that failed."""
 _EXTRAS = {"joblib": "joblib", "submitit": "slurm", "ray": "ray"}  # optional dependencies by a word of the launcher
 _POLL = 0.5  # s between looks at a job that another process runs
 _LAUNCHES = 3  # of a job that does not begin, at most
 _SILENT = "ended without a result and without a reason; was it killed?"
+_LONGEST_NAME = 80  # characters of the settings in the name of a folder
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """A job: its settings as a user would type them, those of them that are swept, and its folder."""
+
+    words: tuple[str, ...]
+    name: str
+    folder: Path
+
+    @property
+    def finished(self) -> bool:
+        """Whether its folder holds its whole result."""
+        return read_done(self.folder) is not None
+
+    @property
+    def overrides(self) -> list[str]:
+        """The words that a launcher needs: those typed, and the folder."""
+        return [*self.words, f"hydra.sweep.subdir='{self.folder.name}'"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """The jobs of a sweep, each once: those to run, and those that were finished before."""
+
+    pending: list[Job]
+    finished: list[Job]
+
+
+def plan_jobs(hydra: DictConfig, several: Sequence[Sequence[str]], compose: Callable[[list[str]], DictConfig]) -> Plan:
+    """Find the folder of each job, and leave out the finished ones; those are not even composed.
+
+    Args:
+        hydra: Hydra's part of the configuration of the sweep.
+        several: settings of each job.
+        compose: gives the configuration of a job from its settings; raises for a wrong one.
+
+    Raises:
+        OSError: a data file, or the folder of the sweep, cannot be read.
+    """
+    root = Path(str(hydra.sweep.dir))
+    folders, known = dict[str, str](), list[Done]()
+    for entry in os.listdir(root) if root.is_dir() else []:
+        digest = entry.rpartition("-")[2]
+        if re.fullmatch(rf"[0-9a-f]{{{DIGITS}}}", digest):
+            folders[digest] = entry
+            done = read_done(root / entry)
+            known += [] if done is None or done.job != digest else [done]
+    sources = {(one.code, one.data, one.paths): one for one in known}
+    sound = {key for key, one in sources.items() if still_valid(one)}
+    by_words = {one.words: one for one in known if one.words and (one.code, one.data, one.paths) in sound}
+    everywhere = set(several[0]).intersection(*several) if several else set[str]()
+    jobs, finished = dict[str, Job](), set[str]()
+    for words in several:
+        name = ",".join(word for word in words if word not in everywhere)
+        done = by_words.get(words_digest(hydra, words))
+        if done is not None:
+            finished.add(done.job)
+        else:
+            cfg = compose(list(words))
+            done = job_identity(cfg, cfg.hydra)
+        if done.job not in jobs:
+            plain = re.sub(r"\[([^]]*)\]", lambda found: found[1].replace(",", "+") or "none", name)
+            plain = re.sub(r"[^\w.,=+-]+", "_", plain).strip("_.,-")[:_LONGEST_NAME] or "job"
+            folder = root / folders.get(done.job, f"{plain}-{done.job}")
+            jobs[done.job] = Job(words=tuple(words), name=name or "all as given", folder=folder)
+    finished |= {digest for digest, job in jobs.items() if digest not in finished and job.finished}
+    return Plan(
+        pending=[job for digest, job in jobs.items() if digest not in finished],
+        finished=[job for digest, job in jobs.items() if digest in finished],
+    )
 
 
 @dataclass
@@ -59,15 +133,11 @@ def sweep(
         ContactLearnError: a wrong setting in any of the jobs, none of which runs then; or a launcher that is missing.
         OSError: the folder of the sweep cannot be made or written.
     """
-    command, loader, folder = (
-        str(config.hydra.job.config_name),
-        context.config_loader,
-        Path(str(config.hydra.sweep.dir)),
-    )
+    folder = Path(str(config.hydra.sweep.dir))
 
     def compose(words: list[str]) -> DictConfig:
-        found = loader.load_sweep_config(config, words)
-        check_settings(found, command)
+        found = context.config_loader.load_sweep_config(config, words)
+        check_settings(found, str(config.hydra.job.config_name))
         return found
 
     plan, outcome = plan_jobs(config.hydra, several, compose), Outcome()
@@ -84,7 +154,18 @@ def sweep(
     finished = [job.folder for job in (*plan.finished, *outcome.finished)]
     if finished:
         show_sweep(finished, folder)
-    _conclude(plan, outcome)
+    counts = [f"{len(finished)} finished"]
+    counts += [f"{len(outcome.queued)} without a result yet"] if outcome.queued else []
+    counts += [f"{len(outcome.failed)} failed"] if outcome.failed else []
+    print(f"sweep    {', '.join(counts)}")
+    for job, reason in outcome.failed:  # last, where a user looks
+        print(terminal_safe(f"failed   {job.name}: {reason}\n         {job.folder}"), file=sys.stderr)
+    if outcome.queued:
+        print("The others go on in the queue; the same command shows them when they have ended.", file=sys.stderr)
+    if outcome.failed:
+        print("The same command runs the failed ones again, and no others.", file=sys.stderr)
+    if outcome.failed or outcome.queued:
+        sys.exit(1)
 
 
 def run_jobs(jobs: Sequence[Job], launch: Launch, at_once: int | None, queues: bool) -> Outcome:
@@ -102,7 +183,13 @@ def run_jobs(jobs: Sequence[Job], launch: Launch, at_once: int | None, queues: b
     while batches:
         batch = batches.popleft()
         before = {job.folder: begun(job.folder) for job in batch}
-        reasons, breakdown = _launched(batch, launch)
+        for job in batch:
+            (job.folder / FAILED).unlink(missing_ok=True)
+        reasons, breakdown = [None] * len(batch), None
+        try:
+            reasons = launch(batch)
+        except Exception as error:  # the launcher's own
+            breakdown = (str(error).strip() or type(error).__name__).splitlines()[0]
         left = [job for job, why in zip(batch, reasons, strict=True) if not _is_settled(job, why, outcome)]
         stopped = [job for job in left if begun(job.folder) != before[job.folder]]
         waiting = [job for job in left if job not in stopped]
@@ -124,16 +211,6 @@ def run_jobs(jobs: Sequence[Job], launch: Launch, at_once: int | None, queues: b
     return outcome
 
 
-def _launched(batch: Sequence[Job], launch: Launch) -> tuple[Sequence[str | None], str | None]:
-    """Launch jobs; the reason of each that failed, and the first line of the launcher's own breakdown."""
-    for job in batch:
-        (job.folder / FAILED).unlink(missing_ok=True)
-    try:
-        return launch(batch), None
-    except Exception as error:
-        return [None] * len(batch), (str(error).strip() or type(error).__name__).splitlines()[0]
-
-
 def _is_settled(job: Job, returned: str | None, outcome: Outcome) -> bool:
     """Enter a job that finished or failed; one that another process runs is waited for, since it may be killed."""
     while is_held(job.folder):
@@ -150,8 +227,16 @@ def _is_settled(job: Job, returned: str | None, outcome: Outcome) -> bool:
 
 def _launcher(config: DictConfig, context: HydraContext, task: TaskFunction, gigabytes: float, jobs: int) -> Launch:
     """The launcher of the configuration, with no more processes than memory allows."""
-    target = str(config.hydra.launcher._target_)
-    _limit(config.hydra.launcher, gigabytes, jobs)
+    target, settings = str(config.hydra.launcher._target_), config.hydra.launcher
+    with open_dict(settings):
+        if "n_jobs" in settings:
+            settings.n_jobs = min(jobs, jobs_at_a_time(settings.n_jobs, gigabytes))
+        elif "ray" in settings and settings.ray.init.get("address") is None:
+            settings.ray.init.num_cpus = min(jobs, jobs_at_a_time(settings.ray.init.get("num_cpus") or -1, gigabytes))
+            settings.ray.remote.pop("memory", None)
+        elif "ray" in settings:
+            settings.ray.init.pop("num_cpus", None)
+            settings.ray.remote.memory = settings.ray.remote.get("memory") or int(gigabytes * GIB)
     try:
         launcher = Plugins.instance().instantiate_launcher(hydra_context=context, task_function=task, config=config)
     except (ImportError, RuntimeError) as error:
@@ -171,33 +256,3 @@ def _launcher(config: DictConfig, context: HydraContext, task: TaskFunction, gig
         return [None if error is None else str(error) for error in failed]
 
     return launch
-
-
-def _limit(launcher: DictConfig, gigabytes: float, jobs: int) -> None:
-    """Let a launcher run no more jobs at a time than memory allows."""
-    with open_dict(launcher):
-        if "n_jobs" in launcher:
-            launcher.n_jobs = min(jobs, jobs_at_a_time(launcher.n_jobs, gigabytes))
-        elif "ray" in launcher and launcher.ray.init.get("address") is None:
-            launcher.ray.init.num_cpus = min(jobs, jobs_at_a_time(launcher.ray.init.get("num_cpus") or -1, gigabytes))
-            launcher.ray.remote.pop("memory", None)
-        elif "ray" in launcher:
-            launcher.ray.init.pop("num_cpus", None)
-            launcher.ray.remote.memory = launcher.ray.remote.get("memory") or int(gigabytes * GIB)
-
-
-def _conclude(plan: Plan, outcome: Outcome) -> None:
-    """Print the numbers of jobs, and the failed ones last, where a user looks; end with status 1 if there are any."""
-    finished = len(plan.finished) + len(outcome.finished)
-    counts = [f"{finished} finished"]
-    counts += [f"{len(outcome.queued)} without a result yet"] if outcome.queued else []
-    counts += [f"{len(outcome.failed)} failed"] if outcome.failed else []
-    print(f"sweep    {', '.join(counts)}")
-    for job, reason in outcome.failed:
-        print(terminal_safe(f"failed   {job.name}: {reason}\n         {job.folder}"), file=sys.stderr)
-    if outcome.queued:
-        print("The others go on in the queue; the same command shows them when they have ended.", file=sys.stderr)
-    if outcome.failed:
-        print("The same command runs the failed ones again, and no others.", file=sys.stderr)
-    if outcome.failed or outcome.queued:
-        sys.exit(1)
