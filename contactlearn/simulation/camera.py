@@ -137,7 +137,8 @@ def record(motion: Motion, camera: Camera, seed: int) -> tuple[list[Recording], 
     skips = rng.integers(1, 3, count) * (rng.random(count) < camera.skipped) * np.isfinite(first)
     late = clock > first[:, None]
     clock = clock + late * skips[:, None] * step
-    pose = _exposed(motion, clock, camera.exposure)
+    offsets = np.linspace(-0.5, 0.5, _BLUR) * camera.exposure if camera.exposure else np.zeros(1)
+    pose = np.mean([motion.poses(torch.from_numpy(np.maximum(clock + dt, 0.0))).numpy() for dt in offsets], 0)
     sigma = np.array((camera.noise, camera.noise, camera.angle_noise))
     pose = pose + sigma * rng.standard_normal(pose.shape)
     bad = rng.random(clock.shape) < camera.bad
@@ -147,13 +148,6 @@ def record(motion: Motion, camera: Camera, seed: int) -> tuple[list[Recording], 
     time = np.arange(camera.frames) / (camera.stated_rate or camera.rate)
     recordings = [_recording(f"{k + 1:04d}", time, poses, camera, rng) for k, poses in enumerate(pose)]
     return recordings, _truth(motion, clock, skips)
-
-
-def _exposed(motion: Motion, clock: Array, exposure: float) -> Array:
-    """Mean poses [N, T, 3] over the exposures that are centred at the instants."""
-    offsets = np.linspace(-0.5, 0.5, _BLUR) * exposure if exposure else np.zeros(1)
-    poses = [motion.poses(torch.from_numpy(np.maximum(clock + dt, 0.0))).numpy() for dt in offsets]
-    return np.mean(poses, 0)
 
 
 def _truth(motion: Motion, clock: Array, skips: NDArray[np.int64]) -> TrueContacts:

@@ -15,6 +15,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
 from contactlearn.core.numerics import whole
 from contactlearn.data.recordings.track import Recording
@@ -40,11 +41,9 @@ def bounce(bench: Bench, count: int, seconds: float, generator: torch.Generator)
     q, v = random_throws(count, generator)
     with rollout.Rollout(nthread=0) as runner:
         thrown = [_thrown(runner, model, data, q[k : k + 1], v[k : k + 1], step, steps) for k in range(count)]
-    most = max(len(start) for start, *_ in thrown)
-    padded = [torch.stack([_filled(x, most) for x in field]) for field in list(zip(*thrown, strict=True))[:4]]
-    rests, path = zip(*(one[4:] for one in thrown), strict=True)
-    start, q, v, v_before = padded
-    start = torch.where(torch.arange(most) < torch.tensor([[len(one[0])] for one in thrown]), start, torch.inf)
+    starts, *flights, rests, path = map(list, zip(*thrown, strict=True))
+    start = pad_sequence(starts, batch_first=True, padding_value=torch.inf)
+    q, v, v_before = (pad_sequence(part, batch_first=True) for part in flights)
     paths, kept_step = torch.stack(path), step * _STRIDE
 
     def poses(time: Tensor) -> Tensor:  # between two kept ones on a line
@@ -55,10 +54,6 @@ def bounce(bench: Bench, count: int, seconds: float, generator: torch.Generator)
 
     rests = torch.tensor(rests, dtype=torch.float64)
     return Motion(start=start, q=q, v=v, v_before=v_before, rests=rests, poses=poses)
-
-
-def _filled(values: Tensor, length: int) -> Tensor:
-    return torch.cat((values, values.new_zeros(length - len(values), *values.shape[1:])))
 
 
 def _thrown(

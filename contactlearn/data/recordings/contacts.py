@@ -287,7 +287,8 @@ def _between(
     neither = _neither(track, before, after, met, options)
     few = _too_few((before, after), known, found, options)
     jump = 1e3 * float(np.hypot(*change[:2]))
-    skipped = _skipped(before, after, met.time, track.step, options.most_missing)
+    late = (n for n in range(1, options.most_missing + 1) if same_flight(before, after, met.time, n * track.step))
+    skipped = next(late, 0)  # frames but for which the two flights are one
     reasons = (
         (skipped > 0, Reason.LOST_FRAMES, "frames skipped in flight", skipped, "frames"),
         (lost > options.most_missing, Reason.LOST_FRAMES, "frames lost at contact", lost, "frames"),
@@ -316,11 +317,6 @@ def _too_few(flights: tuple[Flight, Flight], known: tuple[bool, bool], found: Fl
     return min(counts, default=0)
 
 
-def _skipped(before: Flight, after: Flight, time: float, step: float, most: int) -> int:
-    """Frames that a recording skips if two flights are one but for them, or 0."""
-    return next((n for n in range(1, most + 1) if same_flight(before, after, time, late=n * step)), 0)
-
-
 def _gap(track: Track, first: int, last: int, found: Flights, limits: TrackThresholds) -> Refusal:
     """Why frames from the first to the last are in no flight."""
     frames = np.arange(first, last + 1)
@@ -337,16 +333,11 @@ def _gap(track: Track, first: int, last: int, found: Flights, limits: TrackThres
         ends = first == 0 or last == len(track) - 1
         reason = Reason.TOO_FEW_FRAMES if ends else Reason.DOUBLE_HIT
         return refuse(track, first, last, reason, "frames in no flight", len(seen), "frames")
-    speed = _speed(track, seen)
+    stride = max(1, len(seen) // 10)  # which takes the noise away; a turn of θ counts as 10 mm/rad
+    moved = np.diff(track.pose[seen][::stride], axis=0) * (1.0, 1.0, 0.01)
+    speed = float(np.median(np.linalg.norm(moved, axis=1) / np.diff(track.time[seen][::stride])))
     reason = Reason.REST if speed < limits.rest_speed else Reason.SLIDING
     return refuse(track, first, last, reason, "median speed", speed, "m/s")
-
-
-def _speed(track: Track, frames: Sequence[int] | np.ndarray) -> float:
-    """Median speed in m/s over a tenth of the frames, which takes the noise away; a turn of θ counts as 10 mm/rad."""
-    stride = max(1, len(frames) // 10)
-    moved = np.diff(track.pose[frames][::stride], axis=0) * (1.0, 1.0, 0.01)
-    return float(np.median(np.linalg.norm(moved, axis=1) / np.diff(track.time[frames][::stride])))
 
 
 def refuse(track: Track, first: int, last: int, reason: Reason, quantity: str, value: float, unit: str) -> Refusal:

@@ -26,7 +26,7 @@ from contactlearn.core.numerics import is_number
 from contactlearn.data.recordings.flights import frame_noise, window_blocks, windows
 from contactlearn.data.recordings.frame import Clue, Frame, body_axes, rotation_axis
 from contactlearn.data.recordings.thresholds import TrackThresholds
-from contactlearn.data.recordings.track import Array, Recording, mean_step
+from contactlearn.data.recordings.track import Array, Mask, Recording, mean_step
 from contactlearn.mechanics.rigid_body import GRAVITY
 
 _DURATION = 0.06  # s of a window
@@ -85,7 +85,7 @@ class _Motions:
     velocity: Float[Array, "s d"]
     block: Float[Array, " s"]
 
-    def __getitem__(self, rows: Array) -> "_Motions":
+    def __getitem__(self, rows: Mask) -> "_Motions":
         return _Motions(**{name: value[rows] for name, value in vars(self).items()})
 
 
@@ -120,25 +120,21 @@ def _together(parts: Sequence[_Motions]) -> _Motions:
     return _Motions(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
 
 
-def _shared(motions: _Motions, agree: Array, stated: float | None) -> Gravity:
+def _shared(motions: _Motions, agree: Mask, stated: float | None) -> Gravity:
     """Gravity and drag of the windows that agree, and of those that then do."""
     known, covariance = _fitted(motions[agree])
     for _ in range(_ROUNDS):
         left = np.linalg.norm(motions.acceleration - known[:-1] + known[-1] * motions.velocity, axis=1)
         agree = left <= _NEAR * np.linalg.norm(known[:-1]) + 3 * motions.error
         known, covariance = _fitted(motions[agree])
-    error = float(covariance[-1, -1] ** 0.5) if _enough_blocks(motions[agree]) else np.inf
+    d = motions.velocity.shape[1]
+    enough = len(np.unique(motions.block[agree])) >= _BLOCKS * (d + 1)  # for their scatter to show a drag's error
+    error = float(covariance[-1, -1] ** 0.5) if enough else np.inf
     seen = known[-1] > _DRAG_SIGMAS * error
     drag = stated if stated is not None else float(known[-1]) if seen else 0.0
     if stated is not None or not seen:
         known, covariance = _fitted(motions[agree], drag)
-    d = motions.velocity.shape[1]
     return Gravity(vector=known[:d], covariance=covariance[:d, :d], drag=drag, drag_error=error)
-
-
-def _enough_blocks(motions: _Motions) -> bool:
-    """Whether blocks are enough for their scatter to show the error of a drag."""
-    return len(np.unique(motions.block)) >= _BLOCKS * (motions.acceleration.shape[1] + 1)
 
 
 def _fitted(motions: _Motions, drag: float | None = None) -> tuple[Array, Array]:
@@ -273,24 +269,18 @@ def find_frame(
         frame, clues = Frame(scale=scale, axes=axes), ()
     else:
         frame, clues = _spatial(recordings, up, scale, stated.order, limits)
-    angle = ANGLES[stated.angle or "rad"]
+    right, downward = frame.axes[:2] @ gravity.vector * scale
+    leans = abs(right) > _LEAN_SIGMAS * gravity.error_along(frame.axes[0]) * scale
     return replace(
         frame,
-        angle=angle,
+        angle=ANGLES[stated.angle or "rad"],
         sense=SENSES[stated.sense or "as_read"],
-        gravity=_in_plane(gravity, frame),
+        gravity=(float(right), float(downward)) if leans else (0.0, -float(np.hypot(right, downward))),
         gravity_error=gravity.error * scale,
         drag=gravity.drag,
         drag_error=gravity.drag_error if stated.drag is None else 0.0,
         clues=(unit, direction, *clues, *_drag(gravity, stated.drag)),
     )
-
-
-def _in_plane(gravity: Gravity, frame: Frame) -> tuple[float, float]:
-    """Gravity in m/s², straight down unless it is seen to lean: its error would bias all velocities."""
-    right, up = frame.axes[:2] @ gravity.vector * frame.scale
-    leans = abs(right) > _LEAN_SIGMAS * gravity.error_along(frame.axes[0]) * frame.scale
-    return (float(right), float(up)) if leans else (0.0, -float(np.hypot(right, up)))
 
 
 def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:
@@ -363,20 +353,16 @@ def _check_clock(gravity: Gravity, first: Recording, limits: TrackThresholds) ->
             )
 
 
-def _axis(name: str, dimensions: int) -> Array:
-    k = "xyz".index(name[-1])
-    if k >= dimensions:
-        raise DataError(f"data.up={name}: the recordings have no such axis")
-    return np.eye(dimensions)[k] * (-1 if name.startswith("-") else 1)
-
-
 def _up(gravity: Gravity, stated: str | None, source: str, limits: TrackThresholds) -> tuple[Array, Clue]:
     """Unit vector up in the file's axes: an axis, or against gravity where no axis is."""
     measured = -gravity.vector / gravity.size
     near = AXES[int(np.abs(measured).argmax())]
     near = near if measured.max() == np.abs(measured).max() else f"-{near}"
     name = stated or near
-    axis = _axis(name, len(measured))
+    k = "xyz".index(name[-1])
+    if k >= len(measured):
+        raise DataError(f"data.up={name}: the recordings have no such axis")
+    axis = np.eye(len(measured))[k] * (-1 if name.startswith("-") else 1)
     leaning = float(np.arccos(np.clip(axis @ measured, -1, 1)))
     if stated is not None and leaning > limits.leaning:
         raise DataError(

@@ -291,7 +291,7 @@ def find_flights(
     """Find the free flights of a track."""
     pose, time = track.pose.copy(), track.time
     sigma = frame_noise(time, pose, options.fewest)
-    width = min(_width(sigma, track.step, options, _REST_POWER), len(track))
+    width = min(_width(sigma, track.step, options), len(track))
     if width < options.fewest:
         return Flights(flights=(), sigma=sigma, width=options.fewest)
     if width > options.fewest:
@@ -304,8 +304,11 @@ def find_flights(
         pose[bad_frames] = np.nan
     found = [_first(time, pose, run, sigma, options.air, width) for run in _runs(good, width)]
     found = _joined(time, track.pose, [flight for flight in found if flight is not None], sigma, width)
-    found = [_extended(track, flight, sigma, width, _CONTINUED) for flight in found]
-    sigma = _pooled(found, sigma)
+    found = [_extended(track, flight, sigma, width) for flight in found]
+    freedom = sum(len(f.residual) - 2 for f in found)
+    total = sum(((f.residual**2).sum(0) for f in found), np.zeros(3))
+    # As if eight frames more had the noise of the windows.
+    sigma = np.maximum(np.sqrt((total + 8 * sigma**2) / (freedom + 8)), _LEAST_NOISE)
     return Flights(
         flights=tuple(fit(time, track.pose, f.frames, sigma, f.air) for f in found), sigma=sigma, width=width
     )
@@ -330,12 +333,12 @@ def frame_noise(time: Float[Array, " t"], pose: Float[Array, "t 3"], width: int)
     return np.maximum(np.sqrt(np.median(share, 0) / typical), _LEAST_NOISE)
 
 
-def _width(sigma: Array, step: float, options: FlightOptions, power: float) -> int:
+def _width(sigma: Array, step: float, options: FlightOptions) -> int:
     """Frames of the shortest window in which a body at rest makes so large a χ² that it is no free flight."""
     n = np.arange(options.fewest, _WIDEST + 1)
     bend = np.hypot(*options.air.gravity) / 2 * step**2
     chi_square = bend**2 * n * (n**2 - 1) * (n**2 - 4) / 180 / sigma[:2].max() ** 2
-    return int(n[min(int(np.searchsorted(chi_square, power)), len(n) - 1)])
+    return int(n[min(int(np.searchsorted(chi_square, _REST_POWER)), len(n) - 1)])
 
 
 def _judged(time: Array, pose: Array, width: int, air: Air, sigma: Array, excess: float) -> tuple[Mask, Mask]:
@@ -420,7 +423,7 @@ def _joined(time: Array, pose: Array, found: Sequence[Flight], sigma: Array, wid
     return joined
 
 
-def _extended(track: Track, flight: Flight, sigma: Array, reach: int, limit: float) -> Flight:
+def _extended(track: Track, flight: Flight, sigma: Array, reach: int) -> Flight:
     """A flight with the frames before and after it that continue it, up to three in a row that do not."""
     frames = flight.frames
     for side in (-1, 1):
@@ -431,15 +434,8 @@ def _extended(track: Track, flight: Flight, sigma: Array, reach: int, limit: flo
         away = track.pose[near] - flight.poses(track.time[near])
         away[:, 2] = turn(away[:, 2])
         scaled = np.abs(away) / np.hypot(sigma, flight.spread(track.time[near]))
-        continues = scaled.max(1, initial=0.0) <= limit
+        continues = scaled.max(1, initial=0.0) <= _CONTINUED
         following = np.append(continues, (False, False))
         ends = np.append(np.flatnonzero(~continues & ~following[1:-1] & ~following[2:]), len(near))
         frames = np.concatenate((frames, near[: ends[0]][continues[: ends[0]]]))
     return replace(flight, frames=np.unique(frames))
-
-
-def _pooled(found: Sequence[Flight], sigma: Array) -> Array:
-    """Noise about the flights, as if eight frames more had that of the windows."""
-    freedom = sum(len(f.residual) - 2 for f in found)
-    total = sum(((f.residual**2).sum(0) for f in found), np.zeros(3))
-    return np.maximum(np.sqrt((total + 8 * sigma**2) / (freedom + 8)), _LEAST_NOISE)

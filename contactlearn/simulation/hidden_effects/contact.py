@@ -90,7 +90,11 @@ def collide_rigid(contact: ContactState, steps: int = STEPS) -> Tensor:
     zero, eps = np.zeros_like(v_n), contact.eps.numpy()
     start = _Instant(v_t, v_n, contact.v[:, 2].numpy(), zero, zero, zero, zero)
     step = -v_n / (inverse_inertia(contact.mass, contact.inertia, contact.r)[:, 1, 1].numpy() * steps)
-    middle = _follow(contact, start, step, steps, _until_stopped)
+
+    def until_stopped(now: _Instant, rise: _Numbers) -> _Numbers:
+        return np.where(rise > 0, -now.v_n / rise, np.inf)
+
+    middle = _follow(contact, start, step, steps, until_stopped)
     stored = -middle.work
     if contact.energetic:
 
@@ -122,11 +126,6 @@ def detach(contact: ContactState, v: Tensor, work: float) -> Tensor:
     pull = (v_n - (v_n**2 - 2 * w_nn * work).clamp_min(0).sqrt()) / w_nn
     zero = torch.zeros_like(pull)
     return apply_wrench(contact.mass, contact.inertia, contact.r, v, torch.stack((zero, -pull, zero), -1))
-
-
-def _until_stopped(now: _Instant, rise: _Numbers) -> _Numbers:
-    """Impulse until v_n = 0, at a rise of dv_n/dp."""
-    return np.where(rise > 0, -now.v_n / rise, np.inf)
 
 
 def _follow(

@@ -71,7 +71,12 @@ def draw(
         DataError: a value out of its range, or an effect named twice.
         UnknownNameError: no such effect.
     """
-    _check(seed, size, noise, strength)
+    whole("seed", seed, 0)
+    whole("size", size, 1)
+    if not 0 <= noise < math.inf:
+        raise DataError(f"noise must be a finite factor, at least 0, got {noise!r}")
+    if len(strength) != 2 or not 0 <= strength[0] <= strength[1] < math.inf:
+        raise DataError(f"strength must be a range [low, high] with 0 ≤ low ≤ high, got {strength!r}")
     names = choose(random.Random(f"mystery {seed} effects")) if effects is None else _named(effects)
     shape, mass, plain, sigma = _laboratory(seed, names)
     pool = _pool(seed, size, shape, mass, noise * sigma)
@@ -113,18 +118,14 @@ def _account(
 ) -> dict[str, Any]:
     """Effects and outcomes of the truth; see `draw`."""
     without = plain.outcome(drops.states)
+    measured = drops.states._replace(v=drops.states.v + drops.noise[:, 0])
+    touches = world.approaches(measured)
     return {
         "effects": [effect.account(plain, drops.states, without) for effect in chosen],
         "v_post": v_post.tolist(),
-        "v_post_from_measured": _from_measured(world, drops, v_post).tolist(),
+        "v_post_from_measured": torch.where(touches[:, None], world.outcome(measured), v_post).tolist(),
         "v_post_without": without.tolist(),
     }
-
-
-def _from_measured(world: World, drops: "_Drops", otherwise: Tensor) -> Tensor:
-    """Outcomes of the reported noisy states; `otherwise` where such a state would not touch the floor."""
-    measured = drops.states._replace(v=drops.states.v + drops.noise[:, 0])
-    return torch.where(world.approaches(measured)[:, None], world.outcome(measured), otherwise)
 
 
 class _Drops(NamedTuple):
@@ -263,12 +264,3 @@ def _named(effects: Sequence[str]) -> list[str]:
     if len(set(effects)) < len(effects):
         raise DataError(f"each effect can be hidden once, got {', '.join(effects)}")
     return list(effects)
-
-
-def _check(seed: int, size: int, noise: float, strength: tuple[float, float]) -> None:
-    whole("seed", seed, 0)
-    whole("size", size, 1)
-    if not 0 <= noise < math.inf:
-        raise DataError(f"noise must be a finite factor, at least 0, got {noise!r}")
-    if len(strength) != 2 or not 0 <= strength[0] <= strength[1] < math.inf:
-        raise DataError(f"strength must be a range [low, high] with 0 ≤ low ≤ high, got {strength!r}")
