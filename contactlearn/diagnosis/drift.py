@@ -248,7 +248,10 @@ def ordered_candidates(selection: Selection, drift: Drift) -> set[EffectId]:
 
 def measurement_drift(selection: Selection, thresholds: Thresholds, generator: torch.Generator) -> Drift | None:
     """Find the dependence of the measurement along the sequence; None without any, or where a parameter drifts."""
-    pool, without = selection.pool, _without_order(selection)
+    pool, spec = selection.pool, selection.spec
+    left = frozenset(key for key in spec.effects if not follows_order(pool.candidates[key], selection.impacts))
+    without_order = Spec(spec.law, left)
+    without = pool.fitted(without_order, pool.start(without_order, selection.chosen, {}))
     found = drifts(without.fit, selection.impacts, pool.options, thresholds)
     lasting = selection.spec.effects - without.spec.effects
     if found is None or not lasting:
@@ -335,11 +338,3 @@ def drift_finding(drift: Drift) -> Finding:
 def _left(impacts: Impacts, fit: JointFit) -> Float[Tensor, "n 3"]:
     """The residual of a fitted model."""
     return impacts.v_post - fit.model.predict(impacts).v_post
-
-
-def _without_order(selection: Selection) -> ScoredFit:
-    """The chosen model without effects that follow the order."""
-    pool, effects = selection.pool, selection.spec.effects
-    left = frozenset(key for key in effects if not follows_order(pool.candidates[key], selection.impacts))
-    spec = Spec(selection.spec.law, left)
-    return pool.fitted(spec, pool.start(spec, selection.chosen, {}))

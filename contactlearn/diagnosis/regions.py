@@ -229,7 +229,7 @@ def find_regions(
     p_values = _holm([_p_value(ranked, window.rows, window.free & ~searched) for window in windows])
     regions = []
     for window, p_value in zip(windows, p_values, strict=True):
-        ratio = _ratio(errors[window.rows & window.free & ~searched], errors[~window.rows & ~searched], _GROSS)
+        ratio = _ratio(errors[window.rows & window.free & ~searched], errors[~window.rows & ~searched])
         if p_value <= thresholds.region_level and ratio.mean >= thresholds.region_ratio and ratio.low > 1:
             regions.append(window.region(ratio, p_value))
     return tuple(sorted(regions, key=lambda region: region.p_value))
@@ -339,11 +339,11 @@ def _holm(p_values: Sequence[float]) -> list[float]:
     return corrected
 
 
-def _ratio(inside: Float[Tensor, " a"], outside: Float[Tensor, " b"], gross: float) -> Interval:
+def _ratio(inside: Float[Tensor, " a"], outside: Float[Tensor, " b"]) -> Interval:
     """Ratio of the mean errors, gross ones curbed, with its 95 % interval by the delta method; 1 if too few."""
     if min(len(inside), len(outside)) < 2 or not inside.median() * outside.median() > 0:
         return Interval(1.0, 0.0, math.inf)
-    inside, outside = (errors.clamp_max(gross * errors.median()) for errors in (inside, outside))
+    inside, outside = (errors.clamp_max(_GROSS * errors.median()) for errors in (inside, outside))
     ratio = (inside.mean() / outside.mean()).item()
     spread = math.sqrt(sum((e.var() / (len(e) * e.mean() ** 2)).item() for e in (inside, outside)))
     return Interval(ratio, ratio * math.exp(-Z_95 * spread), ratio * math.exp(Z_95 * spread))

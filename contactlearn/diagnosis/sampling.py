@@ -159,7 +159,8 @@ def error_map(impacts: Impacts, law: Prediction, before: Float[Tensor, " n"], af
     """
     known = {one.name: one for one in variables(impacts, law)}
     folded = "theta" if "theta_folded" in known else ""
-    varying = [known[name] for name in _PREFERRED if name in known and name != folded and _varies(known[name])]
+    varying = [known[name] for name in _PREFERRED if name in known and name != folded]
+    varying = [one for one in varying if one.values.min() < one.values.max()]
     across, up = (*varying, *known.values())[:2]
     (column, left, right), (row, low, high) = _placed(across, _ACROSS), _placed(up, _UP)
     cell, size = row * _ACROSS + column, _ACROSS * _UP
@@ -176,10 +177,6 @@ def error_map(impacts: Impacts, law: Prediction, before: Float[Tensor, " n"], af
         law=tuple(None if x != x else x for x in law_mean),
         named=tuple(None if x != x else x for x in named_mean),
     )
-
-
-def _varies(variable: Variable) -> bool:
-    return bool(variable.values.min() < variable.values.max())
 
 
 def _placed(variable: Variable, cells: int) -> tuple[Int[Tensor, " n"], float, float]:
@@ -361,7 +358,10 @@ def object_numbers(impacts: Impacts) -> Int[Tensor, " n"]:
 
 def _cells(impacts: Impacts, objects: Int[Tensor, " n"], size: int, shuffled: Tensor) -> Int[Tensor, " n"]:
     """The rows, cell after cell."""
-    inputs = _inputs(impacts)[shuffled]
+    order, theta = impacts.order, impacts.q[:, 2].remainder(2 * math.pi)
+    # The sequence is halved twice, since a change along it is often sudden.
+    columns = (order, theta, *impacts.v_c.unbind(-1), impacts.v_pre[:, 2], order, impacts.r[:, 0], impacts.q[:, 0])
+    inputs = torch.stack(columns, -1)[shuffled]
     cell = objects[shuffled]
     halvings = math.ceil(math.log2(max(2, size / (1 + int(objects.max())))))
     for level in range(halvings):
@@ -372,13 +372,6 @@ def _cells(impacts: Impacts, objects: Int[Tensor, " n"], size: int, shuffled: Te
         upper = 2 * (torch.arange(len(order)) - first) >= counts.repeat_interleave(counts)
         cell[order] = 2 * here.repeat_interleave(counts) + upper
     return shuffled[cell.argsort(stable=True)]
-
-
-def _inputs(impacts: Impacts) -> Float[Tensor, "n d"]:
-    """Columns in the order in which they are halved; the sequence twice, for what changes along it is often sudden."""
-    order, theta = impacts.order, impacts.q[:, 2].remainder(2 * math.pi)
-    columns = (order, theta, *impacts.v_c.unbind(-1), impacts.v_pre[:, 2], order, impacts.r[:, 0], impacts.q[:, 0])
-    return torch.stack(columns, -1)
 
 
 def _with_every_object(

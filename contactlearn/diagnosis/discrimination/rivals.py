@@ -74,7 +74,9 @@ def find_rivals(
     found: dict[EffectId, list[FittedRival]] = {effect: [] for effect in selection.missing}
     if not tasks:
         return dict.fromkeys(found, ())
-    scatter, chosen = _yardstick(selection)
+    residual = selection.impacts.v_post - selection.present.fit.model.predict(selection.impacts).v_post
+    scatter = robust_covariance(residual)  # in which all models are compared
+    chosen = validated(selection.pool, selection.folds, selection.chosen, scatter)
     for effect, candidate, collinearity in progress(tasks):
         fitted = _replaced(selection, effect, candidate, collinearity.start, scatter)
         gain, error = paired_gain(chosen, fitted)
@@ -124,13 +126,6 @@ def _exchanged(selection: Selection, effect: EffectId) -> set[EffectId]:
 def own_parameters(model: ValidatedFit, name: str) -> Bool[Tensor, " k"]:
     """Tell which parameters of a model are those of one effect."""
     return torch.tensor([p.name.startswith(f"{name}.") for p in model.fit.parameters])
-
-
-def _yardstick(selection: Selection) -> tuple[Float[Tensor, "3 3"], ValidatedFit]:
-    """The scatter of the chosen model's residual, and that model with its losses in this scatter."""
-    present = selection.present
-    scatter = robust_covariance(selection.impacts.v_post - present.fit.model.predict(selection.impacts).v_post)
-    return scatter, validated(selection.pool, selection.folds, selection.chosen, scatter)
 
 
 def _as_good(chosen: ValidatedFit, other: ValidatedFit, rival: Rival, thresholds: Thresholds) -> bool:

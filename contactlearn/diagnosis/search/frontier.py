@@ -96,7 +96,9 @@ class Search:
             if fruitless == _FRUITLESS or self.late:
                 break
         for smaller in range(size - 1, 0, -1):
-            self._shrink(smaller)
+            for parent in self.models(smaller + 1)[:1]:
+                self._fit(self._predicted(parent, _smaller))
+                self._exchange(smaller)
         return not self.late
 
     def improve(self) -> None:
@@ -176,12 +178,6 @@ class Search:
                 self.pool.adopt(law, model)
             elif score < own + HOPELESS * len(self.pool.impacts):
                 self.pool.fitted(spec, model.fit.values)
-
-    def _shrink(self, size: int) -> None:
-        """Fit models of a size from the best with one effect more."""
-        for parent in self.models(size + 1)[:1]:
-            self._fit(self._predicted(parent, _smaller))
-            self._exchange(size)
 
     def _predicted(self, model: ScoredFit, neighbours: Neighbours, passes: int = 1) -> list[Proposal]:
         """Neighbours of a model that have not been fitted, and neighbours of the best of them, by predicted scores."""

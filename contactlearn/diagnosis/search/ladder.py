@@ -19,7 +19,6 @@ from torch import Tensor
 from contactlearn.diagnosis.regions import improvement_by_region
 from contactlearn.diagnosis.result.effects import FittedParameter, MissingEffect, Region, Rung, RungKind
 from contactlearn.diagnosis.search.selection import Selection, inclusion, smaller
-from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import outside_admissible
 from contactlearn.inference.validation import ValidatedFit, held_out_interval
 
@@ -48,9 +47,13 @@ def ladder(selection: Selection, regions: Sequence[Region], generator: torch.Gen
     less = {effect: selection.without(effect) for effect in effects}
     reductions = {effect: (less[effect].error - final.error).nanmean().item() for effect in effects}
     effects.sort(key=reductions.__getitem__, reverse=True)
-    models = _models(selection, effects)
+    model, models = selection.chosen, [final]  # of each rung: the law, and one more of the effects on each
+    for effect in reversed(effects):
+        model = smaller(selection.pool, model, effect)
+        models.insert(0, selection.validated(model.spec))
     errors = [held_out_interval(model.error, generator) for model in models]
-    outside = [_inadmissible(selection, model) for model in models]
+    impulses = (model.fit.model.predict(selection.impacts).wrench[..., :2] for model in models)
+    outside = [outside_admissible(selection.impacts, impulse).double().mean().item() for impulse in impulses]
     missing = tuple(
         MissingEffect(
             effect=effect,
@@ -72,21 +75,6 @@ def ladder(selection: Selection, regions: Sequence[Region], generator: torch.Gen
         for effect, error in zip(effects, errors[1:], strict=True)
     )
     return Ladder(rungs=(Rung(kind=RungKind.LAW, error=errors[0]), *rungs), missing=missing)
-
-
-def _models(selection: Selection, effects: Sequence[EffectId]) -> list[ValidatedFit]:
-    """The model of each rung: the law, and one more of the effects on each."""
-    model, models = selection.chosen, [selection.present]
-    for effect in reversed(effects):
-        model = smaller(selection.pool, model, effect)
-        models.insert(0, selection.validated(model.spec))
-    return models
-
-
-def _inadmissible(selection: Selection, model: ValidatedFit) -> float:
-    """Share of the predicted impulses that gain energy, pull or leave penetration."""
-    impulse = model.fit.model.predict(selection.impacts).wrench[..., :2]
-    return outside_admissible(selection.impacts, impulse).double().mean().item()
 
 
 def _filled(error: Float[Tensor, " n"]) -> Float[Tensor, " n"]:

@@ -228,7 +228,8 @@ def _chosen(
     pool: Pool, folds: Folds, spec: Spec, complete: bool, window: float, generator: torch.Generator
 ) -> Selection:
     """The selection of a model, with its neighbours."""
-    _fit_neighbours(pool, pool.models[spec], window)
+    model = pool.models[spec]
+    Search(pool, len(spec.effects)).exchange_all(model, model.score + window, _RIVAL_FITS)
     return Selection(
         pool=pool,
         folds=folds,
@@ -305,8 +306,3 @@ def _worth_a_name(
     enough = min(thresholds.minor_share * together, thresholds.form_error * without.mean_error)
     each = max(enough, thresholds.least_gain * without.mean_error)
     return fall > effects * each and gain > thresholds.gain_sigmas * error
-
-
-def _fit_neighbours(pool: Pool, model: ScoredFit, window: float) -> None:
-    """Fit the exchanges of one effect that may be as good, and the same effects around other laws."""
-    Search(pool, len(model.spec.effects)).exchange_all(model, model.score + window, _RIVAL_FITS)

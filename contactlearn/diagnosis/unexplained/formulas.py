@@ -82,7 +82,8 @@ class Library:
         _pursuit()  # before any work is done
         k, wrench = list(WrenchComponent).index(component), model.base_prediction(impacts).wrench
         columns, texts = _values(impacts, model, component, wrench)
-        reach = _reach_of_law(impacts, model)[:, k]
+        coefficients = torch.stack(_coefficients(impacts, model), -1)
+        reach = wrench_per_parameter(model.law, impacts, coefficients, model.effects)[:, k]
         residual = impacts.wrench[:, k] - wrench[:, k]
         span, scale, _ = torch.linalg.svd(reach, full_matrices=False)
         span = span[:, scale > 1e-9 * scale.max().clamp_min(1e-300)]
@@ -150,11 +151,6 @@ def _values(
     return columns, list(lines)
 
 
-def _reach_of_law(impacts: Impacts, model: ContactModel) -> Float[Tensor, "n 3 2"]:
-    """Derivative of the wrench in μ and ε."""
-    return wrench_per_parameter(model.law, impacts, torch.stack(_coefficients(impacts, model), -1), model.effects)
-
-
 def _coefficients(impacts: Impacts, model: ContactModel) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"]]:
     """μ and ε of each trial."""
     mu, eps = (p.expand(len(impacts)) for p in model.law.coefficients)
@@ -164,12 +160,8 @@ def _coefficients(impacts: Impacts, model: ContactModel) -> tuple[Float[Tensor, 
 def _texts(component: WrenchComponent) -> list[str]:
     """Every term, the short ones first."""
     quantities = _MOMENTS if component is WrenchComponent.MOMENT else _IMPULSES
-    texts = {*_SHAPES, *(_product(a, b) for a in quantities for b in _FACTORS)}
+    texts = {*_SHAPES, *(a if b == "1" else f"{a}*{b}" for a in quantities for b in _FACTORS)}
     return sorted(texts, key=lambda text: (len(re.findall(r"\w+", text)), len(text), text))
-
-
-def _product(quantity: str, factor: str) -> str:
-    return quantity if factor == "1" else f"{quantity}*{factor}"
 
 
 def _pursuit() -> type:

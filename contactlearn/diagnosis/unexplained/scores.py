@@ -52,7 +52,9 @@ class Scores:
 
         Where so many neighbouring trials, a `block`, resemble each other, there are fewer drifts, as of fewer trials.
         """
-        slow = _cosines(impacts, min(_SLOW, len(impacts) // (_TRIALS_A_CURVE * block)))
+        most = min(_SLOW, len(impacts) // (_TRIALS_A_CURVE * block))
+        place = (impacts.order.argsort(stable=True).argsort() + 0.5) / len(impacts)
+        slow = (math.pi * place[:, None] * torch.arange(most + 1)).cos()
         drifts = (torch.eye(3, dtype=torch.float64)[..., None] * slow[:, None, None]).flatten(2)
         return cls._beside(
             impacts, fit, options, torch.cat((drifts, attenuation_regressors(impacts, fit, options)), -1)
@@ -77,7 +79,9 @@ class Scores:
         slope, beside = slopes[..., :2], [root[:, None, None] * other[rows].nan_to_num(0.0, 0.0, 0.0)]
         if own is not None:
             beside.append((slope[..., None] * own[rows][:, None, None]).flatten(2))
-        reach = _orthonormal(torch.cat((slopes, *beside), -1))
+        flat = torch.cat((slopes, *beside), -1).flatten(0, 1)
+        span, size, _ = torch.linalg.svd(flat / flat.norm(dim=0).clamp_min(1e-300), full_matrices=False)
+        reach = span[:, size > 1e-6 * size.max()].unflatten(0, (-1, 3))  # an orthonormal basis
         return cls(rows, residual - _projected(reach, residual[..., None])[..., 0], slope, reach)
 
     def __len__(self) -> int:
@@ -93,12 +97,6 @@ class Scores:
     def free(self, columns: Float[Tensor, "n 3 k"]) -> Float[Tensor, "n 3 k"]:
         """Return changes without what is projected out."""
         return columns - _projected(self.reach, columns)
-
-
-def _cosines(impacts: Impacts, most: int) -> Float[Tensor, "n k"]:
-    """1 and cosines over the places in the sequence."""
-    place = (impacts.order.argsort(stable=True).argsort() + 0.5) / len(impacts)
-    return (math.pi * place[:, None] * torch.arange(most + 1)).cos()
 
 
 def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
@@ -119,13 +117,6 @@ def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
         parts += one_hot(torch.tensor([bodies[name] for name in impacts.object])).to(torch.float64).unbind(-1)
     columns = torch.stack(parts, -1)
     return (columns - columns.mean(0)) / columns.std(0).clamp_min(1e-12)
-
-
-def _orthonormal(columns: Float[Tensor, "n 3 k"]) -> Float[Tensor, "n 3 q"]:
-    """An orthonormal basis of the span of columns."""
-    flat = columns.flatten(0, 1)
-    span, size, _ = torch.linalg.svd(flat / flat.norm(dim=0).clamp_min(1e-300), full_matrices=False)
-    return span[:, size > 1e-6 * size.max()].unflatten(0, (-1, 3))
 
 
 def _projected(reach: Float[Tensor, "n 3 q"], columns: Float[Tensor, "n 3 k"]) -> Float[Tensor, "n 3 k"]:

@@ -121,7 +121,8 @@ def screen_associations(
     )  # no scores
     chance = exceedance(neg_log_p.amax(1))
     enough = neg_log_p[1:].amax(1).quantile(1 - level).item()
-    names = [*_sequential(scores, spread.shape[1] // 2, frequency[0]), *_historical(history)]
+    historical = [(kind, memory, values) for memory, values in history.items() for kind in _kinds(memory)]
+    names = [*_sequential(scores, spread.shape[1] // 2, frequency[0]), *historical]
     found = [
         Association(coefficient=coefficient, memory=memory, values=x, neg_log_p=own)
         for (coefficient, memory, x), own in zip(names, neg_log_p[0].tolist(), strict=True)
@@ -166,13 +167,6 @@ def _sequential(scores: Scores, widths: int, frequency: Float[Tensor, "2"]) -> I
             yield coefficient, Memory(LaggedVariable.ORDER, 2.0 ** (k + 1)), place
     for coefficient, f in zip(_COEFFICIENTS, frequency.tolist(), strict=True):
         yield coefficient, Memory(LaggedVariable.PERIOD, 1 / f), 2 * math.pi * f * place
-
-
-def _historical(history: Mapping[Memory, Tensor]) -> Iterator[_Name]:
-    """Quantities of earlier impacts, each with every coefficient that may depend on it."""
-    for memory, values in history.items():
-        for kind in _kinds(memory):
-            yield kind, memory, values
 
 
 def _kinds(memory: Memory) -> tuple[Coefficient | None, ...]:
