@@ -1,8 +1,8 @@
 """Design the next experiment, and watch the ambiguity fall.
 
-Few drops of one kind often suit two explanations. Here a simulator is the laboratory: the drops that separate two
-models best are asked for, measured, and added to the table, and the models are fitted again; beside it, as many drops
-of the usual kind.
+Few drops of one kind often suit two explanations. Here a simulator is the laboratory. In each round the drops that
+separate two models best are measured, and the models are fitted again; as many usual drops are the
+comparison.
 """
 
 import torch

@@ -1,7 +1,7 @@
 """Bring a CSV of your own.
 
-A table with a row for each impact is enough, in your own words and units: say which column is which, in which units
-they are, and in which sense angles are positive. The audit says what is wrong before anything is fitted.
+A table with a row for each impact is enough, with your own names and units: state which column is which, the units, and
+the sense in which angles are positive. The audit says what is wrong before anything is fitted.
 """
 
 import math
@@ -41,9 +41,8 @@ columns |= {
 units = {"length": "mm", "mass": "g", "angle": "deg"}
 shape = {"kind": "ellipse", "semi_axes": [0.035, 0.025]}
 
-# The sense of rotation is forgotten here. The audit finds that the moments do not balance. Clockwise angles look like
-# a mirrored x, the same experiment seen from behind: it names the reading that mends the table, and whoever made it
-# knows which of the two it was.
+# Here the sense of rotation is missing. The audit finds that the moments do not balance. Clockwise angles look like a
+# mirrored x, the same experiment seen from behind, so the audit names that reading; you know which of the two it was.
 wrong = table.read(path, shape=shape, columns=columns, units=units, validate=False)
 for finding in audit(wrong.impacts):
     print(finding.sentence, "→ data.correct", finding.correction)

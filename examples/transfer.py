@@ -1,7 +1,7 @@
 """Transfer to other bodies.
 
-A model is learnt on one body: is it any good on another one, and does it save trials there? These are the two
-questions that end the paper. The law under the model is wrong on purpose, so that there is something to learn.
+Is a model of one body any good on another one, and does it save trials there? The paper ends with these two
+questions. The law under the model is wrong on purpose, so that there is something to learn.
 """
 
 import torch

@@ -35,7 +35,7 @@ pd.concat(frames).drop(columns="order").to_csv(chosen.out / "both.csv", index=Fa
 impacts = table.load(chosen.out / "both.csv", shape=shapes)
 print(impacts)
 
-# A model that takes both for one, and one with a restitution and a friction for each, are fitted to one half of the
+# A model that treats both as one, and one with a restitution and a friction for each, are fitted to one half of the
 # drops and judged on the other.
 pool, test = impacts.split(0.5, torch.Generator().manual_seed(0))
 effects = {name: find_effect(name)() for name in ("body_dependent_restitution", "body_dependent_friction")}
