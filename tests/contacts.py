@@ -10,11 +10,12 @@ from typing import NamedTuple
 
 import clarabel
 import numpy as np
+import pytest
 import torch
 from scipy import sparse
 from torch import Tensor
 
-from contactlearn.laws import find
+from contactlearn.laws import find, names
 
 torch.set_num_threads(1)  # for batches of this size two threads mostly wait for each other: three times as slow
 
@@ -288,6 +289,11 @@ def _follow(contacts: Contacts, restitution: str, friction: str, h: np.ndarray, 
 
 
 # --- Laws by name -------------------------------------------------------------------------------
+
+VARIANTS = ("textbook", "fazeli2017")
+DIFFER = {"whittaker", "anitescu_potra_poisson", "drumwright_shell", "mirtich"}  # in the paper's variant
+EVERY = [pytest.param(n, v, id=f"{n}-{v}") for n in names() for v in VARIANTS]
+DISTINCT = [case for case in EVERY if case.values[1] == "textbook" or case.values[0] in DIFFER]
 
 
 def impulse(name, W, v_c, mu, eps, *, variant="textbook", e_t=None, out=None):

@@ -23,10 +23,10 @@ def changed():
     """Paths that differ from the last commit, none where there is no git."""
     words = ["git", "-C", str(ROOT), "status", "--porcelain", "--untracked-files=all"]
     try:
-        said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+        message = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     except (OSError, subprocess.CalledProcessError):
         return set()
-    return {line[3:].rpartition(" -> ")[2] for line in said.splitlines()}
+    return {line[3:].rpartition(" -> ")[2] for line in message.splitlines()}
 
 
 def _imported(path, modules):

@@ -199,7 +199,7 @@ def test_parameters_stay_within_what_is_known():
 TILT = find_effect("surface_tilt")
 
 
-@pytest.mark.parametrize(("planted", "noise", "slope", "said"), [
+@pytest.mark.parametrize(("planted", "noise", "slope", "message"), [
     (0.0, 5.0, (0.002, 0.001),
         "free flight determines t.phi more precisely than the impacts: φ = 0.0020 ± 0.0010 rad from free flight"),
     (0.05, 0.0, (0.002, 0.001),
@@ -208,7 +208,7 @@ TILT = find_effect("surface_tilt")
     (0.0, 0.0, (0.02, 0.002), "imply less t.phi than free flight shows: φ = 0.0200 ± 0.0020 rad from free flight"),
     (0.05, 0.0, (0.048, 0.002), "impacts and free flight agree on t.phi"),
 ], ids=["better", "more", "other way", "less", "agree"])  # fmt: skip
-def test_a_fit_says_whether_flight_or_the_impacts_know_better(planted, noise, slope, said):
+def test_a_fit_compares_free_flight_with_the_impacts(planted, noise, slope, message):
     model = laws.find("wang_mason").at(0.12, 0.55)
     states = synthetic.load(size=120, seed=1)
     v_post = ContactModel(model, effects={"t": TILT(phi=planted)}).predict(states).v_post
@@ -217,12 +217,12 @@ def test_a_fit_says_whether_flight_or_the_impacts_know_better(planted, noise, sl
     impacts = states.replace(v_post=v_post + scatter, apparatus=replace(KNOWN, slope=flight))
     (_, fit) = fit_with_effects(model, {"t": TILT()}, impacts, torch.arange(120), FitOptions(starts=2), ignore).values()
     (known,) = fit.known_parameters()
-    assert said in phrase("known_parameter", known)
+    assert message in phrase("known_parameter", known)
     assert known.flight == flight
     assert not {"t.phi"} & {*fit.undetermined(), *fit.at_bounds()}
 
 
-def test_what_flight_leaves_open_is_said_as_without_it():
+def test_an_imprecise_flight_estimate_leaves_the_report_unchanged():
     wide = replace(KNOWN, slope=Estimate(value=0.0, error=1.0))
     impacts = synthetic.load(size=60).replace(apparatus=wide)
     (phi,) = named_parameters({"t": TILT()}, Box(), impacts)[2:]
@@ -269,7 +269,7 @@ LEANING = replace(KNOWN, slope=Estimate(value=0.02, error=0.002), orientation=Es
     (["millimetres"], 0.02, None, 9.81e-3),
     (["millimetres_velocity", "grams"], 0.02, -0.05, 9.81),
 ], ids=str)  # fmt: skip
-def test_corrections_carry_what_is_known_along_or_forget_it(names, slope, orientation, gravity):
+def test_corrections_transform_or_drop_apparatus_estimates(names, slope, orientation, gravity):
     impacts = synthetic.load(size=40).replace(apparatus=LEANING, validate=False)
     known = correct(impacts, names).apparatus
     for one, value, error in ((known.slope, slope, 0.002), (known.orientation, orientation, 0.003)):
@@ -283,7 +283,7 @@ def test_corrections_carry_what_is_known_along_or_forget_it(names, slope, orient
 
 
 @pytest.mark.parametrize(("name", "mirror"), [("mirrored_x", "x"), ("mirrored_theta", "theta")])
-def test_what_is_known_after_a_correction_is_what_corrected_contacts_show(name, mirror):
+def test_corrected_estimates_equal_estimates_from_corrected_contacts(name, mirror):
     """Slope and zero of θ of contacts as read and of contacts with the correction made, for an ellipse."""
     shape, rng = Ellipse(SEMI_AXES), np.random.default_rng(1)
     theta, x = rng.uniform(-math.pi, math.pi, 60), rng.uniform(-0.3, 0.3, 60)
@@ -305,7 +305,7 @@ SOME = replace(LEANING, drag=None, orientation=None)
 
 
 @pytest.mark.parametrize(("known", "suffix"), crossed({"no": None, "all": KNOWN, "some": SOME}, [".csv", ".parquet"]))
-def test_tables_carry_what_is_known(tmp_path, suffix, known):
+def test_tables_carry_apparatus_estimates(tmp_path, suffix, known):
     impacts = synthetic.load(size=7).replace(apparatus=known)
     again = table.load(table.save(impacts, tmp_path / f"drops{suffix}"))
     assert again.apparatus == known

@@ -94,7 +94,7 @@ def test_every_mistake_is_named(body, seed, known):
         assert corrections(audit(corrupt(clean, name))) == expected, name
 
 
-def test_what_cannot_be_told_apart_is_said():
+def test_indistinguishable_corrections_are_listed():
     (finding,) = audit(corrupt(drops("disc"), "mirrored_theta"))
     assert finding.alternatives == (("mirrored_theta",), ("mirrored_omega",))
     assert finding.sentence.endswith("these data cannot distinguish it from mirrored_theta; mirrored_omega")
@@ -174,7 +174,7 @@ def test_the_statement_of_consistency_has_the_coefficients():
     assert note.sentence.endswith("the moment balance cannot be judged: the moments in these data are negligible")
 
 
-def test_coefficients_that_are_not_1_are_not_said_to_close():
+def test_a_balance_with_other_coefficients_does_not_close():
     """A wind after contact: nothing is wrong in columns or units, and still the balance is not that of the contact."""
     calm = synthetic.load(size=300, seed=1)
     (note,) = audit(calm.replace(v_post=calm.v_post + torch.tensor([0.2, 0.0, 0.0]), validate=False))

@@ -256,7 +256,7 @@ def test_unknown_physics_of_the_state():
     assert not scored("author_d", "25", verdict="unknown", state_dependence=state).dependence
 
 
-def test_unknown_physics_is_asked_of_the_corrected_measurements_of_the_independent_suite():
+def test_unknown_physics_is_judged_on_corrected_measurements():
     name, truth = next((name, one) for name, one in TRUTHS["independent"].items() if one.group == "unknown")
     assert truth.variables
     found = scored("independent", name, verdict="bad_data", physics="unknown", variables=["m", truth.variables[0]])

@@ -176,9 +176,9 @@ def test_the_shape_error_of_two_bodies_is_found():
         "beech": Polygon(tuple((x / 1.06, y) for x, y in BEECH["vertices"])),
     }
     drops = mixed(*(alone(name, size=300, seed=seed, spin_noise=0.1) for seed, name in enumerate(SPECS)))
-    said = drops.replace(shape=longer, r=contact_points(longer, drops.body, drops.q[:, 2]), validate=False)
-    good = said.v_c[:, 1] < 0
-    fit = identify_jointly("wang_mason", ["shape_error"], said[good].replace(validate=True))
+    message = drops.replace(shape=longer, r=contact_points(longer, drops.body, drops.q[:, 2]), validate=False)
+    good = message.v_c[:, 1] < 0
+    fit = identify_jointly("wang_mason", ["shape_error"], message[good].replace(validate=True))
     s_a, s_b = fit.values[-2:].tolist()
     assert abs(s_a - 0.06) < 0.01
     assert abs(s_b) < 0.01
@@ -249,7 +249,7 @@ def test_impacts_ask_for_every_shape(both):
     assert both.replace(shape=dict(both.shape)).shape == both.shape
 
 
-def test_a_state_that_knows_no_bodies_says_so(both):
+def test_a_state_without_bodies_is_refused(both):
     state = State.of(both).replace(body=None)
     with pytest.raises(ContactLearnError, match="need the body of each trial"):
         state.contact_points(state.theta)

@@ -98,13 +98,13 @@ def test_ones_own_candidate_is_found_from_the_command_line(tmp_path):
 
 
 def test_a_candidate_with_the_name_of_another_effect_is_refused():
-    said = run(
+    message = run(
         "diagnose.py", "+candidate.surface_tilt.tau=c*Pn", "+candidate.surface_tilt.parameters.c=[0,1]", status=2
     )
-    assert "candidate.surface_tilt has the name of another effect" in said
+    assert "candidate.surface_tilt has the name of another effect" in message
 
 
-def test_what_is_left_out_and_what_is_not_wanted_is_said():
+def test_excluded_candidates_are_reported():
     terms = {f"c{k}": [-1, 1] for k in range(8)}
     many = formula(terms, tau=" + ".join(f"{c}*Pn*rx*sin({k}*order)" for k, c in enumerate(terms, 1)))
     events = RecordingObserver()
@@ -117,9 +117,9 @@ def test_what_is_left_out_and_what_is_not_wanted_is_said():
 
 
 def test_limits_and_settings_reach_the_experiment_and_the_command(tmp_path):
-    said = run("diagnose.py", "data.size=60", "+limits.vy=[-3,-1]", status=2)
-    assert "limit of an experiment" in said
-    assert "v_y" in said
+    message = run("diagnose.py", "data.size=60", "+limits.vy=[-3,-1]", status=2)
+    assert "limit of an experiment" in message
+    assert "v_y" in message
     assert "limits.v_y must be [low, high]" in run("diagnose.py", "data.size=60", "+limits.v_y=-3", status=2)
     words = ("data=mystery", "data.seed=11", "data.size=40", f"data.folder={tmp_path}", "fit.noise=[0.01,0.01,0.4]")
     run(

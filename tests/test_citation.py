@@ -40,7 +40,7 @@ def test_a_learned_model_cites_processes():
     assert _keys(cite(model)) == ["fazeli2017", "whittaker1944", "rasmussen2006", "gardner2018"]
 
 
-def test_an_own_law_brings_its_entry_or_is_told_the_key_is_missing():
+def test_an_own_law_cites_its_entry_or_names_the_missing_key():
     @dataclass(frozen=True)
     class Mine(Law):
         citations = ("@misc{mine2026,\n  title = {Mine}\n}",)

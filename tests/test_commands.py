@@ -403,21 +403,21 @@ def test_every_shipped_setting_is_known(name):
     ("contactlearn train", ["python", "-m", "contactlearn", "evaluate"]),
     ("bin/contactlearn-train", ["python", "-m", "contactlearn", "evaluate"]),
 ])  # fmt: skip
-def test_printed_commands_are_called_as_this_one_was(program, words, monkeypatch):
+def test_printed_commands_use_the_form_of_the_call(program, words, monkeypatch):
     monkeypatch.setattr("sys.argv", [program])
     assert invocation("evaluate") == words
 
 
-@pytest.mark.parametrize(("words", "said"), [
+@pytest.mark.parametrize(("words", "expected"), [
     (["resluts", "outputs"], "no command is called 'resluts', did you mean 'results'?"),
     (["whatever"], "no command is called 'whatever'; --help lists all"),
     (["workbench", "--prot", "3"], "unknown argument '--prot', did you mean '--port'?"),
     (["report", "outputs", "--uot", "a.html"], "unknown argument '--uot', did you mean '--out'?"),
 ])  # fmt: skip
-def test_misspelt_commands_and_their_options(words, said, capsys):
+def test_misspelt_commands_and_their_options(words, expected, capsys):
     with pytest.raises(SystemExit):
         main(words)
-    assert said in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
 
 
 def test_the_version_is_printed(capsys):

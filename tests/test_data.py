@@ -460,7 +460,7 @@ def test_mat_without_its_fields(tmp_path, monkeypatch, no_download):
         published.load(tmp_path)
 
 
-def test_mat_that_breaks_a_rule_of_impacts_says_so(tmp_path, monkeypatch, no_download):
+def test_mat_with_an_invalid_impact(tmp_path, monkeypatch, no_download):
     make_mat(tmp_path / "ellipse_uniform.mat", monkeypatch)
     monkeypatch.setattr(published, "MASS", -1.0)
     with pytest.raises(DataError, match=r"ellipse_uniform\.mat: row 1 .*mass.*positive"):
@@ -469,16 +469,16 @@ def test_mat_that_breaks_a_rule_of_impacts_says_so(tmp_path, monkeypatch, no_dow
 
 def test_download_is_checked_and_cached(tmp_path, monkeypatch):
     path = make_mat(tmp_path / "cache" / "ellipse_uniform.mat", monkeypatch)
-    asked = []
+    calls = []
 
     def retrieve(url, known_hash, fname, path):
-        asked.append((url, known_hash, fname, path))
+        calls.append((url, known_hash, fname, path))
         return str(tmp_path / "cache" / fname)
 
     monkeypatch.setattr(pooch, "retrieve", retrieve)
     monkeypatch.setenv("CONTACTLEARN_DATA", "")
     assert len(published.load()) == 2
-    ((url, known_hash, fname, folder),) = asked
+    ((url, known_hash, fname, folder),) = calls
     assert url.startswith("https://raw.githubusercontent.com/DAIRLab/ImpactModeling/")
     assert url.endswith("/Wang/Compare%20Wang/ellipse_uniform.mat")
     assert (known_hash, fname) == (f"sha256:{published.SHA256}", path.name)
@@ -538,7 +538,7 @@ def test_the_download_itself(tmp_path, monkeypatch):
 # Synthetic drops
 
 
-def test_synthetic_follows_its_seed_alone():
+def test_synthetic_depends_on_its_seed_alone():
     state = torch.get_rng_state()
     a = synthetic.load(size=30, seed=5)
     assert torch.equal(torch.get_rng_state(), state)
@@ -599,7 +599,7 @@ def test_synthetic_is_spread_like_the_real_drops():
     assert drops.inertia[0].item() == pytest.approx(0.0364 * (0.035**2 + 0.025**2) / 4, rel=ROUNDING)
 
 
-def test_synthetic_noise_is_as_asked():
+def test_synthetic_noise_has_the_given_deviation():
     size = 20_000
     exact = synthetic.load(size=size, velocity_noise=0, spin_noise=0)
     noisy = synthetic.load(size=size, velocity_noise=0.02, spin_noise=0.7)

@@ -233,7 +233,7 @@ def test_what_is_compared_does_not_change_what_is_found(options):
     assert list(selection.present.effects) == ["surface_tilt"]
 
 
-def test_an_unknown_effect_is_said_to_be_unknown():
+def test_an_unknown_effect_is_reported_as_unknown():
     impacts, truth = hidden_effects.draw(7, effects=["magnetic_pull"], size=150)
     found = diagnose(impacts, **alone(truth))
     assert found.verdict == "unknown"

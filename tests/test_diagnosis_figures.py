@@ -178,9 +178,9 @@ def test_the_moment_balance_is_shown_without_and_with_the_correction(name, drops
     mended = correct(spoilt, [name])
     (finding,) = audit(spoilt)
     *panels, answers = audit_figure(finding, spoilt, mended).axes
-    for axes, impacts, said in zip(panels, (spoilt, mended), ("Without", "With"), strict=True):
+    for axes, impacts, message in zip(panels, (spoilt, mended), ("Without", "With"), strict=True):
         title, *slopes = axes.get_title().replace("−", "-").splitlines()
-        assert title == f"{said} {name}"
+        assert title == f"{message} {name}"
         fit = balance(impacts)
         for text, value, error in zip(slopes, (fit.a, fit.b), (fit.a_error, fit.b_error), strict=True):
             if error == math.inf:
@@ -196,9 +196,9 @@ def test_the_moment_balance_is_shown_without_and_with_the_correction(name, drops
         balanced = next(one for one in axes.lines if one.get_label() == "Slope 1: balanced")
         assert balanced.get_slope() == 1
         assert axes.get_xlim() == axes.get_ylim() == (-axes.get_xlim()[1], axes.get_xlim()[1])
-    for impacts, said in ((spoilt, "Without"), (mended, "With")):
+    for impacts, message in ((spoilt, "Without"), (mended, "With")):
         means = [answer.mean().item() for answer in contradictions(impacts).values()]
-        assert line(answers, f"{said} {name}")[:, 0] == pytest.approx(means)
+        assert line(answers, f"{message} {name}")[:, 0] == pytest.approx(means)
     assert len(answers.get_yticklabels()) == len(means)
 
 
@@ -439,8 +439,8 @@ def test_what_remains_is_the_measured_wrench_without_the_models(components, vari
         y = bars.lines[0].get_ydata()
         assert len(y) == 20
         assert y.mean() == pytest.approx(shown.mean(), abs=0.1 * shown.std())
-    said = " ".join(figure.get_suptitle().split())
-    assert said == (
+    message = " ".join(figure.get_suptitle().split())
+    assert message == (
         "Gaussian processes on the residual reduce the held-out error by 30 % (20 % to 40 %)"
         if components
         else "Gaussian processes predict no component of the residual significantly on held-out trials."

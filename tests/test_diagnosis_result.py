@@ -117,7 +117,7 @@ def test_the_reduction_on_all_trials_is_that_of_the_choices(found, impacts):
         assert missing.reduction_on_all_trials.mean == pytest.approx(expected)
 
 
-def test_rungs_say_what_they_are(found):
+def test_rungs_name_their_kind(found):
     assert [rung.kind for rung in found.ladder] == [
         RungKind.LAW, *[RungKind.EFFECT] * len(found.missing), RungKind.PROCESSES, RungKind.NOISE
     ]  # fmt: skip
@@ -127,7 +127,7 @@ def test_rungs_say_what_they_are(found):
     assert (budget.flexible, budget.noise) == (found.ladder[-2].error, found.ladder[-1].error)
 
 
-def test_laws_are_made_again(found, impacts):
+def test_laws_are_rebuilt(found, impacts):
     fit = next(one for one in found.laws if one.name == "mirtich")
     law = identify_jointly(find("mirtich"), {}, impacts).model.base
     assert float(fit.law().mu) == pytest.approx(float(law.mu), abs=1e-4)

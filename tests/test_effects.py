@@ -195,11 +195,11 @@ def test_text_that_is_no_identity_is_refused(text):
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if "v_ref" in kind().options], ids=lambda kind: str(kind.id))
-def test_the_equation_says_the_reference_speed(kind):
+def test_the_equation_states_the_reference_speed(kind):
     """What ε or μ means hangs on it."""
     impacts = synthetic.load(size=20, seed=0)
     speed = impacts.v_c[:, kind.component].abs().median().item()
     assert kind().equation == kind.formula
-    formula, _, said = kind().prepare(impacts).equation.rpartition(" at v_ref = ")
+    formula, _, expected = kind().prepare(impacts).equation.rpartition(" at v_ref = ")
     assert formula == kind.formula
-    assert float(said.removesuffix(" m/s")) == pytest.approx(speed, rel=0.05)  # two digits
+    assert float(expected.removesuffix(" m/s")) == pytest.approx(speed, rel=0.05)  # two digits

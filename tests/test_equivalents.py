@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from drops import seeded
 from repetitions import repeated
 
 from contactlearn import laws
@@ -34,10 +35,6 @@ POWER, VISCOELASTIC = (EffectId("velocity_dependent_restitution", form) for form
 LATE = EffectId("gravity_impulse")
 PATCH = Substitution(LATE, EffectId("contact_patch", "linear"))
 WIDE = {"v_x": (-2.0, 2.0), "v_y": (-4.0, -1.0), "omega": (-20.0, 20.0)}
-
-
-def seeded(seed):
-    return torch.Generator().manual_seed(seed)
 
 
 def candidates(*names):
@@ -142,7 +139,7 @@ def test_a_hidden_tilt_has_no_equivalent():
     assert find_rivals(chosen(truth["law"], impacts)) == {EffectId("surface_tilt", "computed"): ()}
 
 
-def test_given_effects_are_not_asked_about():
+def test_given_effects_are_not_discriminated():
     impacts = drops(gravity(0.004), 60, seed=1, width=0.1)
     given = {"gravity_impulse": gravity(0.0)}
     assert find_rivals(chosen("wang_mason", impacts, given)) == {}
@@ -178,7 +175,7 @@ def test_next_drops_are_reproducible(rivals):
     assert from_json(Experiment, to_json(first)) == first
 
 
-def test_next_drops_made_tell_the_two_apart(rivals):
+def test_the_proposed_drops_discriminate_the_two(rivals):
     """After as many as are said to be needed the evidence is that promised; after some more there is no equivalent."""
     impacts, chosen, others = rivals
     planned = next_experiment(impacts, chosen, others, generator=seeded(0), limits=WIDE)
@@ -217,7 +214,7 @@ def test_without_a_shape_poses_are_those_measured(rivals):
     assert all(d.theta in impacts.q[:, 2].tolist() for d in found)
 
 
-def test_the_place_is_said_where_it_matters(rivals):
+def test_the_place_is_reported_where_it_matters(rivals):
     impacts, _, _ = rivals
     bending = find_effect("location_dependent_restitution")().prepare(impacts)
     bent = bending.at([0.1] * len(bending.parameters))

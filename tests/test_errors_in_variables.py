@@ -86,7 +86,7 @@ def test_it_is_deming_regression_where_the_outcome_is_linear():
     assert (1 - least_squares / deming).item() == pytest.approx(dilution, rel=0.4)
 
 
-def test_gross_outliers_hardly_matter():
+def test_gross_outliers_have_little_influence():
     drops, chosen, theta = planted(*CASES["spin damping"], NOISE, 400)
     clean = identify_jointly(find("mirtich"), chosen, drops, options=options(NOISE), start=theta)
     v_post = drops.v_post.clone()

@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 import torch
-from contacts import impulse
+from contacts import DIFFER, DISTINCT, impulse
+from drops import drops_of, seeded
 from repetitions import crossed, repeated
 
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.inference.identification.shared import Box, cost_surface, identify
-from contactlearn.laws import find, names
+from contactlearn.laws import find
 from contactlearn.mechanics.impacts import IMPULSE_TARGETS, measured_impulse
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
@@ -19,20 +20,10 @@ PLANTED = 1e-4  # of μ and ε found again: the search ends at steps of 1e-6 of 
 NOT_BEATEN = 1e-7  # of the cost: no grid over the box may find less
 MISSED = 2e-2  # of the cost: what may be missed with many sizes at once or with few trials (module docstring)
 ROUNDING = 1e-12  # relative
+NOISY = {"velocity_noise": 0.05, "spin_noise": 2.0, "seed": 5}
 
-DIFFER = {"whittaker", "anitescu_potra_poisson", "drumwright_shell", "mirtich"}  # in the paper's variant
-DISTINCT = [
-    pytest.param(name, variant, id=f"{name}-{variant}")
-    for name in names()
-    for variant in ("textbook", "fazeli2017")
-    if variant == "textbook" or name in DIFFER
-]
 # Laws whose impulse in stick does not depend on μ at all; on Routh's path it does, by way of p_c.
 STICKY = [case for case in DISTINCT if case.values[0] not in ("wang_mason", "wang_mason_newton", "mirtich")]
-
-
-def seeded(seed: int) -> torch.Generator:
-    return torch.Generator().manual_seed(seed)
 
 
 def orders(n: int, size: int, repetitions: int, seed: int) -> list[torch.Tensor]:
@@ -87,24 +78,12 @@ def brute_force(law: str, variant: str, impacts, subsets: list[torch.Tensor], no
     return best
 
 
-def drops_of(source: str, law: str, variant: str, request):
-    """80 drops of each kind that a law may meet: its own with noise, the published, those with x mirrored."""
-    if source == "synthetic":
-        return synthetic.load(80, law, 0.15, 0.5, velocity_noise=0.05, spin_noise=2.0, variant=variant, seed=5)
-    drops = request.getfixturevalue("ellipse_drops")
-    drops = drops[torch.randperm(len(drops), generator=seeded(2))[:80]]
-    if source == "published":
-        return drops
-    flip = torch.tensor((-1.0, 1.0, 1.0), dtype=torch.float64)  # docs/log.md: r as published, velocities mirrored
-    return drops.replace(q=drops.q * flip, v_pre=drops.v_pre * flip, v_post=drops.v_post * flip)
-
-
 SLOW = ("mirtich", "fazeli2017")  # Newton's iterations
 
 
 @pytest.mark.parametrize(("law", "variant", "source"), crossed(DISTINCT, ["published", "synthetic", "x mirrored"]))
 def test_no_grid_beats_the_cost(law, variant, source, request):
-    drops = drops_of(source, law, variant, request)
+    drops = drops_of(source, 80, law, variant, request, 2, **NOISY)
     slow = (law, variant) == SLOW
     subsets = orders(len(drops), 60, 4, seed=3)
     sizes = (3, 8, 20, 60)
@@ -121,7 +100,7 @@ def test_no_grid_beats_the_cost(law, variant, source, request):
 @pytest.mark.parametrize(("law", "source"), crossed(sorted(DIFFER), ["published", "x mirrored"]))
 def test_no_grid_beats_the_papers_convention(law, source, request):
     """Eq. (3.1) with the unweighted least-squares impulse and the authors' variants, as for its Table 1."""
-    drops = drops_of(source, law, "fazeli2017", request)
+    drops = drops_of(source, 80, law, "fazeli2017", request, 2, **NOISY)
     options = {"target": "least_squares"}
     fit = identify(find(law, "fazeli2017"), drops, sizes=(20,), repetitions=4, generator=seeded(3), **options)
     axis = torch.linspace(0, 1, 60 if law == "mirtich" else 300, dtype=torch.float64)

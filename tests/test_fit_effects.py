@@ -59,7 +59,7 @@ def test_without_noise_the_parameters_are_exact():
     torch.testing.assert_close(fit.values, theta, rtol=1e-6, atol=1e-8)
 
 
-def test_gross_outliers_hardly_matter():
+def test_gross_outliers_have_little_influence():
     drops, chosen, theta = planted(TRUE, n=500)
     clean = identify_jointly(find("wang_mason"), chosen, drops)
     v_post = drops.v_post.clone()
@@ -124,7 +124,7 @@ def test_known_noise_weighs_the_components():
     torch.testing.assert_close(velocity, wrench, rtol=1e-4, atol=1e-5)  # the same errors in other units
 
 
-def test_what_does_the_same_is_said_to():
+def test_collinear_effects_are_reported():
     """Two tilts: only their sum is determined."""
     drops, chosen, _ = planted(TRUE)
     twice = {"one": chosen["surface_tilt"], "other": chosen["surface_tilt"]}
@@ -146,7 +146,7 @@ def test_a_correlation_is_no_undetermined_parameter():
     assert replace(fit, thresholds=FitThresholds(collinearity=0.9999)).trade_offs() == ()
 
 
-def test_what_never_acts_is_said_to_be_open():
+def test_an_inactive_effect_is_undetermined():
     """Drops that all start at one place say nothing of the floor elsewhere."""
     drops, _, _ = planted({})
     q = drops.q.clone()
@@ -174,13 +174,13 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("changes", "error", "message"), REFUSED.values(), ids=REFUSED)
-def test_what_cannot_be_fitted_is_refused(changes, error, message):
+def test_unfittable_effects_are_refused(changes, error, message):
     drops, chosen, _ = planted(TRUE, 50)
     with pytest.raises(error, match=message):
         identify_jointly(**{"law": find("wang_mason"), "effects": chosen, "impacts": drops} | changes())
 
 
-def test_an_effect_that_needs_a_shape_says_so():
+def test_an_effect_that_needs_a_shape_is_refused_without():
     drops = synthetic.load(size=50).replace(shape=None)
     with pytest.raises(DataError, match="needs the body's shape"):
         identify_jointly(find("wang_mason"), {"late": effects.find_effect("sampling_delay")()}, drops)
@@ -195,7 +195,7 @@ def test_the_model_prints_itself_as_an_equation():
     assert text[1].endswith(" rad")
 
 
-def test_what_is_not_there_gets_a_limit():
+def test_absent_effects_get_an_upper_limit():
     """A parameter of one sign that would rather have the other."""
     drops, _, _ = planted({})
     effect = formula(tau="c*I*omega", parameters={"c": {"low": 0, "high": 1, "unit": "–"}})
@@ -227,7 +227,7 @@ def test_few_trials_do_not_look_certain():
 
 @pytest.mark.parametrize("names", list(itertools.combinations(
     ("surface_tilt", "orientation_offset", "sampling_delay", "shape_error", "com_offset"), 2)))  # fmt: skip
-def test_the_order_of_what_moves_the_contact_point_hardly_matters(names):
+def test_the_order_of_contact_point_shifts_has_little_influence(names):
     """To second order in the parameters, which do not commute exactly where they turn one thing twice."""
     drops = planted({})[0]
     chosen = {name: effects.find_effect(name)() for name in names}
@@ -242,7 +242,7 @@ def test_the_order_of_what_moves_the_contact_point_hardly_matters(names):
 
 @pytest.mark.parametrize("law", ["wang_mason", "mirtich", "whittaker", "drumwright_shell"])
 @pytest.mark.parametrize("name", ["contact_patch", "rolling_resistance", "directional_friction"])
-def test_what_acts_during_the_contact_does_not_jump(name, law):
+def test_effects_during_the_contact_are_continuous(name, law):
     """Where friction crosses the edge of sticking the effect changes as little as the law itself does."""
     drops = planted({}, 60)[0]
     effect = effects.find_effect(name)()
@@ -258,7 +258,7 @@ def test_what_acts_during_the_contact_does_not_jump(name, law):
     assert jumps < 0.05, jumps
 
 
-def test_a_trial_that_is_met_exactly_does_not_look_certain():
+def test_an_exactly_fitted_trial_keeps_its_standard_error():
     """One trial tells of the parameter, so nothing is left of it: its error is that of the others' scatter."""
     drops, _, _ = planted({})
     q = drops.q.clone()
@@ -272,7 +272,7 @@ def test_a_trial_that_is_met_exactly_does_not_look_certain():
     assert 0.7 < fit.standard_errors[2] / expected < 1.6
 
 
-def test_partial_residuals_leave_the_other_effects_in():
+def test_partial_residuals_include_the_other_effects():
     """Without noise, what is measured beyond the model without an effect is what the effect explains."""
     drops, chosen, theta = planted(("surface_tilt", "contact_patch"), noise=0 * NOISE)
     model = assemble(find("wang_mason"), chosen, theta)

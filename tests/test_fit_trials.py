@@ -2,7 +2,8 @@
 
 import pytest
 import torch
-from contacts import impulse, random_bodies
+from contacts import DISTINCT, impulse, random_bodies
+from drops import drops_of, seeded
 from repetitions import crossed, repeated
 
 from contactlearn.core.errors import UnknownNameError
@@ -17,15 +18,8 @@ BEATEN = 1e-9  # N s: a grid may find less than this below ours
 EXACT = 1e-9  # of |P|: error left on drops that obey the law; searches stop at 1e-10
 INTERVAL = 1e-6  # of μ; the ends are bisected to 1e-7
 ALLOWED = 1e-7  # of |P|: within the interval the error may rise by this
-ROUNDING = 1e-12  # relative
+NOISY = {"velocity_noise": 0.1, "spin_noise": 4.0, "seed": 9}
 
-DIFFER = {"whittaker", "anitescu_potra_poisson", "drumwright_shell", "mirtich"}  # in the paper's variant
-DISTINCT = [
-    pytest.param(name, variant, id=f"{name}-{variant}")
-    for name in names()
-    for variant in ("textbook", "fazeli2017")
-    if variant == "textbook" or name in DIFFER
-]
 # Where these stick, the impulse does not depend on μ and the cone |P_t| ≤ μ P_n is all that μ must satisfy.
 NEWTON = [("whittaker", "textbook"), ("whittaker", "fazeli2017"), ("anitescu_potra_newton", "textbook")]
 VISCOUS = ("mirtich", "fazeli2017")  # Newton's iterations: thirty times as slow, and no sticking
@@ -33,25 +27,9 @@ SOURCES = ["published", "x mirrored", "synthetic"]
 SLIDES = [case for case in DISTINCT if case.values != VISCOUS]
 
 
-def seeded(seed: int) -> torch.Generator:
-    return torch.Generator().manual_seed(seed)
-
-
 def size(impacts: Impacts) -> torch.Tensor:
     """|P| [N] in N s."""
     return impacts.wrench[:, :2].norm(dim=-1)
-
-
-def drops_of(source: str, n: int, law: str, variant: str, request) -> Impacts:
-    """n drops: of the law itself with much noise, as published, or with x mirrored (docs/log.md)."""
-    if source == "synthetic":
-        return synthetic.load(n, law, 0.15, 0.5, velocity_noise=0.1, spin_noise=4.0, variant=variant, seed=9)
-    drops = request.getfixturevalue("ellipse_drops")
-    drops = drops[torch.randperm(len(drops), generator=seeded(1))[:n]]
-    if source == "published":
-        return drops
-    flip = torch.tensor((-1.0, 1.0, 1.0), dtype=torch.float64)
-    return drops.replace(q=drops.q * flip, v_pre=drops.v_pre * flip, v_post=drops.v_post * flip)
 
 
 def exact_drops(n: int, law: str, variant: str = "textbook", mu: float = 0.12, eps: float = 0.55) -> Impacts:
@@ -90,7 +68,7 @@ def best_in_eps(law: str, variant: str, impacts: Impacts, mu: torch.Tensor) -> t
 @pytest.mark.parametrize(("law", "variant", "source"), crossed(DISTINCT, SOURCES))
 def test_no_grid_beats_any_trial(law, variant, source, request):
     slow = (law, variant) == VISCOUS
-    drops = drops_of(source, 60 if slow else 300, law, variant, request)
+    drops = drops_of(source, 60 if slow else 300, law, variant, request, 1, **NOISY)
     fit = identify_trials(find(law, variant), drops)
     grid = brute_force(law, variant, drops, Box(), (60, 30, 60) if slow else (110, 50, 160))
     assert (fit.error <= grid + BEATEN).all()
@@ -112,7 +90,7 @@ def test_no_grid_beats_any_trial_in_a_smaller_box(law, variant):
 
 
 @pytest.mark.parametrize("law", repeated("wang_mason", *(name for name in names() if name != "wang_mason")))
-def test_grids_hardly_ever_win_on_extreme_bodies(law):
+def test_grids_rarely_win_on_extreme_bodies(law):
     """|r| up to thirty radii of gyration, and impulses far from the law: basins a thousandth of the box wide."""
     n, generator = 1500, seeded(7)
     mass, inertia, r, v = random_bodies(n, seed=7)
@@ -130,7 +108,7 @@ def test_grids_hardly_ever_win_on_extreme_bodies(law):
 
 
 @pytest.mark.parametrize(("law", "variant"), DISTINCT)
-def test_drops_that_obey_the_law_are_met(law, variant):
+def test_drops_that_obey_the_law_are_fitted_exactly(law, variant):
     drops = exact_drops(200, law, variant)
     fit = identify_trials(find(law, variant), drops)
     assert (fit.error <= EXACT * size(drops)).all()
@@ -180,7 +158,7 @@ def test_a_sliding_trial_determines_mu(law, variant):
 
 @pytest.mark.parametrize(("law", "variant", "source"), crossed(SLIDES, SOURCES))
 def test_the_error_is_level_on_the_interval_and_rises_beyond_it(law, variant, source, request):
-    drops = drops_of(source, 300, law, variant, request)
+    drops = drops_of(source, 300, law, variant, request, 1, **NOISY)
     fit = identify_trials(find(law, variant), drops)
     assert (fit.mu_low <= fit.mu).all()
     assert (fit.mu <= fit.mu_high).all()
@@ -203,7 +181,7 @@ def test_the_error_is_level_on_the_interval_and_rises_beyond_it(law, variant, so
 @pytest.mark.parametrize(("law", "variant", "source"), crossed(SLIDES, SOURCES))
 def test_a_smooth_minimum_is_no_interval(law, variant, source, request):
     """Where the error is not 0 it is level to second order; only plateaus count, and these are wide."""
-    drops = drops_of(source, 300, law, variant, request)
+    drops = drops_of(source, 300, law, variant, request, 1, **NOISY)
     fit = identify_trials(find(law, variant), drops)
     width = fit.mu_high - fit.mu_low
     assert not ((width > 1e-6) & (width < 1e-4)).any()
@@ -230,7 +208,7 @@ def test_scale_and_mirror_change_nothing_else(law, variant):
         )
 
 
-def test_trials_do_not_know_of_each_other():
+def test_trials_are_independent():
     drops = synthetic.load(150, velocity_noise=0.1, spin_noise=4.0)
     rows = torch.tensor((3, 77, 140))
     some, every = identify_trials(find("wang_mason"), drops[rows]), identify_trials(find("wang_mason"), drops)

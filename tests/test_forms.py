@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from drops import seeded
 from scipy.optimize import linprog
 
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
@@ -23,10 +24,6 @@ SIGMAS = 4.0
 
 LAW = find("wang_mason").at(0.2, 0.6)
 HEXAGON = Polygon(((0.04, 0.0), (0.02, 0.025), (-0.02, 0.025), (-0.04, 0.0), (-0.02, -0.025), (0.02, -0.025)))
-
-
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 def drops(shape=None, size=400, seed=0):

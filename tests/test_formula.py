@@ -233,7 +233,7 @@ def test_the_bounds_themselves_are_allowed():
 # --- Symbols ---------------------------------------------------------------------------------------
 
 
-def test_symbols_are_what_they_are_called():
+def test_symbols_have_their_named_values():
     state = State.of(DROPS).replace(mu=torch.tensor(0.25).double(), eps=torch.tensor(0.5).double())
     wrench = dict(zip(OUTPUTS["wrench"], DROPS.wrench.unbind(-1), strict=True))
     seen = symbols(state, SYMBOLS, "wrench", wrench)
@@ -276,16 +276,16 @@ def test_symbols_that_are_not_known_are_refused():
 
 # --- Formulas as effects -----------------------------------------------------------------------------
 
-TWINS = {
+EQUIVALENTS = {
     "spin_damping": (formula(tau="-c*I*omega_post", parameters=C), SpinDampingAfter(), [0.3]),
     "restitution": (formula(eps="-c*(rx/rho)**2", parameters=C), QuadraticLeverRestitution(), [0.2]),
     "orientation_offset": (formula(theta="c", parameters=C), OrientationOffset(), [0.05]),
 }
 
 
-@pytest.mark.parametrize("name", TWINS)
+@pytest.mark.parametrize("name", EQUIVALENTS)
 def test_formulas_equal_the_effects_that_they_spell(name):
-    mine, theirs, values = TWINS[name]
+    mine, theirs, values = EQUIVALENTS[name]
     values = torch.tensor(values, dtype=torch.float64)
     expected = predict(theirs.at(values))
     assert (expected - predict(theirs)).abs().max() > 1e-3
@@ -312,7 +312,7 @@ def test_vanished_formulas_change_no_bit(place):
     assert not torch.equal(predict(effect.at(POINTS[place])), plain.v_post)
 
 
-def test_each_output_gets_what_its_expression_says():
+def test_each_output_follows_its_expression():
     state = State.of(DROPS)
     c, mu, eps = torch.tensor([0.1, 0.3, 0.5], dtype=torch.float64)
     mu, eps = BY_PLACE["law"].at([0.1, 0.2]).law(state, mu, eps)
@@ -361,10 +361,10 @@ def test_formulas_survive_pickling_and_their_own_options(place):
     again = pickle.loads(pickle.dumps(effect))
     options = json.loads(json.dumps(effect.options))
     assert options == effect.options
-    for twin in (again, type(effect)(**options).at(POINTS[place])):
-        assert (twin.parameters, twin.equation, twin.options) == (effect.parameters, effect.equation, effect.options)
-        assert twin.needs_shape == effect.needs_shape
-        assert torch.equal(predict(twin), predict(effect))
+    for copy in (again, type(effect)(**options).at(POINTS[place])):
+        assert (copy.parameters, copy.equation, copy.options) == (effect.parameters, effect.equation, effect.options)
+        assert copy.needs_shape == effect.needs_shape
+        assert torch.equal(predict(copy), predict(effect))
 
 
 @PLACE

@@ -159,7 +159,7 @@ def test_replace_makes_a_validated_copy():
         impacts.replace(mass=-impacts.mass)
 
 
-def test_impacts_say_what_they_are():
+def test_impacts_print_themselves():
     assert repr(make(shape=Disc(0.03), source="a.csv")) == (
         "Impacts(4 trials of body, shape=Disc(radius=0.03), source='a.csv')"
     )

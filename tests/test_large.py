@@ -299,7 +299,7 @@ def test_nothing_half_written_is_seen(suffix, drops, tmp_path):
         assert list(tmp_path.iterdir()) == []
 
 
-def test_samples_are_the_same_again_and_of_what_they_are_asked_for():
+def test_samples_are_reproducible_and_of_the_given_columns():
     among = torch.arange(1000) % 3 > 0
     some = sampled(among, 100)
     assert some.sum() == 100

@@ -6,6 +6,7 @@ from unittest.mock import patch
 import pytest
 import torch
 from diagnoses import ERROR, few, made_up, provenance_of
+from drops import seeded
 from observers import RecordingObserver
 
 from contactlearn.data.audit.consistency import repeated
@@ -27,10 +28,6 @@ from contactlearn.simulation import hidden_effects, synthetic
 
 SMALL = Thresholds(whole=375)  # subsamples of 150, 300 and 600 trials
 LAW = find("wang_mason").at(0.12, 0.55)
-
-
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 # Draw
@@ -90,30 +87,30 @@ def answering(laws, sizes):
     (("mirtich", "routh", "mirtich"), [150, 300, 600], Limit.SIZE),
 ], ids=["at once", "later", "never"])  # fmt: skip
 def test_subsamples_grow_until_two_answers_agree(many, laws, sizes, limit):
-    asked = []
-    found = grown(many[slice(0, 2000)], answering(laws, asked))
-    assert asked == sizes
+    diagnosed = []
+    found = grown(many[slice(0, 2000)], answering(laws, diagnosed))
+    assert diagnosed == sizes
     assert found.sample.limit is limit
     assert [one.law for one in found.sample.answers] == list(laws[: len(sizes)])
     assert found.law == laws[-1]
     assert found.sample.confirmation.trials == 2000 - sizes[-1]
-    said = " ".join(phrases("sample_summary", found.sample))
-    assert ("is not settled" in said) is (limit is Limit.SIZE)
-    assert f"Diagnosed on {sizes[-1]} of 2000 trials" in said
+    message = " ".join(phrases("sample_summary", found.sample))
+    assert ("is not settled" in message) is (limit is Limit.SIZE)
+    assert f"Diagnosed on {sizes[-1]} of 2000 trials" in message
 
 
 def test_memory_takes_the_smaller_road(many):
-    asked = []
+    diagnosed = []
     assert affordable(1000, 0.5e9)
     assert not affordable(4000, 0.5e9)
-    found = grown(many, answering(("mirtich",), asked), Thresholds(), memory=0.5e9)
-    assert asked == [1000]
+    found = grown(many, answering(("mirtich",), diagnosed), Thresholds(), memory=0.5e9)
+    assert diagnosed == [1000]
     assert found.sample.limit is Limit.MEMORY
     assert "memory" in phrases("sample_summary", found.sample)[0]
 
 
 def test_a_stopped_run_goes_on_behind_its_finished_subsamples(many, tmp_path):
-    table, asked, events = many[slice(0, 2000)], [], RecordingObserver()
+    table, diagnosed, events = many[slice(0, 2000)], [], RecordingObserver()
 
     def stopped(_, some, *others):
         if len(some) > 150:
@@ -123,15 +120,15 @@ def test_a_stopped_run_goes_on_behind_its_finished_subsamples(many, tmp_path):
     resumed = {"on_event": events, "resume_folder": tmp_path / "parts"}
     with pytest.raises(KeyboardInterrupt):
         grown(table, stopped, **resumed)
-    found = grown(table, answering(["mirtich"], asked), **resumed)
-    assert asked == [300]
+    found = grown(table, answering(["mirtich"], diagnosed), **resumed)
+    assert diagnosed == [300]
     heard = [(one.trials, one.resumed) for one in events.of(SubsampleStarted)]
     assert heard == [(150, False), (300, False), (150, True), (300, False)]
     undisturbed = grown(table, answering(["mirtich"] * 2, []))
     assert found == undisturbed
     (tmp_path / "parts" / "150" / "record.npz").write_bytes(b"half")  # what cannot be read is made again
-    grown(table, answering(["mirtich"], asked), **resumed)
-    assert asked == [300, 150]
+    grown(table, answering(["mirtich"], diagnosed), **resumed)
+    assert diagnosed == [300, 150]
 
 
 # Answer

@@ -8,7 +8,7 @@ import contacts
 import numpy as np
 import pytest
 import torch
-from contacts import Contacts, impulse, random_contacts, shared
+from contacts import DIFFER, DISTINCT, EVERY, VARIANTS, Contacts, impulse, random_contacts, shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from repetitions import crossed
@@ -24,10 +24,6 @@ STEP = 3.0  # of |P| / steps: where a path turns, the integration is wrong by a 
 DIFFERENCE = 1e-5  # of |P|, relative to the largest derivative: central differences of step 1e-6
 EXACT = {"rtol": 1e-13, "atol": 0}  # one contact and a batch may differ in how a last digit is rounded
 
-VARIANTS = ("textbook", "fazeli2017")
-DIFFER = {"whittaker", "anitescu_potra_poisson", "drumwright_shell", "mirtich"}  # in the paper's variant
-EVERY = [pytest.param(n, v, id=f"{n}-{v}") for n in names() for v in VARIANTS]
-DISTINCT = [case for case in EVERY if case.values[1] == "textbook" or case.values[0] in DIFFER]
 NEWTON = ("whittaker", "anitescu_potra_newton", "wang_mason_newton")
 POISSON = ("anitescu_potra_poisson", "drumwright_shell", "wang_mason")
 PROFILE = settings(derandomize=True, deadline=None, database=None, max_examples=60)

@@ -421,7 +421,7 @@ def test_a_learned_model_may_be_the_base(target, pool, test):
 
 
 @pytest.mark.parametrize("impulse", ["momentum", "least_squares", "contact"])
-def test_the_impulse_that_is_learnt_is_the_one_asked_for(impulse, pool):
+def test_the_learnt_impulse_is_the_chosen_target(impulse, pool):
     rows = subsets(900, 30)
     model = trained(RECIPES["impulse"], pool, rows, impulse=impulse)
     wanted = measured_impulse(pool, impulse)[rows].mean(1, keepdim=True)

@@ -254,7 +254,7 @@ def test_outliers_do_not_stretch_the_axis():
     assert line(axes, "X1 → wrench").get_ydata().max() > 1  # the kernels are no wider for it
 
 
-def test_velocities_say_how_close_they_are():
+def test_velocities_state_their_fit():
     measured = torch.tensor([[0.0, 1.0, 0.0], [1.0, 1.0, 10.0]])
     axes = quality.predicted_against_measured(measured, measured + torch.tensor([0.1, 0.0, -50.0])).axes
     assert [a.get_title() for a in axes] == [

@@ -58,11 +58,11 @@ SLIPS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("velocity", "said"), SLIPS.values(), ids=SLIPS)
-def test_a_slip_in_an_effect_is_one_line(velocity, said):
+@pytest.mark.parametrize(("velocity", "message"), SLIPS.values(), ids=SLIPS)
+def test_a_slip_in_an_effect_is_one_line(velocity, message):
     effect = effect_with(velocity)
     with (
-        pytest.raises(ContactLearnError, match=rf"^own\.Own .*{said}"),
+        pytest.raises(ContactLearnError, match=rf"^own\.Own .*{message}"),
         located_errors("own.Own", type(effect)),
     ):
         check_effect(effect, "own.Own")
@@ -95,10 +95,10 @@ LAWS = {
 }
 
 
-@pytest.mark.parametrize(("solve", "said"), LAWS.values(), ids=LAWS)
-def test_a_slip_in_a_law_is_one_line(solve, said):
+@pytest.mark.parametrize(("solve", "message"), LAWS.values(), ids=LAWS)
+def test_a_slip_in_a_law_is_one_line(solve, message):
     law = law_with(solve)
-    with pytest.raises(ContactLearnError, match=said), located_errors("own.OwnLaw", type(law)):
+    with pytest.raises(ContactLearnError, match=message), located_errors("own.OwnLaw", type(law)):
         check_law(law, "own.OwnLaw")
 
 

@@ -97,7 +97,7 @@ def test_installed_commands_need_no_checkout(installed, tmp_path):
 
 
 def test_the_lock_has_what_the_tests_need_and_no_more():
-    """Each pinned package is asked for by the package, its tests, or one of those."""
+    """Each pinned package is applies for by the package, its tests, or one of those."""
     lines = (ROOT / "requirements.lock").read_text("utf-8").splitlines()
     pinned = {canonicalize_name(line.partition("==")[0]) for line in lines if "==" in line}
     known = set()
@@ -106,8 +106,8 @@ def test_the_lock_has_what_the_tests_need_and_no_more():
         line, extras = left.pop()
         wanted = Requirement(line)
         name = canonicalize_name(wanted.name)
-        asked = wanted.marker is None or any(wanted.marker.evaluate({"extra": extra}) for extra in extras)
-        if asked and (name, *wanted.extras) not in known:
+        applies = wanted.marker is None or any(wanted.marker.evaluate({"extra": extra}) for extra in extras)
+        if applies and (name, *wanted.extras) not in known:
             known.add((name, *wanted.extras))
             with contextlib.suppress(PackageNotFoundError):  # of another platform
                 left += [(more, {"", *wanted.extras}) for more in requires(name) or ()]

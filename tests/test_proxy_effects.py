@@ -47,7 +47,7 @@ def test_nothing_is_left_out_where_the_state_tells_nothing():
     assert index_without_proxies(drops, fits, FitOptions(), Thresholds()) == 1
 
 
-def test_a_diagnosis_says_what_was_left_out():
+def test_a_diagnosis_reports_excluded_candidates():
     few = {key: effect for key, effect in all_candidates().items() if key.name in (TRUE, STAND_IN)}
     found = diagnose(hidden(size=180), "wang_mason", candidates=few, laws=[find("wang_mason")])
     assert found.verdict is Verdict.UNKNOWN
@@ -56,6 +56,6 @@ def test_a_diagnosis_says_what_was_left_out():
     assert found.remainder.state_dependence is not None
     (left_out,) = found.remainder.state_dependence.superseded_effects
     assert left_out.name == STAND_IN
-    said = f"no larger model predicts clearly better: {effect_label(left_out)} would only be a proxy for it"
-    assert any(said in note for note in search_notes(found))
+    message = f"no larger model predicts clearly better: {effect_label(left_out)} would only be a proxy for it"
+    assert any(message in note for note in search_notes(found))
     assert Diagnosis.from_json(found.to_json()) == found

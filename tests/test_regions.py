@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from drops import seeded
 from repetitions import repeated
 from scipy.stats import mannwhitneyu
 
@@ -22,10 +23,6 @@ from contactlearn.simulation import synthetic
 MODEL = ContactModel(find("wang_mason").at(0.12, 0.55))  # that of the synthetic drops
 TIMES = 3.0  # by which the planted regions raise what the model leaves
 FIVE_PERCENT_OF_300 = 24  # false alarms, at the 99.5 % quantile of their binomial distribution
-
-
-def seeded(seed):
-    return torch.Generator().manual_seed(seed)
 
 
 def quantity(drops, name):
@@ -144,7 +141,7 @@ def test_gross_outliers_hide_nothing(seed):
     assert 1.8 < region.ratio.mean < 4
 
 
-def test_two_regions_are_said_once_each():
+def test_two_regions_are_reported_once_each():
     drops, prediction, order = plant("order")
     location = PLANTED["location"](drops)
     factor = torch.where(location & ~order, TIMES, 1.0)[:, None]

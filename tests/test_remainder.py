@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from drops import seeded
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from repetitions import repeated
 
@@ -33,10 +34,6 @@ UNKNOWN = {
 
 SETS = 8  # without anything hidden; of 120 such sets of 150 and 500 trials none gave a component
 FLOOR = 1.08  # held-out error over that of the best prediction from the noisy states
-
-
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 def hidden(*effects, seed=1, size=150, fitted=(), **options):
@@ -110,7 +107,7 @@ def test_a_named_effect_leaves_nothing_once_it_is_in_the_model(name):
     assert found.share.mean < 0.03
 
 
-def test_gross_outliers_change_nothing_of_what_is_said():
+def test_gross_outliers_do_not_change_the_report():
     drops, _, fit = hidden("spin_lift")
     clean = what_remains(drops, fit).remainder
     v_post = drops.v_post.clone()
@@ -133,7 +130,7 @@ def test_trials_that_are_never_held_out_have_no_error():
     assert learned.remainder.components == ("n",)
 
 
-def test_the_model_alone_is_what_it_says_and_all_is_reproducible():
+def test_the_model_predicts_alone_and_all_is_reproducible():
     drops, _, fit = hidden("elastic_strap")
     one, two = (what_remains(drops, fit) for _ in range(2))
     assert torch.equal(one.before, mass_error(drops, fit.model.predict(drops)))
@@ -202,7 +199,7 @@ def test_a_pasted_formula_is_the_effect_that_was_fitted(unknown):
     assert again.values[2:].tolist() == pytest.approx(best.coefficients, rel=1e-3)
 
 
-def test_two_terms_are_told_where_both_are_needed():
+def test_two_terms_are_reported_where_both_are_needed():
     drops, _, fit = hidden(size=200)
     inertia, spin, theta = drops.inertia, drops.v_pre[:, 2], drops.q[:, 2]
     tau = torch.zeros_like(drops.v_post)

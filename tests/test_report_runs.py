@@ -445,7 +445,7 @@ def test_a_sweep_is_drawn_in_silence(browser, sweep):
     assert silent(shown)
 
 
-def test_runs_are_called_by_what_tells_them_apart(browser, tmp_path):
+def test_runs_are_labelled_by_their_differences(browser, tmp_path):
     content = trained()
     for size in (20, 40):
         for law in ("wang_mason", "mirtich"):

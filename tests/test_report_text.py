@@ -54,12 +54,12 @@ def test_words():
     assert text.sentence("no balance. Is it?") == "No balance. Is it?"
 
 
-@pytest.mark.parametrize(("x", "y", "said"), [
+@pytest.mark.parametrize(("x", "y", "message"), [
     (0.1, 0.39, "3.9 times less"), (0.09, 0.1, "10 % less"), (0.11, 0.1, "10 % more"), (0.03988, 0.04, "0.3 % less"),
     (3.0, 0.1, "30 times more"), (0.0, 0.1, "less"), (0.0, 0.0, "no less"),
 ])  # fmt: skip
-def test_errors_are_compared_in_factors_where_percentages_mislead(x, y, said):
-    assert plain(text.compared(x, y)) == said
+def test_errors_are_compared_in_factors_where_percentages_mislead(x, y, message):
+    assert plain(text.compared(x, y)) == message
 
 
 def test_small_errors_keep_two_digits():
@@ -123,14 +123,14 @@ def test_the_headline_without_effects(found):
 def test_something_unknown_has_its_size(found):
     shares = result.ErrorShares(noise=0.0016, explained=0.9947, unexplained=0.0037, beyond_rigid=0.0)
 
-    def said(unexplained):
+    def message(unexplained):
         budget = replace(found.budget, shares=replace(shares, unexplained=unexplained))
         return plain(text.headline(replace(found, physics=result.Verdict.UNKNOWN, budget=budget)))
 
     sizes = {0.0037: ", 0.4 %", 0.123: ", 12 %", 0.0002: ", less than 0.1 %"}
     for unexplained, size in sizes.items():
-        assert f"and so is something unknown{size} of the law's error: no effect" in said(unexplained)
-    assert "and so is something unknown: no effect" in said(0.0)  # noise alone is as large
+        assert f"and so is something unknown{size} of the law's error: no effect" in message(unexplained)
+    assert "and so is something unknown: no effect" in message(0.0)  # noise alone is as large
     written = plain(text.phrase("shares", replace(found.budget, shares=shares)))
     assert "the effects explain 99 %, <1 % is noise and <1 % is unexplained." in written
     whole = replace(shares, explained=0.998, noise=0.0, unexplained=0.002)
@@ -141,11 +141,12 @@ def test_something_unknown_has_its_size(found):
 
 def test_one_sentence_supports_the_headline(found):
     first, second = (replace(one, confidence=x) for one, x in zip(found.missing, (0.9987, 0.62), strict=True))
-    said = plain(text.support(replace(found, missing=(first, second))))
+    message = plain(text.support(replace(found, missing=(first, second))))
     after, noise = found.ladder[2].error.mean, found.budget.noise.mean
-    assert said.startswith(f"The held-out mass error falls from 0.1000 to {after:.4f}, ")
+    assert message.startswith(f"The held-out mass error falls from 0.1000 to {after:.4f}, ")
     assert (
-        f"and noise alone accounts for {noise:.4f}; the names are correct with a probability of 99 % and 62 %." in said
+        f"and noise alone accounts for {noise:.4f}; the names are correct with a probability of 99 % and 62 %."
+        in message
     )
     assert plain(text.support(replace(found, missing=(second,)))).endswith(
         "the name is correct with a probability of 62 %."
@@ -155,20 +156,20 @@ def test_one_sentence_supports_the_headline(found):
     assert text.support(replace(found, ladder=(), budget=None)) == ""
 
 
-def test_the_verdict_says_what_remains(found):
+def test_the_verdict_reports_the_residual(found):
     """Components, variables and the best formula, as the terminal does."""
     left = remainder(Interval(0.4, 0.3, 0.5), result.WrenchComponent.MOMENT, result.WrenchComponent.TANGENTIAL)
     written = plain(" ".join(text.summary(replace(found, remainder=left, formulas=(BEST,)))))
-    said = "Gaussian processes on the residual reduce the held-out error by 40 % (30 % to 50 %), in τ and P_t."
-    assert said in written
+    message = "Gaussian processes on the residual reduce the held-out error by 40 % (30 % to 50 %), in τ and P_t."
+    assert message in written
     assert "The predicted residual depends on ω (61 %) and θ (20 %)." in written
     assert "The best formula for the residual: τ ← τ + c1*omega reduces the held-out error by 25 % ± 0 %." in written
     assert text.formula_overrides(BEST) == "'+effect.mine.tau=\"c1*omega\"' '+effect.mine.parameters.c1=[-1,1]'"
 
 
 def test_the_conclusion_names_the_corrections():
-    said = text.conclusion(result.Verdict.BAD_DATA, result.Verdict.NONE, ("mirrored_x",))
-    assert said == "the data were corrected (mirrored_x); no missing effect is detectable"
+    message = text.conclusion(result.Verdict.BAD_DATA, result.Verdict.NONE, ("mirrored_x",))
+    assert message == "the data were corrected (mirrored_x); no missing effect is detectable"
     assert text.conclusion(result.Verdict.BAD_DATA, None) == "the measurements are inconsistent"
     assert text.conclusion(result.Verdict.EFFECTS, result.Verdict.EFFECTS) == "effects are missing"
 
@@ -198,14 +199,14 @@ def test_an_effect_has_its_parameters_inadmissible_impulses_and_regions():
         "contact patch (linear): held-out error 0.1000 → 0.1000; c = 0.1051 ± 0.0041 m; with this effect 2.1 % of the "
         "impulses gain energy, pull or penetrate, without it 0.0 %"
     )
-    said = "-3 ≤ ω < 2.5 rad/s: error 0.25 → 0.15 (rest 0.1 → 0.08)"
-    assert text.phrases("improvements", effect, [REGION]) == [said]
+    message = "-3 ≤ ω < 2.5 rad/s: error 0.25 → 0.15 (rest 0.1 → 0.08)"
+    assert text.phrases("improvements", effect, [REGION]) == [message]
     unhelped = replace(effect, improvements=(replace(helped, change=Interval(-0.1, -0.15, 0.05)),))
     assert text.phrases("improvements", unhelped, [REGION]) == []
     assert text.phrase("region", REGION) == "-3 ≤ ω < 2.5 rad/s: 2.3 times the rest's error, 3 trials, p = 3e−8"
 
 
-def test_the_next_experiment_says_where_and_how_many():
+def test_the_next_experiment_states_region_and_number():
     separations = (
         result.Separation(effect=TILT, rival=DRAG, drops_needed=4),
         result.Separation(effect=TILT, rival=SIX[5], drops_needed=None),
@@ -226,8 +227,8 @@ def test_the_next_experiment_says_where_and_how_many():
 def test_stated_noise_that_does_not_agree_is_questioned(found):
     budget = replace(found.budget, noise_source=result.NoiseSource.STATED, noise=Interval(0.02, 0.01, 0.03))
     quiet = remainder(Interval(0.0, -0.1, 0.1))
-    said = text.misfit(replace(found, budget=budget, remainder=quiet))
-    assert said.startswith("The residual is 5 times as large as the stated noise implies")
+    message = text.misfit(replace(found, budget=budget, remainder=quiet))
+    assert message.startswith("The residual is 5 times as large as the stated noise implies")
     assert text.misfit(replace(found, remainder=quiet)) == ""  # it was estimated
     agreeing = replace(budget, noise=Interval(0.09, 0.08, 0.1))
     assert text.misfit(replace(found, budget=agreeing, remainder=quiet)) == ""
@@ -243,12 +244,12 @@ def test_a_model_with_fewer_effects_that_does_nearly_as_well_is_named(found):
     one, both = (0.105, (tilt,)), (0.1, (tilt, damping))
     near = with_frontier((0.2, ()), one, both)
     assert near.simpler is near.frontier[1]
-    said = "Mirtich + surface tilt (computed) has 5 % more error: spin damping (after) may only compensate for "
-    assert plain(text.phrase("simpler", near)) == said + "imperfect functional forms of the others."
+    message = "Mirtich + surface tilt (computed) has 5 % more error: spin damping (after) may only compensate for "
+    assert plain(text.phrase("simpler", near)) == message + "imperfect functional forms of the others."
     assert text.phrase("simpler", near) in text.search_notes(near)
     none = with_frontier((0.109, ()), one, both)
-    said = "Mirtich has 9 % more error: surface tilt (computed) and spin damping (after) contribute little."
-    assert plain(text.phrase("simpler", none)) == said
+    message = "Mirtich has 9 % more error: surface tilt (computed) and spin damping (after) contribute little."
+    assert plain(text.phrase("simpler", none)) == message
     for clear in (with_frontier((0.2, ()), (0.111, (tilt,)), both), replace(near, missing=())):
         assert clear.simpler is None
         assert not text.phrase("simpler", clear)
@@ -295,7 +296,7 @@ def test_the_terminal_prints_the_sentences_of_the_page(found, capsys):
     show_verdict(replace(found, remainder=remainder(Interval(0.4, 0.3, 0.5)), formulas=(BEST,)), "python evaluate.py")
     printed = capsys.readouterr().out
     assert "\u00a0" not in printed
-    for said in (
+    for message in (
         "audit: 50 % in grams. The data are corrected from here on; data.correct=[g] applies the same correction in "
         "any command.",
         f"region: {text.phrase('no_region')}",
@@ -305,7 +306,7 @@ def test_the_terminal_prints_the_sentences_of_the_page(found, capsys):
         f"verdict: {text.headline(replace(found, remainder=remainder(Interval(0.4, 0.3, 0.5))))}",
         "to use it: python evaluate.py",
     ):
-        assert said in printed
+        assert message in printed
 
 
 def test_every_phrase_has_its_macro():

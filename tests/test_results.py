@@ -83,7 +83,7 @@ def test_a_number_that_is_not_finite_is_not_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_shapes_are_made_again_from_their_entries():
+def test_shapes_are_rebuilt_from_their_entries():
     for entries in (
         {"kind": "disc", "radius": 0.02},
         {"kind": "ellipse", "semi_axes": [0.035, 0.025]},

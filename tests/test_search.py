@@ -200,7 +200,7 @@ def test_a_larger_model_that_is_no_better_is_not_plausible():
     assert inclusion(found, SPIN) == pytest.approx(1)
 
 
-def test_a_search_without_time_says_so():
+def test_a_search_without_time_is_reported():
     impacts, _ = hidden_effects.draw(12, effects=["spin_damping"], size=80)
     found = diagnose(impacts, find("wang_mason"), candidates=few(SPIN, DRAG), seconds=1e-6)
     assert not found.complete
@@ -245,7 +245,7 @@ def wandering(impacts, memory, seed=1):
 DRIFTS = [key for key in all_candidates() if key.name == "parameter_drift"]
 
 
-def test_a_measurement_that_drifts_is_called_that():
+def test_a_drifting_measurement_is_recognised():
     """Errors with a memory of ten trials, alike for all impacts: no physics."""
     drifting = wandering(synthetic.load(size=200, seed=3), memory=0.9)
     found = diagnose(drifting, find("wang_mason"), candidates=few(SPIN, *DRIFTS))
@@ -280,7 +280,7 @@ def test_other_forms_are_tried_where_a_linearisation_has_not_proposed_them():
 
 
 @pytest.mark.parametrize("c", [0.2, 0.0], ids=["a restitution drifts", "nothing does"])
-def test_blocks_that_were_held_out_tell_a_drift_from_what_wanders(c):
+def test_held_out_blocks_distinguish_drift_from_correlated_noise(c):
     impacts = wandering(planted(240, parameter_drift={"c": c}), memory=0.7)
     pool = pooled(impacts, *DRIFTS)
     whole = pool.best(pool.fitted(spec(effect)) for effect in DRIFTS)

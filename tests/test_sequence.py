@@ -94,7 +94,7 @@ def sensitivities(n, generator):
 
 @pytest.mark.parametrize("n", [100, 400])
 @pytest.mark.parametrize("rho", [0.85, 0.99])
-def test_a_parameter_that_drifts_is_told_from_a_measurement_that_does(n, rho):
+def test_parameter_drift_differs_from_measurement_drift(n, rho):
     generator = torch.Generator().manual_seed(5)
     for _ in range(4):
         slopes, noise = sensitivities(n, generator), SIZE * normal(n, 3, generator=generator)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 from diagnoses import few, remainder
-from drops import LAW, NOISE, fitted, normal, thrown
+from drops import LAW, NOISE, fitted, normal, rough, thrown
 from repetitions import repeated
 
 from contactlearn import diagnose, laws
@@ -38,11 +38,6 @@ def after_fast(drops):
 @pytest.mark.parametrize("runs", repeated(25, 60))
 def test_false_statements_are_as_rare_as_the_level(runs):
     """Heavy tails and a scatter that differs from trial to trial; three standard deviations of a count."""
-
-    def rough(n, seed):
-        tails = normal(n, 4, seed=seed + 3).square().mean(-1, keepdim=True).sqrt()
-        return normal(n, 3, seed=seed + 4) / tails * (0.5 * normal(n, 1, seed=seed + 5)).exp()
-
     level, chances = 0.1, []
     for seed in range(runs):
         drops, fit = fitted(140, 100 * seed, errors=rough)
@@ -57,7 +52,7 @@ def test_false_statements_are_as_rare_as_the_level(runs):
     ({"restitution": after_fast}, Coefficient.RESTITUTION,
         {LaggedVariable.NORMAL_SPEED, LaggedVariable.NORMAL_IMPULSE}),
 ], ids=["friction that is wiped", "restitution that remembers"])  # fmt: skip
-def test_a_coefficient_that_follows_the_sequence_is_found(change, coefficient, followed):
+def test_a_serially_dependent_coefficient_is_found(change, coefficient, followed):
     drops, fit = fitted(300, 1, **change)
     found = find_serial_dependence(drops, fit, FitOptions())
     assert found is not None
@@ -103,7 +98,7 @@ def test_trials_that_stick_tell_nothing_of_friction():
     assert not found
 
 
-def test_of_few_trials_nothing_is_said():
+def test_few_trials_give_no_serial_dependence():
     drops, fit = fitted(60, 4)
     assert find_serial_dependence(drops[:30], fit, FitOptions()) is None
 
@@ -130,7 +125,7 @@ def test_the_level_decides():
 
 
 @pytest.mark.parametrize("sets", repeated({"friction": sawtooth}, {}), ids=["friction that is wiped", "nothing"])
-def test_a_diagnosis_calls_it_unknown_and_says_what_follows(sets):
+def test_a_diagnosis_reports_unknown_serial_dependence(sets):
     drops, _ = fitted(200, 1, **sets)
     found = diagnose(
         drops, "wang_mason", candidates=few("spin_damping", "parameter_drift"), laws=[laws.find("wang_mason")]
@@ -142,7 +137,7 @@ def test_a_diagnosis_calls_it_unknown_and_says_what_follows(sets):
     assert Diagnosis.from_json(found.to_json()) == found
 
 
-def test_it_is_said_in_words():
+def test_the_dependence_in_words():
     found = SerialDependence(
         coefficient=Coefficient.RESTITUTION, variable=LaggedVariable.NORMAL_SPEED, trials=1.0, p_value=0.002,
         share=Interval(0.2, 0.15, 0.25), large=True,
@@ -154,9 +149,9 @@ def test_it_is_said_in_words():
     assert left.found
     assert left.unknown
     assert not left.predictable
-    said = phrases("residual", left)
-    assert said[0] == phrase("not_predictable")
-    assert "none of the known effects explains it" in said[-1]
+    message = phrases("residual", left)
+    assert message[0] == phrase("not_predictable")
+    assert "none of the known effects explains it" in message[-1]
 
 
 def test_a_floor_that_is_dented_where_it_was_hit():

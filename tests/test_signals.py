@@ -42,16 +42,18 @@ def test_workers_end_silently_with_their_parent(stop, status, tmp_path):
     assert deaf == ("True", "True")  # to Ctrl-C, which their parent answers
     stop(parent.pid)
     try:
-        _, said = parent.communicate(timeout=20)  # which all that hold its pipes must have closed, workers among them
+        _, message = parent.communicate(
+            timeout=20
+        )  # which all that hold its pipes must have closed, workers among them
     finally:
         for worker in map(int, workers):
             with contextlib.suppress(ProcessLookupError):
                 os.kill(worker, signal.SIGKILL)
     assert parent.returncode == status
     if status > 0:
-        assert said == "stopped; the same command goes on where a sweep, learning curves or a large diagnosis was\n"
+        assert message == "stopped; the same command goes on where a sweep, learning curves or a large diagnosis was\n"
     else:  # Python's own resource tracker warns of what the killed one did not clean up
-        assert "Traceback" not in said
+        assert "Traceback" not in message
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 from diagnoses import few, made_up, remainder
-from drops import LAW, NOISE, fitted, normal, thrown
+from drops import LAW, NOISE, fitted, normal, rough, thrown
 from repetitions import repeated
 
 from contactlearn import diagnose, laws
@@ -30,7 +30,7 @@ from contactlearn.report.text import headline, phrase, phrases
 OPTIONS = FitOptions()
 
 
-def asked(drops, fit, best=None, thresholds=None):
+def dependence_of(drops, fit, best=None, thresholds=None):
     return find_state_dependence(drops, fit, fit if best is None else best, OPTIONS, thresholds or Thresholds())
 
 
@@ -50,11 +50,6 @@ def symbols(found):
 
 def test_false_statements_are_as_rare_as_the_level():
     """Heavy tails and a scatter that differs from trial to trial; three standard deviations of a count."""
-
-    def rough(n, seed):
-        tails = normal(n, 4, seed=seed + 3).square().mean(-1, keepdim=True).sqrt()
-        return normal(n, 3, seed=seed + 4) / tails * (0.5 * normal(n, 1, seed=seed + 5)).exp()
-
     runs, level, chances = 60, 0.1, []
     for seed in range(runs):
         drops, fit = fitted(120, 100 * seed, errors=rough)
@@ -70,7 +65,7 @@ def test_false_statements_are_as_rare_as_the_level():
 ], ids=["direction and angle", "spin with slip"])  # fmt: skip
 def test_a_product_of_two_inputs_is_found(change, coefficient, named):
     drops, fit = fitted(300, 1, **change)
-    found = asked(drops, fit)
+    found = dependence_of(drops, fit)
     assert found is not None
     assert found.coefficient is coefficient
     assert symbols(found) == named
@@ -78,23 +73,23 @@ def test_a_product_of_two_inputs_is_found(change, coefficient, named):
     mixed = torch.randperm(len(drops), generator=torch.Generator().manual_seed(0))
     lost = drops.replace(q=drops.q[mixed], r=drops.r, v_pre=drops.v_pre, validate=False)
     if "theta" in named:  # the angles of other trials tell nothing
-        assert (again := asked(lost, fit)) is None or "theta" not in symbols(again)
+        assert (again := dependence_of(lost, fit)) is None or "theta" not in symbols(again)
 
 
 def test_an_outcome_that_depends_on_the_state_alike_is_no_coefficient():
     drops, _ = fitted(300, 2)
     curtain = 0.3 * (drops.q[:, :1] - drops.q[:, 0].median()).clamp_min(0)
     pushed = drops.replace(v_post=drops.v_post - curtain * torch.tensor((1.0, 0.0, 20.0)))
-    found = asked(pushed, identify_jointly(LAW, {}, pushed))
+    found = dependence_of(pushed, identify_jointly(LAW, {}, pushed))
     assert found is not None
     assert found.coefficient is None
     assert symbols(found) == {"x"}
 
 
-def test_nothing_is_said_of_nothing():
+def test_no_dependence_is_found_in_noise():
     drops, fit = fitted(300, 3)
-    assert asked(drops, fit) is None
-    assert asked(drops[:30], fit) is None
+    assert dependence_of(drops, fit) is None
+    assert dependence_of(drops[:30], fit) is None
 
 
 def test_a_better_model_of_known_effects_explains_it():
@@ -105,8 +100,11 @@ def test_a_better_model_of_known_effects_explains_it():
     outcome = predict_with(LAW, drops, values, tilted).v_post
     drops = drops.replace(v_post=outcome + NOISE * normal(len(drops), 3, seed=4))
     alone = identify_jointly(LAW, {}, drops)
-    assert asked(drops, alone) is not None
-    assert asked(drops, alone, identify_jointly(LAW, {"surface_tilt": find_effect("surface_tilt")()}, drops)) is None
+    assert dependence_of(drops, alone) is not None
+    assert (
+        dependence_of(drops, alone, identify_jointly(LAW, {"surface_tilt": find_effect("surface_tilt")()}, drops))
+        is None
+    )
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +125,7 @@ def striped():
 def test_another_form_of_an_effect_of_the_model_is_not_unknown(name, striped):
     """Stripes in x are no polynomial of x, but the same dependence; they are unknown to a model without it."""
     drops, form_of = striped[0], "location_dependent_restitution" if name == "location_dependent_restitution" else None
-    found = asked(drops, identify_jointly(LAW, {name: find_effect(name)()}, drops))
+    found = dependence_of(drops, identify_jointly(LAW, {name: find_effect(name)()}, drops))
     assert found is not None
     assert (found.coefficient, symbols(found), found.form_of) == (Coefficient.RESTITUTION, {"x"}, form_of)
     assert found.large == (form_of is None)
@@ -136,7 +134,7 @@ def test_another_form_of_an_effect_of_the_model_is_not_unknown(name, striped):
 
 
 def test_another_form_of_no_effect_is_unknown(striped):
-    found = asked(*striped)
+    found = dependence_of(*striped)
     assert found is not None
     assert (found.coefficient, symbols(found), found.form_of) == (Coefficient.RESTITUTION, {"x"}, None)
     assert found.large
@@ -150,7 +148,7 @@ def test_one_of_two_bodies_is_named():
     values = torch.stack([x.expand(len(drops)) for x in LAW.coefficients], -1).clone()
     values[:, 1] += 0.08 * second * State.of(drops).theta.cos()
     drops = drops.replace(v_post=predict_with(LAW, drops, values).v_post + NOISE * normal(len(drops), 3, seed=5))
-    found = asked(drops, identify_jointly(LAW, {}, drops))
+    found = dependence_of(drops, identify_jointly(LAW, {}, drops))
     assert found is not None
     assert found.coefficient is Coefficient.RESTITUTION
     assert symbols(found) == {"theta", "object"}
@@ -189,31 +187,31 @@ def test_the_thresholds_decide():
     drops, fit = fitted(300, 1, restitution=by_spin_with_slip)
     thresholds = Thresholds()
     more = replace(thresholds, least_gain=0.9)
-    found = asked(drops, fit, thresholds=more)
+    found = dependence_of(drops, fit, thresholds=more)
     assert found is not None
     assert not found.large
     never = replace(thresholds, dependence_level=0.0)
-    assert asked(drops, fit, thresholds=never) is None
+    assert dependence_of(drops, fit, thresholds=never) is None
 
 
 @pytest.mark.parametrize(
     "sets", repeated({"friction": by_direction_and_angle}, {}), ids=["direction and angle", "nothing"]
 )
-def test_a_diagnosis_calls_it_unknown_and_says_what_it_depends_on(sets, capsys):
+def test_a_diagnosis_reports_unknown_state_dependence(sets, capsys):
     drops, _ = fitted(200, 1, **sets)
     found = diagnose(drops, "wang_mason", candidates=few("spin_damping", "side_drag"), laws=[laws.find("wang_mason")])
     show_verdict(found, "")
     assert found.remainder is not None
     assert found.verdict is (Verdict.UNKNOWN if sets else Verdict.NONE)
     assert (found.remainder.state_dependence is not None) == bool(sets)
-    said = "behaves like friction that depends on"
-    assert (said in headline(found)) == bool(sets)
-    assert (said in capsys.readouterr().out) == bool(sets)
-    assert (said in residual_content(found.remainder, ())["text"]) == bool(sets)
+    message = "behaves like friction that depends on"
+    assert (message in headline(found)) == bool(sets)
+    assert (message in capsys.readouterr().out) == bool(sets)
+    assert (message in residual_content(found.remainder, ())["text"]) == bool(sets)
     assert Diagnosis.from_json(found.to_json()) == found
 
 
-def test_it_is_said_in_words():
+def test_the_dependence_in_words():
     found = StateDependence(
         coefficient=Coefficient.FRICTION,
         variables=(VariableShare(symbol="vt", share=0.6), VariableShare(symbol="theta", share=0.4)), p_value=0.002,

@@ -470,14 +470,14 @@ def test_a_folder_that_vanishes(tmp_path):
     assert not (tmp_path / "a" / DONE).exists()
 
 
-@pytest.mark.parametrize(("error", "said"), [
+@pytest.mark.parametrize(("error", "message"), [
     (MemoryError(), "memory ran out; use fewer trials"),
     (OSError(errno.EACCES, "Permission denied", "/data"), "/data: Permission denied; choose another"),
     (ValueError(), "ValueError: no words"),
     (ValueError("two\nlines"), "ValueError: two"),
 ])  # fmt: skip
-def test_reasons_are_one_line(error, said):
-    assert job_module.reason(error).startswith(said)
+def test_reasons_are_one_line(error, message):
+    assert job_module.reason(error).startswith(message)
     assert "\n" not in job_module.reason(error)
 
 

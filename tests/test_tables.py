@@ -128,7 +128,7 @@ def test_names_may_be_exchanged(tmp_path, drops):
     assert_close(table.load(written(tmp_path / "own.csv", columns), columns={"vx": "vy", "vy": "vx"}), drops)
 
 
-def test_velocities_before_impact_may_be_called_so(tmp_path, drops):
+def test_velocities_before_impact_may_end_in_pre(tmp_path, drops):
     """As those after impact are; names that are given or written as ours go first, and covariances keep theirs."""
     columns = columns_of(drops)
     before = {f"{name}_pre" if name in ("vx", "vy", "omega") else name: values for name, values in columns.items()}
@@ -145,7 +145,7 @@ def test_velocities_before_impact_may_be_called_so(tmp_path, drops):
             table.load(written(tmp_path / "own.csv", part))
 
 
-def test_errors_tell_the_files_column_and_the_value_as_written(tmp_path, drops):
+def test_errors_name_the_column_and_the_value_as_written(tmp_path, drops):
     names, units = {"vy": "sink rate", "mass": "weight"}, {"length": "mm", "time": "ms", "mass": "g"}
     own = {names.get(name, name): values for name, values in columns_of(drops).items()}
     for column, value, fragments in (
@@ -158,7 +158,7 @@ def test_errors_tell_the_files_column_and_the_value_as_written(tmp_path, drops):
             table.load(written(tmp_path / "own.csv", changed), columns=names, units=units, validate=False)
 
 
-def test_the_first_missing_number_says_how_many_there_are(tmp_path, drops):
+def test_the_first_missing_number_counts_the_others(tmp_path, drops):
     columns = columns_of(drops)
     gaps = [*columns["vx"][:7], "", *columns["vx"][8:20], "nan", *columns["vx"][21:]]
     with pytest.raises(DataError, match=r"row 8 .*the cell is empty: .*\(2 rows of the column are like this one\)"):
@@ -206,7 +206,7 @@ def test_the_shape_gives_what_is_left_out(tmp_path, drops, shape, left_out):
     assert torch.equal(found.impacts.inertia, inertia) == ("inertia" in left_out)
 
 
-def test_null_says_that_the_file_has_none(tmp_path, drops):
+def test_null_marks_a_column_as_absent(tmp_path, drops):
     path = written(tmp_path / "own.csv", columns_of(drops) | {"inertia": [7.0] * 40, "tme": ["noon"] * 40})
     found = table.read(path, shape=SHAPE, columns={"inertia": None, "time": None})
     assert found.unused == ("inertia", "tme")
@@ -243,8 +243,8 @@ def test_names_with_units_are_proposed_as_a_shell_and_hydra_take_them(tmp_path, 
     own = {"theta": "theta (rad)", "omega": "omega [rad/s]", "vx": 'vx"\\', "vy": "vy's", "mass": "mass"}
     columns = {own.get(name, name): values for name, values in columns_of(drops).items()}
     path = written(tmp_path / "own.csv", columns)
-    said = run("contactlearn", "audit", str(path), status=2)
-    proposed = shlex.split(re.search(r"; ('data.columns=.*) says which columns", said)[1])
+    expected = run("contactlearn", "audit", str(path), status=2)
+    proposed = shlex.split(re.search(r"; ('data.columns=.*) says which columns", expected)[1])
     assert len(proposed) == 1
     assert f"{len(drops)} impacts" in run("contactlearn", "audit", str(path), *proposed)
 
@@ -320,11 +320,11 @@ def test_the_quick_audit_looks_at_all_for_repetitions_and_order():
 SMALL = ("train.size=20", "train.repetitions=4", "bootstrap=50")
 
 
-def test_training_says_what_is_wrong_and_goes_on_as_before(tmp_path, monkeypatch):
+def test_training_reports_the_audit_and_continues(tmp_path, monkeypatch):
     path = table.save(corrupt(synthetic.load(size=80), "mirrored_theta"), tmp_path / "own.csv")
     words = ("train.py", "data=table", f"data.path={path}", ELLIPSE, *SMALL)
-    said = "audit: θ and ω are positive clockwise: use data.correct=[mirrored_theta]\n"
-    assert said in run(*words, f"hydra.run.dir={tmp_path}/a")
+    expected = "audit: θ and ω are positive clockwise: use data.correct=[mirrored_theta]\n"
+    assert expected in run(*words, f"hydra.run.dir={tmp_path}/a")
     monkeypatch.setattr(loading, "quick_audit", lambda impacts: ())
     assert "audit" not in run(*words, f"hydra.run.dir={tmp_path}/b")
     with_audit, without = (json.loads((tmp_path / name / "results.json").read_text()) for name in "ab")
@@ -334,7 +334,7 @@ def test_training_says_what_is_wrong_and_goes_on_as_before(tmp_path, monkeypatch
         assert "audit" not in run(*words, mended, f"hydra.run.dir={tmp_path}/{name}")
 
 
-def test_evaluation_says_what_is_wrong(tmp_path):
+def test_evaluation_reports_the_audit(tmp_path):
     path = table.save(corrupt(synthetic.load(size=80), "grams", "mirrored_theta"), tmp_path / "own.csv")
     words = ("evaluate.py", "data=table", f"data.path={path}", "model=[]", "figures.repetitions=2", *SMALL)
     printed = run(*words, f"hydra.run.dir={tmp_path}/run")
@@ -395,7 +395,7 @@ def test_the_document_lists_columns_units_and_corrections():
             assert f"`{column}`" in text
 
 
-def test_what_spreadsheets_and_instruments_add_is_named(tmp_path, drops):
+def test_additions_of_spreadsheets_and_instruments_are_named(tmp_path, drops):
     """Comments, a row of units and the long layout are called so, and not a truncated file or many missing columns."""
     text = written(tmp_path / "own.csv", columns_of(drops)).read_text("utf-8").splitlines()
     long = [f"{k},{name},{values[k]}" for k in range(3) for name, values in columns_of(drops).items()]

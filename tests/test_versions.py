@@ -21,17 +21,17 @@ def test_every_package_that_is_needed_has_a_lower_bound_to_be_tested():
     assert len(tool("versions").lower_bounds()) == len(needed)
 
 
-@pytest.mark.parametrize(("words", "said"), [
+@pytest.mark.parametrize(("words", "message"), [
     (["oldst"], "invalid choice: 'oldst'"),
     (["oldest", "python2.99"], "python2.99: no such command"),
     ([], "no Python 3.11 or later is found"),
 ])  # fmt: skip
-def test_versions_that_are_not_there_are_no_success(words, said, capsys, monkeypatch):
+def test_versions_that_are_not_there_are_no_success(words, message, capsys, monkeypatch):
     versions = tool("versions")
     monkeypatch.setattr(versions, "pythons", list)
     with pytest.raises(SystemExit, match="2"):
         versions.asked(words)
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_versions_asks_for_both_kinds(monkeypatch):
