@@ -195,7 +195,8 @@ def test_learning_curves_with_bounds(tmp_path):
         leave(tmp_path / f"tilt_{k}", trained(size=size, effects=["surface_tilt"], error=0.1 / (k + 1)))
         leave(tmp_path / f"other_{k}", trained(size=size, sha256="b" * 64))
         leave(tmp_path / f"evaluate_{k}", evaluated(size=size))
-    lines = data_of(write_runs([tmp_path])[0])["curves"]
+    content = data_of(write_runs([tmp_path])[0])
+    lines = content["curves"]
     by_label = {line["label"]: line for line in lines}
     tilt = by_label[f"Mirtich, effects surface tilt, train.py, drops {'a' * 10}"]
     assert [x["mean"] for x in tilt["intervals"]] == pytest.approx([0.1, 0.05])
@@ -203,7 +204,8 @@ def test_learning_curves_with_bounds(tmp_path):
     assert by_label["IRB bound"]["intervals"][0]["mean"] == 0.05
     trains = [line for line in lines if line["label"].startswith("Mirtich")]
     assert len(trains) == 4  # without and with the effect, on other data, and of the evaluations
-    assert len({line["color"] for line in trains}) == 4
+    drawn = [one for one in content["figures"]["curve"]["data"] if one["name"].startswith("Mirtich")]
+    assert len({one["line"]["color"] for one in drawn}) == len(drawn) == 4
 
 
 def test_every_command_has_its_numbers(mixed):

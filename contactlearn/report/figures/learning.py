@@ -2,6 +2,7 @@
 
     error_densities  Fig. 4.1  distributions of the error by model
     learning_curve   Fig. 4.2  error against the number of training impacts
+    run_curves                 the same of several runs in one panel, for a browser
     transfer_errors            error on a new body against the number of its trials
 
 A curve is an array [S, 3] of the mean and the ends of its 95 % interval at S sizes.  Class I are
@@ -22,7 +23,7 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.report.figures import style as st
 
-__all__ = ["error_densities", "learning_curve", "transfer_errors"]
+__all__ = ["error_densities", "learning_curve", "run_curves", "transfer_errors"]
 
 _Level = Iterable[float]
 """A mean and the ends of its 95 % interval."""
@@ -65,6 +66,35 @@ def learning_curve(
     figure.axes[-1].set_ylim(0, _top(values.values(), references.values()))
     if references:
         figure.legend(handles=lines, loc="outside lower center", ncols=len(panels))
+    return figure
+
+
+@st.look()
+def run_curves(
+    sizes: Sequence[float],
+    curves: Mapping[str, _Curve],
+    levels: Mapping[str, _Level],
+    styles: Mapping[str, st.LawStyle],
+    metric: str,
+) -> Figure:
+    """Draw learning curves of several runs in one panel, for a browser, whose script shows some of them.
+
+    Args:
+        sizes: numbers of impacts, increasing.
+        curves: means and intervals by `gid`, nan where a size was not run; an interval has ", interval" after it.
+        levels: errors that depend on no size, by `gid`.
+        styles: of all of them.
+        metric: axis label with its unit.
+    """
+    figure = st.new_figure(st.PAGE, 3.5)
+    axes = st.name_axes(figure.subplots(), "Number of training impacts (–)", metric)
+    _draw_curves(axes, sizes, curves, styles)
+    for gid, line, interval in zip(curves, axes.lines, axes.collections, strict=True):
+        line.set_gid(gid)
+        interval.set_gid(f"{gid}, interval")
+    lines = [*axes.lines, *(_draw_level(axes, styles[gid], level) for gid, level in levels.items())]
+    for gid, line in zip((*curves, *levels), lines, strict=True):
+        line.set_label(st.plain(styles[gid].label, 200))
     return figure
 
 
@@ -182,13 +212,13 @@ def _class_panels(names: Iterable[str], height: float) -> tuple[Figure, list[tup
 
 
 def _draw_curves(
-    axes: Axes, sizes: Sequence[int], curves: Mapping[str, _Curve], styles: Mapping[str, st.LawStyle]
+    axes: Axes, sizes: Sequence[float], curves: Mapping[str, _Curve], styles: Mapping[str, st.LawStyle]
 ) -> None:
     """Curves by name over a logarithmic axis, slightly side by side."""
     numbers = np.asarray(sizes)
     decades = np.log10(numbers[-1] / numbers[0]) or 1
     gap = np.log10(numbers[1:] / numbers[:-1]).min(initial=decades)
-    step = min(0.012 * decades, 0.3 * gap / len(curves))
+    step = min(0.012 * decades, 0.1 * decades / len(curves), 0.3 * gap / len(curves))  # all stay on the axis
     for place, (name, curve) in enumerate(curves.items()):
         run = np.isfinite(curve[:, 0])
         x = numbers[run] * 10 ** (step * (place - (len(curves) - 1) / 2))

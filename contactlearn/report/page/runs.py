@@ -4,6 +4,7 @@ redraw       the page of one run
 write_runs   several runs as one page: what they differ in, their errors and learning curves, and what was found
 """
 
+import math
 import os
 import re
 from collections import Counter
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
 import pandas as pd
 
 from contactlearn.core.errors import ContactLearnError
@@ -20,8 +22,10 @@ from contactlearn.core.numerics import is_number
 from contactlearn.diagnosis.record import Record
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import HEADLINE, Interval
-from contactlearn.report.figures.browser import plotly_style
-from contactlearn.report.figures.style import BOUNDS, MODEL_STYLE, STYLES
+from contactlearn.report.figures.browser import as_plotly, plotly_style
+from contactlearn.report.figures.diagnosis import ERROR
+from contactlearn.report.figures.learning import run_curves
+from contactlearn.report.figures.style import BOUNDS, MODEL_STYLE, STYLES, LawStyle, law_style
 from contactlearn.report.page.diagnosis import of_diagnosis
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import FILE, render, save, write
@@ -52,7 +56,8 @@ _HASH = 10  # digits of the hash of data that are shown
 _SIZE = "train.size"
 _NUMBER = re.compile(r"[-+]?(\d{1,15}\.?\d{0,17}|\.\d+)(e[-+]?\d{1,2})?")
 _PLAIN = ("law", "command", "data")  # traits of a line that are written without their key
-_LOOKS = [name for name in (*MODEL_STYLE, *STYLES) if name not in BOUNDS]  # for lines whose own look is taken
+_LOOKS = [style for name, style in (MODEL_STYLE | STYLES).items() if name not in BOUNDS]  # where its own is taken
+_NOT_RUN = Interval(math.nan, math.nan, math.nan)
 
 
 def has_page(folder: Path) -> bool:
@@ -149,7 +154,7 @@ def of_runs(runs: Sequence[ComparedRun], skipped: Sequence[tuple[str, str]], fol
             }
             for k, (run, traits) in enumerate(zip(runs, _traits(runs), strict=True))
         ],
-        "curves": learning_lines(runs, settings),
+        **learning_lines(runs, settings),
         "_mark": MARK,
         "_sentences": _sentences(runs),
         "_warnings": _warnings(runs, settings),
@@ -328,27 +333,37 @@ class _Line:
     rows: list[int] = field(default_factory=list)
 
 
-def learning_lines(runs: Sequence[ComparedRun], settings: Settings) -> list[dict[str, Any]]:
-    """Return lines {label, sizes, intervals, level and how they are drawn}, and those of the bounds on the same data.
+def learning_lines(runs: Sequence[ComparedRun], settings: Settings) -> dict[str, Any]:
+    """Return `curves`, lines {label, sizes, intervals, level, runs}, and their figure, in which a `gid` is their place.
 
     A line is of runs that differ in `train.size` and in nothing else; without such, of a model of an evaluation that
-    has learning curves.
+    has learning curves.  The bounds on the same data come last.
     """
-    lines = _across(runs, settings) or _within(runs)
+    lines = [line for line in _across(runs, settings) or _within(runs) if line.points]
     if not lines:
-        return []
-    drawn = [_entry(line, words) | {"runs": line.rows} for line, words in zip(lines, _labels(lines), strict=True)]
-    _distinguish_colors(drawn)
-    sizes = sorted({size for line in lines for size in line.points})
+        return {"curves": []}
+    ends = min(size for line in lines for size in line.points), max(size for line in lines for size in line.points)
     yardsticks = _yardsticks(runs, settings, {line.sha256 for line in lines})
-    for line, words in zip(yardsticks, _labels(yardsticks), strict=True):
-        values = list(line.points.values())
-        if len({value.mean for value in values}) == 1:
-            level = dict.fromkeys((sizes[0], sizes[-1]), values[0])
-            drawn.append(_entry(line, words, level) | {"level": True})
+    drawn, words = [*lines, *yardsticks], [*_labels(lines), *_labels(yardsticks)]
+    looks = [*_distinct_styles(lines), *(law_style(line.model) for line in yardsticks)]
+    entries, curves, levels = list[dict[str, Any]](), dict[str, dict[float, Interval]](), dict[str, Interval]()
+    for gid, line in enumerate(drawn):
+        points = dict(sorted(line.points.items()))
+        level = not line.rows and len({value.mean for value in points.values()}) == 1
+        if level:
+            levels[str(gid)] = next(iter(points.values()))
+            points = dict.fromkeys(ends, levels[str(gid)])
         else:
-            drawn.append(_entry(line, words))
-    return drawn
+            curves[str(gid)] = points
+        intervals = [digits(asdict(one), 8) for one in points.values()]
+        entries.append(
+            {"label": words[gid], "sizes": [*points], "intervals": intervals, "level": level, "runs": line.rows}
+        )
+    sizes = sorted({size for points in curves.values() for size in points})
+    table = {gid: np.array([[*points.get(size, _NOT_RUN)] for size in sizes]) for gid, points in curves.items()}
+    styles = {str(gid): look._replace(label=words[gid]) for gid, look in enumerate(looks)}
+    figure = run_curves(sizes, table, levels, styles, ERROR)
+    return {"curves": entries, "figures": {"curve": digits(as_plotly(figure), 8)}}
 
 
 def _across(runs: Sequence[ComparedRun], settings: Settings) -> list[_Line]:
@@ -425,26 +440,12 @@ def _labels(lines: Iterable[_Line]) -> list[str]:
     ]
 
 
-def _entry(line: _Line, words: str, points: Mapping[float, Interval] | None = None) -> dict[str, Any]:
-    points = line.points if points is None else points
-    sizes = sorted(points)
-    intervals = [digits(asdict(points[size]), 8) for size in sizes]
-    return {
-        **plotly_style(line.model),
-        "label": words,
-        "sizes": sizes,
-        "intervals": intervals,
-        "level": False,
-        "runs": [],
-    }
-
-
-def _distinguish_colors(lines: Sequence[dict[str, Any]]) -> None:
+def _distinct_styles(lines: Sequence[_Line]) -> list[LawStyle]:
     """Give a line a free colour if another line has its own; colours repeat when none is free."""
-    taken = set()
-    free = [name for name in _LOOKS if plotly_style(name)["color"] not in {line["color"] for line in lines}]
-    for place, line in enumerate(lines):
-        if line["color"] in taken:
-            other = plotly_style(free.pop(0) if free else _LOOKS[place % len(_LOOKS)])
-            line |= {key: other[key] for key in ("color", "symbol", "dash")}
-        taken.add(line["color"])
+    styles, taken = [law_style(line.model) for line in lines], set[str]()
+    free = [style for style in _LOOKS if style.color not in {one.color for one in styles}]
+    for place, style in enumerate(styles):
+        if style.color in taken:
+            styles[place] = free.pop(0) if free else _LOOKS[place % len(_LOOKS)]
+        taken.add(styles[place].color)
+    return styles

@@ -94,24 +94,17 @@ function shownLines() {
   return [...[...lines].slice(0, most), ...page.curves.filter(line => !line.runs.length)];
 }
 
-// Mean error against the number of training trials; with many lines without their intervals.
+// Lines of the figure that Python has built; many of them without their intervals.
 function drawLines() {
-  const lines = shownLines(), sizes = [...new Set(lines.flatMap(line => line.sizes))].sort((a, b) => a - b);
+  const lines = shownLines(), {data, layout} = page.figures.curve, few = lines.length <= 8;
   const left = ofRuns.length - lines.filter(line => line.runs.length).length;
-  const bands = lines.length > 8 ? [] : lines.filter(line => line.sizes.length > 1).map(({sizes, intervals, color: ink}) => ({
-    type: "scatter", mode: "lines", x: [...sizes, ...[...sizes].reverse()], hoverinfo: "skip", showlegend: false,
-    y: [...intervals.map(one => one.high), ...intervals.map(one => one.low).reverse()],
-    fill: "toself", fillcolor: visible(ink), opacity: 0.15, line: {width: 0},
-  }));
-  const traces = lines.map(({label, color: ink, symbol, dash, sizes, intervals, level}) => ({
-    type: "scatter", mode: level ? "lines" : "lines+markers", x: sizes, y: intervals.map(one => one.mean), name: plain(label),
-    text: intervals.map((one, k) => `${plain(label)}: ${interval(one)} at ${sizes[k]}`), hoverinfo: "text",
-    line: {color: visible(ink), dash}, marker: {symbol, size: 8, color: visible(ink)},
-  }));
+  const parts = ending => lines.map(line => data.find(one => one.meta === `${page.curves.indexOf(line)}${ending}`)).filter(Boolean);
+  const hover = Object.fromEntries(lines.map(line => [page.curves.indexOf(line), {
+    hoverinfo: "text", text: line.intervals.map((one, k) => `${plain(line.label)}: ${interval(one)} at ${line.sizes[k]}`),
+  }]));
   get("left").textContent = left ? `${left} of ${ofRuns.length} lines are not drawn: at most ${most} are, of the first runs that the table shows.` : "";
-  return draw("curve", [...bands, ...traces], {
-    xaxis: {title: {text: "Training trials"}, type: "log", tickvals: sizes, ticktext: sizes.map(String)},
-    yaxis: {title: {text: "Mass error"}, rangemode: "tozero"}, showlegend: true,
+  return show("curve", {data: [...(few ? parts(", interval") : []), ...parts("")], layout: {...layout, shapes: layout.shapes.filter(one => few || one.type === "line")}}, hover, {
+    yaxis: {...layout.yaxis, rangemode: "tozero"}, showlegend: true,
     summary: lines.map(one => `${one.label}: ${written(one.intervals.at(-1).mean)} at ${one.sizes.at(-1)}`).join("; ") + ".",
   });
 }
