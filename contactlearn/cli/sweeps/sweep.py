@@ -225,18 +225,23 @@ def _is_settled(job: Job, returned: str | None, outcome: Outcome) -> bool:
     return True
 
 
+def _limit(launcher: DictConfig, gigabytes: float, jobs: int) -> None:
+    """Ask a launcher for no more processes than memory allows."""
+    with open_dict(launcher):
+        if "n_jobs" in launcher:
+            launcher.n_jobs = min(jobs, jobs_at_a_time(launcher.n_jobs, gigabytes))
+        elif "ray" in launcher and launcher.ray.init.get("address") is None:
+            launcher.ray.init.num_cpus = min(jobs, jobs_at_a_time(launcher.ray.init.get("num_cpus") or -1, gigabytes))
+            launcher.ray.remote.pop("memory", None)
+        elif "ray" in launcher:
+            launcher.ray.init.pop("num_cpus", None)
+            launcher.ray.remote.memory = launcher.ray.remote.get("memory") or int(gigabytes * GIB)
+
+
 def _launcher(config: DictConfig, context: HydraContext, task: TaskFunction, gigabytes: float, jobs: int) -> Launch:
     """The launcher of the configuration, with no more processes than memory allows."""
-    target, settings = str(config.hydra.launcher._target_), config.hydra.launcher
-    with open_dict(settings):
-        if "n_jobs" in settings:
-            settings.n_jobs = min(jobs, jobs_at_a_time(settings.n_jobs, gigabytes))
-        elif "ray" in settings and settings.ray.init.get("address") is None:
-            settings.ray.init.num_cpus = min(jobs, jobs_at_a_time(settings.ray.init.get("num_cpus") or -1, gigabytes))
-            settings.ray.remote.pop("memory", None)
-        elif "ray" in settings:
-            settings.ray.init.pop("num_cpus", None)
-            settings.ray.remote.memory = settings.ray.remote.get("memory") or int(gigabytes * GIB)
+    target = str(config.hydra.launcher._target_)
+    _limit(config.hydra.launcher, gigabytes, jobs)
     try:
         launcher = Plugins.instance().instantiate_launcher(hydra_context=context, task_function=task, config=config)
     except (ImportError, RuntimeError) as error:
