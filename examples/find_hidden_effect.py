@@ -1,8 +1,8 @@
 """Find a hidden effect.
 
 Mystery drops are simulated impacts of an ellipse on a floor, with physics that no law of the catalogue has. The
-simulation shares no law and no effect with the analysis. The diagnosis is to say which effect is missing, and how
-sure it is of the name.
+simulation shares no law and no effect with the analysis. The diagnosis must name the missing effect, with a
+probability.
 """
 
 from pages import settings, show

@@ -22,8 +22,8 @@ from contactlearn.simulation import synthetic
 
 chosen = settings(trials=300, torque=0.0002)
 
-# A cable hangs off the body and twists it back while it is in contact. This is all there is to say of it: the formula,
-# the parameter with its unit and plausible range, and the method.
+# A cable hangs off the body and twists it back while it is in contact. The class is complete: the formula, the
+# parameter with its unit and plausible range, and the method.
 print(inspect.getsource(CableTorque))
 
 # A law is as short: from the contact, μ and ε to the two components of the impulse.
