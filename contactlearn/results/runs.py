@@ -282,38 +282,33 @@ def write_table(
 def as_table(runs: Sequence[ComparedRun]) -> pd.DataFrame:
     """Return the rows of all models of some runs; a run without errors has one row without a model."""
     settings = {f"setting_{key}": _typed(values) for key, values in varying(runs).items()}
-    entries = [
-        _about(run) | {key: values[k] for key, values in settings.items()} | model
-        for k, run in enumerate(runs)
-        for model in _models(run)
-    ]
+    entries: list[dict[str, Any]] = []
+    for k, run in enumerate(runs):
+        done, found = read_done(run.path.parent), run.diagnosis
+        about = {
+            "run": run.name,
+            "command": run.command,
+            "path": printable(str(run.path)),
+            "law": run.law,
+            "learned": run.learned,
+            "given": ", ".join(map(str, run.given)),
+            "found": ", ".join(map(str, run.found)),
+            "verdict": None if found is None else str(found.verdict),
+            "physics": None if found is None or found.physics is None else str(found.physics),
+            "trained_on": run.trained_on,
+            "data": run.data.source,
+            "trials": run.data.trials,
+            "data_sha256": run.data.sha256,
+            "job": None if done is None else done.job,
+            "config_sha256": None if done is None else done.config,
+            "code": None if done is None else done.code,
+            **{f"version_{name}": number for name, number in run.versions.items()},
+        }
+        about |= {key: values[k] for key, values in settings.items()}
+        entries += [about | model for model in _models(run)]
     frame = pd.DataFrame(entries)
     first = ["run", "command", "model", "own", "bound", "law_alone", *_columns(HEADLINE)]
     return frame.reindex(columns=[*first, *(name for name in frame.columns if name not in first)])
-
-
-def _about(run: ComparedRun) -> dict[str, Any]:
-    """Return the columns that all models of a run share."""
-    done, found = read_done(run.path.parent), run.diagnosis
-    return {
-        "run": run.name,
-        "command": run.command,
-        "path": printable(str(run.path)),
-        "law": run.law,
-        "learned": run.learned,
-        "given": ", ".join(map(str, run.given)),
-        "found": ", ".join(map(str, run.found)),
-        "verdict": None if found is None else str(found.verdict),
-        "physics": None if found is None or found.physics is None else str(found.physics),
-        "trained_on": run.trained_on,
-        "data": run.data.source,
-        "trials": run.data.trials,
-        "data_sha256": run.data.sha256,
-        "job": None if done is None else done.job,
-        "config_sha256": None if done is None else done.config,
-        "code": None if done is None else done.code,
-        **{f"version_{name}": number for name, number in run.versions.items()},
-    }
 
 
 def _models(run: ComparedRun) -> Iterator[dict[str, Any]]:

@@ -71,7 +71,21 @@ def page_layout(largest: int) -> Component:
         dcc.Interval(id="study-clock", interval=700, disabled=True),
     ]
     panes = html.Main([_compare(), _fails(), _missing(), _model(), _keep()], id="main", tabIndex="-1")
-    return html.Div([*hidden, _header(largest), _bar(), _hints(), panes])
+    buttons = (action_button(*pair) for pair in (("undo", "Undo"), ("redo", "Redo"), ("alone", "Law alone")))
+    bar: list[Component] = [
+        html.Span("…", id="summary", role="status"),
+        html.Span(id="summary-moving"),
+        html.Span(list(buttons), className="controls"),
+        html.Span(id="trouble", role="alert"),
+    ]
+    reveal = button("reveal", "Reveal the truth", hidden=True)
+    hints = [
+        html.P([html.B(id="hint-title"), " ", html.Span(id="hint-text")], role="status"),
+        controls(button("hint-next", "Next hint"), reveal, button("hint-end", "No more hints")),
+        html.Pre(id="truth", hidden=True),
+    ]
+    top = [_header(largest), html.Div(bar, id="bar", className="bar"), html.Aside(hints, id="hints", hidden=True)]
+    return html.Div([*hidden, *top, panes])
 
 
 def _header(largest: int) -> Component:
@@ -91,24 +105,6 @@ def _header(largest: int) -> Component:
         html.Details([html.Summary("Other data"), upload, load, note(_WORDS), html.Div(id="findings")]),
     ]
     return html.Header(parts)
-
-
-def _bar() -> Component:
-    buttons = (action_button(*pair) for pair in (("undo", "Undo"), ("redo", "Redo"), ("alone", "Law alone")))
-    parts: list[Component] = [
-        html.Span("…", id="summary", role="status"),
-        html.Span(id="summary-moving"),
-        html.Span(list(buttons), className="controls"),
-        html.Span(id="trouble", role="alert"),
-    ]
-    return html.Div(parts, id="bar", className="bar")
-
-
-def _hints() -> Component:
-    text = html.P([html.B(id="hint-title"), " ", html.Span(id="hint-text")], role="status")
-    reveal = button("reveal", "Reveal the truth", hidden=True)
-    buttons = controls(button("hint-next", "Next hint"), reveal, button("hint-end", "No more hints"))
-    return html.Aside([text, buttons, html.Pre(id="truth", hidden=True)], id="hints", hidden=True)
 
 
 def _section(identity: str, head: str, *parts: Component) -> Component:
