@@ -41,7 +41,7 @@ AT_ONCE = 2
 """Diagnoses that run at the same time, and studies."""
 _DIAGNOSE = (sys.executable, "-m", "contactlearn", "diagnose")
 _STUDY = (sys.executable, "-m", "contactlearn.workbench.background")
-_KEPT = 100  # runs that have ended
+_ENDED = 100  # runs that have ended and are still listed
 _ERROR_LINES = 6
 
 
@@ -169,7 +169,7 @@ class BackgroundRuns:
             plural = "studies" if kind is Session else "diagnoses"
             raise ContactLearnError(f"{len(running)} {plural} are running; wait for one, or cancel it")
         ended = [key for key, run in self._runs.items() if run.status is not RunStatus.RUNNING]
-        for key in (name, *ended[: max(0, len(ended) - _KEPT)]):
+        for key in (name, *ended[: max(0, len(ended) - _ENDED)]):
             self._runs.pop(key, None)
         errors = Path(self._scratch.name, f"{time.monotonic_ns()}.txt")
         with errors.open("wb") as file:
