@@ -429,4 +429,4 @@ def test_the_version_is_printed(capsys):
 @pytest.mark.parametrize("words", [("audit", "data=synthetic"), ("export", "drops.csv")])
 def test_settings_that_would_do_nothing_are_refused(words, tmp_path):
     printed = run("contactlearn", *words, "device=cuda", cwd=tmp_path, status=2)
-    assert printed == f"error: {words[0]} takes data=… and data.KEY=… alone, got device=cuda\n"
+    assert printed == f"error: {words[0]} only takes data=… and data.KEY=…, got device=cuda\n"

@@ -36,7 +36,7 @@ FOREIGN = {
     "a log of Hydra's": ("hydra: {{hydra_logging: {{handlers: {{x: {{class: brought.touch, path: {0}}}}}}}}}",
         "more than a log"),
     "an object": ("hydra: {{job_logging: {{root: {{level: 'ext://brought.touch'}}}}}}", "more than a log"),
-    "an environment": ("hydra: {{job: {{env_set: {{PYTHONPATH: /tmp}}}}}}", "from the command line alone"),
+    "an environment": ("hydra: {{job: {{env_set: {{PYTHONPATH: /tmp}}}}}}", "only taken from the command line"),
 }  # fmt: skip
 
 

@@ -214,7 +214,7 @@ def test_a_parameter_of_few_trials_is_flagged():
     q[:3, 0] = 1.0
     corner = formula(tau="c*x*Pn", parameters={"c": {"low": -0.01, "high": 0.01, "unit": "–"}})
     found = identify_jointly(find("wang_mason"), {"corner": corner}, drops.replace(q=q)).undetermined()
-    assert "about 3 trials tell of it" in found["corner.c"] or "about 2 trials" in found["corner.c"]
+    assert "about 3 trials constrain it" in found["corner.c"] or "about 2 trials" in found["corner.c"]
 
 
 def test_few_trials_do_not_look_certain():

@@ -25,7 +25,7 @@ from contactlearn.cli.sweeps.sweep import Job, run_jobs
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.results import folder as results
 from contactlearn.results.folder import find_results, read_result
-from contactlearn.results.state import DONE, FAILED, Failed, fail, finish, held, is_held, read_done, unfinished
+from contactlearn.results.state import DONE, FAILED, Failed, fail, finish, is_locked, locked, read_done, unfinished
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
 from speed.sweeps import COUNT, JOBS, content, ended, finished, nothing_half_written, started, survive
@@ -171,7 +171,7 @@ class Launcher:
                 fate = fate(len(batch))
             if fate == "never":
                 continue
-            with held(job.folder):
+            with locked(job.folder):
                 (job.folder / ".hydra").mkdir(exist_ok=True)
                 os.utime(job.folder / ".hydra", ns=(0, len(self.batches)))
                 if fate == "done":
@@ -331,10 +331,10 @@ def test_two_processes_on_one_sweep(undisturbed, tmp_path):
 
 
 def test_one_folder_has_one_holder(tmp_path):
-    with held(tmp_path) as first, held(tmp_path) as second:
-        assert (first, second, is_held(tmp_path)) == (True, False, True)
-    assert not is_held(tmp_path)
-    assert not is_held(tmp_path / "nowhere")
+    with locked(tmp_path) as first, locked(tmp_path) as second:
+        assert (first, second, is_locked(tmp_path)) == (True, False, True)
+    assert not is_locked(tmp_path)
+    assert not is_locked(tmp_path / "nowhere")
 
 
 # Single runs
@@ -361,7 +361,7 @@ def test_a_named_folder_is_not_written_over(tmp_path):
     before = {path: path.read_bytes() for path in (tmp_path / "a").rglob("*") if path.is_file()}
     assert "finished already" in run(*words)
     assert "holds the result of another run; choose another hydra.run.dir" in run(*words, "seed=1", status=2)
-    with held(tmp_path / "b"):
+    with locked(tmp_path / "b"):
         printed = run(*words[:-1], f"hydra.run.dir={tmp_path / 'b'}", status=2)
         assert "is in use by another run" in printed
     assert before == {path: path.read_bytes() for path in (tmp_path / "a").rglob("*") if path.is_file()}

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from contactlearn.core.serialisation import to_json
 from contactlearn.results.folder import find_results, read_result
-from contactlearn.results.state import Done, finish, held, read_done
+from contactlearn.results.state import Done, finish, locked, read_done
 
 ROOT = Path(__file__).resolve().parents[2]
 JOBS = ("data.size=80", "train.repetitions=2", "bootstrap=20", "train.size=10,15,20", "law=wang_mason,whittaker")
@@ -139,7 +139,7 @@ def mark_finished(folder, words, count):
         digest = f"{seed:012x}"
         done = Done(job=digest, config="0" * 64, data="", code=code_version(), words=words_digest(cfg.hydra, job))
         place = folder / f"seed={seed}-{digest}"
-        with held(place):
+        with locked(place):
             finish(place, done)
 
 

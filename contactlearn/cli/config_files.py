@@ -108,7 +108,7 @@ def _unknown(key: str, known: set[str]) -> ContactLearnError:
     others = [f"{command}.py" for command in _COMMANDS if key in _declared(command)]
     if others:
         return ContactLearnError(
-            f"{key} is a setting of {' and '.join(others)} alone; --help lists all of this command"
+            f"{key} is a setting of {' and '.join(others)} only; --help lists the settings of this command"
         )
     last = {name.rpartition(".")[2]: name for name in known}
     near = suggest(key, known) or suggest(last.get(key.rpartition(".")[2], ""), known)

@@ -7,7 +7,7 @@ A `_target_` may name
     a class that the command line itself names: law._target_=my_module.MyLaw
 
 and nothing else, before anything is imported.  Hydra's launchers and sweepers come from its plugins;
-its callbacks and settings of the environment are taken from the command line alone, and its logs are logs.
+its callbacks and settings of the environment are only taken from the command line, and its logging may only write logs.
 """
 
 import re
@@ -98,7 +98,7 @@ def check_targets(cfg: DictConfig, words: Iterable[str]) -> None:
     for key, target in _targets({str(name): _resolved(cfg, name) for name in cfg if name != "hydra"}):
         if not _is_declared(target) and not _is_typed(target, typed):
             raise ContactLearnError(
-                f"{key}={target} comes from a file; a class of another package is taken from the command line alone: "
+                f"{key}={target} comes from a file; a class of another package is only taken from the command line: "
                 f"add {key}={target} to it, if you trust that class"
             )
     hydra = OmegaConf.select(cfg, "hydra")
@@ -111,7 +111,7 @@ def check_targets(cfg: DictConfig, words: Iterable[str]) -> None:
             raise ContactLearnError(f"{key}={target} is no plugin of Hydra's; take it out of the configuration")
     for key in _TYPED_ALONE:
         if OmegaConf.select(cfg, key) and not any(word.lstrip("+").startswith(key) for word in typed):
-            raise ContactLearnError(f"{key} comes from a file; it is taken from the command line alone")
+            raise ContactLearnError(f"{key} comes from a file; it is only taken from the command line")
     for key in _LOGGING:
         logs = OmegaConf.select(cfg, key)
         for path, value in _leaves({} if logs is None else OmegaConf.to_container(logs), key):

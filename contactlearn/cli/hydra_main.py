@@ -38,7 +38,7 @@ _FULL = "HYDRA_FULL_ERROR"
 
 
 def _run(command: str, cfg: DictConfig) -> None:
-    """Run a command in its folder; an error that the user can mend is one message and exit status 2."""
+    """Run a command in its folder; an error that the user can fix is one message and exit status 2."""
     import torch
     from threadpoolctl import threadpool_limits
 
@@ -98,7 +98,7 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
 
 @contextmanager
 def _one_message(command: str) -> Generator[None]:
-    """End with one message and status 2 for an error that the user can mend."""
+    """End with one message and status 2 for an error that the user can fix."""
     before = os.environ.get(_FULL)
     os.environ[_FULL] = "1"  # Hydra raises exceptions, and prints none itself
     try:

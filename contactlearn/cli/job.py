@@ -28,7 +28,7 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import atomic_write
 from contactlearn.data.blocks import Blocks
 from contactlearn.results.folder import is_run
-from contactlearn.results.state import DONE, Done, Failed, clear, fail, finish, held, read_done, remove_if_empty
+from contactlearn.results.state import DONE, Done, Failed, clear, fail, finish, locked, read_done, remove_if_empty
 from contactlearn.results.types import DataSource, Provenance
 
 _ELSEWHERE = "choose another with hydra.run.dir=FOLDER, or hydra.sweep.dir=FOLDER for a sweep"
@@ -104,7 +104,7 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
         cfg: the composed configuration.
 
     Raises:
-        ContactLearnError: what a user can mend, and anything at all in a sweep, which then goes on.
+        ContactLearnError: errors that a user can fix; in a sweep, which continues with its next job, any error.
     """
     hydra, start = cast(DictConfig, HydraConfig.get()), time.monotonic()
     with _failures_recorded(Path(str(hydra.runtime.output_dir)), began=False):
@@ -142,7 +142,7 @@ def _failures_recorded(folder: Path, began: bool) -> Generator[None]:
     """Leave the reason of a failure in the folder of a job, but no empty folder of a run.
 
     Raises:
-        ContactLearnError: for what a user can mend, and for anything at all in a sweep: any process can pass it on.
+        ContactLearnError: errors that a user can fix; in a sweep any error, since every process can unpickle this one.
     """
     sweeping = HydraConfig.get().mode == RunMode.MULTIRUN
     try:
@@ -201,7 +201,7 @@ def _folder_of_identity(folder: Path, identity: Done) -> Generator[Path | None]:
     """
     if not folder.name.endswith(f"-{identity.job}"):
         raise ContactLearnError("data, code or configuration changed during the sweep; run the same command again")
-    with held(folder) as free:
+    with locked(folder) as free:
         if not free or _is_finished(folder, identity):
             yield None
         else:
@@ -221,7 +221,7 @@ def _folder_of_name(folder: Path, identity: Done) -> Generator[Path | None]:
             raise ContactLearnError(f"{folder} holds the result of another run; choose another hydra.run.dir")
         yield None
         return
-    with held(folder) as free:
+    with locked(folder) as free:
         if not free:
             raise ContactLearnError(f"{folder} is in use by another run; choose another hydra.run.dir")
         (folder / DONE).unlink(missing_ok=True)
@@ -235,7 +235,7 @@ def _new_folder(wanted: Path) -> Generator[Path]:
         folder = wanted if number == 1 else wanted.with_name(f"{wanted.name}-{number}")
         if is_run(folder):
             continue
-        with held(folder) as free:
+        with locked(folder) as free:
             if free and not is_run(folder):
                 (folder / DONE).unlink(missing_ok=True)
                 yield folder

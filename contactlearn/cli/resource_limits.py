@@ -1,4 +1,4 @@
-"""Memory and disk: estimated before a long step, which takes fewer trials, fewer jobs or smaller tables if need be."""
+"""Estimates of memory and disk before a long step, which then uses fewer trials, fewer jobs or smaller tables."""
 
 import os
 import shutil
@@ -31,7 +31,7 @@ def affordable_train_size(wanted: int | None) -> int | None:
 
 
 def refuse_too_large(needed: float, why: str) -> None:
-    """Refuse a step that cannot do with less.
+    """Refuse a step that needs more memory than there is.
 
     Raises:
         ContactLearnError: more bytes are needed than there is memory.
@@ -73,7 +73,7 @@ def usable_cores() -> int:
 
 
 def available_memory() -> float | None:
-    """Return the bytes of memory that this process and its jobs may take; None where the system does not tell.
+    """Return the bytes of memory that this process and its jobs may take; None where the system does not report it.
 
     It is the memory that is free on the machine, or in the control group that limits the process.
     """

@@ -252,7 +252,7 @@ class EvaluateSettings:
 
     @property
     def processes(self) -> int:
-        """Number of processes to train in: as given, one alone on a GPU, else one for each core of this process."""
+        """Number of processes to train in: as given, one on a GPU, else one for each core of this process."""
         if self.workers is not None or self.device.type != "cpu":
             return self.workers or 1
         return usable_cores()
@@ -475,7 +475,7 @@ def _law(config: Mapping[str, Any]) -> Law:
     """The law `law` of a command that cannot choose one."""
     law = parse_law(config["law"], str(config["variant"]))
     if law is None:
-        raise ContactLearnError("law=best is a choice of diagnose.py alone; name a law, such as law=wang_mason")
+        raise ContactLearnError("only diagnose.py takes law=best; name a law, such as law=wang_mason")
     return law
 
 
@@ -531,7 +531,7 @@ def _effect(entry: Mapping[str, Any]) -> Effect:
     with located_errors(target, kind):
         effect = from_settings(kind, settings)
         if not isinstance(getattr(effect, "formula", None), str):
-            raise ContactLearnError(f'{target} must say what it does, such as formula = "v_x⁺ ← v_x⁺ + u"')
+            raise ContactLearnError(f'{target} must describe what it does, such as formula = "v_x⁺ ← v_x⁺ + u"')
         if not str(target).startswith("contactlearn."):
             check_effect(effect, target)
     return effect
@@ -580,7 +580,7 @@ def _subclass(target: object, base: type[Base]) -> type[Base]:
         module = import_module(place)
     except Exception as error:
         missing = isinstance(error, ModuleNotFoundError) and f"{place}.".startswith(f"{error.name}.")
-        why = "is its package installed, or its folder on PYTHONPATH?" if missing else f"mend {place} first"
+        why = "is its package installed, or its folder on PYTHONPATH?" if missing else f"fix {place} first"
         seen = f"{type(error).__name__}: {error}".splitlines()[0]
         raise ContactLearnError(f"_target_={target} cannot be imported ({seen}); {why}") from None
     kind = getattr(module, name, None)

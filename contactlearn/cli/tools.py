@@ -1,9 +1,9 @@
 """The commands that argparse parses: the arguments of each, and the function that runs it and returns the output.
 
-Modules that a command needs are imported in it alone.
+Each command imports the modules that it needs when it runs.
 
 Raises:
-    ContactLearnError: errors that a user can mend.
+    ContactLearnError: errors that a user can fix.
 """
 
 import argparse
@@ -16,8 +16,8 @@ from contactlearn.core.errors import ContactLearnError, UnknownNameError
 if TYPE_CHECKING:
     from contactlearn.cli.settings import SourceSettings
 
-_REPORT = """Of one run of evaluate or diagnose: write its report.html again, from the run folder alone, without the
-data source and without a fit.  Of several runs, or of a folder above some: write one self-contained page that opens
+_REPORT = """For one run of evaluate or diagnose, write its report.html again from the run folder, without the data
+source and without a fit.  For several runs, or a folder above some, write one self-contained page that opens
 offline, with the settings in which the runs differ, their held-out errors, verdicts and missing effects in a table to
 sort and filter, learning curves where train.size differs, and the ladders of diagnoses.  Runs that cannot be read are
 named on it, with the reason."""
@@ -118,7 +118,7 @@ def _source(command: str, words: Sequence[str], path: str | None = None) -> "Sou
     cfg = compose("evaluate", list(words))
     for word in words:
         if word.lstrip("+~").partition("=")[0].partition(".")[0] != "data":
-            raise ContactLearnError(f"{command} takes data=… and data.KEY=… alone, got {word}")
+            raise ContactLearnError(f"{command} only takes data=… and data.KEY=…, got {word}")
     if path is not None:
         cfg.data.path = path
     return SourceSettings.from_config(cfg)
@@ -148,7 +148,7 @@ def run_audit(options: argparse.Namespace) -> str:
 
 
 def run_export(options: argparse.Namespace) -> str:
-    """Write a data source to a table; say so."""
+    """Write a data source to a table; return a line with its path."""
     from contactlearn.cli.commands.loading import load_data
     from contactlearn.data import table
 
@@ -195,7 +195,7 @@ def run_reveal(options: argparse.Namespace) -> str:
 
 
 def run_report(options: argparse.Namespace) -> str:
-    """Write the page of one run again, or one over several; say where it is."""
+    """Write the page of one run again, or one over several; return a line with its path."""
     from pathlib import Path
 
     from contactlearn.diagnosis.events import track
@@ -214,7 +214,7 @@ def run_report(options: argparse.Namespace) -> str:
 
 
 def run_results(options: argparse.Namespace) -> str:
-    """Write the table of all runs in some folders; say how many there are."""
+    """Write the table of all runs in some folders; return their number in a line."""
     from contactlearn.diagnosis.events import track
     from contactlearn.report.events import progress
     from contactlearn.results.runs import write_table

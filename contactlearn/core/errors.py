@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 
 class ContactLearnError(ValueError):
-    """Base of all errors that a user can mend; its text is meant to be read alone."""
+    """Base of all errors that a user can fix; its text is meant to be read alone."""
 
 
 class DataError(ContactLearnError):

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
-_STOPPED = "stopped; the same command goes on where a sweep, learning curves or a large diagnosis was"
+_STOPPED = "stopped; the same command resumes where a sweep, learning curves or a large diagnosis was"
 
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 

@@ -1,7 +1,7 @@
 """Drift of the measurement: errors that wander with the sequence of trials, distinguished from a parameter that drifts.
 
     dependence   tests whether residuals of neighbouring trials resemble each other: a wandering calibration
-    drift_kind   decides whether the measurement wanders, alike for every impact, or a parameter of the model does
+    drift_kind   distinguishes a drift of the measurement, the same for every impact, from that of a model parameter
     blocks       draws contiguous parts of the sequence to hold out, where neighbours resemble each other
 
 Sums of neighbouring residuals over windows of 2, 4, 8 … trials spread more than under random signs if neighbours
@@ -146,7 +146,7 @@ def _decay(
 def drift_kind(
     residual: Float[Tensor, "n 3"], sensitivity: Float[Tensor, "n 3 k"], order: Float[Tensor, " n"]
 ) -> Literal["measurement", "parameter", "undecided"]:
-    """Tell a measurement that wanders, alike for every impact, from a parameter of the model that does.
+    """Distinguish a drift of the measurement, the same for every impact, from a drift of a model parameter.
 
     Both are smooth functions of the order: the one added to each component, the other times the derivative of v_post in
     each parameter.  The marginal likelihoods of both, over their variances and time scale, are compared by BIC.
@@ -267,7 +267,7 @@ def measurement_drift(selection: Selection, thresholds: Thresholds, generator: t
 def lasts_beside(
     drift: Dependence, pool: Pool, whole: ScoredFit, without: ScoredFit, sigmas: float, generator: torch.Generator
 ) -> bool:
-    """Tell whether effects over the order predict held-out blocks beside a measurement that drifts.
+    """Return whether effects over the order predict held-out blocks in addition to a measurement drift.
 
     Args:
         drift: of what the whole model leaves.
@@ -314,7 +314,7 @@ def blocked_folds(drift: Drift, selection: Selection, generator: torch.Generator
 
 
 def drift_finding(drift: Drift) -> Finding:
-    """Say the size and the time scale of the drift."""
+    """Describe the drift by its size and time scale."""
     found, (v_x, v_y, omega) = drift.found, drift.found.size
     some = "Other effects" if drift.lasting else "Effects"
     sentence = (

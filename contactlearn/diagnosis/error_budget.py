@@ -32,7 +32,7 @@ from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
 
 _NEIGHBOURS = 10
-_TRIALS = 4000  # whose neighbours are sought, at most
+_TRIALS = 4000  # whose neighbours are searched for, at most
 _DRAWS = 8
 _RESAMPLES, _AT_ONCE = 1000, 50
 _INPUTS = ("rx", "ry", "vx", "vy", "omega", "x")

@@ -35,7 +35,7 @@ class _Event(msgspec.Struct, frozen=True, tag_field="event"):
 
 
 class TaskProgress(_Event, frozen=True, kw_only=True):
-    """A long task goes on: `done` steps of `total`; `total` is None while it is unknown."""
+    """Progress of a long task: `done` steps of `total`; `total` is None while it is unknown."""
 
     task: str
     done: int
@@ -121,7 +121,7 @@ class RemainderLearned(_Event, frozen=True, kw_only=True):
 
 
 class FormulasSkipped(_Event, frozen=True, kw_only=True):
-    """No formulas are sought for the predictable residual."""
+    """The search for formulas of the predictable residual is skipped."""
 
     reason: str
 

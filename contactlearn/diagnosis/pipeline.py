@@ -54,7 +54,7 @@ def diagnose(
         noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s) where they are known.
         limits: limits of the set-up for the next experiment, see `next_experiment`.
         seed: seed of folds, subsamples and resamples.
-        seconds: time after which the search goes on with the models that it has; the result says so.
+        seconds: time limit of the search, s; after it, the fitted models decide, and the result is marked incomplete.
         memory: bytes that the diagnosis may take; a large table is diagnosed on subsamples that need no more.
         resume_folder: folder for the results of finished subsamples, which a later run of the same question reuses.
         thresholds: limits of every decision; `Thresholds()` if None.
@@ -95,10 +95,10 @@ def _check(impacts: Impacts, limits: Mapping[str, tuple[float, float]], threshol
     fewest = thresholds.fewest_trials
     if len(impacts) < fewest:
         raise DataError(f"{impacts.source}: a diagnosis needs at least {fewest} trials, got {len(impacts)}")
-    state_limits(impacts, limits)
+    state_limits(impacts, limits)  # raises for wrong limits
 
 
 def _refused(law: Law | None, findings: tuple[Finding, ...], thresholds: Thresholds) -> Diagnosis:
-    """Return the diagnosis of measurements that no correction mends."""
+    """Return the diagnosis of measurements that no correction can repair."""
     name, variant = (law.name, law.variant) if law else (None, None)
     return Diagnosis(verdict=Verdict.BAD_DATA, law=name, variant=variant, findings=findings, thresholds=thresholds)

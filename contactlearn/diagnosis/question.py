@@ -25,7 +25,7 @@ class Question:
         options: options of all fits.
         limits: limits of the set-up for the next experiment, see `next_experiment`.
         thresholds: limits of every decision.
-        seconds: time after which the search goes on with the models that it has.
+        seconds: time limit of the search, s; after it, the fitted models decide.
         on_event: receives results and progress.
         ordered: whether flexible models may depend on the order of the trials.
     """

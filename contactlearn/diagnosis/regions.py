@@ -18,7 +18,7 @@ r_x/ρ, |r_x|/ρ               lever arm in radii of gyration
 direction, |v_t|, |v_t|/|v_n|, incidence   of the slip; incidence is the angle of v_c against the normal
 |v_n|, ω, |ω|                approach speed and spin
 x, order                     where on the floor, and when
-mode                         the fate of the slip as the model predicts it: it goes on, ends or turns round
+mode                         the fate of the slip as the model predicts it: it continues, stops or reverses
 Sources: Wilcoxon 1945; Holm 1979; peeling as in Friedman & Fisher 1999.
 """
 

@@ -123,7 +123,7 @@ def normal_interval(errors: Float[Tensor, " n"]) -> Interval:
 
 
 def agree(one: Interval, other: Interval, thresholds: Thresholds) -> bool:
-    """Tell whether two mean errors of different trials differ by no more than chance."""
+    """Return whether two mean errors of different trials differ by no more than chance."""
     spread = math.hypot(one.high - one.low, other.high - other.low) / (2 * Z_95)
     return abs(one.mean - other.mean) <= thresholds.certain_sigmas * spread
 
@@ -193,7 +193,7 @@ def _placed(variable: Variable, cells: int) -> tuple[Int[Tensor, " n"], float, f
 
 
 def affordable(trials: int, memory: float | None) -> bool:
-    """Tell whether the diagnosis of so many trials fits into a memory in bytes; None is unlimited."""
+    """Return whether the diagnosis of so many trials fits into a memory in bytes; None is unlimited."""
     return memory is None or _BYTES + _BYTES_A_TRIAL * trials <= memory
 
 

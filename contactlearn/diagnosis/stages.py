@@ -134,7 +134,7 @@ def _fit_alone(question: Question, law: Law, impacts: Impacts) -> Law:
 
 @dataclass(frozen=True, kw_only=True)
 class SearchResult:
-    """A selection, and the failures of its law.
+    """The selected model, and the limits and regions of its law's error.
 
     Args:
         selection: the chosen model.

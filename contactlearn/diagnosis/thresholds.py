@@ -22,16 +22,16 @@ class Thresholds:
     trials_per_parameter: int = 10
     """Trials that each parameter of a candidate must have to itself; richer candidates explain noise."""
     least_gain: float = 0.02
-    """Share of the held-out error that an effect must take away to be worth a name.  A dependence of a coefficient on
-    the state or on the sequence must take as much of the residual away for the verdict `unknown`."""
+    """Share of the held-out error that an effect must remove to be named.  A dependence of a coefficient on the state
+    or on the sequence must remove as much of the residual for the verdict `unknown`."""
     minor_share: float = 0.05
     """Share below which a part is too small to be named: of an effect in the reduction by all effects together, which
-    may be the difference of another effect's form from nature's; of a variable in the predictable residual; and the
+    may only correct the functional form of another effect; of a variable in the predictable residual; and the
     lower end of the 95 % interval of the predictable share for the verdict `unknown`."""
     form_error: float = 0.1
-    """Relative change of the held-out error that a wrong functional form may make.  An effect that gains more is worth
-    a name beside any stronger one; a rival that loses less is indistinguishable if its trace is the same; a predictable
-    share, or another law's lead, that is larger gives the verdict `unknown`."""
+    """Relative change of the held-out error that a wrong functional form may make.  An effect that gains more is
+    named however strong the others are; a rival that loses less is indistinguishable if its trace is the same; a
+    predictable share, or another law's lead, that is larger gives the verdict `unknown`."""
     gain_sigmas: float = 2.5
     """Standard errors by which the held-out gain of an effect must exceed 0."""
     chance_sigmas: float = 2.0

@@ -13,7 +13,7 @@ from contactlearn.effects.state import State
 class InertiaError(Effect):
     """The moment of inertia is e^κ times the nominal one.
 
-    It is not an error of the mass, which no velocity can tell of.
+    It is not an error of the mass, which velocities do not determine.
     """
 
     formula = "I ← I e^κ"

@@ -14,7 +14,7 @@ from pathlib import Path
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import atomic_write
 from contactlearn.core.serialisation import LARGEST_FILE, from_json, to_json
-from contactlearn.results.state import DONE, LOCK, is_held, read_failed, unfinished
+from contactlearn.results.state import DONE, LOCK, is_locked, read_failed, unfinished
 from contactlearn.results.types import FORMAT, DiagnosisRun, Evaluation, RunKind, Training, Transfer
 
 Result = Training | Evaluation | Transfer | DiagnosisRun
@@ -80,7 +80,7 @@ def read_result(path: Path) -> Result:
     if path.name not in FILES:
         if (failed := read_failed(path)) is not None:
             raise ContactLearnError(f"failed: {failed.reason}")
-        if is_held(path):
+        if is_locked(path):
             raise ContactLearnError("is still running")
         if unfinished(path):
             raise ContactLearnError("was stopped before its end; the same command again makes a whole run")

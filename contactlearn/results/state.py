@@ -34,7 +34,7 @@ class Done:
         config: SHA-256 of the resolved configuration.
         data: SHA-256 of the files that it names; empty where it names none.
         code: version of this program, with the SHA-256 of its sources.
-        words: SHA-256 of what was typed and of the files that it was composed with; empty where that tells nothing.
+        words: SHA-256 of the overrides and of the configuration files; empty where these do not identify the run.
         paths: data files that the configuration names.
         seconds: that the run took.
     """
@@ -57,8 +57,8 @@ class Failed:
 
 
 @contextmanager
-def held(folder: Path) -> Generator[bool]:
-    """Hold a folder, which is made if there is none; false if another process holds it.
+def locked(folder: Path) -> Generator[bool]:
+    """Lock a folder, which is made if there is none; false if another process holds it.
 
     Raises:
         OSError: the folder cannot be made or written.
@@ -76,11 +76,11 @@ def held(folder: Path) -> Generator[bool]:
         lock.release()
 
 
-def is_held(folder: Path) -> bool:
+def is_locked(folder: Path) -> bool:
     """Whether a process writes to a folder at present."""
     if not (folder / LOCK).exists():
         return False
-    with held(folder) as free:
+    with locked(folder) as free:
         return not free
 
 
@@ -93,7 +93,7 @@ def begun(folder: Path) -> int | None:
 
 
 def finish(folder: Path, done: Done) -> None:
-    """Write the last file of a run.
+    """Mark a run as finished.
 
     Raises:
         ContactLearnError: the folder, or its lock, is not there any more.
@@ -132,7 +132,7 @@ def read_failed(folder: Path) -> Failed | None:
 
 
 def unfinished(folder: Path) -> bool:
-    """Whether a run began in a folder and has not finished: it goes on, failed, or was killed."""
+    """Whether a run began in a folder and has not finished: it is running, failed, or was killed."""
     return (folder / LOCK).exists() and not (folder / DONE).exists()
 
 

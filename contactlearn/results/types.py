@@ -44,7 +44,7 @@ class DataSource:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """Everything that is needed to make a result again.
+    """Everything that is needed to reproduce a result.
 
     Args:
         data: the impacts.
@@ -76,7 +76,7 @@ class LawEstimate:
     Args:
         law: its name.
         variant: of the law.
-        options: of the law, beside μ and ε.
+        options: of the law, other than μ and ε.
         trials: in each subset.
         repetitions: number of subsets.
         mu: mean over the subsets.

@@ -97,7 +97,7 @@ class LawContract:
         """P_n ≥ 0, |P_t| ≤ μ P_n, v_n⁺ ≥ 0 and no energy added, or a class attribute says that one does not hold."""
         assert self.impulse(Contacts.draw()).isfinite().all()
         undeclared = [name for name, seen in self.differences().items() if seen and not getattr(self.law, name)]
-        assert not undeclared, f"declare {', '.join(f'{name} = True' for name in undeclared)}, or mend the law"
+        assert not undeclared, f"declare {', '.join(f'{name} = True' for name in undeclared)}, or fix the law"
 
     def test_without_friction_there_is_no_tangential_impulse(self) -> None:
         """μ = 0 gives P_t = 0 exactly."""

@@ -1,4 +1,4 @@
-"""Diagnose a contact model: each stage as it comes, diagnosis.json and its record, figures, page."""
+"""The command diagnose: prints each stage, writes diagnosis.json and its record, and draws figures and page."""
 
 import shlex
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ from contactlearn.results.types import DiagnosisRun
 
 
 def diagnose(settings: DiagnoseSettings, run: Run) -> None:
-    """Find the missing effects; each stage is printed as soon as it is known, the conclusion once it is on disk."""
+    """Find the missing effects; print each stage when it is known, and the verdict when it is on disk."""
     impacts = loading.load_data(settings.source, validate=False, folder=run.folder)
     terminal.print_line(f"{impacts.source}: {len(impacts)} impacts")
     with progress(run.folder) as on_event:

@@ -26,7 +26,7 @@ from contactlearn.cli.resource_limits import GIB, jobs_at_a_time
 from contactlearn.cli.sweeps.identity import DIGITS, job_identity, still_valid, words_digest
 from contactlearn.core.errors import ContactLearnError, install_hint, terminal_safe
 from contactlearn.report.terminal import show_sweep
-from contactlearn.results.state import FAILED, Done, begun, is_held, read_done, read_failed
+from contactlearn.results.state import FAILED, Done, begun, is_locked, read_done, read_failed
 
 Launch = Callable[[Sequence["Job"]], Sequence[str | None]]
 """Runs jobs, and returns the reason of each that failed."""
@@ -213,7 +213,7 @@ def run_jobs(jobs: Sequence[Job], launch: Launch, at_once: int | None, queues: b
 
 def _is_settled(job: Job, returned: str | None, outcome: Outcome) -> bool:
     """Enter a job that finished or failed; one that another process runs is waited for, since it may be killed."""
-    while is_held(job.folder):
+    while is_locked(job.folder):
         time.sleep(_POLL)
     failed = read_failed(job.folder)
     if job.finished:

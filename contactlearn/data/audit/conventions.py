@@ -1,7 +1,7 @@
 """Conventions of units and axes: hypotheses about them, compared by the contradictions in the measurements under each.
 
-A hypothesis is a few named corrections; `consistency.contradictions` asks the same questions under each.  The moment
-balance alone knows the signs of its two terms only: turning θ looks like turning r.  The other questions distinguish
+A hypothesis is a few named corrections; `consistency.contradictions` makes the same tests under each.  The moment
+balance alone knows the signs of its two terms only: turning θ looks like turning r.  The other tests distinguish
 these, except for equivalent ones (a disc seen from behind).  Contradictions are bounded, so that no outlier
 decides; their mean over the trials is compared pairwise, with its standard error.
 

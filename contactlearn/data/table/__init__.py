@@ -1,10 +1,10 @@
 """Impacts from and to a table file: CSV (UTF-8, comma, decimal point) or Parquet, a row a trial.
 
-    mass, inertia                    kg, kg m²       about the centre of mass; of a known shape inertia may be left out
-    rx, ry                           m               contact point minus centre of mass; of a known shape likewise
+    mass, inertia                    kg, kg m²       about the centre of mass; inertia is optional for a known shape
+    rx, ry                           m               contact point minus centre of mass; optional for a known shape
     x, y, theta                      m, m, rad       pose before contact
     vx, vy, omega                    m/s, m/s, rad/s before contact
-    vx_post, vy_post, omega_post     likewise        after contact
+    vx_post, vy_post, omega_post     m/s, m/s, rad/s after contact
     trial, object                    optional        names; by default 1, 2, 3 … and "body"
     x_post, y_post, theta_post       optional        pose after contact: all three or none
     time                             optional, s     time of contact
@@ -16,10 +16,9 @@
 
 World axes: x right, y up (the floor's normal), theta counter-clockwise.  Columns come in any order.
 Other names are mapped (`columns`), other units and clockwise rotations are stated (`units`), and other
-columns are not used.  A cell is a number or a name, never code.  The body's shape is not a column: it is named beside
-the path, with lengths in m, or a shape for each name in the column object.  What `save` writes, `load` gives back:
-every bit of every number, every name as written.  A small
-table is read into memory, a large one again and again, in blocks of rows.
+columns are not used.  A cell is a number or a name, never code.  The body's shape is not a column but an
+argument, with lengths in m, or a shape for each name in the column object.  `load` reads what `save` writes without any
+loss.  A small table is read into memory; a large one is read in blocks of rows, once for every pass.
 """
 
 import math
@@ -36,7 +35,6 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import atomic_write
-from contactlearn.data import table
 from contactlearn.data.blocks import BLOCK, LARGE, Blocks
 from contactlearn.data.table import sheet
 from contactlearn.data.table.columns import (
@@ -61,7 +59,10 @@ from contactlearn.mechanics.bodies import (
 from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
 from contactlearn.mechanics.shapes import Shape
 
-__all__ = ["COLUMNS", "NAMES", "REQUIRED", "Table", "check_suffix", "load", "read", "read_blocks", "save"]
+__all__ = [
+    "COLUMNS", "NAMES", "REQUIRED", "Table", "blocks_of", "check_suffix", "is_large", "load", "read", "read_blocks",
+    "save", "table_blocks",
+]  # fmt: skip
 
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
 _READERS = {".csv": sheet.read_csv, ".parquet": sheet.read_parquet}
@@ -113,7 +114,8 @@ def read(
             may be those of a larger table.
         columns: names in the file by those of the module's table, such as {"vx": "speed_x"}; None where the file has
             no such column.
-        units: of length, mass, angle and time, and the sense of rotation, see `units.CHOICES`; those left out are SI.
+        units: of length, mass, angle and time, and the sense of rotation, see `columns.UNIT_FACTORS`;
+            those left out are SI.
         validate: False reads also trials that do not approach the floor, for the audit and for corrections.
         drop_incomplete: leave out rows with an empty cell, or one that is not a finite number, and name them in
             `Impacts.incomplete`; trials without names or order keep the number of their row.
@@ -197,7 +199,7 @@ def _impacts(
     *,
     validate: bool,
 ) -> Impacts:
-    """The impacts in cells under our names, together with the values that are known already."""
+    """Build impacts from cells under our names and the values that are known already."""
     values |= {name: cells.names(name) for name in NAMES if name in cells.header}
     for field, names in COMPONENTS.items():
         if names[0] in cells.header:
@@ -220,7 +222,7 @@ def _impacts(
 
 
 def _numbered(cells: sheet.Sheet) -> dict[str, Any]:
-    """Names and order of the rows, those of them that a table has none of."""
+    """Names and order of the rows by their numbers, for a table without such columns."""
     rows = range(cells.first + 1, cells.first + len(cells) + 1)
     values = {} if "trial" in cells.header else {"trial": tuple(map(str, rows))}
     return values if "order" in cells.header else values | {"order": torch.tensor(rows, dtype=torch.float64)}
@@ -321,14 +323,14 @@ def _suffix(path: Path) -> str:
 
 
 def table_blocks(path: Path, shape: AnyShape | None) -> Blocks:
-    """Return the impacts of a table file as `table.save` writes it.
+    """Return the impacts of a table file as `save` writes it.
 
     Raises:
-        DataError: see `table.read`.
+        DataError: see `read`.
     """
     if not is_large(path):
-        return Blocks.of(table.load(path, shape))
-    return Blocks.survey(lambda: blocks_of(table.read_blocks(path, BLOCK, shape=shape), lambda one: one.impacts))
+        return Blocks.of(load(path, shape))
+    return Blocks.survey(lambda: blocks_of(read_blocks(path, BLOCK, shape=shape), lambda one: one.impacts))
 
 
 def blocks_of(tables: Iterator[Table], impacts_of: Callable[[Table], Impacts]) -> Iterator[Impacts]:

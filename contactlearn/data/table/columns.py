@@ -110,7 +110,7 @@ def _powers(column: str) -> dict[str, int]:
 PAIRS = {field.name: (f"apparatus_{field.name}", f"apparatus_{field.name}_error") for field in fields(Apparatus)}
 """The columns of a value and its standard error, by the field of `Apparatus` that they fill."""
 NEEDED = tuple(column for name in ("gravity", "delay") for column in PAIRS[name])
-"""Those without which there are none."""
+"""Columns that every table with estimates of the apparatus has."""
 _UNITS = {"gravity": "m/s²", "drag": "1/s", "slope": "rad", "orientation": "rad", "delay": "s"}
 
 
@@ -177,7 +177,7 @@ class NamedColumns:
 
 
 def name_columns(cells: Sheet, mapped: Mapping[str, str | None] | None, *, shaped: bool) -> NamedColumns:
-    """Name the columns of a table as we do.
+    """Rename the columns of a table to ours.
 
     Args:
         cells: the table under its own names.
@@ -255,7 +255,7 @@ def _slips(unused: Sequence[str], needed: Sequence[str], free: Sequence[str]) ->
 
 
 def _missing(slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[str], computed: Sequence[str]) -> str:
-    """Say which columns are missing, which look like them, and how to name them."""
+    """Describe which columns are missing, which look like them, and how to map their names."""
     lacking = [column for column in needed if column not in slips.values()]
     parts = [f"unknown column {name!r}, did you mean {near!r}?" for name, near in slips.items()]
     few = len(lacking) <= _FEW or not unused
@@ -278,7 +278,7 @@ def _missing(slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[s
 
 
 def _long(cells: Sheet, needed: Sequence[str]) -> str | None:
-    """Say so of a long table, in which our names stand in cells."""
+    """Describe the mistake of a long table, which has our names in cells; None for any other table."""
     for name, column in zip(cells.header, cells.columns, strict=True):
         if len({*needed}.intersection(map(str, column[: len(COLUMNS)]))) > 1:
             return (

@@ -2,7 +2,7 @@
 
 CSV goes through the standard library's reader, in strict mode: it knows the line of every row,
 and neither pads, drops nor guesses.  Parquet goes through pyarrow.  A cell stays text (CSV) or a
-plain value (Parquet) until `numbers` or `names` asks for it, so that every error can name it.
+plain value (Parquet) until `numbers` or `names` converts it, so that every error can quote it.
 Both come in blocks of rows, so that a file need not fit in memory.
 """
 

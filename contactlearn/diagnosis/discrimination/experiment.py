@@ -195,7 +195,7 @@ def _depends_on_place(
     squared: Float[Tensor, "r n"],
     within: Float[Tensor, "5 2"],
 ) -> bool:
-    """Tell whether a separation changes if all states move to the middle of the floor."""
+    """Return whether a separation changes if all states move to the middle of the floor."""
     middle = states.q.clone()
     middle[:, 0] = within[0].mean()
     moved = separations_of(impacts, chosen, rivals, states.replace(q=middle))

@@ -124,12 +124,12 @@ def _exchanged(selection: Selection, effect: EffectId) -> set[EffectId]:
 
 
 def own_parameters(model: ValidatedFit, name: str) -> Bool[Tensor, " k"]:
-    """Tell which parameters of a model are those of one effect."""
+    """Mark the parameters of one effect among those of a model."""
     return torch.tensor([p.name.startswith(f"{name}.") for p in model.fit.parameters])
 
 
 def _as_good(chosen: ValidatedFit, other: ValidatedFit, rival: Rival, thresholds: Thresholds) -> bool:
-    """Tell whether another model is worse by no more than chance, or by no more than a wrong form may make."""
+    """Return whether another model is worse by chance at most, or by what a wrong functional form may cost."""
     harm = other.mean_error / chosen.mean_error - 1
     if rival.similarity >= thresholds.fit.collinearity and harm < thresholds.form_error:
         return True

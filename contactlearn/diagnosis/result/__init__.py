@@ -90,7 +90,7 @@ class LawFit:
         return self.error if self.error_with_effects is None else min(self.error, self.error_with_effects)
 
     def law(self) -> Law:
-        """Make the law again.
+        """Rebuild the law.
 
         Raises:
             UnknownNameError: the law of another package, which has not been imported.

@@ -103,8 +103,8 @@ class StateDependence:
         p_value: of independence, over all coefficients and functions of one variable or two.
         share: of the held-out residual, in units of its scatter, that is taken away by such a dependence.
         large: whether that share is so high that something unknown must be missing.
-        form_of: an effect of the model with the same coefficient as a function of the same variable, whose form is not
-            nature's then; it is not unknown.
+        form_of: an effect of the model with the same coefficient as a function of the same variable, whose form is
+            then wrong; the dependence is not unknown.
         superseded_effects: proxy effects: those of a larger model that predicts no better.
     """
 

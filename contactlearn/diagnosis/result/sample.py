@@ -27,7 +27,7 @@ class Answer:
     error: Interval
 
     def agrees(self, other: "Answer") -> bool:
-        """Tell whether law, names and verdict are the same; the forms of the effects may differ."""
+        """Return whether law, names and verdict are the same; the forms of the effects may differ."""
         mine, theirs = ({effect.name for effect in one.effects} for one in (self, other))
         return mine == theirs and (self.law, self.physics) == (other.law, other.physics)
 
@@ -90,7 +90,7 @@ class Confirmation:
         base: error of the law with the given effects.
         named: error of the full model.
         noise: error that noise alone makes; None where a part of the residual is predictable and not named, so that
-            the model does not tell the noise.
+            the residual of the model is no measure of the noise.
         agrees: whether the error of the full model is that of the subsample, but for chance.
         outliers: of the full model, among all trials; None where there are none.
         regions: in which the full model fails, among all trials, the surest first.

@@ -69,13 +69,13 @@ def usable(
 
 
 def follows_order(effect: Effect, impacts: Impacts) -> bool:
-    """Tell whether the prediction of an effect changes once the order of the trials is reversed."""
+    """Return whether the prediction of an effect changes once the order of the trials is reversed."""
     prepared, reversed_ = effect.prepare(impacts), impacts.replace(order=impacts.order.flip(0))
     return not torch.equal(_nudged(prepared, impacts), _nudged(prepared, reversed_))
 
 
 def _sees_outcomes(effect: Effect, impacts: Impacts) -> bool:
-    """Tell whether its prediction changes once the outcomes of the trials are exchanged."""
+    """Return whether its prediction changes once the outcomes of the trials are exchanged."""
     other = impacts.replace(v_post=1.1 * impacts.v_post.flip(0), validate=False)
     return not torch.equal(_nudged(effect.prepare(impacts), impacts), _nudged(effect.prepare(other), impacts))
 

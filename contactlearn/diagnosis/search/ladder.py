@@ -1,10 +1,11 @@
 """The ladder: the law, and effect after effect in the order of their error reductions, with held-out errors.
 
-The confidence in a name is calibrated.  The shares of the plausible models only weigh what the catalogue has, and
-nature may be outside of it: where an effect takes little away, or much of the residual is still predictable, the name
-may be a proxy for what another effect's form leaves.  A logistic regression with a weak prior turns these three
-quantities into the probability that the name is right.  It is fitted to one half of the independent suite of
-`benchmarks/blind`, and tested on the other half, with names given by this catalogue and by a poorer one.
+The confidence in a name is calibrated.  The shares of the plausible models only compare effects of the catalogue,
+and the true effect may not be one of them: where an effect removes little error, or much of the residual is still
+predictable, the named effect may be a proxy for what another effect's form leaves.  A logistic regression with a weak
+prior turns these three quantities into the probability that the name is right.  It is fitted to one half of the
+independent suite of `benchmarks/blind`, and tested on the other half, with names given by this catalogue and by a
+poorer one.
 Source: Platt 1999, for the calibration.
 """
 

@@ -73,7 +73,7 @@ def inclusion(models: Sequence[Plausible], effect: EffectId) -> float:
 
 
 def _part(other: ScoredFit, model: ScoredFit) -> bool:
-    """Tell whether another model is a part of a model and scores no worse."""
+    """Return whether another model is nested in a model and scores no worse."""
     smaller = other.spec.law == model.spec.law and other.spec.effects < model.spec.effects
     return smaller and other.score <= model.score
 
@@ -198,7 +198,7 @@ def select(
         starts: values to fit the laws with the given effects from, by name; others are searched for.
         options: of all fits.
         thresholds: limits of what is named.
-        seconds: after which the search goes on with the models that it has.
+        seconds: time limit, s; after it, the fitted models decide.
         generator: of the part that is searched and of the bootstrap.
         progress: wraps the sizes of the search.
     """
@@ -281,13 +281,13 @@ def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: Thresholds) 
     whole = validated(pool, folds, model)
     while model.spec.effects:
         less = pool.best(smaller(pool, model, effect) for effect in model.spec.effects)
-        if _worth_a_name(validated(pool, folds, less), whole, error_of(model.spec.law), thresholds):
+        if _improves_enough(validated(pool, folds, less), whole, error_of(model.spec.law), thresholds):
             break
         model = _best_of(pool, range(len(less.spec.effects) + 1))
         whole = validated(pool, folds, model)
     for size in range(len(model.spec.effects) - 1):
         less, more = _best_of(pool, [size]), len(model.spec.effects) - size
-        if not _worth_a_name(validated(pool, folds, less), whole, error_of(model.spec.law), thresholds, more):
+        if not _improves_enough(validated(pool, folds, less), whole, error_of(model.spec.law), thresholds, more):
             return less
     return model
 
@@ -297,10 +297,10 @@ def _best_of(pool: Pool, sizes: Container[int]) -> ScoredFit:
     return pool.best(model for model in pool.models.values() if len(model.spec.effects) in sizes)
 
 
-def _worth_a_name(
+def _improves_enough(
     without: ValidatedFit, whole: ValidatedFit, base: float, thresholds: Thresholds, effects: int = 1
 ) -> bool:
-    """Tell whether effects gain more than chance, enough, and enough beside the others, each of several its share."""
+    """Return whether effects reduce the error significantly, and by enough for each of them."""
     gain, error = paired_gain(without, whole)
     fall, together = without.mean_error - whole.mean_error, base - whole.mean_error
     enough = min(thresholds.minor_share * together, thresholds.form_error * without.mean_error)

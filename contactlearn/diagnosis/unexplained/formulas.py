@@ -123,7 +123,7 @@ class Library:
         return [first, self.terms[second[0]]] if len(pair) == 2 and second and self._clear(y, pair, second[0]) else []
 
     def _clear(self, y: Float[Tensor, " n"], which: list[int], last: int) -> bool:
-        """Tell whether chance rarely enough gives the last of these terms such a coefficient."""
+        """Return whether the coefficient of the last of these terms is significant."""
         columns, own = self.columns[:, which], self.columns[:, last]
         residual = y - columns @ torch.linalg.lstsq(columns, y[:, None]).solution[:, 0]
         others = self.columns[:, [k for k in which if k != last]]
@@ -313,7 +313,7 @@ def _best(
 
 
 def _limits(coefficient: float) -> tuple[float, float]:
-    """A range of two digits about 0 that holds the coefficient amply."""
+    """A range around 0, with limits of two digits, several times as wide as the coefficient."""
     high = float(f"{_RANGE * abs(coefficient):.1e}") or 1.0
     return -high, high
 

@@ -226,7 +226,7 @@ def inlier_mask(residual: Float[Tensor, "n 3"]) -> Bool[Tensor, " n"]:
 
 
 def is_significant(r_squared: float, standard_error: float, thresholds: Thresholds) -> bool:
-    """Tell whether a component with this R² can be named: it is both large and certain."""
+    """Return whether a component with this R² can be named: it is both large and certain."""
     certain = r_squared > thresholds.certain_sigmas * standard_error
     return r_squared > _LEAST_R_SQUARED and certain
 

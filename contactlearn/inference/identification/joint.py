@@ -181,7 +181,7 @@ class JointFit:
             reasons.append(f"its standard error is {share:.0%} of its plausible range")
         trials = self.effective_trials[k].item()
         if trials < limits.effective_trials and share <= 1:
-            reasons.append(f"about {max(1, round(trials))} trials tell of it")
+            reasons.append(f"about {max(1, round(trials))} trials constrain it")
         return reasons
 
     def trade_offs(self) -> tuple[str, ...]:

@@ -53,7 +53,7 @@ _OF_MODELS = ("measurement_drift", "model_outliers")  # findings about residuals
 
 
 def drawable(finding: Finding) -> bool:
-    """Tell whether the impacts show the evidence for a finding."""
+    """Return whether the impacts show the evidence for a finding."""
     return finding.name not in _OF_MODELS
 
 

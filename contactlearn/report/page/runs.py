@@ -257,7 +257,7 @@ def _columns(
 
 
 def _tick(run: ComparedRun, family: str) -> tuple[str, int | None]:
-    """Say whether an effect of a family was found or given, with the rank of that."""
+    """Describe whether an effect of a family was found or given, with a rank to sort by."""
     if any(effect.name == family for effect in run.found):
         return "found", 2
     return "", 1 if any(effect.name == family for effect in run.given) else None
@@ -291,7 +291,7 @@ def _sentences(runs: Sequence[ComparedRun]) -> list[str]:
 
 
 def _warnings(runs: Sequence[ComparedRun], settings: Settings) -> list[str]:
-    """Say why errors may not be compared."""
+    """Explain why errors may not be comparable."""
     diagnosed = sum(run.command == "diagnose" for run in runs)
     split = [key for key in settings if key in ("seed", "test")]
     versions = sorted({run.versions.get("contactlearn", "?") for run in runs})

@@ -16,18 +16,18 @@ from contactlearn.mechanics.rigid_body import GRAVITY
 
 
 def tracks_summary(found: Tracked, out: Path, refused: Path) -> list[str]:
-    """Say what was found and where it was written, line by line."""
+    """Describe what was found and where it was written, line by line."""
     facts = [f"  {name:<8} {words}" for name, words in tracks_facts(found)]
     return [f"{tracks_headline(found)}, written to {out}", *facts, *_refused(found.survey.refusals, refused)]
 
 
 def tracks_headline(found: Tracked) -> str:
-    """Say how many impacts come from how many recordings."""
+    """Write the numbers of impacts and recordings."""
     return f"{len(found.impacts)} impacts from {found.survey.recordings} recordings"
 
 
 def tracks_facts(found: Tracked) -> list[tuple[str, str]]:
-    """Say each convention with the number that shows it, gravity, the floor, errors and missing frames, by name."""
+    """List conventions with their evidence, gravity, the floor, errors and missing frames, by name."""
     frame = found.survey.frame
     size = float(np.hypot(*frame.gravity))
     off = number(100 * (size / GRAVITY - 1), 2)
@@ -45,7 +45,7 @@ def refusals_by_reason(refusals: Sequence[Refusal]) -> list[tuple[Reason, int]]:
 
 
 def refusal_number(refusal: Refusal) -> str:
-    """Say the number that decided a refusal: frames in neither flight 3."""
+    """Write the number that decided a refusal: frames in neither flight 3."""
     return _with_unit(refusal.quantity, refusal.value, refusal.unit)
 
 
@@ -99,7 +99,7 @@ def _errors(found: Tracked) -> list[tuple[str, str]]:
 
 
 def _refused(refusals: Sequence[Refusal], path: Path) -> list[str]:
-    """Say how much was refused for which reason, and name the files that could not be read."""
+    """Count the refusals by reason, and name the files that could not be read."""
     if not refusals:
         return ["Nothing was refused."]
     reasons = ", ".join(f"{REASONS[reason]} {count}" for reason, count in refusals_by_reason(refusals))
