@@ -411,11 +411,7 @@ class ByBody:
         if self.objects is None:
             return self.formula
         count = len(self.objects)
-        return (
-            f"{self.formula}, {self.objects[0]}"
-            if self._others
-            else f"{self.formula}; undetermined with {count} of them"
-        )
+        return self.formula + (f", {self.objects[0]}" if self._others else f"; undetermined with {count} of them")
 
     def at(self, values: Float[Tensor, "... k"] | Sequence[Tensor | float]) -> Self:
         """Return the effect with values [..., K] of its K parameters; without a value it stays as it is.
