@@ -75,7 +75,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParse
     """The parser of all commands, and that of each by name."""
     parser = argparse.ArgumentParser(prog="contactlearn", description="Learn rigid-body contact from measurements.")
     parser.add_argument("--version", action="version", version=f"contactlearn {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND ARGUMENT")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for command, summary in _CONFIGURED.items():
         commands.add_parser(command, help=f"{summary}; {command} --help lists its settings")
     add_tools(commands.add_parser)

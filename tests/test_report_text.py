@@ -271,6 +271,14 @@ def test_the_chosen_model_is_listed_first_whatever_its_share(found):
     ]
 
 
+def test_models_of_the_search_have_the_given_effects(found, capsys):
+    effects = (EffectId("wind"),)
+    best = result.FrontierModel(law="mirtich", effects=effects, error=Interval(0.105, 0.1, 0.11))
+    likely = result.PlausibleModel(law="mirtich", effects=effects, share=1.0)
+    show_verdict(replace(found, given=(EffectId("kick"),), frontier=(best,), models=(likely,)), "")
+    assert capsys.readouterr().out.count(" Mirtich + kick + wind\n") == 2
+
+
 def test_own_candidates_that_were_not_selected_are_listed(found):
     assert "not selected" not in " ".join(text.search_notes(found))
     rejected = replace(found, unwanted=(EffectId("kick"), EffectId("wind")))

@@ -42,6 +42,7 @@ from contactlearn.report.text import (
     phrases,
     rung_label,
     search_notes,
+    searched_name,
     sentence,
     share_of_whole,
 )
@@ -139,7 +140,7 @@ def show_verdict(found: Diagnosis, command: str) -> None:
         command: that evaluates the model with the missing effects.
     """
     for model in found.frontier:
-        print_line(f"frontier: {_error_columns(model.error)}  {phrase('model', model.law, model.effects)}")
+        print_line(f"frontier: {_error_columns(model.error)}  {searched_name(found, model)}")
     for model in listed_models(found):
         print_line(f"model: {share_of_whole(model.share)}  {listed_name(found, model)}")
     for note in search_notes(found):

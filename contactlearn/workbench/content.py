@@ -29,6 +29,7 @@ from contactlearn.report.text import (
     phrase,
     phrases,
     search_notes,
+    searched_name,
     sentence,
     share_of_whole,
 )
@@ -170,7 +171,7 @@ def diagnosis_content(run: DiagnosisRun, folder: str, session: Session) -> list[
     found = run.diagnosis
     frontier, residual, experiment = list[Component](), list[Component](), list[Component]()
     if found.frontier:
-        rows = [(phrase("model", one.law, one.effects), one.error) for one in found.frontier]
+        rows = [(searched_name(found, one), one.error) for one in found.frontier]
         buttons = (_adopt_button(f"Take {len(one.effects)}", session, one) for one in found.frontier)
         head = note("The best model of each number of effects, held out:")
         frontier = [html.H4("Frontier"), head, bars(rows, 1.05 * max(x.high for _, x in rows)), controls(*buttons)]

@@ -61,7 +61,7 @@ def identify_law(
         repetitions: number of subsets, if it is not that of the settings.
         orders: of the pool's trials, the subsets being the first of each; drawn if None.
     """
-    verb = "converging" if len(sizes) > 1 else "identifying"
+    step = "convergence of" if len(sizes) > 1 else "identifying"
     return shared.identify(
         law,
         pool,
@@ -71,7 +71,7 @@ def identify_law(
         generator=generator,
         target=settings.target,
         box=settings.box,
-        progress=lambda blocks: track(blocks, f"{verb} {law.name}", on_event),
+        progress=lambda blocks: track(blocks, f"{step} {law.name}", on_event),
     )
 
 

@@ -35,7 +35,7 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
         DataError: see `contactlearn.data.tracks.find_impacts`; or a file cannot be written.
     """
     for missing in source.missing:
-        raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data/tracks.yaml")
+        raise ContactLearnError(f"{missing} must be given: {missing}=…; see docs/tracks.md")
     table.check_suffix(out)
     entries = dict(source.options)
     body = {name: entries.pop(name) for name in ("mass", "shape", "inertia", "centre")}

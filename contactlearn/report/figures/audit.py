@@ -32,6 +32,7 @@ from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st
+from contactlearn.report.text import sentence
 
 _BLUE, _RED, _ = st.CONTRAST
 _ROW = "Trial, in the order read (–)"
@@ -73,7 +74,7 @@ def audit_figure(
         thresholds: with which it was found; the same limits are drawn.
     """
     draw, width, height = _EVIDENCE.get(finding.name, (_frame, st.PAGE, 2.85))
-    lines = wrap(finding.sentence, 112 if width == st.PAGE else 54, max_lines=6, placeholder=" …")
+    lines = wrap(sentence(finding.sentence), 112 if width == st.PAGE else 54, max_lines=6, placeholder=" …")
     figure = st.new_figure(width, height + st.ROW * len(lines))
     figure.suptitle("\n".join(st.plain(line, 120) for line in lines))
     draw(figure, finding, before, after, thresholds)

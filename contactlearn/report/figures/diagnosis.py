@@ -122,17 +122,17 @@ def _bars(names: Sequence[str], errors: Sequence[Interval], physical: Sequence[b
 def frontier_figure(found: Diagnosis) -> Figure:
     """Draw the held-out error of the best model of each number of effects; the chosen number is marked."""
     figure = st.new_figure(st.PAGE, 2.6)
-    axes = st.name_axes(figure.subplots(), "number of effects (–)", ERROR)
+    axes = st.name_axes(figure.subplots(), "Number of effects (–)", ERROR)
     sizes = [len(model.effects) for model in found.frontier]
     means = [model.error.mean for model in found.frontier]
     lows, highs = ([getattr(model.error, end) for model in found.frontier] for end in ("low", "high"))
     axes.vlines(sizes, lows, highs, color=st.DARK)
-    axes.plot(sizes, means, color=st.CONTRAST[0], marker="o", label="best of each number")
+    axes.plot(sizes, means, color=st.CONTRAST[0], marker="o", label="Best of each number")
     chosen = len(found.missing)
     if chosen in sizes:
-        axes.plot(chosen, means[sizes.index(chosen)], color=st.CONTRAST[1], marker="o", linestyle="", label="chosen")
+        axes.plot(chosen, means[sizes.index(chosen)], color=st.CONTRAST[1], marker="o", linestyle="", label="Chosen")
     if found.budget is not None:
-        axes.axhline(found.budget.noise.mean, color=st.DARK, linestyle=":", label="noise floor")
+        axes.axhline(found.budget.noise.mean, color=st.DARK, linestyle=":", label="Noise floor")
     axes.set_xticks(sizes)
     axes.set_ylim(bottom=0)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)

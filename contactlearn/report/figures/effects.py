@@ -1,5 +1,6 @@
 """Effect by effect: its partial residuals and the curve that it explains of them."""
 
+from textwrap import wrap
 from typing import Any
 
 import torch
@@ -61,7 +62,8 @@ def effect_curve(partial: Partial, title: str | None = None, *, remaining: bool 
     if remaining:
         _plot(axes, middle, means(groups, measured - explained), _REST)
     axes.set_ylim(*ends)
-    axes.set_title(st.plain(label(partial.effect) if title is None else title))
+    title = label(partial.effect) if title is None else title
+    axes.set_title("\n".join(wrap(st.plain(title, 80), 40, break_on_hyphens=False)))
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 

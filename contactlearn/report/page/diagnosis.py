@@ -38,6 +38,7 @@ from contactlearn.report.text import (
     phrases,
     rung_label,
     search_notes,
+    searched_name,
     sentence,
     share_of_whole,
     summary,
@@ -139,7 +140,7 @@ def _ladder(found: Diagnosis) -> dict[str, Any]:
 def _search(found: Diagnosis) -> dict[str, Any]:
     """The best model of each number of effects, and the models that the data cannot tell apart."""
     return {
-        "frontier": [{"name": phrase("model", m.law, m.effects), **bounded(m.error)} for m in found.frontier],
+        "frontier": [{"name": searched_name(found, m), **bounded(m.error)} for m in found.frontier],
         "plausible": [{"name": listed_name(found, m), "share": share_of_whole(m.share)} for m in listed_models(found)],
         "search_notes": search_notes(found),
     }

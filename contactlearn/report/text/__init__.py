@@ -42,6 +42,7 @@ from contactlearn.report.text.sentences import (
     phrase,
     phrases,
     search_notes,
+    searched_name,
     summary,
     support,
 )
@@ -75,6 +76,7 @@ __all__ = [
     "phrases",
     "rung_label",
     "search_notes",
+    "searched_name",
     "sentence",
     "share_of_whole",
     "summary",

@@ -23,6 +23,7 @@ from contactlearn.diagnosis.result import (
     Finding,
     FittedParameter,
     Formula,
+    FrontierModel,
     LaggedVariable,
     Limit,
     MissingEffect,
@@ -134,14 +135,19 @@ def listed_models(found: Diagnosis) -> tuple[PlausibleModel, ...]:
     return (*chosen, *others[: _MOST_MODELS - len(chosen)])
 
 
+def searched_name(found: Diagnosis, model: FrontierModel | PlausibleModel) -> str:
+    """Name a model of the search: its law, the effects that were given, and its own."""
+    return phrase("model", model.law, (*found.given, *model.effects))
+
+
 def listed_name(found: Diagnosis, model: PlausibleModel) -> str:
     """Name a model of the list, and mark the chosen one where there are others."""
-    name = phrase("model", model.law, model.effects)
+    name = searched_name(found, model)
     return f"{name} (chosen)" if len(found.models) > 1 and _is_chosen(found, model) else name
 
 
 def _is_chosen(found: Diagnosis, model: PlausibleModel) -> bool:
-    """Whether a model is that of the verdict, which need not have the largest share of belief."""
+    """Whether a model is that of the verdict, which need not have the largest posterior share."""
     return model.law == found.law and {*model.effects} == {one.effect for one in found.missing}
 
 

@@ -207,7 +207,7 @@ function drawPicture(state) {
   const margin = 0.08 * Math.max(x[1] - x[0], y[1] - y[0]);
   return draw("picture", traces, {
     xaxis: {title: {text: "From the contact point (mm)"}, range: [x[0] - margin, x[1] + margin], zeroline: false},
-    yaxis: {scaleanchor: "x", range: [Math.min(0, y[0]) - margin, y[1] + margin], zeroline: true, zerolinecolor: color("text"), zerolinewidth: 3},
+    yaxis: {title: {text: "Height (mm)"}, scaleanchor: "x", range: [Math.min(0, y[0]) - margin, y[1] + margin], zeroline: true, zerolinecolor: color("text"), zerolinewidth: 3},
     summary: `Trial ${trials.name[i]} at θ = ${digits(theta * 180 / Math.PI)}°. ` + velocities.map(([name, v]) =>
       `${name}: v = (${digits(v[0])}, ${digits(v[1])}) m/s, ω = ${digits(v[2])} rad/s`).join(". ") + ".",
   });
