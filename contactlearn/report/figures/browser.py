@@ -32,7 +32,6 @@ _LARGER = 1.9  # markers: a figure of a column is shown larger than it is printe
 _GAP = 0.09  # between panels, as a share of the figure
 _SYMBOLS = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle-up", "v": "triangle-down", "P": "cross",
             "X": "x", "*": "star", "h": "hexagon", "<": "triangle-left", ".": "circle", "x": "x-thin"}  # fmt: skip
-_DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
 _SIDES = {"left": "left", "center": "center", "right": "right", "top": "top", "bottom": "bottom", "baseline": "bottom",
           "center_baseline": "middle"}  # fmt: skip
 
@@ -42,9 +41,7 @@ _Trace = dict[str, Any]
 def plotly_style(name: str) -> dict[str, str]:
     """Return how plotly draws a law, bound or learned model."""
     style = law_style(name)
-    line = style.linestyle
-    dash = _DASHES[line] if isinstance(line, str) else " ".join(f"{part}px" for part in line[1])
-    return {"label": style.label, "color": style.color, "symbol": _SYMBOLS[style.marker], "dash": dash}
+    return {"label": style.label, "color": style.color, "symbol": _SYMBOLS[style.marker]}
 
 
 def as_plotly(figure: Figure) -> dict[str, Any]:

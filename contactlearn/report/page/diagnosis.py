@@ -11,8 +11,9 @@ from typing import Any
 import torch
 
 from contactlearn.diagnosis.result import Choices, Diagnosis, ErrorBudget, ErrorMap, Finding, Record, Region, Sample
-from contactlearn.report.figures.browser import as_plotly, plotly_style
+from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.diagnosis import ladder_figure, laws_figure
+from contactlearn.report.figures.style import law_style
 from contactlearn.report.page.effects import effect_content, experiment_content, residual_content
 from contactlearn.report.page.page import packed, reproduced, write
 from contactlearn.report.page.trials import (
@@ -78,7 +79,7 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
         },
         "findings": [_finding(finding) for finding in found.findings],
         "consistent": phrase("consistent"),
-        "law": (plotly_style(found.law) if found.law else {}) | {"name": found.law},
+        "law": {"name": found.law, "label": law_style(found.law).label if found.law else ""},
         "reproduce": reproduced(provenance, use),
         "trials": None,
         **sample_content(found),
@@ -131,7 +132,7 @@ def _ladder(found: Diagnosis) -> dict[str, Any]:
         "ladder": [
             {"name": rung_label(rung, base), "kind": str(rung.kind), **bounded(rung.error)} for rung in found.ladder
         ],
-        "laws": [{**plotly_style(one.name), "error": finely(one.error)} for one in compared],
+        "laws": [{"label": law_style(one.name).label, "error": finely(one.error)} for one in compared],
         "regions": [_region(region, shown) for region in found.regions],
         "no_region": phrase("no_region"),
     } | _search(found)

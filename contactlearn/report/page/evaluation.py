@@ -8,11 +8,11 @@ import torch
 
 from contactlearn.inference.evaluation.metrics import METRICS, mass_error
 from contactlearn.laws import find
-from contactlearn.report.figures.browser import as_plotly, plotly_style
+from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.comparison import error_comparison
 from contactlearn.report.figures.diagnosis import ERROR
 from contactlearn.report.figures.learning import learning_curve
-from contactlearn.report.figures.style import BOUNDS
+from contactlearn.report.figures.style import BOUNDS, law_style
 from contactlearn.report.page.page import packed, reproduced
 from contactlearn.report.page.trials import STEPS, digits, finely, impulse_figure, of_laws, of_outcomes, of_trials
 from contactlearn.report.text import model_labels, phrase, phrases
@@ -46,15 +46,10 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
             "support": sentences[0],
             "sentences": sentences[1:],
         },
-        "law": plotly_style(closest) | {"name": closest},
+        "law": {"name": closest, "label": law_style(closest).label},
         "comparison": [{"key": key, "label": metric.label, "unit": metric.unit} for key, metric in METRICS.items()],
         "models": [
-            {
-                **plotly_style(name),
-                "label": labels[name],
-                **finely(asdict(errors.headline)),
-                "errors": finely(asdict(errors)),
-            }
+            {"label": labels[name], **finely(asdict(errors.headline)), "errors": finely(asdict(errors))}
             for name, errors in ((name, result.errors[name]) for name in names)
         ],
         "chosen": 0,
@@ -98,6 +93,6 @@ def _curves(result: Evaluation) -> list[dict[str, Any]]:
     lines = {name: curve.headline for name, curve in result.learning_curves.items()}
     lines |= {name: [result.errors[name].headline] * len(sizes) for name in BOUNDS if name in result.errors}
     return [
-        {"label": plotly_style(name)["label"], "sizes": sizes, "intervals": finely([asdict(one) for one in line])}
+        {"label": law_style(name).label, "sizes": sizes, "intervals": finely([asdict(one) for one in line])}
         for name, line in lines.items()
     ]

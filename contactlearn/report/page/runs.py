@@ -234,9 +234,9 @@ def _columns(
         for name, values in settings.items()
     ]
     found += own if len(own) <= _FEW else []
-    found.append(column("Law", [None if run.law is None else plotly_style(run.law)["label"] for run in runs]))
+    found.append(column("Law", [None if run.law is None else law_style(run.law).label for run in runs]))
     if any(run.learned for run in runs):
-        found.append(column("Model", [plotly_style(run.learned or "law")["label"] for run in runs]))
+        found.append(column("Model", [law_style(run.learned or "law").label for run in runs]))
     found += [
         column("Verdict", map(_verdict, runs)),
         column("Missing effects", [", ".join(map(_words, run.found)) or None for run in runs]),
@@ -274,7 +274,7 @@ def _verdict(run: ComparedRun) -> str | None:
 
 def _with(run: ComparedRun) -> str:
     """Name the law with the effects that were given."""
-    law, given = plotly_style(run.law or "no law")["label"], join_words(map(_words, run.given)) if run.given else ""
+    law, given = law_style(run.law or "no law").label, join_words(map(_words, run.given)) if run.given else ""
     return f"{law} with {given}" if given else law
 
 
@@ -373,8 +373,8 @@ def _across(runs: Sequence[ComparedRun], settings: Settings) -> list[_Line]:
         run = runs[k]
         if run.error is not None:
             name = run.learned or run.law or "no law"
-            law = {"law": plotly_style(run.law)["label"]} if run.law and name != run.law else {}
-            traits = {"": plotly_style(name)["label"], **law, **traits, "command": f"{run.command}.py"}
+            law = {"law": law_style(run.law).label} if run.law and name != run.law else {}
+            traits = {"": law_style(name).label, **law, **traits, "command": f"{run.command}.py"}
             line = found.setdefault(tuple(traits.items()), _Line(model=name, traits=traits, sha256=run.data.sha256))
             line.points.setdefault(size, run.error)
             line.rows.append(k)
@@ -386,7 +386,7 @@ def _within(runs: Sequence[ComparedRun]) -> list[_Line]:
     return [
         _Line(
             model=printable(name),
-            traits={"": plotly_style(printable(name))["label"], **_parts(run), "run": run.name},
+            traits={"": law_style(printable(name)).label, **_parts(run), "run": run.name},
             sha256=run.data.sha256,
             points=dict(zip(curve.sizes, curve.headline, strict=True)),
             rows=[k],
@@ -407,7 +407,7 @@ def _yardsticks(runs: Sequence[ComparedRun], settings: Settings, data: Container
                 value = run.mass_error(name)
                 if value is None:
                     continue
-                line = _Line(model=name, traits={"": plotly_style(name)["label"], **traits}, sha256=run.data.sha256)
+                line = _Line(model=name, traits={"": law_style(name).label, **traits}, sha256=run.data.sha256)
                 found.setdefault((name, *traits.items()), line).points.setdefault(size, value)
     unique = {(line.model, line.sha256, *(x.mean for x in line.points.values())): line for line in found.values()}
     return list(unique.values())
