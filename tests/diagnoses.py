@@ -4,22 +4,7 @@ from dataclasses import replace
 
 import torch
 
-from contactlearn.diagnosis.result import (
-    Choices,
-    Diagnosis,
-    ErrorBudget,
-    ErrorShares,
-    LawFit,
-    MissingEffect,
-    NoiseSource,
-    Record,
-    Remainder,
-    Rung,
-    RungKind,
-    VariableShare,
-    Verdict,
-    WrenchComponent,
-)
+from contactlearn.diagnosis import result
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.effects import Effect, EffectId, catalogue
 from contactlearn.inference.evaluation.metrics import Interval
@@ -48,30 +33,31 @@ def provenance_of(impacts: Impacts, command: str = "", **config) -> Provenance:
     return Provenance(data=data, versions={"contactlearn": "0"}, config=config, command=command)
 
 
-def made_up(size: int, *effects: EffectId) -> Diagnosis:
+def made_up(size: int, *effects: EffectId) -> result.Diagnosis:
     """A diagnosis with these effects, of which as many as may be are in play, and predictions nothing compresses."""
-    shares = ErrorShares(noise=1.7, explained=0.0, unexplained=0.0, beyond_rigid=0.0)
+    shares = result.ErrorShares(noise=1.7, explained=0.0, unexplained=0.0, beyond_rigid=0.0)
     errors = dict.fromkeys(("base", "ceiling", "bound", "named", "flexible", "noise"), ERROR)
-    rungs = (Rung(kind=RungKind.EFFECT, error=ERROR, effect=effect) for effect in effects)
+    rungs = (result.Rung(kind=result.RungKind.EFFECT, error=ERROR, effect=effect) for effect in effects)
     record = record_of(size, *effects)
-    return Diagnosis(
-        verdict=Verdict.EFFECTS, physics=Verdict.EFFECTS, law="wang_mason", variant="textbook", findings=(),
-        laws=tuple(LawFit(name=law, variant="textbook", error=0.1, mu=0.1, eps=0.5) for law in PAPER_LAWS),
+    return result.Diagnosis(
+        verdict=result.Verdict.EFFECTS, physics=result.Verdict.EFFECTS, law="wang_mason", variant="textbook",
+        findings=(),
+        laws=tuple(result.LawFit(name=law, variant="textbook", error=0.1, mu=0.1, eps=0.5) for law in PAPER_LAWS),
         missing=tuple(missing(effect, ERROR if k < MOST else None) for k, effect in enumerate(effects)),
-        ladder=(Rung(kind=RungKind.LAW, error=ERROR), *rungs),
-        budget=ErrorBudget(**errors, noise_source=NoiseSource.ESTIMATED, shares=shares),
-        choices=Choices(effects=effects[:MOST], errors=(ERROR,) * len(record.outcomes)), record=record,
+        ladder=(result.Rung(kind=result.RungKind.LAW, error=ERROR), *rungs),
+        budget=result.ErrorBudget(**errors, noise_source=result.NoiseSource.ESTIMATED, shares=shares),
+        choices=result.Choices(effects=effects[:MOST], errors=(ERROR,) * len(record.outcomes)), record=record,
     )  # fmt: skip
 
 
-def missing(effect: EffectId, reduction: Interval | None = None) -> MissingEffect:
-    return MissingEffect(
+def missing(effect: EffectId, reduction: Interval | None = None) -> result.MissingEffect:
+    return result.MissingEffect(
         effect=effect, equation="", parameters=(), error_before=ERROR, error_after=ERROR, error_reduction=0.01,
         share=1.0, confidence=1.0, inadmissible_before=0.0, inadmissible_after=0.0, reduction_on_all_trials=reduction,
     )  # fmt: skip
 
 
-def record_of(size: int, *effects: EffectId) -> Record:
+def record_of(size: int, *effects: EffectId) -> result.Record:
     impacts = synthetic.load(size=size, seed=0)
     candidates = all_candidates()
     model = ContactModel(
@@ -81,13 +67,13 @@ def record_of(size: int, *effects: EffectId) -> Record:
     choices = 2 ** min(MOST, len(effects))
     generator = torch.Generator().manual_seed(0)
     noise = torch.randn((choices, len(impacts), 3), generator=generator, dtype=torch.float64)
-    return Record(
+    return result.Record(
         impacts=impacts, base=replace(model, effects={}), model=model, outcomes=impacts.v_post + noise,
         residuals=tuple(partial_residuals(model, impacts, effect.name) for effect in effects),
     )  # fmt: skip
 
 
-def remainder(share: Interval, *components: WrenchComponent) -> Remainder:
-    variables = VariableShare(symbol="omega", share=0.61), VariableShare(symbol="theta", share=0.2)
-    named = components or (WrenchComponent.MOMENT,)
-    return Remainder(share=share, large=False, components=named, variables=variables, tested=())
+def remainder(share: Interval, *components: result.WrenchComponent) -> result.Remainder:
+    variables = result.VariableShare(symbol="omega", share=0.61), result.VariableShare(symbol="theta", share=0.2)
+    named = components or (result.WrenchComponent.MOMENT,)
+    return result.Remainder(share=share, large=False, components=named, variables=variables, tested=())

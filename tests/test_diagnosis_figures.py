@@ -18,19 +18,9 @@ from contactlearn.data.audit.consistency import balance, contradictions, gross_o
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import audit
 from contactlearn.data.audit.result import Finding
+from contactlearn.diagnosis import result
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.regions import variables
-from contactlearn.diagnosis.result import (
-    ComponentTest,
-    Diagnosis,
-    Record,
-    Region,
-    Rung,
-    RungKind,
-    VariableShare,
-    Verdict,
-    WrenchComponent,
-)
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.laws import find
@@ -52,26 +42,26 @@ def drops() -> Impacts:
 
 
 @pytest.fixture(scope="module")
-def found() -> Diagnosis:
+def found() -> result.Diagnosis:
     impacts, truth = hidden_effects.draw(3, effects=["spin_damping"], size=250)
     return diagnose(impacts, find(truth["law"]), candidates=few("spin_damping", "adhesion"))
 
 
-def refused(findings: tuple[Finding, ...]) -> Diagnosis:
+def refused(findings: tuple[Finding, ...]) -> result.Diagnosis:
     """A diagnosis without a model."""
-    return Diagnosis(verdict=Verdict.BAD_DATA, law="best", variant="textbook", findings=tuple(findings))
+    return result.Diagnosis(verdict=result.Verdict.BAD_DATA, law="best", variant="textbook", findings=tuple(findings))
 
 
-def recorded(record: Record, **changes) -> Record:
+def recorded(record: result.Record, **changes) -> result.Record:
     """A record with some of its parts changed."""
-    return Record(**{name: getattr(record, name) for name in Record.__slots__} | changes)
+    return result.Record(**{name: getattr(record, name) for name in result.Record.__slots__} | changes)
 
 
-def of_regions(found: Diagnosis):
+def of_regions(found: result.Diagnosis):
     return regions_figure(found.regions, found.record)
 
 
-def of_residual(found: Diagnosis):
+def of_residual(found: result.Diagnosis):
     return residual_figure(found.remainder, found.record)
 
 
@@ -317,11 +307,11 @@ def test_figures_of_corrections_of_a_frame_are_sound(name, drops):
 # --- Regions ------------------------------------------------------------------------------------
 
 
-def with_regions(found: Diagnosis, *limits: tuple[str, float, float]) -> Diagnosis:
+def with_regions(found: result.Diagnosis, *limits: tuple[str, float, float]) -> result.Diagnosis:
     record = found.record
     known = {v.name: v for v in variables(record.impacts, record.base.predict(record.impacts))}
     regions = (
-        Region(
+        result.Region(
             variable=name, where=known[name].window_text(low, high), low=low if math.isfinite(low) else None,
             high=high if math.isfinite(high) else None, ratio=Interval(2.3, 1.5, 3.0), p_value=3e-8,
             rows=tuple(range(250)),
@@ -401,17 +391,21 @@ def test_without_effects_there_is_one_median(found):
 # --- What remains -------------------------------------------------------------------------------
 
 
-COMPONENTS = tuple(WrenchComponent)
+COMPONENTS = tuple(result.WrenchComponent)
 
 
-def with_remainder(found: Diagnosis, components: tuple[str, ...], variables: dict[str, float]) -> Diagnosis:
+def with_remainder(
+    found: result.Diagnosis, components: tuple[str, ...], variables: dict[str, float]
+) -> result.Diagnosis:
     tested = tuple(
-        ComponentTest(component=name, r_squared=0.1 + 0.2 * k, standard_error=0.03, error_reduction=0.1, clear=True)
+        result.ComponentTest(
+            component=name, r_squared=0.1 + 0.2 * k, standard_error=0.03, error_reduction=0.1, clear=True
+        )
         for k, name in enumerate(COMPONENTS)
     )
-    shares = tuple(VariableShare(symbol=symbol, share=share) for symbol, share in variables.items())
+    shares = tuple(result.VariableShare(symbol=symbol, share=share) for symbol, share in variables.items())
     share = Interval(0.3, 0.2, 0.4) if components else Interval(0.0, -0.1, 0.1)
-    named = tuple(map(WrenchComponent, components))
+    named = tuple(map(result.WrenchComponent, components))
     left = replace(found.remainder, components=named, variables=shares, tested=tested, share=share)
     return replace(found, remainder=left)
 
@@ -428,7 +422,7 @@ def test_what_remains_is_the_measured_wrench_without_the_models(components, vari
     assert len(figure.axes) == columns * rows
     left = 1e3 * (found.record.impacts.wrench - found.record.model.predict(found.record.impacts).wrench)
     for axes, name in zip(figure.axes[::columns], components or ("tau",), strict=True):
-        k = COMPONENTS.index(WrenchComponent(name))
+        k = COMPONENTS.index(result.WrenchComponent(name))
         label = ("Residual of P_t (mN s)", "Residual of P_n (mN s)", "Residual of τ (mN m s)")[k]
         assert axes.get_ylabel() == label
         assert f"R² = {0.1 + 0.2 * k:.2f} ± 0.03" in axes.get_title(loc="left")
@@ -493,5 +487,5 @@ def test_the_ladder_shows_errors_intervals_and_the_bound(found):
     names = [rung_label(rung, "Wang–Mason") for rung in found.ladder]
     written = [text.get_text() for text in axes.texts]
     assert written == [f"{rung.error.mean:.4f}  {name}" for rung, name in zip(found.ladder, names, strict=True)]
-    rungs = (Rung(kind=RungKind.EFFECT, error=errors[0], effect=EffectId(name)) for name in HOSTILE)
+    rungs = (result.Rung(kind=result.RungKind.EFFECT, error=errors[0], effect=EffectId(name)) for name in HOSTILE)
     assert_sound(ladder_figure(replace(found, ladder=tuple(rungs))))

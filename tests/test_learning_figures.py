@@ -10,22 +10,11 @@ from matplotlib.image import imread
 from test_figures import HOSTILE, assert_fits, assert_units, visible_axes
 
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.report.figures import learning, quality
-from contactlearn.report.figures.style import (
-    BOUNDS,
-    CLASS_I,
-    CLASS_II,
-    LAW_STYLE,
-    MODEL_STYLE,
-    law_style,
-    law_styles,
-    plain,
-    save,
-)
+from contactlearn.report.figures import learning, quality, style
 
 METRIC = "Normalised velocity error (–)"
 SIZES = [10, 25, 50, 100, 200, 300, 450]
-MODELS = (*CLASS_I, *CLASS_II)
+MODELS = (*style.CLASS_I, *style.CLASS_II)
 UNIT = re.compile(r"\((–|m/s|rad/s|per m/s|nats)\)$")
 
 
@@ -36,7 +25,7 @@ def decay(last: float, first: float = 2.0, sizes=SIZES) -> torch.Tensor:
     return torch.stack((mean, 0.9 * mean, 1.1 * mean), -1)
 
 
-def curve(names=MODELS, references=(*BOUNDS, "anitescu_potra_newton"), sizes=SIZES, **options):
+def curve(names=MODELS, references=(*style.BOUNDS, "anitescu_potra_newton"), sizes=SIZES, **options):
     curves = {name: decay(0.3 + 0.03 * place, **options, sizes=sizes) for place, name in enumerate(names)}
     return learning.learning_curve(sizes, curves, dict.fromkeys(references, (0.5, 0.48, 0.53)), METRIC)
 
@@ -46,7 +35,7 @@ def trials(mean: float, size: int = 400) -> torch.Tensor:
     return mean * torch.rand(2, size, generator=generator, dtype=torch.float64).sum(0)
 
 
-def densities(names=(*BOUNDS, *MODELS), metric=METRIC, size=400):
+def densities(names=(*style.BOUNDS, *MODELS), metric=METRIC, size=400):
     return learning.error_densities({name: trials(0.3 + 0.03 * k, size) for k, name in enumerate(names)}, metric)
 
 
@@ -78,8 +67,8 @@ GAP = decay(0.3).index_fill(0, torch.tensor([0, 3]), torch.nan)
 
 FIGURES = {
     "curve": curve,
-    "curve of Class I": lambda: curve(CLASS_I),
-    "curve of Class II": lambda: curve(CLASS_II),
+    "curve of Class I": lambda: curve(style.CLASS_I),
+    "curve of Class II": lambda: curve(style.CLASS_II),
     "curve of a law and unknown models": lambda: curve(("x1_wrench", "wang_mason", "my GP", "my network"), ()),
     "curve at one size": lambda: curve(sizes=[1]),
     "curve at many sizes": lambda: curve(sizes=[*range(1, 20), *range(20, 1001, 20)]),
@@ -87,8 +76,8 @@ FIGURES = {
     "curve with gaps": lambda: learning.learning_curve(SIZES, {"x1_wrench": GAP, "mine": NOT_RUN}, {}, METRIC),
     "curve of zeros": lambda: learning.learning_curve(SIZES, {"x1_wrench": 0 * decay(1)}, {}, METRIC),
     "densities": densities,
-    "densities of bounds": lambda: densities(BOUNDS),
-    "densities of Class II": lambda: densities((*BOUNDS, *CLASS_II), "Velocity error (m/s)"),
+    "densities of bounds": lambda: densities(style.BOUNDS),
+    "densities of Class II": lambda: densities((*style.BOUNDS, *style.CLASS_II), "Velocity error (m/s)"),
     "densities of one trial": lambda: densities(size=1),
     "densities of two trials": lambda: densities(size=2),
     "densities of zeros": lambda: learning.error_densities({"irb": torch.zeros(9), "x1_wrench": trials(0.3)}, METRIC),
@@ -134,7 +123,7 @@ def test_every_figure_is_readable_and_names_its_units(build):
 )
 def test_figures_are_written_as_vectors(name, tmp_path):
     """One of each kind, and nightly of all data."""
-    png, pdf = save(FIGURES[name](), tmp_path, "figure")
+    png, pdf = style.save(FIGURES[name](), tmp_path, "figure")
     assert imread(png)[..., :3].std() > 0.05
     for forbidden in (b"/Type3", b"/Subtype /Image"):
         assert forbidden not in pdf.read_bytes()
@@ -163,7 +152,7 @@ def test_names_are_shown_as_they_are(name, build):
     assert_readable(figure)
     legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
     shown = [text.get_text() for legend in legends for text in legend.get_texts()]
-    assert plain(name, 30) in shown
+    assert style.plain(name, 30) in shown
 
 
 NAMED_BESIDES = {
@@ -181,16 +170,16 @@ def test_figures_with_such_names_are_readable(name, build):
 
 
 def test_classes_hold_the_learned_models():
-    assert (*CLASS_I, *CLASS_II) == tuple(MODEL_STYLE)
-    assert len(CLASS_I) == len(CLASS_II) == 4
-    assert law_style("X1 → wrench") is law_style("x1_wrench") is MODEL_STYLE["x1_wrench"]
+    assert (*style.CLASS_I, *style.CLASS_II) == tuple(style.MODEL_STYLE)
+    assert len(style.CLASS_I) == len(style.CLASS_II) == 4
+    assert style.law_style("X1 → wrench") is style.law_style("x1_wrench") is style.MODEL_STYLE["x1_wrench"]
 
 
 def test_unknown_models_differ_in_marker_and_line():
     names = [f"model {k}" for k in range(50)]
-    styles = law_styles(("irb", *names))
-    assert styles["irb"] is LAW_STYLE["irb"]
-    assert styles["model 0"] == law_style("model 0")
+    styles = style.law_styles(("irb", *names))
+    assert styles["irb"] is style.LAW_STYLE["irb"]
+    assert styles["model 0"] == style.law_style("model 0")
     assert len({(styles[name].marker, styles[name].linestyle) for name in names}) == 50
 
 
@@ -203,12 +192,12 @@ def line(axes, label: str):
 
 @pytest.mark.parametrize(("names", "titles"), [
     (MODELS, ["Class I: data-driven", "Class II: data-reinforced"]),
-    (CLASS_II, ["Class II: data-reinforced"]),
+    (style.CLASS_II, ["Class II: data-reinforced"]),
     (("X1 → wrench", "mirtich"), ["Class I: data-driven", "Others"]),
     (("mine", "residual_wrench"), ["Class II: data-reinforced, and others"]),
 ])  # fmt: skip
 def test_classes_have_their_panels(names, titles):
-    for figure in (curve(names), densities((*BOUNDS, *names))):
+    for figure in (curve(names), densities((*style.BOUNDS, *names))):
         assert [axes.get_legend().get_title().get_text() for axes in figure.axes] == titles
 
 

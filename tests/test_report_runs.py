@@ -15,17 +15,7 @@ from test_report_page import HOSTILE, data_of, draw_everything, into_view, opene
 from contactlearn.__main__ import main
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.serialisation import to_json
-from contactlearn.diagnosis.result import (
-    Diagnosis,
-    ErrorBudget,
-    ErrorShares,
-    Finding,
-    MissingEffect,
-    NoiseSource,
-    Rung,
-    RungKind,
-    Verdict,
-)
+from contactlearn.diagnosis import result
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.figures.style import law_style
@@ -66,24 +56,29 @@ def diagnosed(names=("spin_damping:after",), first=0.3, law="wang_mason", **data
     of = lambda mean: Interval(**interval(mean))  # noqa: E731
     effects = tuple(map(EffectId.parse, names))
     missing = tuple(
-        MissingEffect(
+        result.MissingEffect(
             effect=effect, equation="", parameters=(), error_before=of(0.2), error_after=of(0.1), error_reduction=0.1,
             share=1.0, confidence=1.0, inadmissible_before=0.0, inadmissible_after=0.0,
         )
         for effect in effects
     )  # fmt: skip
-    kinds = (RungKind.LAW, *[RungKind.EFFECT] * len(names), RungKind.PROCESSES, RungKind.NOISE)
+    kinds = (
+        result.RungKind.LAW,
+        *[result.RungKind.EFFECT] * len(names),
+        result.RungKind.PROCESSES,
+        result.RungKind.NOISE,
+    )
     errors = [of(first / (k + 1)) for k in range(len(kinds))]
     rungs = zip(kinds, (None, *effects, None, None), errors, strict=True)
-    budget = ErrorBudget(
+    budget = result.ErrorBudget(
         base=errors[0], ceiling=errors[1], bound=of(0.01), named=errors[len(names)], flexible=errors[-2],
-        noise=errors[-1], noise_source=NoiseSource.STATED,
-        shares=ErrorShares(noise=0.2, explained=0.5, unexplained=0.3, beyond_rigid=0.0),
+        noise=errors[-1], noise_source=result.NoiseSource.STATED,
+        shares=result.ErrorShares(noise=0.2, explained=0.5, unexplained=0.3, beyond_rigid=0.0),
     )  # fmt: skip
-    found = Diagnosis(
-        verdict=Verdict.EFFECTS if names else Verdict.NONE, physics=Verdict.EFFECTS if names else Verdict.NONE, law=law,
-        variant="textbook", findings=(), missing=missing,
-        ladder=tuple(Rung(kind=kind, effect=effect, error=error) for kind, effect, error in rungs), budget=budget,
+    verdict = result.Verdict.EFFECTS if names else result.Verdict.NONE
+    found = result.Diagnosis(
+        verdict=verdict, physics=verdict, law=law, variant="textbook", findings=(), missing=missing, budget=budget,
+        ladder=tuple(result.Rung(kind=kind, effect=effect, error=error) for kind, effect, error in rungs),
     )  # fmt: skip
     return ran(found, **data)
 
@@ -287,16 +282,16 @@ def test_settings_that_only_some_runs_have(tmp_path):
 
 
 def test_data_that_had_to_be_corrected_have_a_verdict(tmp_path):
-    finding = Finding(name="mirrored_x", sentence="", evidence=(), correction="mirrored_x")
-    conclusions = (Verdict.NONE, Verdict.EFFECTS, Verdict.UNKNOWN, None)
+    finding = result.Finding(name="mirrored_x", sentence="", evidence=(), correction="mirrored_x")
+    conclusions = (result.Verdict.NONE, result.Verdict.EFFECTS, result.Verdict.UNKNOWN, None)
     for physics in conclusions:
-        found = Diagnosis(
-            verdict=Verdict.BAD_DATA, physics=physics, law="mirtich", variant="textbook", findings=(finding,)
+        found = result.Diagnosis(
+            verdict=result.Verdict.BAD_DATA, physics=physics, law="mirtich", variant="textbook", findings=(finding,)
         )
         leave(tmp_path / f"{physics}", ran(found))
     text = text_of(tmp_path)
     for physics in conclusions:
-        assert row(text, f"{physics}")["Verdict"] == conclusion(Verdict.BAD_DATA, physics, ("mirrored_x",))
+        assert row(text, f"{physics}")["Verdict"] == conclusion(result.Verdict.BAD_DATA, physics, ("mirrored_x",))
 
 
 LEARNT = json.loads(to_json(learning_curve((1,), (0.1,))))
@@ -368,9 +363,12 @@ def test_not_utf8(tmp_path):
 
 
 def test_data_that_are_refused_have_a_row(tmp_path):
-    leave(tmp_path / "refused", ran(Diagnosis(verdict=Verdict.BAD_DATA, law=None, variant=None, findings=())))
+    leave(
+        tmp_path / "refused",
+        ran(result.Diagnosis(verdict=result.Verdict.BAD_DATA, law=None, variant=None, findings=())),
+    )
     cells = row(text_of(tmp_path), "refused")
-    assert (cells["Held-out mass error"], cells["Verdict"]) == ("–", conclusion(Verdict.BAD_DATA, None))
+    assert (cells["Held-out mass error"], cells["Verdict"]) == ("–", conclusion(result.Verdict.BAD_DATA, None))
 
 
 def test_where_the_page_goes(tmp_path, monkeypatch):
