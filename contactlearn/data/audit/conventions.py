@@ -104,7 +104,7 @@ class Hypothesis:
 
 
 def hypothesis_text(names: tuple[str, ...]) -> str:
-    """Write a hypothesis as its corrections; for display alone."""
+    """Write a hypothesis as its corrections, for display."""
     return " + ".join(names) or "as they are"
 
 

@@ -64,8 +64,8 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     sound = impacts.replace(validate=False)[~repeated(impacts)]
     notes = apparatus_notes(impacts)
     if len(sound) < _FEWEST:
-        return (*findings, *_of_trials(sound, thresholds), *notes)
-    comparison = compare(_some(sound), thresholds)
+        return (*findings, *_trial_findings(sound, thresholds), *notes)
+    comparison = compare(_subsample(sound), thresholds)
     fatal = impossible_findings(comparison, thresholds)
     if fatal:
         return (*fatal, *findings, *order_findings(sound), *notes)
@@ -73,7 +73,7 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     scaled = inertia_findings(sound, thresholds)
     if scaled:
         sound = correct(sound, ["inertia_scaled"])
-    of_trials = _of_trials(sound, thresholds)
+    of_trials = _trial_findings(sound, thresholds)
     unbalanced = balance_findings(sound, comparison, thresholds, explained=bool(of_trials))
     corrected = [*convention_findings(comparison), *scaled]
     if any(finding.name == "moment_balance_open" and finding.mistake for finding in unbalanced):
@@ -83,7 +83,7 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
 
 
 def _not_recommended(finding: Finding) -> Finding:
-    """A mistake whose correction leaves the moment balance open: there is another one, or none."""
+    """Return a mistake without its correction, which does not close the moment balance."""
     sentence = f"{finding.sentence}; the moment balance does not close after it, so it is not recommended"
     return replace(finding, sentence=sentence, correction=None)
 
@@ -100,16 +100,16 @@ def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds(
     return tuple(finding for finding in found if finding.mistake)
 
 
-def _some(impacts: Impacts) -> Impacts:
-    """A subsample: every hypothesis holds its own copy of the data."""
+def _subsample(impacts: Impacts) -> Impacts:
+    """Draw at most 20 000 trials, since every hypothesis holds its own copy of the data."""
     if len(impacts) <= _COMPARED:
         return impacts
     rows = torch.randperm(len(impacts), generator=torch.Generator().manual_seed(0))[:_COMPARED]
     return impacts[rows.sort().values]
 
 
-def _of_trials(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
-    """Findings that need no comparison of hypotheses."""
+def _trial_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """Find the mistakes that need no comparison of hypotheses."""
     findings = scale_findings(impacts, thresholds) + speed_findings(impacts)
     findings += outlier_findings(impacts, thresholds)
     good = ~outliers(impacts, thresholds)
