@@ -24,7 +24,7 @@ from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.data import table
 from contactlearn.diagnosis.events import AuditFindings, EffectsFound, LawsCompared, RemainderLearned
-from contactlearn.diagnosis.result import Formula, WrenchComponent
+from contactlearn.diagnosis.result import Diagnosis, Formula, PlausibleModel, Verdict, WrenchComponent
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
 from contactlearn.report.text import brief_interval
@@ -164,6 +164,15 @@ def test_a_line_is_completed():
     assert lines.completions("tau = -c*rx*P") == ["tau = -c*rx*Pt", "tau = -c*rx*Pn"]
     assert "eps = c*P" not in "".join(lines.completions("eps = c*P"))  # the impulse is not known at the law
     assert lines.completions("tau = -c*rx*Pn; c") == []
+
+
+def test_a_model_of_the_search_is_taken_with_the_given_effects():
+    given, own = EffectId("side_drag", "linear"), EffectId("spin_damping", "after")
+    found = Diagnosis(verdict=Verdict.EFFECTS, law="wang_mason", variant="textbook", findings=(), given=(given,))
+    model = PlausibleModel(law="mirtich", effects=(own,), share=1.0)
+    shown = str(content._adopt_button("Take", Session(), found, model))
+    assert "Mirtich + side drag (linear) + spin damping (after)" in shown
+    assert str(Session(law="mirtich", effects=(given, own)).address) in shown
 
 
 def test_a_formula_of_a_diagnosis_is_a_line():

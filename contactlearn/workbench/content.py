@@ -11,7 +11,7 @@ from contactlearn import laws
 from contactlearn.core.numerics import is_number, measured
 from contactlearn.data.audit.result import Finding
 from contactlearn.diagnosis.error_budget import NoiseFloor
-from contactlearn.diagnosis.result import FrontierModel, PlausibleModel, Region
+from contactlearn.diagnosis.result import Diagnosis, FrontierModel, PlausibleModel, Region
 from contactlearn.effects import Effect, Parameter, catalogue
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.text import (
@@ -172,7 +172,7 @@ def diagnosis_content(run: DiagnosisRun, folder: str, session: Session) -> list[
     frontier, residual, experiment = list[Component](), list[Component](), list[Component]()
     if found.frontier:
         rows = [(searched_name(found, one), one.error) for one in found.frontier]
-        buttons = (_adopt_button(f"Take {len(one.effects)}", session, one) for one in found.frontier)
+        buttons = (_adopt_button(f"Take {len(one.effects)}", session, found, one) for one in found.frontier)
         head = note("The best model of each number of effects, held out:")
         frontier = [html.H4("Frontier"), head, bars(rows, 1.05 * max(x.high for _, x in rows)), controls(*buttons)]
     if found.remainder is not None:
@@ -187,7 +187,7 @@ def diagnosis_content(run: DiagnosisRun, folder: str, session: Session) -> list[
         experiment = [html.H4("The next experiment"), *needed, html.Ol(drops)]
     page = html.A("the whole report", href=f"/runs/{folder}/report.html", target="_blank")
     plausible: list[list[Child]] = [
-        [_adopt_button("Take", session, one), f" {share_of_whole(one.share)}  {phrase('model', one.law, one.effects)}"]
+        [_adopt_button("Take", session, found, one), f" {share_of_whole(one.share)}  {searched_name(found, one)}"]
         for one in listed_models(found)
     ]
     return [
@@ -202,12 +202,12 @@ def diagnosis_content(run: DiagnosisRun, folder: str, session: Session) -> list[
     ]
 
 
-def _adopt_button(text: str, session: Session, found: FrontierModel | PlausibleModel) -> Component:
-    """Return a button that goes to the same data with another model."""
-    other = Session(
-        data=session.data, seed=session.seed, trial=session.trial, law=found.law, effects=tuple(found.effects)
-    )
-    return action_button("adopt", text, of=other.address, label=f"Take {phrase('model', found.law, found.effects)}")
+def _adopt_button(text: str, session: Session, found: Diagnosis, model: FrontierModel | PlausibleModel) -> Component:
+    """Return a button that goes to the same data with a model of the search, the given effects in it."""
+    given = (one for one in found.given if not one.name.startswith("line"))  # lines belong to a session
+    effects = (*given, *model.effects)
+    other = Session(data=session.data, seed=session.seed, trial=session.trial, law=model.law, effects=effects)
+    return action_button("adopt", text, of=other.address, label=f"Take {searched_name(found, model)}")
 
 
 # --- The model ---------------------------------------------------------------------------------
