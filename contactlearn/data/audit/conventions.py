@@ -306,14 +306,6 @@ def _coefficients(when: str, fit: Balance) -> list[_Quantity]:
     return [(f"{name}_{when}", value) for name, value in values.items() if math.isfinite(value)]
 
 
-def _with_inertia(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
-    """The impacts with the inertia that balances their moments, where this is within the reach of an effect."""
-    factor = torque(impacts).inertia_factor.item()
-    if not 0 < factor < math.inf or wrong_inertia(factor, thresholds):
-        return impacts
-    return impacts.replace(inertia=factor * impacts.inertia)
-
-
 def _judged(impacts: Impacts) -> Balance:
     """The moment balance, without coefficients that these measurements leave open."""
     return balance(impacts).judged(_SMALL_MOMENTS, _SURE_MOMENTS)
@@ -328,7 +320,9 @@ def balance_findings(
     another inertia within the reach of an effect would close.  With `explained` other findings account for the
     contradictions, which are then not reported again.
     """
-    fit, balanced = _judged(impacts), _with_inertia(impacts, thresholds)
+    fit, balanced, factor = _judged(impacts), impacts, torque(impacts).inertia_factor.item()
+    if 0 < factor < math.inf and not wrong_inertia(factor, thresholds):  # within the reach of an effect
+        balanced = impacts.replace(inertia=factor * impacts.inertia)
     answers = contradictions(balanced)
     means = {question: answer.mean().item() for question, answer in answers.items()}
     if not fit.terms:

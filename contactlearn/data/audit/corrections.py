@@ -95,16 +95,6 @@ def units_and_axes(columns: Columns, name: str) -> Columns:
     return cast("Callable[[Columns, AuditThresholds], Columns]", CORRECTIONS[name].function)(columns, AuditThresholds())
 
 
-def _multiplied(impacts: Impacts, factors: Sequence[float], *names: str) -> Impacts:
-    """Fields of `impacts`, those that it has, multiplied component by component, and their covariances with them."""
-    factor = torch.tensor(factors, dtype=torch.float64)
-    fields = {name: x * factor for name in names if (x := getattr(impacts, name)) is not None}
-    product = factor[:, None] * factor
-    return impacts.replace(
-        **fields, **{f"{name}_cov": x * product for name, x in _covariances(impacts) if name in names}
-    )
-
-
 def _covariances(impacts: Impacts | Columns) -> list[tuple[str, Tensor]]:
     """The velocities whose errors are known, and their covariances; none of hypotheses."""
     if isinstance(impacts, Columns):
@@ -112,12 +102,16 @@ def _covariances(impacts: Impacts | Columns) -> list[tuple[str, Tensor]]:
     return [(name, x) for name in _VELOCITIES if (x := getattr(impacts, f"{name}_cov")) is not None]
 
 
-def _scaled(*fields: tuple[Sequence[float], Sequence[str]]) -> Callable[[Impacts, AuditThresholds], Impacts]:
-    """A correction that multiplies fields, each group component by component."""
+def _scaled(*groups: tuple[Sequence[float], Sequence[str]]) -> Callable[[Impacts, AuditThresholds], Impacts]:
+    """A correction that multiplies groups of fields component by component, and their covariances with them."""
 
     def scale(impacts: Impacts, _: AuditThresholds) -> Impacts:
-        for factors, names in fields:
-            impacts = _multiplied(impacts, factors, *names)
+        for factors, names in groups:
+            factor = torch.tensor(factors, dtype=torch.float64)
+            product = factor[:, None] * factor
+            fields = {name: x * factor for name in names if (x := getattr(impacts, name)) is not None}
+            fields |= {f"{name}_cov": x * product for name, x in _covariances(impacts) if name in names}
+            impacts = impacts.replace(**fields)
         return impacts
 
     return scale

@@ -57,7 +57,9 @@ def find_model_outliers(
     chance = torch.from_numpy(fdtrc(3, freedom, (distance / 3).numpy()))
     far = chance * len(impacts) < thresholds.false_outliers
     flips = _flipped(impacts, predict)
-    gains = torch.stack([_gain(distance, _distance(weight * one - centre, scatter), freedom) for one in flips.values()])
+    flipped = torch.stack([_distance(weight * one - centre, scatter) for one in flips.values()])
+    gains = 0.5 * (freedom + 3) * ((freedom + distance) / (freedom + flipped)).log()  # log ratio of the densities
+    gains = gains.nan_to_num(nan=-math.inf)  # where the flip is not predicted
     wrong = gains > math.log(len(flips) * len(impacts) / thresholds.false_outliers)
     bad = far | wrong.any(0)
     if not bad.any():
@@ -99,12 +101,6 @@ def _flipped(impacts: Impacts, predict: Callable[[Impacts], Float[Tensor, "n 3"]
     after = impacts.v_post * mirror - predict(impacts)
     before = impacts.v_post - predict(impacts.replace(v_pre=impacts.v_pre * mirror, validate=False))
     return {"spin after": after, "spin before": before}
-
-
-def _gain(given: Float[Tensor, " n"], flipped: Float[Tensor, " n"], freedom: float) -> Float[Tensor, " n"]:
-    """Log ratio of the densities with and without the flip; −∞ where the flip is not predicted."""
-    gain = 0.5 * (freedom + 3) * ((freedom + given) / (freedom + flipped)).log()
-    return gain.nan_to_num(nan=-math.inf)
 
 
 def _distance(residual: Float[Tensor, "n 3"], scatter: Float[Tensor, "3 3"]) -> Float[Tensor, " n"]:

@@ -168,38 +168,23 @@ def next_experiment(
     states = _states(impacts, within, generator, drawn)
     squared = separations_of(impacts, chosen, rivals, states)
     picked = _picked([*discriminations(impacts, chosen, rivals, states).values()], _places(states, within), count)
-    located = _depends_on_place(impacts, chosen, rivals, states, squared, within)
+    middle = states.q.clone()
+    middle[:, 0] = within[0].mean()
+    moved = separations_of(impacts, chosen, rivals, states.replace(q=middle))
+    located = bool(((moved - squared).abs() > 1e-6 * squared + 1e-9).any())  # a separation depends on the place
     several = len({*impacts.object}) > 1
-    drops = tuple(_drop(states, k, squared[:, k], located=located, named=several) for k in picked)
+    drops = []
+    for k in picked:
+        (x, _, theta), (v_x, v_y, omega) = states.q[k].tolist(), states.v_pre[k].tolist()
+        differences = tuple(squared[:, k].sqrt().tolist())
+        place, body = x if located else None, states.object[k] if several else None
+        drops.append(Drop(theta=theta, v_x=v_x, v_y=v_y, omega=omega, differences=differences, x=place, body=body))
     at_drops = discriminations(impacts, chosen, rivals, states[picked])
     separations = tuple(
         Separation(effect=key.effect, rival=key.rival, drops_needed=discrimination.needed(odds))
         for key, discrimination in at_drops.items()
     )
-    return Experiment(separations=separations, drops=drops)
-
-
-def _drop(states: Impacts, k: int, squared: Float[Tensor, " r"], *, located: bool, named: bool) -> Drop:
-    """State k as a result, with its place where that matters and the name of its body where there are several."""
-    (x, _, theta), (v_x, v_y, omega) = states.q[k].tolist(), states.v_pre[k].tolist()
-    differences = tuple(squared.sqrt().tolist())
-    place, body = x if located else None, states.object[k] if named else None
-    return Drop(theta=theta, v_x=v_x, v_y=v_y, omega=omega, differences=differences, x=place, body=body)
-
-
-def _depends_on_place(
-    impacts: Impacts,
-    chosen: ContactModel,
-    rivals: Mapping[Key, ContactModel],
-    states: Impacts,
-    squared: Float[Tensor, "r n"],
-    within: Float[Tensor, "5 2"],
-) -> bool:
-    """Return whether a separation changes if all states move to the middle of the floor."""
-    middle = states.q.clone()
-    middle[:, 0] = within[0].mean()
-    moved = separations_of(impacts, chosen, rivals, states.replace(q=middle))
-    return bool(((moved - squared).abs() > 1e-6 * squared + 1e-9).any())
+    return Experiment(separations=separations, drops=tuple(drops))
 
 
 def separations_of(

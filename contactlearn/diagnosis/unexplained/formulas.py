@@ -285,7 +285,8 @@ class _Trials:
 
     def tried(self, terms: Sequence[str], coefficients: Float[Tensor, " t"]) -> _Trial:
         """Fit terms, from the coefficients of the regression, and validate them."""
-        ranges = tuple(_limits(c) for c in coefficients.tolist())
+        highs = [float(f"{_RANGE * abs(c):.1e}") or 1.0 for c in coefficients.tolist()]  # two digits, amply
+        ranges = tuple((-high, high) for high in highs)
         effects = {**self.model.effects, self.name: formula_effect(self.component, terms, ranges)}
         start = torch.cat((self.start, coefficients))
         fit = identify_jointly(self.model.law, effects, self.impacts, options=self.options, start=start)
@@ -310,12 +311,6 @@ def _best(
     good = [t for t in found if clearly(before - t.error)]
     good = [t for t in good if not clearly(t.error - good[0].error)]
     return [t for t in good if t is good[0] or not {*good[0].terms} & {*t.terms}][:most]
-
-
-def _limits(coefficient: float) -> tuple[float, float]:
-    """A range around 0, with limits of two digits, several times as wide as the coefficient."""
-    high = float(f"{_RANGE * abs(coefficient):.1e}") or 1.0
-    return -high, high
 
 
 def _error_of_mean(x: Float[Tensor, " n"]) -> float:

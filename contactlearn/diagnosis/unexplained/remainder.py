@@ -151,7 +151,9 @@ def learn_remainder(
     base = model.base_prediction(impacts)
     residual = impacts.wrench - base.wrench
     inliers = inlier_mask(residual) if inliers is None else inliers
-    processes = Processes.of(impacts, residual, _rows(folds, inliers))
+    rows = [part[inliers[part]] for part in folds.fitted]
+    size = min(_TRIALS, *map(len, rows))  # as many of each fold as every fold has, in their random order
+    processes = Processes.of(impacts, residual, torch.stack([part[:size] for part in rows]))
     learned = _Learned(impacts, base, folds, processes.at(folds.held_out))
     error = learned.error(*_COMPONENTS)
     before = mass_error(impacts, base).where(error.isfinite(), torch.nan)
@@ -229,13 +231,6 @@ def is_significant(r_squared: float, standard_error: float, thresholds: Threshol
     """Return whether a component with this R² can be named: it is both large and certain."""
     certain = r_squared > thresholds.certain_sigmas * standard_error
     return r_squared > _LEAST_R_SQUARED and certain
-
-
-def _rows(folds: Folds, inliers: Bool[Tensor, " n"]) -> Int[Tensor, "b m"]:
-    """Choose as many inliers of each fold's fitted rows as every fold has, in their random order."""
-    rows = [part[inliers[part]] for part in folds.fitted]
-    size = min(_TRIALS, *map(len, rows))
-    return torch.stack([part[:size] for part in rows])
 
 
 def _r_squared(

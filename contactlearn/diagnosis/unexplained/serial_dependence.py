@@ -272,14 +272,10 @@ def _best(
     coefficient, association, fit = max(tried, key=lambda one: one[2].share.mean)
     if fit.share.low <= 0 or fit.share.mean < drift.share.mean:
         return None
-    return coefficient, association, fit.share, _scale(association, fit)
-
-
-def _scale(association: Association, fit: VaryingCoefficientFit) -> float:
-    """Trials over which neighbours resemble each other, of the period, or that are remembered."""
     if association.variable is not LaggedVariable.ORDER:
-        return association.memory.trials
-    return _PLACES * fit.gps.hyperparameters()[..., 0].log().mean().exp().item()
+        return coefficient, association, fit.share, association.memory.trials
+    resembling = _PLACES * fit.gps.hyperparameters()[..., 0].log().mean().exp().item()  # neighbouring trials
+    return coefficient, association, fit.share, resembling
 
 
 def _inputs(association: Association) -> Float[Tensor, "n d"]:

@@ -124,23 +124,18 @@ def _ladder(name: str, columns: Float[Tensor, "n c"]) -> tuple[Float[Tensor, "n 
         return columns, [1] * columns.shape[1]
     if name == ANGLE:
         angle, orders = torch.atan2(columns[:, 1], columns[:, 0]), range(1, 1 + _ALONE // 2)
-        return torch.stack([f(k * angle) for k in orders for f in (torch.cos, torch.sin)], -1), [
-            k for k in orders for _ in range(2)
-        ]
+        functions = [f(k * angle) for k in orders for f in (torch.cos, torch.sin)]
+        return torch.stack(functions, -1), [k for k in orders for _ in range(2)]
     orders = range(1, 1 + _ALONE)
-    return (math.pi * _ranks(columns[:, 0])[:, None] * torch.tensor(orders)).cos(), list(orders)
+    _, which, count = columns[:, 0].unique(return_inverse=True, return_counts=True)
+    ranks = ((count.cumsum(0) - count / 2) / len(columns)).to(torch.float64)[which]  # between 0 and 1
+    return (math.pi * ranks[:, None] * torch.tensor(orders)).cos(), list(orders)
 
 
 def _low(name: str, functions: Float[Tensor, "n k"], orders: list[int]) -> tuple[Float[Tensor, "n l"], list[int]]:
     """Those of low orders."""
     most = len(orders) if name == BODY else _TOGETHER.get(name, _FEW)
     return functions[:, :most], orders[:most]
-
-
-def _ranks(values: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-    """Ranks between 0 and 1, the same for equal values."""
-    _, which, count = values.unique(return_inverse=True, return_counts=True)
-    return ((count.cumsum(0) - count / 2) / len(values)).to(torch.float64)[which]
 
 
 @dataclass(frozen=True, kw_only=True)
