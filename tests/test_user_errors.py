@@ -43,9 +43,9 @@ SLIPS = {
     "a constructor that fails": (
         DECORATED, "wrench", 'def __post_init__(self): raise KeyError("a\\nb")', "in __post_init__, line 15: KeyError"
     ),
-    "no formula": (DECORATED, "wrench", "del formula", "own.Mine must say what it does, such as formula = "),
-    "a name that is not there": ("@nobody", "wrench", "", "name 'nobody' is not defined); mend own first"),
-    "another package": ("import nowhere", "wrench", "", "No module named 'nowhere'); mend own first"),
+    "no formula": (DECORATED, "wrench", "del formula", "own.Mine must describe what it does, such as formula = "),
+    "a name that is not there": ("@nobody", "wrench", "", "name 'nobody' is not defined); fix own first"),
+    "another package": ("import nowhere", "wrench", "", "No module named 'nowhere'); fix own first"),
     "no syntax": ("def f(:", "wrench", "", "SyntaxError: invalid syntax"),
 }  # fmt: skip
 
