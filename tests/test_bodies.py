@@ -9,6 +9,7 @@ import torch
 from commands import run
 from hypothesis import given
 from hypothesis import strategies as st
+from pyarrow.csv import read_csv
 from test_report_page import into_view, opened, until
 
 from contactlearn import identify_jointly, laws
@@ -203,7 +204,7 @@ def test_the_audit_finds_a_mirrored_axis(both):
 
 def test_corrections_compute_contact_points_again(files):
     path = files / "both.csv"
-    turned = pd.read_csv(path).assign(theta=lambda frame: -frame["theta"], omega=lambda frame: -frame["omega"],
+    turned = read_csv(path).to_pandas().assign(theta=lambda frame: -frame["theta"], omega=lambda frame: -frame["omega"],
                                       omega_post=lambda frame: -frame["omega_post"])  # fmt: skip
     turned.to_csv(files / "turned.csv", index=False)
     spoilt = table.load(files / "turned.csv", shape=SPECS, validate=False)
