@@ -408,6 +408,7 @@ def test_the_analysis_never_opens_the_truth():
             text = path.read_text("utf-8")
             assert "truth.json" not in text, path
             assert "hidden_effects import reveal" not in text, path
+            assert "hidden_effects.truth" not in text, path
 
 
 def test_the_simulator_shares_no_formula_with_the_analysis():
