@@ -105,11 +105,7 @@ def test_links_lead_somewhere(document):
 
 def test_every_setting_is_explained():
     """Each value in the shipped configurations has a comment; hydra's own part is Hydra's to explain."""
-    for path in [
-        *ROOT.glob("configs/*.yaml"),
-        *ROOT.glob("configs/data/*.yaml"),
-        *ROOT.glob("configs/model/*.yaml"),
-    ]:
+    for path in [*ROOT.glob("configs/*.yaml"), *ROOT.glob("configs/data/*.yaml"), *ROOT.glob("configs/model/*.yaml")]:
         ours = re.split(r"^hydra:$", path.read_text("utf-8"), flags=re.MULTILINE)[0]
         for line in ours.splitlines():
             if re.match(r" *[a-z_]+: +\S", line) and not line.lstrip().startswith(("_target_", "defaults")):

@@ -141,11 +141,7 @@ def test_scale_and_mirror_change_nothing_else():
     fields = {"r": drops.r * flip[:2], "q": drops.q * flip, "v_pre": drops.v_pre * flip, "v_post": drops.v_post * flip}
     base, heavy, mirror = (
         identify(find("wang_mason"), impacts, sizes=(5, 40), repetitions=3, generator=seeded(6))
-        for impacts in (
-            drops,
-            drops.replace(mass=4 * drops.mass, inertia=4 * drops.inertia),
-            drops.replace(**fields),
-        )
+        for impacts in (drops, drops.replace(mass=4 * drops.mass, inertia=4 * drops.inertia), drops.replace(**fields))
     )
     for other, scale in ((heavy, 4), (mirror, 1)):
         torch.testing.assert_close(other.mu, base.mu, rtol=ROUNDING, atol=ROUNDING)

@@ -61,10 +61,7 @@ SLIPS = {
 @pytest.mark.parametrize(("velocity", "message"), SLIPS.values(), ids=SLIPS)
 def test_a_slip_in_an_effect_is_one_line(velocity, message):
     effect = effect_with(velocity)
-    with (
-        pytest.raises(ContactLearnError, match=rf"^own\.Own .*{message}"),
-        located_errors("own.Own", type(effect)),
-    ):
+    with pytest.raises(ContactLearnError, match=rf"^own\.Own .*{message}"), located_errors("own.Own", type(effect)):
         check_effect(effect, "own.Own")
 
 

@@ -39,10 +39,7 @@ class SpinLoss(Effect):
         P_t, P_n, tau = wrench.unbind(-1)
         return columns(P_t, P_n, tau - self.c * state.inertia * state.v_after(wrench)[..., 2])
 '''
-NEW = {
-    "contactlearn/effects/spin_loss.py": EFFECT,
-    "contactlearn/laws/bumpy_floor.py": LAW,
-}
+NEW = {"contactlearn/effects/spin_loss.py": EFFECT, "contactlearn/laws/bumpy_floor.py": LAW}
 ENTRIES = "[contactlearn.effects]\nspin_loss = spin_loss:SpinLoss\n[contactlearn.laws]\nbumpy = bumpy\n"
 CATALOGUES = """
 from contactlearn.cli.hydra_main import compose

@@ -195,9 +195,7 @@ KEYWORDS = {
     "contactlearn.models.gp.exact.WeightedNoise._shaped_noise_covar",
     "contactlearn.core.workers.WorkerPool.submit",
 }
-OPTIONS = {
-    "contactlearn.effects.formula.effect.formula",
-}
+OPTIONS = {"contactlearn.effects.formula.effect.formula"}
 
 
 def test_options_are_types():
