@@ -1,6 +1,7 @@
-"""Commands that are stopped from outside: one line of theirs, silent workers, and nobody left behind."""
+"""Commands that are stopped from outside: one line, silent workers, and nobody left behind; text on any stream."""
 
 import contextlib
+import io
 import os
 import signal
 import subprocess
@@ -9,7 +10,7 @@ import sys
 import pytest
 from repetitions import repeated
 
-from contactlearn.core.signals import defer_interrupts
+from contactlearn.core.signals import defer_interrupts, graceful_exit
 
 _AT_WORK = """
 import os, signal, time
@@ -72,6 +73,33 @@ def test_output_that_nobody_reads(words, tmp_path):
     os.close(theirs)
     assert done.returncode == 141
     assert done.stderr == ""
+
+
+@pytest.mark.parametrize(("encoding", "wanted"), [
+    ("utf-8", "μ = 0.1 ± 0.02 m², Δω → 0°, é, 日"),
+    ("ascii", "mu = 0.1 +- 0.02 m2, Deltaomega -> 0 deg, e, ?"),
+    ("cp1252", "mu = 0.1 ± 0.02 m², Deltaomega -> 0°, é, ?"),
+])  # fmt: skip
+def test_streams_spell_what_their_encoding_lacks(encoding, wanted, monkeypatch):
+    stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+    monkeypatch.setattr(sys, "stdout", stream)
+    with graceful_exit():
+        print("μ = 0.1 ± 0.02 m², Δω → 0°, é, 日", end="")
+    assert stream.buffer.getvalue().decode(encoding) == wanted
+
+
+@pytest.mark.parametrize("words", [
+    ("train", "--help"), ("impacts", "--help"),
+    pytest.param(("train", "data.size=40", "train.repetitions=2", "bootstrap=20"), marks=pytest.mark.nightly),
+    pytest.param(("diagnose", "data.size=24", "seconds=1"), marks=pytest.mark.nightly),
+], ids=" ".join)  # fmt: skip
+def test_commands_write_to_an_ascii_pipe(words, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "contactlearn", *words], cwd=tmp_path, capture_output=True, text=True,
+        env=os.environ | {"PYTHONPATH": os.getcwd(), "PYTHONUTF8": "0", "LC_ALL": "C", "PYTHONIOENCODING": "ascii"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.isascii()
 
 
 def test_a_step_is_stopped_afterwards():

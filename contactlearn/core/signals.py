@@ -1,18 +1,25 @@
-"""Signals: a command ends in one line after Ctrl-C or SIGTERM, and silently when its output pipe is closed."""
+"""Signals and streams: one line after Ctrl-C or SIGTERM, silence when the output pipe is closed, text on any stream."""
 
+import codecs
 import os
 import select
 import signal
 import sys
 import threading
+import unicodedata
 from collections.abc import Generator
 from contextlib import contextmanager
+from io import TextIOWrapper
 from types import FrameType
 from typing import NoReturn
 
 _STOPPED = "stopped; the same command resumes where a sweep, learning curves or a large diagnosis was"
 
 _STOPS = (signal.SIGINT, signal.SIGTERM)
+_SPELT = {
+    "−": "-", "–": "-", "±": "+-", "×": "x", "·": "*", "⁄": "/", "→": "->", "←": "<-", "≥": ">=", "≤": "<=", "≈": "~",
+    "√": "sqrt", "°": " deg", "‖": "|", "∞": "inf", "∂": "d", "✓": "yes",
+}  # fmt: skip
 
 
 class _Terminated(KeyboardInterrupt):
@@ -23,11 +30,14 @@ class _Terminated(KeyboardInterrupt):
 def graceful_exit() -> Generator[None]:
     """End with one line and the status of a shell for Ctrl-C and SIGTERM, and silently for a closed `| head`.
 
+    Streams take any text: see `spell_unencodable`.
+
     The default for a closed pipe, death by SIGPIPE, would also kill a parent that writes to a dead worker.
 
     Raises:
         SystemExit: 130 after Ctrl-C, 143 after SIGTERM, 141 where nobody reads the output any more.
     """
+    spell_unencodable()
     alone = threading.current_thread() is threading.main_thread()  # the only one that may set what a signal does
     before = signal.signal(signal.SIGTERM, _terminate) if alone else None
     try:
@@ -46,6 +56,34 @@ def graceful_exit() -> Generator[None]:
     finally:
         if alone:
             signal.signal(signal.SIGTERM, before)
+
+
+def spell_unencodable() -> None:
+    """Let the standard streams spell in ASCII what their encoding lacks, such as mu for μ, instead of raising.
+
+    A pipe on Windows, and the C locale, have other encodings than UTF-8.
+    """
+    codecs.register_error("spelt", _spelt)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # a notebook's, or a test's, takes any text
+            stream.reconfigure(errors="spelt")
+
+
+def _spelt(error: UnicodeError) -> tuple[str, int]:
+    assert isinstance(error, UnicodeEncodeError)
+    return "".join(map(_ascii, error.object[error.start : error.end])), error.end
+
+
+def _ascii(character: str) -> str:
+    """A character in ASCII: its parts without accents, the name of a Greek letter, else "?"."""
+    found = ""
+    for part in unicodedata.normalize("NFKD", character):
+        kind, _, letter = unicodedata.name(part, "").partition(" LETTER ")
+        if kind.startswith("GREEK"):
+            found += letter.title() if "CAPITAL" in kind else letter.lower()
+        else:
+            found += part if part.isascii() else _SPELT.get(part, "")
+    return found or "?"
 
 
 @contextmanager
