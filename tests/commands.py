@@ -18,7 +18,7 @@ from contactlearn.effects import catalogue
 
 ROOT = Path(__file__).parent.parent
 SMALL = ("data.size=80", "train.size=20", "train.repetitions=4", "figures.repetitions=2", "bootstrap=50", "model=[]")
-TRAIN = ("data.size=80", "train.size=20", "train.repetitions=4", "bootstrap=50")
+TRAIN = ("data.size=80", "train.size=20", "train.repetitions=4", "bootstrap=50", "model=analytical")
 
 
 PIXEL = base64.b64decode(

@@ -59,8 +59,8 @@ def training(law="mirtich", size=20, error=0.2, effects=(), **data):
         provenance=provenance(config | {"train": {"size": size}}, **data), model=model, learned=None, law=law,
         effects=tuple(map(EffectId.parse, effects)), trained_on=size, equation=law, fits=(),
         joint={law: joint_estimate(law), model: joint_estimate(law, *effects)} if effects else {},
-        errors={law: errors(1.5 * error)} | {model: errors(error)}, irb=interval(0.05), processes=(),
-        processes_kind=None,
+        errors={law: errors(1.5 * error)} | {model: errors(error), "best_post_hoc": errors(0.1), "irb": errors(0.05)},
+        processes=(), processes_kind=None,
     )  # fmt: skip
 
 

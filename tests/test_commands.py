@@ -100,6 +100,17 @@ def test_train_then_evaluate_agree(tmp_path):
     assert trained["fits"] == evaluated["fits"]
 
 
+def test_training_without_further_words_learns(tmp_path):
+    """What a law leaves, beside that law and the bounds; each model row and each bound has its errors."""
+    run("train.py", *TRAIN[:-1], f"hydra.run.dir={tmp_path}")
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert results["model"] == results["learned"] == "residual_wrench"
+    error = {name: one["mass_error"]["mean"] for name, one in results["errors"].items()}
+    assert list(error) == ["wang_mason", "residual_wrench", "best_post_hoc", "irb"]
+    assert error["irb"] < error["best_post_hoc"] < error["wang_mason"]
+    assert checkpoint.load(tmp_path / "model.pt")[0].residual is not None
+
+
 @pytest.mark.nightly  # test_sweeps has sweeps of laws, and a learned model is trained below
 def test_sweep(tmp_path):
     run("train.py", "-m", *TRAIN, "train.size=10,20", "model=analytical,x2_impulse", f"hydra.sweep.dir={tmp_path}")
@@ -190,7 +201,7 @@ def test_own_table_round_trip(tmp_path):
     run("contactlearn", "export", str(tmp_path / "drops.csv"), "data.size=60", "data.seed=3")
     assert (table.load(tmp_path / "drops.csv").v_post == synthetic.load(size=60, seed=3).v_post).all()
     shape = "data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}"
-    small = ("train.size=20", "train.repetitions=4", "bootstrap=50", "law=mirtich")
+    small = ("train.size=20", "train.repetitions=4", "bootstrap=50", "law=mirtich", "model=analytical")
     run("train.py", "data=table", "data.path=drops.csv", shape, *small, "hydra.run.dir=a", cwd=tmp_path)
     run("train.py", "data.size=60", "data.seed=3", *small, "hydra.run.dir=b", cwd=tmp_path)
     a, b = (json.loads((tmp_path / name / "results.json").read_text()) for name in "ab")

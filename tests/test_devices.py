@@ -390,7 +390,7 @@ def test_learning_curves(drops, device):
 
 # --- Commands -------------------------------------------------------------------------------------------
 
-SMALL = ("data.size=50", "train.size=15", "train.repetitions=2", "bootstrap=20")
+SMALL = ("data.size=50", "train.size=15", "train.repetitions=2", "bootstrap=20", "model=analytical")
 COMMANDS = {
     "law": ("train.py", *SMALL, "law=mirtich"),
     "effects": ("train.py", *SMALL, "effect=[spin_damping]", "fit.starts=2"),

@@ -17,6 +17,7 @@ from contactlearn.models import checkpoint
 from contactlearn.simulation import synthetic
 
 FAMILY = "contactlearn.effects.spin_damping.SpinDamping"
+BOUNDS = ("best_post_hoc", "irb")
 FORMULA = ('+effect.mine.tau="-c*I*omega_post"', "+effect.mine.parameters.c=[0,1]")
 
 
@@ -29,7 +30,7 @@ def trained(folder, *arguments, figures=False):
 def test_training_fits_a_law_with_effects(tmp_path):
     printed, results = trained(tmp_path, "effect=[surface_tilt,spin_damping]", figures=True)
     name = "wang_mason + surface_tilt + spin_damping"
-    assert list(results["errors"]) == ["wang_mason", name]
+    assert list(results["errors"]) == ["wang_mason", name, *BOUNDS]
     found = results["joint"][name]
     assert [p["name"] for p in found["parameters"]] == ["mu", "eps", "surface_tilt.phi", "spin_damping.c"]
     tilt = found["parameters"][2]
@@ -49,7 +50,7 @@ def test_training_fits_a_law_with_effects(tmp_path):
 @pytest.mark.parametrize("model", ["residual_wrench", "parameters_likelihood"])
 def test_training_learns_what_a_law_with_effects_leaves(tmp_path, model):
     _, results = trained(tmp_path, f"model={model}", "effect=[gravity_impulse]", "law=mirtich")
-    assert list(results["errors"]) == ["mirtich", "mirtich + gravity_impulse", f"{model} + gravity_impulse"]
+    assert list(results["errors"]) == ["mirtich", "mirtich + gravity_impulse", f"{model} + gravity_impulse", *BOUNDS]
     loaded, _ = checkpoint.load(tmp_path / "model.pt")
     assert "gravity_impulse" in str(loaded)
 

@@ -263,7 +263,14 @@ def test_a_parquet_file_is_not_kept_while_it_is_read(tmp_path):
 def test_a_training_larger_than_memory_is_made_smaller(drops, tmp_path, monkeypatch):
     monkeypatch.setattr("contactlearn.cli.resource_limits.available_memory", lambda: 50 * 8000.0)
     path = table.save(drops, tmp_path / "drops.parquet")
-    words = ("data=table", f"data.path={path}", "train.size=150", "train.repetitions=2", "bootstrap=40")
+    words = (
+        "data=table",
+        f"data.path={path}",
+        "train.size=150",
+        "train.repetitions=2",
+        "bootstrap=40",
+        "model=analytical",
+    )
     assert "50 trials are used" in run("train.py", *words, f"hydra.run.dir={tmp_path / 'out'}")
 
 

@@ -124,7 +124,14 @@ def text_of(folder):
 def sweep(tmp_path_factory):
     """A real sweep with its page."""
     folder = tmp_path_factory.mktemp("sweep")
-    small = ("data.size=80", "train.repetitions=3", "bootstrap=50", "train.size=10,40", "law=wang_mason,whittaker")
+    small = (
+        "data.size=80",
+        "bootstrap=50",
+        "train.size=10,40",
+        "law=wang_mason,whittaker",
+        "model=analytical",
+        "train.repetitions=3",
+    )
     run("train.py", "-m", *small, f"hydra.sweep.dir={folder}")
     return run("contactlearn", "report", str(folder)), folder
 

@@ -77,8 +77,8 @@ def test_every_metric_has_an_entry():
 
 
 def test_a_number_that_is_not_finite_is_not_written(tmp_path):
-    wrong = dataclasses.replace(training(), irb=interval(float("nan")))
-    with pytest.raises(ContactLearnError, match=r"irb\.mean: expected float, got null"):
+    wrong = dataclasses.replace(evaluation(), differences={"whittaker": interval(float("nan"))})
+    with pytest.raises(ContactLearnError, match=r"differences\.whittaker\.mean: expected float, got null"):
         run_folder.write_result(tmp_path, wrong)
     assert not list(tmp_path.iterdir())
 

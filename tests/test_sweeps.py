@@ -30,7 +30,7 @@ from contactlearn.results.state import DONE, FAILED, Failed, fail, finish, is_lo
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
 from speed.sweeps import COUNT, JOBS, content, ended, finished, nothing_half_written, started, survive
 
-SMALL = ("data.size=80", "train.repetitions=2", "bootstrap=20")
+SMALL = ("data.size=80", "train.repetitions=2", "bootstrap=20", "model=analytical")
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,14 @@ def test_identity_of_a_job(tmp_path):
 
 def test_other_data_are_another_job(tmp_path):
     """Under the same name of a file; what was computed from the former data stays."""
-    small = ("train.size=10", "train.repetitions=2", "bootstrap=20", "data=table", "data.path=drops.csv")
+    small = (
+        "train.size=10",
+        "train.repetitions=2",
+        "bootstrap=20",
+        "data=table",
+        "data.path=drops.csv",
+        "model=analytical",
+    )
     for seed in (1, 2):
         run("contactlearn", "export", str(tmp_path / "drops.csv"), "data.size=60", f"data.seed={seed}")
         printed = run("train.py", "-m", *small, "law=mirtich", "hydra.sweep.dir=s", cwd=tmp_path)

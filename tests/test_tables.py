@@ -317,7 +317,7 @@ def test_the_quick_audit_looks_at_all_for_repetitions_and_order():
     assert [finding.name for finding in quick_audit(session)] == ["duplicated_trials", "out_of_order"]
 
 
-SMALL = ("train.size=20", "train.repetitions=4", "bootstrap=50")
+SMALL = ("train.size=20", "train.repetitions=4", "bootstrap=50", "model=analytical")
 
 
 def test_training_reports_the_audit_and_continues(tmp_path, monkeypatch):

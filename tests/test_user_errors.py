@@ -18,7 +18,7 @@ from contactlearn.effects import find_effect, named_effects
 from contactlearn.report import events
 from contactlearn.simulation import synthetic
 
-SMALL = ("data.size=60", "train.size=20", "train.repetitions=2", "bootstrap=20")
+SMALL = ("data.size=60", "train.size=20", "train.repetitions=2", "bootstrap=20", "model=analytical")
 EFFECT = '''
 from dataclasses import dataclass
 from contactlearn.effects import Effect, parameter
@@ -87,7 +87,7 @@ def test_two_trials_are_too_few(command, tmp_path):
 def test_sizes_follow_the_data(tmp_path):
     """Below 160 trials the paper's 120 for a subset are not there; a size that is asked for is not made smaller."""
     table.save(synthetic.load(size=40), tmp_path / "few.csv")
-    words = ("train.py", "data=table", "data.path=few.csv", "train.repetitions=2", "bootstrap=20")
+    words = ("train.py", "data=table", "data.path=few.csv", "train.repetitions=2", "bootstrap=20", "model=analytical")
     shape = "+data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}"
     run(*words, shape, "hydra.run.dir=a", cwd=tmp_path)
     assert json.loads((tmp_path / "a" / "results.json").read_text())["trained_on"] == 24

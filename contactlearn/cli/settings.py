@@ -136,7 +136,10 @@ class FigureSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainSettings:
-    """One model to train: its name and recipe, None for a law alone, with the law and the effects that it has."""
+    """One model to train: its name and recipe, None for a law alone, with the law and the effects that it has.
+
+    `laws` are those of Best Post Hoc, the paper's and `law`.
+    """
 
     split: SplitSettings
     identification: IdentificationSettings
@@ -146,6 +149,7 @@ class TrainSettings:
     model: str
     recipe: Recipe | None
     law: Law | None
+    laws: Mapping[str, Law]
     effects: Mapping[str, Effect]
 
     @classmethod
@@ -172,6 +176,7 @@ class TrainSettings:
                 f"model {name} takes each trial's (μ, ε) from the law alone, but there are effects "
                 f"({', '.join(effects)}); use model=parameters_likelihood"
             )
+        own = law if recipe is None or effects else recipe.law
         return cls(
             split=_split(config),
             identification=_identification(config),
@@ -180,7 +185,8 @@ class TrainSettings:
             bootstrap=config["bootstrap"],
             model=name,
             recipe=recipe,
-            law=law if recipe is None or effects else recipe.law,
+            law=own,
+            laws=_named_laws(config, own, (*PAPER_LAWS, *([own.name] if own else []))),
             effects=effects,
         )
 

@@ -153,8 +153,7 @@ class ComparedRun:
             if budget is None:
                 return {}
             return {"named": budget.named, "law": budget.base, "noise": budget.noise, IRB: budget.bound}
-        errors = {printable(name): one for name, one in self.result.errors.items()}
-        return errors | ({IRB: self.result.irb} if isinstance(self.result, Training) else {})
+        return {printable(name): one for name, one in self.result.errors.items()}
 
     def mass_error(self, model: str | None) -> Interval | None:
         """Return the held-out mass error of a model; None where there is none."""

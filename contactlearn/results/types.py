@@ -219,10 +219,9 @@ class Training:
         effects: around the law.
         trained_on: trials of the subset.
         equation: the model as text.
-        fits: the law of a model without effects.
+        fits: the law of a model without effects, identified on its trials.
         joint: the law alone and with its effects, by name, where there are effects.
-        errors: of the model, after those of the laws in `joint`.
-        irb: error of the ideal rigid-body bound on the same trials.
+        errors: of the model, after those of its law or of the models in `joint`; and of both bounds.
         processes: Gaussian processes of a learned model, one an output.
         processes_kind: `exact` or `sparse`; None without processes.
     """
@@ -239,7 +238,6 @@ class Training:
     fits: tuple[LawEstimate, ...]
     joint: Mapping[str, JointEstimate]
     errors: Mapping[str, ModelErrors]
-    irb: Interval
     processes: tuple[ProcessEstimate, ...]
     processes_kind: str | None
 

@@ -20,7 +20,7 @@ from contactlearn.inference.identification.joint import JointFit
 from contactlearn.inference.identification.shared import SharedFit
 from contactlearn.inference.learning.recipe import TARGETS, learn
 from contactlearn.laws import Law
-from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.features import SPACES
@@ -29,18 +29,19 @@ from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.figures import quality
 from contactlearn.results import estimates, folder
-from contactlearn.results.types import IRB, Training
+from contactlearn.results.types import BEST_POST_HOC, IRB, Training
 
 CHECKPOINT = "model.pt"
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Trained:
-    """Fits and models; `models` are those of the error table, the trained one last."""
+    """Fits and models; `models` are those of the error table, the trained one last, `laws` those of Best Post Hoc."""
 
     fits: tuple[SharedFit, ...]
     joint: Mapping[str, JointFit]
     models: Mapping[str, ContactModel]
+    laws: Mapping[str, ContactModel]
     surface: CostSurface | None
 
     @property
@@ -55,6 +56,12 @@ class _Trained:
     def regressor(self) -> Regressor | None:
         return self.model.parameters or self.model.residual
 
+    def predict(self, impacts: Impacts) -> dict[str, Prediction]:
+        """Predict impacts with every model and bound, by name."""
+        best, _ = bounds.best_post_hoc(impacts, {name: law.predict(impacts) for name, law in self.laws.items()})
+        found = {name: model.predict(impacts) for name, model in self.models.items()}
+        return found | {BEST_POST_HOC: best, IRB: bounds.irb(impacts)}
+
 
 def train(settings: TrainSettings, run: Run) -> None:
     """Train one model, save it, and compare its predictions with the held-out trials."""
@@ -63,16 +70,15 @@ def train(settings: TrainSettings, run: Run) -> None:
     loading.show_split(data, str(run.config["device"]), device)
     with progress(run.folder) as on_event:
         trained = _trained(settings, moved(data.pool, device), data, on_event)
-        sums = ErrorSums((*trained.models, IRB))
+        sums = ErrorSums((*trained.models, BEST_POST_HOC, IRB))
         for block in loading.track_blocks(on_event, data.held_out_impacts(), data.held_out_trials, "held-out trials"):
             impacts = moved(block, device)
-            predictions = {name: model.predict(impacts) for name, model in trained.models.items()}
-            sums.add(impacts, predictions | {IRB: bounds.irb(impacts)})
+            sums.add(impacts, trained.predict(impacts))
     trained = moved(trained, "cpu")
     result = _result(settings, run, data, trained, sums)
     checkpoint.save(trained.model, run.folder / CHECKPOINT, provenance=asdict(result.provenance))
     folder.write_result(run.folder, result)
-    terminal.show_models(result.fits, result.errors, joint=result.joint)
+    terminal.show_models(result.fits, result.errors, "mass", result.joint)
     if result.joint:
         terminal.show_joint(*list(result.joint.items())[-1])
     if result.processes_kind is not None:
@@ -82,34 +88,37 @@ def train(settings: TrainSettings, run: Run) -> None:
 
 
 def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEvent) -> _Trained:
-    """Fit the law, with its effects if there are any, and train the learned model on top."""
+    """Fit the law, with its effects if there are any, and train the learned model on top.
+
+    Best Post Hoc is that of laws identified on the same trials.
+    """
     law, recipe, effects, how = settings.law, settings.recipe, settings.effects, settings.identification
     sizes = (min(data.train_size, FITTED),)
+    found, surface, joint = dict[str, SharedFit](), None, dict[str, JointFit]()
     if law is not None and recipe is None and not effects:
-        fit = fitting.identify_law(law, pool, how, data.generator, on_event, sizes=sizes)
+        found[law.name] = fitting.identify_law(law, pool, how, data.generator, on_event, sizes=sizes)
         surface = fitting.law_surface(law, pool, how)
-        return _Trained(fits=(fit,), joint={}, models={law.name: ContactModel(fit.to_law())}, surface=surface)
     rows = torch.randperm(len(pool), generator=data.generator)[: data.train_size]
-    fits: tuple[SharedFit, ...] = ()
-    joint: dict[str, JointFit] = {}
-    base: Law | ContactModel | None = None
+    for one in settings.laws.values():
+        if one.name not in found:
+            found[one.name] = fitting.identify_law(
+                one, pool, how, data.generator, on_event, sizes=sizes, orders=rows[None]
+            )
+    base: Law | ContactModel | None = None if law is None else found[law.name].to_law()
     if law is not None and effects:
         joint = fitting.fit_with_effects(law, effects, pool, rows, settings.fit, on_event)
         base = list(joint.values())[-1].model
-    elif law is not None:
-        fits = (fitting.identify_law(law, pool, how, data.generator, on_event, sizes=sizes, orders=rows[None]),)
-        base = fits[0].to_law()
-    models = {name: fit.model for name, fit in joint.items()}  # a law under a model has no row of its own
+    laws = {name: ContactModel(fit.to_law()) for name, fit in found.items()}
+    models = {name: fit.model for name, fit in joint.items()} or ({} if law is None else {law.name: laws[law.name]})
     if recipe is not None:
         on_event(TaskProgress(task=f"training {settings.model} on {len(rows)} trials", done=0, total=None))
         model = learn(recipe, pool, rows, base, impulse=how.target, box=how.box)
         models |= {fitting.augmented_name(settings.model, effects): model}
-    return _Trained(fits=fits, joint=joint, models=models, surface=None)
+    fits = (found[law.name],) if law is not None and not effects else ()
+    return _Trained(fits=fits, joint=joint, models=models, laws=laws, surface=surface)
 
 
 def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, sums: ErrorSums) -> Training:
-    errors = estimates.error_table(sums, settings.bootstrap, data.generator)
-    del errors[IRB]
     recipe, regressor = settings.recipe, trained.regressor
     return Training(
         provenance=run.provenance(data.blocks, settings.device, data.train_size),
@@ -121,8 +130,7 @@ def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, s
         equation=str(trained.model),
         fits=tuple(map(estimates.law_estimate, trained.fits)),
         joint={name: estimates.joint_estimate(fit) for name, fit in trained.joint.items()},
-        errors=errors,
-        irb=sums.interval(metrics.HEADLINE, IRB, data.generator, settings.bootstrap),
+        errors=estimates.error_table(sums, settings.bootstrap, data.generator),
         processes=() if recipe is None or regressor is None else estimates.process_estimates(recipe, regressor),
         processes_kind=None if regressor is None else regressor.kind,
     )
@@ -130,7 +138,7 @@ def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, s
 
 def _record(settings: TrainSettings, result: Training, trained: _Trained, test: Impacts) -> RunRecord:
     """Figures, and for TensorBoard the errors with losses, noise and length scales."""
-    shown = record.headline_errors(result.errors) | {"irb": result.irb}
+    shown = record.headline_errors(result.errors)
     alone = result.learned is None and result.fits
     values = record.scalars(result.fits, result.errors, result.joint)
     for one in result.processes:
@@ -156,7 +164,7 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
         history = {"fit/loss": regressor.training.history.mean(-1).tolist()}
     return RunRecord(
         trained_on=result.trained_on,
-        scalars=[(result.trained_on, values | {record.MODEL: shown[result.model], record.BOUND: result.irb})],
+        scalars=[(result.trained_on, values | {record.MODEL: shown[result.model], record.BOUND: shown[IRB]})],
         series=history,
         figures=drawn,
         law=result.law,
