@@ -474,3 +474,23 @@ def test_an_unknown_impulse_is_named(pool):
     for name in ("impulse", "identified", "likelihood"):
         with pytest.raises(UnknownNameError, match="did you mean 'momentum'"):
             trained(RECIPES[name], pool, subsets(900, 5), impulse="momentun")
+
+
+@pytest.mark.parametrize("name", ["wrench", "likelihood"])
+def test_a_training_is_watched_round_by_round(name, pool, test):
+    """The last round of the processes is the trained model, which watching does not change."""
+    recipe, rows, seen = RECIPES[name], torch.arange(40), []
+    base = recipe.law and recipe.law.at(MU, EPS)
+
+    def on_round(now):
+        seen.append((now.regressor.training.loss.mean().item(), now.model().predict(test)))
+
+    watched = learn(recipe, pool, rows, base, on_round=on_round)
+    alone = learn(recipe, pool, rows, base).predict(test)
+    assert torch.equal(watched.predict(test).covariance, alone.covariance)
+    assert torch.equal(seen[-1][1].covariance, alone.covariance)
+    assert not torch.equal(seen[0][1].v_post, alone.v_post)
+    assert seen[-1][0] == watched.processes.training.loss.mean().item()
+    if name == "wrench":  # a single fit; each start only falls
+        assert [loss for loss, _ in seen] == sorted((loss for loss, _ in seen), reverse=True)
+        assert len(seen) == len(watched.processes.training.history)

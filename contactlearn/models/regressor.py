@@ -1,6 +1,7 @@
 """Regressor: Gaussian processes from a feature space of impacts to any quantity of theirs."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from jaxtyping import Float, Int
@@ -39,6 +40,7 @@ class Regressor:
         weight: Float[Tensor, "*batch n o"] | None = None,
         outputs: Standardisation | None = None,
         like: "Regressor | None" = None,
+        on_round: "Callable[[Regressor], None] | None" = None,
     ) -> "Regressor":
         """Train on subsets of equal size.
 
@@ -49,6 +51,7 @@ class Regressor:
             weight: w [..., n, O] > 0; the noise variance of a value is σ²/w².  1 if left out.
             outputs: standardisation of the values; from the values if left out.
             like: a regressor to begin the training from, of the same shape.
+            on_round: receives the regressor after each round of the training, whose hyperparameters go on changing.
 
         Raises:
             DataError: fewer than two trials.
@@ -63,7 +66,9 @@ class Regressor:
         inputs, outputs = Standardisation.of(x), outputs or Standardisation.of(values)
         family = ExactGPs if rows.shape[-1] <= EXACT_LIMIT else SparseGPs
         gps = family(inputs.apply(x), outputs.apply(values).mT, None if weight is None else weight.mT)
-        return cls(space, inputs, outputs, gps, gps.fit(like and like.gps))
+        found = cls(space, inputs, outputs, gps)
+        told = None if on_round is None else lambda status: on_round(replace(found, status=status))
+        return replace(found, status=gps.fit(like and like.gps, on_round=told))
 
     @property
     def training(self) -> "Fit":

@@ -13,7 +13,9 @@ Source: Fazeli et al. (2017), Section 4.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 from jaxtyping import Float
@@ -38,6 +40,8 @@ TARGETS = {
     "parameters_likelihood": {"μ": "–", "ε": "–"},
 }
 """Components of each target, with units."""
+
+OnRegressor = Callable[[Regressor], None]
 
 _ROUNDS = 4  # linearisations of the law; most parameters move little after the third
 _COVERAGE = 0.95
@@ -73,6 +77,19 @@ class Recipe:
             raise ContactLearnError(f"target {self.target} needs a law, got none")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Round:
+    """A training after one of its rounds.
+
+    Args:
+        regressor: its processes at this moment, whose hyperparameters go on changing.
+        model: makes the whole model of them, with its noise.
+    """
+
+    regressor: Regressor
+    model: Callable[[], ContactModel]
+
+
 def learn(
     recipe: Recipe,
     impacts: Impacts,
@@ -81,6 +98,7 @@ def learn(
     *,
     impulse: str = "momentum",
     box: Box | None = None,
+    on_round: Callable[[Round], None] | None = None,
 ) -> ContactModel:
     """Train one model on each training subset.
 
@@ -91,47 +109,73 @@ def learn(
             `parameters_likelihood` also a law with effects.
         impulse: the measured impulse, see `impacts.measured_impulse`.
         box: limits of per-trial parameters.
+        on_round: receives the state of the training after each of its rounds.
 
     Raises:
         DataError: fewer than two training trials.
         ContactLearnError: a base that is not the recipe's.
     """
-    rows = rows.to(impacts.mass.device)
-    expected = f"the law {recipe.law.name}" if recipe.law else "nothing, or a model"
+    rows, start = rows.to(impacts.mass.device), _before_learning(recipe, base)
+    part = "parameters" if recipe.target.startswith("parameters") else "residual"
+
+    def finished(values: Tensor, regressor: Regressor) -> ContactModel:
+        return _with_noise(replace(start, **{part: regressor}), impacts, rows, values)
+
+    def tell(values: Tensor) -> OnRegressor | None:
+        if (listener := on_round) is None:
+            return None
+        return lambda now: listener(Round(regressor=now, model=partial(finished, values, now)))
+
+    if recipe.target == "parameters_likelihood":
+        P = measured_impulse(impacts, impulse)
+        regressor, values = _learn_parameters(recipe, impacts, rows, start, P, box or Box(), tell)
+    elif recipe.target == "parameters_identified":
+        found = identify_trials(start.law, impacts, target=impulse, box=box)
+        values = torch.stack((found.mu, found.eps), -1)[rows]
+        regressor = Regressor.fit(recipe.features, impacts, rows, values, on_round=tell(values))
+    else:
+        left = start.base_prediction(impacts)
+        values = {
+            "velocity": impacts.v_post - left.v_post,
+            "impulse": measured_impulse(impacts, impulse) - left.wrench[..., :2],
+            "wrench": impacts.wrench - left.wrench,
+        }[recipe.target]
+        values, weight = _at(values, rows), noise_weight(impacts, recipe.target)
+        weight = None if weight is None else weight[rows]
+        regressor = Regressor.fit(recipe.features, impacts, rows, values, weight=weight, on_round=tell(values))
+    return finished(values, regressor)
+
+
+def _before_learning(recipe: Recipe, base: Law | ContactModel | None) -> ContactModel:
+    """Return the base as a model without the part that is learnt.
+
+    Raises:
+        ContactLearnError: a base that is not the recipe's.
+    """
     if not isinstance(base, ContactModel) and type(base) is not type(recipe.law):
+        expected = f"the law {recipe.law.name}" if recipe.law else "nothing, or a model"
         raise ContactLearnError(f"the recipe builds on {expected}, got {base}")
-    if recipe.target.startswith("parameters"):
-        under = base if isinstance(base, ContactModel) else ContactModel(base)
-        if under.residual or under.parameters or not isinstance(under.base, Law):
-            raise ContactLearnError(f"target {recipe.target} needs a law under it, got a model")
-        if under.effects and recipe.target == "parameters_identified":
-            raise ContactLearnError(
-                "target parameters_identified takes each trial's (μ, ε) from the law alone, but there are effects "
-                f"({', '.join(under.effects)}); use target parameters_likelihood"
-            )
-        if recipe.target == "parameters_identified":
-            found = identify_trials(under.law, impacts, target=impulse, box=box)
-            values = torch.stack((found.mu, found.eps), -1)[rows]
-            regressor = Regressor.fit(recipe.features, impacts, rows, values)
-        else:
-            P = measured_impulse(impacts, impulse)
-            regressor, values = _learn_parameters(recipe, impacts, rows, under, P, box or Box())
-        return _with_noise(replace(under, parameters=regressor), impacts, rows, values)
-    model = ContactModel(base, target=recipe.target)
-    left = model.base_prediction(impacts)
-    values = {
-        "velocity": impacts.v_post - left.v_post,
-        "impulse": measured_impulse(impacts, impulse) - left.wrench[..., :2],
-        "wrench": impacts.wrench - left.wrench,
-    }[recipe.target]
-    values, weight = _at(values, rows), noise_weight(impacts, recipe.target)
-    weight = None if weight is None else weight[rows]
-    model = replace(model, residual=Regressor.fit(recipe.features, impacts, rows, values, weight=weight))
-    return _with_noise(model, impacts, rows, values)
+    if not recipe.target.startswith("parameters"):
+        return ContactModel(base, target=recipe.target)
+    under = base if isinstance(base, ContactModel) else ContactModel(base)
+    if under.residual or under.parameters or not isinstance(under.base, Law):
+        raise ContactLearnError(f"target {recipe.target} needs a law under it, got a model")
+    if under.effects and recipe.target == "parameters_identified":
+        raise ContactLearnError(
+            "target parameters_identified takes each trial's (μ, ε) from the law alone, but there are effects "
+            f"({', '.join(under.effects)}); use target parameters_likelihood"
+        )
+    return under
 
 
 def _learn_parameters(
-    recipe: Recipe, impacts: Impacts, rows: Tensor, base: ContactModel, P: Tensor, box: Box
+    recipe: Recipe,
+    impacts: Impacts,
+    rows: Tensor,
+    base: ContactModel,
+    P: Tensor,
+    box: Box,
+    tell: Callable[[Tensor], OnRegressor | None],
 ) -> tuple[Regressor, Tensor]:
     """Fit processes for (μ, ε) that make the measured impulse P [N, 2] likely; return them and their data [..., n, 2].
 
@@ -157,7 +201,14 @@ def _learn_parameters(
         weight = ((G * H).sum(-2).clamp_min(0).sqrt() / typical).clamp_min(_LEAST_WEIGHT)
         observed = theta + (H * error[..., None]).sum(-2) / (weight * typical).square()
         regressor = Regressor.fit(
-            recipe.features, impacts, rows, observed, weight=weight, outputs=outputs, like=regressor
+            recipe.features,
+            impacts,
+            rows,
+            observed,
+            weight=weight,
+            outputs=outputs,
+            like=regressor,
+            on_round=tell(observed),
         )
         theta = _at(regressor.predict(impacts)[0], rows)
     assert regressor is not None  # there is at least one round

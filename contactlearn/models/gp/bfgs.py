@@ -43,41 +43,41 @@ def minimise(
     tolerance: float,
     evaluations: int = 100,
     starts: int = 1,
+    on_round: Callable[[Minimum], None] | None = None,
 ) -> Minimum:
     """Minimise B functions of P variables within [low, high].
 
     Args:
         objective: see `Objective`.
         start: where each problem begins.
-        low: lower bounds.
-        high: upper bounds.
+        low, high: bounds of the variables.
         tolerance: a problem ends where its next step promises to gain less.
         evaluations: a problem ends after so many, not converged.
         starts: how often the batch repeats its problems; a start that cannot overtake another one gives up.
+        on_round: receives the state of all problems after each round.
     """
     x, damping = start.clamp(low, high), _DAMPING * torch.eye(start.shape[1]).to(start)
     which, step, count = torch.arange(len(x), device=x.device), torch.ones_like(x[:, 0]), 1
     f, g, curvature = objective(x, which, True)
     hessian = damping if curvature is None else curvature + damping
-    end = Minimum(x.clone(), f.clone(), torch.zeros_like(which), torch.zeros_like(which), f)
-    history = []
+    end, history = Minimum(x.clone(), f.clone(), torch.zeros_like(which).bool(), torch.zeros_like(which), f), []
     while True:
-        now = end.value.clone()
-        now[which] = f
-        history.append(now)
+        end.x[which], end.value[which] = x, f
+        history.append(end.value.clone())
+        if on_round is not None:
+            on_round(end._replace(value=history[-1], history=torch.stack(history)))
         p, steepest = _directions(hessian, g, x <= low, x >= high)
         promise = -0.5 * (p * g).sum(-1)
         converged = (promise < tolerance) & f.isfinite()
-        ahead = now.nan_to_num(torch.inf).view(starts, -1).amin(0).repeat(starts)[which]
+        ahead = end.value.nan_to_num(torch.inf).view(starts, -1).amin(0).repeat(starts)[which]
         trails = (f - 2 * promise > ahead) & (count >= _PATIENCE)
         done = converged | trails | (step < 1e-4) | (count >= evaluations) | ~f.isfinite()
         if bool(done.any()):
-            for target, source in zip(end[:4], (x, f, converged.long(), torch.full_like(which, count)), strict=True):
-                target[which[done]] = source[done]
+            end.converged[which[done]], end.evaluations[which[done]] = converged[done], count
             kept = (part[~done] for part in (which, x, f, g, hessian, p, steepest, step))
             which, x, f, g, hessian, p, steepest, step = kept
             if not len(which):
-                return end._replace(converged=end.converged.bool(), history=torch.stack(history))
+                return end._replace(history=torch.stack(history))
         trial = (x + step[:, None] * _shortened(p)).clamp(low, high)
         # A bound that is met on the way may turn the rest of the step uphill.
         uphill = ((trial - x) * g).sum(-1, keepdim=True) >= 0

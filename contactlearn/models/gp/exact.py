@@ -7,6 +7,7 @@ gradient of `evidence`, from two starts, since the likelihood has several optima
 """
 
 import math
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -22,7 +23,7 @@ from linear_operator.operators import DiagLinearOperator
 from threadpoolctl import ThreadpoolController
 from torch import Tensor
 
-from contactlearn.models.gp.bfgs import minimise
+from contactlearn.models.gp.bfgs import Minimum, minimise
 from contactlearn.models.gp.evidence import LogEvidence
 
 Inputs = Float[Tensor, "*batch n d"]
@@ -47,6 +48,10 @@ class Fit(NamedTuple):
     converged: Bool[Tensor, "*batch o"]
     evaluations: Int[Tensor, "*batch o"]  # over all starts
     history: Float[Tensor, "rounds *batch o"]  # the loss of the better start after each round
+
+
+OnRound = Callable[[Fit], None]
+"""Receives a fit after each of its rounds; the processes then have the hyperparameters of that round."""
 
 
 class WeightedNoise(GaussianLikelihood):
@@ -84,12 +89,13 @@ class ExactGPs(gpytorch.models.ExactGP):
         """Prior of the processes at x [..., O, N, D]."""
         return MultivariateNormal(x.new_zeros(x.shape[:-1]), self.covar_module(x))
 
-    def fit(self, like: "ExactGPs | None" = None, *, prior: bool = True) -> Fit:
+    def fit(self, like: "ExactGPs | None" = None, *, prior: bool = True, on_round: OnRound | None = None) -> Fit:
         """Find the hyperparameters of all processes: the better of two optima each.
 
         Args:
             like: begin where this one ended instead, once.
             prior: weigh the likelihood with `log_prior`.
+            on_round: see `OnRound`.
         """
         (x,), y, weight = self.train_inputs, self.train_targets, self.likelihood.weight
         flat_x, flat_y = (part.reshape(-1, *part.shape[y.ndim - 1 :]) for part in (x, y))
@@ -109,8 +115,15 @@ class ExactGPs(gpytorch.models.ExactGP):
             value, gradient = value + 0.5 * (away * (phi - mean)).sum(-1), gradient + away
             return value, gradient, None if information is None else information + precision.diag()
 
+        told = None if on_round is None else lambda now: on_round(self._take(now))
         with _blas().limit(limits=1):  # matrices this small gain nothing from threads, which spin against each other
-            found = minimise(objective, starts, *bounds.T, tolerance=_TOLERANCE, starts=len(starts) // B)
+            found = minimise(objective, starts, *bounds.T, tolerance=_TOLERANCE, starts=len(starts) // B, on_round=told)
+        return self._take(found)
+
+    def _take(self, found: Minimum) -> Fit:
+        """Set the hyperparameters to those of each process's better start."""
+        y = self.train_targets
+        B, D = y.shape[:-1].numel(), self.train_inputs[0].shape[-1]
         value, x, converged, evaluations = (
             part.unflatten(0, (-1, B)) for part in (found.value, found.x, found.converged, found.evaluations)
         )

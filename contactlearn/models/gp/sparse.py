@@ -20,7 +20,7 @@ gives the inducing points, and where the search over all of them begins.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import gpytorch
 import torch
@@ -32,7 +32,7 @@ from torch.linalg import cholesky_ex, solve_triangular
 
 from contactlearn.models.gp.bfgs import Minimum, minimise
 from contactlearn.models.gp.evidence import LogEvidence
-from contactlearn.models.gp.exact import LENGTH, NOISE, SCALE, ExactGPs, Fit, Inputs, Outputs, WeightedNoise
+from contactlearn.models.gp.exact import LENGTH, NOISE, SCALE, ExactGPs, Fit, Inputs, OnRound, Outputs, WeightedNoise
 
 INDUCING = 200
 """Inducing points M of a process; all training points where these are fewer."""
@@ -60,11 +60,12 @@ class SparseGPs(gpytorch.models.ExactGP):
         """Prior of the processes at x [..., O, N, D], with covariance Q."""
         return MultivariateNormal(x.new_zeros(x.shape[:-1]), self.covar_module(x))
 
-    def fit(self, like: "ExactGPs | SparseGPs | None" = None) -> Fit:
+    def fit(self, like: "ExactGPs | SparseGPs | None" = None, *, on_round: OnRound | None = None) -> Fit:
         """Choose the inducing points and maximise the bound; the loss is −bound per point.
 
         Args:
             like: begin with its hyperparameters, not with those of a few trials.
+            on_round: see `OnRound`; of the rounds over all trials.
         """
         (x,), y, weight = self.train_inputs, self.train_targets, self.likelihood.weight
         batch, weight = y.shape[:-1], torch.ones_like(y) if weight is None else weight
@@ -80,9 +81,14 @@ class SparseGPs(gpytorch.models.ExactGP):
         if len(some) < y.shape[-1]:
             first = torch.arange(_FEW).to(some)
             start = _maximise(start.log(), first, z, x[:, some], y[:, some], weight[:, some]).x.exp()
-        found = _maximise(start.log(), few, z, x, y, weight)
-        kernel, theta = self.covar_module.base_kernel, found.x.exp().unflatten(0, batch)
         self.covar_module.inducing_points.data = z.unflatten(0, batch)
+        told = None if on_round is None else lambda now: on_round(self._take(now))
+        return self._take(_maximise(start.log(), few, z, x, y, weight, on_round=told))
+
+    def _take(self, found: Minimum) -> Fit:
+        """Set the hyperparameters."""
+        batch = self.train_targets.shape[:-1]
+        kernel, theta = self.covar_module.base_kernel, found.x.exp().unflatten(0, batch)
         kernel.base_kernel.lengthscale, kernel.outputscale = theta[..., None, :-2], theta[..., -2]
         self.likelihood.noise = theta[..., -1:]
         self.eval()
@@ -242,7 +248,7 @@ def _sample(y: Tensor) -> Tensor:
     return every[:_SAMPLE].to(y.device)
 
 
-def _maximise(start: Tensor, few: Tensor, *data: Tensor) -> Minimum:
+def _maximise(start: Tensor, few: Tensor, *data: Tensor, on_round: Callable[[Minimum], None] | None = None) -> Minimum:
     """log hyperparameters [B, D + 2] that minimise −bound of data (z, x, y, w) of B processes.
 
     The evidence of the points `few` gives the first curvature.
@@ -256,4 +262,4 @@ def _maximise(start: Tensor, few: Tensor, *data: Tensor) -> Minimum:
         return value, gradient, curvature.pop() if curvature else None  # the updates know more after one round
 
     bounds = torch.tensor([LENGTH] * (start.shape[1] - 2) + [SCALE, NOISE]).to(start).log()
-    return minimise(objective, start, *bounds.T, tolerance=_TOLERANCE)
+    return minimise(objective, start, *bounds.T, tolerance=_TOLERANCE, on_round=on_round)
