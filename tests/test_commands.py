@@ -196,6 +196,14 @@ def test_transfer(tmp_path):
     assert (tmp_path / "residual_wrench.pt").exists()
 
 
+def test_export_of_a_feature_space(tmp_path):
+    words = ("contactlearn", "export", "x1.parquet", "data.size=20", "--features")
+    run(*words, "x1", cwd=tmp_path)
+    wanted = synthetic.load(size=20).features("x1")
+    assert pd.read_parquet(tmp_path / "x1.parquet").equals(wanted.table())
+    assert "unknown feature space 'x3', did you mean 'x2'?" in run(*words, "x3", cwd=tmp_path, status=2)
+
+
 def test_own_table_round_trip(tmp_path):
     """Export a source, evaluate the file: the same data gives the same parameters."""
     run("contactlearn", "export", str(tmp_path / "drops.csv"), "data.size=60", "data.seed=3")

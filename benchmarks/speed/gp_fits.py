@@ -41,10 +41,10 @@ from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.models.features import Standardisation, features
 from contactlearn.models.gp.bfgs import minimise
 from contactlearn.models.gp.evidence import LogEvidence
 from contactlearn.models.gp.exact import LENGTH, NOISE, SCALE, STARTS, ExactGPs
+from contactlearn.models.standardisation import Standardisation
 from speed.gp_evidence import ZeroMeanGP, covariance, set_parameters
 from speed.harness import drops, header, interleaved, medians, parser, row, timed
 
@@ -178,7 +178,7 @@ def draw(impacts: Impacts, n: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Standardised x [S, n, D] and y [S, O, n] of random subsets, and of held-out drops."""
     orders = [torch.randperm(len(impacts), generator=torch.Generator().manual_seed(seed)) for seed in range(SEEDS)]
     rows = torch.stack(orders)[:, : n + HELD_OUT]
-    x, y = features("x1", impacts)[rows], impacts.wrench[rows]
+    x, y = impacts.features("x1").values[rows], impacts.wrench[rows]
     x, y = (Standardisation.of(part[:, :n]).apply(part) for part in (x, y))
     return x[:, :n], y[:, :n].mT, x[:, n:], y[:, n:].mT
 

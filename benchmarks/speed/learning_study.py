@@ -22,7 +22,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from contactlearn.data import ellipse_drops
-from contactlearn.models.features import Standardisation, features
+from contactlearn.models.standardisation import Standardisation
 
 SIZES = (10, 20, 50, 100, 150, 200, 300, 450)
 SEEDS = 10
@@ -68,10 +68,10 @@ def usual_way():
     pool, test = drops.split(0.25, generator)
     order, total = torch.randperm(len(pool), generator=generator), 0.0
     for size in SIZES:
-        x = features("x1", pool)[order[:size]]
+        x = pool.features("x1").values[order[:size]]
         scale = Standardisation.of(x)
         y = Standardisation.of(pool.wrench[order[:size]]).apply(pool.wrench[order[:size]])
-        seconds = [adam(scale.apply(x), column, scale.apply(features("x1", test))) for column in y.T]
+        seconds = [adam(scale.apply(x), column, scale.apply(test.features("x1").values)) for column in y.T]
         total += SEEDS * OUTPUTS * statistics.median(seconds)
         print(f"  {size:4d} trials: {1e3 * statistics.median(seconds):6.0f} ms a process")
     return total

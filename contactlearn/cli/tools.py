@@ -46,14 +46,17 @@ def _add_data_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
     audit.set_defaults(run=run_audit)
     export = add(
         "export",
-        help="write any data source to a CSV or Parquet table",
-        description="Write any data source to a table that data=table reads back exactly.",
-        epilog="example: contactlearn export drops.csv data=ellipse_drops data.inertia=uniform_disc",
+        help="write any data source, or its feature spaces, to a CSV or Parquet table",
+        description="Write any data source to a table that data=table reads back exactly; or a feature space of it, "
+        "what learned models see, with the unit of each column in its header.",
+        epilog="examples: contactlearn export drops.csv data=ellipse_drops data.inertia=uniform_disc; "
+        "contactlearn export x1.csv data=ellipse_drops --features x1",
     )
     export.add_argument("file", help="where to write: a .csv or .parquet file")
     export.add_argument(
         "overrides", nargs="*", metavar="key=value", help="data=synthetic|ellipse_drops|mystery|table, data.KEY=…"
     )
+    export.add_argument("--features", metavar="SPACE", help="state (10-D), x1, x2 or x2_polar, in SI units")
     export.set_defaults(run=run_export)
     impacts = add(
         "impacts",
@@ -148,12 +151,15 @@ def run_audit(options: argparse.Namespace) -> str:
 
 
 def run_export(options: argparse.Namespace) -> str:
-    """Write a data source to a table; return a line with its path."""
+    """Write a data source, or one of its feature spaces, to a table; return a line with its path."""
     from contactlearn.cli.commands.loading import load_data
     from contactlearn.data import table
 
     impacts = load_data(_source("export", options.overrides))
-    path = table.save(impacts, options.file)
+    if options.features is None:
+        path = table.save(impacts, options.file)
+    else:
+        path = table.write_columns([impacts.features(options.features).table().to_dict("list")], options.file)
     return f"{len(impacts)} impacts from {impacts.source} written to {path}"
 
 

@@ -30,6 +30,7 @@ from contactlearn.core.numerics import random_share
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.apparatus import Apparatus
 from contactlearn.mechanics.bodies import AnyShape, body_codes, complete_shapes
+from contactlearn.mechanics.features import Features
 
 _PAIRS = ("vx_vx", "vx_vy", "vx_omega", "vy_vy", "vy_omega", "omega_omega")
 _ROUNDING = 1e-9  # of a correlation
@@ -235,6 +236,14 @@ class Impacts:
     def wrench(self) -> Float[Tensor, "n 3"]:
         """Measured wrench (P_t, P_n, τ) [N, 3] in (N s, N s, N m s): exact and unique."""
         return rigid_body.measured_wrench(self.mass, self.inertia, self.r, self.v_pre, self.v_post)
+
+    def features(self, space: str) -> Features:
+        """Return a feature space, `state` (10-D), `x1`, `x2` or `x2_polar`: see `contactlearn.mechanics.features`.
+
+        Raises:
+            UnknownNameError: no such space.
+        """
+        return Features.of(space, self)
 
     def fingerprint(self) -> str:
         """SHA-256 of the names and numbers, to tell later which data a result came from."""

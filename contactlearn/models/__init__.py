@@ -1,7 +1,6 @@
 """Contact models: law, effects and learned residual behind one `predict`; Gaussian processes; checkpoints; citations.
 
 contact_model   `ContactModel` and its `predict`
-features        inputs of the processes: the 10-D state, X1, X2
 regressor       standardised processes from features to impulse, wrench, velocity or (μ, ε)
 gp              exact and sparse Gaussian processes, many at once
 checkpoint      models to and from a file that executes nothing

@@ -25,9 +25,10 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameEr
 from contactlearn.core.numerics import atomic_write
 from contactlearn.effects import Effect, columns
 from contactlearn.laws import Law
+from contactlearn.mechanics.features import SPACES
 from contactlearn.models.contact_model import RESIDUALS, ContactModel
-from contactlearn.models.features import SPACES, Standardisation
 from contactlearn.models.regressor import Regressor
+from contactlearn.models.standardisation import Standardisation
 
 FORMAT = 2
 """Number of the file format; a file of a higher one is refused.  Format 1 has an effect's form among its options."""

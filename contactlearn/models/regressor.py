@@ -9,7 +9,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.models.features import Standardisation, features
+from contactlearn.models.standardisation import Standardisation
 
 if TYPE_CHECKING:  # GPyTorch takes long to load
     from contactlearn.models.gp.exact import ExactGPs, Fit
@@ -45,7 +45,7 @@ class Regressor:
         """Train on subsets of equal size.
 
         Args:
-            space: a feature space of `contactlearn.models.features`.
+            space: a feature space of `contactlearn.mechanics.features`.
             impacts, rows: the subsets [..., n] as rows of the impacts; at least two trials each.
             values: what to learn [..., n, O].
             weight: w [..., n, O] > 0; the noise variance of a value is σ²/w².  1 if left out.
@@ -62,7 +62,7 @@ class Regressor:
 
         if rows.shape[-1] < 2:
             raise DataError(f"a learned model needs at least 2 training trials, got {rows.shape[-1]}")
-        x = features(space, impacts)[rows]
+        x = impacts.features(space).values[rows]
         inputs, outputs = Standardisation.of(x), outputs or Standardisation.of(values)
         family = ExactGPs if rows.shape[-1] <= EXACT_LIMIT else SparseGPs
         gps = family(inputs.apply(x), outputs.apply(values).mT, None if weight is None else weight.mT)
@@ -93,7 +93,7 @@ class Regressor:
 
     def predict(self, impacts: Impacts) -> tuple[Float[Tensor, "*batch n o"], Float[Tensor, "*batch n o"]]:
         """Mean and variance [..., N, O], without the noise of a measurement, in the values' units."""
-        mean, variance = self.gps.predict(self.inputs.apply(features(self.space, impacts)))
+        mean, variance = self.gps.predict(self.inputs.apply(impacts.features(self.space).values))
         return self.outputs.undo(mean.mT), self.outputs.spread**2 * variance.mT
 
     def leave_one_out(self) -> tuple[Float[Tensor, "*batch n o"], Float[Tensor, "*batch n o"]]:

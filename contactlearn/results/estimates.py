@@ -11,7 +11,7 @@ from contactlearn.inference.evaluation.metrics import ErrorSums, Interval
 from contactlearn.inference.identification.joint import JointFit
 from contactlearn.inference.identification.shared import SharedFit
 from contactlearn.inference.learning.recipe import TARGETS, Recipe
-from contactlearn.models.features import SPACES
+from contactlearn.mechanics.features import SPACES
 from contactlearn.models.regressor import Regressor
 from contactlearn.results.types import (
     BEST_POST_HOC,

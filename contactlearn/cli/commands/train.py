@@ -20,10 +20,10 @@ from contactlearn.inference.identification.joint import JointFit
 from contactlearn.inference.identification.shared import SharedFit
 from contactlearn.inference.learning.recipe import TARGETS, learn
 from contactlearn.laws import Law
+from contactlearn.mechanics.features import SPACES
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.models.features import SPACES
 from contactlearn.models.regressor import Regressor
 from contactlearn.report import terminal
 from contactlearn.report.events import progress

@@ -62,6 +62,7 @@ from contactlearn.mechanics.shapes import Shape
 __all__ = [
     "COLUMNS", "NAMES", "REQUIRED", "Table", "blocks_of", "check_suffix", "is_large", "load", "read", "read_blocks",
     "save", "table_blocks",
+    "write_columns",
 ]  # fmt: skip
 
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
@@ -279,12 +280,20 @@ def save(impacts: Impacts | Iterable[Impacts], path: str | os.PathLike[str]) -> 
     Raises:
         DataError: another suffix, or the file cannot be written.
     """
+    return write_columns(map(_columns, [impacts] if isinstance(impacts, Impacts) else impacts), path)
+
+
+def write_columns(blocks: Iterable[sheet.Columns], path: str | os.PathLike[str]) -> Path:
+    """Write columns of any names to a .csv or .parquet file, whole or not at all; blocks follow each other.
+
+    Raises:
+        DataError: another suffix, or the file cannot be written.
+    """
     path = Path(path)
-    write = _WRITERS[_suffix(path)]
-    blocks = [impacts] if isinstance(impacts, Impacts) else impacts
+    write_blocks = _WRITERS[_suffix(path)]
     try:
         with atomic_write(path) as part:
-            write(map(_columns, blocks), part)
+            write_blocks(blocks, part)
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error}") from error
     return path

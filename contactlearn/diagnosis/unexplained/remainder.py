@@ -37,7 +37,7 @@ from contactlearn.inference.validation import Folds
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.noise_weight import noise_weight
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.models.features import Standardisation
+from contactlearn.models.standardisation import Standardisation
 
 if TYPE_CHECKING:  # GPyTorch takes long to load
     from contactlearn.models.gp.exact import ExactGPs

@@ -26,11 +26,12 @@ from contactlearn.inference.evaluation.metrics import CHI_SQUARED_95
 from contactlearn.inference.identification.per_trial import identify_trials
 from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
+from contactlearn.mechanics.features import SPACES
 from contactlearn.mechanics.impacts import Impacts, measured_impulse
 from contactlearn.mechanics.noise_weight import noise_weight
 from contactlearn.models.contact_model import ContactModel, predict_with, wrench_per_parameter
-from contactlearn.models.features import SPACES, Standardisation
 from contactlearn.models.regressor import Regressor
+from contactlearn.models.standardisation import Standardisation
 
 TARGETS = {
     "velocity": {"v_x": "m/s", "v_y": "m/s", "ω": "rad/s"},
