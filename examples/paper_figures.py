@@ -55,8 +55,10 @@ show(reachable_impulses(test, 0, identified, box, target=target), chosen.out / "
 # Figures 3.3 and 3.4: the cost over (μ, ε), and how the parameters settle with the number of trials.
 law = paper["whittaker"]
 mu, eps = box.axes()
-least = identify(law, pool, sizes=(len(pool),), repetitions=1, target=target, box=box)
-show(cost_map(mu, eps, cost_surface(law, pool, mu, eps, target=target), least.mean(), law), chosen.out / "figure_3_3")
+sample = pool[: chosen.size]
+least = identify(law, sample, sizes=(chosen.size,), repetitions=1, target=target, box=box)
+cost = cost_surface(law, sample, mu, eps, target=target)
+show(cost_map(mu, eps, cost, least.mean(), law, chosen.size), chosen.out / "figure_3_3")
 sizes = [size for size in (5, 10, 20, 40, 80, 160, 320) if size <= len(pool)]
 show(convergence(identify(law, pool, sizes=sizes, repetitions=10, **options)), chosen.out / "figure_3_4")
 

@@ -17,9 +17,14 @@ from contactlearn import laws
 from contactlearn.__main__ import main
 from contactlearn.cli import hydra_main
 from contactlearn.cli.config_files import check_settings
+from contactlearn.cli.commands.fitting import law_surface
+from contactlearn.cli.commands.record import draw_cost_surface
 from contactlearn.cli.job import invocation
+from contactlearn.cli.settings import IdentificationSettings
 from contactlearn.data import table
+from contactlearn.data.blocks import sampled
 from contactlearn.inference.evaluation import metrics
+from contactlearn.inference.identification.shared import Box, cost_surface
 from contactlearn.inference.learning import curves
 from contactlearn.models import checkpoint
 from contactlearn.simulation import synthetic
@@ -40,6 +45,7 @@ def evaluation(tmp_path_factory):
 
 def test_evaluation_prints_every_model(evaluation):
     printed, folder = evaluation
+    assert "models are fitted to random subsets of 20 of them (train.size)" in printed
     for model in (*laws.PAPER_LAWS, "best_post_hoc", "irb"):
         assert re.search(rf"^ *{model} ", printed, re.MULTILINE), model
     assert f"tensorboard --logdir {folder}" in printed
@@ -109,6 +115,14 @@ def test_training_without_further_words_learns(tmp_path):
     assert list(error) == ["wang_mason", "residual_wrench", "best_post_hoc", "irb"]
     assert error["irb"] < error["best_post_hoc"] < error["wang_mason"]
     assert checkpoint.load(tmp_path / "model.pt")[0].residual is not None
+
+
+def test_cost_surface_is_that_of_one_subset():
+    law, pool, box = laws.find("whittaker"), synthetic.load(size=60), Box(nodes=8)
+    found = law_surface(law, pool, 20, IdentificationSettings(target="momentum", box=box, repetitions=1))
+    subset = pool[sampled(torch.ones(60, dtype=torch.bool), 20)]
+    assert found.cost.equal(cost_surface(law, subset, *box.axes()))
+    assert "20 trials" in draw_cost_surface(found).axes[0].get_title()
 
 
 @pytest.mark.nightly  # test_sweeps has sweeps of laws, and a learned model is trained below

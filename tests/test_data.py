@@ -365,12 +365,16 @@ def test_published_fields_come_from_their_places(ellipse_drops):
     assert kept == {place for place, flag in enumerate(flags) if not flag}
 
 
-def test_flagged_drops_and_the_other_inertia_are_options(ellipse_drops):
+def test_flagged_drops_the_other_inertia_and_free_fall_are_options(ellipse_drops):
     root = published.find().parent
     every = published.load(root, inertia="fazeli2017", flagged=True)
     assert len(every) == 2000
     assert every.trial == tuple(str(i + 1) for i in range(2000))
     assert every.inertia[0].item() == pytest.approx(0.8 * ellipse_drops.inertia[0].item(), rel=ROUNDING)
+    fallen = published.load(root.parent, free_fall=0.008)
+    assert (fallen.v_post - ellipse_drops.v_post)[0].tolist() == pytest.approx([0, 9.81 * 0.008, 0], abs=ROUNDING)
+    with pytest.raises(DataError, match="free_fall must be a finite number at least 0, got -1"):
+        published.load(root, free_fall=-1)
     with pytest.raises(UnknownNameError, match=r"unknown inertia 'uniform'.*did you mean 'uniform_disc'"):
         published.load(root, inertia="uniform")
 

@@ -128,6 +128,25 @@ def test_bodies_of_different_mass_do_not_blind_it():
     assert three.remainder.share.mean == pytest.approx(one.remainder.share.mean, abs=0.05)
 
 
+def test_it_computes_on_one_thread():
+    """Beside other work it takes seven times as long on two."""
+
+    class Seen(Exception):
+        pass
+
+    def look(event):
+        raise Seen(torch.get_num_threads())
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        with pytest.raises(Seen, match="^1$"):
+            diagnose(synthetic.load(size=30), on_event=look)
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+
+
 def test_a_law_that_is_given_is_compared_with_the_others():
     drops = synthetic.load(size=120, law="mirtich")
     events = RecordingObserver()

@@ -40,6 +40,7 @@ def test_training_fits_a_law_with_effects(tmp_path):
     assert {path.stem for path in (tmp_path / "figures").glob("*.png")} == {
         "effect_surface_tilt",
         "effect_spin_damping",
+        "predicted_against_measured",
     }
     model, _ = checkpoint.load(tmp_path / "model.pt")
     assert str(model) == found["equation"]
@@ -56,7 +57,7 @@ def test_training_learns_what_a_law_with_effects_leaves(tmp_path, model):
 
 
 def test_evaluation_shows_effects_beside_the_laws(tmp_path):
-    run(
+    printed = run(
         *("evaluate.py", *SMALL, "effect=[side_drag]", "model=[residual_wrench]", "curves.sizes=[10,40]"),
         *("curves.seeds=2", "workers=1", f"hydra.run.dir={tmp_path}"),
     )
@@ -64,6 +65,9 @@ def test_evaluation_shows_effects_beside_the_laws(tmp_path):
     assert {"wang_mason", "wang_mason (joint)", "wang_mason + side_drag", "irb"} <= results["errors"].keys()
     assert len(results["learning_curves"]["wang_mason + side_drag"]["mass_error"]) == 2
     assert (tmp_path / "figures" / "effect_side_drag.pdf").exists()
+    joint = "(joint): the law fitted as it is with effects, to 60 trials at once; without (joint): the mean of"
+    assert joint in printed
+    assert joint in (tmp_path / "report.html").read_text()
 
 
 def test_subsets_of_effects_are_swept(tmp_path):

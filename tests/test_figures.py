@@ -73,7 +73,7 @@ def shared(drops: Impacts, **options) -> fit.SharedFit:
 def surface(drops: Impacts):
     mu, eps = fit.Box(nodes=16).axes()
     law = laws.find("wang_mason")
-    return figures.cost_map(mu, eps, fit.cost_surface(law, drops, mu, eps), (0.12, 0.55), law)
+    return figures.cost_map(mu, eps, fit.cost_surface(law, drops, mu, eps), (0.12, 0.55), law, len(drops))
 
 
 def comparison(names=(*LAW_STYLE, "X1 → (P, τ), 450 trials")):

@@ -10,6 +10,8 @@ The moment of inertia is not published, so it is a named option:
 
     uniform_disc   I = m (a² + b²) / 4   a uniform elliptical disc
     fazeli2017     I = m (a² + b²) / 5   as the paper's authors used
+
+Gravity acts between both measured states.  The paper does not say whether it is removed; `free_fall` removes it.
 """
 
 import hashlib
@@ -22,7 +24,9 @@ import numpy as np
 import torch
 
 from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.core.numerics import finite_number
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import Ellipse
 
 URL = "https://raw.githubusercontent.com/DAIRLab/ImpactModeling/master/Wang/Compare%20Wang/ellipse_uniform.mat"
@@ -38,7 +42,12 @@ _NAME = "ellipse_uniform.mat"
 _WIDTHS = {"states": 12, "n": 3, "d": 3, "flags": 6}
 
 
-def load(root: str | os.PathLike[str] | None = None, inertia: str = "uniform_disc", flagged: bool = False) -> Impacts:
+def load(
+    root: str | os.PathLike[str] | None = None,
+    inertia: str = "uniform_disc",
+    flagged: bool = False,
+    free_fall: float = 0.0,
+) -> Impacts:
     """The drops as published; a trial is named by its place (from 1) among the 2000.
 
     Args:
@@ -47,13 +56,16 @@ def load(root: str | os.PathLike[str] | None = None, inertia: str = "uniform_dis
             is downloaded once into the user's cache.
         inertia: a name in `INERTIAS`.
         flagged: also the 282 drops that carry an integrity flag.
+        free_fall: time in s between both measured states during which gravity acts: g times it is added to v_y after
+            contact.
 
     Raises:
-        DataError: no file under the given root, no network, or a file that is not the published one.
+        DataError: a negative free fall; no file under the given root, no network, or a file that is not the published one.
         UnknownNameError: no such inertia.
     """
     if inertia not in INERTIAS:
         raise UnknownNameError("inertia", inertia, INERTIAS)
+    fall = torch.tensor((0.0, GRAVITY * finite_number("free_fall", free_fall, 0), 0.0), dtype=torch.float64)
     path = find(root)
     drops = _read(path)
     keep = np.arange(len(drops["states"])) if flagged else np.flatnonzero(~drops["flags"].any(1))
@@ -66,7 +78,7 @@ def load(root: str | os.PathLike[str] | None = None, inertia: str = "uniform_dis
         r=torch.from_numpy(np.stack((drops["n"][keep, 2], -drops["d"][keep, 2]), -1)),
         q=q,
         v_pre=v_pre,
-        v_post=v_post,
+        v_post=v_post + fall,
         q_post=q_post,
         trial=tuple(str(place + 1) for place in keep),
         object=("ellipse",) * len(keep),

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import torch
+from threadpoolctl import threadpool_limits
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.audit.corrections import correct
@@ -43,7 +44,7 @@ def diagnose(
     thresholds: Thresholds | None = None,
     on_event: OnEvent | None = None,
 ) -> Diagnosis:
-    """Find out which physical effects a contact model is missing.
+    """Find out which physical effects a contact model is missing; computed on one thread.
 
     Args:
         impacts: measurements; those with `validate=False` are audited and corrected, or refused.
@@ -67,26 +68,27 @@ def diagnose(
     law, given = None if law is None else named(law), named_effects(effects)
     options = FitOptions(noise=noise, thresholds=thresholds.fit)
     _check(impacts, limits or {}, thresholds)
-    findings = audit(impacts, thresholds.audit)
-    on_event(AuditFindings(findings=findings))
-    if any(finding.fatal for finding in findings):
-        return _refused(law, findings, thresholds)
-    corrections = [finding.correction for finding in findings if finding.correction]
-    impacts = correct(impacts, corrections, thresholds.audit)
-    question = Question(
-        law=law,
-        given={name: effect.prepare(impacts) for name, effect in given.items()},
-        candidates=candidates or all_candidates(),
-        laws={one.name: one for one in (laws or all_laws())} | ({law.name: law} if law else {}),
-        options=options,
-        limits=limits or {},
-        thresholds=thresholds,
-        seconds=seconds,
-        on_event=on_event,
-    )
-    if len(impacts) <= thresholds.whole and affordable(len(impacts), memory):
-        return diagnose_audited(question, impacts, findings, torch.Generator().manual_seed(seed))
-    return diagnose_subsamples(question, impacts, findings, seed=seed, memory=memory, resume_folder=resume_folder)
+    with threadpool_limits(1):  # the tensors here are small: beside other work two threads take seven times as long
+        findings = audit(impacts, thresholds.audit)
+        on_event(AuditFindings(findings=findings))
+        if any(finding.fatal for finding in findings):
+            return _refused(law, findings, thresholds)
+        corrections = [finding.correction for finding in findings if finding.correction]
+        impacts = correct(impacts, corrections, thresholds.audit)
+        question = Question(
+            law=law,
+            given={name: effect.prepare(impacts) for name, effect in given.items()},
+            candidates=candidates or all_candidates(),
+            laws={one.name: one for one in (laws or all_laws())} | ({law.name: law} if law else {}),
+            options=options,
+            limits=limits or {},
+            thresholds=thresholds,
+            seconds=seconds,
+            on_event=on_event,
+        )
+        if len(impacts) <= thresholds.whole and affordable(len(impacts), memory):
+            return diagnose_audited(question, impacts, findings, torch.Generator().manual_seed(seed))
+        return diagnose_subsamples(question, impacts, findings, seed=seed, memory=memory, resume_folder=resume_folder)
 
 
 def _check(impacts: Impacts, limits: Mapping[str, tuple[float, float]], thresholds: Thresholds) -> None:

@@ -72,6 +72,8 @@ def show_models(
         table.add_row(model, mu, eps, *cells, f"{100 * entry.outside_admissible:.1f} %")
     print_table(table)
     print_line("outside: share of predictions that gain energy, pull or penetrate")
+    if note := phrase("joint_row", fits, joint):
+        print_line(note)
     if norm is not None:
         bounded = "only the mass error is bounded" if norm == "mass" else "none of these errors is bounded"
         print_line(f"the bounds minimise the {norm} norm of (v_x, v_y, ω): {bounded}")

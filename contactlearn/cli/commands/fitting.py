@@ -24,14 +24,13 @@ from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.results.types import BEST_POST_HOC, IRB
 
-_DRAWN = 5_000  # trials of a cost surface
-
 
 @dataclass(frozen=True, kw_only=True)
 class CostSurface:
-    """Cost of a law in N s over a grid of (μ, ε) on a whole pool, and its minimum; Eq. (3.1)."""
+    """Cost of a law in N s over a grid of (μ, ε) on `trials` trials, and its minimum; Eq. (3.1)."""
 
     law: Law
+    trials: int
     mu: Float[Tensor, " a"]
     eps: Float[Tensor, " b"]
     cost: Float[Tensor, "a b"]
@@ -102,14 +101,14 @@ def augmented_name(law: str, effects: Iterable[str]) -> str:
     return " + ".join((law, *effects))
 
 
-def law_surface(law: Law, pool: Impacts, settings: IdentificationSettings) -> CostSurface:
-    """Evaluate the cost of a law over the whole box, and find its minimum, on the pool or a random sample of it."""
+def law_surface(law: Law, pool: Impacts, trials: int, settings: IdentificationSettings) -> CostSurface:
+    """Evaluate the cost of a law over the whole box, and find its minimum, on random trials of the pool (Fig. 3.3)."""
     box, target = settings.box, settings.target
     mu, eps = box.axes()
-    pool = pool[sampled(torch.ones(len(pool), dtype=torch.bool), _DRAWN)]
-    least = shared.identify(law, pool, sizes=(len(pool),), repetitions=1, box=box, target=target)
+    pool = pool[sampled(torch.ones(len(pool), dtype=torch.bool), trials)]
+    least = shared.identify(law, pool, sizes=(trials,), repetitions=1, box=box, target=target)
     cost = shared.cost_surface(law, pool, mu, eps, target=target)
-    return CostSurface(law=law, mu=mu, eps=eps, cost=cost, minimum=least.mean())
+    return CostSurface(law=law, trials=trials, mu=mu, eps=eps, cost=cost, minimum=least.mean())
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -197,6 +197,8 @@ def show_split(data: Split, device_name: str, device: torch.device) -> None:
     terminal.print_line(
         f"{data.blocks.source}: {trials} impacts, {trials - held_out} for identification, {held_out} held out"
     )
+    if data.train_size < len(data.pool):
+        terminal.print_line(f"models are fitted to random subsets of {data.train_size} of them (train.size)")
     if len(data.impacts) < trials:
         terminal.print_line(
             f"large table: models are fitted to {len(data.pool)} trials, figures and page show {len(data.test)}; "

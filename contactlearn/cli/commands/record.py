@@ -89,8 +89,8 @@ def headline_axis(norm: str) -> str:
 
 
 def draw_cost_surface(surface: CostSurface) -> Figure:
-    """Draw the surface of Eq. (3.1) over the whole pool, with its minimum."""
-    return figures.cost_map(surface.mu, surface.eps, surface.cost, surface.minimum, surface.law)
+    """Draw the surface of Eq. (3.1) with its minimum."""
+    return figures.cost_map(surface.mu, surface.eps, surface.cost, surface.minimum, surface.law, surface.trials)
 
 
 def draw_effects(model: ContactModel, test: Impacts) -> dict[str, Figure]:

@@ -97,7 +97,7 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
     found, surface, joint = dict[str, SharedFit](), None, dict[str, JointFit]()
     if law is not None and recipe is None and not effects:
         found[law.name] = fitting.identify_law(law, pool, how, data.generator, on_event, sizes=sizes)
-        surface = fitting.law_surface(law, pool, how)
+        surface = fitting.law_surface(law, pool, *sizes, how)
     rows = torch.randperm(len(pool), generator=data.generator)[: data.train_size]
     for one in settings.laws.values():
         if one.name not in found:
@@ -144,20 +144,22 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
     for one in result.processes:
         values |= {f"loss/{one.output}": one.loss, f"noise/{one.output}": one.noise}
         values |= {f"length_scale/{one.output}/{name}": x for name, x in one.length_scales.items()}
+    prediction = trained.model.predict(test)
+    spread = None if prediction.covariance is None else metrics.predicted_spread(prediction)
     drawn = record.draw_effects(list(trained.joint.values())[-1].model, test) if settings.effects else {}
+    drawn["predicted_against_measured"] = quality.predicted_against_measured(test.v_post, prediction.v_post, spread)
     if trained.surface is not None:
         drawn["cost_surface"] = record.draw_cost_surface(trained.surface)
     history = {}
     if settings.recipe is not None and trained.regressor is not None:
         recipe, regressor = settings.recipe, trained.regressor
-        prediction, columns = trained.model.predict(test), list(SPACES[recipe.features].columns)
+        columns = list(SPACES[recipe.features].columns)
         relevance = {
             output: dict(zip(columns, (1 / lengths[: len(columns)]).tolist(), strict=True))
             for output, lengths in zip(TARGETS[recipe.target], regressor.gps.hyperparameters(), strict=True)
         }
-        distance, spread = metrics.squared_distance(test, prediction), metrics.predicted_spread(prediction)
+        distance = metrics.squared_distance(test, prediction)
         drawn |= {
-            "predicted_against_measured": quality.predicted_against_measured(test.v_post, prediction.v_post, spread),
             "calibration": quality.calibration_curve({trained.name: metrics.calibration(distance)}),
             "training": quality.training(regressor.training.history, relevance),
         }

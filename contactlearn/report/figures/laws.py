@@ -44,6 +44,7 @@ def cost_map(
     cost: Float[Tensor, "a b"],
     best: tuple[float, float],
     law: Law,
+    trials: int,
 ) -> Figure:
     """Draw the mean impulse error over the parameters, and its minimum (Fig. 3.3).
 
@@ -52,6 +53,7 @@ def cost_map(
         cost: mean ‖P − P̂‖ in N s, as of `identification.shared.cost_surface`.
         best: the identified (μ, ε).
         law: for the title.
+        trials: number k of trials behind the cost, for the title.
     """
     values = st.array(cost).T * st.MILLI
     figure = st.new_figure(st.COLUMN, 2.75)
@@ -60,7 +62,7 @@ def cost_map(
     surface = axes.contourf(st.array(mu), st.array(eps), values, levels, cmap=st.MAP)
     surface.set_edgecolor("face")  # no white seams between the levels in a PDF
     axes.plot(*best, "*", color="white", markeredgecolor="black", markersize=11, clip_on=False, zorder=5)
-    axes.set_title(f"{_title(law)}: least at μ = {best[0]:.3f}, ε = {best[1]:.3f}")
+    axes.set_title(f"{_title(law)}, {trials} trials:\nleast at μ = {best[0]:.3f}, ε = {best[1]:.3f}")
     bar = figure.colorbar(surface, ax=axes, pad=0.02)
     st.name_axes(bar.ax, y="Mean impulse error (mN s)")
     return figure

@@ -15,7 +15,7 @@ from contactlearn.report.figures.learning import learning_curve
 from contactlearn.report.figures.style import BOUNDS, law_style
 from contactlearn.report.page.page import packed, reproduced
 from contactlearn.report.page.trials import STEPS, digits, finely, impulse_figure, of_laws, of_outcomes, of_trials
-from contactlearn.report.text import model_labels, phrase, phrases
+from contactlearn.report.text import model_labels, phrase, phrases, sentence
 from contactlearn.results.tables import HeldOut
 from contactlearn.results.types import Evaluation
 
@@ -82,6 +82,8 @@ def _sentences(result: Evaluation, labels: Mapping[str, str], closest: str, tria
     """The numbers behind the headline, and where the learned models are."""
     errors = {name: entry.headline for name, entry in result.errors.items()}
     sentences = phrases("evaluation_summary", labels, errors, result.best, result.differences, closest, trials)
+    if note := phrase("joint_row", result.fits, result.joint):
+        sentences.append(sentence(note))
     return sentences + (["Learned models are under Learning curves."] if result.learning_curves else [])
 
 
