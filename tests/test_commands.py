@@ -16,9 +16,9 @@ import contactlearn
 from contactlearn import laws
 from contactlearn.__main__ import main
 from contactlearn.cli import hydra_main
-from contactlearn.cli.config_files import check_settings
 from contactlearn.cli.commands.fitting import law_surface
 from contactlearn.cli.commands.record import draw_cost_surface
+from contactlearn.cli.config_files import check_settings
 from contactlearn.cli.job import invocation
 from contactlearn.cli.settings import IdentificationSettings
 from contactlearn.data import table

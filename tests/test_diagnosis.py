@@ -140,7 +140,7 @@ def test_it_computes_on_one_thread():
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     try:
-        with pytest.raises(Seen, match="^1$"):
+        with pytest.raises(Seen, match=r"^1$"):
             diagnose(synthetic.load(size=30), on_event=look)
         assert torch.get_num_threads() == 2
     finally:

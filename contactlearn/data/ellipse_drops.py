@@ -60,7 +60,8 @@ def load(
             contact.
 
     Raises:
-        DataError: a negative free fall; no file under the given root, no network, or a file that is not the published one.
+        DataError: no file under the given root, no network, a file that is not the published one, or a negative free
+            fall.
         UnknownNameError: no such inertia.
     """
     if inertia not in INERTIAS:
