@@ -135,7 +135,8 @@ def test_it_computes_on_one_thread():
         pass
 
     def look(event):
-        raise Seen(torch.get_num_threads())
+        if not isinstance(event, AuditFindings):
+            raise Seen(torch.get_num_threads())
 
     before = torch.get_num_threads()
     torch.set_num_threads(2)

@@ -68,24 +68,24 @@ def diagnose(
     law, given = None if law is None else named(law), named_effects(effects)
     options = FitOptions(noise=noise, thresholds=thresholds.fit)
     _check(impacts, limits or {}, thresholds)
+    findings = audit(impacts, thresholds.audit)
+    on_event(AuditFindings(findings=findings))
+    if any(finding.fatal for finding in findings):
+        return _refused(law, findings, thresholds)
+    corrections = [finding.correction for finding in findings if finding.correction]
+    impacts = correct(impacts, corrections, thresholds.audit)
+    question = Question(
+        law=law,
+        given={name: effect.prepare(impacts) for name, effect in given.items()},
+        candidates=candidates or all_candidates(),
+        laws={one.name: one for one in (laws or all_laws())} | ({law.name: law} if law else {}),
+        options=options,
+        limits=limits or {},
+        thresholds=thresholds,
+        seconds=seconds,
+        on_event=on_event,
+    )
     with threadpool_limits(1):  # the tensors here are small: beside other work two threads take seven times as long
-        findings = audit(impacts, thresholds.audit)
-        on_event(AuditFindings(findings=findings))
-        if any(finding.fatal for finding in findings):
-            return _refused(law, findings, thresholds)
-        corrections = [finding.correction for finding in findings if finding.correction]
-        impacts = correct(impacts, corrections, thresholds.audit)
-        question = Question(
-            law=law,
-            given={name: effect.prepare(impacts) for name, effect in given.items()},
-            candidates=candidates or all_candidates(),
-            laws={one.name: one for one in (laws or all_laws())} | ({law.name: law} if law else {}),
-            options=options,
-            limits=limits or {},
-            thresholds=thresholds,
-            seconds=seconds,
-            on_event=on_event,
-        )
         if len(impacts) <= thresholds.whole and affordable(len(impacts), memory):
             return diagnose_audited(question, impacts, findings, torch.Generator().manual_seed(seed))
         return diagnose_subsamples(question, impacts, findings, seed=seed, memory=memory, resume_folder=resume_folder)
