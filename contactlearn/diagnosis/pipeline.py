@@ -72,8 +72,7 @@ def diagnose(
     on_event(AuditFindings(findings=findings))
     if any(finding.fatal for finding in findings):
         return _refused(law, findings, thresholds)
-    corrections = [finding.correction for finding in findings if finding.correction]
-    impacts = correct(impacts, corrections, thresholds.audit)
+    impacts = correct(impacts, [one.correction for one in findings if one.correction], thresholds.audit)
     question = Question(
         law=law,
         given={name: effect.prepare(impacts) for name, effect in given.items()},
