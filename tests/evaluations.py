@@ -16,6 +16,7 @@ from contactlearn.results.types import (
     ModelErrors,
     Provenance,
     Training,
+    metrics_of,
 )
 
 
@@ -23,8 +24,8 @@ def interval(mean):
     return Interval(mean, 0.9 * mean, 1.1 * mean)
 
 
-def errors(mean):
-    return ModelErrors(**dict.fromkeys(METRICS, interval(mean)), outside_admissible=0.0)
+def errors(mean, model="", norm="mass"):
+    return ModelErrors(**dict.fromkeys(metrics_of(model, norm), interval(mean)), outside_admissible=0.0)
 
 
 def provenance(config, source="drops", trials=200, sha256="a" * 64):
@@ -59,19 +60,20 @@ def training(law="mirtich", size=20, error=0.2, effects=(), **data):
         provenance=provenance(config | {"train": {"size": size}}, **data), model=model, learned=None, law=law,
         effects=tuple(map(EffectId.parse, effects)), trained_on=size, equation=law, fits=(),
         joint={law: joint_estimate(law), model: joint_estimate(law, *effects)} if effects else {},
-        errors={law: errors(1.5 * error)} | {model: errors(error), "best_post_hoc": errors(0.1), "irb": errors(0.05)},
-        processes=(), processes_kind=None,
+        errors={law: errors(1.5 * error)} | {model: errors(error)}
+        | {bound: errors(mean, bound) for bound, mean in (("best_post_hoc", 0.1), ("irb", 0.05))},
+        norm="mass", processes=(), processes_kind=None,
     )  # fmt: skip
 
 
-def evaluation(size=20, **data):
+def evaluation(size=20, norm="mass", **data):
     """An evaluation of two laws."""
     config = {"law": "mirtich", "laws": ["mirtich", "whittaker"], "effect": {}, "seed": 0, "train": {"size": size}}
     means = {"mirtich": 0.2, "whittaker": 0.3, "best_post_hoc": 0.1, "irb": 0.05}
     return Evaluation(
-        provenance=provenance(config, **data), model="mirtich", law="mirtich", effects=(), norm="mass",
+        provenance=provenance(config, **data), model="mirtich", law="mirtich", effects=(), norm=norm,
         fits=(law_estimate("mirtich"), law_estimate("whittaker")), joint={},
-        errors={name: errors(mean) for name, mean in means.items()}, best="mirtich",
+        errors={name: errors(mean, name, norm) for name, mean in means.items()}, best="mirtich",
         differences={"whittaker": interval(0.1)}, tables="parquet", shape=None,
     )  # fmt: skip
 
@@ -82,14 +84,14 @@ def evaluation_of(impacts, predictions, laws, config, curves=()):
     table = {}
     for name, prediction in predictions.items():
         intervals = {
-            key: bootstrap(metric.error(impacts, prediction), generator.manual_seed(0), 100)
-            for key, metric in METRICS.items()
+            key: bootstrap(METRICS[key].error(impacts, prediction), generator.manual_seed(0), 100)
+            for key in metrics_of(name, "mass")
         }
         table[name] = ModelErrors(**intervals, outside_admissible=0.0)
     sums = ErrorSums(predictions)
     sums.add(impacts, predictions)
-    best, differences = ranked(sums)
-    law = min(laws, key=lambda name: table[name].headline)
+    best, differences = ranked(sums, "mass_error")
+    law = min(laws, key=lambda name: table[name].mass_error)
     result = Evaluation(
         provenance=provenance(config, impacts.source, len(impacts), impacts.fingerprint()), model=law, law=law,
         effects=(), norm="mass",

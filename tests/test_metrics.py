@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from contactlearn.inference.evaluation import metrics
+from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
 
 EXACT = 1e-13  # relative: a few roundings
+ROUNDING = 1e-9  # of an error of order 1
 
 
 @pytest.fixture(scope="module")
@@ -24,15 +25,54 @@ def test_errors_are_their_formulas(case):
     e = (prediction.v_post - impacts.v_post).numpy()
     v = impacts.v_post.numpy()
     velocity = [np.hypot(*row[:2]) for row in e]
-    speed = [np.hypot(*row[:2]) for row in v]
     mass = []
     for i in range(len(impacts)):
         M = np.diag([impacts.mass[i], impacts.mass[i], impacts.inertia[i]])
         mass.append(np.sqrt(e[i] @ M @ e[i]) / np.sqrt(v[i] @ M @ v[i]))
     np.testing.assert_allclose(metrics.velocity_error(impacts, prediction), velocity, rtol=EXACT)
-    ratio = np.array(velocity) / speed
-    np.testing.assert_allclose(metrics.normalised_velocity_error(impacts, prediction), ratio, rtol=EXACT)
     np.testing.assert_allclose(metrics.mass_error(impacts, prediction), mass, rtol=EXACT)
+    euclidean = np.linalg.norm(e, axis=1)
+    np.testing.assert_allclose(metrics.euclidean_error(impacts, prediction), euclidean, rtol=EXACT)
+    ratio = euclidean / np.linalg.norm(v, axis=1)
+    np.testing.assert_allclose(metrics.normalised_euclidean_error(impacts, prediction), ratio, rtol=EXACT)
+
+
+@pytest.mark.parametrize("norm", bounds.NORMS)
+def test_bounds_are_least_in_the_metrics_of_their_norm(norm):
+    """Trial by trial: of the laws, and of the impulses that no law gives but a rigid point contact can."""
+    impacts, generator = synthetic.load(size=40), torch.Generator().manual_seed(0)
+    rigid = {name: ContactModel(find(name).at(0.2, 0.4)).predict(impacts) for name in PAPER_LAWS}
+    best, _ = bounds.best_post_hoc(impacts, rigid, norm)
+    wrench = impacts.wrench * torch.tensor((1.0, 1.0, 0.0)) + 2e-3 * torch.randn((200, 40, 3), generator=generator)
+    wrench[..., 2] = 0
+    drawn = Prediction.from_wrench(impacts, wrench)
+    admissible = ~metrics.outside_admissible(impacts, wrench[..., :2])
+    assert admissible.double().mean() > 0.05
+    for metric in metrics.bounded(norm):
+        error = metrics.METRICS[metric].error
+        least = error(impacts, bounds.irb(impacts, norm)) - ROUNDING
+        assert (least <= error(impacts, best)).all()
+        assert all((error(impacts, best) - ROUNDING <= error(impacts, law)).all() for law in rigid.values())
+        assert (least <= error(impacts, drawn))[admissible].all()
+
+
+def test_every_norm_has_a_headline_of_its_own():
+    assert {norm: metrics.headline(norm) for norm in bounds.NORMS} == {
+        "mass": "mass_error", "euclidean": "euclidean_error",
+    }  # fmt: skip
+    bounded = [name for norm in bounds.NORMS for name in metrics.bounded(norm)]
+    assert set(metrics.METRICS) - set(bounded) == {"velocity_error"}
+    assert len(bounded) == len(set(bounded))
+
+
+def test_velocity_error_is_bounded_by_nothing():
+    """A moment about the mass centre does not show in it, and the bound of three components exceeds a law in it."""
+    impacts = synthetic.load(size=200)
+    impacts = impacts.replace(v_post=impacts.v_post + torch.tensor((0.0, 0.0, 5.0), dtype=torch.float64))
+    law = ContactModel(find("wang_mason").at(0.12, 0.55)).predict(impacts)
+    error = metrics.velocity_error
+    for norm in bounds.NORMS:
+        assert error(impacts, bounds.irb(impacts, norm)).mean() > error(impacts, law).mean()
 
 
 def test_mass_error_does_not_depend_on_units(case):

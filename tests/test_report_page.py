@@ -199,7 +199,7 @@ def test_an_evaluation_has_a_page(evaluation):
     path, result = evaluation
     page = data_of(path)
     assert {one["label"]: one["mean"] for one in page["models"]}["Mirtich"] == pytest.approx(
-        result.errors["mirtich"].headline.mean, rel=1e-4
+        result.errors["mirtich"].mass_error.mean, rel=1e-4
     )
     assert "<script>window" not in path.read_text()
 

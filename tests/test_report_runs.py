@@ -323,7 +323,8 @@ DAMAGED = {
     "deep config": (changed(trained(), "provenance", "config", to=NESTED), "is nested too deeply"),
     "digits": (f'{{"data": {"9" * 5000}}}', "is not JSON"),
     "surrogate": (changed(trained(), "model", to="\ud800"), "is not JSON"),
-    "transfer": ({"kind": "transfer", "provenance": trained()["provenance"], "sizes": [1], "transfer": {}},
+    "transfer": (
+        {"kind": "transfer", "norm": "mass", "provenance": trained()["provenance"], "sizes": [1], "transfer": {}},
         "is a transfer to other bodies"),
     "curves": (changed(evaluated(), "learning_curves", to={"m": {**LEARNT, "sizes": [1, 2]}}),
         "learning_curves.m: 2 sizes and 1 errors must be as many"),
@@ -475,7 +476,7 @@ def test_runs_are_labelled_by_their_differences(browser, tmp_path):
 
 def test_sorting(browser, mixed):
     shown, names = opened(browser, mixed[0]), [one.name for one in mixed[1]]
-    error = {one.name: one.error.mean for one in mixed[1]}
+    error = {one.name: one.error(METRIC).mean for one in mixed[1]}
     assert order(shown) == names
     assert press(shown, "Held-out mass error") == "ascending"
     assert order(shown) == sorted(names, key=error.get)
@@ -484,7 +485,7 @@ def test_sorting(browser, mixed):
     into_view(shown, "by-run")
     worst = f"document.querySelector('#by-run .ytick title').textContent.endsWith({json.dumps(order(shown)[0])})"
     assert until(shown, worst)
-    noise = {one.name: x.mean for one in mixed[1] if (x := one.mass_error("noise"))}
+    noise = {one.name: x.mean for one in mixed[1] if (x := one.error(METRIC, "noise"))}
     for direction in (False, True):  # those without stay at the end
         press(shown, "Noise floor")
         assert order(shown)[: len(noise)] == sorted(noise, key=noise.get, reverse=direction)

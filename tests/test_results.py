@@ -31,6 +31,7 @@ CALIBRATION = CurveCalibration(
 CURVE = dataclasses.replace(learning_curve((10,), (0.1,)), calibration=CALIBRATION, settled={"mass_error": None})
 TRANSFER = Transfer(
     provenance=provenance({}),
+    norm="mass",
     sizes=(4, 8),
     transfer={
         "x1_wrench": {"disc": BodyTransfer(
@@ -46,8 +47,8 @@ RESULTS = {
 
 @pytest.mark.parametrize(("number", "entry", "message"), [
     (None, "errors", r"^is of format 1, by an earlier contactlearn: run its command again \(errors is not there"),
-    (2, "errors", "^errors is not there"),
-    (99, None, "^is of format 99, and the newest known is 2: upgrade contactlearn"),
+    (3, "errors", "^errors is not there"),
+    (99, None, "^is of format 99, and the newest known is 3: upgrade contactlearn"),
 ])  # fmt: skip
 def test_results_of_another_format_are_refused_in_one_line(number, entry, message, tmp_path):
     """Unless an earlier one has all that is needed."""

@@ -33,7 +33,7 @@ with warnings.catch_warnings():  # the copy of html5lib in TensorBoard warns of 
     from tensorboard.plugins.custom_scalar.custom_scalars_plugin import CustomScalarsPlugin
 
 HOSTILE = "a|b <img src=x onerror=alert(1)> *c* [d](javascript:e) `f`\n# g &amp; h_i_j ~~k~~ \\| {{l}}"
-HELD_OUT = "Held-out mass error against the number of training impacts"
+HELD_OUT = "Held-out error against the number of training impacts"
 COMMANDS = {
     "train": ("train.py", *TRAIN, "effect=[surface_tilt]"),
     "learned": ("train.py", *TRAIN, "model=x1_wrench"),

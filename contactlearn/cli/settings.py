@@ -151,6 +151,7 @@ class TrainSettings:
     law: Law | None
     laws: Mapping[str, Law]
     effects: Mapping[str, Effect]
+    norm: bounds.Norm
 
     @classmethod
     def from_config(cls, cfg: DictConfig) -> "TrainSettings":
@@ -188,6 +189,7 @@ class TrainSettings:
             law=own,
             laws=_named_laws(config, own, (*PAPER_LAWS, *([own.name] if own else []))),
             effects=effects,
+            norm=config["bounds"]["norm"],
         )
 
 
@@ -205,7 +207,7 @@ class EvaluateSettings:
     laws: Mapping[str, Law]
     effects: Mapping[str, Effect]
     recipes: Mapping[str, Recipe]
-    norm: str
+    norm: bounds.Norm
     patch: float
     curve_sizes: tuple[int, ...]
     curve_seeds: int

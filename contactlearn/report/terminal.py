@@ -5,7 +5,6 @@ import shlex
 from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from types import MappingProxyType
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -15,16 +14,17 @@ from rich.text import Text
 from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
-from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS
+from contactlearn.inference.evaluation.metrics import METRICS, bounded
 from contactlearn.report.text import correct_setting, phrase, sentence
-from contactlearn.results.runs import absolute, as_table, distinguishing, read_runs
+from contactlearn.results.runs import absolute, as_table, common_metric, distinguishing, read_runs
 from contactlearn.results.types import (
     BodyTransfer,
+    Evaluation,
     JointEstimate,
     LawEstimate,
     LearningCurve,
-    ModelErrors,
     ProcessEstimate,
+    Training,
 )
 
 console = Console()
@@ -36,7 +36,6 @@ _COMPUTED = {
 }
 _MOST = 20  # runs in the table of a sweep
 _WIDEST = 5  # settings in it
-_SHORT = {"mass_error": "mass error", "normalised_velocity_error": "velocity/speed", "velocity_error": "velocity"}
 
 
 def print_line(line: str) -> None:
@@ -50,34 +49,30 @@ def show_reused_trainings(trainings: int) -> None:
         print_line(f"trainings reused from an earlier run of the same command: {trainings}")
 
 
-def show_models(
-    fits: Sequence[LawEstimate],
-    errors: Mapping[str, ModelErrors],
-    norm: str | None = None,
-    joint: Mapping[str, JointEstimate] = MappingProxyType({}),
-) -> None:
-    """Print parameters and held-out errors, a row a model; `norm` is that of the bounds if they are among them.
+def show_models(result: Training | Evaluation) -> None:
+    """Print parameters and held-out errors, a row a model.
 
     The spread over the subsets stands beside a shared fit, the standard error beside a joint fit.
     """
-    units = (f"{_SHORT[name]} {metric.unit}".strip(" –") for name, metric in METRICS.items())
+    shown = {name: METRICS[name] for name in (*bounded(result.norm), "velocity_error")}
+    units = (f"{metric.name} {metric.unit}".strip(" –") for metric in shown.values())
     title = "Errors on the held-out trials: means, and the 95 % interval of the first"
     table = new_table(title, "model", "μ", "ε", *units, "outside")
-    found = {fit.law: ((fit.mu, fit.mu_std), (fit.eps, fit.eps_std)) for fit in fits}
-    found |= {name: tuple((p.value, p.standard_error) for p in fit.parameters[:2]) for name, fit in joint.items()}
-    for model, entry in errors.items():
+    found = {fit.law: ((fit.mu, fit.mu_std), (fit.eps, fit.eps_std)) for fit in result.fits}
+    found |= {
+        name: tuple((p.value, p.standard_error) for p in fit.parameters[:2]) for name, fit in result.joint.items()
+    }
+    for model, entry in result.errors.items():
         mu, eps = (_spread(*pair) for pair in found[model]) if model in found else ("", "")
-        cells = [f"{entry.of(name).mean:.4f}" for name in METRICS]
-        cells[0] += f"  {entry.headline.low:.4f}–{entry.headline.high:.4f}"
+        cells = [f"{entry.intervals[name].mean:.4f}" if name in entry.intervals else "" for name in shown]
+        cells[0] += f"  {entry.of(result.metric).low:.4f}–{entry.of(result.metric).high:.4f}"
         table.add_row(model, mu, eps, *cells, f"{100 * entry.outside_admissible:.1f} %")
     print_table(table)
     print_line("outside: share of predictions that gain energy, pull or penetrate")
-    if note := phrase("joint_row", fits, joint):
+    if note := phrase("joint_row", result.fits, result.joint):
         print_line(note)
-    if norm is not None:
-        bounded = "only the mass error is bounded" if norm == "mass" else "none of these errors is bounded"
-        print_line(f"the bounds minimise the {norm} norm of (v_x, v_y, ω): {bounded}")
-    for fit in fits:
+    print_line(f"the bounds minimise the {result.norm} norm of (v_x, v_y, ω), and bound no other error")
+    for fit in result.fits:
         if fit.mu_undetermined > 0.05:
             print_line(
                 f"note: {100 * fit.mu_undetermined:.0f} % of the subsets leave μ of {fit.law} undetermined (flat cost)"
@@ -147,19 +142,19 @@ def show_sizes(sizes: Sequence[int], wanted: Sequence[int], seeds: int, pool: in
         print_line(f"note: at {pool} trials all subsets are identical")
 
 
-def show_curves(curves: Mapping[str, LearningCurve]) -> None:
+def show_curves(curves: Mapping[str, LearningCurve], metric: str) -> None:
     """Print the headline error of each learned model against the number of trials, and its calibration at the end."""
     first = next(iter(curves.values()))
-    below = [f"< {level}" for level in first.below[HEADLINE]]
-    title = f"{METRICS[HEADLINE].label} on the held-out trials against the number of training trials"
+    below = [f"< {level}" for level in first.below[metric]]
+    title = f"{METRICS[metric].label} on the held-out trials against the number of training trials"
     table = new_table(title, "model", *map(str, first.sizes), *below, "settled", "coverage", "−log density")
     for model, curve in curves.items():
-        means = [f"{interval.mean:.3f}" for interval in curve.headline]
-        reached = [str(size or "never") for size in curve.below[HEADLINE].values()]
+        means = [f"{interval.mean:.3f}" for interval in curve.of(metric)]
+        reached = [str(size or "never") for size in curve.below[metric].values()]
         sure = ("", "")  # a law with effects predicts no covariance
         if curve.calibration is not None:
             sure = f"{100 * curve.calibration.coverage[-1]:.1f} %", f"{curve.calibration.negative_log_density[-1]:.2f}"
-        table.add_row(model, *means, *reached, str(curve.settled[HEADLINE] or "not yet"), *sure)
+        table.add_row(model, *means, *reached, str(curve.settled[metric] or "not yet"), *sure)
     print_table(table)
     print_line(
         "<: number of trials at which the mean first falls below; "
@@ -176,9 +171,9 @@ def show_curves(curves: Mapping[str, LearningCurve]) -> None:
     print_line("coverage: share of (v_x, v_y, ω) inside the predicted 95 % ellipsoid, and density, at the largest size")
 
 
-def show_transfer(model: str, bodies: Mapping[str, BodyTransfer], sizes: Sequence[int]) -> None:
-    """Print the headline error on each other body: as trained, and against the number of its trials."""
-    title = f"{model} on other bodies: {METRICS[HEADLINE].label.lower()} against the number of their trials"
+def show_transfer(model: str, bodies: Mapping[str, BodyTransfer], sizes: Sequence[int], metric: str) -> None:
+    """Print an error on each other body: as trained, and against the number of its trials."""
+    title = f"{model} on other bodies: {METRICS[metric].label} against the number of their trials"
     table = new_table(title, "body", "", "0", *map(str, sizes))
     for body, found in bodies.items():
         zero = f"{found.zero_shot[0].mean:.3f}"
@@ -236,17 +231,18 @@ def show_sweep(folders: Sequence[Path], place: Path) -> None:
         return
     settings = dict(list(distinguishing(runs).items())[:_WIDEST])
     rows = as_table(runs).query("own").reset_index(drop=True)
-    best = rows.mass_error.fillna(math.inf).sort_values(kind="stable").index[:_MOST]
+    metric = common_metric(runs)
+    best = rows[metric].fillna(math.inf).sort_values(kind="stable").index[:_MOST]
     few = f", the {_MOST} of {len(runs)} runs with the lowest" if len(runs) > _MOST else ""
     found = ["found"] if rows.found.any() else []
-    table = new_table(f"Held-out errors of the sweep{few}", *settings, *found, "mass error", "95 %")
+    table = new_table(f"Held-out errors of the sweep{few}", *settings, *found, METRICS[metric].name, "95 %")
     for k, row in rows.loc[sorted(best)].iterrows():
-        error = f"{row.mass_error:.4f}", f"{row.mass_error_low:.4f}–{row.mass_error_high:.4f}"
+        error = f"{row[metric]:.4f}", f"{row[f'{metric}_low']:.4f}–{row[f'{metric}_high']:.4f}"
         names = [row.found or "none"] if found else []
         table.add_row(
             *(values[k] or "" for values in settings.values()),
             *names,
-            *(("", "") if math.isnan(row.mass_error) else error),
+            *(("", "") if math.isnan(row[metric]) else error),
         )
     print_table(table)
     for word, ending in (("report", ""), ("results", " -o results.parquet")):

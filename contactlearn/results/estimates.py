@@ -6,7 +6,7 @@ import torch
 
 from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import Effect, EffectId
-from contactlearn.inference.evaluation import metrics
+from contactlearn.inference.evaluation.bounds import Norm
 from contactlearn.inference.evaluation.metrics import ErrorSums, Interval
 from contactlearn.inference.identification.joint import JointFit
 from contactlearn.inference.identification.shared import SharedFit
@@ -20,6 +20,7 @@ from contactlearn.results.types import (
     LawEstimate,
     ModelErrors,
     ProcessEstimate,
+    metrics_of,
 )
 
 
@@ -92,27 +93,30 @@ def process_estimates(recipe: Recipe, regressor: Regressor) -> tuple[ProcessEsti
     return tuple(entries)
 
 
-def error_table(sums: ErrorSums, resamples: int, generator: torch.Generator) -> dict[str, ModelErrors]:
-    """Return the errors of every model; all models and metrics have the same resamples of the trials."""
+def error_table(sums: ErrorSums, norm: Norm, resamples: int, generator: torch.Generator) -> dict[str, ModelErrors]:
+    """Return the errors of every model, and those of the bounds of a norm in the metrics that they bound.
+
+    All models and metrics have the same resamples of the trials.
+    """
     state = generator.get_state()
     table = {}
     for name in sums.models:
         intervals = {}
-        for key in metrics.METRICS:
+        for key in metrics_of(name, norm):
             generator.set_state(state)
             intervals[key] = sums.interval(key, name, generator, resamples)
         table[name] = ModelErrors(**intervals, outside_admissible=sums.outside_admissible(name))
     return table
 
 
-def ranked(sums: ErrorSums) -> tuple[str, dict[str, Interval]]:
-    """Compare the models by their mass error on the same trials.
+def ranked(sums: ErrorSums, metric: str) -> tuple[str, dict[str, Interval]]:
+    """Compare the models by an error on the same trials.
 
     Returns:
         The model with the least mean error, bounds aside; and the error of each other model less that of the best,
         paired by trial, with its interval, the smallest mean first.
     """
     models = [name for name in sums.models if name not in (BEST_POST_HOC, IRB)]
-    best, *others = sorted(models, key=lambda name: sums.mean(metrics.HEADLINE, name))
+    best, *others = sorted(models, key=lambda name: sums.mean(metric, name))
     generator = torch.Generator().manual_seed(0)
-    return best, {name: sums.difference(metrics.HEADLINE, name, best, generator) for name in others}
+    return best, {name: sums.difference(metric, name, best, generator) for name in others}

@@ -29,7 +29,8 @@ import pandas as pd
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.effects import EffectId
-from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS, Interval
+from contactlearn.inference.evaluation.bounds import Norm
+from contactlearn.inference.evaluation.metrics import Interval, headline
 from contactlearn.results.folder import FILES, find_results, read_result
 from contactlearn.results.state import read_done
 from contactlearn.results.tables import FORMATS, write_frames
@@ -146,8 +147,13 @@ class ComparedRun:
         return ("noise", IRB) if isinstance(self.result, DiagnosisRun) else (BEST_POST_HOC, IRB)
 
     @property
+    def norm(self) -> Norm:
+        """The norm of the bounds; a diagnosis has errors in the mass norm alone."""
+        return "mass" if isinstance(self.result, DiagnosisRun) else self.result.norm
+
+    @property
     def errors(self) -> dict[str, Interval | ModelErrors]:
-        """Held-out errors by model: all of them, or mass errors alone; none of data that were refused."""
+        """Held-out errors by model: all of them, or those of the headline; none of data that were refused."""
         if isinstance(self.result, DiagnosisRun):
             budget = self.result.diagnosis.budget
             if budget is None:
@@ -155,15 +161,18 @@ class ComparedRun:
             return {"named": budget.named, "law": budget.base, "noise": budget.noise, IRB: budget.bound}
         return {printable(name): one for name, one in self.result.errors.items()}
 
-    def mass_error(self, model: str | None) -> Interval | None:
-        """Return the held-out mass error of a model; None where there is none."""
-        error = None if model is None else self.errors.get(model)
-        return error.headline if isinstance(error, ModelErrors) else error
+    def error(self, metric: str, model: str | None = None) -> Interval | None:
+        """Return a held-out error of a model, by default of the run's own; None where there is none."""
+        error = self.errors.get(model or self.own)
+        if isinstance(error, ModelErrors):
+            return error.intervals.get(metric)
+        return error if metric == headline(self.norm) else None
 
-    @property
-    def error(self) -> Interval | None:
-        """Held-out mass error of the run's own model."""
-        return self.mass_error(self.own)
+
+def common_metric(runs: Iterable[ComparedRun]) -> str:
+    """Return the metric by which runs are compared: their headline, or the mass error where they differ in it."""
+    norms = {run.norm for run in runs}
+    return headline(norms.pop() if len(norms) == 1 else "mass")
 
 
 # --- Reading --------------------------------------------------------------------------------------
@@ -306,7 +315,7 @@ def as_table(runs: Sequence[ComparedRun]) -> pd.DataFrame:
         about |= {key: values[k] for key, values in settings.items()}
         entries += [about | model for model in _models(run)]
     frame = pd.DataFrame(entries)
-    first = ["run", "command", "model", "own", "bound", "law_alone", *_columns(HEADLINE)]
+    first = ["run", "command", "model", "own", "bound", "law_alone", *_columns(common_metric(runs))]
     return frame.reindex(columns=[*first, *(name for name in frame.columns if name not in first)])
 
 
@@ -314,10 +323,10 @@ def _models(run: ComparedRun) -> Iterator[dict[str, Any]]:
     """Yield name and errors of each model of a run."""
     for name, errors in run.errors.items():
         if isinstance(errors, ModelErrors):
-            intervals = {metric: errors.of(metric) for metric in METRICS}
+            intervals = errors.intervals
             rest = {"outside_admissible": errors.outside_admissible}
         else:
-            intervals, rest = {HEADLINE: errors}, {}
+            intervals, rest = {headline(run.norm): errors}, {}
         numbers = {key: x for metric, one in intervals.items() for key, x in zip(_columns(metric), one, strict=True)}
         roles = {"own": name == run.own, "bound": name in run.bounds, "law_alone": name == run.law_alone}
         yield {"model": name, **roles, **numbers, **rest}

@@ -3,6 +3,7 @@
 Held-out trials and the predictions of every model for them lie beside results.json; pages are drawn again from them.
 """
 
+import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,12 +24,13 @@ from contactlearn.core.numerics import atomic_write
 from contactlearn.data import table
 from contactlearn.data.blocks import sampled
 from contactlearn.data.table import table_blocks
+from contactlearn.inference.evaluation.bounds import Norm
 from contactlearn.inference.evaluation.metrics import CHI_SQUARED_95, METRICS, outside_admissible
 from contactlearn.inference.identification.per_trial import TrialFit
 from contactlearn.inference.learning.curves import Curve
 from contactlearn.mechanics.bodies import make_shapes
 from contactlearn.mechanics.impacts import COMPONENTS, Impacts, Prediction
-from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation
+from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation, metrics_of
 
 _IMPACTS, _PREDICTIONS = "held_out", "predictions"
 
@@ -59,10 +61,13 @@ FORMATS = tuple(_WRITERS)
 """Suffixes of the files that can be written."""
 
 
-def save_predictions(predicted: Iterable[tuple[Impacts, Mapping[str, Prediction]]], path: Path) -> None:
+def save_predictions(
+    predicted: Iterable[tuple[Impacts, Mapping[str, Prediction]]], path: Path, norm: Norm = "mass"
+) -> None:
     """Write a row for every trial and model: v_post (m/s, rad/s), wrench (N s, N m s), metrics, admissibility.
 
-    The trials come in blocks; of each block all rows of a model stand together.
+    The trials come in blocks; of each block all rows of a model stand together.  Bounds of `norm` have the metrics that
+    they bound.
     """
     frames = (
         pd.DataFrame(
@@ -70,7 +75,10 @@ def save_predictions(predicted: Iterable[tuple[Impacts, Mapping[str, Prediction]
             | {"model": model}
             | dict(zip(_V_POST, prediction.v_post.T.numpy(), strict=True))
             | dict(zip(_WRENCH, prediction.wrench.T.numpy(), strict=True))
-            | {name: metric.error(impacts, prediction).numpy() for name, metric in METRICS.items()}
+            | {
+                name: metric.error(impacts, prediction).numpy() if name in metrics_of(model, norm) else math.nan
+                for name, metric in METRICS.items()
+            }
             | {"outside_admissible": outside_admissible(impacts, prediction.wrench[:, :2]).numpy()}
         )
         for impacts, predictions in predicted
@@ -203,11 +211,14 @@ def save_held_out(
     tables: str,
     impacts: Iterable[Impacts],
     predicted: Iterable[tuple[Impacts, Mapping[str, Prediction]]],
+    norm: Norm = "mass",
 ) -> None:
     """Write held_out and predictions as files of the format `tables`, csv or parquet, block by block.
+
+    `norm` is that of the bounds.
 
     Raises:
         DataError: a file cannot be written.
     """
     table.save(impacts, folder / f"{_IMPACTS}.{tables}")
-    save_predictions(predicted, folder / f"{_PREDICTIONS}.{tables}")
+    save_predictions(predicted, folder / f"{_PREDICTIONS}.{tables}", norm)

@@ -14,13 +14,14 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import EffectId
-from contactlearn.inference.evaluation.metrics import HEADLINE, Interval
+from contactlearn.inference.evaluation.bounds import Norm
+from contactlearn.inference.evaluation.metrics import METRICS, Interval, bounded, headline
 from contactlearn.mechanics.apparatus import KnownParameter
 
 # --- Provenance -----------------------------------------------------------------------------------
 
 
-FORMAT = 2
+FORMAT = 3
 """Number of the format of result files; a file without one is of format 1."""
 
 
@@ -166,7 +167,7 @@ class ProcessEstimate:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelErrors:
-    """Errors of a model on the held-out trials, see `evaluation.metrics`.
+    """Errors of a model on the held-out trials, see `evaluation.metrics`; of a bound those that it bounds.
 
     `outside_admissible` is the share of impulses that gain energy, pull or leave penetration.
 
@@ -174,24 +175,36 @@ class ModelErrors:
         ContactLearnError: a mean error that is negative or not of this world.
     """
 
-    mass_error: Interval
-    normalised_velocity_error: Interval
-    velocity_error: Interval
+    mass_error: Interval | None = None
+    euclidean_error: Interval | None = None
+    normalised_euclidean_error: Interval | None = None
+    velocity_error: Interval | None = None
     outside_admissible: float
 
     def __post_init__(self) -> None:
-        for name in ("mass_error", "normalised_velocity_error", "velocity_error"):
-            if not all(0 <= x < _HIGHEST for x in self.of(name)):
+        for name, interval in self.intervals.items():
+            if not all(0 <= x < _HIGHEST for x in interval):
                 raise ContactLearnError(f"{name} must be a number, 0 or more, and less than {_HIGHEST:g}")
 
-    def of(self, metric: str) -> Interval:
-        """The mean and interval of a metric by its name in `METRICS`."""
-        return getattr(self, metric)
-
     @property
-    def headline(self) -> Interval:
-        """The error by which models are compared."""
-        return self.of(HEADLINE)
+    def intervals(self) -> dict[str, Interval]:
+        """The means and intervals that there are, by the metric's name in `METRICS`."""
+        return {name: one for name in METRICS if (one := getattr(self, name)) is not None}
+
+    def of(self, metric: str) -> Interval:
+        """The mean and interval of a metric by its name in `METRICS`.
+
+        Raises:
+            ContactLearnError: it is not there.
+        """
+        if metric not in self.intervals:
+            raise ContactLearnError(f"{metric} is missing; there are {', '.join(self.intervals) or 'none'}")
+        return self.intervals[metric]
+
+
+def metrics_of(model: str, norm: Norm) -> tuple[str, ...]:
+    """Return the metrics in which a model is judged: all of them, or for a bound of a norm those that it bounds."""
+    return bounded(norm) if model in (BEST_POST_HOC, IRB) else tuple(METRICS)
 
 
 def known_model(model: str, errors: Mapping[str, ModelErrors]) -> None:
@@ -222,6 +235,7 @@ class Training:
         fits: the law of a model without effects, identified on its trials.
         joint: the law alone and with its effects, by name, where there are effects.
         errors: of the model, after those of its law or of the models in `joint`; and of both bounds.
+        norm: in which the bounds come closest; it decides the metric by which models are compared.
         processes: Gaussian processes of a learned model, one an output.
         processes_kind: `exact` or `sparse`; None without processes.
     """
@@ -238,11 +252,19 @@ class Training:
     fits: tuple[LawEstimate, ...]
     joint: Mapping[str, JointEstimate]
     errors: Mapping[str, ModelErrors]
+    norm: Norm
     processes: tuple[ProcessEstimate, ...]
     processes_kind: str | None
 
     def __post_init__(self) -> None:
         known_model(self.model, self.errors)
+        for errors in self.errors.values():
+            errors.of(self.metric)
+
+    @property
+    def metric(self) -> str:
+        """The metric by which the model is compared with others."""
+        return headline(self.norm)
 
 
 # --- Evaluation -----------------------------------------------------------------------------------
@@ -278,9 +300,10 @@ class LearningCurve:
     Args:
         sizes: numbers of training trials, increasing.
         mass_error: one entry a size, as the other errors, see `evaluation.metrics`.
-        normalised_velocity_error: as `mass_error`.
+        euclidean_error: as `mass_error`.
+        normalised_euclidean_error: as `mass_error`.
         velocity_error: as `mass_error`.
-        below: by metric and bound, the least size at which the mean is below the bound; None if it never is.
+        below: by metric and bound of it, the least size at which the mean is below the bound; None if it never is.
         settled: by metric, the size from which on the mean stays near its least; None if it has not settled.
         calibration: of the predicted covariances; None for a model that predicts none.
 
@@ -290,24 +313,20 @@ class LearningCurve:
 
     sizes: tuple[int, ...]
     mass_error: tuple[Interval, ...]
-    normalised_velocity_error: tuple[Interval, ...]
+    euclidean_error: tuple[Interval, ...]
+    normalised_euclidean_error: tuple[Interval, ...]
     velocity_error: tuple[Interval, ...]
     below: Mapping[str, Mapping[str, int | None]]
     settled: Mapping[str, int | None]
     calibration: CurveCalibration | None = None
 
     def __post_init__(self) -> None:
-        if any(len(self.of(name)) != len(self.sizes) for name in ("mass_error", "velocity_error")):
+        if any(len(self.of(name)) != len(self.sizes) for name in METRICS):
             raise ContactLearnError(f"{len(self.sizes)} sizes and {len(self.mass_error)} errors must be as many")
 
     def of(self, metric: str) -> tuple[Interval, ...]:
         """The errors by a metric's name in `METRICS`."""
         return getattr(self, metric)
-
-    @property
-    def headline(self) -> tuple[Interval, ...]:
-        """The errors by which models are compared."""
-        return self.of(HEADLINE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -319,12 +338,12 @@ class Evaluation:
         model: name in `errors` of the model that the run is compared with others by.
         law: that it is, or builds on.
         effects: around the law.
-        norm: in which the bounds come closest.
+        norm: in which the bounds come closest; it decides the metric by which models are compared.
         fits: the laws, identified from random subsets.
         joint: the law alone and with its effects, by name, where there are effects.
         errors: of all models and of both bounds.
-        best: name in `errors` of the model with the least mass error, bounds aside.
-        differences: mass error of each other model less that of the best, paired by trial; the smallest first.
+        best: name in `errors` of the model with the least error, bounds aside.
+        differences: error of each other model less that of the best, paired by trial; the smallest first.
         tables: format of the tables beside the file.
         shape: of the bodies, as `bodies.make_shapes` reads it; None where it is not known.
         learning_curves: by model.
@@ -336,7 +355,7 @@ class Evaluation:
     model: str
     law: str
     effects: tuple[EffectId, ...]
-    norm: str
+    norm: Norm
     fits: tuple[LawEstimate, ...]
     joint: Mapping[str, JointEstimate]
     errors: Mapping[str, ModelErrors]
@@ -351,6 +370,13 @@ class Evaluation:
             known_model(name, self.errors)
         if not self.fits:
             raise ContactLearnError("fits must hold at least one law")
+        for errors in self.errors.values():
+            errors.of(self.metric)
+
+    @property
+    def metric(self) -> str:
+        """The metric by which models are compared."""
+        return headline(self.norm)
 
 
 # --- Transfer -------------------------------------------------------------------------------------
@@ -358,7 +384,7 @@ class Evaluation:
 
 @dataclass(frozen=True, kw_only=True)
 class BodyTransfer:
-    """Mass error of a model on another body.
+    """Headline error of a model on another body.
 
     Args:
         zero_shot: as trained, without a trial of the body; one entry.
@@ -373,11 +399,15 @@ class BodyTransfer:
 
 @dataclass(frozen=True, kw_only=True)
 class Transfer:
-    """Learning curves on other bodies, by model and body; `sizes` are numbers of trials of the body."""
+    """Learning curves on other bodies, by model and body; `sizes` are numbers of trials of the body.
+
+    `norm` decides the metric, as that of an evaluation.
+    """
 
     kind: RunKind = RunKind.TRANSFER
     format: int = FORMAT
     provenance: Provenance
+    norm: Norm
     sizes: tuple[int, ...]
     transfer: Mapping[str, Mapping[str, BodyTransfer]]
 

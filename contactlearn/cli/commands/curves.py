@@ -96,12 +96,15 @@ def _law_curves(
 def curve_entry(
     curve: Curve, levels: Mapping[str, Mapping[str, float]], generator: torch.Generator, resamples: int
 ) -> LearningCurve:
-    """Return one model's curve as numbers; `levels` are mean errors of the bounds by name and metric."""
+    """Return one model's curve as numbers; `levels` are mean errors of the bounds by metric and name."""
     intervals, below, settled = {}, {}, {}
     for metric in metrics.METRICS:
         intervals[metric] = curve_intervals(curve, metric, generator, resamples)
         mean = curve.errors[metric].mean((1, 2)).tolist()
-        below[metric] = {name: study.first_below(mean, curve.sizes, level[metric]) for name, level in levels.items()}
+        if metric in levels:
+            below[metric] = {
+                name: study.first_below(mean, curve.sizes, level) for name, level in levels[metric].items()
+            }
         settled[metric] = study.settled(mean, curve.sizes)
     calibration, density = None, curve.density
     if density is not None:

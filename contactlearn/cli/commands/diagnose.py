@@ -18,7 +18,6 @@ from contactlearn.diagnosis.events import track
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.effects import EffectId, catalogue
-from contactlearn.inference.evaluation.metrics import HEADLINE
 from contactlearn.report import terminal
 from contactlearn.report.events import progress, show_verdict
 from contactlearn.report.figures.diagnosis import drawn
@@ -26,6 +25,8 @@ from contactlearn.report.page.diagnosis import write_page
 from contactlearn.report.text import base_label, headline, rung_label
 from contactlearn.results.folder import write_result
 from contactlearn.results.types import DiagnosisRun
+
+_METRIC = "mass_error"  # of every diagnosis
 
 
 def diagnose(settings: DiagnoseSettings, run: Run) -> None:
@@ -70,14 +71,16 @@ def diagnose(settings: DiagnoseSettings, run: Run) -> None:
 
 def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[str, Figure]) -> RunRecord:
     """The ladder as a chart, its law and its model as runs of the other commands log theirs, and the figures."""
-    found, data, tag = result.diagnosis, result.provenance.data, f"ladder/{HEADLINE}"
+    found, data, tag = result.diagnosis, result.provenance.data, f"ladder/{_METRIC}"
     scalars, series = {}, {}
     if found.budget is not None and found.law is not None:
-        base = f"{HEADLINE}/{fitting.augmented_name(found.law, settings.effects)}"
-        scalars = {base: found.budget.base, record.MODEL: found.budget.named, record.BOUND: found.budget.bound}
+        base = f"{_METRIC}/{fitting.augmented_name(found.law, settings.effects)}"
+        errors = found.budget.base, found.budget.named, found.budget.bound
+        scalars = dict(zip((base, *record.own_tags(_METRIC)), errors, strict=True))
         series = {tag: [rung.error for rung in found.ladder]}
     return RunRecord(
         trained_on=data.trials,
+        metric=_METRIC,
         scalars=[(data.trials, scalars)] if scalars else [],
         series=series,
         charts={"Ladder of a diagnosis": {"Mass error by rung; the run card names the rungs": tag}},

@@ -53,7 +53,7 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
     path = run.folder / f"trial_parameters.{settings.tables}"
     save_trial_parameters(data.impacts, list(compared.trials.values()), path)
     folder.write_result(run.folder, result)
-    terminal.show_models(result.fits, result.errors, result.norm, result.joint)
+    terminal.show_models(result)
     if result.joint:
         terminal.show_joint(*list(result.joint.items())[-1])
     if settings.reference:
@@ -62,8 +62,11 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
     if settings.recipes:
         found = curves.learning_study(settings, data, run)
         levels = {
-            name: {key: metric.error(data.test, bound).mean().item() for key, metric in metrics.METRICS.items()}
-            for name, bound in held_out.bounds.items()
+            name: {
+                bound: metrics.METRICS[name].error(data.test, prediction).mean().item()
+                for bound, prediction in held_out.bounds.items()
+            }
+            for name in metrics.bounded(result.norm)
         }
         entries = {
             name: curves.curve_entry(curve, levels, data.generator, settings.bootstrap) for name, curve in found.items()
@@ -72,7 +75,7 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
         save_curves(found, run.folder / f"learning_curves.{settings.tables}")
         folder.write_result(run.folder, result)
         learned = {name: curve for name, curve in found.items() if name not in settings.laws}
-        terminal.show_curves({name: entries[name] for name in learned})
+        terminal.show_curves({name: entries[name] for name in learned}, result.metric)
         run.remove_partial_results()
     with progress(run.folder) as on_event:
         shown = _record(settings, data, compared, held_out, result, learned, row, on_event)
@@ -94,10 +97,10 @@ def _save_predictions(
             yield impacts, predictions
 
     if fits_on_disk(run.folder, count * len(sums.models)):
-        save_held_out(run.folder, settings.tables, data.held_out_impacts(), predicted())
+        save_held_out(run.folder, settings.tables, data.held_out_impacts(), predicted(), settings.norm)
     else:
         deque(predicted(), maxlen=0)
-        save_held_out(run.folder, settings.tables, [data.test], [(data.test, held_out.predictions)])
+        save_held_out(run.folder, settings.tables, [data.test], [(data.test, held_out.predictions)], settings.norm)
     return sums
 
 
@@ -106,11 +109,12 @@ def _result(settings: EvaluateSettings, run: Run, data: Split, compared: Compari
 
     Runs are compared by the law with its effects, else by the law, or by the best one if that is not among them.
     """
-    errors = estimates.error_table(sums, settings.bootstrap, data.generator)
+    metric = metrics.headline(settings.norm)
+    errors = estimates.error_table(sums, settings.norm, settings.bootstrap, data.generator)
     joint = {name: estimates.joint_estimate(fit) for name, fit in compared.joint.items()}
-    best, differences = estimates.ranked(sums)
+    best, differences = estimates.ranked(sums, metric)
     law, laws = settings.law.name, [fit.law.name for fit in compared.fits]
-    law = law if joint or law in laws else min(laws, key=lambda name: errors[name].headline)
+    law = law if joint or law in laws else min(laws, key=lambda name: errors[name].of(metric))
     return Evaluation(
         provenance=run.provenance(data.blocks, settings.device, data.train_size),
         model=list(joint)[-1] if joint else law,
@@ -152,7 +156,7 @@ def _record(
 ) -> RunRecord:
     """Return figures and values; figures show the held-out `row`, or that with the median error of the best law."""
     size = len(data.pool) if result.joint else data.train_size
-    errors = record.headline_errors(result.errors)
+    errors = {name: entry.of(result.metric) for name, entry in result.errors.items()}
     yardsticks = {name: result.errors[name] for name in (BEST_POST_HOC, IRB)}
     alone = {name: entry for name, entry in result.errors.items() if name not in result.joint}
     with_effects = {name: result.errors[name] for name in result.joint}
@@ -162,10 +166,11 @@ def _record(
         drawn |= _curves_drawn(result, learned, data.test, held_out.bounds)
     return RunRecord(
         trained_on=size,
+        metric=result.metric,
         scalars=[
             (data.train_size, record.scalars(result.fits, alone, {})),
             *([(size, record.scalars([], with_effects, result.joint))] if result.joint else []),
-            (size, {record.MODEL: errors[result.model]}),
+            (size, {record.own_tags(result.metric)[0]: errors[result.model]}),
             *_curve_scalars(result.learning_curves, yardsticks),
         ],
         figures=drawn,
@@ -186,7 +191,8 @@ def _curve_scalars(
         values: dict[str, float | Interval] = {}
         for metric in metrics.METRICS:
             values |= {f"curve_{metric}/{model}": curve.of(metric)[place] for model, curve in by_model.items()}
-            values |= {f"curve_{metric}/{model}": errors.of(metric) for model, errors in yardsticks.items()}
+        for model, errors in yardsticks.items():
+            values |= {f"curve_{metric}/{model}": interval for metric, interval in errors.intervals.items()}
         for model, curve in by_model.items():
             if curve.calibration is not None:
                 values[f"curve_coverage/{model}"] = curve.calibration.coverage[place]
@@ -222,23 +228,30 @@ def _errors_drawn(
     row: int | None,
 ) -> dict[str, Figure]:
     """Errors of all models, the bound of contact patches, and one trial in impulse space, by file name."""
-    test, how, axis = data.test, settings.identification, record.headline_axis(settings.norm)
+    test, how, headline = data.test, settings.identification, metrics.METRICS[result.metric]
     laws = {fit.law.name: fit.to_law() for fit in compared.fits}
-    headline = metrics.METRICS[metrics.HEADLINE]
-    per_trial = {name: headline.error(test, prediction) for name, prediction in held_out.predictions.items()}
-    intervals = {name: (one.mean, one.low, one.high) for name, one in record.headline_errors(result.errors).items()}
-    best = min(laws, key=lambda name: intervals[name])
-    row = int(per_trial[best].argsort()[len(test) // 2]) if row is None else row
-    levels = {name: intervals[name][0] for name in (best, BEST_POST_HOC)}
+    best = min(laws, key=lambda name: result.errors[name].of(result.metric))
+    if row is None:
+        row = int(headline.error(test, held_out.predictions[best]).argsort()[len(test) // 2])
+    levels = {name: result.errors[name].of(result.metric).mean for name in (best, BEST_POST_HOC)}
     widths = settings.patch * torch.linspace(0, 1, 25, dtype=torch.float64) ** 2  # dense where the bound falls
     shown = moved(test, settings.device)
     patched = moved(headline.error(shown, bounds.irb(shown, settings.norm, patch=widths[:, None])), "cpu")
     rows = torch.tensor([list(metrics.bootstrap(error, data.generator, settings.bootstrap)) for error in patched])
-    return {
+    drawn = {
         "energy_ellipse": reachable_impulses(test, row, laws, how.box, target=how.target),
-        "error_comparison": error_comparison(per_trial, intervals, axis),
-        "patch_curve": patch_curve((1e3 * widths).tolist(), rows, levels, axis),
+        "patch_curve": patch_curve((1e3 * widths).tolist(), rows, levels, headline.axis),
     }
+    for name, suffix in _bounded(result).items():
+        metric, intervals = metrics.METRICS[name], {model: errors.of(name) for model, errors in result.errors.items()}
+        per_trial = {model: metric.error(test, prediction) for model, prediction in held_out.predictions.items()}
+        drawn[f"error_comparison{suffix}"] = error_comparison(per_trial, intervals, metric.axis)
+    return drawn
+
+
+def _bounded(result: Evaluation) -> dict[str, str]:
+    """The metrics that the bounds of a run bound, with the ending of their figures' file names."""
+    return {name: "" if name == result.metric else f"_{name}" for name in metrics.bounded(result.norm)}
 
 
 def _curves_drawn(
@@ -247,9 +260,8 @@ def _curves_drawn(
     """Learning curves, error densities at the largest size, and calibration, by file name."""
     sizes = next(iter(learned.values())).sizes
     drawn = {}
-    for metric in (metrics.HEADLINE, "normalised_velocity_error"):
-        suffix = "" if metric == metrics.HEADLINE else f"_{metric}"
-        axis = f"{metrics.METRICS[metric].label} ({metrics.METRICS[metric].unit})"
+    for metric, suffix in _bounded(result).items():
+        axis = metrics.METRICS[metric].axis
         intervals = {name: curves.as_rows(result.learning_curves[name].of(metric)) for name in learned}
         lines = {name: result.errors[name].of(metric) for name in limits}
         drawn[f"learning_curve{suffix}"] = learning.learning_curve(sizes, intervals, lines, axis)

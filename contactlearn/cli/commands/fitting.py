@@ -118,7 +118,7 @@ class Comparison:
     fits: tuple[SharedFit, ...]
     joint: Mapping[str, JointFit]
     trials: Mapping[str, TrialFit]
-    norm: str
+    norm: bounds.Norm
     device: torch.device
 
     def predict(self, trials: Impacts) -> dict[str, Prediction]:

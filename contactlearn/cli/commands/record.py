@@ -10,6 +10,7 @@ from contactlearn.cli.commands.fitting import CostSurface
 from contactlearn.cli.job import Run
 from contactlearn.effects import catalogue
 from contactlearn.inference.evaluation import metrics
+from contactlearn.inference.evaluation.bounds import NORMS
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
 from contactlearn.mechanics.impacts import Impacts
@@ -18,12 +19,10 @@ from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.style import save
 from contactlearn.report.tensorboard import Tracker, ends
-from contactlearn.results.types import JointEstimate, LawEstimate, ModelErrors, Provenance
+from contactlearn.results.types import IRB, JointEstimate, LawEstimate, ModelErrors, Provenance
 
-MODEL, BOUND = f"{metrics.HEADLINE}/model", f"{metrics.HEADLINE}/irb"
-"""Tags that every run has: the error of its one model, and the bound below it."""
 _NONE = "none"  # hyperparameter of a run without a law, or without effects
-_HEADLINE_CHARTS = "Held-out mass error against the number of training impacts"
+_HEADLINE_CHARTS = "Held-out error against the number of training impacts"
 Scalars = Mapping[str, float | Interval]
 
 
@@ -33,12 +32,13 @@ class RunRecord:
 
     Args:
         trained_on: number of training trials of its model.
+        metric: by which its models are compared.
         scalars: values by tag, each set with its number of training trials.
         figures: by file name.
         law: name of the law, if the run has one.
         effects: names of the effects.
         equations: models as they print themselves.
-        errors: held-out mass error by model, or by rung of a ladder.
+        errors: held-out error by model, or by rung of a ladder.
         model: name of the learned model, or analytical.
         series: values by tag, against their number.
         charts: further charts of TensorBoard by category.
@@ -47,6 +47,7 @@ class RunRecord:
     """
 
     trained_on: int
+    metric: str
     scalars: Sequence[tuple[int, Scalars]]
     figures: Mapping[str, Figure]
     law: str | None
@@ -60,6 +61,11 @@ class RunRecord:
     verdict: Mapping[str, str] = field(default_factory=dict)
 
 
+def own_tags(metric: str) -> tuple[str, str]:
+    """Return the tags that every run with this headline has: the error of its one model, and the bound below it."""
+    return f"{metric}/model", f"{metric}/{IRB}"
+
+
 def write_record(run: Run, provenance: Provenance, record: RunRecord) -> None:
     """Save the figures as PNG and PDF, and log everything to TensorBoard and metrics.jsonl, in the run folder."""
     with Tracker(run.folder, record.trained_on) as tracker:
@@ -67,25 +73,21 @@ def write_record(run: Run, provenance: Provenance, record: RunRecord) -> None:
             tracker.scalars(values, trained_on)
         for tag, values in record.series.items():
             tracker.series(tag, values)
-        chosen: dict[str, str | Sequence[str]] = {"Each run's model, and the IRB bound": [f"{MODEL}$", f"{BOUND}$"]}
+        error = metrics.METRICS[record.metric].name
+        chosen: dict[str, str | Sequence[str]] = {
+            f"Each run's model, and the IRB bound: {error}": [f"{tag}$" for tag in own_tags(record.metric)]
+        }
         if record.curves:
-            tag, named = f"curve_{metrics.HEADLINE}/", "|".join(laws.names())
-            chosen["Learned models, Best Post Hoc and IRB bound"] = [f"{tag}(?!({named})$)"]
-            chosen["Laws, Best Post Hoc and IRB bound"] = [f"{tag}({named}|best_post_hoc|irb)$"]
-            chosen |= {f"{name}: learning curve with 95 % interval": f"{tag}{name}" for name in record.curves}
+            tag, named = f"curve_{record.metric}/", "|".join(laws.names())
+            chosen[f"Learned models, Best Post Hoc and IRB bound: {error}"] = [f"{tag}(?!({named})$)"]
+            chosen[f"Laws, Best Post Hoc and IRB bound: {error}"] = [f"{tag}({named}|best_post_hoc|irb)$"]
+            chosen |= {f"{name}: {error} with 95 % interval": f"{tag}{name}" for name in record.curves}
         tracker.charts({_HEADLINE_CHARTS: chosen, **record.charts})
         for name, figure in record.figures.items():
             png, _ = save(figure, run.folder / "figures", name)
             tracker.figure(f"figures/{name}", png.read_bytes())
         _log_hyperparameters(tracker, run, provenance, record)
         _log_card(tracker, provenance, record)
-
-
-def headline_axis(norm: str) -> str:
-    """Return the axis label of the headline error; it says so if the bounds are closest in another norm."""
-    metric = metrics.METRICS[metrics.HEADLINE]
-    closest = "" if norm == "mass" else f"\n(bounds are closest in the {norm} norm)"
-    return f"{metric.label} ({metric.unit}){closest}"
 
 
 def draw_cost_surface(surface: CostSurface) -> Figure:
@@ -102,18 +104,15 @@ def scalars(
     fits: Iterable[LawEstimate], errors: Mapping[str, ModelErrors], joint: Mapping[str, JointEstimate]
 ) -> dict[str, float | Interval]:
     """Return the plotted values of an error table and of fits, by tag."""
-    values = {f"{metric}/{model}": entry.of(metric) for model, entry in errors.items() for metric in metrics.METRICS}
+    values = {
+        f"{metric}/{model}": interval for model, entry in errors.items() for metric, interval in entry.intervals.items()
+    }
     values |= {f"outside_admissible/{model}": entry.outside_admissible for model, entry in errors.items()}
     for fit in fits:
         values |= {f"parameters/{fit.law}/mu": fit.mu, f"parameters/{fit.law}/eps": fit.eps}
     for model, fit in joint.items():
         values |= {f"parameters/{model}/{p.name}": p.value for p in fit.parameters}
     return values
-
-
-def headline_errors(errors: Mapping[str, ModelErrors]) -> dict[str, Interval]:
-    """Return the headline error of each model in an error table."""
-    return {model: entry.headline for model, entry in errors.items()}
 
 
 def law_equation(fit: LawEstimate) -> str:
@@ -126,7 +125,8 @@ def law_equation(fit: LawEstimate) -> str:
 def _log_hyperparameters(tracker: Tracker, run: Run, provenance: Provenance, record: RunRecord) -> None:
     """Log the settings in which runs differ, under the same names in every run of every command.
 
-    The metrics are those of the run's one model, `MODEL`, and of the bound below it.
+    The metrics are the error of the run's one model and that of the bound below it, in every norm of the bounds; a run
+    has those of its own norm.
     """
     effects = record.effects
     values = {
@@ -142,7 +142,11 @@ def _log_hyperparameters(tracker: Tracker, run: Run, provenance: Provenance, rec
     }
     values |= {f"effect_{name}": name in effects for name in dict.fromkeys((*catalogue(), *effects))}
     choices = {"command": ("train", "evaluate", "diagnose"), "law": (*laws.names(), _NONE)}
-    shown = dict(zip((MODEL, *ends(MODEL), BOUND), ("mass error", "low, 95 %", "high, 95 %", "IRB bound"), strict=True))
+    shown = {}
+    for metric in map(metrics.headline, NORMS):
+        (model, bound), error = own_tags(metric), metrics.METRICS[metric].name
+        names = error, f"{error}, low, 95 %", f"{error}, high, 95 %", f"{error}, IRB bound"
+        shown |= zip((model, *ends(model), bound), names, strict=True)
     tracker.hyperparameters(values, choices, shown)
 
 
@@ -164,6 +168,6 @@ def _log_card(tracker: Tracker, provenance: Provenance, record: RunRecord) -> No
         (
             [("Run", ""), *about.items()],
             [("Law and effects", "Equation, parameters ± standard errors"), *((name, rest) for name, _, rest in parts)],
-            [("Held-out mass error", "Mean", "95 % interval"), *rows],
+            [(f"Held-out {metrics.METRICS[record.metric].axis}", "Mean", "95 % interval"), *rows],
         )
     )

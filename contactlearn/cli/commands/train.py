@@ -56,11 +56,12 @@ class _Trained:
     def regressor(self) -> Regressor | None:
         return self.model.parameters or self.model.residual
 
-    def predict(self, impacts: Impacts) -> dict[str, Prediction]:
-        """Predict impacts with every model and bound, by name."""
-        best, _ = bounds.best_post_hoc(impacts, {name: law.predict(impacts) for name, law in self.laws.items()})
+    def predict(self, impacts: Impacts, norm: str) -> dict[str, Prediction]:
+        """Predict impacts with every model, and the bounds of a norm, by name."""
+        laws = {name: law.predict(impacts) for name, law in self.laws.items()}
+        best, _ = bounds.best_post_hoc(impacts, laws, norm)
         found = {name: model.predict(impacts) for name, model in self.models.items()}
-        return found | {BEST_POST_HOC: best, IRB: bounds.irb(impacts)}
+        return found | {BEST_POST_HOC: best, IRB: bounds.irb(impacts, norm)}
 
 
 def train(settings: TrainSettings, run: Run) -> None:
@@ -73,12 +74,12 @@ def train(settings: TrainSettings, run: Run) -> None:
         sums = ErrorSums((*trained.models, BEST_POST_HOC, IRB))
         for block in loading.track_blocks(on_event, data.held_out_impacts(), data.held_out_trials, "held-out trials"):
             impacts = moved(block, device)
-            sums.add(impacts, trained.predict(impacts))
+            sums.add(impacts, trained.predict(impacts, settings.norm))
     trained = moved(trained, "cpu")
     result = _result(settings, run, data, trained, sums)
     checkpoint.save(trained.model, run.folder / CHECKPOINT, provenance=asdict(result.provenance))
     folder.write_result(run.folder, result)
-    terminal.show_models(result.fits, result.errors, "mass", result.joint)
+    terminal.show_models(result)
     if result.joint:
         terminal.show_joint(*list(result.joint.items())[-1])
     if result.processes_kind is not None:
@@ -130,7 +131,8 @@ def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, s
         equation=str(trained.model),
         fits=tuple(map(estimates.law_estimate, trained.fits)),
         joint={name: estimates.joint_estimate(fit) for name, fit in trained.joint.items()},
-        errors=estimates.error_table(sums, settings.bootstrap, data.generator),
+        errors=estimates.error_table(sums, settings.norm, settings.bootstrap, data.generator),
+        norm=settings.norm,
         processes=() if recipe is None or regressor is None else estimates.process_estimates(recipe, regressor),
         processes_kind=None if regressor is None else regressor.kind,
     )
@@ -138,9 +140,10 @@ def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, s
 
 def _record(settings: TrainSettings, result: Training, trained: _Trained, test: Impacts) -> RunRecord:
     """Figures, and for TensorBoard the errors with losses, noise and length scales."""
-    shown = record.headline_errors(result.errors)
+    shown = {name: errors.of(result.metric) for name, errors in result.errors.items()}
     alone = result.learned is None and result.fits
     values = record.scalars(result.fits, result.errors, result.joint)
+    values |= zip(record.own_tags(result.metric), (shown[result.model], shown[IRB]), strict=True)
     for one in result.processes:
         values |= {f"loss/{one.output}": one.loss, f"noise/{one.output}": one.noise}
         values |= {f"length_scale/{one.output}/{name}": x for name, x in one.length_scales.items()}
@@ -166,7 +169,8 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
         history = {"fit/loss": regressor.training.history.mean(-1).tolist()}
     return RunRecord(
         trained_on=result.trained_on,
-        scalars=[(result.trained_on, values | {record.MODEL: shown[result.model], record.BOUND: shown[IRB]})],
+        metric=result.metric,
+        scalars=[(result.trained_on, values)],
         series=history,
         figures=drawn,
         law=result.law,

@@ -36,7 +36,7 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
     }
     provenance = run.provenance(data.blocks, settings.device, data.train_size)
     terminal.show_reused_trainings(count_trainings(run.partial))
-    found = {}
+    found, metric = {}, metrics.headline(settings.norm)
     for name, recipe in settings.recipes.items():
         with progress(run.folder) as on_event:
             learned = study.transfer_curves(
@@ -54,24 +54,24 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
         found[name] = {
             body: BodyTransfer(
                 **{
-                    way: curves.curve_intervals(ways[way], metrics.HEADLINE, data.generator, settings.bootstrap)
+                    way: curves.curve_intervals(ways[way], metric, data.generator, settings.bootstrap)
                     for way in ("zero_shot", "prior", "scratch")  # order of the resamples, whatever is trained first
                 }
             )
             for body, ways in by_body.items()
         }
-    result = Transfer(provenance=provenance, sizes=wanted.sizes, transfer=found)
+    result = Transfer(provenance=provenance, norm=settings.norm, sizes=wanted.sizes, transfer=found)
     folder.write_result(run.folder, result)
     for name, entries in found.items():
-        terminal.show_transfer(name, entries, result.sizes)
-    record.write_record(run, provenance, _record(settings, result, data.train_size))
+        terminal.show_transfer(name, entries, result.sizes, metric)
+    record.write_record(run, provenance, _record(settings, result, data.train_size, metric))
     run.remove_partial_results()
     terminal.show_folder(run.folder)
 
 
-def _record(settings: EvaluateSettings, result: Transfer, train_size: int) -> RunRecord:
+def _record(settings: EvaluateSettings, result: Transfer, train_size: int, metric: str) -> RunRecord:
     """Figures, and for TensorBoard the errors of every model on every body."""
-    headline = f"transfer_{metrics.HEADLINE}"
+    headline = f"transfer_{metric}"
     figures = {
         f"transfer_{name}": learning.transfer_errors(
             result.sizes,
@@ -80,13 +80,14 @@ def _record(settings: EvaluateSettings, result: Transfer, train_size: int) -> Ru
                 for body, found in bodies.items()
             },
             {body: tuple(found.zero_shot[0]) for body, found in bodies.items()},
-            record.headline_axis(settings.norm),
+            metrics.METRICS[metric].axis,
         )
         for name, bodies in result.transfer.items()
     }
     chart = {"Each model from scratch, and with the trained one as prior": [f"{headline}/"]}
     return RunRecord(
         trained_on=train_size,
+        metric=metric,
         scalars=[
             (size, {f"{headline}/{body}/{name}/{way}": getattr(found, way)[place] for way in WAYS})
             for name, bodies in result.transfer.items()

@@ -22,6 +22,7 @@ Source: Fazeli et al. (2017), Section 3.2; the curve over w is this package's.
 """
 
 from collections.abc import Mapping
+from typing import Literal, get_args
 
 import torch
 from jaxtyping import Float, Int
@@ -31,7 +32,8 @@ from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts, Prediction
 
-NORMS = ("mass", "euclidean")
+Norm = Literal["mass", "euclidean"]
+NORMS: tuple[Norm, ...] = get_args(Norm)
 """√(eᵀ M e), in √J, and ‖e‖₂ over (v_x, v_y, ω), which adds metres to radians as the paper does."""
 
 _TINY = torch.finfo(torch.float64).tiny
@@ -42,13 +44,13 @@ _NEWTON_STEPS = 50  # from a bound below λ it converges monotonically; 10 were 
 def distance(impacts: Impacts, v_post: Float[Tensor, "*batch n 3"], norm: str = "mass") -> Float[Tensor, "*batch n"]:
     """Compute the distance [..., N] of v_post [..., N, 3] from the measured post velocity.
 
-    √(eᵀ M e) in √J for `mass`, √(eᵀ e) over (v_x, v_y, ω) in m/s and rad/s for `euclidean`.  It is
-    not an error metric of `contactlearn.inference.evaluation.metrics`: nothing is normalised.
+    √(eᵀ M e) in √J for `mass`, √(eᵀ e) over (v_x, v_y, ω) in m/s and rad/s for `euclidean`; nothing is normalised, as
+    it may be in `metrics`.
 
     Raises:
         UnknownNameError: no such norm.
     """
-    return (_weights(impacts, norm).mT * (v_post - impacts.v_post).square()).sum(-1).sqrt()
+    return (weights(impacts, norm).mT * (v_post - impacts.v_post).square()).sum(-1).sqrt()
 
 
 def best_post_hoc(
@@ -92,7 +94,7 @@ def irb(impacts: Impacts, norm: str = "mass", patch: Float[Tensor, "*batch"] | f
         UnknownNameError: no such norm.
         ContactLearnError: a width that is negative, not finite or of a shape that does not fit.
     """
-    weights = _weights(impacts, norm)
+    D = weights(impacts, norm)
     width = torch.as_tensor(patch, dtype=torch.float64, device=impacts.mass.device)
     narrowest, widest = (x.item() for x in width.aminmax())
     if not 0 <= narrowest <= widest < torch.inf:
@@ -105,22 +107,26 @@ def irb(impacts: Impacts, norm: str = "mass", patch: Float[Tensor, "*batch"] | f
         )
     shape = torch.broadcast_shapes(width.shape, impacts.mass.shape)
     if widest == 0:
-        P, _ = _point_contact(impacts, weights, torch.zeros_like(impacts.mass))
+        P, _ = _point_contact(impacts, D, torch.zeros_like(impacts.mass))
         wrench = torch.stack((*P, torch.zeros_like(P[0])), -1)
         return Prediction.from_wrench(impacts, wrench.expand(*shape, 3))
     width = width.expand(shape)
     offset = torch.stack((width, -width))
-    P, gap = _point_contact(impacts, weights, offset)
+    P, gap = _point_contact(impacts, D, offset)
     ends = torch.stack((*P, offset * P[1]), -1)
-    free, free_gap = (x.reshape(2, *[1] * (len(shape) - 1), *x.shape[1:]) for x in _free_moment(impacts, weights))
+    free, free_gap = (x.reshape(2, *[1] * (len(shape) - 1), *x.shape[1:]) for x in _free_moment(impacts, D))
     p_n, tau = free[..., 1], free[..., 2]
     free_gap = torch.where((p_n >= 0) & (tau.abs() <= width * p_n), free_gap, torch.inf)
     wrenches = torch.cat((ends, free.expand(2, *shape, 3)))
     return Prediction.from_wrench(impacts, _pick(wrenches, torch.cat((gap, free_gap)).argmin(0)))
 
 
-def _weights(impacts: Impacts, norm: str) -> Tensor:
-    """D [3, N] of the squared norm eᵀ diag(D) e."""
+def weights(impacts: Impacts, norm: str) -> Float[Tensor, "3 n"]:
+    """Return D of the squared norm eᵀ diag(D) e.
+
+    Raises:
+        UnknownNameError: no such norm.
+    """
     if norm not in NORMS:
         raise UnknownNameError("norm", norm, NORMS)
     mass, inertia = impacts.mass, impacts.inertia

@@ -6,7 +6,7 @@
 The figure number is that of Fazeli et al. (2017).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from textwrap import wrap
 from typing import Any
 
@@ -22,7 +22,7 @@ from contactlearn.report.figures import style as st
 
 @st.look()
 def error_comparison(
-    errors: Mapping[str, Float[Tensor, " n"]], intervals: Mapping[str, tuple[float, float, float]], metric: str
+    errors: Mapping[str, Float[Tensor, " n"]], intervals: Mapping[str, Iterable[float]], metric: str
 ) -> Figure:
     """Draw the distribution of each model's error over the trials, from top to bottom as given (Fig. 3.5).
 
@@ -58,7 +58,7 @@ def error_comparison(
     return figure
 
 
-def _draw_model(axes: Axes, place: int, name: str, values: np.ndarray, interval: tuple[float, float, float]) -> None:
+def _draw_model(axes: Axes, place: int, name: str, values: np.ndarray, interval: Iterable[float]) -> None:
     """A box of the errors, and below it their mean with its interval."""
     style = st.law_style(name)
     bound = style.label in (st.LAW_STYLE[key].label for key in st.BOUNDS)

@@ -29,7 +29,7 @@ from contactlearn.diagnosis.regions import Variable, variables
 from contactlearn.diagnosis.result import ComponentTest, Diagnosis, Record, Region, Remainder, RungKind, WrenchComponent
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import SYMBOLS, of_state
-from contactlearn.inference.evaluation.metrics import HEADLINE, METRICS, Interval, mass_error
+from contactlearn.inference.evaluation.metrics import METRICS, Interval, mass_error
 from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, binned, share_explained
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st
@@ -40,7 +40,7 @@ from contactlearn.report.text import base_label, effect_label, error, fix_spacin
 _BLUE, _RED, _YELLOW = st.CONTRAST
 _LOOKS: tuple[dict[str, Any], ...] = ({"color": _BLUE}, {"color": _RED, "linestyle": (0, (4, 1.5))})
 _GOLDEN = 0.618  # spreads the dots of one label
-ERROR = f"{METRICS[HEADLINE].label} ({METRICS[HEADLINE].unit})"
+ERROR = METRICS["mass_error"].axis
 """Axis label of the mass error."""
 _SYMBOLS = 2  # columns of panels, at most
 _ROWS = tuple(WrenchComponent)  # in the order of the wrench

@@ -71,6 +71,7 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
     """Return the data of the page of a diagnosis; the arguments are those of `write_page`."""
     content = {
         "title": f"Diagnosis of {provenance.data.source}",
+        "_measure": phrase("measure", "mass"),
         "verdict": {
             "key": str(found.verdict),
             "headline": headline(found),

@@ -6,11 +6,10 @@ from typing import Any
 
 import torch
 
-from contactlearn.inference.evaluation.metrics import METRICS, mass_error
+from contactlearn.inference.evaluation.metrics import METRICS
 from contactlearn.laws import find
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.comparison import error_comparison
-from contactlearn.report.figures.diagnosis import ERROR
 from contactlearn.report.figures.learning import learning_curve
 from contactlearn.report.figures.style import BOUNDS, law_style
 from contactlearn.report.page.page import packed, reproduced
@@ -34,10 +33,10 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
     labels = model_labels(result)
     names = [result.best, *result.differences, *(name for name in BOUNDS if name in predictions)]
     laws = {fit.law: find(fit.law, fit.variant, **fit.options).at(fit.mu, fit.eps) for fit in result.fits}
-    closest = min(laws, key=lambda name: result.errors[name].headline.mean)
+    closest = min(laws, key=lambda name: result.errors[name].of(result.metric).mean)
     fitted, arrays = of_laws(test, laws)
     sentences = _sentences(result, labels, closest, len(test))
-    arrays |= of_outcomes(test, torch.stack([predictions[name].v_post for name in names]))
+    arrays |= of_outcomes(test, torch.stack([predictions[name].v_post for name in names]), result.norm)
     return {
         "title": f"Evaluation on {test.source}",
         "verdict": {
@@ -47,9 +46,13 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
             "sentences": sentences[1:],
         },
         "law": {"name": closest, "label": law_style(closest).label},
-        "comparison": [{"key": key, "label": metric.label, "unit": metric.unit} for key, metric in METRICS.items()],
+        "_measure": phrase("measure", result.norm),
+        "comparison": [
+            {"key": key, "label": METRICS[key].label, "unit": METRICS[key].unit}
+            for key in dict.fromkeys((result.metric, *METRICS))
+        ],
         "models": [
-            {"label": labels[name], **finely(asdict(errors.headline)), "errors": finely(asdict(errors))}
+            {"label": labels[name], **finely(asdict(errors.of(result.metric))), "errors": finely(asdict(errors))}
             for name, errors in ((name, result.errors[name]) for name in names)
         ],
         "chosen": 0,
@@ -66,21 +69,23 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
 
 def _figures(result: Evaluation, held_out: HeldOut, labels: Mapping[str, str]) -> dict[str, Any]:
     """The figures that no choice changes, by their place on the page."""
-    errors = {label: mass_error(held_out.impacts, held_out.predictions[name]) for name, label in labels.items()}
-    means = {label: result.errors[name].headline for name, label in labels.items()}
-    intervals = {label: (mean.mean, mean.low, mean.high) for label, mean in means.items()}
-    figures = {"distributions": error_comparison(errors, intervals, ERROR)}
+    metric, means = METRICS[result.metric], {name: one.of(result.metric) for name, one in result.errors.items()}
+    errors = {label: metric.error(held_out.impacts, held_out.predictions[name]) for name, label in labels.items()}
+    intervals = {label: means[name] for name, label in labels.items()}
+    figures = {"distributions": error_comparison(errors, intervals, metric.axis)}
     if result.learning_curves:
-        curves = {name: torch.tensor([*map(tuple, one.headline)]) for name, one in result.learning_curves.items()}
-        bounds = {name: result.errors[name].headline for name in BOUNDS if name in result.errors}
+        curves = {
+            name: torch.tensor([*map(tuple, one.of(result.metric))]) for name, one in result.learning_curves.items()
+        }
+        bounds = {name: means[name] for name in BOUNDS if name in means}
         sizes = next(iter(result.learning_curves.values())).sizes
-        figures["curve"] = learning_curve(sizes, curves, bounds, ERROR)
+        figures["curve"] = learning_curve(sizes, curves, bounds, metric.axis)
     return {place: digits(as_plotly(figure)) for place, figure in figures.items()}
 
 
 def _sentences(result: Evaluation, labels: Mapping[str, str], closest: str, trials: int) -> list[str]:
     """The numbers behind the headline, and where the learned models are."""
-    errors = {name: entry.headline for name, entry in result.errors.items()}
+    errors = {name: entry.of(result.metric) for name, entry in result.errors.items()}
     sentences = phrases("evaluation_summary", labels, errors, result.best, result.differences, closest, trials)
     if note := phrase("joint_row", result.fits, result.joint):
         sentences.append(sentence(note))
@@ -92,8 +97,8 @@ def _curves(result: Evaluation) -> list[dict[str, Any]]:
     if not result.learning_curves:
         return []
     sizes = next(iter(result.learning_curves.values())).sizes
-    lines = {name: curve.headline for name, curve in result.learning_curves.items()}
-    lines |= {name: [result.errors[name].headline] * len(sizes) for name in BOUNDS if name in result.errors}
+    lines = {name: curve.of(result.metric) for name, curve in result.learning_curves.items()}
+    lines |= {name: [result.errors[name].of(result.metric)] * len(sizes) for name in BOUNDS if name in result.errors}
     return [
         {"label": law_style(name).label, "sizes": sizes, "intervals": finely([asdict(one) for one in line])}
         for name, line in lines.items()

@@ -21,16 +21,24 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import is_number
 from contactlearn.diagnosis.record import Record
 from contactlearn.effects import EffectId
-from contactlearn.inference.evaluation.metrics import HEADLINE, Interval
+from contactlearn.inference.evaluation.metrics import METRICS, Interval
 from contactlearn.report.figures.browser import as_plotly, plotly_style
-from contactlearn.report.figures.diagnosis import ERROR
 from contactlearn.report.figures.learning import run_curves
 from contactlearn.report.figures.style import BOUNDS, MODEL_STYLE, STYLES, LawStyle, law_style
 from contactlearn.report.page.diagnosis import of_diagnosis
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import FILE, render, save, write
 from contactlearn.report.page.trials import digits
-from contactlearn.report.text import base_label, conclusion, effect_label, join_words, label, phrases, rung_label
+from contactlearn.report.text import (
+    base_label,
+    conclusion,
+    effect_label,
+    join_words,
+    label,
+    phrase,
+    phrases,
+    rung_label,
+)
 from contactlearn.results import folder as run_folder
 from contactlearn.results.folder import is_run
 from contactlearn.results.runs import (
@@ -39,6 +47,7 @@ from contactlearn.results.runs import (
     Settings,
     absolute,
     as_table,
+    common_metric,
     distinguishing,
     printable,
     read_runs,
@@ -136,7 +145,8 @@ def _target(roots: Sequence[Path], out: str | os.PathLike[str] | None) -> Path:
 
 def of_runs(runs: Sequence[ComparedRun], skipped: Sequence[tuple[str, str]], folder: Path) -> dict[str, Any]:
     """Return the content of the page, with links relative to `folder`; scripts do not get entries that begin with _."""
-    settings, errors = varying(runs), _errors(as_table(runs))
+    settings, metric = varying(runs), common_metric(runs)
+    errors = _errors(as_table(runs), metric)
     families = sorted({effect.name for run in runs for effect in (*run.given, *run.found)})
     several = len({run.data.sha256 for run in runs}) > 1
     bases = {run.data.sha256: run.data for run in runs}
@@ -154,14 +164,16 @@ def of_runs(runs: Sequence[ComparedRun], skipped: Sequence[tuple[str, str]], fol
             }
             for k, (run, traits) in enumerate(zip(runs, _traits(runs), strict=True))
         ],
-        **learning_lines(runs, settings),
+        **learning_lines(runs, settings, metric),
+        "error": METRICS[metric].label,
         "_mark": MARK,
-        "_sentences": _sentences(runs),
+        "_measure": phrase("measure", METRICS[metric].norm),
+        "_sentences": _sentences(runs, metric),
         "_warnings": _warnings(runs, settings),
         "_data": [asdict(data) | {"runs": sum(run.data.sha256 == key for run in runs)} for key, data in bases.items()],
         "_skipped": skipped,
         "_shared": shared(runs),
-        "_columns": _columns(runs, errors, settings, families, several),
+        "_columns": _columns(runs, errors, settings, families, several, f"Held-out {METRICS[metric].name}"),
         "_links": [_link(run, folder) for run in runs],
         "_ladders": [
             {
@@ -189,10 +201,10 @@ def _traits(runs: Sequence[ComparedRun]) -> list[list[tuple[str, str]]]:
     ]
 
 
-def _errors(table: pd.DataFrame) -> dict[str, list[dict[str, float] | None]]:
-    """Return the held-out mass errors of each run: its own model, the law alone, the noise and the bound."""
+def _errors(table: pd.DataFrame, metric: str) -> dict[str, list[dict[str, float] | None]]:
+    """Return the held-out errors of each run: its own model, the law alone, the noise and the bound."""
     rows = {"error": table.own, "base": table.law_alone, "noise": table.model == "noise", "bound": table.model == IRB}
-    columns = {HEADLINE: "mean", f"{HEADLINE}_low": "low", f"{HEADLINE}_high": "high"}
+    columns = {metric: "mean", f"{metric}_low": "low", f"{metric}_high": "high"}
     return {
         key: [
             None if pd.isna(one["mean"]) else one
@@ -209,8 +221,12 @@ def _columns(
     settings: Settings,
     families: Sequence[str],
     several: bool,
+    measure: str,
 ) -> list[dict[str, Any]]:
-    """Return name, kind (text, number, tick or error) and cells (text, sort key) of each column."""
+    """Return name, kind (text, number, tick or error) and cells (text, sort key) of each column.
+
+    `measure` is the name of that of the runs' own errors.
+    """
 
     def column(
         name: str, values: Iterable[Any], kind: str = "text", shown: Callable[[Any], str] = str
@@ -224,7 +240,7 @@ def _columns(
     def ticks(family: str) -> dict[str, Any]:
         return {"name": printable(label(family)), "kind": "tick", "cells": [_tick(run, family) for run in runs]}
 
-    found = [of_errors("Held-out mass error", "error")]
+    found = [of_errors(measure, "error")]
     if len({run.command for run in runs}) > 1:
         found.append(column("Command", [run.command for run in runs]))
     own = [
@@ -252,7 +268,7 @@ def _columns(
             column("Trials", [run.data.trials for run in runs], "number"),
             column("SHA-256 of the data", [run.data.sha256[:_HASH] for run in runs], "hash"),
         ]
-    needed = {"Held-out mass error", "Law"}
+    needed = {measure, "Law"}
     return [one for one in found if one["name"] in needed or any(key is not None for _, key in one["cells"])]
 
 
@@ -278,11 +294,11 @@ def _with(run: ComparedRun) -> str:
     return f"{law} with {given}" if given else law
 
 
-def _sentences(runs: Sequence[ComparedRun]) -> list[str]:
+def _sentences(runs: Sequence[ComparedRun], metric: str) -> list[str]:
     """Count the runs, and name the one with the lowest error on each set of data."""
     best = []
     for data in {run.data.sha256: run.data for run in runs}.values():
-        there = [(run, run.error) for run in runs if run.data.sha256 == data.sha256 and run.error]
+        there = [(run, error) for run in runs if run.data.sha256 == data.sha256 and (error := run.error(metric))]
         if len(there) > 1:
             first, least = min(there, key=lambda one: one[1].mean)
             overlaps = sum(run is not first and error.low <= least.high for run, error in there)
@@ -295,9 +311,8 @@ def _warnings(runs: Sequence[ComparedRun], settings: Settings) -> list[str]:
     diagnosed = sum(run.command == "diagnose" for run in runs)
     split = [key for key in settings if key in ("seed", "test")]
     versions = sorted({run.versions.get("contactlearn", "?") for run in runs})
-    return phrases(
-        "runs_warnings", len({run.data.sha256 for run in runs}), diagnosed, len(runs) - diagnosed, split, versions
-    )
+    data, norms = len({run.data.sha256 for run in runs}), len({run.norm for run in runs})
+    return phrases("runs_warnings", data, norms, diagnosed, len(runs) - diagnosed, split, versions)
 
 
 def _link(run: ComparedRun, folder: Path) -> str | None:
@@ -333,17 +348,17 @@ class _Line:
     rows: list[int] = field(default_factory=list)
 
 
-def learning_lines(runs: Sequence[ComparedRun], settings: Settings) -> dict[str, Any]:
+def learning_lines(runs: Sequence[ComparedRun], settings: Settings, metric: str) -> dict[str, Any]:
     """Return `curves`, lines {label, sizes, intervals, level, runs}, and their figure, in which a `gid` is their place.
 
     A line is of runs that differ in `train.size` and in nothing else; without such, of a model of an evaluation that
     has learning curves.  The bounds on the same data come last.
     """
-    lines = [line for line in _across(runs, settings) or _within(runs) if line.points]
+    lines = [line for line in _across(runs, settings, metric) or _within(runs, metric) if line.points]
     if not lines:
         return {"curves": []}
     ends = min(size for line in lines for size in line.points), max(size for line in lines for size in line.points)
-    yardsticks = _yardsticks(runs, settings, {line.sha256 for line in lines})
+    yardsticks = _yardsticks(runs, settings, metric, {line.sha256 for line in lines})
     drawn, words = [*lines, *yardsticks], [*_labels(lines), *_labels(yardsticks)]
     looks = [*_distinct_styles(lines), *(law_style(line.model) for line in yardsticks)]
     entries, curves, levels = list[dict[str, Any]](), dict[str, dict[float, Interval]](), dict[str, Interval]()
@@ -362,33 +377,33 @@ def learning_lines(runs: Sequence[ComparedRun], settings: Settings) -> dict[str,
     sizes = sorted({size for points in curves.values() for size in points})
     table = {gid: np.array([[*points.get(size, _NOT_RUN)] for size in sizes]) for gid, points in curves.items()}
     styles = {str(gid): look._replace(label=words[gid]) for gid, look in enumerate(looks)}
-    figure = run_curves(sizes, table, levels, styles, ERROR)
+    figure = run_curves(sizes, table, levels, styles, METRICS[metric].axis)
     return {"curves": entries, "figures": {"curve": digits(as_plotly(figure), 8)}}
 
 
-def _across(runs: Sequence[ComparedRun], settings: Settings) -> list[_Line]:
+def _across(runs: Sequence[ComparedRun], settings: Settings, metric: str) -> list[_Line]:
     """Return lines of runs that differ in nothing but their size."""
     found: dict[tuple[tuple[str, str], ...], _Line] = {}
     for k, size, traits in _sized(runs, settings):
         run = runs[k]
-        if run.error is not None:
+        if (error := run.error(metric)) is not None:
             name = run.learned or run.law or "no law"
             law = {"law": law_style(run.law).label} if run.law and name != run.law else {}
             traits = {"": law_style(name).label, **law, **traits, "command": f"{run.command}.py"}
             line = found.setdefault(tuple(traits.items()), _Line(model=name, traits=traits, sha256=run.data.sha256))
-            line.points.setdefault(size, run.error)
+            line.points.setdefault(size, error)
             line.rows.append(k)
     return [line for line in found.values() if len(line.points) > 1]
 
 
-def _within(runs: Sequence[ComparedRun]) -> list[_Line]:
+def _within(runs: Sequence[ComparedRun], metric: str) -> list[_Line]:
     """Return the learning curves of evaluations."""
     return [
         _Line(
             model=printable(name),
             traits={"": law_style(printable(name)).label, **_parts(run), "run": run.name},
             sha256=run.data.sha256,
-            points=dict(zip(curve.sizes, curve.headline, strict=True)),
+            points=dict(zip(curve.sizes, curve.of(metric), strict=True)),
             rows=[k],
         )
         for k, run in enumerate(runs)
@@ -397,14 +412,14 @@ def _within(runs: Sequence[ComparedRun]) -> list[_Line]:
     ]
 
 
-def _yardsticks(runs: Sequence[ComparedRun], settings: Settings, data: Container[str]) -> list[_Line]:
+def _yardsticks(runs: Sequence[ComparedRun], settings: Settings, metric: str, data: Container[str]) -> list[_Line]:
     """Return the bounds of evaluations on these data; equal ones once."""
     found: dict[tuple[str | tuple[str, str], ...], _Line] = {}
     for k, size, traits in _sized(runs, settings):
         run = runs[k]
         if run.data.sha256 in data and run.command == "evaluate":
             for name in run.bounds:
-                value = run.mass_error(name)
+                value = run.error(metric, name)
                 if value is None:
                     continue
                 line = _Line(model=name, traits={"": law_style(name).label, **traits}, sha256=run.data.sha256)

@@ -8,7 +8,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.diagnosis.regions import Variable, variables
-from contactlearn.inference.evaluation.metrics import Interval, mass_error
+from contactlearn.inference.evaluation.bounds import Norm, weights
+from contactlearn.inference.evaluation.metrics import METRICS, Interval, headline
 from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
@@ -55,17 +56,17 @@ def trial_columns(impacts: Impacts) -> dict[str, Float[Tensor, " n"]]:
     return found | dict(zip(("P_t", "P_n", "tau"), MILLI * impacts.wrench.T, strict=True))
 
 
-def of_outcomes(impacts: Impacts, v_post: Float[Tensor, "m n 3"]) -> dict[str, Tensor]:
+def of_outcomes(impacts: Impacts, v_post: Float[Tensor, "m n 3"], norm: Norm = "mass") -> dict[str, Tensor]:
     """Return what M models predict: `v_post`, the `wrench` to it [M, N, 3] in mN s and mN m s, and their errors.
 
-    `error` [M, N] is the mass error, `parts` [M, N, 3] are the shares of its square in v_x, v_y and ω.
+    `error` [M, N] is the headline of the norm, `parts` [M, N, 3] are the shares of its square in v_x, v_y and ω.
     """
     wrench = rigid_body.measured_wrench(impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, v_post)
-    parts = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1) * (v_post - impacts.v_post).square()
+    parts = weights(impacts, norm).mT * (v_post - impacts.v_post).square()
     return {
         "v_post": v_post,
         "wrench": MILLI * wrench,
-        "error": mass_error(impacts, Prediction(v_post, wrench)),
+        "error": METRICS[headline(norm)].error(impacts, Prediction(v_post, wrench)),
         "parts": (parts / parts.sum(-1, keepdim=True)).nan_to_num(0.0),
     }
 

@@ -75,7 +75,7 @@ function drawMap(state, id = "map") {
     ...(variable.labels.length && {tickvals: [-1, 0, 1], ticktext: variable.labels.map(plain)}),
   });
   const bar = {
-    title: {text: state.alone ? "Mass error of the law alone" : page.switches?.length ? "Mass error of the ticked model" : "Mass error", side: id === "map" ? "top" : "right"}, thickness: 12, outlinewidth: 0,
+    title: {text: state.alone ? "Mass error of the law alone" : page.switches?.length ? "Mass error of the ticked model" : page.comparison?.[0].label ?? "Mass error", side: id === "map" ? "top" : "right"}, thickness: 12, outlinewidth: 0,
     ...(id === "map" && {len: 0.9, orientation: "h", y: 1.02, yanchor: "bottom"}),
   };
   const points = trials.count > MOST_POINTS ? cells(at, error, most, region && inside, bar) : {

@@ -79,7 +79,7 @@ function drawRuns() {
   const least = rows.reduce((best, run) => !best || run.error.mean < best.error.mean ? run : best, null);
   return draw("by-run", [...marks, ...laws], {
     margin: {l: 50, r: 15, t: 35, b: 45},
-    xaxis: {title: {text: "Mass error"}, rangemode: "tozero"}, showlegend: true,
+    xaxis: {title: {text: page.error}, rangemode: "tozero"}, showlegend: true,
     yaxis: {tickvals: rows.map((_, k) => k), ticktext: names.map(plain), range: [rows.length - 0.5, -0.5], zeroline: false, showgrid: true, fixedrange: true},
     summary: rows.length ? `${rows.length} runs, the least of ${least.name} with ${interval(least.error)}; the table has the numbers.` : "No run.",
   }).then(() => nameTicks(rows));
