@@ -48,7 +48,7 @@ def test_bounds_are_least_in_the_metrics_of_their_norm(norm):
     drawn = Prediction.from_wrench(impacts, wrench)
     admissible = ~metrics.outside_admissible(impacts, wrench[..., :2])
     assert admissible.double().mean() > 0.05
-    for metric in metrics.bounded(norm):
+    for metric in metrics.bounded_metrics(norm):
         error = metrics.METRICS[metric].error
         least = error(impacts, bounds.irb(impacts, norm)) - ROUNDING
         assert (least <= error(impacts, best)).all()
@@ -57,10 +57,10 @@ def test_bounds_are_least_in_the_metrics_of_their_norm(norm):
 
 
 def test_every_norm_has_a_headline_of_its_own():
-    assert {norm: metrics.headline(norm) for norm in bounds.NORMS} == {
+    assert {norm: metrics.headline_metric(norm) for norm in bounds.NORMS} == {
         "mass": "mass_error", "euclidean": "euclidean_error",
     }  # fmt: skip
-    bounded = [name for norm in bounds.NORMS for name in metrics.bounded(norm)]
+    bounded = [name for norm in bounds.NORMS for name in metrics.bounded_metrics(norm)]
     assert set(metrics.METRICS) - set(bounded) == {"velocity_error"}
     assert len(bounded) == len(set(bounded))
 

@@ -14,7 +14,7 @@ from rich.text import Text
 from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
-from contactlearn.inference.evaluation.metrics import METRICS, bounded
+from contactlearn.inference.evaluation.metrics import METRICS, bounded_metrics
 from contactlearn.report.text import correct_setting, phrase, sentence
 from contactlearn.results.runs import absolute, as_table, common_metric, distinguishing, read_runs
 from contactlearn.results.types import (
@@ -54,7 +54,7 @@ def show_models(result: Training | Evaluation) -> None:
 
     The spread over the subsets stands beside a shared fit, the standard error beside a joint fit.
     """
-    shown = {name: METRICS[name] for name in (*bounded(result.norm), "velocity_error")}
+    shown = {name: METRICS[name] for name in (*bounded_metrics(result.norm), "velocity_error")}
     units = (f"{metric.name} {metric.unit}".strip(" –") for metric in shown.values())
     title = "Errors on the held-out trials: means, and the 95 % interval of the first"
     table = new_table(title, "model", "μ", "ε", *units, "outside")

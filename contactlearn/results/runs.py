@@ -30,7 +30,7 @@ from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.bounds import Norm
-from contactlearn.inference.evaluation.metrics import Interval, headline
+from contactlearn.inference.evaluation.metrics import Interval, headline_metric
 from contactlearn.results.folder import FILES, find_results, read_result
 from contactlearn.results.state import read_done
 from contactlearn.results.tables import FORMATS, write_frames
@@ -166,13 +166,13 @@ class ComparedRun:
         error = self.errors.get(model or self.own)
         if isinstance(error, ModelErrors):
             return error.intervals.get(metric)
-        return error if metric == headline(self.norm) else None
+        return error if metric == headline_metric(self.norm) else None
 
 
 def common_metric(runs: Iterable[ComparedRun]) -> str:
     """Return the metric by which runs are compared: their headline, or the mass error where they differ in it."""
     norms = {run.norm for run in runs}
-    return headline(norms.pop() if len(norms) == 1 else "mass")
+    return headline_metric(norms.pop() if len(norms) == 1 else "mass")
 
 
 # --- Reading --------------------------------------------------------------------------------------
@@ -326,7 +326,7 @@ def _models(run: ComparedRun) -> Iterator[dict[str, Any]]:
             intervals = errors.intervals
             rest = {"outside_admissible": errors.outside_admissible}
         else:
-            intervals, rest = {headline(run.norm): errors}, {}
+            intervals, rest = {headline_metric(run.norm): errors}, {}
         numbers = {key: x for metric, one in intervals.items() for key, x in zip(_columns(metric), one, strict=True)}
         roles = {"own": name == run.own, "bound": name in run.bounds, "law_alone": name == run.law_alone}
         yield {"model": name, **roles, **numbers, **rest}

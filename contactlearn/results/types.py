@@ -15,7 +15,7 @@ from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.bounds import Norm
-from contactlearn.inference.evaluation.metrics import METRICS, Interval, bounded, headline
+from contactlearn.inference.evaluation.metrics import METRICS, Interval, bounded_metrics, headline_metric
 from contactlearn.mechanics.apparatus import KnownParameter
 
 # --- Provenance -----------------------------------------------------------------------------------
@@ -204,7 +204,7 @@ class ModelErrors:
 
 def metrics_of(model: str, norm: Norm) -> tuple[str, ...]:
     """Return the metrics in which a model is judged: all of them, or for a bound of a norm those that it bounds."""
-    return bounded(norm) if model in (BEST_POST_HOC, IRB) else tuple(METRICS)
+    return bounded_metrics(norm) if model in (BEST_POST_HOC, IRB) else tuple(METRICS)
 
 
 def known_model(model: str, errors: Mapping[str, ModelErrors]) -> None:
@@ -264,7 +264,7 @@ class Training:
     @property
     def metric(self) -> str:
         """The metric by which the model is compared with others."""
-        return headline(self.norm)
+        return headline_metric(self.norm)
 
 
 # --- Evaluation -----------------------------------------------------------------------------------
@@ -376,7 +376,7 @@ class Evaluation:
     @property
     def metric(self) -> str:
         """The metric by which models are compared."""
-        return headline(self.norm)
+        return headline_metric(self.norm)
 
 
 # --- Transfer -------------------------------------------------------------------------------------

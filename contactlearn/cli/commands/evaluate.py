@@ -66,7 +66,7 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
                 bound: metrics.METRICS[name].error(data.test, prediction).mean().item()
                 for bound, prediction in held_out.bounds.items()
             }
-            for name in metrics.bounded(result.norm)
+            for name in metrics.bounded_metrics(result.norm)
         }
         entries = {
             name: curves.curve_entry(curve, levels, data.generator, settings.bootstrap) for name, curve in found.items()
@@ -109,7 +109,7 @@ def _result(settings: EvaluateSettings, run: Run, data: Split, compared: Compari
 
     Runs are compared by the law with its effects, else by the law, or by the best one if that is not among them.
     """
-    metric = metrics.headline(settings.norm)
+    metric = metrics.headline_metric(settings.norm)
     errors = estimates.error_table(sums, settings.norm, settings.bootstrap, data.generator)
     joint = {name: estimates.joint_estimate(fit) for name, fit in compared.joint.items()}
     best, differences = estimates.ranked(sums, metric)
@@ -251,7 +251,7 @@ def _errors_drawn(
 
 def _bounded(result: Evaluation) -> dict[str, str]:
     """The metrics that the bounds of a run bound, with the ending of their figures' file names."""
-    return {name: "" if name == result.metric else f"_{name}" for name in metrics.bounded(result.norm)}
+    return {name: "" if name == result.metric else f"_{name}" for name in metrics.bounded_metrics(result.norm)}
 
 
 def _curves_drawn(

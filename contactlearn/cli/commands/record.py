@@ -143,7 +143,7 @@ def _log_hyperparameters(tracker: Tracker, run: Run, provenance: Provenance, rec
     values |= {f"effect_{name}": name in effects for name in dict.fromkeys((*catalogue(), *effects))}
     choices = {"command": ("train", "evaluate", "diagnose"), "law": (*laws.names(), _NONE)}
     shown = {}
-    for metric in map(metrics.headline, NORMS):
+    for metric in map(metrics.headline_metric, NORMS):
         (model, bound), error = own_tags(metric), metrics.METRICS[metric].name
         names = error, f"{error}, low, 95 %", f"{error}, high, 95 %", f"{error}, IRB bound"
         shown |= zip((model, *ends(model), bound), names, strict=True)

@@ -36,7 +36,7 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
     }
     provenance = run.provenance(data.blocks, settings.device, data.train_size)
     terminal.show_reused_trainings(count_trainings(run.partial))
-    found, metric = {}, metrics.headline(settings.norm)
+    found, metric = {}, metrics.headline_metric(settings.norm)
     for name, recipe in settings.recipes.items():
         with progress(run.folder) as on_event:
             learned = study.transfer_curves(

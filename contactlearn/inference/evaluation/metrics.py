@@ -1,13 +1,13 @@
 """Errors of predictions by trial, and 95 % intervals of their means over trials.
 
-    mass_error                   √(eᵀ M e) / √(vᵀ M v) over v = (v_x, v_y, ω) after contact   1
-    euclidean_error              ‖e‖₂ of the same numbers, the paper's measure              m/s and rad/s
-    normalised_euclidean_error   the same divided by ‖v‖₂, the paper's Fig. 3.5             1
-    velocity_error               ‖e‖₂ over (v_x, v_y), of the mass centre alone             m/s
+    mass_error                   √(eᵀ M e) / √(vᵀ M v) over (v_x, v_y, ω) after contact   1
+    euclidean_error              ‖e‖₂ over the same, the paper's measure                  m/s and rad/s
+    normalised_euclidean_error   ‖e‖₂ / ‖v‖₂, the paper's Fig. 3.5                        1
+    velocity_error               ‖e‖₂ over (v_x, v_y), of the mass centre alone           m/s
 
-A bound is the least error of its class in the norm that it minimises, and in no other: `bounded` has the metrics of a
-norm, `headline` the one by which models are compared.  The mass norm is the default, as the Euclidean one adds metres
-to radians.  Nothing bounds `velocity_error`, in which a moment about the mass centre does not show.
+A bound is the least error of its class in the norm that it minimises, and in no other: see `bounded_metrics`.  Models
+are compared by the `headline_metric` of that norm.  By default it is the mass norm, which does not add metres to
+radians.  Nothing bounds `velocity_error`, in which a moment about the mass centre does not show.
 
 `ErrorSums` holds means, variances and covariances of several models over blocks of trials, combined exactly (Chan,
 Golub & LeVeque 1983).  Up to `BOOTSTRAPPED` trials intervals are those of the bootstrap, beyond of the Gaussian limit.
@@ -79,14 +79,14 @@ METRICS = {
 """Each metric by name."""
 
 
-def bounded(norm: str) -> tuple[str, ...]:
+def bounded_metrics(norm: str) -> tuple[str, ...]:
     """Return the metrics in which the bounds of a norm, see `bounds.distance`, are the least errors of their class."""
     return tuple(name for name, metric in METRICS.items() if metric.norm == norm)
 
 
-def headline(norm: str) -> str:
+def headline_metric(norm: str) -> str:
     """Return the metric by which models are compared where the bounds are those of a norm."""
-    return bounded(norm)[0]
+    return bounded_metrics(norm)[0]
 
 
 def outside_admissible(impacts: Impacts, impulse: Float[Tensor, "*batch n 2"]) -> Bool[Tensor, "*batch n"]:

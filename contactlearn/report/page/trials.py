@@ -9,7 +9,7 @@ from torch import Tensor
 
 from contactlearn.diagnosis.regions import Variable, variables
 from contactlearn.inference.evaluation.bounds import Norm, weights
-from contactlearn.inference.evaluation.metrics import METRICS, Interval, headline
+from contactlearn.inference.evaluation.metrics import METRICS, Interval, headline_metric
 from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
@@ -66,7 +66,7 @@ def of_outcomes(impacts: Impacts, v_post: Float[Tensor, "m n 3"], norm: Norm = "
     return {
         "v_post": v_post,
         "wrench": MILLI * wrench,
-        "error": METRICS[headline(norm)].error(impacts, Prediction(v_post, wrench)),
+        "error": METRICS[headline_metric(norm)].error(impacts, Prediction(v_post, wrench)),
         "parts": (parts / parts.sum(-1, keepdim=True)).nan_to_num(0.0),
     }
 
