@@ -115,8 +115,45 @@ def test_a_mean_and_the_ends_of_its_interval(tmp_path):
         "interval/ladder/high": [(0, 3.0)],
     }
     lines = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
-    assert [line["trained_on"] for line in lines] == [40, 80]
+    assert [(line["trained_on"], line.get("rung")) for line in lines] == [(40, None), (80, None), (40, 0), (40, 1)]
     assert lines[0]["interval/error/a/high"] == 1.0
+
+
+def test_a_new_attempt_replaces_the_record_of_a_former_one(tmp_path):
+    """Also in a TensorBoard that has read the former one; a run without a value leaves nothing."""
+    shown = EventAccumulator(str(tmp_path)).Reload()
+    for sizes in ((10, 20, 40), (10, 30)):
+        with Tracker(tmp_path, 1) as tracker:
+            for size in sizes:
+                tracker.scalars({"error": size}, size)
+        assert [event.step for event in shown.Reload().Scalars("error")] == list(sizes)
+        with Tracker(tmp_path, 1):
+            pass
+        lines = (tmp_path / "metrics.jsonl").read_text().splitlines()
+        assert [json.loads(line)["error"] for line in lines] == list(sizes)
+    assert [event.step for event in EventAccumulator(str(tmp_path)).Reload().Scalars("error")] == [10, 30]
+
+
+def test_a_training_is_logged_round_by_round(runs):
+    folder, events = runs
+    events, rounds = events["learned"], []
+    for line in (folder / "learned" / "metrics.jsonl").read_text().splitlines():
+        rounds += [found] if "round" in (found := json.loads(line)) else []
+    results = json.loads((folder / "learned" / "results.json").read_text())
+    loss = {one["output"]: one["loss"] for one in results["processes"]}
+    for output, last in loss.items():
+        assert events.Scalars(f"fit/loss/{output}")[-1].value == torch.tensor(last).item()
+    for tag in ("fit/loss", "fit/noise/τ", "fit/length_scale/τ/v_n", "fit/mass_error", "fit/negative_log_density"):
+        logged = [(one["round"], one[tag]) for one in rounds if tag in one]
+        seen = [(event.step, event.value) for event in events.Scalars(tag)]
+        assert seen == [(step, torch.tensor(value, dtype=torch.float32).item()) for step, value in logged], tag
+    steps = [event.step for event in events.Scalars("fit/loss")]
+    scored = [event.step for event in events.Scalars("fit/mass_error")]
+    assert steps == list(range(1, len(steps) + 1))
+    assert scored == [*(k for k in (1, 2, 4, 8, 16) if k < len(steps)), len(steps)]
+    error = results["errors"]["x1_wrench"]["mass_error"]["mean"]
+    assert events.Scalars("fit/mass_error")[-1].value == pytest.approx(error, rel=1e-6)
+    assert len(events.Scalars("fit/loss")) > 3
 
 
 def test_hyperparameters_keep_their_kinds(tmp_path):
@@ -148,8 +185,8 @@ def test_a_card_holds_names_and_no_markup(tmp_path):
 def test_charts_of_all_runs_are_kept(tmp_path):
     """TensorBoard merges layouts, and loses charts under a category that the first run lacks."""
     for name in "abcd":
-        with Tracker(tmp_path / name, 1) as tracker:
-            tracker.charts({"shared": {"all": ["error/"], name: f"error/{name}"}})
+        with Tracker(tmp_path / name, 1, {"shared": {"all": ["error/"], name: f"error/{name}"}}) as tracker:
+            tracker.scalars({})
     assert merged(tmp_path) == {"shared": ["all", *"abcd"]}
 
 
@@ -164,7 +201,8 @@ def test_every_run_has_the_same_hyperparameters_and_metrics(runs):
     assert {f"effect_{name}" for name in catalogue()} <= set(names["diagnose"])
     for name, found in events.items():
         if name != "transfer":  # which has no error of one model
-            assert set(metrics[name]) <= set(found.Tags()["scalars"]), name
+            shown = {tag for tag in metrics[name] if "mass_error" in tag}  # the others are those of another norm
+            assert shown <= set(found.Tags()["scalars"]), name
         offered = [(info.name, str(info.domain_discrete)) for info in hparams(found, "experiment").hparam_infos]
         assert offered == [
             (i.name, str(i.domain_discrete)) for i in hparams(events["train"], "experiment").hparam_infos
@@ -216,7 +254,7 @@ def test_learning_curves_have_the_bounds_beside_them(runs):
     bounds = {"best_post_hoc", "irb"}
     shown = {"Laws": bounds | set(laws.PAPER_LAWS), "Learned models": bounds | {"x1_wrench"}}
     for kind, names in shown.items():
-        (pattern,) = charts[f"{kind}, Best Post Hoc and IRB bound"].multiline.tag
+        (pattern,) = charts[f"{kind}, Best Post Hoc and IRB bound: mass error"].multiline.tag
         tags = {tag for tag in events["evaluate"].Tags()["scalars"] if re.match(pattern, tag)}
         assert tags == {f"curve_mass_error/{name}" for name in names}
         for tag in tags:

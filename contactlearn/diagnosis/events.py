@@ -132,6 +132,36 @@ class SampleConfirmed(_Event, frozen=True, kw_only=True):
     sample: Sample
 
 
+class TrainingRound(_Event, frozen=True, kw_only=True):
+    """A model after a round of its training: loss in nats a trial and hyperparameters, by output.
+
+    Args:
+        model: its name.
+        trained_on: number of training trials.
+        round: counted from 1.
+        loss: of each output.
+        noise: standard deviation, in the output's unit.
+        length_scales: by feature, in standard deviations of the feature.
+    """
+
+    model: str
+    trained_on: int
+    round: int
+    loss: dict[str, float]
+    noise: dict[str, float]
+    length_scales: dict[str, dict[str, float]]
+
+
+class RoundScored(_Event, frozen=True, kw_only=True):
+    """Held-out trials by a model after a round of its training: mean errors by metric, mean −log density in nats."""
+
+    model: str
+    trained_on: int
+    round: int
+    errors: dict[str, float]
+    negative_log_density: float
+
+
 class LearningProgress(_Event, frozen=True, kw_only=True):
     """Models are trained on subsets: held-out errors so far by model, each with its number of training trials."""
 
@@ -154,6 +184,8 @@ Event: TypeAlias = (
     | RemainderLearned
     | FormulasSkipped
     | SampleConfirmed
+    | TrainingRound
+    | RoundScored
     | LearningProgress
 )
 """Any event."""

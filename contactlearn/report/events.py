@@ -21,11 +21,14 @@ from contactlearn.diagnosis.events import (
     OnEvent,
     RegionsFound,
     RemainderLearned,
+    RoundScored,
     SampleConfirmed,
     SubsampleStarted,
     TaskProgress,
+    TrainingRound,
     VelocitiesAveraged,
     append_event,
+    ignore,
 )
 from contactlearn.diagnosis.result import Diagnosis, Finding, Verdict
 from contactlearn.inference.evaluation.metrics import Interval
@@ -76,11 +79,12 @@ class TerminalObserver:
 
 
 @contextmanager
-def progress(folder: Path | None = None) -> Generator[OnEvent]:
+def progress(folder: Path | None = None, tracker: OnEvent = ignore) -> Generator[OnEvent]:
     """Show events on the terminal, with bars that disappear at the end.
 
     Args:
         folder: of the run, whose `progress.jsonl` the events are appended to; None writes no file.
+        tracker: receives them too.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as display:
@@ -90,6 +94,7 @@ def progress(folder: Path | None = None) -> Generator[OnEvent]:
             show(event)
             if folder is not None:
                 append_event(folder / FILE, event)
+            tracker(event)
 
         yield on_event
 
@@ -123,7 +128,7 @@ def event_lines(event: Event) -> list[str]:
             return [f"note: no formulas for the residual: {event.reason}"]
         case SampleConfirmed():
             return [f"all trials: {one}" for one in phrases("sample_summary", event.sample)]
-        case TaskProgress() | RemainderLearned() | LearningProgress():
+        case TaskProgress() | RemainderLearned() | TrainingRound() | RoundScored() | LearningProgress():
             return []
 
 

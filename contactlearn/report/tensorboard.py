@@ -1,8 +1,10 @@
 """Record of one run: TensorBoard events and, beside them, metrics.jsonl with one record a line.
 
-The x axis of every scalar is the number of training impacts, so that the runs of a sweep over sizes
-lie along a learning curve.  Of a value with a 95 % interval the mean has the tag itself, `TAG`, and the
-ends have `interval/TAG/low` and `interval/TAG/high`, which margin charts are drawn from.
+It grows with the run: everything is on disk as soon as it is logged, so that a killed run has shown what it had.
+
+The x axis of a scalar is the number of training impacts, so that the runs of a sweep over sizes
+lie along a learning curve; of `fit/…` it is the round of a training.  Of a value with a 95 % interval the mean has the
+tag itself, `TAG`, and the ends have `interval/TAG/low` and `interval/TAG/high`, which margin charts are drawn from.
 
 Hyperparameters go into the run's one event file, and booleans as booleans: TensorBoard's `add_hparams` would make
 a stray run of its own, and numbers of them.
@@ -11,14 +13,18 @@ a stray run of its own, and numbers of them.
 import io
 import json
 import re
+import statistics
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.plugins.hparams import api_pb2, metadata
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData, SessionEndInfo, SessionStartInfo
 from torch.utils.tensorboard import SummaryWriter
 
+from contactlearn.diagnosis.events import Event, RoundScored, TrainingRound
 from contactlearn.inference.evaluation.metrics import Interval
 
 _SHOWN = ("command", "effects", "law", "model", "train_size")
@@ -28,6 +34,16 @@ _KINDS: Mapping[type, tuple[str, int]] = {
 }
 _NUMBER = ("number_value", api_pb2.DATA_TYPE_FLOAT64)
 
+Charts = Mapping[str, Mapping[str, str | Sequence[str]]]
+"""Tags of the charts of the custom scalars by category and title.
+
+Several tags are lines in one chart, each a regular expression matched from the start; a single one, taken
+literally, is drawn with its interval.  TensorBoard joins the charts of all runs under the categories of the
+first, and loses charts that differ between runs under any other: a category with such charts belongs
+in every run.
+"""
+NO_CHARTS: Charts = MappingProxyType({})
+
 
 def ends(tag: str) -> tuple[str, str]:
     """Return the tags of the low and high end of the interval of a value."""
@@ -35,48 +51,64 @@ def ends(tag: str) -> tuple[str, str]:
 
 
 class Tracker:
-    """Writes scalars, charts, figures, hyperparameters and a card of one run into `folder`; a context manager."""
+    """Writes scalars, charts, figures, hyperparameters and a card of one run into `folder`; a context manager.
 
-    def __init__(self, folder: Path, trained_on: int):
-        self._writer = SummaryWriter(str(folder))
-        self._lines = (folder / "metrics.jsonl").open("a", encoding="utf-8")
-        self._trained_on = trained_on
+    Nothing is written before the first value.  Then TensorBoard hides what a former attempt in the folder logged;
+    its events stay, since TensorBoard reads no further where a file vanishes.
 
-    def __enter__(self) -> "Tracker":
-        return self
+    Args:
+        folder: of the run.
+        trained_on: number of training impacts of its model.
+        charts: of the custom scalars.
+    """
 
-    def __exit__(self, *_: object) -> None:
-        self._writer.close()
-        self._lines.close()
+    def __init__(self, folder: Path, trained_on: int, charts: Charts = NO_CHARTS) -> None:
+        self._folder, self._trained_on, self._charts = folder, trained_on, charts
 
-    def scalars(self, values: Mapping[str, float | Interval], trained_on: int | None = None) -> None:
-        """Log values by tag, such as `mass_error/whittaker`, at a number of training impacts; by default the run's."""
-        step = self._trained_on if trained_on is None else trained_on
-        logged = self._add(values, step)
-        self._lines.write(json.dumps({"trained_on": step, **logged}) + "\n")
-        self._lines.flush()
-
-    def series(self, tag: str, values: Iterable[float | Interval]) -> None:
-        """Log a value after each step of a fit, or for each rung of a ladder; its x axis is the step."""
-        for step, value in enumerate(values):
-            self._add({tag: value}, step)
-
-    def charts(self, categories: Mapping[str, Mapping[str, str | Sequence[str]]]) -> None:
-        """Lay out the custom scalars: charts by category and title; once a run.
-
-        Several tags are lines in one chart, each a regular expression matched from the start; a single one, taken
-        literally, is drawn with its interval.  TensorBoard joins the charts of all runs under the categories of the
-        first, and loses charts that differ between runs under any other: a category with such charts belongs
-        in every run.
-        """
+    @cached_property
+    def _writer(self) -> SummaryWriter:
+        (self._folder / "metrics.jsonl").unlink(missing_ok=True)
+        writer = SummaryWriter(str(self._folder), purge_step=0)
         layout = {
             category: {
                 title: ["Margin", [tags, *ends(tags)]] if isinstance(tags, str) else ["Multiline", list(tags)]
                 for title, tags in charts.items()
             }
-            for category, charts in categories.items()
+            for category, charts in self._charts.items()
         }
-        self._writer.add_custom_scalars(layout)
+        writer.add_custom_scalars(layout)
+        return writer
+
+    def __enter__(self) -> "Tracker":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if "_writer" in vars(self):
+            self._writer.close()
+
+    def __call__(self, event: Event) -> None:
+        """Log the numbers of an event, if it is one of a training."""
+        if isinstance(event, TrainingRound):
+            values = {"fit/loss": statistics.fmean(event.loss.values())}
+            for output, loss in event.loss.items():
+                values |= {f"fit/loss/{output}": loss, f"fit/noise/{output}": event.noise[output]}
+                lengths = event.length_scales[output]
+                values |= {f"fit/length_scale/{output}/{feature}": x for feature, x in lengths.items()}
+            self._log(values, event.round, {"trained_on": event.trained_on, "round": event.round})
+        elif isinstance(event, RoundScored):
+            values = {f"fit/{metric}": error for metric, error in event.errors.items()}
+            values["fit/negative_log_density"] = event.negative_log_density
+            self._log(values, event.round, {"trained_on": event.trained_on, "round": event.round})
+
+    def scalars(self, values: Mapping[str, float | Interval], trained_on: int | None = None) -> None:
+        """Log values by tag, such as `mass_error/whittaker`, at a number of training impacts; by default the run's."""
+        step = self._trained_on if trained_on is None else trained_on
+        self._log(values, step, {"trained_on": step})
+
+    def series(self, tag: str, values: Iterable[float | Interval]) -> None:
+        """Log a value for each rung of a ladder; its x axis is the rung."""
+        for step, value in enumerate(values):
+            self._log({tag: value}, step, {"trained_on": self._trained_on, "rung": step})
 
     def figure(self, tag: str, png: bytes) -> None:
         """Log a picture."""
@@ -128,8 +160,8 @@ class Tracker:
             value = Summary.Value(tag=tag, metadata=about, tensor=metadata.NULL_TENSOR)
             writer.add_summary(Summary(value=[value]))
 
-    def _add(self, values: Mapping[str, float | Interval], step: int) -> dict[str, float]:
-        """Log values at a step and return their numbers by tag."""
+    def _log(self, values: Mapping[str, float | Interval], step: int, place: Mapping[str, int]) -> None:
+        """Log values at a step; their line in metrics.jsonl begins with its place."""
         numbers = {}
         for tag, value in values.items():
             if isinstance(value, Interval):
@@ -138,7 +170,9 @@ class Tracker:
                 numbers[tag] = value
         for tag, number in numbers.items():
             self._writer.add_scalar(tag, number, step)
-        return numbers
+        self._writer.flush()
+        with (self._folder / "metrics.jsonl").open("a", encoding="utf-8") as lines:
+            lines.write(json.dumps({**place, **numbers}) + "\n")
 
 
 def _escaped(text: str) -> str:

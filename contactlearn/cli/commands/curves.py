@@ -23,12 +23,21 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
-from contactlearn.results.types import CurveCalibration, LearningCurve
+from contactlearn.report.tensorboard import Tracker
+from contactlearn.results.types import BEST_POST_HOC, IRB, CurveCalibration, LearningCurve
 
 Bases = Mapping[str, Mapping[int, Law | ContactModel]]
 
 
-def learning_study(settings: EvaluateSettings, data: Split, run: Run) -> dict[str, Curve]:
+def charted(settings: EvaluateSettings) -> tuple[str, ...]:
+    """Return the names of the models and bounds that have a learning curve."""
+    if not settings.recipes:
+        return ()
+    joint = (fitting.augmented_name(settings.law.name, settings.effects),) if settings.effects else ()
+    return (*settings.laws, *joint, *settings.learnable, BEST_POST_HOC, IRB)
+
+
+def learning_study(settings: EvaluateSettings, data: Split, run: Run, tracker: Tracker) -> dict[str, Curve]:
     """Identify the laws and train the learned models on every subset.
 
     Returns:
@@ -49,7 +58,7 @@ def learning_study(settings: EvaluateSettings, data: Split, run: Run) -> dict[st
     terminal.show_reused_trainings(count_trainings(run.partial))
     orders = study.nested_orders(len(data.pool), settings.curve_seeds, data.generator)
     pool, test = moved((data.pool, data.test), settings.device)
-    with progress(run.folder) as on_event:
+    with progress(run.folder, tracker) as on_event:
         bases, curves = _law_curves(settings, pool, test, orders, sizes, on_event)
         learned = study.learning_curves(
             recipes,

@@ -18,22 +18,33 @@ from contactlearn.diagnosis.events import track
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.effects import EffectId, catalogue
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report import terminal
 from contactlearn.report.events import progress, show_verdict
 from contactlearn.report.figures.diagnosis import drawn
 from contactlearn.report.page.diagnosis import write_page
+from contactlearn.report.tensorboard import Tracker
 from contactlearn.report.text import base_label, headline, rung_label
 from contactlearn.results.folder import write_result
 from contactlearn.results.types import DiagnosisRun
 
 _METRIC = "mass_error"  # of every diagnosis
+_LADDER = f"ladder/{_METRIC}"
 
 
 def diagnose(settings: DiagnoseSettings, run: Run) -> None:
     """Find the missing effects; print each stage when it is known, and the verdict when it is on disk."""
     impacts = loading.load_data(settings.source, validate=False, folder=run.folder)
     terminal.print_line(f"{impacts.source}: {len(impacts)} impacts")
-    with progress(run.folder) as on_event:
+    charts = {"Ladder of a diagnosis": {"Mass error by rung; the run card names the rungs": _LADDER}}
+    with record.tracker_of(run, len(impacts), _METRIC, charts=charts) as tracker:
+        _diagnose(settings, run, impacts, tracker)
+    run.remove_partial_results()
+    terminal.show_folder(run.folder)
+
+
+def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: Tracker) -> None:
+    with progress(run.folder, tracker) as on_event:
         own = {EffectId(name, effect.form): effect for name, effect in settings.candidates.items()}
         kinds = {type(effect) for effect in own.values()}  # a class that is imported is also in the catalogue
         others = {key: effect for key, effect in all_candidates().items() if type(effect) not in kinds}
@@ -59,31 +70,28 @@ def diagnose(settings: DiagnoseSettings, run: Run) -> None:
     write_result(run.folder, result)
     show_verdict(found, command)
     shown = (
-        lambda: record.write_record(run, provenance, _record(settings, result, drawn(found, impacts))),
+        lambda: record.write_record(tracker, run, provenance, _record(settings, result, drawn(found, impacts))),
         lambda: write_page(run.folder, found, provenance, use=command if found.missing else ""),
     )
     with progress(run.folder) as on_event:
         for show in track(shown, "figures and page", on_event):
             show()
-    run.remove_partial_results()
-    terminal.show_folder(run.folder)
 
 
 def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[str, Figure]) -> RunRecord:
     """The ladder as a chart, its law and its model as runs of the other commands log theirs, and the figures."""
-    found, data, tag = result.diagnosis, result.provenance.data, f"ladder/{_METRIC}"
+    found, data = result.diagnosis, result.provenance.data
     scalars, series = {}, {}
     if found.budget is not None and found.law is not None:
         base = f"{_METRIC}/{fitting.augmented_name(found.law, settings.effects)}"
         errors = found.budget.base, found.budget.named, found.budget.bound
         scalars = dict(zip((base, *record.own_tags(_METRIC)), errors, strict=True))
-        series = {tag: [rung.error for rung in found.ladder]}
+        series = {_LADDER: [rung.error for rung in found.ladder]}
     return RunRecord(
         trained_on=data.trials,
         metric=_METRIC,
         scalars=[(data.trials, scalars)] if scalars else [],
         series=series,
-        charts={"Ladder of a diagnosis": {"Mass error by rung; the run card names the rungs": tag}},
         figures=figures,
         law=found.law if found.ladder else None,
         effects=list(dict.fromkeys((*settings.effects, *found.effects))),

@@ -31,6 +31,7 @@ from contactlearn.report.figures.comparison import error_comparison, patch_curve
 from contactlearn.report.figures.impulse_space import reachable_impulses
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
+from contactlearn.report.tensorboard import Tracker
 from contactlearn.results import estimates, folder
 from contactlearn.results.tables import HeldOut, save_curves, save_held_out, save_trial_parameters
 from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation, LearningCurve, ModelErrors
@@ -44,7 +45,15 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
     data = loading.split(settings.split, run.folder)
     loading.show_split(data, str(run.config["device"]), settings.device)
     row = _drawn_row(settings, data)
-    with progress(run.folder) as on_event:
+    size = len(data.pool) if settings.effects else data.train_size
+    metric = metrics.headline_metric(settings.norm)
+    with record.tracker_of(run, size, metric, curves=curves.charted(settings)) as tracker:
+        _evaluate(settings, run, data, row, tracker)
+    terminal.show_folder(run.folder)
+
+
+def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None, tracker: Tracker) -> None:
+    with progress(run.folder, tracker) as on_event:
         compared = fitting.compare_models(settings, data, on_event)
         held_out = HeldOut(impacts=data.test, predictions=compared.predict(data.test))
         sums = _save_predictions(settings, data, compared, held_out, run, on_event)
@@ -60,7 +69,7 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
         terminal.show_reference(result.fits, settings.reference)
     learned: dict[str, Curve] = {}
     if settings.recipes:
-        found = curves.learning_study(settings, data, run)
+        found = curves.learning_study(settings, data, run, tracker)
         levels = {
             name: {
                 bound: metrics.METRICS[name].error(data.test, prediction).mean().item()
@@ -77,11 +86,10 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
         learned = {name: curve for name, curve in found.items() if name not in settings.laws}
         terminal.show_curves({name: entries[name] for name in learned}, result.metric)
         run.remove_partial_results()
-    with progress(run.folder) as on_event:
+    with progress(run.folder, tracker) as on_event:
         shown = _record(settings, data, compared, held_out, result, learned, row, on_event)
-    record.write_record(run, result.provenance, shown)
+    record.write_record(tracker, run, result.provenance, shown)
     write(run.folder, of_evaluation(result, held_out))
-    terminal.show_folder(run.folder)
 
 
 def _save_predictions(
@@ -178,7 +186,6 @@ def _record(
         effects=[effect.name for effect in result.effects],
         equations=(*map(record.law_equation, result.fits), *(fit.equation for fit in result.joint.values())),
         errors=errors,
-        curves=(*result.learning_curves, *yardsticks) if result.learning_curves else (),
     )
 
 

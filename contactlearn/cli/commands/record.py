@@ -18,7 +18,7 @@ from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.style import save
-from contactlearn.report.tensorboard import Tracker, ends
+from contactlearn.report.tensorboard import NO_CHARTS, Charts, Tracker, ends
 from contactlearn.results.types import IRB, JointEstimate, LawEstimate, ModelErrors, Provenance
 
 _NONE = "none"  # hyperparameter of a run without a law, or without effects
@@ -41,8 +41,6 @@ class RunRecord:
         errors: held-out error by model, or by rung of a ladder.
         model: name of the learned model, or analytical.
         series: values by tag, against their number.
-        charts: further charts of TensorBoard by category.
-        curves: models that have a learning curve to chart.
         verdict: further lines of the card.
     """
 
@@ -56,8 +54,6 @@ class RunRecord:
     errors: Mapping[str, Interval]
     model: str = "analytical"
     series: Mapping[str, Sequence[float | Interval]] = field(default_factory=dict)
-    charts: Mapping[str, Mapping[str, str | Sequence[str]]] = field(default_factory=dict)
-    curves: Sequence[str] = ()
     verdict: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -66,28 +62,41 @@ def own_tags(metric: str) -> tuple[str, str]:
     return f"{metric}/model", f"{metric}/{IRB}"
 
 
-def write_record(run: Run, provenance: Provenance, record: RunRecord) -> None:
-    """Save the figures as PNG and PDF, and log everything to TensorBoard and metrics.jsonl, in the run folder."""
-    with Tracker(run.folder, record.trained_on) as tracker:
-        for trained_on, values in record.scalars:
-            tracker.scalars(values, trained_on)
-        for tag, values in record.series.items():
-            tracker.series(tag, values)
-        error = metrics.METRICS[record.metric].name
-        chosen: dict[str, str | Sequence[str]] = {
-            f"Each run's model, and the IRB bound: {error}": [f"{tag}$" for tag in own_tags(record.metric)]
-        }
-        if record.curves:
-            tag, named = f"curve_{record.metric}/", "|".join(laws.names())
-            chosen[f"Learned models, Best Post Hoc and IRB bound: {error}"] = [f"{tag}(?!({named})$)"]
-            chosen[f"Laws, Best Post Hoc and IRB bound: {error}"] = [f"{tag}({named}|best_post_hoc|irb)$"]
-            chosen |= {f"{name}: {error} with 95 % interval": f"{tag}{name}" for name in record.curves}
-        tracker.charts({_HEADLINE_CHARTS: chosen, **record.charts})
-        for name, figure in record.figures.items():
-            png, _ = save(figure, run.folder / "figures", name)
-            tracker.figure(f"figures/{name}", png.read_bytes())
-        _log_hyperparameters(tracker, run, provenance, record)
-        _log_card(tracker, provenance, record)
+def tracker_of(
+    run: Run, trained_on: int, metric: str, *, curves: Sequence[str] = (), charts: Charts = NO_CHARTS
+) -> Tracker:
+    """Open the record of a run with its charts, before anything is computed.
+
+    Args:
+        run: whose folder it is written to.
+        trained_on: number of training trials of its model.
+        metric: by which its models are compared.
+        curves: models that have a learning curve to chart.
+        charts: further charts by category.
+    """
+    error = metrics.METRICS[metric].name
+    chosen: dict[str, str | Sequence[str]] = {
+        f"Each run's model, and the IRB bound: {error}": [f"{tag}$" for tag in own_tags(metric)]
+    }
+    if curves:
+        tag, named = f"curve_{metric}/", "|".join(laws.names())
+        chosen[f"Learned models, Best Post Hoc and IRB bound: {error}"] = [f"{tag}(?!({named})$)"]
+        chosen[f"Laws, Best Post Hoc and IRB bound: {error}"] = [f"{tag}({named}|best_post_hoc|irb)$"]
+        chosen |= {f"{name}: {error} with 95 % interval": f"{tag}{name}" for name in curves}
+    return Tracker(run.folder, trained_on, {_HEADLINE_CHARTS: chosen, **charts})
+
+
+def write_record(tracker: Tracker, run: Run, provenance: Provenance, record: RunRecord) -> None:
+    """Save the figures as PNG and PDF in the run folder, and log what a run shows at its end."""
+    for trained_on, values in record.scalars:
+        tracker.scalars(values, trained_on)
+    for tag, values in record.series.items():
+        tracker.series(tag, values)
+    for name, figure in record.figures.items():
+        png, _ = save(figure, run.folder / "figures", name)
+        tracker.figure(f"figures/{name}", png.read_bytes())
+    _log_hyperparameters(tracker, run, provenance, record)
+    _log_card(tracker, provenance, record)
 
 
 def draw_cost_surface(surface: CostSurface) -> Figure:

@@ -1,5 +1,6 @@
 """Train one model from one random subset of the training pool; errors on the held-out trials."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
@@ -13,12 +14,12 @@ from contactlearn.cli.job import Run
 from contactlearn.cli.resource_limits import FITTED
 from contactlearn.cli.settings import TrainSettings
 from contactlearn.core.devices import moved
-from contactlearn.diagnosis.events import OnEvent, TaskProgress
+from contactlearn.diagnosis.events import OnEvent, RoundScored, TaskProgress, TrainingRound
 from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.inference.identification.joint import JointFit
 from contactlearn.inference.identification.shared import SharedFit
-from contactlearn.inference.learning.recipe import TARGETS, learn
+from contactlearn.inference.learning.recipe import TARGETS, Recipe, Round, learn
 from contactlearn.laws import Law
 from contactlearn.mechanics.features import SPACES
 from contactlearn.mechanics.impacts import Impacts, Prediction
@@ -28,6 +29,7 @@ from contactlearn.models.regressor import Regressor
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.figures import quality
+from contactlearn.report.tensorboard import Tracker
 from contactlearn.results import estimates, folder
 from contactlearn.results.types import BEST_POST_HOC, IRB, Training
 
@@ -66,10 +68,16 @@ class _Trained:
 
 def train(settings: TrainSettings, run: Run) -> None:
     """Train one model, save it, and compare its predictions with the held-out trials."""
-    device = settings.device
     data = loading.split(settings.split, run.folder)
-    loading.show_split(data, str(run.config["device"]), device)
-    with progress(run.folder) as on_event:
+    loading.show_split(data, str(run.config["device"]), settings.device)
+    with record.tracker_of(run, data.train_size, metrics.headline_metric(settings.norm)) as tracker:
+        _train(settings, run, data, tracker)
+    terminal.show_folder(run.folder)
+
+
+def _train(settings: TrainSettings, run: Run, data: Split, tracker: Tracker) -> None:
+    device = settings.device
+    with progress(run.folder, tracker) as on_event:
         trained = _trained(settings, moved(data.pool, device), data, on_event)
         sums = ErrorSums((*trained.models, BEST_POST_HOC, IRB))
         for block in loading.track_blocks(on_event, data.held_out_impacts(), data.held_out_trials, "held-out trials"):
@@ -84,8 +92,7 @@ def train(settings: TrainSettings, run: Run) -> None:
         terminal.show_joint(*list(result.joint.items())[-1])
     if result.processes_kind is not None:
         terminal.show_processes(result.processes, result.processes_kind)
-    record.write_record(run, result.provenance, _record(settings, result, trained, data.test))
-    terminal.show_folder(run.folder)
+    record.write_record(tracker, run, result.provenance, _record(settings, result, trained, data.test))
 
 
 def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEvent) -> _Trained:
@@ -113,10 +120,56 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
     models = {name: fit.model for name, fit in joint.items()} or ({} if law is None else {law.name: laws[law.name]})
     if recipe is not None:
         on_event(TaskProgress(task=f"training {settings.model} on {len(rows)} trials", done=0, total=None))
-        model = learn(recipe, pool, rows, base, impulse=how.target, box=how.box)
-        models |= {fitting.augmented_name(settings.model, effects): model}
+        name = fitting.augmented_name(settings.model, effects)
+        watch = _Watch(name, len(rows), recipe, moved(data.test, settings.device), on_event)
+        models[name] = learn(recipe, pool, rows, base, impulse=how.target, box=how.box, on_round=watch)
+        watch.score(models[name])
     fits = (found[law.name],) if law is not None and not effects else ()
     return _Trained(fits=fits, joint=joint, models=models, laws=laws, surface=surface)
+
+
+@dataclass
+class _Watch:
+    """Tells each round of a training, and the held-out error after the first, second, fourth, eighth … and last."""
+
+    model: str
+    trained_on: int
+    recipe: Recipe
+    test: Impacts
+    on_event: OnEvent
+    rounds: int = 0
+    scored: int = 0
+
+    def __call__(self, now: Round) -> None:
+        self.rounds += 1
+        processes = estimates.process_estimates(self.recipe, now.regressor)
+        if not all(math.isfinite(one.loss) for one in processes):
+            return
+        told = TrainingRound(
+            model=self.model,
+            trained_on=self.trained_on,
+            round=self.rounds,
+            loss={one.output: one.loss for one in processes},
+            noise={one.output: one.noise for one in processes},
+            length_scales={one.output: dict(one.length_scales) for one in processes},
+        )
+        self.on_event(told)
+        if self.rounds & (self.rounds - 1) == 0:
+            self.score(now.model())
+
+    def score(self, model: ContactModel) -> None:
+        """Tell the held-out error of the model after the present round, once."""
+        if self.scored == self.rounds:
+            return
+        self.scored, prediction = self.rounds, model.predict(self.test)
+        told = RoundScored(
+            model=self.model,
+            trained_on=self.trained_on,
+            round=self.rounds,
+            errors={name: one.error(self.test, prediction).mean().item() for name, one in metrics.METRICS.items()},
+            negative_log_density=metrics.negative_log_density(self.test, prediction).mean().item(),
+        )
+        self.on_event(told)
 
 
 def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, sums: ErrorSums) -> Training:
@@ -153,7 +206,6 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
     drawn["predicted_against_measured"] = quality.predicted_against_measured(test.v_post, prediction.v_post, spread)
     if trained.surface is not None:
         drawn["cost_surface"] = record.draw_cost_surface(trained.surface)
-    history = {}
     if settings.recipe is not None and trained.regressor is not None:
         recipe, regressor = settings.recipe, trained.regressor
         columns = list(SPACES[recipe.features].columns)
@@ -166,12 +218,10 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
             "calibration": quality.calibration_curve({trained.name: metrics.calibration(distance)}),
             "training": quality.training(regressor.training.history, relevance),
         }
-        history = {"fit/loss": regressor.training.history.mean(-1).tolist()}
     return RunRecord(
         trained_on=result.trained_on,
         metric=result.metric,
         scalars=[(result.trained_on, values)],
-        series=history,
         figures=drawn,
         law=result.law,
         effects=list(settings.effects),

@@ -5,6 +5,7 @@ from dataclasses import asdict
 import torch
 
 from contactlearn.cli.commands import curves, loading, record
+from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.commands.record import RunRecord
 from contactlearn.cli.job import Run
 from contactlearn.cli.settings import EvaluateSettings, TransferSettings
@@ -16,6 +17,7 @@ from contactlearn.models import checkpoint
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.figures import learning
+from contactlearn.report.tensorboard import Tracker
 from contactlearn.results import folder
 from contactlearn.results.types import BodyTransfer, Transfer
 
@@ -30,6 +32,16 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
     """
     data = loading.split(settings.split, run.folder)
     loading.show_split(data, str(run.config["device"]), settings.device)
+    metric = metrics.headline_metric(settings.norm)
+    chart = {"Each model from scratch, and with the trained one as prior": [f"transfer_{metric}/"]}
+    charts = {"Transfer to other bodies, against their training impacts": chart}
+    with record.tracker_of(run, data.train_size, metric, charts=charts) as tracker:
+        _transfer(settings, wanted, run, data, tracker)
+    run.remove_partial_results()
+    terminal.show_folder(run.folder)
+
+
+def _transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run, data: Split, tracker: Tracker) -> None:
     source = data.pool[torch.randperm(len(data.pool), generator=data.generator)[: data.train_size]]
     bodies = {
         name: loading.load_data(one).split(settings.split.test, data.generator) for name, one in wanted.bodies.items()
@@ -38,7 +50,7 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
     terminal.show_reused_trainings(count_trainings(run.partial))
     found, metric = {}, metrics.headline_metric(settings.norm)
     for name, recipe in settings.recipes.items():
-        with progress(run.folder) as on_event:
+        with progress(run.folder, tracker) as on_event:
             learned = study.transfer_curves(
                 recipe,
                 *moved((source, bodies), settings.device),
@@ -64,9 +76,7 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
     folder.write_result(run.folder, result)
     for name, entries in found.items():
         terminal.show_transfer(name, entries, result.sizes, metric)
-    record.write_record(run, provenance, _record(settings, result, data.train_size, metric))
-    run.remove_partial_results()
-    terminal.show_folder(run.folder)
+    record.write_record(tracker, run, provenance, _record(settings, result, data.train_size, metric))
 
 
 def _record(settings: EvaluateSettings, result: Transfer, train_size: int, metric: str) -> RunRecord:
@@ -84,7 +94,6 @@ def _record(settings: EvaluateSettings, result: Transfer, train_size: int, metri
         )
         for name, bodies in result.transfer.items()
     }
-    chart = {"Each model from scratch, and with the trained one as prior": [f"{headline}/"]}
     return RunRecord(
         trained_on=train_size,
         metric=metric,
@@ -94,7 +103,6 @@ def _record(settings: EvaluateSettings, result: Transfer, train_size: int, metri
             for place, size in enumerate(result.sizes)
             for body, found in bodies.items()
         ],
-        charts={"Transfer to other bodies, against their training impacts": chart},
         figures=figures,
         law=settings.law.name,
         effects=(),
