@@ -47,8 +47,7 @@ wrong = table.read(path, shape=shape, columns=columns, units=units, validate=Fal
 for finding in audit(wrong.impacts):
     print(finding.sentence, "→ data.correct", finding.correction)
 
-# Stated, the table is consistent. On the command line the same settings are `data=table data.path=drops.csv
-# 'data.units={length: mm, mass: g, angle: deg, rotation: clockwise}'` and so on.
+# Stated, the table is consistent. For commands `contactlearn init drops.csv` writes the same settings to a file.
 read = table.read(path, shape=shape, columns=columns, units=units | {"rotation": "clockwise"})
 print(read.computed, read.unused)
 for finding in audit(read.impacts):

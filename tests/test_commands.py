@@ -247,14 +247,14 @@ def test_published_table_beside_ours(ellipse_drops, tmp_path):
 def test_help(script):
     printed = run_alone(script, "--help")
     assert "Examples" in printed
-    assert "data=table data.path=drops.csv" in printed
+    assert "data=mydata" in printed
     assert "threads: 1" in printed
 
 
 def test_every_command_has_a_summary():
     printed = run_alone("-m", "contactlearn", "--help")
     described = re.findall(r"^    (\w+)(?: +|\n {10,})\w", printed, re.MULTILINE)
-    assert len(described) == 10, printed
+    assert len(described) == 11, printed
 
 
 @pytest.mark.parametrize("name", repeated("evaluate", "train", "diagnose"))
@@ -275,7 +275,7 @@ def test_an_installed_package_needs_no_checkout(tmp_path):
     for source, target in ({name: name for name in wheel["packages"]} | wheel["force-include"]).items():
         shutil.copytree(ROOT / source, tmp_path / target)
     printed = run_alone("-m", "contactlearn", "train", "--help", cwd=tmp_path)
-    assert "data=table data.path=drops.csv" in printed
+    assert "data=mydata" in printed
     where = run_alone("-c", "from contactlearn.cli import hydra_main; print(hydra_main.CONFIGS)", cwd=tmp_path)
     assert where.strip() == str(tmp_path / "contactlearn" / "configs")
 

@@ -88,7 +88,12 @@ def test_the_readme_is_short_and_says_what_the_case_study_measured():
 
 
 @pytest.mark.parametrize(("script", "words"), list(_commands()))
-def test_commands_compose(script, words):
+def test_commands_compose(script, words, tmp_path, monkeypatch):
+    """In a folder with the files that `contactlearn init` writes there, as the documents show one."""
+    shown, *_ = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "your-data.md").read_text("utf-8"), re.DOTALL)
+    (tmp_path / "mydata.yaml").write_text(shown, "utf-8")
+    (tmp_path / "takes.yaml").write_text("_target_: contactlearn.data.tracks.load", "utf-8")
+    monkeypatch.chdir(tmp_path)
     overrides = [word for word in words if "=" in word]
     if "-m" in words:  # one job of the sweep
         overrides = [f"{key}={value.split(',')[0]}" for key, value in (word.split("=", 1) for word in overrides)]

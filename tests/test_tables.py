@@ -361,7 +361,7 @@ def test_the_audit_alone(tmp_path):
 
 @pytest.mark.parametrize(("words", "fragment"), [
     (["none.csv"], "none.csv: no such file"),
-    (["a.csv", "b.csv"], "one table is audited at a time, got a.csv, b.csv"),
+    (["a.csv", "b.csv"], "audit takes one file or folder at a time, got a.csv, b.csv"),
     (["data=tabel"], "did you mean 'table'"),
     (["data=table"], "data.path must be given"),
 ])  # fmt: skip

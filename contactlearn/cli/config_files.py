@@ -6,6 +6,11 @@ A part that holds entries by name (`effect`, `model` …) is open: each entry is
 The groups `effect` and `law` have no files: their choices are those of the catalogues.  Names are read from the classes
 in the source files, and so are a law's options: a command's `--help` shows both, and torch takes seconds to load.  An
 effect that is chosen, and all that other packages announce, is imported.
+
+`data=mydata` also takes mydata.yaml from the working directory, which sets some settings of a shipped source of data:
+
+    _target_: contactlearn.data.table.load
+    path: drops.csv
 """
 
 import ast
@@ -17,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
+from yaml import YAMLError
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 
@@ -43,8 +49,15 @@ def choices(group: str) -> list[str]:
         ContactLearnError: two effects or laws have one name.
     """
     if group not in _CATALOGUES:
-        return sorted(path.stem for path in Path(CONFIGS, group).glob("*.yaml"))
+        shipped = (path.stem for path in Path(CONFIGS, group).glob("*.yaml"))
+        return sorted([*shipped, *(own_data() if group == "data" else ())])
     return sorted({*_sources(group), *_announced(group), *([_BEST] if group == "law" else [])})
+
+
+def own_data() -> dict[str, Path]:
+    """Return the YAML files of the working directory that `data=NAME` may choose, by name; shipped sources go first."""
+    files = (path for path in sorted(Path.cwd().glob("*.yaml")) if re.fullmatch(r"[A-Za-z_]\w*", path.stem, re.ASCII))
+    return {path.stem: path for path in files if not Path(CONFIGS, "data", path.name).exists()}
 
 
 def check_choices(words: list[str]) -> None:
@@ -91,7 +104,8 @@ def explain_error(error: Exception, command: str, words: Sequence[str]) -> str:
     if refused:
         group, _, name = refused[1].partition(".")
         named = choices(group) if group in ("data", "law") else []
-        holders = [f"{group}={choice}" for choice in named if name in _settings(group, choice)]
+        shipped = [choice for choice in named if group == "law" or not has_choice("data", choice)]
+        holders = [f"{group}={choice}" for choice in shipped if name in _settings(group, choice)]
         if holders or refused[1] in _declared(command):
             source = next((word.removeprefix("data=") for word in reversed(words) if word.startswith("data=")), "")
             near = suggest(name, _settings("data", source)) if group == "data" and source in named else ""
@@ -135,7 +149,8 @@ def required_settings(command: str) -> list[str]:
 
 def _settings(group: str, choice: str) -> dict[str, Any]:
     """Settings of one choice of a group."""
-    return choice_settings(group, choice) if group in _CATALOGUES else _content(Path(CONFIGS, group, f"{choice}.yaml"))
+    made = group in _CATALOGUES or has_choice(group, choice)
+    return choice_settings(group, choice) if made else _content(Path(CONFIGS, group, f"{choice}.yaml"))
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -157,15 +172,25 @@ def _keys(content: Any, path: str = "") -> Iterator[str]:
 
 
 def has_choice(group: str, name: str) -> bool:
-    """Whether a name is a choice of `effect` or `law`; other packages are loaded only if it is none of this one's."""
+    """Whether a name is a choice of `effect` or `law`, or a file of the user's for `data`.
+
+    Other packages are loaded only if it is none of this one's.
+    """
+    if group == "data":
+        return name in own_data()
     return name in _sources(group) or (group, name) == ("law", _BEST) or name in _announced(group)
 
 
 def choice_settings(group: str, name: str) -> dict[str, Any]:
     """Return the settings of a choice: `_target_`, `form` where there are several, and options with their defaults.
 
-    Those of an effect stand under its name, since a model has several.
+    Those of an effect stand under its name, since a model has several.  A user's file of data has those of its source.
+
+    Raises:
+        ContactLearnError: the file is not YAML, names no shipped source, or has a setting that this source lacks.
     """
+    if group == "data":
+        return _own_settings(own_data()[name])
     if group == "effect":
         return {name: _effect(name)}
     if name == _BEST:
@@ -176,6 +201,27 @@ def choice_settings(group: str, name: str) -> dict[str, Any]:
 
     (law, *_) = catalogue()[name].values()
     return {"_target_": f"{law.__module__}.{law.__qualname__}"} | law().options
+
+
+def _own_settings(file: Path) -> dict[str, Any]:
+    """The settings in a file of the user's for `data`, and the shipped values of those that it leaves out."""
+    try:
+        content = OmegaConf.to_container(OmegaConf.load(file))
+    except (OSError, ValueError, YAMLError) as error:
+        raise ContactLearnError(f"{file.name}: cannot be read as YAML: {' '.join(str(error).split())}") from error
+    shipped = {one["_target_"]: one for one in map(_content, sorted(Path(CONFIGS, "data").glob("*.yaml")))}
+    if not isinstance(content, dict) or content.get("_target_") not in shipped:
+        raise ContactLearnError(
+            f"{file.name}: is no source of data; it begins with _target_: contactlearn.data.table.load, or that of "
+            "another source of configs/data; contactlearn init FILE writes such a file"
+        )
+    settings = shipped[content["_target_"]]
+    for key, value in content.items():
+        if key not in settings:
+            raise UnknownNameError(f"setting in {file.name}:", str(key), settings)
+        both = isinstance(settings[key], dict) and isinstance(value, dict)
+        settings[key] = settings[key] | value if both else value
+    return settings
 
 
 def _effect(name: str) -> dict[str, Any]:

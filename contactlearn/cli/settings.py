@@ -11,7 +11,7 @@ passes may still break a rule, and `contactlearn.testing` has the whole contract
 import inspect
 import re
 import traceback
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import reduce
@@ -83,7 +83,7 @@ class SourceSettings:
             target=str(values.get("_target_", "")),
             options={key: value for key, value in values.items() if key not in ("_target_", "correct")},
             corrections=tuple(names),
-            missing=tuple(sorted(f"{name}.{key}" for key, value in values.items() if value == _MISSING)),
+            missing=tuple(_missing(values, name)),
         )
 
     @classmethod
@@ -94,6 +94,27 @@ class SourceSettings:
             ContactLearnError: see `from_values`.
         """
         return cls.from_values(plain_values(cfg.data))
+
+    def refuse_missing(self) -> None:
+        """Raise for settings that must be given and are not.
+
+        Raises:
+            ContactLearnError: naming all of them.
+        """
+        if self.missing:
+            raise ContactLearnError(
+                f"{', '.join(self.missing)} must be given: {self.missing[0]}=…, or in the file NAME.yaml of data=NAME, "
+                "which contactlearn init writes"
+            )
+
+
+def _missing(values: Mapping[str, Any], name: str) -> Iterator[str]:
+    """Dotted names of values that must be given and are not."""
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _missing(value, f"{name}.{key}")
+        elif value == _MISSING:
+            yield f"{name}.{key}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,6 +30,16 @@ def add_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
 
 
 def _add_data_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
+    init = add(
+        "init",
+        help="write the settings of your measurements to a file, for data=NAME on every command",
+        description="Look at the names of columns and their units, and write NAME.yaml in this folder: what they say, "
+        "and an explanation of the rest. Every command takes it as data=NAME.",
+        epilog="example: contactlearn init drops.csv --name mydata",
+    )
+    init.add_argument("path", metavar="FILE", help="a table of impacts, a recording, or a folder with recordings")
+    init.add_argument("--name", help="NAME (default: that of the file)")
+    init.set_defaults(run=run_init)
     audit = add(
         "audit",
         help="list mistakes in measurements, and the setting that corrects them",
@@ -38,7 +48,7 @@ def _add_data_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
         epilog="examples: contactlearn audit drops.csv data.units.length=mm; contactlearn audit data=ellipse_drops",
     )
     audit.add_argument(
-        "words",
+        "overrides",
         nargs="+",
         metavar="FILE|key=value",
         help="a .csv or .parquet table, or data=NAME for another source, and their settings, data.KEY=…",
@@ -63,13 +73,17 @@ def _add_data_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
         help="find the impacts in recordings of tracked poses",
         description="Find the impacts between free flights in recordings, with covariances, as a table for data=table; "
         "a second table holds everything that was refused, with reason and number.",
-        epilog="example: contactlearn impacts drops/ -o impacts.parquet mass=0.05 'shape={kind: disc, radius: 0.02}'",
+        epilog="examples: contactlearn impacts data=mydata -o impacts.parquet; "
+        "contactlearn impacts drops/ -o impacts.parquet mass=0.05 'shape={kind: disc, radius: 0.02}'",
     )
-    impacts.add_argument("path", metavar="FOLDER", help="a recording, or a folder with recordings")
-    impacts.add_argument("-o", "--out", metavar="FILE", required=True, help="a .csv or .parquet file for the impacts")
     impacts.add_argument(
-        "overrides", nargs="*", metavar="key=value", help="settings of configs/data/tracks.yaml: mass=0.05, unit=mm, …"
+        "overrides",
+        nargs="+",
+        metavar="FOLDER|key=value",
+        help="a recording, or a folder with recordings, or data=NAME; and settings of configs/data/tracks.yaml: "
+        "mass=0.05, unit=mm, …",
     )
+    impacts.add_argument("-o", "--out", metavar="FILE", required=True, help="a .csv or .parquet file for the impacts")
     impacts.set_defaults(run=run_impacts)
 
 
@@ -127,19 +141,33 @@ def _source(command: str, words: Sequence[str], path: str | None = None) -> "Sou
     return SourceSettings.from_config(cfg)
 
 
-def run_audit(options: argparse.Namespace) -> str:
-    """Return the findings of the audit of a table or of any data source, and the setting that corrects them."""
+def _path_and_words(command: str, options: argparse.Namespace) -> tuple[str | None, list[str]]:
+    """The file or folder among the words of a command, if there is one, and the settings."""
     from pathlib import Path
 
+    paths = [word for word in options.overrides if "=" not in word or Path(word).exists()]
+    if len(paths) > 1:
+        raise ContactLearnError(f"{command} takes one file or folder at a time, got {', '.join(paths)}")
+    return next(iter(paths), None), [word for word in options.overrides if word not in paths]
+
+
+def run_init(options: argparse.Namespace) -> str:
+    """Write the settings of measurements to a file; return what is in it."""
+    from pathlib import Path
+
+    from contactlearn.cli.commands.init import write_settings
+
+    return write_settings(Path(options.path), options.name)
+
+
+def run_audit(options: argparse.Namespace) -> str:
+    """Return the findings of the audit of a table or of any data source, and the setting that corrects them."""
     from contactlearn.cli.commands.loading import load_data
     from contactlearn.data.audit.findings import audit
     from contactlearn.report.text import correct_setting, phrase, sentence
 
-    files = [word for word in options.words if "=" not in word or Path(word).is_file()]
-    if len(files) > 1:
-        raise ContactLearnError(f"one table is audited at a time, got {', '.join(files)}")
-    words = [word for word in options.words if word not in files]
-    source = _source("audit", ["data=table", *words], path=files[0]) if files else _source("audit", words)
+    path, words = _path_and_words("audit", options)
+    source = _source("audit", words if path is None else ["data=table", *words], path)
     impacts = load_data(source, validate=False)
     findings = audit(impacts)
     lines = [f"{impacts.source}: {len(impacts)} impacts"]
@@ -175,16 +203,22 @@ def run_impacts(options: argparse.Namespace) -> str:
     from contactlearn.cli.hydra_main import compose
     from contactlearn.cli.settings import SourceSettings
 
-    every = [*map(str, compose("evaluate", ["data=tracks"]).data)]
+    path, words = _path_and_words("impacts", options)
+    chosen = [word for word in words if word.startswith("data=")]
+    tracks = compose("evaluate", ["data=tracks"]).data
+    every = [*map(str, tracks)]
     known = [name for name in every if name not in ("_target_", "path", "correct")]  # which come otherwise, or later
-    words = [re.sub(r"^([+~]*)(data\.)?", r"\1data.", word) for word in options.overrides]
+    words = [re.sub(r"^([+~]*)(data\.)?", r"\1data.", word) for word in words if word not in chosen]
     for word in words:
         name = re.split(r"[.=]", word)[1]
         if name not in known:
             raise UnknownNameError("setting of impacts", name, known)
     try:
-        cfg = compose("evaluate", ["data=tracks", *words])
-        cfg.data.path = options.path
+        cfg = compose("evaluate", [*(chosen or ["data=tracks"]), *words])
+        if cfg.data._target_ != tracks._target_:
+            raise ContactLearnError(f"impacts are found in recordings, and {chosen[-1]} is another source of data")
+        if path is not None:
+            cfg.data.path = path
         return write_impacts(SourceSettings.from_config(cfg), Path(options.out))
     except (HydraException, OmegaConfBaseException) as error:
         raise ContactLearnError(own_names(explain_error(error, "evaluate", words), every)) from None

@@ -1,4 +1,4 @@
-"""Hydra's way to the configuration groups `effect` and `law`, which have no files; see `cli.config_files`."""
+"""Hydra's way to effects and laws, which have no files, and to a user's files of data; see `cli.config_files`."""
 
 from pathlib import Path
 
@@ -11,11 +11,11 @@ from omegaconf import OmegaConf
 from contactlearn.cli.config_files import CONFIGS, choice_settings, choices, has_choice
 
 _SCHEME = "contactlearn"
-_GROUPS = ("effect", "law")
+_GROUPS = ("effect", "law", "data")
 
 
 class CatalogueSource(ConfigSource):
-    """A configuration for each effect and each law, made when it is chosen."""
+    """A configuration for each effect and law, made when it is chosen, and for each file of data of the user's."""
 
     @staticmethod
     def scheme() -> str:
@@ -23,7 +23,7 @@ class CatalogueSource(ConfigSource):
         return _SCHEME
 
     def load_config(self, config_path: str) -> ConfigResult:
-        """Make the configuration of a choice, such as effect/side_drag."""
+        """Make the configuration of a choice, such as effect/side_drag or data/mydata."""
         group, _, name = config_path.removesuffix(".yaml").partition("/")
         config = OmegaConf.create(choice_settings(group, name))
         return ConfigResult(self.provider, f"{_SCHEME}://", config, header={"package": None})
@@ -33,7 +33,7 @@ class CatalogueSource(ConfigSource):
         return True
 
     def is_group(self, config_path: str) -> bool:
-        """Whether a path is one of the two groups, or holds them."""
+        """Whether a path is one of the groups, or holds them."""
         return config_path.strip("/") in ("", *_GROUPS)
 
     def is_config(self, config_path: str) -> bool:
@@ -50,7 +50,7 @@ class CatalogueSource(ConfigSource):
 
 
 class CatalogueSearchPath(SearchPathPlugin):
-    """Adds the two groups wherever the configurations of this package are used, and nowhere else."""
+    """Adds the groups wherever the configurations of this package are used, and nowhere else."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         """Append the groups to the search path."""

@@ -34,8 +34,7 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
         ContactLearnError: a setting is missing.
         DataError: see `contactlearn.data.tracks.find_impacts`; or a file cannot be written.
     """
-    for missing in source.missing:
-        raise ContactLearnError(f"{missing} must be given: {missing}=…; see docs/tracks.md")
+    source.refuse_missing()
     table.check_suffix(out)
     entries = dict(source.options)
     body = {name: entries.pop(name) for name in ("mass", "shape", "inertia", "centre")}

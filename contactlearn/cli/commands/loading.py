@@ -89,8 +89,7 @@ def load_data(source: SourceSettings, validate: bool = True, folder: Path | None
         raise ContactLearnError(
             f"data._target_ must be a source under contactlearn.data or contactlearn.simulation, got {source.target!r}"
         )
-    for missing in source.missing:
-        raise ContactLearnError(f"{missing} must be given: {missing}=…; see configs/data")
+    source.refuse_missing()
     computed: tuple[str, ...] = ()
     if source.target == _TABLE:
         table: Table = _call(source, "read", _lenient(source, validate=validate))

@@ -19,6 +19,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from contactlearn.cli.config_files import own_data
 from contactlearn.core import __version__
 from contactlearn.results.state import Done
 
@@ -54,9 +55,10 @@ def words_digest(hydra: DictConfig, words: Sequence[str]) -> str:
     Equal digests mean equal configurations, which need not be composed to know that.
     """
     sources = [str(source.path) for source in hydra.runtime.config_sources if source.schema == "file"]
+    own = [_file(path) for path in own_data().values()]
     counted = [word for word in words if word.lstrip("+").partition("=")[0] not in _HOW]
     used = [f"{name}={os.environ.get(name)}" for word in counted for name in _ENVIRONMENT.findall(word)]
-    return _sha([hydra.job.config_name, *map(_tree, sources), counted, used, __version__])
+    return _sha([hydra.job.config_name, *map(_tree, sources), own, counted, used, __version__])
 
 
 def still_valid(done: Done) -> bool:

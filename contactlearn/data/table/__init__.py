@@ -1,6 +1,7 @@
 """Impacts from and to a table file: CSV (UTF-8, comma, decimal point) or Parquet, a row a trial.
 
-    mass, inertia                    kg, kg m²       about the centre of mass; inertia is optional for a known shape
+    mass, inertia                    kg, kg m²       about the centre of mass; or one number for all, an argument each;
+                                                     inertia is optional for a known shape
     rx, ry                           m               contact point minus centre of mass; optional for a known shape
     x, y, theta                      m, m, rad       pose before contact
     vx, vy, omega                    m/s, m/s, rad/s before contact
@@ -34,7 +35,7 @@ import torch
 from torch import Tensor
 
 from contactlearn.core.errors import DataError
-from contactlearn.core.numerics import atomic_write
+from contactlearn.core.numerics import atomic_write, finite_number
 from contactlearn.data.blocks import BLOCK, LARGE, Blocks
 from contactlearn.data.table import sheet
 from contactlearn.data.table.columns import (
@@ -60,9 +61,8 @@ from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, UPPER, Impac
 from contactlearn.mechanics.shapes import Shape
 
 __all__ = [
-    "COLUMNS", "NAMES", "REQUIRED", "Table", "blocks_of", "check_suffix", "is_large", "load", "read", "read_blocks",
-    "save", "table_blocks",
-    "write_columns",
+    "COLUMNS", "NAMES", "REQUIRED", "Table", "blocks_of", "check_suffix", "header", "is_large", "load", "read",
+    "read_blocks", "save", "table_blocks", "write_columns",
 ]  # fmt: skip
 
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
@@ -90,11 +90,13 @@ def load(
     shape: Mapping[str, Any] | Shape | None = None,
     columns: Mapping[str, str | None] | None = None,
     units: Mapping[str, str] = SI,
+    mass: float | None = None,
+    inertia: float | None = None,
     *,
     validate: bool = True,
 ) -> Impacts:
     """Impacts from the table file `path`; the arguments and errors are those of `read`."""
-    return read(path, shape=shape, columns=columns, units=units, validate=validate).impacts
+    return read(path, shape=shape, columns=columns, units=units, mass=mass, inertia=inertia, validate=validate).impacts
 
 
 def read(
@@ -103,6 +105,8 @@ def read(
     shape: Mapping[str, Any] | Shape | None = None,
     columns: Mapping[str, str | None] | None = None,
     units: Mapping[str, str] = SI,
+    mass: float | None = None,
+    inertia: float | None = None,
     validate: bool = True,
     drop_incomplete: bool = False,
 ) -> Table:
@@ -117,6 +121,8 @@ def read(
             no such column.
         units: of length, mass, angle and time, and the sense of rotation, see `columns.UNIT_FACTORS`;
             those left out are SI.
+        mass: of all bodies in kg, for a table without that column.
+        inertia: of all bodies in kg m², for a table without that column.
         validate: False reads also trials that do not approach the floor, for the audit and for corrections.
         drop_incomplete: leave out rows with an empty cell, or one that is not a finite number, and name them in
             `Impacts.incomplete`; trials without names or order keep the number of their row.
@@ -127,8 +133,9 @@ def read(
         UnknownNameError: a shape, column, quantity or unit that does not exist.
     """
     (table,) = read_blocks(
-        path, None, shape=shape, columns=columns, units=units, validate=validate, drop_incomplete=drop_incomplete
-    )
+        path, None, shape=shape, columns=columns, units=units, mass=mass, inertia=inertia,
+        validate=validate, drop_incomplete=drop_incomplete,
+    )  # fmt: skip
     return table
 
 
@@ -138,6 +145,8 @@ def read_blocks(
     *,
     drop_incomplete: bool = False,
     validate: bool = True,
+    mass: float | None = None,
+    inertia: float | None = None,
     units: Mapping[str, str] = SI,
     columns: Mapping[str, str | None] | None = None,
     shape: Mapping[str, Any] | Shape | None = None,
@@ -147,22 +156,34 @@ def read_blocks(
     Names are unique in each block alone.  The other arguments and the errors are those of `read`; with rows=None there
     is one block.
     """
-    path, known_shape, stated = Path(path), make_shapes(shape), Units(units)
+    path, known_shape, known_units = Path(path), make_shapes(shape), Units(units)
+    stated = {"mass": mass, "inertia": inertia}
+    numbers = {name: finite_number(f"data.{name}", x, 0, above=True) for name, x in stated.items() if x is not None}
     read, left, bodies = 0, False, dict[str, None]()
     for cells in _sheets(path, rows):
-        named = name_columns(cells, columns, shaped=known_shape is not None)
+        named = name_columns(cells, columns, shaped=known_shape is not None, stated=[*numbers])
         if isinstance(known_shape, Mapping):
             bodies |= dict.fromkeys(_body_names(named.cells, known_shape))
         kept, values = _complete(named.cells) if drop_incomplete else (named.cells, _numbered(named.cells))
         read += len(cells)
         if len(kept):
             left = True
-            impacts = _impacts(kept, values, named.computed, known_shape, stated, validate=validate)
+            values |= {name: torch.full((len(kept),), x, dtype=torch.float64) for name, x in numbers.items()}
+            impacts = _impacts(kept, values, named.computed, known_shape, known_units, validate=validate)
             yield Table(impacts=impacts, unused=named.unused, computed=named.computed)
     if not left:
         raise DataError(f"{path}: each of {read} rows has an empty cell, or one that is not a number")
     if isinstance(known_shape, Mapping) and not isinstance(shape, Shapes):
         check_body_names(known_shape, bodies, str(path))
+
+
+def header(path: Path) -> list[str]:
+    """Return the names of the columns of a table file, which need not be ours.
+
+    Raises:
+        DataError: see `read`.
+    """
+    return next(_sheets(path, 1)).header
 
 
 def _body_names(cells: sheet.Sheet, shapes: Mapping[str, Shape]) -> Sequence[str]:

@@ -43,7 +43,7 @@ UNIT_FACTORS: dict[str, dict[str, float]] = {
 """Factors to SI by quantity and unit."""
 
 _LENGTH, _VELOCITY = {"length": 1}, {"length": 1, "time": -1}
-_POWERS: dict[str, dict[str, int]] = {
+POWERS: dict[str, dict[str, int]] = {
     "mass": {"mass": 1},
     "inertia": {"mass": 1, "length": 2},
     "rx": _LENGTH,
@@ -56,7 +56,7 @@ _POWERS: dict[str, dict[str, int]] = {
     "omega": {"angle": 1, "time": -1},
     "time": {"time": 1},
 }
-"""Dimensions of columns, of which those after contact and covariances follow."""
+"""Powers of the quantities in the unit of a column, of which those after contact and covariances follow."""
 
 
 class Units:
@@ -102,8 +102,8 @@ def _powers(column: str) -> dict[str, int]:
     """Powers of the quantities in the unit of a column; none where it is always the same."""
     name = column.removesuffix("_post")
     if not name.startswith("cov_"):
-        return {**_POWERS.get(name, {})}
-    first, second = (_POWERS[part] for part in name.split("_")[1:])
+        return {**POWERS.get(name, {})}
+    first, second = (POWERS[part] for part in name.split("_")[1:])
     return {quantity: first.get(quantity, 0) + second.get(quantity, 0) for quantity in (*first, *second)}
 
 
@@ -176,16 +176,20 @@ class NamedColumns:
     computed: tuple[str, ...]
 
 
-def name_columns(cells: Sheet, mapped: Mapping[str, str | None] | None, *, shaped: bool) -> NamedColumns:
+def name_columns(
+    cells: Sheet, mapped: Mapping[str, str | None] | None, *, shaped: bool, stated: Sequence[str] = ()
+) -> NamedColumns:
     """Rename the columns of a table to ours.
 
     Args:
         cells: the table under its own names.
         mapped: the file's column by ours, None where the file has none; columns that are not mentioned have our names.
         shaped: whether the body's shape is known.
+        stated: our columns for which a setting states one number.
 
     Raises:
-        DataError: columns that are missing, incomplete groups, a name twice, or one that looks like a slip.
+        DataError: columns that are missing or stated as well, incomplete groups, a name twice, or one that looks like a
+            slip.
         UnknownNameError: a mapping of a column that does not exist.
     """
     names = _checked(cells, mapped)
@@ -195,11 +199,18 @@ def name_columns(cells: Sheet, mapped: Mapping[str, str | None] | None, *, shape
     ours |= {column: name for column, name in before.items() if column not in ours and column not in names}
     ours |= {column: name for column, name in names.items() if name is not None}
     _refuse_repeated(cells, [*ours.values()])
+    for column in stated:
+        if column in ours:
+            raise DataError(
+                f"{cells.path}: data.{column} states what the column {ours[column]!r} has; leave it out, or ignore the "
+                f"column by 'data.columns={{{column}: null}}'"
+            )
     unused = tuple(name for name in cells.header if name not in ours.values())
-    computed = tuple(field for field, columns in COMPUTED.items() if not any(column in ours for column in columns))
+    lacking = [column for column in REQUIRED if column not in ours and column not in stated]
+    computed = tuple(field for field, columns in COMPUTED.items() if {*columns} <= {*lacking})
     spared = {column for field in computed if shaped for column in COMPUTED[field]}
-    needed = [column for column in REQUIRED if column not in ours and column not in spared]
-    free = [column for column in COLUMNS if column not in ours and column not in names]
+    needed = [column for column in lacking if column not in spared]
+    free = [column for column in COLUMNS if column not in ours and column not in names and column not in stated]
     slips = _slips(unused, needed, free)
     if slips or needed:
         raise DataError(f"{cells.path}: {_long(cells, needed) or _missing(slips, needed, unused, computed)}")
@@ -271,6 +282,8 @@ def _missing(slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[s
         parts.append(f"or {{{next(iter(slips.values()))}: null}} that it has none")
     if given := [column for field in computed for column in COMPUTED[field] if column in lacking]:
         parts.append(f"or state the body's shape, data.shape={{kind: …}}, from which {', '.join(given)} are computed")
+    if "mass" in lacking:
+        parts.append("or state the mass of every body in kg, data.mass=…")
     plain = [column for column in COLUMNS if not column.startswith(("cov_", "apparatus_"))]
     every = f"needed: {', '.join(REQUIRED)}; known: {', '.join(plain)}, cov_…, apparatus_… (docs/tables.md)"
     parts.append(every if few else "optional columns: docs/tables.md")

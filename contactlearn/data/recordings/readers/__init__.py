@@ -143,7 +143,7 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataErro
     if name is None:
         raise DataError(f"{path}: is no recording; a recording is one of {', '.join(SUFFIXES)}")
     try:
-        if path.suffix.lower() == ".csv" and _is_motive(path):
+        if path.suffix.lower() == ".csv" and is_motive(path):
             name = "motive"
         module = import_module(f"contactlearn.data.recordings.readers.{name}")
     except ModuleNotFoundError as error:
@@ -180,6 +180,7 @@ def recording_files(path: Path) -> list[Path]:
     return files
 
 
-def _is_motive(path: Path) -> bool:
+def is_motive(path: Path) -> bool:
+    """Whether a CSV file is an export of OptiTrack Motive."""
     with path.open(encoding="utf-8-sig", errors="replace") as lines:
         return lines.readline(200).lstrip('"').startswith(_MOTIVE)

@@ -1,0 +1,77 @@
+"""The command init: the settings of a user's measurements in a YAML file, for `data=NAME` on every command."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from contactlearn.cli.config_files import choices, own_data
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.numerics import atomic_write
+from contactlearn.data.headers import OPEN, FileContents, propose
+
+_SECTIONS = {
+    "columns": "our name: that in the file; others have our names, or are not used",
+    "units": "in which the file is written; all others follow",
+}
+_KINDS = {"table": "a table of impacts, docs/tables.md", "tracks": "recordings of tracked poses, docs/tracks.md"}
+
+
+def write_settings(path: Path, name: str | None) -> str:
+    """Write NAME.yaml in the working directory; return what is in it, in words.
+
+    Args:
+        path: a table of impacts, a recording, or a folder with recordings.
+        name: under which commands find it; None for that of the file.
+
+    Raises:
+        ContactLearnError: the name cannot be chosen by `data=`, or a file has it; or the file cannot be written.
+        DataError: see `contactlearn.data.headers.propose`.
+    """
+    own = name or re.sub(r"\W+", "_", path.resolve().stem, flags=re.ASCII).strip("_")
+    file = Path(f"{own}.yaml")
+    if not re.fullmatch(r"[A-Za-z_]\w*", own, re.ASCII):
+        raise ContactLearnError(f"--name is a word of letters, digits and _ for data=NAME, got {own!r}")
+    if own in choices("data") and own not in own_data():
+        raise ContactLearnError(f"data={own} is a source of this package; choose another name, --name my{own}")
+    if file.exists():
+        raise ContactLearnError(f"{file} exists already and is not replaced; edit it, or choose another --name")
+    proposal = propose(path)
+    try:
+        with atomic_write(file) as part:
+            part.write_text(_text(path, own, proposal), encoding="utf-8")
+    except (OSError, UnicodeError) as error:
+        raise ContactLearnError(f"{file}: cannot be written: {error}") from error
+    missing = [one.name for one in proposal.settings if one.value == OPEN]
+    lines = [f"{file} written: {path} is {_KINDS[proposal.source]}"]
+    lines += [f"fill in  {', '.join(missing)}: each has a comment"] if missing else []
+    lines += [f"not used {', '.join(map(repr, proposal.unused))}"] if proposal.unused else []
+    lines.append(f"then     contactlearn audit data={own}, and data={own} on every command in this folder")
+    return "\n".join(lines)
+
+
+def _text(path: Path, name: str, proposal: FileContents) -> str:
+    """The file's text."""
+    lines = [
+        f"# {str(path)!r}, {_KINDS[proposal.source]}: data={name} on every command in this folder.",
+        "# A value of ??? must be filled in.",
+        f"_target_: contactlearn.data.{proposal.source}.load",
+    ]
+    section = ""
+    for one in proposal.settings:
+        group, _, key = one.name.rpartition(".")
+        lines += [f"{group}: # {_SECTIONS[group]}"] if group not in ("", section) else []
+        section = group
+        lines.append(f"{'  ' if group else ''}{key}: {_value(one.value)} # {one.comment}")
+    return "\n".join([*lines, ""])
+
+
+def _value(value: Any) -> str:
+    """A value in a line of YAML, in which no text is a reference."""
+    if value == OPEN:
+        return OPEN
+    literal = value.replace("${", "\\${") if isinstance(value, str) else value
+    style = '"' if isinstance(value, str) and not value.isidentifier() else None
+    written = yaml.safe_dump(literal, default_style=style, default_flow_style=True, allow_unicode=True, width=10**9)
+    return written.removesuffix("\n").removesuffix("...").strip()

@@ -1,0 +1,227 @@
+"""`contactlearn init`: what columns say of a file, as settings that every command takes by one name."""
+
+import csv
+import math
+import re
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+import torch
+from commands import TRAIN, run
+
+from contactlearn.cli.commands.loading import load_data
+from contactlearn.cli.config_files import own_data
+from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import SourceSettings
+from contactlearn.cli.sweeps.identity import words_digest
+from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.data import table, tracks
+from contactlearn.data.headers import OPEN, propose
+from contactlearn.data.recordings.readers import read
+from contactlearn.mechanics.impacts import COMPONENTS
+from contactlearn.simulation import recordings, synthetic
+from contactlearn.workbench.commands import experiment, session_of
+
+SHAPE = "{kind: ellipse, semi_axes: [0.035, 0.025]}"
+MILLIMETRES = {
+    "x": ("pos_x (mm)", 1e3), "y": ("pos_y (mm)", 1e3), "theta": ("angle [deg]", 180 / math.pi),
+    "vx": ("speed_x_before [mm/s]", 1e3), "vy": ("VyPre / mm s-1", 1e3), "omega": ("spin_deg_s", 180 / math.pi),
+    "vx_post": ("v_x after [mm/s]", 1e3), "vy_post": ("velocity_y_post_mm_per_s", 1e3),
+    "omega_post": ("angular velocity after impact (°/s)", 180 / math.pi),
+}  # fmt: skip
+SAID = {"length": "mm", "mass": "kg", "angle": "deg", "time": "s", "rotation": "counterclockwise"}
+WRITTEN = 1e-9  # m; the last digit in the files of recordings
+ROUNDING = 1e-12  # relative; a few float64 roundings of a product of factors
+
+
+def header(path: Path, *names: str) -> Path:
+    """A file of columns with one row of zeros."""
+    path.parent.mkdir(exist_ok=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([names, [0] * len(names)])
+    return path
+
+
+def proposed(path: Path, *names: str) -> dict:
+    return {one.name: one.value for one in propose(header(path, *names)).settings}
+
+
+@pytest.fixture
+def drops(tmp_path, monkeypatch):
+    """Drops, written as somebody would in millimetres and degrees, in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    impacts = synthetic.load(size=40)
+    columns = {}
+    for field in ("q", "v_pre", "v_post"):
+        for ours, values in zip(COMPONENTS[field], getattr(impacts, field).T, strict=True):
+            name, factor = MILLIMETRES[ours]
+            columns[name] = (values * factor).tolist()
+    with open("drops.csv", "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerows([[*columns, "remark"], *([*row, "fine"] for row in zip(*columns.values(), strict=True))])
+    return impacts
+
+
+def filled_in(name: str, **values: str) -> None:
+    """Fill in values that were left open."""
+    path = Path(f"{name}.yaml")
+    text = path.read_text("utf-8")
+    for key, value in values.items():
+        assert f"\n{key}: ???" in text
+        text = text.replace(f"\n{key}: ???", f"\n{key}: {value}")
+    path.write_text(text, "utf-8")
+
+
+def test_a_table_is_read_as_its_columns_say(drops):
+    told = run("contactlearn", "init", "drops.csv", "--name", "mydata", cwd=".")
+    assert "mydata.yaml written: drops.csv is a table of impacts" in told
+    assert "fill in  mass, shape: each has a comment" in told
+    assert "not used 'remark'" in told
+    lacking = run("contactlearn", "audit", "data=mydata", cwd=".", status=2)
+    assert "error: data.mass, data.shape must be given: data.mass=…, or in the file NAME.yaml" in lacking
+    filled_in("mydata", mass=str(drops.mass[0].item()), shape=SHAPE)
+    assert "mydata" in own_data()
+    source = SourceSettings.from_config(compose("train", ["data=mydata"]))
+    assert source.options["units"] == SAID
+    found = load_data(source)
+    for field in ("mass", "inertia", "r", "q", "v_pre", "v_post"):
+        torch.testing.assert_close(getattr(found, field), getattr(drops, field), rtol=ROUNDING, atol=ROUNDING)
+    assert "40 impacts" in run("contactlearn", "audit", "data=mydata", cwd=".")
+    assert SourceSettings.from_config(compose("diagnose", ["data=mydata", "data.units.mass=g"])).options["units"] == {
+        **SAID, "mass": "g",
+    }  # fmt: skip
+    assert experiment(session_of(["data=mydata"])).count("override /data: mydata") == 1
+    run("train.py", "data=mydata", *[word for word in TRAIN if not word.startswith("data.")], cwd=".")
+
+
+def test_recordings_are_read_as_their_columns_say(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    takes, _ = recordings.simulate(3, seed=3)
+    recordings.write_recordings(takes, Path("takes"))
+    for file in Path("takes").iterdir():
+        lines = file.read_text().splitlines()
+        assert lines[0] == "time,x,y,theta"
+        file.write_text("\n".join(["t,x [m],z [m],th", *lines[1:]]))
+    assert "fill in  mass, shape" in run("contactlearn", "init", "takes", cwd=".")
+    filled_in("takes", mass=str(recordings.MASS), shape=SHAPE)
+    with patch("contactlearn.cli.commands.impacts.write_impacts", return_value="") as written:
+        run("contactlearn", "impacts", "data=takes", "-o", "impacts.csv", cwd=".")
+    ((source, _), _) = written.call_args
+    assert source == SourceSettings.from_config(compose("evaluate", ["data=takes"]))
+    options = {name: source.options[name] for name in ("columns", "unit", "angle", "rate")}
+    assert (options["unit"], options["angle"], options["rate"]) == ("m", None, None)
+    (found,) = read(Path("takes/0001.csv"), tracks.track_options(**options).layout)
+    np.testing.assert_allclose(found.position, takes[0].position, atol=WRITTEN)
+    header(Path("drops.csv"), "vx", "vx_post")
+    run("contactlearn", "init", "drops.csv", cwd=".")
+    refused = run("contactlearn", "impacts", "data=drops", "-o", "a.csv", cwd=".", status=2)
+    assert "data=drops is another source" in refused
+
+
+@pytest.mark.parametrize(
+    ("names", "wanted"),
+    [
+        pytest.param(["x", "x_mm", "vx_post"], {"columns.y": OPEN, "units.length": "m"}, id="our name goes first"),
+        pytest.param(["vx_post", "x_com", "x [mm]", "X (m)"], {"columns.x": OPEN}, id="two columns of one meaning"),
+        pytest.param(["vx_post", "x [ft]"], {"columns.x": OPEN}, id="an unknown unit"),
+        pytest.param(["vx_post", "x_mm", "y_m"], {"units.length": OPEN}, id="two units of one quantity"),
+        pytest.param(["vx_post", "x_cm"], {"columns.x": "x_cm", "units.length": "cm"}, id="centimetres"),
+        pytest.param(["vx_post", "x_contact"], {"columns.x": OPEN}, id="the contact is not the centre"),
+        pytest.param(["vx_post", "I [g mm^2]", "m_g"], {"columns.mass": "m_g", "units.mass": "g"}, id="a mass"),
+        pytest.param(["vx_post", "inertia [g·mm²]", "massKg"], {"units.mass": OPEN}, id="two masses"),
+        pytest.param(["vx_post", "vx_pots"], {"columns.vx": OPEN}, id="a slip"),
+        pytest.param(["vx_post", "mass", "inertia", "rx", "ry"], {"shape": None}, id="nothing to compute"),
+        pytest.param(["time", "x", "y", "theta"], {"mass": OPEN, "unit": None, "angle": None}, id="a recording"),
+        pytest.param(["t_ms", "x", "y", "phi"], {"rate": OPEN, "columns.time": None}, id="milliseconds"),
+        pytest.param(["t", "x", "y", "z", "theta"], {"columns.position": OPEN}, id="which plane"),
+        pytest.param(
+            ["time", *(f"pose.position.{k}" for k in "xyz"), *(f"pose.orientation.{k}" for k in "xyzw")],
+            {"columns.quaternion": [f"pose.orientation.{k}" for k in "wxyz"], "shape": OPEN},
+            id="in space",
+        ),
+        pytest.param(
+            ["t", "x1", "y1", "x2", "y2", "x3", "y3"],
+            {"columns.markers": [["x1", "y1"], ["x2", "y2"], ["x3", "y3"]], "shape": None},
+            id="markers",
+        ),
+    ],
+)
+def test_what_columns_say(tmp_path, names, wanted):
+    found = proposed(tmp_path / "a.csv", *names)
+    assert found == found | wanted
+
+
+def test_a_name_in_a_file_is_text(drops):
+    """Whatever stands in a header: no reference, no new line of YAML, no sequence that steers a terminal."""
+    hostile = "${oc.env:HOME}\n_target_: os.system\u2028\x1b[31m"
+    header(Path("odd.csv"), "vx_post", f"vx {hostile}", "${vx} [mm/s]", "vy [m/s]\r\nmass: 1", hostile)
+    told = run("contactlearn", "init", "odd.csv", cwd=".")
+    assert "\x1b" not in told
+    source = SourceSettings.from_config(compose("evaluate", ["data=odd", "data.mass=1"]))
+    assert source.target == "contactlearn.data.table.load"
+    assert source.options["columns"]["vx"] == "${vx} [mm/s]"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["nowhere.csv"], "nowhere.csv: no such file or folder"),
+        (["drops.csv", "--name", "table"], "data=table is a source of this package; choose another name"),
+        (["drops.csv", "--name", "my data"], "a word of letters, digits and _ for data=NAME, got 'my data'"),
+        (["taken.csv"], "taken.yaml exists already and is not replaced"),
+        (["other.csv"], "other.csv: is neither a table of impacts"),
+        (["tables"], "tables: holds tables of impacts, such as a.csv; give one of them"),
+    ],
+)
+def test_init_refuses(drops, words, message):
+    Path("taken.yaml").write_text("mine")
+    for name in ("taken.csv", "tables/a.csv"):
+        header(Path(name), "vx_post")
+    header(Path("other.csv"), "a", "b")
+    before = sorted(Path().rglob("*"))
+    (told,) = run("contactlearn", "init", *words, cwd=".", status=2).splitlines()
+    assert message in told
+    assert sorted(Path().rglob("*")) == before
+    assert Path("taken.yaml").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: [", "mydata.yaml: cannot be read as YAML"),
+        ("path: drops.csv", "mydata.yaml: is no source of data; it begins with _target_: contactlearn.data.table.load"),
+        ("_target_: os.system\npath: ls", "mydata.yaml: is no source of data"),
+        ("_target_: contactlearn.data.table.load\nunit: mm", "setting in mydata.yaml: 'unit', did you mean 'units'?"),
+        ("- 1", "mydata.yaml: is no source of data"),
+    ],
+)
+def test_a_file_of_settings_is_checked(tmp_path, monkeypatch, text, message):
+    monkeypatch.chdir(tmp_path)
+    Path("mydata.yaml").write_text(text)
+    with pytest.raises(ContactLearnError, match=rf"^[^\n]*{re.escape(message)}[^\n]*$"):
+        compose("train", ["data=mydata"])
+
+
+def test_a_table_and_a_setting_do_not_both_state_the_mass(tmp_path):
+    path = table.save(synthetic.load(size=5), tmp_path / "a.csv")
+    with pytest.raises(DataError, match=r"data.mass states what the column 'mass' has"):
+        table.load(path, mass=0.05)
+    found = table.load(path, columns={"mass": None, "inertia": None}, mass=0.05, inertia=2e-5)
+    assert found.mass.tolist() == [0.05] * 5
+    assert found.inertia.tolist() == [2e-5] * 5
+    with pytest.raises(DataError, match=r"data.mass must be a finite number greater than 0, got -1"):
+        table.load(path, mass=-1)
+
+
+def test_a_changed_file_is_another_sweep(drops):
+    """Jobs that are known by their words alone depend on what a file of the working directory says."""
+    words = ["data=mydata", "data.mass=1", f"data.shape={SHAPE}"]
+    run("contactlearn", "init", "drops.csv", "--name", "mydata", cwd=".")
+    hydra = compose("train", words, return_hydra_config=True).hydra
+    hydra.runtime.config_sources, hydra.job.config_name = [], "train"
+    before = words_digest(hydra, words)
+    assert words_digest(hydra, words) == before
+    Path("mydata.yaml").write_text(Path("mydata.yaml").read_text("utf-8") + "# or not\n", "utf-8")
+    assert words_digest(hydra, words) != before
