@@ -5,6 +5,7 @@ import re
 import shutil
 import sys
 import tomllib
+from unittest.mock import patch
 
 import pandas as pd
 import pytest
@@ -16,6 +17,7 @@ import contactlearn
 from contactlearn import laws
 from contactlearn.__main__ import main
 from contactlearn.cli import hydra_main
+from contactlearn.cli.commands import record
 from contactlearn.cli.commands.fitting import law_surface
 from contactlearn.cli.commands.record import draw_cost_surface
 from contactlearn.cli.config_files import check_settings
@@ -100,12 +102,66 @@ def test_evaluation_figures_and_events(evaluation):
     assert lines[0]["trained_on"] == 20
 
 
-def test_train_then_evaluate_agree(tmp_path):
-    """Both commands identify the same parameters from the same subsets."""
-    run("train.py", *TRAIN, "law=whittaker", f"hydra.run.dir={tmp_path / 'train'}")
-    run("evaluate.py", *SMALL, "laws=[whittaker]", f"hydra.run.dir={tmp_path / 'evaluate'}")
-    trained, evaluated = (json.loads((tmp_path / name / "results.json").read_text()) for name in ("train", "evaluate"))
+@pytest.fixture(scope="module")
+def euclidean(tmp_path_factory):
+    """A training and an evaluation in the paper's norm: by command what it printed, its result, figures and tags."""
+    folder, found = tmp_path_factory.mktemp("euclidean"), {}
+    learned = ("law=whittaker", "model=[x1_impulse]", "curves.sizes=[10,20]", "curves.seeds=1", "workers=1")
+    for name, *words in (("train", *TRAIN, "law=whittaker"), ("evaluate", *SMALL[:5], "laws=[whittaker]", *learned)):
+        with patch.object(record, "save", wraps=record.save) as saved:
+            place = f"hydra.run.dir={folder / name}"
+            printed = run(f"{name}.py", *words, "bounds.norm=euclidean", place)
+        lines = (folder / name / "metrics.jsonl").read_text().splitlines()
+        found[name] = (
+            printed,
+            json.loads((folder / name / "results.json").read_text()),
+            {call.args[2]: call.args[0] for call in saved.call_args_list},
+            {tag for line in lines for tag in json.loads(line)},
+        )
+    return found
+
+
+def test_train_then_evaluate_agree(euclidean):
+    """Both commands identify the same parameters from the same subsets, and have the same rigid bound."""
+    (_, trained, *_), (_, evaluated, *_) = euclidean.values()
     assert trained["fits"] == evaluated["fits"]
+    assert len({one["errors"]["irb"]["euclidean_error"]["mean"] for one in (trained, evaluated)}) == 1
+
+
+@pytest.mark.parametrize("command", ["train", "evaluate"])
+def test_the_headline_follows_the_norm(euclidean, command):
+    """Bounds have no error, no tag and no line in a measure that they do not bound."""
+    printed, result, _, tags = euclidean[command]
+    assert re.search(r"model +μ +ε +Euclidean error m/s and rad/s +normalised", printed)
+    mean = {model: entry["euclidean_error"]["mean"] for model, entry in result["errors"].items()}
+    assert mean["irb"] <= mean["best_post_hoc"] <= mean["whittaker"]
+    for bound in ("best_post_hoc", "irb"):
+        entry = result["errors"][bound]
+        assert [name for name in metrics.METRICS if entry[name]] == ["euclidean_error", "normalised_euclidean_error"]
+    assert {"euclidean_error/model", "euclidean_error/irb", "mass_error/whittaker"} <= tags
+    bounds = {tag for tag in tags if tag.endswith(("/irb", "/best_post_hoc", "/model"))}
+    assert {tag for tag in bounds if "euclidean_error/" not in tag} <= {
+        f"outside_admissible/{name}" for name in ("irb", "best_post_hoc")
+    }
+
+
+def test_figures_with_bounds_are_in_a_measure_that_they_bound(euclidean):
+    """Figure 3.5 in the paper's measure is among them."""
+    _, result, figures, _ = euclidean["evaluate"]
+    bounded = {metrics.METRICS[name].axis for name in metrics.bounded_metrics("euclidean")}
+    drawn = set()
+    for name, figure in figures.items():
+        legends = [*figure.legends, *(legend for axes in figure.axes if (legend := axes.get_legend()))]
+        words = [text.get_text() for legend in legends for text in legend.get_texts()]
+        words += [text.get_text() for axes in figure.axes for text in axes.get_yticklabels()]
+        if any("IRB" in word or "Best Post Hoc" in word for word in words):
+            labels = {label for axes in figure.axes for label in (axes.get_xlabel(), axes.get_ylabel())}
+            assert labels & bounded, name
+            drawn.add(name)
+    ends = ("", "_normalised_euclidean_error")
+    wanted = {f"{name}{end}" for name in ("error_comparison", "learning_curve", "error_densities") for end in ends}
+    assert drawn == wanted | {"patch_curve"}
+    assert result["learning_curves"]["x1_impulse"]["below"].keys() == set(metrics.bounded_metrics("euclidean"))
 
 
 def test_training_without_further_words_learns(tmp_path):
