@@ -1,6 +1,7 @@
 """The commands as a user types them, on small synthetic data, and what they leave behind."""
 
 import json
+import logging
 import re
 import shutil
 import sys
@@ -51,6 +52,14 @@ def test_evaluation_prints_every_model(evaluation):
     for model in (*laws.PAPER_LAWS, "best_post_hoc", "irb"):
         assert re.search(rf"^ *{model} ", printed, re.MULTILINE), model
     assert f"tensorboard --logdir {folder}" in printed
+
+
+def test_the_log_holds_what_was_printed(evaluation):
+    printed, folder = evaluation
+    logged = (folder / "evaluate.log").read_text("utf-8")
+    logged = re.sub(r"^\[.*?\]\[contactlearn\]\[INFO\] - ", "", logged, flags=re.MULTILINE)
+    assert logged.split() == printed.split()
+    assert not any(isinstance(one, logging.FileHandler) for one in logging.getLogger("contactlearn").handlers)
 
 
 def test_evaluation_leaves_results(evaluation):

@@ -93,7 +93,7 @@ def test_installed_commands_need_no_checkout(installed, tmp_path):
     assert "data=table data.path=drops.csv" in printed
     small = ("data.size=60", "train.size=20", "train.repetitions=2", "bootstrap=20", "model=analytical")
     done(sys.executable, installed / "bin" / "contactlearn", "train", "-m", *small, "seed=3", cwd=tmp_path, **alone)
-    assert len(list(tmp_path.glob("outputs/train/sweep/*/results.json"))) == 1
+    assert len(list(tmp_path.glob("multirun/*/*/*/results.json"))) == 1
 
 
 def test_the_lock_has_what_the_tests_need_and_no_more():

@@ -52,7 +52,8 @@ def test_workers_end_silently_with_their_parent(stop, status, tmp_path):
                 os.kill(worker, signal.SIGKILL)
     assert parent.returncode == status
     if status > 0:
-        assert message == "stopped; the same command resumes where a sweep, learning curves or a large diagnosis was\n"
+        assert message.startswith("stopped; the same command resumes ")
+        assert message.count("\n") == 1
     else:  # Python's own resource tracker warns of what the killed one did not clean up
         assert "Traceback" not in message
 

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 from commands import TRAIN, run
 from forked_sweeps import ForkedSweep
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from omegaconf import OmegaConf
 from repetitions import repeated
 
 from contactlearn.cli import hydra_main
@@ -116,13 +118,18 @@ def test_other_data_are_another_job(tmp_path):
 
 
 def test_a_failing_job_stops_no_other(tmp_path):
-    words = ("-m", *SMALL, "train.size=1000,10", f"hydra.sweep.dir={tmp_path}")
-    printed = run("train.py", *words, status=1)
+    """The sweep goes where Hydra puts them; the same command goes on in the folder that it names."""
+    words = ("-m", *SMALL, "train.size=1000,10")
+    printed = run("train.py", *words, status=1, cwd=tmp_path)
     assert "sweep    1 finished, 1 failed" in printed
+    (place,) = re.findall(r"The same command with (hydra.sweep.dir=multirun/\d{4}-\d\d-\d\d/\d\d-\d\d-\d\d) ", printed)
+    words, cwd, tmp_path = (*words, place), tmp_path, tmp_path / place.partition("=")[2]
+    assert OmegaConf.load(tmp_path / "multirun.yaml").hydra.overrides.task == [*SMALL, "train.size=1000,10"]
     assert "failed   train.size=1000: synthetic drops" in printed
     before = finished(tmp_path)
     assert [name.partition("-")[0] for name in before] == ["train.size=10"]
     (failed,) = tmp_path.glob("train.size=1000-*")
+    assert re.search(r"\[contactlearn\]\[ERROR\] - .*use train.size=60", (failed / "train.log").read_text("utf-8"))
     assert "use train.size=60 or less" in json.loads((failed / FAILED).read_text())["reason"]
     reasons = []
     for path in find_results(tmp_path):
@@ -132,7 +139,7 @@ def test_a_failing_job_stops_no_other(tmp_path):
             reasons.append(str(error))
     assert len(reasons) == 1
     assert reasons[0].startswith("failed: synthetic drops")
-    assert "2 jobs, 1 finished before" in run("train.py", *words, status=1)
+    assert "2 jobs, 1 finished before" in run("train.py", *words, status=1, cwd=cwd)
     assert finished(tmp_path) == before
 
 
@@ -433,9 +440,9 @@ def small_disk(tmp_path):
 
 @pytest.mark.parametrize("several", repeated(True, False), ids=["sweep", "run"])
 def test_a_full_disk_is_one_clear_error(small_disk, several, tmp_path):
-    (small_disk / "large").write_bytes(bytes(120_000))
+    (small_disk / "large").write_bytes(bytes(100_000))
     place = f"hydra.sweep.dir={small_disk}" if several else f"hydra.run.dir={small_disk / 'run'}"
-    words = [*["-m"] * several, *SMALL, "train.size=10", place]
+    words = [*["-m"] * several, *SMALL, "train.size=10", "model=analytical", place]
     printed = run("train.py", *words, status=1 if several else 2, figures=True)
     assert "No space left on device; free some space" in printed
     assert "Traceback" not in printed

@@ -32,6 +32,7 @@ from contactlearn.core.signals import defer_interrupts, graceful_exit, spell_une
 warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated against ConfigStore schema")
 
 logging.raiseExceptions = False  # a message of Hydra's that nobody reads any more
+logging.getLogger("contactlearn").propagate = False  # to Hydra's log of a sweep: it is printed already
 
 _WIDTH = 80  # columns of help
 _FULL = "HYDRA_FULL_ERROR"

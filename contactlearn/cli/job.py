@@ -1,6 +1,7 @@
 """One run in a folder of its own, which is held while it runs and marked last of all as finished."""
 
 import errno
+import logging
 import platform
 import shlex
 import shutil
@@ -17,6 +18,7 @@ from typing import Any, cast
 
 import torch
 from hydra.core.hydra_config import HydraConfig
+from hydra.core.utils import configure_log
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, read_write
 
@@ -39,6 +41,9 @@ _FIXES = {
     errno.EACCES: _ELSEWHERE,
     errno.ENOENT: "was it moved or deleted during the run?",
 }
+
+
+_log = logging.getLogger("contactlearn")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,9 +120,9 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
     with _own_folder(identity, hydra) as folder:
         if folder is None:
             return
-        with _failures_recorded(folder, began=True):
-            with read_write(hydra.runtime):
-                hydra.runtime.output_dir = str(folder)  # of the configuration that is written
+        with read_write(hydra.runtime):
+            hydra.runtime.output_dir = str(folder)  # of the configuration that is written, and of the log
+        with _logged(hydra), _failures_recorded(folder, began=True):
             # As Hydra would; Hydra itself might write over the configuration of another run.
             parts = {"config": cfg, "hydra": OmegaConf.create({"hydra": hydra}), "overrides": hydra.overrides.task}
             for name, part in parts.items():
@@ -135,6 +140,17 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
                 )
             )
             finish(folder, replace(identity, seconds=round(time.monotonic() - start, 3)))
+
+
+@contextmanager
+def _logged(hydra: DictConfig) -> Generator[None]:
+    """Log to the folder that the run has, as `hydra.job_logging` says, and to none afterwards."""
+    configure_log(hydra.job_logging, hydra.verbose)
+    try:
+        yield
+    finally:
+        configure_log(hydra.hydra_logging, hydra.verbose)  # closes the file
+        _log.handlers.clear()
 
 
 @contextmanager
@@ -157,6 +173,7 @@ def _failures_recorded(folder: Path, began: bool) -> Generator[None]:
         if not sweeping:
             remove_if_empty(folder)
         if sweeping or (began and folder.exists()):
+            _log.error("%s", why, exc_info=not foreseen)
             fail(folder, Failed(reason=why, traceback="" if foreseen else traceback.format_exc()))
         if foreseen or not (sweeping or isinstance(error, OSError | MemoryError | torch.OutOfMemoryError)):
             raise

@@ -101,7 +101,7 @@ def _add_result_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
         help="redraw the page of one run, or make one page over several runs or a whole sweep",
         description=_REPORT,
         epilog="examples: contactlearn report outputs/diagnose/2026-01-31_12-00-00; "
-        "contactlearn report outputs/train/sweep; "
+        "contactlearn report multirun/2026-01-31/12-00-00; "
         "contactlearn report outputs/diagnose outputs/evaluate --out all.html",
     )
     above = "a run, a sweep, or any folder above some"

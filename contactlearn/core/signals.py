@@ -13,7 +13,7 @@ from io import TextIOWrapper
 from types import FrameType
 from typing import NoReturn
 
-_STOPPED = "stopped; the same command resumes where a sweep, learning curves or a large diagnosis was"
+_STOPPED = "stopped; the same command resumes learning curves and large diagnoses, with hydra.sweep.dir=FOLDER a sweep"
 
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 _SPELT = {

@@ -1,5 +1,6 @@
-"""Terminal output of a run: the data, progress, tables of its result, and its folder."""
+"""Terminal output of a run: the data, progress, tables of its result, and its folder; and the same in its log."""
 
+import logging
 import math
 import shlex
 from collections.abc import Mapping, Sequence
@@ -29,6 +30,7 @@ from contactlearn.results.types import (
 
 console = Console()
 """Standard output."""
+_log = logging.getLogger("contactlearn")
 _MANY = 20  # trials from which on standard errors cover what they should
 _COMPUTED = {
     "r": "rx, ry from the shape and theta (rad and counter-clockwise, unless data.units says otherwise)",
@@ -39,8 +41,10 @@ _WIDEST = 5  # settings in it
 
 
 def print_line(line: str) -> None:
-    """Print a line as it is: no markup, no folding of paths, plain spaces, nothing that steers a terminal."""
-    console.print(Text(terminal_safe(line.replace("\u00a0", " "))), soft_wrap=True)
+    """Print and log a line as it is: no markup, no folding of paths, plain spaces, nothing that steers a terminal."""
+    text = terminal_safe(line.replace("\u00a0", " "))
+    console.print(Text(text), soft_wrap=True)
+    _log.info("%s", text)
 
 
 def show_reused_trainings(trainings: int) -> None:
@@ -262,7 +266,8 @@ def new_table(title: str, *headings: str) -> Table:
 
 
 def print_table(table: Table) -> None:
-    """Print at the table's own width: a narrow terminal wraps lines instead of losing cells."""
-    wide = Console(width=1000, markup=False, emoji=False)
+    """Print and log at the table's own width: a narrow terminal wraps lines instead of losing cells."""
+    wide = Console(width=1000, markup=False, emoji=False, record=True)
     wide.width = max(console.width, wide.measure(table).maximum)
     wide.print(table)
+    _log.info("\n%s", wide.export_text().rstrip())

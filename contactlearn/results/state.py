@@ -22,7 +22,8 @@ from contactlearn.core.numerics import atomic_write
 from contactlearn.core.serialisation import from_json, to_json
 
 DONE, FAILED, LOCK = "done.json", "failed.json", ".lock"
-_OWN = (LOCK, FAILED, ".hydra", "progress.jsonl")  # of a folder in which nothing has been computed
+_LOGS = ("train.log", "evaluate.log", "diagnose.log")
+_OWN = (LOCK, FAILED, ".hydra", "progress.jsonl", *_LOGS)  # of a folder in which nothing has been computed
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ memory, jobs that had not begun are launched again together, and those that had 
 
 import os
 import re
+import shlex
 import sys
 import time
 from collections import Counter, deque
@@ -19,12 +20,13 @@ from tempfile import TemporaryDirectory
 from hydra.core.plugins import Plugins
 from hydra.core.utils import JobStatus
 from hydra.types import HydraContext, TaskFunction
-from omegaconf import DictConfig, open_dict
+from omegaconf import DictConfig, OmegaConf, open_dict
 
 from contactlearn.cli.config_files import check_settings
 from contactlearn.cli.resource_limits import GIB, jobs_at_a_time
 from contactlearn.cli.sweeps.identity import DIGITS, job_identity, still_valid, words_digest
 from contactlearn.core.errors import ContactLearnError, install_hint, terminal_safe
+from contactlearn.core.numerics import atomic_write
 from contactlearn.report.terminal import show_sweep
 from contactlearn.results.state import FAILED, Done, begun, is_locked, read_done, read_failed
 
@@ -147,6 +149,8 @@ def sweep(
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(prefix=".probe-", dir=folder):  # fails now rather than in every job
             pass
+        with atomic_write(folder / "multirun.yaml") as part:  # as Hydra's own sweeper
+            OmegaConf.save(config, part)
         target = str(config.hydra.launcher._target_)
         at_once = jobs_at_a_time(-1, gigabytes) if target.endswith("LocalLauncher") else None
         launch = _launcher(config, context, task, gigabytes, len(plan.pending))
@@ -158,12 +162,13 @@ def sweep(
     counts += [f"{len(outcome.queued)} without a result yet"] if outcome.queued else []
     counts += [f"{len(outcome.failed)} failed"] if outcome.failed else []
     print(f"sweep    {', '.join(counts)}")
+    again = f"The same command with hydra.sweep.dir={shlex.quote(str(folder))}"
     for job, reason in outcome.failed:  # last, where a user looks
         print(terminal_safe(f"failed   {job.name}: {reason}\n         {job.folder}"), file=sys.stderr)
     if outcome.queued:
-        print("The others go on in the queue; the same command shows them when they have ended.", file=sys.stderr)
+        print(f"The others go on in the queue. {again} shows them when they have ended.", file=sys.stderr)
     if outcome.failed:
-        print("The same command runs the failed ones again, and no others.", file=sys.stderr)
+        print(f"{again} runs the failed ones again, and no others.", file=sys.stderr)
     if outcome.failed or outcome.queued:
         sys.exit(1)
 
