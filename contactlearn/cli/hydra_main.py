@@ -84,7 +84,7 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
 
     @functools.wraps(job)
     def run_command() -> None:
-        words = sys.argv[1:]
+        words = sys.argv[1:] = _without_training(sys.argv[1:])
         flags = {word for word in words if word.startswith("-")}
         with graceful_exit(), _one_message(job.__name__):
             if not flags & {"--config-dir", "-cd"}:
@@ -96,6 +96,12 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
                     run()
 
     return run_command
+
+
+def _without_training(words: list[str]) -> list[str]:
+    """The words of a command; with a checkpoint no model of the configuration is trained, unless words name one."""
+    keys = {word.lstrip("+").partition("=")[0] for word in words if not word.endswith("=null")}
+    return [*words, "model=[]"] if "checkpoint" in keys and "model" not in keys else words
 
 
 @contextmanager
@@ -181,7 +187,8 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
         hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)),
         readable_errors(),
     ):
-        cfg = hydra.compose(config_name, overrides, return_hydra_config=return_hydra_config)
+        words = _without_training(overrides)
+        cfg = hydra.compose(config_name, words, return_hydra_config=return_hydra_config)
     check_settings(cfg, config_name)
     check_targets(cfg, overrides)
     return cfg

@@ -13,7 +13,7 @@ import re
 import traceback
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from importlib import import_module
 from itertools import chain
@@ -24,6 +24,7 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from contactlearn import laws
+from contactlearn.cli.checkpoints import TrainedModel, load_model, load_models
 from contactlearn.cli.config_files import required_settings
 from contactlearn.cli.job import reason
 from contactlearn.cli.resource_limits import usable_cores
@@ -40,6 +41,7 @@ from contactlearn.inference.identification.shared import Box
 from contactlearn.inference.learning.recipe import Recipe
 from contactlearn.laws import PAPER_LAWS, Contact, Law
 from contactlearn.mechanics.impacts import IMPULSE_TARGETS
+from contactlearn.models.regressor import Regressor
 from contactlearn.results.tables import FORMATS
 from contactlearn.simulation import synthetic
 
@@ -159,7 +161,7 @@ class FigureSettings:
 class TrainSettings:
     """One model to train: its name and recipe, None for a law alone, with the law and the effects that it has.
 
-    `laws` are those of Best Post Hoc, the paper's and `law`.
+    `laws` are those of Best Post Hoc, the paper's and `law`; `start` are the processes that training goes on from.
     """
 
     split: SplitSettings
@@ -173,6 +175,7 @@ class TrainSettings:
     laws: Mapping[str, Law]
     effects: Mapping[str, Effect]
     norm: bounds.Norm
+    start: Regressor | None = None
 
     @classmethod
     def from_config(cls, cfg: DictConfig) -> "TrainSettings":
@@ -180,9 +183,11 @@ class TrainSettings:
 
         Raises:
             ContactLearnError: a setting that breaks its rule; no model, or several; effects around a model that has
-                no law, or that takes (μ, ε) from the law alone.
+                no law, or that takes (μ, ε) from the law alone; a checkpoint that is no learned model.
         """
         config = _checked(cfg, "train")
+        if config["checkpoint"] is not None:
+            return cls._from_checkpoint(config)
         law, effects, recipes = _law(config), _effects(config, "effect"), _recipes(config)
         names = list(config["model"] or {})
         if len(names) != 1:
@@ -198,7 +203,27 @@ class TrainSettings:
                 f"model {name} takes each trial's (μ, ε) from the law alone, but there are effects "
                 f"({', '.join(effects)}); use model=parameters_likelihood"
             )
-        own = law if recipe is None or effects else recipe.law
+        return cls._of_model(config, name, recipe, law if recipe is None or effects else recipe.law, effects)
+
+    @classmethod
+    def _from_checkpoint(cls, config: Mapping[str, Any]) -> "TrainSettings":
+        """Settings of a training that goes on from a model: with its recipe, law and effects."""
+        for part in ("model", "effect"):
+            if config[part]:
+                raise ContactLearnError(f"checkpoint={config['checkpoint']} has its own {part}; take out {part}=…")
+        found = load_model(str(config["checkpoint"]))
+        try:
+            recipe = Recipe.of(found.model)
+        except ContactLearnError as error:
+            raise ContactLearnError(f"{found.path}: training cannot go on from it: {error}") from error
+        return replace(
+            cls._of_model(config, found.learned, recipe, found.law, found.effects), start=found.model.processes
+        )
+
+    @classmethod
+    def _of_model(
+        cls, config: Mapping[str, Any], name: str, recipe: Recipe | None, law: Law | None, effects: Mapping[str, Effect]
+    ) -> "TrainSettings":
         return cls(
             split=_split(config),
             identification=_identification(config),
@@ -207,8 +232,8 @@ class TrainSettings:
             bootstrap=config["bootstrap"],
             model=name,
             recipe=recipe,
-            law=own,
-            laws=_named_laws(config, own, (*PAPER_LAWS, *([own.name] if own else []))),
+            law=law,
+            laws=_named_laws(config, law, (*PAPER_LAWS, *([law.name] if law else []))),
             effects=effects,
             norm=config["bounds"]["norm"],
         )
@@ -216,7 +241,10 @@ class TrainSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateSettings:
-    """Laws, learned models and bounds to compare; `laws` are those of the error table, `law` has the effects."""
+    """Laws, learned models and bounds to compare; `laws` are those of the error table, `law` has the effects.
+
+    `trained` are models from checkpoints, by name in the error table.
+    """
 
     split: SplitSettings
     identification: IdentificationSettings
@@ -228,6 +256,7 @@ class EvaluateSettings:
     laws: Mapping[str, Law]
     effects: Mapping[str, Effect]
     recipes: Mapping[str, Recipe]
+    trained: Mapping[str, TrainedModel]
     norm: bounds.Norm
     patch: float
     curve_sizes: tuple[int, ...]
@@ -248,6 +277,7 @@ class EvaluateSettings:
         law, effects, recipes = _law(config), _effects(config, "effect"), _recipes(config)
         figures, own = config["figures"], [] if law.name in PAPER_LAWS else [law.name]
         drawn = _named_laws(config, law, (figures["surface"], figures["parameters"]))
+        laws = _named_laws(config, law, (*config["laws"], *own))
         return cls(
             split=_split(config),
             identification=_identification(config),
@@ -256,9 +286,10 @@ class EvaluateSettings:
             workers=config["workers"],
             bootstrap=config["bootstrap"],
             law=law,
-            laws=_named_laws(config, law, (*config["laws"], *own)),
+            laws=laws,
             effects=effects,
             recipes=recipes,
+            trained=_trained(config, (*laws, *recipes)),
             norm=config["bounds"]["norm"],
             patch=config["bounds"]["patch"],
             curve_sizes=tuple(config["curves"]["sizes"]),
@@ -391,6 +422,10 @@ _SIZES: _Rule = (
 )
 _RULES: Mapping[str, _Rule] = {
     "test": _number(lambda x: 0 < x < 1, "a share in (0, 1)"),
+    "checkpoint": (
+        lambda x: all(isinstance(one, str) for one in (x if isinstance(x, list) else [x])) or x is None,
+        "a file or folder, or a list of them, such as outputs/train/sweep",
+    ),
     "seed": _whole(0),
     "threads": _whole(1),
     "seconds": _number(lambda x: x > 0, "a positive number of seconds"),
@@ -564,6 +599,14 @@ def _effect(entry: Mapping[str, Any]) -> Effect:
         if not str(target).startswith("contactlearn."):
             check_effect(effect, target)
     return effect
+
+
+def _trained(config: Mapping[str, Any], taken: Iterable[str]) -> dict[str, TrainedModel]:
+    """The models of `checkpoint` by name."""
+    entry = config["checkpoint"]
+    if entry and config["transfer"] is not None:
+        raise ContactLearnError("a transfer trains its own models; take out checkpoint=… or transfer")
+    return load_models([entry] if isinstance(entry, str) else entry or [], taken)
 
 
 def _transfer(

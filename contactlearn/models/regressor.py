@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from jaxtyping import Float, Int
+import torch
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError
@@ -95,6 +96,13 @@ class Regressor:
         """Mean and variance [..., N, O], without the noise of a measurement, in the values' units."""
         mean, variance = self.gps.predict(self.inputs.apply(impacts.features(self.space).values))
         return self.outputs.undo(mean.mT), self.outputs.spread**2 * variance.mT
+
+    def trained_with(self, impacts: Impacts) -> Bool[Tensor, " n"]:
+        """Find the impacts [N] whose features are, to rounding, those of a training trial."""
+        x = self.inputs.apply(impacts.features(self.space).values)
+        here, there = ((1e9 * part).round().tolist() for part in (x, self.gps.train_inputs[0][..., 0, :, :]))
+        known = set(map(tuple, there))
+        return torch.tensor([tuple(row) in known for row in here])
 
     def leave_one_out(self) -> tuple[Float[Tensor, "*batch n o"], Float[Tensor, "*batch n o"]]:
         """Value − prediction of each training trial if it were left out, and its variance, [..., n, O] each."""

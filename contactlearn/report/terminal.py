@@ -1,7 +1,9 @@
 """Terminal output of a run: the data, progress, tables of its result, and its folder; and the same in its log."""
 
+import json
 import logging
 import math
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from itertools import chain
@@ -193,6 +195,15 @@ def show_folder(folder: Path) -> None:
     if (folder / "report.html").exists():
         print_line(f"open     {shlex.quote(str(shown / 'report.html'))}")
     print_line(f"look at  tensorboard --logdir {shlex.quote(str(shown))}")
+
+
+def show_checkpoint(path: Path, command: Sequence[str]) -> None:
+    """Print where a trained model is, and the command, in its first words, that judges it on other data."""
+    shown = path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+    print_line(f"model    {shown}")
+    plain = re.fullmatch(r"[\w./-]+", str(shown), re.ASCII)
+    value = str(shown) if plain else json.dumps(str(shown), ensure_ascii=False)  # as Hydra's grammar wants it
+    print_line(f"judge    {shlex.join([*command, f'checkpoint={value}'])} data=…")
 
 
 def show_columns(unused: Sequence[str], computed: Sequence[str]) -> None:

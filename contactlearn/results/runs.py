@@ -222,7 +222,7 @@ def read_runs(roots: Sequence[Path], progress: Progress = silent) -> tuple[list[
         reasons = "; ".join(f"{name}: {reason}" for name, reason in skipped[:5])
         nothing = "neither diagnosis.json nor results.json is there, as train, evaluate and diagnose leave them"
         raise ContactLearnError(f"no run can be read in {', '.join(map(str, roots))}: {reasons or nothing}")
-    return sorted(runs, key=lambda run: _natural(run.name)), skipped
+    return sorted(runs, key=lambda run: natural_order(run.name)), skipped
 
 
 def _comparable(path: Path) -> Training | Evaluation | DiagnosisRun:
@@ -242,7 +242,7 @@ def _comparable(path: Path) -> Training | Evaluation | DiagnosisRun:
     return result
 
 
-def _natural(name: str) -> list[tuple[bool, int, str]]:
+def natural_order(name: str) -> list[tuple[bool, int, str]]:
     """Return a key that sorts run 10 behind run 9."""
     parts = re.split(r"(\d{1,15})", name, flags=re.ASCII)
     return [(k % 2 == 0, int(part) if k % 2 else 0, part) for k, part in enumerate(parts)]
@@ -351,7 +351,12 @@ def _typed(values: Sequence[str | None]) -> list[Any]:
 
 def varying(runs: Sequence[ComparedRun]) -> Settings:
     """Return the settings in which runs differ."""
-    return {key: values for key, values in _settings(runs).items() if _differ(values)}
+    return differing([run.config for run in runs], [run.command for run in runs])
+
+
+def differing(configs: Sequence[Mapping[str, Any]], commands: Sequence[str]) -> Settings:
+    """Return the settings in which the configurations of some commands differ."""
+    return {key: values for key, values in _every(configs, commands).items() if _differ(values)}
 
 
 def distinguishing(runs: Sequence[ComparedRun]) -> Settings:
@@ -382,7 +387,11 @@ def _differ(values: Sequence[str | None]) -> bool:
 
 
 def _settings(runs: Sequence[ComparedRun]) -> Settings:
-    return dict(_below("", [run.config for run in runs], [(run.command,) for run in runs]))
+    return _every([run.config for run in runs], [run.command for run in runs])
+
+
+def _every(configs: Sequence[Mapping[str, Any]], commands: Sequence[str]) -> Settings:
+    return dict(_below("", configs, [(command,) for command in commands]))
 
 
 def _below(

@@ -330,13 +330,32 @@ class LearningCurve:
 
 
 @dataclass(frozen=True, kw_only=True)
+class TrainedSource:
+    """The file that a trained model comes from.
+
+    Args:
+        path: of the file.
+        sha256: of its content.
+        data: that it was trained on; None where the file does not tell.
+        trained_on: number of training trials; None where the file does not tell.
+        equation: the model as text.
+    """
+
+    path: str
+    sha256: str
+    data: DataSource | None
+    trained_on: int | None
+    equation: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Evaluation:
     """Models side by side on the held-out trials.
 
     Args:
         provenance: of the run.
         model: name in `errors` of the model that the run is compared with others by.
-        law: that it is, or builds on.
+        law: that it is, or builds on; None for a model without a law.
         effects: around the law.
         norm: in which the bounds come closest; it decides the metric by which models are compared.
         fits: the laws, identified from random subsets.
@@ -346,6 +365,7 @@ class Evaluation:
         differences: error of each other model less that of the best, paired by trial; the smallest first.
         tables: format of the tables beside the file.
         shape: of the bodies, as `bodies.make_shapes` reads it; None where it is not known.
+        trained: models from checkpoints, which were not trained here, by name in `errors`.
         learning_curves: by model.
     """
 
@@ -353,7 +373,7 @@ class Evaluation:
     format: int = FORMAT
     provenance: Provenance
     model: str
-    law: str
+    law: str | None
     effects: tuple[EffectId, ...]
     norm: Norm
     fits: tuple[LawEstimate, ...]
@@ -363,10 +383,18 @@ class Evaluation:
     differences: Mapping[str, Interval]
     tables: Literal["parquet", "csv"]
     shape: Mapping[str, Any] | None
+    trained: Mapping[str, TrainedSource] = field(default_factory=dict)
     learning_curves: Mapping[str, LearningCurve] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in (self.model, self.best, *self.differences, *(fit.law for fit in self.fits), *self.joint):
+        for name in (
+            self.model,
+            self.best,
+            *self.differences,
+            *(fit.law for fit in self.fits),
+            *self.joint,
+            *self.trained,
+        ):
             known_model(name, self.errors)
         if not self.fits:
             raise ContactLearnError("fits must hold at least one law")

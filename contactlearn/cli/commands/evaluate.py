@@ -11,6 +11,7 @@ from contactlearn.cli.commands import curves, fitting, loading, record
 from contactlearn.cli.commands.fitting import Comparison
 from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.commands.record import RunRecord, Scalars
+from contactlearn.cli.commands.trained import check_models
 from contactlearn.cli.commands.transfer import transfer
 from contactlearn.cli.job import Run
 from contactlearn.cli.resource_limits import FITTED, fits_on_disk
@@ -44,6 +45,7 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
         return
     data = loading.split(settings.split, run.folder)
     loading.show_split(data, str(run.config["device"]), settings.device)
+    check_models(settings.trained, data, settings.split)
     row = _drawn_row(settings, data)
     size = len(data.pool) if settings.effects else data.train_size
     metric = metrics.headline_metric(settings.norm)
@@ -115,7 +117,8 @@ def _save_predictions(
 def _result(settings: EvaluateSettings, run: Run, data: Split, compared: Comparison, sums: ErrorSums) -> Evaluation:
     """The result without learning curves.
 
-    Runs are compared by the law with its effects, else by the law, or by the best one if that is not among them.
+    Runs are compared by the model from a checkpoint, the best of several; else by the law with its effects, else by
+    the law, or by the best one if that is not among them.
     """
     metric = metrics.headline_metric(settings.norm)
     errors = estimates.error_table(sums, settings.norm, settings.bootstrap, data.generator)
@@ -123,11 +126,16 @@ def _result(settings: EvaluateSettings, run: Run, data: Split, compared: Compari
     best, differences = estimates.ranked(sums, metric)
     law, laws = settings.law.name, [fit.law.name for fit in compared.fits]
     law = law if joint or law in laws else min(laws, key=lambda name: errors[name].of(metric))
+    model, effects = list(joint)[-1] if joint else law, settings.effects
+    if settings.trained:
+        model = min(settings.trained, key=lambda name: errors[name].of(metric))
+        chosen = settings.trained[model]
+        law, effects = None if chosen.law is None else chosen.law.name, chosen.effects
     return Evaluation(
         provenance=run.provenance(data.blocks, settings.device, data.train_size),
-        model=list(joint)[-1] if joint else law,
+        model=model,
         law=law,
-        effects=estimates.effect_ids(settings.effects),
+        effects=estimates.effect_ids(effects),
         norm=settings.norm,
         fits=tuple(map(estimates.law_estimate, compared.fits)),
         joint=joint,
@@ -136,6 +144,7 @@ def _result(settings: EvaluateSettings, run: Run, data: Split, compared: Compari
         differences=differences,
         tables=settings.tables,
         shape=shapes_entries(data.test.shape),
+        trained={name: one.source() for name, one in settings.trained.items()},
     )
 
 
@@ -166,7 +175,7 @@ def _record(
     size = len(data.pool) if result.joint else data.train_size
     errors = {name: entry.of(result.metric) for name, entry in result.errors.items()}
     yardsticks = {name: result.errors[name] for name in (BEST_POST_HOC, IRB)}
-    alone = {name: entry for name, entry in result.errors.items() if name not in result.joint}
+    alone = {name: entry for name, entry in result.errors.items() if name not in {*result.joint, *result.trained}}
     with_effects = {name: result.errors[name] for name in result.joint}
     drawn = _laws_drawn(settings, data, compared, on_event)
     drawn |= _errors_drawn(settings, data, compared, held_out, result, row)
@@ -178,6 +187,10 @@ def _record(
         scalars=[
             (data.train_size, record.scalars(result.fits, alone, {})),
             *([(size, record.scalars([], with_effects, result.joint))] if result.joint else []),
+            *(
+                (one.trained_on or size, record.scalars([], {name: result.errors[name]}, {}))
+                for name, one in result.trained.items()
+            ),
             (size, {record.own_tags(result.metric)[0]: errors[result.model]}),
             *_curve_scalars(result.learning_curves, yardsticks),
         ],

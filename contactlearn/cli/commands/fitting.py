@@ -113,10 +113,11 @@ def law_surface(law: Law, pool: Impacts, trials: int, settings: IdentificationSe
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """Fits to the pool, (μ, ε) of single trials by law, the norm of the bounds, and the device that computes them."""
+    """Fits to the pool, models from checkpoints, (μ, ε) of each trial by law, norm of the bounds, and device."""
 
     fits: tuple[SharedFit, ...]
     joint: Mapping[str, JointFit]
+    trained: Mapping[str, ContactModel]
     trials: Mapping[str, TrialFit]
     norm: bounds.Norm
     device: torch.device
@@ -127,7 +128,8 @@ class Comparison:
         found = {fit.law.name: ContactModel(fit.to_law()).predict(impacts) for fit in self.fits}
         best, _ = bounds.best_post_hoc(impacts, found, self.norm)
         found |= {BEST_POST_HOC: best, IRB: bounds.irb(impacts, self.norm)}
-        return moved(found | {name: fit.model.predict(impacts) for name, fit in self.joint.items()}, "cpu")
+        models = {name: fit.model for name, fit in self.joint.items()} | {**self.trained}
+        return moved(found | {name: model.predict(impacts) for name, model in models.items()}, "cpu")
 
 
 def compare_models(settings: EvaluateSettings, data: Split, on_event: OnEvent) -> Comparison:
@@ -147,4 +149,5 @@ def compare_models(settings: EvaluateSettings, data: Split, on_event: OnEvent) -
         name: identify_trials(law, impacts, target=how.target, box=how.box)
         for name, law in track(every.items(), "every trial", on_event)
     }
-    return Comparison(fits=fits, joint=joint, trials=trials, norm=settings.norm, device=device)
+    trained = {name: moved(one.model, device) for name, one in settings.trained.items()}
+    return Comparison(fits=fits, joint=joint, trained=trained, trials=trials, norm=settings.norm, device=device)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import torch
 
@@ -10,7 +10,7 @@ from contactlearn.cli.commands import fitting, loading, record
 from contactlearn.cli.commands.fitting import CostSurface
 from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.commands.record import RunRecord
-from contactlearn.cli.job import Run
+from contactlearn.cli.job import Run, invocation
 from contactlearn.cli.resource_limits import FITTED
 from contactlearn.cli.settings import TrainSettings
 from contactlearn.core.devices import moved
@@ -73,6 +73,7 @@ def train(settings: TrainSettings, run: Run) -> None:
     with record.tracker_of(run, data.train_size, metrics.headline_metric(settings.norm)) as tracker:
         _train(settings, run, data, tracker)
     terminal.show_folder(run.folder)
+    terminal.show_checkpoint(run.folder / CHECKPOINT, invocation("evaluate"))
 
 
 def _train(settings: TrainSettings, run: Run, data: Split, tracker: Tracker) -> None:
@@ -122,7 +123,8 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
         on_event(TaskProgress(task=f"training {settings.model} on {len(rows)} trials", done=0, total=None))
         name = fitting.augmented_name(settings.model, effects)
         watch = _Watch(name, len(rows), recipe, moved(data.test, settings.device), on_event)
-        models[name] = learn(recipe, pool, rows, base, impulse=how.target, box=how.box, on_round=watch)
+        start = moved(settings.start, settings.device)
+        models[name] = learn(recipe, pool, rows, base, impulse=how.target, box=how.box, like=start, on_round=watch)
         watch.score(models[name])
     fits = (found[law.name],) if law is not None and not effects else ()
     return _Trained(fits=fits, joint=joint, models=models, laws=laws, surface=surface)
@@ -174,8 +176,12 @@ class _Watch:
 
 def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, sums: ErrorSums) -> Training:
     recipe, regressor = settings.recipe, trained.regressor
+    provenance = run.provenance(data.blocks, settings.device, data.train_size)
+    if recipe is not None and settings.start is not None:  # of which the configuration names the file alone
+        model = {settings.model: {"features": recipe.features, "target": recipe.target}}
+        provenance = replace(provenance, config={**provenance.config, "model": model})
     return Training(
-        provenance=run.provenance(data.blocks, settings.device, data.train_size),
+        provenance=provenance,
         model=trained.name,
         learned=None if recipe is None else settings.model,
         law=None if settings.law is None else settings.law.name,

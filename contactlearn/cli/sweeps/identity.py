@@ -1,9 +1,9 @@
 """Identity of a job: digests of the configuration, data files and code that its result depends on.
 
 Two jobs with the same digest give the same result, but for rounding.  `threads`, `workers` and `device` say how a job
-is computed, and are left out: `device=auto` may mean another one on the machine where a sweep goes on.  Data are known
-by the content of the files that a configuration names under `path`; simulated data by their settings; classes of other
-packages by the file that defines them.
+is computed, and are left out: `device=auto` may mean another one on the machine where a sweep goes on.  Data and
+trained models are known by the content of the files that a configuration names under `path` and `checkpoint`;
+simulated data by their settings; classes of other packages by the file that defines them.
 """
 
 import hashlib
@@ -39,7 +39,7 @@ def job_identity(cfg: DictConfig, hydra: DictConfig) -> Done:
     own = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key not in ("hydra", *_HOW)])
     content = OmegaConf.to_container(own, resolve=True)
     config = _sha([hydra.job.config_name, content])
-    paths = tuple(dict.fromkeys(_named(content, "path")))
+    paths = tuple(dict.fromkeys([*_named(content, "path"), *_named(content, "checkpoint")]))
     modules = dict.fromkeys(target.rpartition(".")[0] for target in _named(content, "_target_"))
     foreign = tuple(name for name in modules if name and not name.startswith("contactlearn."))
     data, code = data_fingerprint(paths), code_version(foreign)
@@ -106,10 +106,12 @@ def _module(name: str) -> str:
 
 
 def _named(content: Any, key: str) -> Iterator[str]:
-    """Texts under a key, anywhere in a configuration."""
+    """Texts under a key, alone or in a list, anywhere in a configuration."""
     if isinstance(content, dict):
         for name, value in content.items():
-            yield from [value] if name == key and isinstance(value, str) else _named(value, key)
+            several = value if isinstance(value, list) else [value]
+            yield from (one for one in several if name == key and isinstance(one, str))
+            yield from _named(value, key)
     elif isinstance(content, list):
         for value in content:
             yield from _named(value, key)

@@ -77,6 +77,21 @@ class Recipe:
         if self.law is None and self.target.startswith("parameters"):
             raise ContactLearnError(f"target {self.target} needs a law, got none")
 
+    @classmethod
+    def of(cls, model: ContactModel) -> "Recipe":
+        """Return the recipe that a learned model was made by.
+
+        Raises:
+            ContactLearnError: nothing is learned, or the base has a learned part itself.
+        """
+        processes, under = model.processes, model.base if isinstance(model.base, ContactModel) else model
+        if under is not model and (under.residual or under.parameters or isinstance(under.base, ContactModel)):
+            raise ContactLearnError(f"no recipe makes a model on top of a learned model, such as {model}")
+        target = model.target
+        if model.parameters is not None:
+            target = f"parameters_{'identified' if processes.gps.likelihood.weight is None else 'likelihood'}"
+        return cls(processes.space, target, under.base if isinstance(under.base, Law) else None)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Round:
@@ -99,6 +114,7 @@ def learn(
     *,
     impulse: str = "momentum",
     box: Box | None = None,
+    like: Regressor | None = None,
     on_round: Callable[[Round], None] | None = None,
 ) -> ContactModel:
     """Train one model on each training subset.
@@ -110,6 +126,7 @@ def learn(
             `parameters_likelihood` also a law with effects.
         impulse: the measured impulse, see `impacts.measured_impulse`.
         box: limits of per-trial parameters.
+        like: processes of the same recipe, whose hyperparameters the training begins with.
         on_round: receives the state of the training after each of its rounds.
 
     Raises:
@@ -129,11 +146,11 @@ def learn(
 
     if recipe.target == "parameters_likelihood":
         P = measured_impulse(impacts, impulse)
-        regressor, values = _learn_parameters(recipe, impacts, rows, start, P, box or Box(), tell)
+        regressor, values = _learn_parameters(recipe, impacts, rows, start, P, box or Box(), like, tell)
     elif recipe.target == "parameters_identified":
         found = identify_trials(start.law, impacts, target=impulse, box=box)
         values = torch.stack((found.mu, found.eps), -1)[rows]
-        regressor = Regressor.fit(recipe.features, impacts, rows, values, on_round=tell(values))
+        regressor = Regressor.fit(recipe.features, impacts, rows, values, like=like, on_round=tell(values))
     else:
         left = start.base_prediction(impacts)
         values = {
@@ -143,7 +160,9 @@ def learn(
         }[recipe.target]
         values, weight = _at(values, rows), noise_weight(impacts, recipe.target)
         weight = None if weight is None else weight[rows]
-        regressor = Regressor.fit(recipe.features, impacts, rows, values, weight=weight, on_round=tell(values))
+        regressor = Regressor.fit(
+            recipe.features, impacts, rows, values, weight=weight, like=like, on_round=tell(values)
+        )
     return finished(values, regressor)
 
 
@@ -176,6 +195,7 @@ def _learn_parameters(
     base: ContactModel,
     P: Tensor,
     box: Box,
+    regressor: Regressor | None,
     tell: Callable[[Tensor], OnRegressor | None],
 ) -> tuple[Regressor, Tensor]:
     """Fit processes for (μ, ε) that make the measured impulse P [N, 2] likely; return them and their data [..., n, 2].
@@ -184,13 +204,12 @@ def _learn_parameters(
     With isotropic noise that is an observation of each parameter, θ₀ + H_kᵀ (P − P̂) / (G_kᵀ H_k) with a noise
     variance ∝ 1/(G_kᵀ H_k), where H_k is the part of G_k that the other parameter, free within its prior spread,
     cannot reproduce.  So a trial that sticks carries almost no information on μ.  The posteriors of the two
-    parameters are taken as independent.
+    parameters are taken as independent.  A `regressor` gives the first hyperparameters.
     """
     law, effects = base.law, base.effects
     shared = torch.atleast_2d(torch.stack(torch.broadcast_tensors(*law.coefficients), -1)).to(P)  # [..., 1, 2]
     outputs = Standardisation(shared, torch.full_like(shared, _PRIOR_SPREAD))
     theta = observed = shared.expand(*rows.shape, 2)
-    regressor = None
     for _ in range(_ROUNDS):
         theta = torch.minimum(torch.maximum(theta, box.low.to(theta)), box.high.to(theta))
         everywhere = _everywhere(theta, rows, len(impacts))

@@ -1,0 +1,230 @@
+"""Trained models come back: judged on other data as they are, and as the start of another training."""
+
+import json
+import re
+import shlex
+import shutil
+from unittest.mock import patch
+
+import pytest
+import torch
+from commands import run
+
+from contactlearn import Recipe, laws, learn
+from contactlearn.cli import hydra_main
+from contactlearn.cli.checkpoints import load_models
+from contactlearn.cli.sweeps.identity import job_identity
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.data import table
+from contactlearn.data.blocks import joined
+from contactlearn.effects import find_effect
+from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.models import checkpoint
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
+
+TRAIN = ("data.size=60", "train.size=20", "bootstrap=50")
+JUDGE = (
+    "data.size=60",
+    "train.size=20",
+    "train.repetitions=2",
+    "figures.repetitions=2",
+    "bootstrap=50",
+    "laws=[mirtich]",
+)
+OTHERS = (*JUDGE, "data.seed=5")
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """A trained model in its run folder, and what the run printed."""
+    folder = tmp_path_factory.mktemp("trained")
+    return folder, run("train.py", *TRAIN, "model=x1_wrench", f"hydra.run.dir={folder}")
+
+
+def results(folder):
+    return json.loads((folder / "results.json").read_text())
+
+
+def copied(model, folder, change=lambda provenance: provenance):
+    """A checkpoint of the same model in another folder, its provenance changed."""
+    folder.mkdir(exist_ok=True)
+    loaded, provenance = checkpoint.load(model / "model.pt")
+    return checkpoint.save(loaded, folder / "model.pt", provenance=change(provenance))
+
+
+# Judged
+
+
+def test_the_printed_line_judges_it_on_other_data_and_trains_nothing(trained, tmp_path):
+    folder, printed = trained
+    before = (folder / "model.pt").read_bytes()
+    assert f"model    {folder / 'model.pt'}" in printed
+    (line,) = re.findall(r"^judge +python (.*) data=…$", printed, re.MULTILINE)
+    with patch("contactlearn.inference.learning.recipe.Regressor.fit", side_effect=AssertionError):
+        printed = run(*shlex.split(line), *OTHERS, f"hydra.run.dir={tmp_path}")
+    assert f"x1_wrench: {folder / 'model.pt'}, trained on 20 impacts of synthetic drops (wang_mason, seed 0)" in printed
+    found = results(tmp_path)
+    assert list(found["errors"]) == ["mirtich", "best_post_hoc", "irb", "x1_wrench"]
+    _, test = synthetic.load(size=60, seed=5).split(0.25, torch.Generator().manual_seed(0))
+    model, _ = checkpoint.load(folder / "model.pt")
+    error = mass_error(test, model.predict(test)).mean().item()
+    assert found["errors"]["x1_wrench"]["mass_error"]["mean"] == pytest.approx(error, rel=1e-9)
+    assert (found["model"], found["law"]) == ("x1_wrench", None)
+    assert found["trained"]["x1_wrench"]["data"] == results(folder)["provenance"]["data"]
+    assert (folder / "model.pt").read_bytes() == before
+    lines = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
+    assert [one["trained_on"] for one in lines if "mass_error/x1_wrench" in one] == [20]
+    assert "X1 → wrench" in (tmp_path / "report.html").read_text()
+
+
+def test_models_of_a_sweep_are_named_by_the_settings_in_which_they_differ(trained, tmp_path):
+    folder, _ = trained
+    for size in (10, 9):
+        changed = lambda about, k=size: about | {"config": about["config"] | {"train": {"size": k}}}  # noqa: E731
+        copied(folder, tmp_path / f"job{size}", changed)
+    (tmp_path / "job9" / ".parts").mkdir()
+    (tmp_path / "job9" / ".parts" / "x.pt").write_text("no model")
+    assert list(load_models([str(tmp_path)], [])) == ["x1_wrench (train.size=9)", "x1_wrench (train.size=10)"]
+    same = copied(folder, tmp_path / "again")
+    alike = [f"x1_wrench ({one}/model.pt)" for one in (folder.name, f"{tmp_path.name}/again")]
+    assert list(load_models([str(folder), str(same)], [])) == alike
+    assert list(load_models([str(folder)], ["x1_wrench"])) == ["x1_wrench (trained)"]
+    law = ContactModel(laws.find("mirtich").at(0.1, 0.5))
+    path = checkpoint.save(law, tmp_path / "law.pt", provenance={"by": "hand"})
+    assert list(load_models([str(path)], [])) == ["mirtich"]
+
+
+def test_a_model_is_not_judged_on_trials_that_it_has_seen(trained, tmp_path):
+    folder, _ = trained
+    word, where = f"checkpoint={folder}", f"hydra.run.dir={tmp_path / 'same'}"
+    printed = run("evaluate.py", word, *JUDGE, "seed=1", where, status=2)
+    assert "was trained on these data with test=0.25 seed=0, and has seen trials that" in printed
+    assert not (tmp_path / "same").exists()
+    assert "note: x1_wrench" not in run("evaluate.py", word, *JUDGE, where)
+    found, before = results(tmp_path / "same"), results(folder)
+    again, then = (one["errors"]["x1_wrench"]["mass_error"]["mean"] for one in (found, before))
+    assert again == pytest.approx(then, rel=1e-9)
+    every = copied(folder, tmp_path / "every", lambda about: about | {"config": {"seed": 0}})
+    assert "was fitted to all trials of these data" in run("evaluate.py", f"checkpoint={every}", *JUDGE, status=2)
+    more = synthetic.load(size=30, seed=5).replace(trial=tuple(f"t{k}" for k in range(30)))
+    path = table.save(joined([synthetic.load(size=60), more]), tmp_path / "more.csv")
+    words = ("data=table", f"data.path={path}", "data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}", *JUDGE[1:])
+    printed = run("evaluate.py", word, *words, f"hydra.run.dir={tmp_path / 'more'}")
+    assert re.search(r"note: x1_wrench was trained on impacts that equal \d of the 22 held-out ones", printed)
+
+
+def test_a_model_that_has_seen_one_body_says_so(trained, tmp_path):
+    printed = run("evaluate.py", f"checkpoint={copied(trained[0], tmp_path)}", *OTHERS, f"hydra.run.dir={tmp_path}")
+    assert "note:" not in printed
+    model = learn(Recipe("state", "velocity"), synthetic.load(size=20), torch.arange(20))
+    path = checkpoint.save(model, tmp_path / "one_body.pt", provenance={})
+    disc = "data.shape={kind: disc, radius: 0.03}"
+    printed = run("evaluate.py", f"checkpoint={path}", *OTHERS, disc, f"hydra.run.dir={tmp_path / 'disc'}")
+    assert "note: one_body has seen a single value of I, and ignores that these data have others" in printed
+
+
+# Refused
+
+
+def _subsets(folder):
+    rows = torch.arange(20).reshape(2, 10)
+    model = learn(Recipe("x1", "impulse"), synthetic.load(size=20), rows)
+    return checkpoint.save(model, folder / "model.pt", provenance={})
+
+
+def _needs_shape(folder):
+    model = ContactModel(laws.find("mirtich").at(0.1, 0.5), effects={"shape_error": find_effect("shape_error")()})
+    return checkpoint.save(model, folder / "model.pt", provenance={})
+
+
+def _cut_off(folder):
+    path = _subsets(folder)
+    path.write_bytes(path.read_bytes()[:2000])
+    return path
+
+
+def _law(folder):
+    return checkpoint.save(ContactModel(laws.find("mirtich").at(0.1, 0.5)), folder / "model.pt", provenance={})
+
+
+def _two(folder):
+    _law(folder)
+    shutil.copy(folder / "model.pt", folder / "other.pt")
+    return folder
+
+
+NO_SHAPE = ("data=table", "data.path=drops.csv")
+REFUSED = {
+    "nowhere": ("evaluate.py", lambda folder: folder / "nowhere.pt", (), "no such file"),
+    "no model": ("evaluate.py", lambda folder: folder, (), "no trained model is in this folder"),
+    "no checkpoint": ("evaluate.py", lambda folder: folder / "drops.csv", (), "is not a checkpoint"),
+    "cut off": ("evaluate.py", _cut_off, (), "is not a checkpoint, or not all of one"),
+    "several subsets": ("evaluate.py", _subsets, (), "must predict one finite"),
+    "no shape": ("evaluate.py", _needs_shape, NO_SHAPE, "does not fit these data: effect shape_error"),
+    "a number": ("evaluate.py", lambda folder: 3, (), "checkpoint must be a file or folder"),
+    "transfer": ("evaluate.py", _law, ("experiment=transfer",), "a transfer trains its own models"),
+    "a law": ("train.py", _law, (), "training cannot go on from it: the model has no learned part"),
+    "several": ("train.py", _two, (), "holds 2 models"),
+    "a model": ("train.py", _law, ("model=x1_wrench",), "has its own model; take out model=…"),
+    "effects": ("train.py", _law, ("effect=[spin_damping]",), "has its own effect; take out effect=…"),
+}
+
+
+@pytest.mark.parametrize(("command", "make", "words", "message"), REFUSED.values(), ids=REFUSED)
+def test_what_does_not_fit_is_refused_in_one_line(command, make, words, message, tmp_path):
+    table.save(synthetic.load(size=30), tmp_path / "drops.csv")
+    words = (f"checkpoint={make(tmp_path)}", *words, f"hydra.run.dir={tmp_path / 'run'}")
+    printed = run(command, *words, cwd=tmp_path, status=2)
+    (line,) = [line for line in printed.splitlines() if line.startswith("error: ")]
+    assert message in line
+    assert not (tmp_path / "run").exists()
+
+
+# The start of another training
+
+
+def test_training_goes_on_from_a_model(trained, tmp_path):
+    """With its recipe and name, on other data, in fewer evaluations than from the usual starts."""
+    folder, _ = trained
+    run(
+        "train.py",
+        *OTHERS[:2],
+        "data.seed=5",
+        "bootstrap=50",
+        f"checkpoint={folder}",
+        f"hydra.run.dir={tmp_path / 'on'}",
+    )
+    run("train.py", *OTHERS[:2], "data.seed=5", "bootstrap=50", "model=x1_wrench", f"hydra.run.dir={tmp_path / 'new'}")
+    on, new = results(tmp_path / "on"), results(tmp_path / "new")
+    assert on["learned"] == "x1_wrench"
+    evaluations = [sum(one["evaluations"] for one in each["processes"]) for each in (on, new)]
+    assert evaluations[0] < evaluations[1]
+    assert list(load_models([str(tmp_path / "on")], [])) == ["x1_wrench"]
+
+
+@pytest.mark.parametrize("target", ["velocity", "impulse", "wrench", "parameters_identified", "parameters_likelihood"])
+def test_a_learned_model_knows_its_recipe(target):
+    drops, law = synthetic.load(size=12), laws.find("whittaker").at(0.1, 0.5)
+    recipe = Recipe("x2", target, law)
+    base = ContactModel(law, effects={"side_drag": find_effect("side_drag")()}) if target == "wrench" else law
+    model = learn(recipe, drops, torch.arange(12), base)
+    found = Recipe.of(model)
+    assert (found.features, found.target, found.law.name) == ("x2", target, "whittaker")
+    again = learn(found, drops, torch.arange(12), base, like=model.processes)
+    assert again.processes.training.loss.mean() < model.processes.training.loss.mean() + 0.05
+    with pytest.raises(ContactLearnError, match="on top of a learned model"):
+        Recipe.of(learn(Recipe("x1", "impulse"), drops, torch.arange(12), model))
+
+
+def test_a_job_is_another_one_if_its_checkpoint_changes(trained, tmp_path):
+    def identity():
+        cfg = hydra_main.compose("evaluate", [f"checkpoint={tmp_path}"], return_hydra_config=True)
+        assert cfg.model == {}
+        return job_identity(cfg, cfg.hydra)
+
+    copied(trained[0], tmp_path)
+    first = identity()
+    assert identity() == first
+    copied(trained[0], tmp_path, lambda about: about | {"command": "another"})
+    assert identity().job != first.job
