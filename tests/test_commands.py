@@ -18,12 +18,12 @@ import contactlearn
 from contactlearn import laws
 from contactlearn.__main__ import main
 from contactlearn.cli import hydra_main
-from contactlearn.cli.commands import record
+from contactlearn.cli.commands import loading, record
 from contactlearn.cli.commands.fitting import law_surface
 from contactlearn.cli.commands.record import draw_cost_surface
 from contactlearn.cli.config_files import check_settings
 from contactlearn.cli.job import invocation
-from contactlearn.cli.settings import IdentificationSettings
+from contactlearn.cli.settings import IdentificationSettings, TrainSettings
 from contactlearn.data import table
 from contactlearn.data.blocks import sampled
 from contactlearn.inference.evaluation import metrics
@@ -128,6 +128,21 @@ def euclidean(tmp_path_factory):
             {tag for line in lines for tag in json.loads(line)},
         )
     return found
+
+
+def test_training_seeds_keep_the_held_out_trials():
+    def split(*words):
+        return loading.split(TrainSettings.from_config(hydra_main.compose("train", ["data.size=60", *words])).split)
+
+    first, again, other, neither = (
+        split(*words) for words in ((), ("seed=1",), ("split_seed=1",), ("seed=1", "split_seed=1"))
+    )
+    assert torch.equal(first.held_out, again.held_out)
+    assert torch.equal(other.held_out, neither.held_out)
+    assert not torch.equal(first.held_out, other.held_out)
+    drawn = [torch.rand(9, generator=one.generator) for one in (first, again, other, neither)]
+    assert torch.equal(drawn[0], drawn[2])
+    assert not torch.equal(drawn[0], drawn[1])
 
 
 def test_train_then_evaluate_agree(euclidean):

@@ -121,10 +121,14 @@ def _missing(values: Mapping[str, Any], name: str) -> Iterator[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class SplitSettings:
-    """The measurements, the share `test` to hold out, and the number of training trials; None for the usual one."""
+    """The measurements, the share `test` to hold out, and the number of training trials; None for the usual one.
+
+    `split_seed` chooses the trials to hold out; `seed` is that of everything drawn afterwards.
+    """
 
     source: SourceSettings
     test: float
+    split_seed: int
     seed: int
     train_size: int | None
 
@@ -427,6 +431,7 @@ _RULES: Mapping[str, _Rule] = {
         "a file or folder, or a list of them, such as outputs/train/sweep",
     ),
     "seed": _whole(0),
+    "split_seed": _whole(0),
     "threads": _whole(1),
     "seconds": _number(lambda x: x > 0, "a positive number of seconds"),
     "train.size": _whole_or_null("as many as there are"),
@@ -501,6 +506,7 @@ def _split(config: Mapping[str, Any]) -> SplitSettings:
     return SplitSettings(
         source=SourceSettings.from_values(config["data"]),
         test=config["test"],
+        split_seed=config["split_seed"],
         seed=config["seed"],
         train_size=config["train"]["size"],
     )

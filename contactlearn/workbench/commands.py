@@ -65,7 +65,8 @@ def words_of(session: Session) -> list[str]:
 
 def command(session: Session) -> str:
     """Write the command that evaluates the model of a session on the same data in the same way."""
-    words = ["python", "-m", "contactlearn", "evaluate", *words_of(session), "model=[]", f"fit.starts={STARTS}"]
+    words = ["python", "-m", "contactlearn", "evaluate", *words_of(session), f"split_seed={session.seed}"]
+    words += ["model=[]", f"fit.starts={STARTS}"]
     return shlex.join(words)
 
 
@@ -78,7 +79,12 @@ def experiment(session: Session) -> str:
         {"override /model": []},
         {"override /effect": [one.name for one in session.effects]},
     ]
-    entries: dict[str, Any] = {"defaults": defaults, "seed": session.seed, "fit": {"starts": STARTS}}
+    entries: dict[str, Any] = {
+        "defaults": defaults,
+        "seed": session.seed,
+        "split_seed": session.seed,
+        "fit": {"starts": STARTS},
+    }
     keys = [word.partition("=")[0] for word in session.data if word.startswith("data.")]
     data = OmegaConf.masked_copy(cfg.data, [key.split(".")[1] for key in keys])
     effects: dict[str, Any] = {one.name: {"form": one.form} for one in session.effects if one.form is not None}

@@ -163,7 +163,8 @@ class Models:
 
         def load() -> Split:
             with self._composing:
-                cfg = compose("evaluate", [*session.data, f"seed={session.seed}", "train.size=2", "model=[]"])
+                seeds = (f"{name}={session.seed}" for name in ("seed", "split_seed"))
+                cfg = compose("evaluate", [*session.data, *seeds, "train.size=2", "model=[]"])
             return split(EvaluateSettings.from_config(cfg).split)
 
         return self._splits.get((session.data, _file_stamps(session.data), session.seed), load)

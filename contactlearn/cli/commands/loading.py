@@ -171,8 +171,9 @@ def split(settings: SplitSettings, folder: Path | None = None) -> Split:
     """
     wanted = affordable_train_size(settings.train_size)
     blocks = load_blocks(settings.source, folder)
-    generator = torch.Generator().manual_seed(settings.seed)
-    held_out = random_share(blocks.trials, settings.test, generator, blocks.source)
+    splitting, generator = (torch.Generator().manual_seed(seed) for seed in (settings.split_seed, settings.seed))
+    held_out = random_share(blocks.trials, settings.test, splitting, blocks.source)
+    random_share(blocks.trials, settings.test, generator, blocks.source)  # equal seeds must not draw the same twice
     size = max(1, min(_USUAL, 4 * int((~held_out).sum()) // 5)) if wanted is None else wanted
     fitted, shown = sampled(~held_out, max(FITTED, size)), sampled(held_out, SHOWN)
     in_memory = fitted | shown

@@ -309,7 +309,7 @@ def _sentences(runs: Sequence[ComparedRun], metric: str) -> list[str]:
 def _warnings(runs: Sequence[ComparedRun], settings: Settings) -> list[str]:
     """Explain why errors may not be comparable."""
     diagnosed = sum(run.command == "diagnose" for run in runs)
-    split = [key for key in settings if key in ("seed", "test")]
+    split = [key for key in settings if key in ("split_seed", "test")]
     versions = sorted({run.versions.get("contactlearn", "?") for run in runs})
     data, norms = len({run.data.sha256 for run in runs}), len({run.norm for run in runs})
     return phrases("runs_warnings", data, norms, diagnosed, len(runs) - diagnosed, split, versions)
