@@ -98,8 +98,8 @@ def test_models_of_a_sweep_are_named_by_the_settings_in_which_they_differ(traine
 def test_a_model_is_not_judged_on_trials_that_it_has_seen(trained, tmp_path):
     folder, _ = trained
     word, where = f"checkpoint={folder}", f"hydra.run.dir={tmp_path / 'same'}"
-    printed = run("evaluate.py", word, *JUDGE, "seed=1", where, status=2)
-    assert "was trained on these data with test=0.25 seed=0, and has seen trials that" in printed
+    printed = run("evaluate.py", word, *JUDGE, "split_seed=1", where, status=2)
+    assert "was trained on these data with test=0.25 split_seed=0, and has seen trials that" in printed
     assert not (tmp_path / "same").exists()
     assert "note: x1_wrench" not in run("evaluate.py", word, *JUDGE, where)
     found, before = results(tmp_path / "same"), results(folder)

@@ -53,11 +53,12 @@ def _refuse_seen(one: TrainedModel, data: Split, settings: SplitSettings) -> Non
     config = one.provenance.config
     if "test" not in config:
         raise ContactLearnError(f"{one.path}: was fitted to all trials of these data; judge it on others")
-    if (config["test"], config.get("seed")) != (settings.test, settings.seed):
-        split = f"test={config['test']} seed={config.get('seed')}"
+    seed = config.get("split_seed", config.get("seed"))  # one seed did both in earlier versions
+    if (config["test"], seed) != (settings.test, settings.split_seed):
+        split = f"test={config['test']} split_seed={seed}"
         raise ContactLearnError(
             f"{one.path}: was trained on these data with {split}, and has seen trials that test={settings.test} "
-            f"seed={settings.seed} holds out; use {split}"
+            f"split_seed={settings.split_seed} holds out; use {split}"
         )
 
 
