@@ -3,7 +3,7 @@
 import torch
 
 from contactlearn.effects import EffectId
-from contactlearn.inference.evaluation.metrics import METRICS, ErrorSums, Interval, bootstrap
+from contactlearn.inference.evaluation.metrics import METRICS, ErrorSums, Interval, bootstrap, headline_metric
 from contactlearn.mechanics.shapes import shape_entries
 from contactlearn.results.estimates import ranked
 from contactlearn.results.tables import HeldOut
@@ -78,23 +78,23 @@ def evaluation(size=20, norm="mass", **data):
     )  # fmt: skip
 
 
-def evaluation_of(impacts, predictions, laws, config, curves=()):
+def evaluation_of(impacts, predictions, laws, config, curves=(), norm="mass"):
     """The evaluation of predictions of all impacts, and what lies beside it; `laws` at their (μ, ε) by name."""
     generator = torch.Generator()
     table = {}
     for name, prediction in predictions.items():
         intervals = {
             key: bootstrap(METRICS[key].error(impacts, prediction), generator.manual_seed(0), 100)
-            for key in metrics_of(name, "mass")
+            for key in metrics_of(name, norm)
         }
         table[name] = ModelErrors(**intervals, outside_admissible=0.0)
     sums = ErrorSums(predictions)
     sums.add(impacts, predictions)
-    best, differences = ranked(sums, "mass_error")
-    law = min(laws, key=lambda name: table[name].mass_error)
+    best, differences = ranked(sums, headline_metric(norm))
+    law = min(laws, key=lambda name: table[name].of(headline_metric(norm)))
     result = Evaluation(
         provenance=provenance(config, impacts.source, len(impacts), impacts.fingerprint()), model=law, law=law,
-        effects=(), norm="mass",
+        effects=(), norm=norm,
         fits=tuple(law_estimate(name, float(one.mu), float(one.eps)) for name, one in laws.items()),
         joint={name: joint_estimate(*name.split(" + ")) for name in predictions if " + " in name}, errors=table,
         best=best, differences=differences, tables="parquet", shape=shape_entries(impacts.shape),

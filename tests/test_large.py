@@ -165,7 +165,7 @@ def test_the_gaussian_limit_is_that_of_the_bootstrap(monkeypatch):
 def test_an_outcome_at_rest_is_refused_wherever_it_is(drops):
     still = drops.v_post.clone()
     still[200] = 0
-    with pytest.raises(DataError, match="trial '201' has vx_post = vy_post = 0"):
+    with pytest.raises(DataError, match="trial '201' has v_post = 0"):
         ErrorSums(models()).add(drops.replace(v_post=still), {})
 
 

@@ -14,15 +14,17 @@ from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis, Record, Verdict
 from contactlearn.effects import EffectId
-from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.evaluation.bounds import irb
+from contactlearn.inference.evaluation.metrics import METRICS, euclidean_error, mass_error
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.mechanics.rigid_body import admissible, energy_ellipse, energy_excess
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.page.diagnosis import of_diagnosis, write_page
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import embedded, render, write
-from contactlearn.report.page.trials import finely
+from contactlearn.report.page.trials import finely, of_outcomes
 from contactlearn.simulation import hidden_effects
 
 HOSTILE = '<script>window.hacked=1</script><img src=x onerror="window.hacked=1">\'{{ 7*7 }}&<b>\u2028'
@@ -202,6 +204,27 @@ def test_an_evaluation_has_a_page(evaluation):
         result.errors["mirtich"].mass_error.mean, rel=1e-4
     )
     assert "<script>window" not in path.read_text()
+
+
+def test_the_page_of_the_euclidean_norm_is_in_its_error(found):
+    """Headline, table, trials and figures; the bound has no error of the mass norm."""
+    impacts = found.record.impacts
+    laws = {"mirtich": find("mirtich").at(0.1, 0.5)}
+    bound, near = irb(impacts, "euclidean"), ContactModel(laws["mirtich"]).predict(impacts)
+    content = of_evaluation(*evaluation_of(impacts, {"mirtich": near, "irb": bound}, laws, {}, norm="euclidean"))
+    assert "Euclidean" in content["_measure"]
+    assert [one["key"] for one in content["comparison"]][:2] == ["euclidean_error", "mass_error"]
+    law, rigid = content["models"]
+    assert (law["mean"], rigid["mean"]) == pytest.approx(
+        [euclidean_error(impacts, one).mean().item() for one in (near, bound)], rel=1e-6
+    )
+    assert rigid["errors"]["mass_error"] is None
+    assert content["figures"]["distributions"]["layout"]["xaxis"]["title"]["text"] == METRICS["euclidean_error"].axis
+    assert "–</td>" in render(content)
+    parts = of_outcomes(impacts, near.v_post[None], "euclidean")
+    torch.testing.assert_close(parts["error"][0], euclidean_error(impacts, near))
+    squares = (near.v_post - impacts.v_post).square()
+    torch.testing.assert_close(parts["parts"][0], squares / squares.sum(-1, keepdim=True))
 
 
 def test_models_that_cannot_be_told_apart(found):

@@ -235,6 +235,19 @@ def test_every_command_has_its_numbers(mixed):
         assert f'<td class="value">{written(step["error"])}</td>' in text
 
 
+def test_runs_are_compared_in_the_error_that_they_share(tmp_path):
+    """Their headline; of both norms the mass error, in which the Euclidean bounds are none."""
+    for name, norms in (("euclidean", ("euclidean",)), ("both", ("euclidean", "mass"))):
+        for norm in norms:
+            leave(tmp_path / name / norm, evaluated(norm=norm))
+    assert {"Held-out Euclidean error", "IRB bound"} <= row(text_of(tmp_path / "euclidean"), "euclidean").keys()
+    text = text_of(tmp_path / "both")
+    assert "Their bounds are of different norms" in html.unescape(text)
+    cells = {norm: row(text, norm) for norm in ("euclidean", "mass")}
+    assert cells["euclidean"]["Held-out mass error"] == cells["mass"]["Held-out mass error"]
+    assert cells["euclidean"]["IRB bound"] == "–" != cells["mass"]["IRB bound"]
+
+
 def test_different_data_are_warned_of(mixed):
     text = mixed[0].read_text()
     assert "on 2 different sets of data, so their errors cannot be compared" in text

@@ -286,9 +286,9 @@ def refuse_rest(impacts: Impacts) -> None:
     Raises:
         DataError: naming its trial.
     """
-    at_rest = (impacts.v_post[:, :2] == 0).all(1).nonzero()[:, 0].tolist()
+    at_rest = (impacts.v_post == 0).all(1).nonzero()[:, 0].tolist()
     if at_rest:
         raise DataError(
             f"{impacts.source}: errors are relative to the outcome, which must not be at rest; trial "
-            f"{impacts.trial[at_rest[0]]!r} has vx_post = vy_post = 0: leave it out"
+            f"{impacts.trial[at_rest[0]]!r} has v_post = 0: leave it out"
         )
