@@ -19,9 +19,14 @@ from scipy import sparse
 from scipy.optimize import minimize
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.core.numerics import random
 from contactlearn.inference.evaluation.bounds import NORMS, best_post_hoc, distance, irb
+from contactlearn.inference.evaluation.reach import reached_share
+from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.simulation import synthetic
 
 TOLERANCE = 1e-7
 """Relative, in the attained distance: what a cone solver attains that was asked for 1e-12."""
@@ -430,3 +435,22 @@ def test_mistakes_are_named():
         irb(impacts, patch=torch.ones(3))
     with pytest.raises(ContactLearnError, match="at least one model"):
         best_post_hoc(impacts, {})
+
+
+@pytest.mark.parametrize("name", PAPER_LAWS)
+def test_reached_share_is_that_of_random_impulses_which_a_law_can_give(name):
+    """Of impulses drawn from half an energy ellipse, those that some (μ, ε) of a trial of their own reproduces."""
+    drop, points = synthetic.load(size=1), 400
+    copies = drop.replace(validate=False)[torch.zeros(points, dtype=torch.int64)]
+    centre = -(rigid_body.effective_inertia(drop.W) @ drop.v_c[..., None])[0, :, 0]
+    ring = rigid_body.energy_ellipse(drop.W, drop.v_c, points)[0] - centre
+    generator = torch.Generator().manual_seed(0)
+    P = centre + ring[torch.randperm(points, generator=generator)] * random(torch.rand, (points, 1), generator).sqrt()
+    separates = (drop.v_c[0, 1] + P @ drop.W[0, 1]) >= 0
+    wrench = torch.nn.functional.pad(P, (0, 1))
+    names, v_post = tuple(map(str, range(points))), Prediction.from_wrench(copies, wrench).v_post
+    outcomes = copies.replace(v_post=v_post, trial=names, validate=True)
+    given = identify_trials(find(name), outcomes).error < 1e-4 * drop.mass
+    share = (given & separates).double().sum() / separates.sum()
+    assert reached_share(find(name), drop).item() == pytest.approx(share.item(), abs=0.06)  # three standard errors
+    assert 0.02 < share < 0.5

@@ -24,6 +24,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.inference.evaluation.bounds import irb
+from contactlearn.inference.evaluation.reach import grid
 from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
@@ -267,12 +268,6 @@ def ellipse_vectors(W: Float[Tensor, "*b 2 2"], v_c: Float[Tensor, "*b 2"]) -> F
     chords = torch.stack([torch.stack(pair, -1) for pair in components], -2)
     size = -(v_c * centre).sum(-1, keepdim=True) / ((chords @ W) * chords).sum(-1)
     return torch.cat((centre[..., None, :], chords * size.clamp_min(0).sqrt()[..., None]), -2)
-
-
-def grid(box: Box, nodes: tuple[int, int], finer: int = 1) -> tuple[Float[Tensor, " a"], Float[Tensor, " b"]]:
-    """Nodes of μ, quadratically spaced, and of ε in a box; `finer` steps lie between each two of `nodes`."""
-    u, w = (torch.linspace(0, 1, finer * (count - 1) + 1, dtype=torch.float64) for count in nodes)
-    return box.mu[0] + u**2 * (box.mu[1] - box.mu[0]), box.eps[0] + w * (box.eps[1] - box.eps[0])
 
 
 def reach(

@@ -10,13 +10,14 @@ from torch import Tensor
 from contactlearn.diagnosis.regions import Variable, variables
 from contactlearn.inference.evaluation.bounds import Norm, weights
 from contactlearn.inference.evaluation.metrics import METRICS, Interval, headline_metric
+from contactlearn.inference.evaluation.reach import grid
 from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.bodies import shapes_among
 from contactlearn.mechanics.impacts import COMPONENTS, Impacts, Prediction
 from contactlearn.report.figures.browser import as_plotly, plotly_style
-from contactlearn.report.figures.impulse_space import compared_impulses, ellipse_vectors, grid
+from contactlearn.report.figures.impulse_space import compared_impulses, ellipse_vectors
 from contactlearn.report.figures.style import MILLI
 
 EMBEDDED = 1500
