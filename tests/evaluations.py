@@ -25,7 +25,7 @@ def interval(mean):
 
 
 def errors(mean, model="", norm="mass"):
-    return ModelErrors(**dict.fromkeys(metrics_of(model, norm), interval(mean)), outside_admissible=0.0)
+    return ModelErrors(**dict.fromkeys(metrics_of(model, norm), interval(mean)), outside_admissible=0.0, back_spin=0.0)
 
 
 def provenance(config, source="drops", trials=200, sha256="a" * 64):
@@ -62,7 +62,7 @@ def training(law="mirtich", size=20, error=0.2, effects=(), **data):
         joint={law: joint_estimate(law), model: joint_estimate(law, *effects)} if effects else {},
         errors={law: errors(1.5 * error)} | {model: errors(error)}
         | {bound: errors(mean, bound) for bound, mean in (("best_post_hoc", 0.1), ("irb", 0.05))},
-        norm="mass", processes=(), processes_kind=None,
+        back_spin=0.25, norm="mass", processes=(), processes_kind=None,
     )  # fmt: skip
 
 
@@ -73,7 +73,8 @@ def evaluation(size=20, norm="mass", **data):
     return Evaluation(
         provenance=provenance(config, **data), model="mirtich", law="mirtich", effects=(), norm=norm,
         fits=(law_estimate("mirtich"), law_estimate("whittaker")), joint={},
-        errors={name: errors(mean, name, norm) for name, mean in means.items()}, best="mirtich",
+        errors={name: errors(mean, name, norm) for name, mean in means.items()}, back_spin=0.25,
+        reach={"mirtich": 0.2, "whittaker": 0.21}, best="mirtich",
         differences={"whittaker": interval(0.1)}, tables="parquet", shape=None,
     )  # fmt: skip
 
@@ -87,7 +88,7 @@ def evaluation_of(impacts, predictions, laws, config, curves=(), norm="mass"):
             key: bootstrap(METRICS[key].error(impacts, prediction), generator.manual_seed(0), 100)
             for key in metrics_of(name, norm)
         }
-        table[name] = ModelErrors(**intervals, outside_admissible=0.0)
+        table[name] = ModelErrors(**intervals, outside_admissible=0.0, back_spin=0.0)
     sums = ErrorSums(predictions)
     sums.add(impacts, predictions)
     best, differences = ranked(sums, headline_metric(norm))
@@ -97,7 +98,7 @@ def evaluation_of(impacts, predictions, laws, config, curves=(), norm="mass"):
         effects=(), norm=norm,
         fits=tuple(law_estimate(name, float(one.mu), float(one.eps)) for name, one in laws.items()),
         joint={name: joint_estimate(*name.split(" + ")) for name in predictions if " + " in name}, errors=table,
-        best=best, differences=differences, tables="parquet", shape=shape_entries(impacts.shape),
-        learning_curves=dict(curves),
+        back_spin=0.25, reach=dict.fromkeys(laws, 0.2), best=best, differences=differences, tables="parquet",
+        shape=shape_entries(impacts.shape), learning_curves=dict(curves),
     )  # fmt: skip
     return result, HeldOut(impacts=impacts, predictions=predictions)

@@ -6,6 +6,7 @@ import torch
 
 from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.laws import PAPER_LAWS, find
+from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
@@ -113,3 +114,16 @@ def test_outside_admissible():
         assert not metrics.outside_admissible(impacts, P).any()
         assert metrics.outside_admissible(impacts, 0.5 * P / 1.6).all()  # stops short of the floor's surface
         assert metrics.outside_admissible(impacts, 3 * P).all()  # gains energy
+
+
+def test_back_spin_is_beyond_the_line_of_sticking():
+    """Of a disc, whose friction and restitution are not coupled, only Drumwright and Shell's law reverses the slip."""
+    discs = synthetic.load(size=200, shape={"kind": "disc", "radius": 0.03})
+    predictions = {name: ContactModel(find(name).at(0.3, 0.6)).predict(discs) for name in PAPER_LAWS}
+    reversed_ = metrics.back_spin(discs, predictions["drumwright_shell"].v_post)
+    sticks = predictions["wang_mason"].v_post  # ends on the line: neither side
+    assert (rigid_body.contact_velocity(discs.r, sticks)[:, 0].abs() < 1e-9).double().mean() > 0.5
+    sums = metrics.ErrorSums(predictions)
+    sums.add(discs.replace(v_post=predictions["drumwright_shell"].v_post), predictions)
+    assert sums.back_spin("drumwright_shell") == sums.back_spin() == reversed_.double().mean() > 0.5
+    assert all(sums.back_spin(name) == 0 for name in PAPER_LAWS if name != "drumwright_shell")

@@ -55,7 +55,8 @@ def test_numbers_are_those_of_the_results(mixed):
                     assert all(map(pd.isna, numbers))
                 else:
                     assert numbers == tuple(entry[metric][part] for part in ("mean", "low", "high"))
-            assert row["outside_admissible"] == entry["outside_admissible"]
+            for share in ("outside_admissible", "back_spin"):
+                assert row[share] == entry[share]
             assert row["data_sha256"] == result["provenance"]["data"]["sha256"]
             assert row["version_contactlearn"] == result["provenance"]["versions"]["contactlearn"]
     assert set(frame[frame.run == "diagnose"].model) == {"named", "law", "noise", "irb"}

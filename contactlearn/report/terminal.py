@@ -63,7 +63,8 @@ def show_models(result: Training | Evaluation) -> None:
     shown = {name: METRICS[name] for name in (*bounded_metrics(result.norm), "velocity_error")}
     units = (f"{metric.name} {metric.unit}".strip(" –") for metric in shown.values())
     title = "Errors on the held-out trials: means, and the 95 % interval of the first"
-    table = new_table(title, "model", "μ", "ε", *units, "outside")
+    reach = result.reach if isinstance(result, Evaluation) else {}
+    table = new_table(title, "model", "μ", "ε", *units, "outside", "back-spin", *["reach"] * bool(reach))
     found = {fit.law: ((fit.mu, fit.mu_std), (fit.eps, fit.eps_std)) for fit in result.fits}
     found |= {
         name: tuple((p.value, p.standard_error) for p in fit.parameters[:2]) for name, fit in result.joint.items()
@@ -72,9 +73,13 @@ def show_models(result: Training | Evaluation) -> None:
         mu, eps = (_spread(*pair) for pair in found[model]) if model in found else ("", "")
         cells = [f"{entry.intervals[name].mean:.4f}" if name in entry.intervals else "" for name in shown]
         cells[0] += f"  {entry.of(result.metric).low:.4f}–{entry.of(result.metric).high:.4f}"
-        table.add_row(model, mu, eps, *cells, f"{100 * entry.outside_admissible:.1f} %")
+        shares = entry.outside_admissible, entry.back_spin, *([reach[model]] if model in reach else [])
+        table.add_row(model, mu, eps, *cells, *(f"{100 * share:.1f} %" for share in shares))
     print_table(table)
     print_line("outside: share of predictions that gain energy, pull or penetrate")
+    print_line(phrase("back_spin", result.back_spin))
+    if reach:
+        print_line(phrase("reach"))
     if note := phrase("joint_row", result.fits, result.joint):
         print_line(note)
     print_line(f"the bounds minimise the {result.norm} norm of (v_x, v_y, ω), and bound no other error")

@@ -10,6 +10,7 @@
 | `trained_on` | number of training trials |
 | `mass_error`, `mass_error_low`, `mass_error_high` … | each error with its 95 % interval; dimensionless, or m/s |
 | `outside_admissible` | share of impulses that gain energy, pull or leave penetration |
+| `back_spin` | share of outcomes beyond the line of sticking |
 | `data`, `trials`, `data_sha256` | the impacts |
 | `job`, `config_sha256`, `code` | identity of the run, see docs/sweeps.md; empty for runs of versions without it |
 | `version_contactlearn`, `version_python` … | versions |
@@ -324,7 +325,7 @@ def _models(run: ComparedRun) -> Iterator[dict[str, Any]]:
     for name, errors in run.errors.items():
         if isinstance(errors, ModelErrors):
             intervals = errors.intervals
-            rest = {"outside_admissible": errors.outside_admissible}
+            rest = {"outside_admissible": errors.outside_admissible, "back_spin": errors.back_spin}
         else:
             intervals, rest = {headline_metric(run.norm): errors}, {}
         numbers = {key: x for metric, one in intervals.items() for key, x in zip(_columns(metric), one, strict=True)}

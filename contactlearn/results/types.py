@@ -169,7 +169,8 @@ class ProcessEstimate:
 class ModelErrors:
     """Errors of a model on the held-out trials, see `evaluation.metrics`; of a bound those that it bounds.
 
-    `outside_admissible` is the share of impulses that gain energy, pull or leave penetration.
+    `outside_admissible` is the share of impulses that gain energy, pull or leave penetration, `back_spin` that of
+    outcomes beyond the line of sticking.
 
     Raises:
         ContactLearnError: a mean error that is negative or not of this world.
@@ -180,6 +181,7 @@ class ModelErrors:
     normalised_euclidean_error: Interval | None = None
     velocity_error: Interval | None = None
     outside_admissible: float
+    back_spin: float
 
     def __post_init__(self) -> None:
         for name, interval in self.intervals.items():
@@ -235,6 +237,7 @@ class Training:
         fits: the law of a model without effects, identified on its trials.
         joint: the law alone and with its effects, by name, where there are effects.
         errors: of the model, after those of its law or of the models in `joint`; and of both bounds.
+        back_spin: share of the measured outcomes beyond the line of sticking.
         norm: in which the bounds come closest; it decides the metric by which models are compared.
         processes: Gaussian processes of a learned model, one an output.
         processes_kind: `exact` or `sparse`; None without processes.
@@ -252,6 +255,7 @@ class Training:
     fits: tuple[LawEstimate, ...]
     joint: Mapping[str, JointEstimate]
     errors: Mapping[str, ModelErrors]
+    back_spin: float
     norm: Norm
     processes: tuple[ProcessEstimate, ...]
     processes_kind: str | None
@@ -361,6 +365,8 @@ class Evaluation:
         fits: the laws, identified from random subsets.
         joint: the law alone and with its effects, by name, where there are effects.
         errors: of all models and of both bounds.
+        back_spin: share of the measured outcomes beyond the line of sticking.
+        reach: by law, the mean share of the admissible impulses that it gives with some μ and ε in [0, 1].
         best: name in `errors` of the model with the least error, bounds aside.
         differences: error of each other model less that of the best, paired by trial; the smallest first.
         tables: format of the tables beside the file.
@@ -379,6 +385,8 @@ class Evaluation:
     fits: tuple[LawEstimate, ...]
     joint: Mapping[str, JointEstimate]
     errors: Mapping[str, ModelErrors]
+    back_spin: float
+    reach: Mapping[str, float]
     best: str
     differences: Mapping[str, Interval]
     tables: Literal["parquet", "csv"]

@@ -21,6 +21,7 @@ from contactlearn.core.errors import DataError
 from contactlearn.diagnosis.events import OnEvent
 from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.evaluation.metrics import ErrorSums, Interval
+from contactlearn.inference.evaluation.reach import reached_share
 from contactlearn.inference.learning.curves import Curve
 from contactlearn.mechanics.bodies import shapes_entries
 from contactlearn.mechanics.impacts import Impacts, Prediction
@@ -140,6 +141,8 @@ def _result(settings: EvaluateSettings, run: Run, data: Split, compared: Compari
         fits=tuple(map(estimates.law_estimate, compared.fits)),
         joint=joint,
         errors=errors,
+        back_spin=sums.back_spin(),
+        reach={name: reached_share(law, data.test).mean().item() for name, law in settings.laws.items()},
         best=best,
         differences=differences,
         tables=settings.tables,

@@ -117,6 +117,7 @@ def scalars(
         f"{metric}/{model}": interval for model, entry in errors.items() for metric, interval in entry.intervals.items()
     }
     values |= {f"outside_admissible/{model}": entry.outside_admissible for model, entry in errors.items()}
+    values |= {f"back_spin/{model}": entry.back_spin for model, entry in errors.items()}
     for fit in fits:
         values |= {f"parameters/{fit.law}/mu": fit.mu, f"parameters/{fit.law}/eps": fit.eps}
     for model, fit in joint.items():

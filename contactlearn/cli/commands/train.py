@@ -191,6 +191,7 @@ def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, s
         fits=tuple(map(estimates.law_estimate, trained.fits)),
         joint={name: estimates.joint_estimate(fit) for name, fit in trained.joint.items()},
         errors=estimates.error_table(sums, settings.norm, settings.bootstrap, data.generator),
+        back_spin=sums.back_spin(),
         norm=settings.norm,
         processes=() if recipe is None or regressor is None else estimates.process_estimates(recipe, regressor),
         processes_kind=None if regressor is None else regressor.kind,

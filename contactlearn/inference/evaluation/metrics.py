@@ -26,7 +26,7 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import Z_95
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from contactlearn.mechanics.rigid_body import admissible
+from contactlearn.mechanics.rigid_body import admissible, contact_velocity, effective_inertia
 
 
 def mass_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
@@ -95,6 +95,18 @@ def outside_admissible(impacts: Impacts, impulse: Float[Tensor, "*batch n 2"]) -
     For a point contact (τ = 0): see `mechanics.admissible`.
     """
     return ~admissible(impacts.W, impacts.v_c, impulse, tolerance=1e-7)
+
+
+def back_spin(impacts: Impacts, v_post: Float[Tensor, "*batch n 3"]) -> Bool[Tensor, "*batch n"]:
+    """Find the outcomes v_post [..., N, 3] whose impulse lies beyond the line of sticking: bool [..., N].
+
+    Friction does more than end the slip v_t + W_tn P_n that the same normal impulse leaves without friction; it
+    reverses it.  P is that of the contact point, M_c J Δv.  Source: Fazeli et al. (2017), Section 2.1.
+    """
+    after = contact_velocity(impacts.r, v_post)
+    friction = (effective_inertia(impacts.W) @ (after - impacts.v_c)[..., None])[..., 0, 0]
+    without = after[..., 0] - impacts.W[:, 0, 0] * friction
+    return after[..., 0] * without.sign() < -1e-7 * impacts.v_c.norm(dim=-1)
 
 
 def squared_distance(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
@@ -212,7 +224,8 @@ class ErrorSums:
     def __init__(self, models: Iterable[str]) -> None:
         self.models = tuple(models)
         self.trials = 0
-        self._outside = torch.zeros(len(self.models), dtype=torch.float64)
+        self._outside, self._back_spin = torch.zeros(2, len(self.models), dtype=torch.float64)
+        self._measured_back_spin = 0.0
         self._moments = {name: _Moments(len(self.models)) for name in METRICS}
 
     def add(self, impacts: Impacts, predictions: Mapping[str, Prediction]) -> None:
@@ -227,6 +240,8 @@ class ErrorSums:
             self._moments[name].add(torch.stack([metric.error(impacts, one) for one in chosen]).cpu())
         outside = [outside_admissible(impacts, one.wrench[..., :2]).sum() for one in chosen]
         self._outside += torch.stack(outside).cpu()
+        self._back_spin += torch.stack([back_spin(impacts, one.v_post).sum() for one in chosen]).cpu()
+        self._measured_back_spin += back_spin(impacts, impacts.v_post).sum().item()
         self.trials += len(impacts)
 
     def mean(self, metric: str, model: str) -> float:
@@ -250,6 +265,11 @@ class ErrorSums:
     def outside_admissible(self, model: str) -> float:
         """Return the share of impulses of a model that gain energy, pull or leave penetration."""
         return self._outside[self.models.index(model)].item() / self.trials
+
+    def back_spin(self, model: str | None = None) -> float:
+        """Return the share of outcomes of a model that reverse the slip; of the measured ones if None."""
+        count = self._measured_back_spin if model is None else self._back_spin[self.models.index(model)].item()
+        return count / self.trials
 
 
 class _Moments:

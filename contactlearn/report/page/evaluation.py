@@ -52,9 +52,15 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
             for key in dict.fromkeys((result.metric, *METRICS))
         ],
         "models": [
-            {"label": labels[name], **finely(asdict(errors.of(result.metric))), "errors": finely(asdict(errors))}
+            {
+                "label": labels[name],
+                **finely(asdict(errors.of(result.metric))),
+                "errors": finely(asdict(errors)),
+                "reach": result.reach.get(name),
+            }
             for name, errors in ((name, result.errors[name]) for name in names)
         ],
+        "_shares": " ".join(map(sentence, (phrase("back_spin", result.back_spin), phrase("reach")))),
         "chosen": 0,
         "yardstick": names.index(closest),
         "trials": of_trials(test, predictions[closest]),
