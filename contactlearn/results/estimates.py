@@ -105,8 +105,8 @@ def error_table(sums: ErrorSums, norm: Norm, resamples: int, generator: torch.Ge
         for key in metrics_of(name, norm):
             generator.set_state(state)
             intervals[key] = sums.interval(key, name, generator, resamples)
-        shares = {"outside_admissible": sums.outside_admissible(name), "back_spin": sums.back_spin(name)}
-        table[name] = ModelErrors(**intervals, **shares)
+        outside, back_spin = sums.outside_admissible(name), sums.back_spin(name)
+        table[name] = ModelErrors(**intervals, outside_admissible=outside, back_spin=back_spin)
     return table
 
 
