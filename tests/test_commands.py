@@ -49,6 +49,8 @@ def evaluation(tmp_path_factory):
 def test_evaluation_prints_every_model(evaluation):
     printed, folder = evaluation
     assert "models are fitted to random subsets of 20 of them (train.size)" in printed
+    assert re.search(r"back-spin +reach", printed)
+    assert "back-spin: share of outcomes beyond the line of sticking" in printed
     for model in (*laws.PAPER_LAWS, "best_post_hoc", "irb"):
         assert re.search(rf"^ *{model} ", printed, re.MULTILINE), model
     assert f"tensorboard --logdir {folder}" in printed
@@ -165,7 +167,7 @@ def test_the_headline_follows_the_norm(euclidean, command):
     assert {"euclidean_error/model", "euclidean_error/irb", "mass_error/whittaker"} <= tags
     bounds = {tag for tag in tags if tag.endswith(("/irb", "/best_post_hoc", "/model"))}
     assert {tag for tag in bounds if "euclidean_error/" not in tag} <= {
-        f"outside_admissible/{name}" for name in ("irb", "best_post_hoc")
+        f"{share}/{name}" for share in ("outside_admissible", "back_spin") for name in ("irb", "best_post_hoc")
     }
 
 
