@@ -440,10 +440,14 @@ def test_a_law_alone_has_no_learning_curve(tmp_path):
 
 def test_a_stopped_evaluation_resumes_after_its_finished_trainings(tmp_path, monkeypatch):
     command = ("evaluate.py", *SMALL[:5], "model=x1_wrench", "curves.sizes=[10,20]", "curves.seeds=2", "workers=1")
-    sizes, train, allowed = [], curves._Training.run, 1
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    sizes, train, allowed, shown = [], curves._Training.run, 1, []
 
     def counted(self):
         if len(sizes) == allowed:
+            (events,) = tmp_path.glob("outputs/*/*/events.*")
+            shown.append(EventAccumulator(str(events)).Reload())  # before the end of the run closes the file
             raise KeyboardInterrupt
         sizes.append(self.size)
         return train(self)
@@ -451,10 +455,13 @@ def test_a_stopped_evaluation_resumes_after_its_finished_trainings(tmp_path, mon
     monkeypatch.setattr(curves._Training, "run", counted)
     run(*command, cwd=tmp_path, status=130)
     (finished,) = tmp_path.glob("outputs/*/.parts/*/*/*.npz")
-    assert finished.stem == "20"
+    assert finished.stem == "10"
+    curve = {"x1_wrench": [10], "whittaker": [10, 20], "best_post_hoc": [10, 20], "irb": [10, 20]}
+    for name, points in curve.items():
+        assert [event.step for event in shown[0].Scalars(f"curve_mass_error/{name}")] == points
     allowed = 2
     assert "earlier run of the same command: 1\n" in run(*command, cwd=tmp_path)
-    assert sizes == [20, 10]
+    assert sizes == [10, 20]
     assert not list(tmp_path.glob("outputs/*/.parts"))
     (done,) = tmp_path.glob("outputs/*/*/done.json")
     assert json.loads((done.parent / "results.json").read_text())["learning_curves"]["x1_wrench"]["sizes"] == [10, 20]

@@ -4,10 +4,12 @@ import html
 import json
 import re
 import warnings
+from types import SimpleNamespace
 
 import pytest
 import torch
 from commands import SMALL, TRAIN, run
+from observers import RecordingObserver
 from tensorboard.backend.event_processing.data_provider import MultiplexerDataProvider
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.backend.event_processing.plugin_event_multiplexer import EventMultiplexer
@@ -18,14 +20,18 @@ from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
 from contactlearn import laws
 from contactlearn.__main__ import main
+from contactlearn.cli.commands import curves
 from contactlearn.data import table
 from contactlearn.effects import catalogue, find_effect
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification import robust
+from contactlearn.inference.learning.curves import Curve
+from contactlearn.laws import find
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.tensorboard import Tracker, ends
 from contactlearn.report.text import base_label, rung_label
 from contactlearn.results import folder as run_folder
-from contactlearn.simulation import hidden_effects
+from contactlearn.simulation import hidden_effects, synthetic
 
 with warnings.catch_warnings():  # the copy of html5lib in TensorBoard warns of itself
     warnings.simplefilter("ignore", DeprecationWarning)
@@ -259,9 +265,31 @@ def test_learning_curves_have_the_bounds_beside_them(runs):
         assert tags == {f"curve_mass_error/{name}" for name in names}
         for tag in tags:
             assert [event.step for event in events["evaluate"].Scalars(tag)] == [10, 20]
+    (curve,) = [curve for name, curve in results["learning_curves"].items() if name == "x1_wrench"]
+    logged = [event.value for event in events["evaluate"].Scalars("interval/curve_mass_error/x1_wrench/low")]
+    assert logged == torch.tensor([point["low"] for point in curve["mass_error"]]).tolist()
+    means = [event.value for event in events["evaluate"].Scalars("curve_loss/x1_wrench")]
+    outputs = [events["evaluate"].Scalars(f"curve_loss/x1_wrench/{output}") for output in ("P_t", "P_n", "τ")]
+    assert means == pytest.approx([sum(loss.value for loss in losses) / 3 for losses in zip(*outputs, strict=True)])
     for name in ("best_post_hoc", "irb"):
         level = torch.tensor(results["errors"][name]["mass_error"]["mean"], dtype=torch.float32).item()
         assert [event.value for event in events["evaluate"].Scalars(f"curve_mass_error/{name}")] == [level, level]
+
+
+def test_points_of_learning_curves_are_logged_in_order_as_soon_as_they_are_there(tmp_path):
+    """A size that is ready before a smaller one waits for it: TensorBoard drops what lies beyond a later step."""
+    drops, seen = synthetic.load(40), RecordingObserver()
+    settings = SimpleNamespace(split=SimpleNamespace(seed=0), bootstrap=50)
+    points, predicted = curves._Points(settings, (10, 20, 30), seen), ContactModel(find("whittaker")).predict(drops)
+    for model, size in [("a", 10), ("a", 30), ("b", 20), ("a", 20), ("b", 10)]:
+        points.add(model, Curve.of(drops, {size: predicted}))
+    with Tracker(tmp_path, 1) as tracker:
+        for event in seen:
+            tracker(event)
+    assert [(one.model, one.trained_on) for one in seen] == [("a", 10), ("a", 20), ("a", 30), ("b", 10), ("b", 20)]
+    assert len({one.errors["mass_error"] for one in seen}) == 1  # the same resamples
+    steps = [event.step for event in EventAccumulator(str(tmp_path)).Reload().Scalars("curve_mass_error/a")]
+    assert steps == [10, 20, 30]
 
 
 def test_every_chart_has_its_data(runs):

@@ -162,6 +162,26 @@ class RoundScored(_Event, frozen=True, kw_only=True):
     negative_log_density: float
 
 
+class CurvePoint(_Event, frozen=True, kw_only=True):
+    """The next point of a learning curve: a model on held-out trials, trained on subsets of one size.
+
+    Args:
+        model: its name.
+        trained_on: number of training trials.
+        errors: by metric.
+        loss: of each output in nats a trial, mean over the subsets; empty without training.
+        negative_log_density: mean over trials and subsets in nats; None without a predicted covariance.
+        coverage: share of the trials inside the predicted 95 % ellipsoid; None likewise.
+    """
+
+    model: str
+    trained_on: int
+    errors: dict[str, Interval]
+    loss: dict[str, float]
+    negative_log_density: float | None
+    coverage: float | None
+
+
 class LearningProgress(_Event, frozen=True, kw_only=True):
     """Models are trained on subsets: held-out errors so far by model, each with its number of training trials."""
 
@@ -186,6 +206,7 @@ Event: TypeAlias = (
     | SampleConfirmed
     | TrainingRound
     | RoundScored
+    | CurvePoint
     | LearningProgress
 )
 """Any event."""

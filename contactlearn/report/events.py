@@ -11,6 +11,7 @@ from contactlearn.diagnosis.events import (
     FILE,
     AuditFindings,
     CandidatesExcluded,
+    CurvePoint,
     EffectsFound,
     Event,
     FormulasSkipped,
@@ -128,7 +129,7 @@ def event_lines(event: Event) -> list[str]:
             return [f"note: no formulas for the residual: {event.reason}"]
         case SampleConfirmed():
             return [f"all trials: {one}" for one in phrases("sample_summary", event.sample)]
-        case TaskProgress() | RemainderLearned() | TrainingRound() | RoundScored() | LearningProgress():
+        case TaskProgress() | RemainderLearned() | TrainingRound() | RoundScored() | CurvePoint() | LearningProgress():
             return []
 
 

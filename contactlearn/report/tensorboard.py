@@ -24,7 +24,7 @@ from tensorboard.plugins.hparams import api_pb2, metadata
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData, SessionEndInfo, SessionStartInfo
 from torch.utils.tensorboard import SummaryWriter
 
-from contactlearn.diagnosis.events import Event, RoundScored, TrainingRound
+from contactlearn.diagnosis.events import CurvePoint, Event, RoundScored, TrainingRound
 from contactlearn.inference.evaluation.metrics import Interval
 
 _SHOWN = ("command", "effects", "law", "model", "train_size")
@@ -88,6 +88,7 @@ class Tracker:
 
     def __call__(self, event: Event) -> None:
         """Log the numbers of an event, if it is one of a training."""
+        values: dict[str, float | Interval]
         if isinstance(event, TrainingRound):
             values = {"fit/loss": statistics.fmean(event.loss.values())}
             for output, loss in event.loss.items():
@@ -99,6 +100,15 @@ class Tracker:
             values = {f"fit/{metric}": error for metric, error in event.errors.items()}
             values["fit/negative_log_density"] = event.negative_log_density
             self._log(values, event.round, {"trained_on": event.trained_on, "round": event.round})
+        elif isinstance(event, CurvePoint):
+            values = {f"curve_{metric}/{event.model}": error for metric, error in event.errors.items()}
+            values |= {f"curve_loss/{event.model}/{output}": loss for output, loss in event.loss.items()}
+            if event.loss:
+                values[f"curve_loss/{event.model}"] = statistics.fmean(event.loss.values())
+            if event.coverage is not None and event.negative_log_density is not None:
+                values[f"curve_coverage/{event.model}"] = event.coverage
+                values[f"curve_negative_log_density/{event.model}"] = event.negative_log_density
+            self.scalars(values, event.trained_on)
 
     def scalars(self, values: Mapping[str, float | Interval], trained_on: int | None = None) -> None:
         """Log values by tag, such as `mass_error/whittaker`, at a number of training impacts; by default the run's."""

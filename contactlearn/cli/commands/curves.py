@@ -1,7 +1,9 @@
 """Learning curves of an evaluation: every learned model, at every size, from every seed's subset."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import takewhile
 from pathlib import Path
+from types import MappingProxyType
 
 import torch
 from jaxtyping import Float
@@ -13,11 +15,12 @@ from contactlearn.cli.job import Run
 from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.devices import moved
 from contactlearn.core.errors import DataError
-from contactlearn.diagnosis.events import OnEvent, track
+from contactlearn.diagnosis.events import CurvePoint, OnEvent, track
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.learning import curves as study
-from contactlearn.inference.learning.curves import Curve, count_trainings
+from contactlearn.inference.learning.curves import Curve, CurveDensity, Trained, count_trainings
+from contactlearn.inference.learning.recipe import TARGETS
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
@@ -37,11 +40,52 @@ def charted(settings: EvaluateSettings) -> tuple[str, ...]:
     return (*settings.laws, *joint, *settings.learnable, BEST_POST_HOC, IRB)
 
 
-def learning_study(settings: EvaluateSettings, data: Split, run: Run, tracker: Tracker) -> dict[str, Curve]:
+class _Points:
+    """Points of learning curves, each told as soon as it and those before it on its curve are there.
+
+    All have the same resamples of the trials, so that they depend neither on each other nor on their order.
+    """
+
+    def __init__(self, settings: EvaluateSettings, sizes: Sequence[int], on_event: OnEvent) -> None:
+        self._settings, self._on_event, self._sizes = settings, on_event, sizes
+        self.found = dict[str, dict[int, CurvePoint]]()
+
+    def add(self, model: str, curve: Curve, loss: Mapping[str, float] = MappingProxyType({})) -> None:
+        """Score some sizes of a model."""
+        points = self.found.setdefault(model, {})
+        before = len(self._told(points))
+        for place, size in enumerate(curve.sizes):
+            generator, sure = torch.Generator().manual_seed(self._settings.split.seed), curve.density
+            points[size] = CurvePoint(
+                model=model,
+                trained_on=size,
+                errors={
+                    name: metrics.bootstrap(error[place], generator, self._settings.bootstrap)
+                    for name, error in curve.errors.items()
+                },
+                loss=dict(loss),
+                negative_log_density=None if sure is None else sure.negative_log[place].mean().item(),
+                coverage=None if sure is None else _coverage(sure)[place].item(),
+            )
+        for size in self._told(points)[before:]:
+            self._on_event(points[size])
+
+    def _told(self, points: Mapping[int, CurvePoint]) -> list[int]:
+        return list(takewhile(lambda size: size in points, self._sizes))
+
+
+def _coverage(density: CurveDensity) -> Float[Tensor, " sizes"]:
+    """Share of the trials inside the predicted 95 % ellipsoid at each size."""
+    return (density.distance <= metrics.CHI_SQUARED_95).double().mean((1, 2))
+
+
+def learning_study(
+    settings: EvaluateSettings, data: Split, run: Run, tracker: Tracker
+) -> tuple[dict[str, Curve], dict[str, dict[int, CurvePoint]]]:
     """Identify the laws and train the learned models on every subset.
 
     Returns:
-        The curves by model, those of the laws first.
+        The curves by model, those of the laws first; and their points by model and size.
 
     Raises:
         DataError: fewer trials than the least of `curves.sizes`.
@@ -59,7 +103,14 @@ def learning_study(settings: EvaluateSettings, data: Split, run: Run, tracker: T
     orders = study.nested_orders(len(data.pool), settings.curve_seeds, data.generator)
     pool, test = moved((data.pool, data.test), settings.device)
     with progress(run.folder, tracker) as on_event:
-        bases, curves = _law_curves(settings, pool, test, orders, sizes, on_event)
+        points = _Points(settings, sizes, on_event)
+        bases, curves = _law_curves(settings, pool, test, orders, sizes, points, on_event)
+
+        def add(trained: Trained) -> None:
+            (name,) = trained.key
+            loss = dict(zip(TARGETS[recipes[name].target], trained.loss, strict=True))
+            points.add(name, Curve.of(test, {trained.size: trained.prediction}), loss)
+
         learned = study.learning_curves(
             recipes,
             pool,
@@ -69,46 +120,63 @@ def learning_study(settings: EvaluateSettings, data: Split, run: Run, tracker: T
             bases,
             impulse=settings.identification.target,
             box=settings.identification.box,
-            work=training_work(settings, run.partial, on_event, "learned models"),
+            work=training_work(settings, run.partial, on_event, "learned models", add),
         )
-    return moved(curves | learned, "cpu")
+    return moved(curves | learned, "cpu"), points.found
 
 
-def training_work(settings: EvaluateSettings, partial: Path, on_event: OnEvent, description: str) -> study.Work:
-    """Return the processes, finished trainings and progress of a study."""
-    return study.Work(
-        processes=settings.processes,
-        cache=partial,
-        progress=lambda done, total: track(done, description, on_event, total),
-    )
+def training_work(
+    settings: EvaluateSettings,
+    partial: Path,
+    on_event: OnEvent,
+    description: str,
+    add: Callable[[Trained], None] = lambda trained: None,
+) -> study.Work:
+    """Return the processes, finished trainings and progress of a study; `add` takes each training when it is there."""
+
+    def progress(done: Iterable[Trained], total: int) -> Iterator[Trained]:
+        for trained in track(done, description, on_event, total):
+            add(trained)
+            yield trained
+
+    return study.Work(processes=settings.processes, cache=partial, progress=progress)
 
 
 def _law_curves(
-    settings: EvaluateSettings, pool: Impacts, test: Impacts, orders: Tensor, sizes: list[int], on_event: OnEvent
+    settings: EvaluateSettings,
+    pool: Impacts,
+    test: Impacts,
+    orders: Tensor,
+    sizes: list[int],
+    points: _Points,
+    on_event: OnEvent,
 ) -> tuple[Bases, dict[str, Curve]]:
     """Laws on every subset, by name and size, and the curves of those that are shown; effects are around `law`."""
     law, effects, how = settings.law, settings.effects, settings.identification
     needed = {**settings.laws, **{r.law.name: r.law for r in settings.learnable.values() if r.law}}
-    every = track(needed.values(), "laws on every subset", on_event)
-    fits, curves = study.law_curves(every, pool, test, orders, sizes, target=how.target, box=how.box)
-    bases: dict[str, Mapping[int, Law | ContactModel]] = {
-        name: {size: study.law_at(fit, size) for size in sizes} for name, fit in fits.items()
-    }
-    shown = {name: curves[name] for name in settings.laws}
+    bases: dict[str, Mapping[int, Law | ContactModel]] = {}
+    shown: dict[str, Curve] = {}
+    for name, needed_law in track(needed.items(), "laws on every subset", on_event):
+        fits, curves = study.law_curves((needed_law,), pool, test, orders, sizes, target=how.target, box=how.box)
+        bases[name] = {size: study.law_at(fits[name], size) for size in sizes}
+        if name in settings.laws:
+            shown[name] = curves[name]
+            points.add(name, shown[name])
     if effects:
         every = track(sizes, f"{law.name} and its effects on every subset", on_event)
         bases[law.name], curve = study.joint_curve(law, effects, pool, test, orders, every, settings.fit)
         shown[fitting.augmented_name(law.name, effects)] = curve
+        points.add(fitting.augmented_name(law.name, effects), curve)
     return bases, shown
 
 
 def curve_entry(
-    curve: Curve, levels: Mapping[str, Mapping[str, float]], generator: torch.Generator, resamples: int
+    curve: Curve, levels: Mapping[str, Mapping[str, float]], points: Mapping[int, CurvePoint]
 ) -> LearningCurve:
     """Return one model's curve as numbers; `levels` are mean errors of the bounds by metric and name."""
     intervals, below, settled = {}, {}, {}
     for metric in metrics.METRICS:
-        intervals[metric] = curve_intervals(curve, metric, generator, resamples)
+        intervals[metric] = tuple(points[size].errors[metric] for size in curve.sizes)
         mean = curve.errors[metric].mean((1, 2)).tolist()
         if metric in levels:
             below[metric] = {
@@ -121,7 +189,7 @@ def curve_entry(
             processes=curve.kinds,
             converged=curve.converged,
             negative_log_density=tuple(density.negative_log.mean((1, 2)).tolist()),
-            coverage=tuple((density.distance <= metrics.CHI_SQUARED_95).double().mean((1, 2)).tolist()),
+            coverage=tuple(_coverage(density).tolist()),
             component_coverage=tuple(map(tuple, density.covered.double().mean((1, 2)).tolist())),
         )
     return LearningCurve(sizes=curve.sizes, **intervals, below=below, settled=settled, calibration=calibration)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from contactlearn.cli.commands import curves, fitting, loading, record
 from contactlearn.cli.commands.fitting import Comparison
 from contactlearn.cli.commands.loading import Split
-from contactlearn.cli.commands.record import RunRecord, Scalars
+from contactlearn.cli.commands.record import RunRecord
 from contactlearn.cli.commands.trained import check_models
 from contactlearn.cli.commands.transfer import transfer
 from contactlearn.cli.job import Run
@@ -20,7 +20,7 @@ from contactlearn.core.devices import moved
 from contactlearn.core.errors import DataError
 from contactlearn.diagnosis.events import OnEvent
 from contactlearn.inference.evaluation import bounds, metrics
-from contactlearn.inference.evaluation.metrics import ErrorSums, Interval
+from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.inference.evaluation.reach import reached_share
 from contactlearn.inference.learning.curves import Curve
 from contactlearn.mechanics.bodies import shapes_entries
@@ -36,7 +36,7 @@ from contactlearn.report.page.page import write
 from contactlearn.report.tensorboard import Tracker
 from contactlearn.results import estimates, folder
 from contactlearn.results.tables import HeldOut, save_curves, save_held_out, save_trial_parameters
-from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation, LearningCurve, ModelErrors
+from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation
 
 
 def evaluate(settings: EvaluateSettings, run: Run) -> None:
@@ -72,7 +72,12 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
         terminal.show_reference(result.fits, settings.reference)
     learned: dict[str, Curve] = {}
     if settings.recipes:
-        found = curves.learning_study(settings, data, run, tracker)
+        limits = {name: result.errors[name].intervals for name in (BEST_POST_HOC, IRB)}
+        lines = {f"curve_{metric}/{name}": x for name, of in limits.items() for metric, x in of.items()}
+        for size in settings.curve_sizes:
+            if size <= len(data.pool):
+                tracker.scalars(lines, size)
+        found, points = curves.learning_study(settings, data, run, tracker)
         levels = {
             name: {
                 bound: metrics.METRICS[name].error(data.test, prediction).mean().item()
@@ -80,9 +85,7 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
             }
             for name in metrics.bounded_metrics(result.norm)
         }
-        entries = {
-            name: curves.curve_entry(curve, levels, data.generator, settings.bootstrap) for name, curve in found.items()
-        }
+        entries = {name: curves.curve_entry(curve, levels, points[name]) for name, curve in found.items()}
         result = replace(result, learning_curves=entries)
         save_curves(found, run.folder / f"learning_curves.{settings.tables}")
         folder.write_result(run.folder, result)
@@ -177,7 +180,6 @@ def _record(
     """Return figures and values; figures show the held-out `row`, or that with the median error of the best law."""
     size = len(data.pool) if result.joint else data.train_size
     errors = {name: entry.of(result.metric) for name, entry in result.errors.items()}
-    yardsticks = {name: result.errors[name] for name in (BEST_POST_HOC, IRB)}
     alone = {name: entry for name, entry in result.errors.items() if name not in {*result.joint, *result.trained}}
     with_effects = {name: result.errors[name] for name in result.joint}
     drawn = _laws_drawn(settings, data, compared, on_event)
@@ -195,7 +197,6 @@ def _record(
                 for name, one in result.trained.items()
             ),
             (size, {record.own_tags(result.metric)[0]: errors[result.model]}),
-            *_curve_scalars(result.learning_curves, yardsticks),
         ],
         figures=drawn,
         law=result.law,
@@ -203,25 +204,6 @@ def _record(
         equations=(*map(record.law_equation, result.fits), *(fit.equation for fit in result.joint.values())),
         errors=errors,
     )
-
-
-def _curve_scalars(
-    by_model: Mapping[str, LearningCurve], yardsticks: Mapping[str, ModelErrors]
-) -> list[tuple[int, Scalars]]:
-    """Every curve by number of training trials, and the bounds as horizontal lines."""
-    found = []
-    for place, size in enumerate(next(iter(by_model.values())).sizes if by_model else ()):
-        values: dict[str, float | Interval] = {}
-        for metric in metrics.METRICS:
-            values |= {f"curve_{metric}/{model}": curve.of(metric)[place] for model, curve in by_model.items()}
-        for model, errors in yardsticks.items():
-            values |= {f"curve_{metric}/{model}": interval for metric, interval in errors.intervals.items()}
-        for model, curve in by_model.items():
-            if curve.calibration is not None:
-                values[f"curve_coverage/{model}"] = curve.calibration.coverage[place]
-                values[f"curve_negative_log_density/{model}"] = curve.calibration.negative_log_density[place]
-        found.append((size, values))
-    return found
 
 
 def _laws_drawn(settings: EvaluateSettings, data: Split, compared: Comparison, on_event: OnEvent) -> dict[str, Figure]:

@@ -45,6 +45,7 @@ class Trained:
     prediction: Prediction
     kind: str  # of the processes
     converged: float  # share of the processes whose training converged
+    loss: tuple[float, ...]  # of each output in nats a trial, mean over the subsets
 
 
 def save_trained(folder: Path, trained: Trained) -> None:
@@ -56,6 +57,7 @@ def save_trained(folder: Path, trained: Trained) -> None:
     prediction = moved(trained.prediction, "cpu")
     arrays = {"v_post": prediction.v_post.numpy(), "wrench": prediction.wrench.numpy()}
     arrays |= {"kind": np.array(trained.kind), "converged": np.array(trained.converged)}
+    arrays["loss"] = np.array(trained.loss)
     if prediction.covariance is not None:
         arrays["covariance"] = prediction.covariance.numpy()
     gone = suppress(FileNotFoundError)  # another run of the same command has ended and removed the folder
@@ -72,10 +74,10 @@ def load_trained(folder: Path, key: tuple[str, ...], size: int) -> Trained | Non
                 torch.from_numpy(held["wrench"]),
                 torch.from_numpy(held["covariance"]) if "covariance" in held else None,
             )
-            kind, converged = str(held["kind"]), float(held["converged"])
+            kind, converged, loss = str(held["kind"]), float(held["converged"]), tuple(held["loss"].tolist())
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile, zlib.error):
         return None
-    return Trained(key=key, size=size, prediction=prediction, kind=kind, converged=converged)
+    return Trained(key=key, size=size, prediction=prediction, kind=kind, converged=converged, loss=loss)
 
 
 def count_trainings(folder: Path) -> int:
@@ -230,7 +232,7 @@ def learning_curves(
             impulse=impulse,
             box=box,
         )
-        for size in sorted(sizes, reverse=True)  # the longest first
+        for size in sorted(sizes)  # so that the curves grow
         for name, recipe in recipes.items()
     ]
     found = _trained(trainings, work)
@@ -254,10 +256,14 @@ class _Training:
     def run(self) -> Trained:
         """Train the model and predict the held-out trials."""
         model = learn(self.recipe, self.pool, self.rows, self.base, impulse=self.impulse, box=self.box)
-        processes = model.processes
-        share = 1.0 if processes.status is None else processes.status.converged.double().mean().item()
+        processes, training = model.processes, model.processes.training
         return Trained(
-            key=self.key, size=self.size, prediction=model.predict(self.test), kind=processes.kind, converged=share
+            key=self.key,
+            size=self.size,
+            prediction=model.predict(self.test),
+            kind=processes.kind,
+            converged=training.converged.double().mean().item(),
+            loss=tuple(training.loss.flatten(0, -2).mean(0).tolist()),
         )
 
 
