@@ -15,8 +15,9 @@ from contactlearn import laws
 from contactlearn.cli.commands.fitting import fit_with_effects
 from contactlearn.data import table, tracks
 from contactlearn.data.audit.corrections import correct
-from contactlearn.data.audit.findings import apparatus_notes, audit, scale_findings
+from contactlearn.data.audit.findings import audit
 from contactlearn.data.audit.thresholds import AuditThresholds
+from contactlearn.data.audit.trials import apparatus_notes, scale_findings
 from contactlearn.data.recordings.conventions import find_frame, find_gravity
 from contactlearn.data.recordings.floor import find_floor
 from contactlearn.diagnosis.events import ignore

@@ -8,10 +8,10 @@ import torch
 from corruptions import CORRUPTIONS, corrupt
 from repetitions import crossed, repeated
 
-from contactlearn.data.audit.consistency import balance, contradictions
-from contactlearn.data.audit.conventions import compare
+from contactlearn.data.audit.conventions import compare, contradictions
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import Finding, audit
+from contactlearn.data.audit.moments import balance
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Disc
 from contactlearn.simulation import mujoco, synthetic

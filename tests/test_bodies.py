@@ -15,9 +15,9 @@ from test_report_page import into_view, opened, until
 from contactlearn import identify_jointly, laws
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import table, tracks
-from contactlearn.data.audit.consistency import gross_outliers
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import audit
+from contactlearn.data.audit.trials import gross_outliers
 from contactlearn.data.blocks import joined
 from contactlearn.data.table import table_blocks
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment

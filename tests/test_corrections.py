@@ -8,9 +8,9 @@ from contactlearn.cli.commands.loading import load_data
 from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.data import table
-from contactlearn.data.audit.consistency import torque
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import audit
+from contactlearn.data.audit.moments import torque
 from contactlearn.mechanics.impacts import COMPONENTS, Impacts
 from contactlearn.simulation import synthetic
 

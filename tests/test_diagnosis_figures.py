@@ -14,10 +14,12 @@ from matplotlib.text import Text
 from repetitions import repeated
 from test_figures import HOSTILE, assert_fits, assert_units, visible_axes
 
-from contactlearn.data.audit.consistency import balance, contradictions, gross_outliers, kinetic_energy, torque
+from contactlearn.data.audit.conventions import contradictions
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import audit
+from contactlearn.data.audit.moments import balance, kinetic_energy, torque
 from contactlearn.data.audit.result import Finding
+from contactlearn.data.audit.trials import gross_outliers
 from contactlearn.diagnosis import result
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.regions import variables

@@ -9,7 +9,7 @@ from diagnoses import ERROR, few, made_up, provenance_of
 from drops import seeded
 from observers import RecordingObserver
 
-from contactlearn.data.audit.consistency import repeated
+from contactlearn.data.audit.trials import repeated
 from contactlearn.diagnosis.events import SubsampleStarted, ignore
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.question import Question

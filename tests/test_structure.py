@@ -179,7 +179,7 @@ def test_what_is_written_elsewhere(pattern):
 # A registry passes the arguments of a class on, a copy those of its fields, an override those of its base, a source of
 # impacts those of the function that also tells how they were found, or those of the camera that simulates recordings.
 KEYWORDS = {
-    "contactlearn.data.audit.consistency.Columns.replace",
+    "contactlearn.data.audit.moments.Columns.replace",
     "contactlearn.simulation.hidden_effects.effects._form",
     "contactlearn.data.tracks.find",
     "contactlearn.data.tracks.load",

@@ -4,11 +4,7 @@ from typing import NamedTuple
 
 import torch
 
-from contactlearn.data.audit.conventions import (
-    ConventionComparison,
-    compare,
-    impossible_findings,
-)
+from contactlearn.data.audit.conventions import ConventionComparison, compare, impossible_findings
 from contactlearn.data.audit.findings import audit
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.mechanics.impacts import Impacts

@@ -5,13 +5,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from contactlearn.data.audit.consistency import gross_outliers
-from contactlearn.data.audit.findings import (
-    outlier_findings,
-    scale_findings,
-    shape_findings,
-)
+from contactlearn.data.audit.findings import outlier_findings, shape_findings
 from contactlearn.data.audit.model_checks import find_model_outliers
+from contactlearn.data.audit.trials import gross_outliers, scale_findings
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find

@@ -2,10 +2,12 @@
 
 result        findings and their evidence, as types
 thresholds    every limit of a finding
-consistency   moment balance, energy, outliers, contradictions of each trial
+moments       moment balance and energy, of impacts or of many hypotheses about them
+trials        which trials cannot be real, and what the apparatus contradicts
 corrections   named corrections of measurements
-conventions   hypotheses about units and axes, compared, and their findings
-findings      the audit: every finding, in order
+conventions   which units and axes: hypotheses by the contradictions under each
+balance       whether the moment balance closes then
+findings      the audit: one question after the other
 model_checks  outliers of a fitted model, and velocities before impact that vary by noise alone
 """
 

@@ -1,15 +1,24 @@
 """Conventions of units and axes: hypotheses about them, compared by the contradictions in the measurements under each.
 
-A hypothesis is a few named corrections; `consistency.contradictions` makes the same tests under each.  The moment
-balance alone knows the signs of its two terms only: turning θ looks like turning r.  The other tests distinguish
-these, except for equivalent ones (a disc seen from behind).  Contradictions are bounded, so that no outlier
-decides; their mean over the trials is compared pairwise, with its standard error.
+A hypothesis is a few named corrections; `contradictions` asks the same questions of each trial under each.  An answer
+is in [0, 1], and 0 for a rigid planar impact on a floor below the body:
+
+    moment      I Δω = r_x P_n − r_y P_t with P = m Δv: the residual as a share of the terms
+    approach    v_n < 0 before contact           leaves      v_n ≥ 0 after it, within a fifth of |v_n|
+    push        P_n > 0: the floor does not pull
+    below       r_y < 0: the floor is below the centre of mass
+    friction    P_t is not along the slip both before and after; negligible P_t or slip does not count
+    energy      no more after than before, within a tenth
+    shape       r is the contact point of the body's shape at θ, where the shape is known
+    units       I/m agrees with r, speeds and lengths are those of a laboratory, |θ| is a few turns at most
+
+The moment balance alone knows the signs of its two terms only: turning θ looks like turning r.  The other questions
+distinguish these, except for equivalent ones (a disc seen from behind).  No outlier decides, since answers are bounded;
+their mean over the trials is compared pairwise, with its standard error.
 
 All sensible combinations of up to five corrections are compared, shorter ones first.  Those of one correction are
 compared on all trials, longer ones on a sample of them, from which the best few go on to all trials.  A hypothesis is
 accepted only if the moments balance under it and contradictions are negligible; otherwise the data stay as given.
-
-Each finding states the moment balance with its two coefficients and their 95 % intervals, whether it closes or not.
 """
 
 import math
@@ -21,11 +30,23 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.data.audit.consistency import Balance, Columns, balance, contradictions, torque
 from contactlearn.data.audit.corrections import CORRECTIONS, units_and_axes
+from contactlearn.data.audit.moments import (
+    MUST,
+    Balance,
+    Columns,
+    balance,
+    inertia_text,
+    kinetic_energy,
+    torque,
+    wrong_inertia,
+)
 from contactlearn.data.audit.result import Evidence, Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
+from contactlearn.data.audit.trials import FASTEST
+from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import contact_velocity
 
 AXES = (
     "swapped_pre_post",
@@ -44,12 +65,6 @@ BALANCED = set(UNITS) - {"degrees_theta"}
 _SIGMAS = 5.0  # standard errors of the fall of contradictions: up to some thousand hypotheses are compared
 _INDISTINCT = 0.02  # difference of the sum of contradictions below which two hypotheses are equivalent
 _EXPLAINED = 0.5  # share of Δω that the balance explains under other units, which else only shrink a Δω that is noise
-_INERTIA_ERROR = 0.1  # relative standard error of a term of the balance that estimates the inertia
-_INERTIA_AGREEMENT = 0.2  # relative difference up to which the terms ask for the same factor
-_INERTIA_R_SQUARED = 0.8  # share of Δω that the fitted balance explains for the same
-_TESTED = 0.1  # half-width of the 95 % interval of the better known coefficient above which the balance is untested
-_SMALL_MOMENTS = 0.05  # median of a term, of |Δv| / ρ, up to which it may be noise of some 5 % of the speeds
-_SURE_MOMENTS = 4.0  # standard errors from 0 from which on the coefficient of such a term is judged
 _REVERSED = 0.4  # share of trials with a pulling floor, or without approach, from which on no impact made the data
 _STEPS = (*AXES[:3], "mirrored_y", *AXES[3:], *UNITS)
 """Corrections in the order in which they are applied.
@@ -58,7 +73,49 @@ A swap of the axes and a mirror of y are a turn by 90°, whose sense depends on 
 """
 _TURN = 3  # step of the mirror of y that follows a swap
 _DEPTH = 5  # corrections at once
+_SHOWN = 0.005  # change of a mean contradiction from which on it is part of the evidence
+_GYRATION = (0.02, 8.0)  # plausible (I/m)/|r|²: a rod on its end has 1/3, a disc 1/2, a body that lands flat more
+_LARGEST, _TURNED = 10.0, 8 * math.pi  # plausible |r| in m, and |θ| in rad (four turns), in the median
 _SAMPLE, _FINALISTS = 64, 8  # trials on which combinations are compared, and combinations that go on to all trials
+
+
+def contradictions(impacts: Impacts | Columns) -> dict[str, Float[Tensor, "*batch n"]]:
+    """Compute the contradictions of each trial in [0, 1] by question; see the module for the questions."""
+    before, after = impacts.v_c, contact_velocity(impacts.r, impacts.v_post)
+    P = impacts.mass[..., None] * (impacts.v_post - impacts.v_pre)[..., :2]
+    slip = torch.stack((before[..., 0], after[..., 0]), -1)
+    along = (P[..., :1] * slip > 0).all(-1)
+    energy, rebound = kinetic_energy(impacts)
+    counts = (P[..., 0].abs() / (0.05 * P[..., 1].abs()).clamp_min(1e-300)).clamp_max(1)
+    length = impacts.r.norm(dim=-1)
+    answers = {
+        "moment": torque(impacts).imbalance,
+        "approach": (before[..., 1] >= 0).double(),
+        "leaves": (after[..., 1] < -0.2 * before[..., 1].abs()).double(),
+        "push": (P[..., 1] <= 0).double(),
+        "below": (impacts.r[..., 1] >= 0).double(),
+        "friction": along * counts * (slip.abs().amin(-1) / slip.abs().amax(-1).clamp_min(1e-300)),
+        "energy": (rebound > 1.1 * energy).double(),
+        "units": _implausible(impacts)[..., None].expand_as(length),
+    }
+    if impacts.shape is not None:
+        off = (impacts.r - contact_points(impacts.shape, impacts.body, impacts.q[..., 2])).norm(dim=-1)
+        answers["shape"] = (off / (0.5 * length).clamp_min(1e-300)).clamp_max(1)
+    return answers
+
+
+def _implausible(impacts: Impacts | Columns) -> Float[Tensor, "*batch"]:
+    """The most decades by which a quantity lies outside its plausible range, at most 1."""
+    length = impacts.r.norm(dim=-1).median(-1).values
+    gyration = (impacts.inertia / impacts.mass).median(-1).values / length.clamp_min(1e-300) ** 2
+    ratios = (
+        gyration / _GYRATION[1],
+        _GYRATION[0] / gyration,
+        impacts.v_pre[..., :2].norm(dim=-1).median(-1).values / FASTEST,
+        length / _LARGEST,
+        impacts.q[..., 2].abs().median(-1).values / _TURNED,
+    )
+    return torch.stack(ratios).amax(0).log10().clamp(0, 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,17 +286,6 @@ def _applied(given: Hypothesis, names: tuple[str, ...]) -> Hypothesis | None:
     return Hypothesis(names=names, impacts=impacts, thresholds=thresholds)
 
 
-def wrong_inertia(factor: float, thresholds: AuditThresholds) -> bool:
-    """Whether a factor on I is a mistake in the data; a smaller one is the effect `inertia_error`."""
-    return 0 < factor < math.inf and abs(math.log(factor)) > math.log(thresholds.inertia_factor)
-
-
-_INERTIA_UNITS = {1e-3: "g m²", 1e-6: "kg mm²", 1e-9: "g mm²", 1e-4: "kg cm²", 1e-7: "g cm²"}
-_SHOWN = 0.005  # change of a mean contradiction from which on it is part of the evidence
-_MUST = "I Δω = a r_x P_n − b r_y P_t, which must give +1 and +1,"
-_Quantity = tuple[str, float]
-
-
 def convention_findings(comparison: ConventionComparison) -> list[Finding]:
     """A finding for each correction of the best hypothesis; the evidence is that of all of them together."""
     given, best = comparison.given, comparison.best
@@ -253,7 +299,7 @@ def convention_findings(comparison: ConventionComparison) -> list[Finding]:
     for name in best.names:
         others = ", ".join(other for other in best.names if other != name)
         factor = (best.impacts.inertia / given.impacts.inertia)[0].item() if name == "inertia_scaled" else None
-        text = CORRECTIONS[name].description + ("" if factor is None else f", {_factor(factor)}")
+        text = CORRECTIONS[name].description + ("" if factor is None else f", {inertia_text(factor)}")
         finding = Finding(
             name=name,
             sentence=f"{text}{others and f', together with {others}'}: {numbers}",
@@ -276,8 +322,8 @@ def _comparison_evidence(comparison: ConventionComparison) -> tuple[tuple[Eviden
     turned = str(before) != str(after)
     changed = {question: pair for question, pair in means.items() if abs(pair[0] - pair[1]) > _SHOWN}
     evidence = evidence_of(
-        *(_coefficients("before", before) if turned else ()),
-        *_coefficients("after", after),
+        *(before.coefficients("before").items() if turned else ()),
+        *after.coefficients("after").items(),
         *((f"{name}_{when}", pair[k]) for name, pair in changed.items() for k, when in enumerate(("before", "after"))),
         ("contradictions_before", total[0]),
         ("contradictions_after", total[1]),
@@ -286,7 +332,7 @@ def _comparison_evidence(comparison: ConventionComparison) -> tuple[tuple[Eviden
         ("hypotheses", float(comparison.tried)),
     )
     most = max(means, key=lambda question: means[question][0] - means[question][1])
-    numbers = f"the moment balance {_MUST} gives {before} as read and {after} corrected; " if turned else ""
+    numbers = f"the moment balance {MUST} gives {before} as read and {after} corrected; " if turned else ""
     numbers += (
         f"the contradictions per trial fall from {total[0]:.2f} to {total[1]:.2f} (mostly {most} {means[most][0]:.2f} "
         f"to {means[most][1]:.2f}; {comparison.sigmas:.0f} standard errors, better in {better:.0%} of "
@@ -295,112 +341,13 @@ def _comparison_evidence(comparison: ConventionComparison) -> tuple[tuple[Eviden
     return evidence, numbers
 
 
-def _factor(factor: float) -> str:
-    unit = next((u for scale, u in _INERTIA_UNITS.items() if abs(math.log(factor / scale)) < 0.3), None)
-    return f"{factor:.3g}" + (f" (is it in {unit}?)" if unit else "")
-
-
-def _coefficients(when: str, fit: Balance) -> list[_Quantity]:
-    """Coefficients of the moment balance as evidence."""
-    values = {"a": fit.a, "a_error": fit.a_error, "b": fit.b, "b_error": fit.b_error, "r_squared": fit.r_squared}
-    return [(f"{name}_{when}", value) for name, value in values.items() if math.isfinite(value)]
-
-
-def _judged(impacts: Impacts) -> Balance:
-    """The moment balance, without coefficients that these measurements leave open."""
-    return balance(impacts).judged(_SMALL_MOMENTS, _SURE_MOMENTS)
-
-
-def balance_findings(
-    impacts: Impacts, comparison: ConventionComparison, thresholds: AuditThresholds, *, explained: bool = False
-) -> list[Finding]:
-    """The moment balance of the corrected impacts where it does not close, or contradictions that nothing corrects.
-
-    A small imbalance is a note, since effects may explain it: another inertia, a moment at the contact.  So is one that
-    another inertia within the reach of an effect would close.  With `explained` other findings account for the
-    contradictions, which are then not reported again.
-    """
-    fit, balanced, factor = _judged(impacts), impacts, torque(impacts).inertia_factor.item()
-    if 0 < factor < math.inf and not wrong_inertia(factor, thresholds):  # within the reach of an effect
-        balanced = impacts.replace(inertia=factor * impacts.inertia)
-    answers = contradictions(balanced)
-    means = {question: answer.mean().item() for question, answer in answers.items()}
-    if not fit.terms:
-        del means["moment"]
-    total, worst = sum(means.values()), max(means, key=lambda question: means[question])
-    opened = fit.imbalance > thresholds.open_balance
-    contradictory = total > thresholds.consistent and not explained
-    if not opened and not contradictory:
-        return []
-    doubted = contradictory or _judged(balanced).imbalance > thresholds.doubted_balance
-    rule = "the moment balance does not close" if opened else "the trials contradict planar rigid impacts"
-    sentence = (
-        f"{rule}, and none of the known mistakes explains it ({comparison.tried} hypotheses compared): {_MUST} gives "
-        f"{fit}"
-    )
-    if opened and not doubted:
-        sentence += "; a wrong inertia, or an effect with a moment at the contact, would have this effect"
-    if contradictory:
-        sentence += f"; the contradictions per trial sum to {total:.2f}, mostly {worst} {means[worst]:.2f}"
-    evidence = evidence_of(
-        *_coefficients("measured", fit),
-        ("imbalance", min(fit.imbalance, 1e3)),
-        ("contradictions", total),
-        ("hypotheses", float(comparison.tried)),
-    )
-    name = "moment_balance_open" if opened else "contradictions"
-    return [Finding(name=name, sentence=sentence, evidence=evidence, mistake=doubted)]
-
-
-def consistent_note(impacts: Impacts, thresholds: AuditThresholds) -> Finding:
-    """Note that nothing contradicts planar rigid impacts, with the moment balance that was measured."""
-    fit = _judged(impacts)
-    limit = thresholds.open_balance
-    if not fit.terms:
-        closes = "cannot be judged: the moments in these data are negligible"
-    elif fit.tested > _TESTED:
-        closes = "is weakly tested by these data"
-    elif any(low > 1 + limit or high < 1 - limit for _, low, high in fit.terms.values()):
-        closes = (
-            "is within the reach of noise and physics, but its coefficients are not 1 (possible causes: noise of the "
-            "velocities, a wrong inertia, or something after contact)"
-        )
-    else:
-        closes = "closes"
-    sentence = (
-        "the measurements are consistent with planar rigid impacts: columns, units, axes, order, energy and contact "
-        f"points; the moment balance {closes}"
-    )
-    sentence += f": I Δω = a r_x P_n − b r_y P_t gives {fit}" if fit.terms else ""
-    evidence = evidence_of(*_coefficients("measured", fit))
-    return Finding(name="consistent", sentence=sentence, evidence=evidence, mistake=False)
-
-
-def inertia_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
-    """A wrong moment of inertia: both terms of the balance imply the same factor, too large for physics.
-
-    The contradictions fall too little with it for `compare`.
-    """
-    factor, fit = torque(impacts).inertia_factor.item(), balance(impacts)
-    terms = ((fit.a, fit.a_error), (fit.b, fit.b_error))
-    precise = [x for x, error in terms if error < _INERTIA_ERROR * abs(x)]
-    if not wrong_inertia(factor, thresholds) or not precise or fit.r_squared < _INERTIA_R_SQUARED:
-        return []
-    if any(abs(x * factor - 1) > _INERTIA_AGREEMENT for x in precise):
-        return []
-    description = CORRECTIONS["inertia_scaled"].description
-    sentence = f"{description}, {_factor(factor)}: as read, the balance {_MUST} gives {fit}"
-    evidence = evidence_of(("factor", factor), *_coefficients("before", fit))
-    return [Finding(name="inertia_scaled", sentence=sentence, evidence=evidence, correction="inertia_scaled")]
-
-
 def impossible_findings(comparison: ConventionComparison, thresholds: AuditThresholds) -> list[Finding]:
     """Data that no planar impact of a rigid body can have produced under any hypothesis; fatal."""
     best = comparison.best
     share, means, fit = max(0.0, torque(best.impacts).explained.item()), best.means(), best.balance
     moment = best.answers["moment"]
     at_least = moment.mean().item() - 2 * moment.std().item() / math.sqrt(len(moment))
-    judged = bool(_judged(best.impacts).terms)
+    judged = bool(fit.judged.terms)
     unbalanced = judged and at_least > thresholds.impossible and share < thresholds.impossible
     reasons = {
         f"the residual of the moment balance is {means['moment']:.0%} of its terms, and the balance explains "
@@ -416,6 +363,6 @@ def impossible_findings(comparison: ConventionComparison, thresholds: AuditThres
         f"hypotheses about units and axes ({best}) {'; '.join(reasons)}. Do before and after belong to the same trials?"
     )
     evidence = evidence_of(
-        ("hypotheses", float(comparison.tried)), ("explained", share), *_coefficients("best", fit), *means.items()
+        ("hypotheses", float(comparison.tried)), ("explained", share), *fit.coefficients("best").items(), *means.items()
     )
     return [Finding(name="impossible", sentence=sentence, evidence=evidence, fatal=True, hypothesis=best.names)]

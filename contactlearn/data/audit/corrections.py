@@ -24,8 +24,9 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
-from contactlearn.data.audit.consistency import Columns, outliers, repeated, torque
+from contactlearn.data.audit.moments import Columns, torque
 from contactlearn.data.audit.thresholds import AuditThresholds
+from contactlearn.data.audit.trials import outliers, repeated
 from contactlearn.mechanics.apparatus import Apparatus
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts

@@ -18,17 +18,11 @@ from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE
-from contactlearn.data.audit.consistency import (
-    balance,
-    contradictions,
-    gross_outliers,
-    kinetic_energy,
-    outliers,
-    torque,
-)
-from contactlearn.data.audit.findings import ENERGY_GAIN
+from contactlearn.data.audit.conventions import contradictions
+from contactlearn.data.audit.moments import balance, kinetic_energy, torque
 from contactlearn.data.audit.result import Finding
 from contactlearn.data.audit.thresholds import AuditThresholds
+from contactlearn.data.audit.trials import ENERGY_GAIN, gross_outliers, outliers
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st

@@ -1,18 +1,9 @@
-"""Consistency of the measurements with themselves: moment balance, energy, outliers, contradictions, without a model.
+"""The moment balance and the energy of measured impacts, and the coefficients that the measurements give the balance.
 
-Each question about a trial has as its answer a contradiction in [0, 1], which is 0 for a rigid planar impact on a floor
-below the body:
+    I Δω = a r_x P_n − b r_y P_t with P = m Δv; a = b = 1 for a rigid planar impact
 
-    moment      I Δω = r_x P_n − r_y P_t with P = m Δv: the residual as a share of the terms
-    approach    v_n < 0 before contact           leaves      v_n ≥ 0 after it, within a fifth of |v_n|
-    push        P_n > 0: the floor does not pull
-    below       r_y < 0: the floor is below the centre of mass
-    friction    P_t is not along the slip both before and after; negligible P_t or slip does not count
-    energy      no more after than before, within a tenth
-    shape       r is the contact point of the body's shape at θ, where the shape is known
-    units       I/m agrees with r, speeds and lengths are those of a laboratory, |θ| is a few turns at most
-
-`balance` fits the moment balance: which coefficients the measurements give its two terms, and which they leave open.
+Neither friction nor restitution enters.  `torque` has the terms of each trial, of impacts or of many hypotheses about
+them at once; `balance` fits the coefficients, and leaves open what these data do not determine.
 """
 
 import math
@@ -20,23 +11,22 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE, Z_95
 from contactlearn.data.audit.thresholds import AuditThresholds
-from contactlearn.mechanics.bodies import AnyShape, contact_points, per_body, shapes_among
+from contactlearn.mechanics.bodies import AnyShape
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import contact_velocity
-from contactlearn.mechanics.shapes import Polygon, Shape
 
-_IMBALANCE = 1 / 3  # share of the terms of the balance that a gross residual exceeds: the spread of exact data is tiny
-_COMMON = 0.1  # share of an object's trials with a gross mass from which on it is two bodies of one name
-_GYRATION = (0.02, 8.0)  # plausible (I/m)/|r|²: a rod on its end has 1/3, a disc 1/2, a body that lands flat more
-FASTEST = 100.0
-"""Plausible speed before impact in m/s, in the median."""
-_LARGEST, _TURNED = 10.0, 8 * math.pi  # plausible |r| in m, and |θ| in rad (four turns), in the median
+MUST = "I Δω = a r_x P_n − b r_y P_t, which must give +1 and +1,"
+"""The moment balance in words."""
 _FIELDS = ("mass", "inertia", "r", "q", "v_pre", "v_post", "q_post")
+_INERTIA_UNITS = {1e-3: "g m²", 1e-6: "kg mm²", 1e-9: "g mm²", 1e-4: "kg cm²", 1e-7: "g cm²"}
+_BIWEIGHT = 4.685  # robust standard deviations at which the weight is 0: 95 % as efficient as least squares
+_SMALL_MOMENTS = 0.05  # median of a term, of |Δv| / ρ, up to which it may be noise of some 5 % of the speeds
+_SURE_MOMENTS = 4.0  # standard errors from 0 from which on the coefficient of such a term is judged
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,116 +134,6 @@ def kinetic_energy(impacts: Impacts | Columns) -> tuple[Float[Tensor, "*batch n"
     return before, after
 
 
-def repeated(impacts: Impacts) -> Bool[Tensor, " n"]:
-    """Find the trials whose every pose and velocity equals, bit for bit, that of an earlier row."""
-    numbers = torch.cat((impacts.r, impacts.q, impacts.v_pre, impacts.v_post), -1) + 0.0  # −0 is 0
-    mixed = numbers.view(torch.int64) * torch.arange(1, 2 * numbers.shape[1], 2).pow(9)
-    _, which, count = (mixed ^ (mixed >> 29)).sum(-1).unique(return_inverse=True, return_counts=True)
-    seen: set[tuple[float, ...]] = set()
-    twice = torch.zeros(len(numbers), dtype=torch.bool)
-    for place in (count[which] > 1).nonzero()[:, 0].tolist():  # equal rows have equal sums, others almost never
-        row = tuple(numbers[place].tolist())
-        twice[place] = row in seen
-        seen.add(row)
-    return twice
-
-
-def gross_outliers(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> dict[str, Bool[Tensor, " n"]]:
-    """Find the trials that cannot be the impacts that they claim to be, by reason.
-
-    `moment`: the residual of the moment balance is gross; `energy`: the body gains too much; `approach`: the contact
-    point does not approach the floor; `mass`: the mass or inertia is not that of the same object's other trials.
-    """
-    terms, residual = torque(impacts), _least_residual(impacts)
-    before, after = kinetic_energy(impacts)
-    spread = MAD_SCALE * terms.residual.abs().median()
-    gross = residual > thresholds.moment_sigmas * spread
-    far = (_mass_outliers(impacts, values, thresholds) for values in (impacts.mass, impacts.inertia))
-    return {
-        "moment": gross & (terms.imbalance > _IMBALANCE),
-        "energy": after > thresholds.gross_ratio * before,
-        "approach": impacts.v_c[:, 1] >= 0,
-        "mass": torch.stack([*far]).any(0),
-    }
-
-
-def outliers(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> Bool[Tensor, " n"]:
-    """Find the gross outliers of any reason."""
-    return torch.stack([*gross_outliers(impacts, thresholds).values()]).any(0)
-
-
-def _least_residual(impacts: Impacts) -> Float[Tensor, " n"]:
-    """|τ| / I at the given contact point or, for a polygon, at either of its two lowest corners.
-
-    A body that lands nearly flat may touch with the other corner, for which no measurement is to blame.
-    """
-    least, theta = torque(impacts).residual.abs(), impacts.q[:, 2]
-    if impacts.shape is None or not any(isinstance(one, Polygon) for one in shapes_among(impacts.shape).values()):
-        return least
-
-    def corners(shape: Shape) -> Float[Tensor, "n 4"]:
-        return torch.cat(shape.lowest_corners(theta) if isinstance(shape, Polygon) else (impacts.r, impacts.r), -1)
-
-    for r in per_body(impacts.shape, impacts.body, corners).chunk(2, -1):
-        least = least.minimum(torque(impacts.replace(r=r, validate=False)).residual.abs())
-    return least
-
-
-def _mass_outliers(impacts: Impacts, values: Float[Tensor, " n"], thresholds: AuditThresholds) -> Bool[Tensor, " n"]:
-    """Trials with a value far from its object's median; where that is common, two bodies share a name."""
-    known = {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
-    objects = torch.tensor([known[name] for name in impacts.object])
-    unlike = torch.zeros(len(impacts), dtype=torch.bool)
-    order, counts = objects.argsort(stable=True), torch.bincount(objects).tolist()
-    for same in order.split(counts):
-        far = (values[same] / values[same].median()).log().abs() > math.log(thresholds.gross_ratio)
-        if far.sum() < _COMMON * len(same):
-            unlike[same] = far
-    return unlike
-
-
-def contradictions(impacts: Impacts | Columns) -> dict[str, Float[Tensor, "*batch n"]]:
-    """Compute the contradictions of each trial in [0, 1] by question; see the module for the questions."""
-    before, after = impacts.v_c, contact_velocity(impacts.r, impacts.v_post)
-    P = impacts.mass[..., None] * (impacts.v_post - impacts.v_pre)[..., :2]
-    slip = torch.stack((before[..., 0], after[..., 0]), -1)
-    along = (P[..., :1] * slip > 0).all(-1)
-    energy, rebound = kinetic_energy(impacts)
-    counts = (P[..., 0].abs() / (0.05 * P[..., 1].abs()).clamp_min(1e-300)).clamp_max(1)
-    length = impacts.r.norm(dim=-1)
-    answers = {
-        "moment": torque(impacts).imbalance,
-        "approach": (before[..., 1] >= 0).double(),
-        "leaves": (after[..., 1] < -0.2 * before[..., 1].abs()).double(),
-        "push": (P[..., 1] <= 0).double(),
-        "below": (impacts.r[..., 1] >= 0).double(),
-        "friction": along * counts * (slip.abs().amin(-1) / slip.abs().amax(-1).clamp_min(1e-300)),
-        "energy": (rebound > 1.1 * energy).double(),
-        "units": _implausible(impacts)[..., None].expand_as(length),
-    }
-    if impacts.shape is not None:
-        off = (impacts.r - contact_points(impacts.shape, impacts.body, impacts.q[..., 2])).norm(dim=-1)
-        answers["shape"] = (off / (0.5 * length).clamp_min(1e-300)).clamp_max(1)
-    return answers
-
-
-def _implausible(impacts: Impacts | Columns) -> Float[Tensor, "*batch"]:
-    """The most decades by which a quantity lies outside its plausible range, at most 1."""
-    length = impacts.r.norm(dim=-1).median(-1).values
-    gyration = (impacts.inertia / impacts.mass).median(-1).values / length.clamp_min(1e-300) ** 2
-    ratios = (
-        gyration / _GYRATION[1],
-        _GYRATION[0] / gyration,
-        impacts.v_pre[..., :2].norm(dim=-1).median(-1).values / FASTEST,
-        length / _LARGEST,
-        impacts.q[..., 2].abs().median(-1).values / _TURNED,
-    )
-    return torch.stack(ratios).amax(0).log10().clamp(0, 1)
-
-
-_BIWEIGHT = 4.685  # robust standard deviations at which the weight is 0: 95 % as efficient as least squares
-
-
 @dataclass(frozen=True, kw_only=True)
 class Balance:
     """The moment balance Δω = a r_x P_n / I − b r_y P_t / I, fitted robustly: a = b = 1 for consistent data.
@@ -292,22 +172,24 @@ class Balance:
             most = max(most, math.inf if high <= 0 else off)
         return most
 
-    def judged(self, small: float, sure: float) -> "Balance":
-        """Return the balance without coefficients that noise alone may have made.
+    @property
+    def judged(self) -> "Balance":
+        """The balance without coefficients that noise alone may have made.
 
         Of a term that is all noise nothing is left, whatever its coefficient is: vertical drops without spin.
-
-        Args:
-            small: size of a term up to which it may be noise.
-            sure: standard errors from 0 from which on its coefficient is none of noise.
         """
         open_ = {
             f"{name}_error": math.inf
             for name in "ab"
-            if getattr(self, f"{name}_size") <= small
-            and abs(getattr(self, name)) <= sure * getattr(self, f"{name}_error")
+            if getattr(self, f"{name}_size") <= _SMALL_MOMENTS
+            and abs(getattr(self, name)) <= _SURE_MOMENTS * getattr(self, f"{name}_error")
         }
         return replace(self, **open_)
+
+    def coefficients(self, when: str) -> dict[str, float]:
+        """Coefficients, standard errors and R² by name and the data that they are of; without those that are open."""
+        names = ("a", "a_error", "b", "b_error", "r_squared")
+        return {f"{name}_{when}": x for name in names if math.isfinite(x := getattr(self, name))}
 
     @property
     def tested(self) -> float:
@@ -366,3 +248,14 @@ def _weighted(
         fit[there] = part @ (some.mT @ (weight * y))
         inverse[there.nonzero(), there.nonzero().mT] = part
     return fit, inverse
+
+
+def wrong_inertia(factor: float, thresholds: AuditThresholds) -> bool:
+    """Whether a factor on I is a mistake in the data; a smaller one is the effect `inertia_error`."""
+    return 0 < factor < math.inf and abs(math.log(factor)) > math.log(thresholds.inertia_factor)
+
+
+def inertia_text(factor: float) -> str:
+    """Write a factor on I, and the unit in which I may be."""
+    unit = next((u for scale, u in _INERTIA_UNITS.items() if abs(math.log(factor / scale)) < 0.3), None)
+    return f"{factor:.3g}" + (f" (is it in {unit}?)" if unit else "")

@@ -1,0 +1,96 @@
+"""Whether the moment balance closes once units and axes are right: another inertia, or what nothing known explains."""
+
+import math
+
+from contactlearn.data.audit.conventions import contradictions
+from contactlearn.data.audit.corrections import CORRECTIONS
+from contactlearn.data.audit.moments import MUST, Balance, balance, inertia_text, torque, wrong_inertia
+from contactlearn.data.audit.result import Finding, evidence_of
+from contactlearn.data.audit.thresholds import AuditThresholds
+from contactlearn.mechanics.impacts import Impacts
+
+_INERTIA_ERROR = 0.1  # relative standard error of a term of the balance that estimates the inertia
+_INERTIA_AGREEMENT = 0.2  # relative difference up to which the terms ask for the same factor
+_INERTIA_R_SQUARED = 0.8  # share of Δω that the fitted balance explains for the same
+_TESTED = 0.1  # half-width of the 95 % interval of the better known coefficient above which the balance is untested
+
+
+def inertia_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """A wrong moment of inertia: both terms of the balance imply the same factor, too large for physics.
+
+    The contradictions fall too little with it for `compare`.
+    """
+    factor, fit = torque(impacts).inertia_factor.item(), balance(impacts)
+    terms = ((fit.a, fit.a_error), (fit.b, fit.b_error))
+    precise = [x for x, error in terms if error < _INERTIA_ERROR * abs(x)]
+    if not wrong_inertia(factor, thresholds) or not precise or fit.r_squared < _INERTIA_R_SQUARED:
+        return []
+    if any(abs(x * factor - 1) > _INERTIA_AGREEMENT for x in precise):
+        return []
+    description = CORRECTIONS["inertia_scaled"].description
+    sentence = f"{description}, {inertia_text(factor)}: as read, the balance {MUST} gives {fit}"
+    evidence = evidence_of(("factor", factor), *fit.coefficients("before").items())
+    return [Finding(name="inertia_scaled", sentence=sentence, evidence=evidence, correction="inertia_scaled")]
+
+
+def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *, explained: bool) -> Finding:
+    """The moment balance of the corrected impacts where it does not close, or contradictions that nothing corrects.
+
+    A small imbalance is a note, since effects may explain it: another inertia, a moment at the contact.  So is one that
+    another inertia within the reach of an effect would close.
+
+    Args:
+        impacts: as the other findings would correct them.
+        tried: number of hypotheses about units and axes that were compared.
+        thresholds: limits of the imbalance and of the contradictions.
+        explained: whether other findings account for the contradictions, which are then not reported again.
+    """
+    fit, balanced, factor = balance(impacts).judged, impacts, torque(impacts).inertia_factor.item()
+    if 0 < factor < math.inf and not wrong_inertia(factor, thresholds):  # within the reach of an effect
+        balanced = impacts.replace(inertia=factor * impacts.inertia)
+    answers = contradictions(balanced)
+    means = {question: answer.mean().item() for question, answer in answers.items()}
+    if not fit.terms:
+        del means["moment"]
+    total, worst = sum(means.values()), max(means, key=lambda question: means[question])
+    opened = fit.imbalance > thresholds.open_balance
+    contradictory = total > thresholds.consistent and not explained
+    if not opened and not contradictory:
+        return _consistent_note(fit, thresholds.open_balance)
+    doubted = contradictory or balance(balanced).judged.imbalance > thresholds.doubted_balance
+    rule = "the moment balance does not close" if opened else "the trials contradict planar rigid impacts"
+    sentence = f"{rule}, and none of the known mistakes explains it ({tried} hypotheses compared): {MUST} gives {fit}"
+    if opened and not doubted:
+        sentence += "; a wrong inertia, or an effect with a moment at the contact, would have this effect"
+    if contradictory:
+        sentence += f"; the contradictions per trial sum to {total:.2f}, mostly {worst} {means[worst]:.2f}"
+    evidence = evidence_of(
+        *fit.coefficients("measured").items(),
+        ("imbalance", min(fit.imbalance, 1e3)),
+        ("contradictions", total),
+        ("hypotheses", float(tried)),
+    )
+    name = "moment_balance_open" if opened else "contradictions"
+    return Finding(name=name, sentence=sentence, evidence=evidence, mistake=doubted)
+
+
+def _consistent_note(fit: Balance, limit: float) -> Finding:
+    """Note that nothing contradicts planar rigid impacts, with the moment balance that was measured."""
+    if not fit.terms:
+        closes = "cannot be judged: the moments in these data are negligible"
+    elif fit.tested > _TESTED:
+        closes = "is weakly tested by these data"
+    elif any(low > 1 + limit or high < 1 - limit for _, low, high in fit.terms.values()):
+        closes = (
+            "is within the reach of noise and physics, but its coefficients are not 1 (possible causes: noise of the "
+            "velocities, a wrong inertia, or something after contact)"
+        )
+    else:
+        closes = "closes"
+    sentence = (
+        "the measurements are consistent with planar rigid impacts: columns, units, axes, order, energy and contact "
+        f"points; the moment balance {closes}"
+    )
+    sentence += f": I Δω = a r_x P_n − b r_y P_t gives {fit}" if fit.terms else ""
+    evidence = evidence_of(*fit.coefficients("measured").items())
+    return Finding(name="consistent", sentence=sentence, evidence=evidence, mistake=False)
