@@ -18,7 +18,7 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.data import table
 from contactlearn.data.blocks import joined
 from contactlearn.effects import find_effect
-from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.evaluation import metrics
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
@@ -68,10 +68,15 @@ def test_the_printed_line_judges_it_on_other_data_and_trains_nothing(trained, tm
     assert list(found["errors"]) == ["mirtich", "best_post_hoc", "irb", "x1_wrench"]
     _, test = synthetic.load(size=60, seed=5).split(0.25, torch.Generator().manual_seed(0))
     model, _ = checkpoint.load(folder / "model.pt")
-    error = mass_error(test, model.predict(test)).mean().item()
+    error = metrics.mass_error(test, model.predict(test)).mean().item()
     assert found["errors"]["x1_wrench"]["mass_error"]["mean"] == pytest.approx(error, rel=1e-9)
     assert (found["model"], found["law"]) == ("x1_wrench", None)
-    assert found["trained"]["x1_wrench"]["data"] == results(folder)["provenance"]["data"]
+    judged = found["trained"]["x1_wrench"]
+    assert judged["data"] == results(folder)["provenance"]["data"]
+    inside = metrics.squared_distance(test, model.predict(test)) <= metrics.CHI_SQUARED_95
+    assert judged["coverage"] == pytest.approx(inside.double().mean().item())
+    assert f"x1_wrench: {100 * judged['coverage']:.1f} % of the held-out (v_x, v_y, ω)" in printed
+    assert (tmp_path / "figures" / "calibration_of_trained.png").exists()
     assert (folder / "model.pt").read_bytes() == before
     lines = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
     assert [one["trained_on"] for one in lines if "mass_error/x1_wrench" in one] == [20]

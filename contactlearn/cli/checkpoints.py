@@ -11,13 +11,15 @@ from pathlib import Path
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.serialisation import from_json
 from contactlearn.effects import Effect
+from contactlearn.inference.evaluation import metrics
 from contactlearn.laws import Law
+from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.regressor import Regressor
 from contactlearn.results.runs import differing, natural_order, printable
 from contactlearn.results.state import unfinished
-from contactlearn.results.types import Provenance, TrainedSource
+from contactlearn.results.types import JudgedModel, Provenance
 
 _NAME = re.compile(r"\w[\w -]{0,59}")
 _LONGEST = 60  # characters of the settings in a name
@@ -70,14 +72,18 @@ class TrainedModel:
         size = size.get("size") if isinstance(size, Mapping) else None
         return size if isinstance(size, int) else None
 
-    def source(self) -> TrainedSource:
-        """Return where it comes from, for a result."""
-        return TrainedSource(
+    def judged(self, test: Impacts, prediction: Prediction) -> JudgedModel:
+        """Return where it comes from, and how well its covariances cover the held-out trials."""
+        sure = prediction.covariance is not None
+        inside = metrics.squared_distance(test, prediction) <= metrics.CHI_SQUARED_95 if sure else None
+        return JudgedModel(
             path=str(self.path),
             sha256=hashlib.sha256(self.path.read_bytes()).hexdigest(),
             data=None if self.provenance is None else self.provenance.data,
             trained_on=self.trained_on,
             equation=str(self.model),
+            coverage=None if inside is None else inside.double().mean().item(),
+            negative_log_density=metrics.negative_log_density(test, prediction).mean().item() if sure else None,
         )
 
 

@@ -428,7 +428,7 @@ _RULES: Mapping[str, _Rule] = {
     "test": _number(lambda x: 0 < x < 1, "a share in (0, 1)"),
     "checkpoint": (
         lambda x: all(isinstance(one, str) for one in (x if isinstance(x, list) else [x])) or x is None,
-        "a file or folder, or a list of them, such as outputs/train/sweep",
+        "a file or folder, or a list of them, such as [a/model.pt, b/model.pt]",
     ),
     "seed": _whole(0),
     "split_seed": _whole(0),

@@ -334,8 +334,8 @@ class LearningCurve:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainedSource:
-    """The file that a trained model comes from.
+class JudgedModel:
+    """A trained model from a file, judged as it is.
 
     Args:
         path: of the file.
@@ -343,6 +343,8 @@ class TrainedSource:
         data: that it was trained on; None where the file does not tell.
         trained_on: number of training trials; None where the file does not tell.
         equation: the model as text.
+        coverage: share of the held-out (v_x, v_y, ω) inside its 95 % ellipsoids; None for a model without covariances.
+        negative_log_density: mean −log density of them, in nats; None as `coverage`.
     """
 
     path: str
@@ -350,6 +352,8 @@ class TrainedSource:
     data: DataSource | None
     trained_on: int | None
     equation: str
+    coverage: float | None
+    negative_log_density: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -371,7 +375,7 @@ class Evaluation:
         differences: error of each other model less that of the best, paired by trial; the smallest first.
         tables: format of the tables beside the file.
         shape: of the bodies, as `bodies.make_shapes` reads it; None where it is not known.
-        trained: models from checkpoints, which were not trained here, by name in `errors`.
+        trained: models from checkpoints, by name in `errors`.
         learning_curves: by model.
     """
 
@@ -391,7 +395,7 @@ class Evaluation:
     differences: Mapping[str, Interval]
     tables: Literal["parquet", "csv"]
     shape: Mapping[str, Any] | None
-    trained: Mapping[str, TrainedSource] = field(default_factory=dict)
+    trained: Mapping[str, JudgedModel] = field(default_factory=dict)
     learning_curves: Mapping[str, LearningCurve] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -61,11 +61,12 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
         held_out = HeldOut(impacts=data.test, predictions=compared.predict(data.test))
         sums = _save_predictions(settings, data, compared, held_out, run, on_event)
     compared = moved(compared, "cpu")
-    result = _result(settings, run, data, compared, sums)
+    result = _result(settings, run, data, compared, held_out, sums)
     path = run.folder / f"trial_parameters.{settings.tables}"
     save_trial_parameters(data.impacts, list(compared.trials.values()), path)
     folder.write_result(run.folder, result)
     terminal.show_models(result)
+    terminal.show_coverage(result.trained)
     if result.joint:
         terminal.show_joint(*list(result.joint.items())[-1])
     if settings.reference:
@@ -118,7 +119,9 @@ def _save_predictions(
     return sums
 
 
-def _result(settings: EvaluateSettings, run: Run, data: Split, compared: Comparison, sums: ErrorSums) -> Evaluation:
+def _result(
+    settings: EvaluateSettings, run: Run, data: Split, compared: Comparison, held_out: HeldOut, sums: ErrorSums
+) -> Evaluation:
     """The result without learning curves.
 
     Runs are compared by the model from a checkpoint, the best of several; else by the law with its effects, else by
@@ -150,7 +153,7 @@ def _result(settings: EvaluateSettings, run: Run, data: Split, compared: Compari
         differences=differences,
         tables=settings.tables,
         shape=shapes_entries(data.test.shape),
-        trained={name: one.source() for name, one in settings.trained.items()},
+        trained={name: one.judged(data.test, held_out.predictions[name]) for name, one in settings.trained.items()},
     )
 
 
@@ -184,6 +187,8 @@ def _record(
     with_effects = {name: result.errors[name] for name in result.joint}
     drawn = _laws_drawn(settings, data, compared, on_event)
     drawn |= _errors_drawn(settings, data, compared, held_out, result, row)
+    if result.trained:
+        drawn |= _judged_drawn(result, held_out)
     if learned:
         drawn |= _curves_drawn(result, learned, data.test, held_out.bounds)
     return RunRecord(
@@ -201,7 +206,11 @@ def _record(
         figures=drawn,
         law=result.law,
         effects=[effect.name for effect in result.effects],
-        equations=(*map(record.law_equation, result.fits), *(fit.equation for fit in result.joint.values())),
+        equations=(
+            *map(record.law_equation, result.fits),
+            *(fit.equation for fit in result.joint.values()),
+            *(f"{name}: {one.equation}" for name, one in result.trained.items()),
+        ),
         errors=errors,
     )
 
@@ -257,6 +266,17 @@ def _errors_drawn(
 def _bounded(result: Evaluation) -> dict[str, str]:
     """The metrics that the bounds of a run bound, with the ending of their figures' file names."""
     return {name: "" if name == result.metric else f"_{name}" for name in metrics.bounded_metrics(result.norm)}
+
+
+def _judged_drawn(result: Evaluation, held_out: HeldOut) -> dict[str, Figure]:
+    """Predictions of the run's own model, and the calibration of all models from checkpoints, by file name."""
+    test, own = held_out.impacts, held_out.predictions[result.model]
+    spread = None if own.covariance is None else metrics.predicted_spread(own)
+    sure = [name for name, one in result.trained.items() if one.coverage is not None]
+    distances = {name: metrics.squared_distance(test, held_out.predictions[name]) for name in sure}
+    coverage = {name: metrics.calibration(distance) for name, distance in distances.items()}
+    drawn = {"predicted_against_measured": quality.predicted_against_measured(test.v_post, own.v_post, spread)}
+    return drawn | ({"calibration_of_trained": quality.calibration_curve(coverage)} if sure else {})
 
 
 def _curves_drawn(
