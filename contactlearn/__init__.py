@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from contactlearn.inference.learning.recipe import Recipe, learn
     from contactlearn.laws import Law
     from contactlearn.mechanics.impacts import Impacts, Prediction
+    from contactlearn.models import checkpoint
     from contactlearn.models.citation import cite
     from contactlearn.models.contact_model import ContactModel
 
@@ -50,6 +51,7 @@ __all__ = [
     "Thresholds",
     "UnknownNameError",
     "__version__",
+    "checkpoint",
     "cite",
     "data",
     "diagnose",
@@ -81,6 +83,7 @@ _HOME = {
     "Recipe": "inference.learning.recipe",
     "Thresholds": "diagnosis.thresholds",
     "UnknownNameError": "core.errors",
+    "checkpoint": "models",
     "cite": "models.citation",
     "diagnose": "diagnosis.pipeline",
     "identify": "inference.identification.shared",
