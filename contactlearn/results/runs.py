@@ -8,7 +8,7 @@
 | `law`, `learned`, `given`, `found` | law of the run, learned model, given effects, effects that a diagnosis found |
 | `verdict`, `physics` | of a diagnosis, and its conclusion about corrected data |
 | `trained_on` | number of training trials |
-| `mass_error`, `mass_error_low`, `mass_error_high` … | each error with its 95 % interval; dimensionless, or m/s |
+| `mass_error`, `mass_error_low`, `mass_error_high` … | each error with its 95 % interval; of bounds those they bound |
 | `outside_admissible` | share of impulses that gain energy, pull or leave penetration |
 | `back_spin` | share of outcomes beyond the line of sticking |
 | `data`, `trials`, `data_sha256` | the impacts |
