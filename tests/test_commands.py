@@ -21,9 +21,10 @@ from contactlearn.cli import hydra_main
 from contactlearn.cli.commands import loading, record
 from contactlearn.cli.commands.fitting import law_surface
 from contactlearn.cli.commands.record import draw_cost_surface
-from contactlearn.cli.config_files import check_settings
+from contactlearn.cli.config_files import choices, restrict_settings
 from contactlearn.cli.job import invocation
 from contactlearn.cli.settings import IdentificationSettings, TrainSettings
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.data import table
 from contactlearn.data.blocks import sampled
 from contactlearn.inference.evaluation import metrics
@@ -483,7 +484,7 @@ MISSPELT = {
     "effect, after a plus": ("+effect=[spin_dampin]", "unknown effect 'spin_dampin', did you mean 'spin_damping'?"),
     "experiment": ("experiment=fazeli", "unknown experiment 'fazeli', did you mean 'fazeli2017'?"),
     "experiment, after a plus": ("+experiment=fazeli", "unknown experiment 'fazeli', did you mean 'fazeli2017'?"),
-    "setting of an effect": ("effect.spin_damping.c=1", "not in the model; add effect=[spin_damping]"),
+    "setting of an effect": ("effect.spin_damping.c=1", "which is not chosen; add effect=[spin_damping]"),
     "own effect without a plus": ("effect.wind.vx_post=u",
         "no effect is called 'wind'; one of your own is added with a plus, +effect.wind.vx_post=…"),
     "launcher": ("hydra/launcher=basik", "Could not find 'hydra/launcher/basik'"),
@@ -513,13 +514,61 @@ def test_misspelt_settings_of_tools_are_refused(word, tmp_path):
     assert len(printed.splitlines()) == 1
 
 
+@pytest.mark.parametrize(("command", "parts"), [
+    ("train", ("train", "bounds")), ("evaluate", ("train", "bounds", "reference")), ("diagnose", ()),
+])  # fmt: skip
+def test_every_command_takes_the_experiment_of_the_paper(command, parts):
+    """Without the parts that the command has no use for; those of a typed setting are refused as ever."""
+    cfg = hydra_main.compose(command, ["experiment=fazeli2017"])
+    assert (cfg.variant, cfg.data.inertia) == ("fazeli2017", "fazeli2017")
+    assert {"train", "bounds", "reference"} & {*map(str, cfg)} == {*parts}
+    with pytest.raises(ContactLearnError, match=r"unknown setting 'bounds\.patchy'|bounds is a setting of"):
+        hydra_main.compose(command, ["experiment=fazeli2017", "+bounds.patchy=3"])
+
+
+@pytest.mark.parametrize("command", ["train", "evaluate", "diagnose"])
+def test_a_command_takes_the_experiments_that_its_help_lists(command):
+    listed = re.search(r"^experiment: (.*)", run(f"{command}.py", "--help"), re.MULTILINE)[1].split(", ")
+    for name in choices("experiment"):
+        if name in listed:
+            hydra_main.compose(command, [f"experiment={name}"])
+        else:
+            assert f"{command}.py lacks; it takes fazeli2017" in run(f"{command}.py", f"experiment={name}", status=2)
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("train:\n  sise: 30", "experiment=mine: unknown setting 'train.sise', did you mean 'train.size'?"),
+    ("reference: 3\nwhole: 4", "experiment=mine: unknown setting 'whole'"),
+    ("train: {size: 30}\n  x", "a configuration file is not YAML: "),
+])  # fmt: skip
+def test_an_experiment_with_a_mistake_is_one_line(text, message, tmp_path):
+    (tmp_path / "experiment").mkdir()
+    (tmp_path / "experiment" / "mine.yaml").write_text(f"# @package _global_\n{text}")
+    printed = run("train.py", f"--config-dir={tmp_path}", "experiment=mine", cwd=tmp_path, status=2)
+    assert message in printed
+    assert len(printed.splitlines()) == 1
+    assert not (tmp_path / "outputs").exists()
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (("model=x1_wrench", "model.features=x2"), "the settings of a model stand under its name, model.NAME.features="),
+    (("model=x1_wrench", "model.x1_wrench.feature=x2"), "did you mean 'features'?"),
+    (("model=x1_wrench", "model.x2_impulse.features=x2"), "is a setting of model x2_impulse, which is not chosen"),
+    (("effect=[com_ofset]",), "unknown effect 'com_ofset', did you mean 'com_offset'?"),
+])  # fmt: skip
+@pytest.mark.parametrize("command", ["train.py", "evaluate.py"])
+def test_settings_of_models_and_effects_say_where_they_stand(command, words, message):
+    printed = run(command, *words, status=2)
+    assert message in printed
+    assert len(printed.splitlines()) == 1
+
+
 @pytest.mark.parametrize("name", ["train", "evaluate", "diagnose"])
 def test_every_shipped_setting_is_known(name):
     """Also those that experiments and entries of open parts bring."""
     extra = {"evaluate": ["experiment=transfer", "+transfer.bodies.mine={size: 3}", "+model.mine={features: x1}"]}
     own = ["+effect.mine.tau='-c*rx*Pn'", "data=table", "data.path=a.csv", "+law.mine=3", *extra.get(name, [])]
-    check_settings(hydra_main.compose(name, own), name)
-    check_settings(hydra_main.compose("evaluate", ["experiment=fazeli2017"]), "evaluate")
+    restrict_settings(hydra_main.compose(name, own), name, own)
 
 
 @pytest.mark.parametrize(("program", "words"), [

@@ -21,7 +21,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
 from yaml import YAMLError
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
@@ -33,13 +33,23 @@ _OPEN = ("data", "law", "model", "effect", "candidate", "limits", "reference", "
 _CATALOGUES = {"effect": ("effects", "Effect"), "law": ("laws", "Law")}
 _BEST = "best"  # of the paper's laws the one with the least held-out error, for a diagnosis
 _COMMANDS = ("train", "evaluate", "diagnose")
+_UNUSED = {"train": {"reference"}, "evaluate": set[str](), "diagnose": {"train", "bounds", "reference"}}
+"""Parts of an experiment that a command has no use for."""
 _REFUSED = re.compile(r"Could not (?:override|append to config|delete from config)[^']*'([^']+)'")
 
 
-def groups() -> list[str]:
-    """Return the names of all groups of choices."""
-    folders = (path.name for path in Path(CONFIGS).iterdir() if path.is_dir())
-    return sorted({*folders, *_CATALOGUES} - {"hydra"})
+def groups(command: str) -> list[str]:
+    """Return the names of the groups of choices of a command: those of its defaults list."""
+    entries = _content(Path(CONFIGS, f"{command}.yaml"))["defaults"]
+    names = (str(name).removeprefix("optional ") for entry in entries if entry != "_self_" for name in entry)
+    return sorted(name for name in names if not name.startswith("override "))
+
+
+def experiments(command: str) -> list[str]:
+    """Return the names of the experiments all of whose parts a command has, or has no use for."""
+    parts = {*_content(Path(CONFIGS, f"{command}.yaml")), "data", *_UNUSED[command]}
+    files = sorted(Path(CONFIGS, "experiment").glob("*.yaml"))
+    return [path.stem for path in files if _content(path).keys() - {"defaults"} <= parts]
 
 
 def choices(group: str) -> list[str]:
@@ -60,47 +70,66 @@ def own_data() -> dict[str, Path]:
     return {path.stem: path for path in files if not Path(CONFIGS, "data", path.name).exists()}
 
 
-def check_choices(words: list[str]) -> None:
+def check_choices(words: list[str], command: str) -> None:
     """Raise for a choice that its group lacks, such as law=mirtisch; Hydra suggests nothing.
 
     Raises:
+        ContactLearnError: an experiment of another command.
         UnknownNameError: with the nearest name.
     """
     for word in words:
         group, _, choice = word.lstrip("+").partition("=")
-        if group not in groups() or "(" in choice:  # a setting, or a function of Hydra's
+        if group not in groups(command) or "(" in choice:  # a setting, or a function of Hydra's
             continue
         for name in re.findall(r"\w+", choice):
             known = group in _CATALOGUES and has_choice(group, name)
             if not known and name != "null" and name not in choices(group):
                 raise UnknownNameError(group, name, choices(group))
+            if group == "experiment" and name not in ("null", *experiments(command)):
+                taken = ", ".join(experiments(command))
+                raise ContactLearnError(f"experiment={name} has settings that {command}.py lacks; it takes {taken}")
 
 
-def check_settings(cfg: DictConfig, command: str) -> None:
-    """Raise for a setting that the command does not have.
+def restrict_settings(cfg: DictConfig, command: str, words: Sequence[str]) -> None:
+    """Take out the parts of an experiment that a command has no use for, and refuse settings that it does not have.
+
+    Args:
+        cfg: a composed configuration.
+        command: its name; that of a file of the user's own, by --config-name, is not checked.
+        words: of the command line.
 
     Raises:
         ContactLearnError: with the nearest setting.
     """
-    if not Path(CONFIGS, f"{command}.yaml").exists():  # a configuration of the user's own, by --config-name
+    if not Path(CONFIGS, f"{command}.yaml").exists():
         return
+    typed = {name.partition(".")[0]: value for name, _, value in (word.lstrip("+~").partition("=") for word in words)}
+    with open_dict(cfg):
+        for part in _UNUSED[command] - typed.keys() if "experiment" in typed else ():
+            cfg.pop(part, None)
     known = _declared(command)
     for key in _keys(OmegaConf.to_container(cfg)):
         if key not in known and key != "hydra":
-            raise _unknown(key, known)
+            ours = key.partition(".")[0] in typed or "experiment" not in typed
+            raise _unknown(key, known, "" if ours else f"experiment={typed['experiment']}: ")
 
 
 def explain_error(error: Exception, command: str, words: Sequence[str]) -> str:
     """Return Hydra's error on the words of a command in one line, with the nearest setting for an unknown one."""
     refused = _REFUSED.search(str(error))
-    own = refused and re.fullmatch(r"(effect|candidate)\.(\w+)(\..+)?", refused[1])
+    own = refused and re.fullmatch(r"(effect|candidate|model)\.(\w+)(?:\.(.+))?", refused[1])
     if own and f"Key {own[2]!r} is not in struct" in str(error.__cause__):
         key, part, name = own.group(0, 1, 2)
-        known = choices("effect") if part == "effect" else []
+        known = choices(part) if part in groups(command) else []
         if name in known:
-            return f"{key} is a setting of an effect that is not in the model; add effect=[{name}]"
+            return f"{key} is a setting of {part} {name}, which is not chosen; add {part}=[{name}]"
         near = suggest(name, known)
+        if part == "model" and own[3] is None:
+            return f"{key}: the settings of a model stand under its name, model.NAME.{name}=…, for there may be several"
         return f"{key}: no {part} is called {name!r}{near}; one of your own is added with a plus, +{key}=…"
+    if own and own[1] == "model" and own[2] in choices("model"):
+        near = suggest(own[3], _content(Path(CONFIGS, "model", f"{own[2]}.yaml"))[own[2]])
+        return f"unknown setting {own[0]!r}{near}; --help lists all settings"
     if refused:
         group, _, name = refused[1].partition(".")
         named = choices(group) if group in ("data", "law") else []
@@ -118,15 +147,15 @@ def explain_error(error: Exception, command: str, words: Sequence[str]) -> str:
     return message + ('; text with brackets, = or the like stands in double quotes: {x: "x (mm)"}' if unread else "")
 
 
-def _unknown(key: str, known: set[str]) -> ContactLearnError:
+def _unknown(key: str, known: set[str], place: str = "") -> ContactLearnError:
     others = [f"{command}.py" for command in _COMMANDS if key in _declared(command)]
     if others:
         return ContactLearnError(
-            f"{key} is a setting of {' and '.join(others)} only; --help lists the settings of this command"
+            f"{place}{key} is a setting of {' and '.join(others)} only; --help lists the settings of this command"
         )
     last = {name.rpartition(".")[2]: name for name in known}
     near = suggest(key, known) or suggest(last.get(key.rpartition(".")[2], ""), known)
-    return ContactLearnError(f"unknown setting {key!r}{near}; --help lists all settings")
+    return ContactLearnError(f"{place}unknown setting {key!r}{near}; --help lists all settings")
 
 
 @lru_cache
@@ -134,9 +163,9 @@ def _declared(command: str) -> set[str]:
     """Dotted keys of all settings of a command, those of the experiments with them."""
     files = [Path(CONFIGS, f"{command}.yaml")]
     own = _content(files[0])
-    known = set(_keys(own)) | {one for one in _OPEN[:3] if "." not in one}
-    for path in sorted(Path(CONFIGS, "experiment").glob("*.yaml")) if "transfer" in own else []:
-        known |= {key for key in _keys(_content(path)) if key.partition(".")[0] in own}
+    known = {*_keys(own), "data", "law"}
+    for path in Path(CONFIGS, "experiment").glob("*.yaml"):  # they may fill what is null
+        known |= set(_keys({name: part for name, part in _content(path).items() if own.get(name, "") is None}))
     return known - {"defaults", "hydra"}
 
 

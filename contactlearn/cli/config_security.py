@@ -21,6 +21,7 @@ from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.signals import defer_interrupts
@@ -71,12 +72,15 @@ def readable_errors() -> Generator[None]:
     """Put into words what Hydra has no error of its own for, such as law=null.
 
     Raises:
-        ContactLearnError: for a TypeError or ValueError of Hydra while it composes a configuration.
+        ContactLearnError: for a TypeError or ValueError of Hydra while it composes a configuration, or a file that is
+            not YAML.
     """
     try:
         yield
     except (HydraException, OmegaConfBaseException, ContactLearnError):
         raise
+    except YAMLError as error:
+        raise ContactLearnError(f"a configuration file is not YAML: {' '.join(str(error).split())}") from error
     except (TypeError, ValueError) as error:
         seen = " ".join(str(error).split())
         raise ContactLearnError(

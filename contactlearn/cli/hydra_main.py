@@ -23,7 +23,15 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from contactlearn.cli.config_files import CONFIGS, check_choices, check_settings, choices, explain_error, groups
+from contactlearn.cli.config_files import (
+    CONFIGS,
+    check_choices,
+    choices,
+    experiments,
+    explain_error,
+    groups,
+    restrict_settings,
+)
 from contactlearn.cli.config_security import check_targets, readable_errors, restrict_targets
 from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.core.signals import defer_interrupts, graceful_exit, spell_unencodable
@@ -85,10 +93,10 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
     @functools.wraps(job)
     def run_command() -> None:
         words = sys.argv[1:] = _without_training(sys.argv[1:])
-        flags = {word for word in words if word.startswith("-")}
+        flags = {word.partition("=")[0] for word in words if word.startswith("-")}
         with graceful_exit(), _one_message(job.__name__):
             if not flags & {"--config-dir", "-cd"}:
-                check_choices(words)
+                check_choices(words, job.__name__)
             if flags and flags <= {"--help", "-h"}:
                 print(_help(job.__name__, [word for word in words if word not in flags]))
             else:
@@ -138,7 +146,8 @@ def _help(config_name: str, overrides: list[str]) -> str:
     """Hydra's `--help`, folded, without its search for every group, which takes half of the time."""
     cfg = compose(config_name, overrides, return_hydra_config=True)
     ours = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
-    named = (f"{group}: {', '.join(choices(group))}" for group in groups())
+    known = {group: choices(group) for group in groups(config_name)} | {"experiment": experiments(config_name)}
+    named = (f"{group}: {', '.join(names)}" for group, names in known.items())
     listed = "".join(fill(line, _WIDTH - 1, subsequent_indent="  ") + "\n" for line in named)
     template = "\n".join(map(_folded, cfg.hydra.help.template.splitlines()))
     return Template(template).substitute(CONFIG=OmegaConf.to_yaml(ours), APP_CONFIG_GROUPS=listed)
@@ -181,7 +190,7 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
         ContactLearnError: a choice that its group lacks, a setting that the command does not have, or a class that a
             file brought.
     """
-    check_choices(overrides)
+    check_choices(overrides, config_name)
     with (
         defer_interrupts(),
         hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)),
@@ -189,6 +198,6 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
     ):
         words = _without_training(overrides)
         cfg = hydra.compose(config_name, words, return_hydra_config=return_hydra_config)
-    check_settings(cfg, config_name)
+    restrict_settings(cfg, config_name, overrides)
     check_targets(cfg, overrides)
     return cfg

@@ -22,7 +22,7 @@ from hydra.core.utils import configure_log
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, read_write
 
-from contactlearn.cli.config_files import check_settings
+from contactlearn.cli.config_files import restrict_settings
 from contactlearn.cli.config_security import check_targets
 from contactlearn.cli.sweeps.identity import job_identity
 from contactlearn.core import __version__, devices
@@ -113,7 +113,7 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
     """
     hydra, start = cast(DictConfig, HydraConfig.get()), time.monotonic()
     with _failures_recorded(Path(str(hydra.runtime.output_dir)), began=False):
-        check_settings(cfg, str(hydra.job.config_name))
+        restrict_settings(cfg, str(hydra.job.config_name), hydra.overrides.task)
         check_targets(cfg, [*hydra.overrides.task, *hydra.overrides.hydra])
         identity = job_identity(cfg, hydra)
         job = prepare(cfg)

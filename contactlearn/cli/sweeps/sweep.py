@@ -22,7 +22,7 @@ from hydra.core.utils import JobStatus
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from contactlearn.cli.config_files import check_settings
+from contactlearn.cli.config_files import restrict_settings
 from contactlearn.cli.resource_limits import GIB, jobs_at_a_time
 from contactlearn.cli.sweeps.identity import DIGITS, job_identity, still_valid, words_digest
 from contactlearn.core.errors import ContactLearnError, install_hint, terminal_safe
@@ -139,7 +139,7 @@ def sweep(
 
     def compose(words: list[str]) -> DictConfig:
         found = context.config_loader.load_sweep_config(config, words)
-        check_settings(found, str(config.hydra.job.config_name))
+        restrict_settings(found, str(config.hydra.job.config_name), words)
         return found
 
     plan, outcome = plan_jobs(config.hydra, several, compose), Outcome()
