@@ -266,7 +266,7 @@ def test_names_are_shown_as_they_are(name, drops):
 
 def test_plain_text_is_no_formula():
     assert Text(text=plain("$a_b$"))._preprocess_math(plain("$a_b$")) == ("$a_b$", False)
-    assert plain("x" * 60) == "x" * 39 + "…"
+    assert plain("x" * 30 + "y" * 30) == "x" * 20 + "…" + "y" * 19
     assert plain("π字") == "π?"
 
 

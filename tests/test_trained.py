@@ -91,6 +91,9 @@ def test_models_of_a_sweep_are_named_by_the_settings_in_which_they_differ(traine
     (tmp_path / "job9" / ".parts").mkdir()
     (tmp_path / "job9" / ".parts" / "x.pt").write_text("no model")
     assert list(load_models([str(tmp_path)], [])) == ["x1_wrench (train.size=9)", "x1_wrench (train.size=10)"]
+    on = lambda about: about | {"config": about["config"] | {"checkpoint": "job9", "seed": 1}}  # noqa: E731
+    on, first = copied(folder, tmp_path / "on", on), str(folder / "model.pt")
+    assert list(load_models([first, str(on)], [])) == ["x1_wrench (seed=0)", "x1_wrench (checkpoint=job9, seed=1)"]
     same = copied(folder, tmp_path / "again")
     alike = [f"x1_wrench ({one}/model.pt)" for one in (folder.name, f"{tmp_path.name}/again")]
     assert list(load_models([str(folder), str(same)], [])) == alike

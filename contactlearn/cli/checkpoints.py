@@ -116,7 +116,7 @@ def load_models(paths: Sequence[str], taken: Iterable[str]) -> dict[str, Trained
         DataError: see `checkpoint.load`.
     """
     models = [_load(file) for file in dict.fromkeys(file for path in paths for file in _files(Path(path)))]
-    names = [" + ".join((one.learned, *one.effects)) for one in models]
+    names = [printable(" + ".join((one.learned, *one.effects))) for one in models]
     labels = dict[int, str]()
     for name in dict.fromkeys(names):
         alike = [k for k, other in enumerate(names) if other == name]
@@ -129,8 +129,11 @@ def load_models(paths: Sequence[str], taken: Iterable[str]) -> dict[str, Trained
 def _distinguished(name: str, models: Sequence[TrainedModel]) -> list[str]:
     """Names of models of the same kind: with the settings in which they differ, or with their files."""
     configs = [{} if one.provenance is None else one.provenance.config for one in models]
-    settings = differing(configs, ["train"] * len(models))
-    words = [", ".join(f"{key}={values[k]}" for key, values in settings.items()) for k in range(len(models))]
+    settings = differing(configs, ["train"] * len(models)).items()
+    words = [
+        ", ".join(f"{key}={values[k]}" for key, values in settings if values[k] not in (None, "null"))
+        for k in range(len(models))
+    ]
     if len(set(words)) < len(words) or max(map(len, words)) > _LONGEST:
         top = os.path.commonpath([one.path.parent for one in models])
         words = [printable(os.path.relpath(one.path, top)) for one in models]

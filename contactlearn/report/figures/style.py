@@ -161,11 +161,12 @@ def law_styles(names: Iterable[str], colors: Sequence[str] = ("#4D4D4D",)) -> di
 def plain(text: str, length: int = 40) -> str:
     """`text` of a user's as one short line that matplotlib shows as it is, whatever it contains.
 
-    `$` starts no formula, a leading `_` hides nothing from a legend, and what the font cannot draw is "?".
+    `$` starts no formula, a leading `_` hides nothing from a legend, and what the font cannot draw is "?".  Of a longer
+    text the middle is left out: names of runs often differ at their end.
     """
     font = get_font(findfont(_FONT))
     line = "".join(c if c.isprintable() and font.get_char_index(ord(c)) else "?" for c in " ".join(str(text).split()))
-    line = line if len(line) <= length else line[: length - 1] + "…"
+    line = line if len(line) <= length else f"{line[: length // 2]}…{line[length // 2 - length + 1 :]}"
     return (" " if line.startswith("_") else "") + line.replace("$", r"\$")
 
 
