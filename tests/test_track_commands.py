@@ -17,7 +17,6 @@ from contactlearn.data import table, tracks
 from contactlearn.data.recordings.result import Reason
 from contactlearn.mechanics.rigid_body import contact_velocity
 from contactlearn.mechanics.shapes import Ellipse
-from contactlearn.report.figures.tracks import refused_figure
 from contactlearn.simulation import recordings
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
@@ -250,14 +249,6 @@ def test_a_long_file_is_shared_between_processes(tmp_path):
     assert [str(one) for one in shared.survey.refusals] == [str(one) for one in alone.survey.refusals]
     assert shared.survey.recordings == alone.survey.recordings == 19
     assert sum(one.reason is Reason.NOT_READ for one in shared.survey.refusals) == 1
-
-
-@pytest.mark.parametrize(("count", "grid"), [(1, (1, 1)), (2, (1, 2)), (5, (2, 3)), (9, (3, 3))])
-def test_refused_recordings_fill_their_figure(plain, count, grid):
-    figure = refused_figure([*plain[1].again({"0001"})] * count)
-    panels = figure.axes
-    assert panels[0].get_subplotspec().get_gridspec().get_geometry() == grid
-    assert sum(panel.get_visible() for panel in panels) == count
 
 
 def test_pixels_have_a_size_in_metres(tmp_path):

@@ -11,15 +11,14 @@ from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import atomic_write
 from contactlearn.data import table, tracks
-from contactlearn.data.recordings.result import Reason
 from contactlearn.diagnosis.events import track
 from contactlearn.report.events import progress
 from contactlearn.report.figures import style
-from contactlearn.report.figures.tracks import contact_figure, refused_figure, residuals_figure
+from contactlearn.report.figures.tracks import contact_figure, residuals_figure
 from contactlearn.report.page.recordings import write_recordings_page
 from contactlearn.report.text.tracks import tracks_summary
 
-_CONTACTS, _REFUSED = 3, 24  # recordings that are drawn
+_CONTACTS, _MOST = 3, 24  # recordings whose contacts, and whose residuals, are drawn
 _LONGEST = 60  # characters of a recording's name in the name of a file
 
 
@@ -74,19 +73,11 @@ def own_names(text: str, settings: Iterable[str]) -> str:
 
 
 def draw_recordings(found: tracks.Tracked, folder: Path) -> Path:
-    """Draw a few contacts, refused recordings and the residuals into a folder."""
+    """Draw a few contacts, and the residuals of some recordings, into a folder."""
     contacts = {contact.recording: contact for contact in reversed(found.survey.contacts)}
-    accepted = list(contacts)[-_CONTACTS:]
-    refused = [r.recording for r in found.survey.refusals if r.reason not in (Reason.REST, Reason.NOT_READ)]
-    shown = {*accepted, *dict.fromkeys(refused[:_REFUSED])}
-    founds = {one.track.name: one for one in found.again(shown)}
-    for name in accepted:
-        style.save(
-            contact_figure(founds[name], contacts[name], found.shape),
-            folder,
-            "contact_" + re.sub(r"[^\w.-]", "_", name)[:_LONGEST],
-        )
-    if refused:
-        style.save(refused_figure([founds[name] for name in dict.fromkeys(refused[:_REFUSED])]), folder, "refused")
+    founds = {one.track.name: one for one in found.again([*contacts][-_MOST:])}
+    for name in [*contacts][-_CONTACTS:]:
+        stem = "contact_" + re.sub(r"[^\w.-]", "_", name)[:_LONGEST]
+        style.save(contact_figure(founds[name], contacts[name], found.shape), folder, stem)
     style.save(residuals_figure([*founds.values()]), folder, "residuals")
     return folder

@@ -17,6 +17,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.frame import Frame, matrices
@@ -72,7 +73,7 @@ def pose_of_markers(
         mirror = np.ones((len(time), 3))
         mirror[:, 2] = np.linalg.det(U @ V)
         R = (U * mirror[:, None]) @ V
-        angle, quaternion = None, np.where(seen[:, None], _quaternion(R), np.nan)
+        angle, quaternion = None, np.where(seen[:, None], Rotation.from_matrix(R).as_quat(scalar_first=True), np.nan)
     return Recording(
         name=name,
         source=source,
@@ -84,16 +85,6 @@ def pose_of_markers(
         order=None if quaternion is None else "wxyz",
         markers=off + (arms[seen] @ R[seen]).mean(0),
     )
-
-
-def _quaternion(R: Float[Array, "t 3 3"]) -> Float[Array, "t 4"]:
-    """Quaternions (w, x, y, z) of rotations: the eigenvector of the largest eigenvalue; Bar-Itzhack 2000."""
-    K = np.empty((len(R), 4, 4))
-    K[:, 0, 0] = np.trace(R, axis1=1, axis2=2)
-    vector = np.stack((R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]), -1)
-    K[:, 0, 1:] = K[:, 1:, 0] = vector
-    K[:, 1:, 1:] = R + R.transpose(0, 2, 1) - K[:, :1, :1] * np.eye(3)
-    return np.linalg.eigh(K)[1][:, :, -1]
 
 
 _FEWEST = 3

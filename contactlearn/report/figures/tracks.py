@@ -1,13 +1,11 @@
-"""Recordings as they were searched for impacts.
+"""Recordings as they were searched for impacts, for paper; the page of recordings shows each of them.
 
 contact_figure     a recording about one contact: both flights, their residuals, the body at contact
-refused_figure     small multiples of refused recordings, the refused parts shaded
 residuals_figure   residuals of all flights in units of the stated noise: are the stated errors right?
 """
 
 import math
 from collections.abc import Sequence
-from textwrap import fill
 
 import numpy as np
 import torch
@@ -15,7 +13,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from contactlearn.core.numerics import measured
-from contactlearn.data.recordings.result import REASONS, Found, Hit
+from contactlearn.data.recordings.result import Found, Hit
 from contactlearn.data.recordings.track import Array, turn
 from contactlearn.mechanics.rigid_body import rotate
 from contactlearn.mechanics.shapes import Shape
@@ -27,8 +25,6 @@ _UNITS = (1e3, 1e3, 180 / math.pi)  # mm, mm and degrees of residuals
 _VELOCITIES = [
     (f"{name}{when}", unit) for when in ("", "⁺") for name, unit in (("v_x", "m/s"), ("v_y", "m/s"), ("ω", "rad/s"))
 ]
-_COLUMNS = 4
-_WIDE = 38  # letters of a title
 
 
 @st.look()
@@ -62,31 +58,6 @@ def contact_figure(found: Found, contact: Hit, shape: Shape) -> Figure:
     text = "\n".join(f"{name} = {measured(float(value), error, unit)}" for (name, unit), value, error in values)
     panels[1, 3].text(0, 1, text, va="top", fontsize="x-small")
     figure.suptitle(f"{st.plain(contact.name)}: contact at {contact.time:.5f} s ± {1e6 * errors[9]:.2g} µs")
-    return figure
-
-
-@st.look()
-def refused_figure(founds: Sequence[Found]) -> Figure:
-    """Draw the height of each recording over time, its flights dark and the refused parts named."""
-    rows = math.ceil(len(founds) / _COLUMNS)
-    columns = math.ceil(len(founds) / rows)
-    figure = st.new_figure(max(columns / _COLUMNS * st.PAGE, st.COLUMN), 0.4 + 1.5 * rows)
-    panels = figure.subplots(rows, columns, squeeze=False).flatten()
-    for axes in panels[len(founds) :]:
-        axes.set_visible(False)
-    for axes, found in zip(panels, founds, strict=False):
-        track = found.track
-        axes.plot(track.time, track.pose[:, 1], ".", color="0.7", markersize=1.5)
-        for flight in found.flights:
-            axes.plot(track.time[flight.frames], track.pose[flight.frames, 1], color=_BLUE, linewidth=1)
-        for refusal in found.refusals:
-            axes.axvspan(*refusal.time, color=st.tint(_RED, 0.3), linewidth=0.5)
-        reasons = dict.fromkeys(REASONS[refusal.reason] for refusal in found.refusals)
-        title = f"{st.plain(track.name)}: {', '.join(reasons) or 'nothing refused'}"
-        axes.set_title(fill(title, _WIDE), fontsize="xx-small")
-        axes.tick_params(labelsize="xx-small")
-    figure.supxlabel("Time (s)", fontsize="small")
-    figure.supylabel("Height y (m)", fontsize="small")
     return figure
 
 
