@@ -234,23 +234,29 @@ def test_learning_curves(study):
     assert re.search(r"^ *x1_wrench .*%", printed, re.MULTILINE)
     results = json.loads((folder / "results.json").read_text())
     curves = results["learning_curves"]
-    assert set(curves) == {*laws.PAPER_LAWS, "x1_wrench", "parameters_likelihood"}
+    assert set(curves) == {*laws.PAPER_LAWS, "best_post_hoc", "x1_wrench", "parameters_likelihood"}
     for model, curve in curves.items():
         assert curve["sizes"] == [10, 20]
+        assert (curve["mass_error"], curve["euclidean_error"]).count(None) == (model == "best_post_hoc")
         for metric in metrics.METRICS:
-            assert all(entry["low"] <= entry["mean"] <= entry["high"] for entry in curve[metric])
-        assert (curve["calibration"] is not None) == (model not in laws.names())
+            assert all(entry["low"] <= entry["mean"] <= entry["high"] for entry in curve[metric] or ())
+        assert (curve["calibration"] is not None) == (model in ("x1_wrench", "parameters_likelihood"))
     # More trials help a model that knows nothing, and the law's own parameters beat it.
     error = {model: [entry["mean"] for entry in curve["mass_error"]] for model, curve in curves.items()}
     assert error["x1_wrench"][1] < error["x1_wrench"][0]
     assert error["parameters_likelihood"][0] < error["x1_wrench"][0]
+    # Best Post Hoc is that of the laws as identified on as many trials, and what models are compared with there.
+    for place, best in enumerate(error["best_post_hoc"]):
+        assert best <= min(error[law][place] for law in laws.PAPER_LAWS)
+    assert error["best_post_hoc"][0] != error["best_post_hoc"][1]
+    assert re.search(r"^ *best_post_hoc +0", printed.partition("learning curves:")[2], re.MULTILINE)
 
 
 def test_learning_curves_in_tables_and_events(study):
     _, folder = study
     results = json.loads((folder / "results.json").read_text())
     frame = pd.read_csv(folder / "learning_curves.csv")
-    assert len(frame) == 8 * 2 * 3
+    assert len(frame) == 9 * 2 * 3
     means = frame.groupby(["model", "trained_on"])["mass_error"].mean()
     for model, curve in results["learning_curves"].items():
         for size, entry in zip(curve["sizes"], curve["mass_error"], strict=True):
@@ -319,11 +325,14 @@ def test_published_table_beside_ours(ellipse_drops, tmp_path):
     """experiment=fazeli2017 composes, runs on the real drops, and prints every difference in σ."""
     small = (
         "train.repetitions=2", "figures.repetitions=1", "bootstrap=20", "laws=[whittaker,anitescu_potra_newton]",
-        "model=[]",
+        "model=[x2_impulse]", "curves.sizes=[5,10]", "curves.seeds=1", "workers=1",
     )  # fmt: skip
     printed = run("evaluate.py", "experiment=fazeli2017", *small, f"hydra.run.dir={tmp_path}")
     assert "Published table beside ours" in printed
     assert re.search(r"whittaker +0\.111 ± 0\.008 .* 0\.484 ± 0\.011", printed)
+    assert re.search(r"settled +published", printed)
+    assert re.search(r"whittaker .* 50 *$", printed, re.MULTILINE)
+    assert re.search(r"x2_impulse .* 100 +\d", printed)
 
 
 @pytest.mark.parametrize("script", ["train.py", "evaluate.py"])
@@ -384,6 +393,7 @@ ERRORS = {
     "threads": (["train.py", "threads=0"], "threads must be a whole number"),
     "one law": (["evaluate.py", "laws=whittaker"], "such as [whittaker], got 'whittaker'"),
     "patch": (["evaluate.py", "bounds.patch=-1"], "bounds.patch must be a positive half-width in m, got -1"),
+    "settled": (["evaluate.py", "reference={x1_wrench: {settled: 0}}"], "reference.x1_wrench must hold"),
     "reference": (["evaluate.py", "reference={mirtich: {mu: [0.1, 0.1]}}"], "reference.mirtich must hold"),
     "bounds": (["train.py", "train.mu=[1,0]"], "bounds of mu must be 0 ≤ low < high, got [1, 0]"),
     "features": (["train.py", "model=x1_impulse", "model.x1_impulse.features=x3"], "unknown feature space 'x3'"),

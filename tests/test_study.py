@@ -128,8 +128,9 @@ def test_transfer_refuses_sizes_that_a_body_cannot_give(drops):
 
 def test_where_a_curve_crosses_and_settles():
     sizes, curve = (10, 20, 50, 100), (0.5, 0.3, 0.21, 0.2)
-    assert study.first_below(curve, sizes, 0.4) == 20
-    assert study.first_below(curve, sizes, 0.1) is None
+    assert study.first_below(curve, sizes, (0.6, 0.3, 0.2, 0.3)) == 10
+    assert study.first_below(curve, sizes, (0.4, 0.3, 0.22, 0.1)) == 50
+    assert study.first_below(curve, sizes, (0.1,) * 4) is None
     assert study.settled(curve, sizes) == 50
     assert study.settled((0.2, 0.3, 0.2), (10, 20, 50)) == 50
     assert study.settled((0.2, 0.2), (10, 20)) == 10

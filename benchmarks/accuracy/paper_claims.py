@@ -91,7 +91,10 @@ def claim_rows(runs: dict[str, Any]) -> list[list[str]]:
                 f"{100 * max(run['back_spin'][law] for law in PAPER_LAWS):.0f} %"
             ),
         ),
-        row("no law covers much of the admissible set", lambda _, run: f"at most {100 * max(run['reach'].values()):.0f} %"),
+        row(
+            "no law covers much of the admissible set",
+            lambda _, run: f"at most {100 * max(run['reach'].values()):.0f} %",
+        ),
     ]
 
 
@@ -117,8 +120,16 @@ def tables(found: dict[str, Any]) -> str:
     """The tables of the page in Markdown."""
     runs = {name: run for name, run in found.items() if " ms" not in name}
     heading = "| | " + " | ".join(runs) + " |\n|" + " --- |" * (len(runs) + 1)
-    both = ["\n".join([heading, *(f"| {' | '.join(row)} |" for row in rows)]) for rows in (error_rows(runs), claim_rows(runs))]
-    table = "\n".join(["| Table 1 | |\n| --- | --- |", *(f"| {name} | {table_1(run)} |" for name, run in found.items() if "euclidean" in name)])
+    both = [
+        "\n".join([heading, *(f"| {' | '.join(row)} |" for row in rows)])
+        for rows in (error_rows(runs), claim_rows(runs))
+    ]
+    table = "\n".join(
+        [
+            "| Table 1 | |\n| --- | --- |",
+            *(f"| {name} | {table_1(run)} |" for name, run in found.items() if "euclidean" in name),
+        ]
+    )
     return "\n\n".join([*both, table])
 
 

@@ -269,6 +269,7 @@ class EvaluateSettings:
     figures: FigureSettings
     tables: Literal["parquet", "csv"]
     reference: Mapping[str, Mapping[str, tuple[float, ...]]]
+    settled: Mapping[str, int]
 
     @classmethod
     def from_config(cls, cfg: DictConfig) -> "EvaluateSettings":
@@ -282,6 +283,7 @@ class EvaluateSettings:
         figures, own = config["figures"], [] if law.name in PAPER_LAWS else [law.name]
         drawn = _named_laws(config, law, (figures["surface"], figures["parameters"]))
         laws = _named_laws(config, law, (*config["laws"], *own))
+        parameters, settled = _reference(config)
         return cls(
             split=_split(config),
             identification=_identification(config),
@@ -306,7 +308,8 @@ class EvaluateSettings:
                 repetitions=figures["repetitions"],
             ),
             tables=config["tables"],
-            reference=_reference(config),
+            reference=parameters,
+            settled=settled,
         )
 
     @property
@@ -636,15 +639,20 @@ def _transfer(
     return TransferSettings(sizes=tuple(entry["sizes"]), seeds=entry["seeds"], bodies=bodies)
 
 
-def _reference(config: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, ...]]]:
-    """Published parameters by law, (mean, standard deviation) each; none where the configuration has none."""
-    found = {}
-    for law, entry in (config["reference"] or {}).items():
-        pairs = {name: entry.get(name) if isinstance(entry, dict) else None for name in ("mu", "eps")}
-        if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs.values()):
-            raise ContactLearnError(f"reference.{law} must hold mu: [mean, std] and eps: [mean, std], got {entry}")
-        found[str(law)] = {name: tuple(pair or ()) for name, pair in pairs.items()}
-    return found
+def _reference(config: Mapping[str, Any]) -> tuple[dict[str, dict[str, tuple[float, ...]]], dict[str, int]]:
+    """Published parameters by law, (mean, standard deviation) each, and published numbers of trials to settle."""
+    found, settled = {}, {}
+    for name, entry in (config["reference"] or {}).items():
+        values = dict(entry) if isinstance(entry, dict) else {}
+        trials = values.pop("settled", None)
+        pairs = [isinstance(pair, list) and len(pair) == 2 and all(map(is_number, pair)) for pair in values.values()]
+        if not ((values.keys() == {"mu", "eps"} and all(pairs)) or (is_whole(trials, 1) and not values)):
+            raise ContactLearnError(
+                f"reference.{name} must hold mu: [mean, std] and eps: [mean, std], settled: trials, or all; got {entry}"
+            )
+        found |= {str(name): {key: tuple(pair) for key, pair in values.items()}} if values else {}
+        settled |= {str(name): trials} if trials is not None else {}
+    return found, settled
 
 
 def _subclass(target: object, base: type[Base]) -> type[Base]:

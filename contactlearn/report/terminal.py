@@ -161,19 +161,24 @@ def show_sizes(sizes: Sequence[int], wanted: Sequence[int], seeds: int, pool: in
         print_line(f"note: at {pool} trials all subsets are identical")
 
 
-def show_curves(curves: Mapping[str, LearningCurve], metric: str) -> None:
-    """Print the headline error of each learned model against the number of trials, and its calibration at the end."""
+def show_curves(curves: Mapping[str, LearningCurve], metric: str, published: Mapping[str, int]) -> None:
+    """Print an error of each model against the number of trials, and its calibration at the end.
+
+    Beside the number from which an error has settled stands the published one, if there are any.
+    """
     first = next(iter(curves.values()))
     below = [f"< {level}" for level in first.below[metric]]
     title = f"{METRICS[metric].label} on the held-out trials against the number of training trials"
-    table = new_table(title, "model", *map(str, first.sizes), *below, "settled", "coverage", "−log density")
+    settled = ["settled", *["published"] * bool(published)]
+    table = new_table(title, "model", *map(str, first.sizes), *below, *settled, "coverage", "−log density")
     for model, curve in curves.items():
         means = [f"{interval.mean:.3f}" for interval in curve.of(metric)]
         reached = [str(size or "never") for size in curve.below[metric].values()]
         sure = ("", "")  # a law with effects predicts no covariance
         if curve.calibration is not None:
             sure = f"{100 * curve.calibration.coverage[-1]:.1f} %", f"{curve.calibration.negative_log_density[-1]:.2f}"
-        table.add_row(model, *means, *reached, str(curve.settled[metric] or "not yet"), *sure)
+        ours = [str(curve.settled[metric] or "not yet"), *[str(published.get(model, ""))] * bool(published)]
+        table.add_row(model, *means, *reached, *ours, *sure)
     print_table(table)
     print_line(
         "<: number of trials at which the mean first falls below; "

@@ -316,21 +316,27 @@ class LearningCurve:
     """
 
     sizes: tuple[int, ...]
-    mass_error: tuple[Interval, ...]
-    euclidean_error: tuple[Interval, ...]
-    normalised_euclidean_error: tuple[Interval, ...]
-    velocity_error: tuple[Interval, ...]
+    mass_error: tuple[Interval, ...] | None = None
+    euclidean_error: tuple[Interval, ...] | None = None
+    normalised_euclidean_error: tuple[Interval, ...] | None = None
+    velocity_error: tuple[Interval, ...] | None = None
     below: Mapping[str, Mapping[str, int | None]]
     settled: Mapping[str, int | None]
     calibration: CurveCalibration | None = None
 
     def __post_init__(self) -> None:
-        if any(len(self.of(name)) != len(self.sizes) for name in METRICS):
-            raise ContactLearnError(f"{len(self.sizes)} sizes and {len(self.mass_error)} errors must be as many")
+        for errors in self.intervals.values():
+            if len(errors) != len(self.sizes):
+                raise ContactLearnError(f"{len(self.sizes)} sizes and {len(errors)} errors must be as many")
+
+    @property
+    def intervals(self) -> dict[str, tuple[Interval, ...]]:
+        """The errors that there are, by the metric's name in `METRICS`; of Best Post Hoc those that it bounds."""
+        return {name: errors for name in METRICS if (errors := getattr(self, name)) is not None}
 
     def of(self, metric: str) -> tuple[Interval, ...]:
         """The errors by a metric's name in `METRICS`."""
-        return getattr(self, metric)
+        return self.intervals[metric]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,7 @@
 """Learning curves of an evaluation: every learned model, at every size, from every seed's subset."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
 from types import MappingProxyType
@@ -16,7 +17,8 @@ from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.devices import moved
 from contactlearn.core.errors import DataError
 from contactlearn.diagnosis.events import CurvePoint, OnEvent, track
-from contactlearn.inference.evaluation import metrics
+from contactlearn.inference.evaluation import bounds, metrics
+from contactlearn.inference.evaluation.bounds import Norm
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.learning import curves as study
 from contactlearn.inference.learning.curves import Curve, CurveDensity, Trained, count_trainings
@@ -156,12 +158,15 @@ def _law_curves(
     needed = {**settings.laws, **{r.law.name: r.law for r in settings.learnable.values() if r.law}}
     bases: dict[str, Mapping[int, Law | ContactModel]] = {}
     shown: dict[str, Curve] = {}
+    identified: dict[str, dict[int, Law]] = {}
     for name, needed_law in track(needed.items(), "laws on every subset", on_event):
         fits, curves = study.law_curves((needed_law,), pool, test, orders, sizes, target=how.target, box=how.box)
-        bases[name] = {size: study.law_at(fits[name], size) for size in sizes}
+        bases[name] = identified[name] = {size: study.law_at(fits[name], size) for size in sizes}
         if name in settings.laws:
             shown[name] = curves[name]
             points.add(name, shown[name])
+    shown[BEST_POST_HOC] = _best_post_hoc(test, {name: identified[name] for name in settings.laws}, settings.norm)
+    points.add(BEST_POST_HOC, shown[BEST_POST_HOC])
     if effects:
         every = track(sizes, f"{law.name} and its effects on every subset", on_event)
         bases[law.name], curve = study.joint_curve(law, effects, pool, test, orders, every, settings.fit)
@@ -170,12 +175,22 @@ def _law_curves(
     return bases, shown
 
 
+def _best_post_hoc(test: Impacts, by_law: Mapping[str, Mapping[int, Law]], norm: Norm) -> Curve:
+    """The bound of laws by name and size, on each subset; in the metrics that it bounds."""
+    found = {}
+    for size in next(iter(by_law.values())):
+        predictions = {name: ContactModel(laws[size]).predict(test) for name, laws in by_law.items()}
+        found[size], _ = bounds.best_post_hoc(test, predictions, norm)
+    curve = Curve.of(test, found)
+    return replace(curve, errors={metric: curve.errors[metric] for metric in metrics.bounded_metrics(norm)})
+
+
 def curve_entry(
-    curve: Curve, levels: Mapping[str, Mapping[str, float]], points: Mapping[int, CurvePoint]
+    curve: Curve, levels: Mapping[str, Mapping[str, Sequence[float]]], points: Mapping[int, CurvePoint]
 ) -> LearningCurve:
-    """Return one model's curve as numbers; `levels` are mean errors of the bounds by metric and name."""
+    """Return one model's curve as numbers; `levels` are mean errors of the bounds by metric and name at each size."""
     intervals, below, settled = {}, {}, {}
-    for metric in metrics.METRICS:
+    for metric in curve.errors:
         intervals[metric] = tuple(points[size].errors[metric] for size in curve.sizes)
         mean = curve.errors[metric].mean((1, 2)).tolist()
         if metric in levels:

@@ -73,25 +73,26 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
         terminal.show_reference(result.fits, settings.reference)
     learned: dict[str, Curve] = {}
     if settings.recipes:
-        limits = {name: result.errors[name].intervals for name in (BEST_POST_HOC, IRB)}
-        lines = {f"curve_{metric}/{name}": x for name, of in limits.items() for metric, x in of.items()}
+        lines = {f"curve_{metric}/{IRB}": error for metric, error in result.errors[IRB].intervals.items()}
         for size in settings.curve_sizes:
             if size <= len(data.pool):
                 tracker.scalars(lines, size)
         found, points = curves.learning_study(settings, data, run, tracker)
+        best = found[BEST_POST_HOC]
         levels = {
             name: {
-                bound: metrics.METRICS[name].error(data.test, prediction).mean().item()
-                for bound, prediction in held_out.bounds.items()
+                BEST_POST_HOC: error.mean((1, 2)).tolist(),
+                IRB: [metrics.METRICS[name].error(data.test, held_out.bounds[IRB]).mean().item()] * len(best.sizes),
             }
-            for name in metrics.bounded_metrics(result.norm)
+            for name, error in best.errors.items()
         }
         entries = {name: curves.curve_entry(curve, levels, points[name]) for name, curve in found.items()}
         result = replace(result, learning_curves=entries)
         save_curves(found, run.folder / f"learning_curves.{settings.tables}")
         folder.write_result(run.folder, result)
         learned = {name: curve for name, curve in found.items() if name not in settings.laws}
-        terminal.show_curves({name: entries[name] for name in learned}, result.metric)
+        shown = (name for name in found if name in learned or name in settings.settled)
+        terminal.show_curves({name: entries[name] for name in shown}, result.metric, settings.settled)
         run.remove_partial_results()
     with progress(run.folder, tracker) as on_event:
         shown = _record(settings, data, compared, held_out, result, learned, row, on_event)
@@ -190,7 +191,7 @@ def _record(
     if result.trained:
         drawn |= _judged_drawn(result, held_out)
     if learned:
-        drawn |= _curves_drawn(result, learned, data.test, held_out.bounds)
+        drawn |= _curves_drawn(result, learned, data.test, held_out.bounds[IRB])
     return RunRecord(
         trained_on=size,
         metric=result.metric,
@@ -280,7 +281,7 @@ def _judged_drawn(result: Evaluation, held_out: HeldOut) -> dict[str, Figure]:
 
 
 def _curves_drawn(
-    result: Evaluation, learned: Mapping[str, Curve], test: Impacts, limits: Mapping[str, Prediction]
+    result: Evaluation, learned: Mapping[str, Curve], test: Impacts, irb: Prediction
 ) -> dict[str, Figure]:
     """Learning curves, error densities at the largest size, and calibration, by file name."""
     sizes = next(iter(learned.values())).sizes
@@ -288,10 +289,10 @@ def _curves_drawn(
     for metric, suffix in _bounded(result).items():
         axis = metrics.METRICS[metric].axis
         intervals = {name: curves.as_rows(result.learning_curves[name].of(metric)) for name in learned}
-        lines = {name: result.errors[name].of(metric) for name in limits}
+        lines = {IRB: result.errors[IRB].of(metric)}
         drawn[f"learning_curve{suffix}"] = learning.learning_curve(sizes, intervals, lines, axis)
         densities = {name: curve.errors[metric][-1].flatten() for name, curve in learned.items()}
-        densities |= {name: metrics.METRICS[metric].error(test, bound) for name, bound in limits.items()}
+        densities[IRB] = metrics.METRICS[metric].error(test, irb)
         drawn[f"error_densities{suffix}"] = learning.error_densities(densities, axis)
     sure = {name: curve.density for name, curve in learned.items() if curve.density is not None}
     coverage = {name: metrics.calibration(density.distance[-1].flatten()) for name, density in sure.items()}

@@ -358,9 +358,9 @@ def run(job: Callable[..., Result], tasks: Sequence[tuple[Any, ...]], workers: i
         yield from (future.result() for future in as_completed(futures))
 
 
-def first_below(curve: Sequence[float], sizes: Sequence[int], reference: float) -> int | None:
-    """Find the smallest size at which the curve is below a reference; None if it never is."""
-    return next((size for size, value in zip(sizes, curve, strict=True) if value < reference), None)
+def first_below(curve: Sequence[float], sizes: Sequence[int], reference: Sequence[float]) -> int | None:
+    """Find the smallest size at which the curve is below a reference curve; None if it never is."""
+    return next((size for size, a, b in zip(sizes, curve, reference, strict=True) if a < b), None)
 
 
 def settled(curve: Sequence[float], sizes: Sequence[int], share: float = 0.05) -> int | None:

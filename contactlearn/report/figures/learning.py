@@ -48,7 +48,7 @@ def learning_curve(
 
     Args:
         sizes: numbers of impacts, increasing.
-        curves: means and intervals by model, nan where a size was not run.
+        curves: means and intervals by model, nan where a size was not run; that of a bound is in both panels.
         references: horizontal lines by name, such as the bounds or a law.
         metric: axis label with its unit.
 
@@ -56,11 +56,12 @@ def learning_curve(
         ContactLearnError: no sizes or models, sizes that do not increase, or curves of another length.
     """
     values, lines = _checked(sizes, curves), []
-    figure, panels = _class_panels(values, 2.75)
+    bounds = _among(values, st.BOUNDS)  # in every panel
+    figure, panels = _class_panels([name for name in values if name not in bounds] or bounds, 2.75)
     styles, levels = st.law_styles(values), st.law_styles(references)
     for axes, title, names in panels:
         st.name_axes(axes, "Number of training impacts (–)", metric).label_outer()
-        _draw_curves(axes, sizes, {name: values[name] for name in names}, styles)
+        _draw_curves(axes, sizes, {name: values[name] for name in dict.fromkeys((*bounds, *names))}, styles)
         st.legend_above(axes, title)
         lines = [_draw_level(axes, levels[name], interval) for name, interval in references.items()]
     figure.axes[-1].set_ylim(0, _top(values.values(), references.values()))

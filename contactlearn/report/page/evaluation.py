@@ -83,7 +83,7 @@ def _figures(result: Evaluation, held_out: HeldOut, labels: Mapping[str, str]) -
         curves = {
             name: torch.tensor([*map(tuple, one.of(result.metric))]) for name, one in result.learning_curves.items()
         }
-        bounds = {name: means[name] for name in BOUNDS if name in means}
+        bounds = {name: means[name] for name in BOUNDS if name in means and name not in curves}
         sizes = next(iter(result.learning_curves.values())).sizes
         figures["curve"] = learning_curve(sizes, curves, bounds, metric.axis)
     return {place: digits(as_plotly(figure)) for place, figure in figures.items()}
@@ -104,7 +104,8 @@ def _curves(result: Evaluation) -> list[dict[str, Any]]:
         return []
     sizes = next(iter(result.learning_curves.values())).sizes
     lines = {name: curve.of(result.metric) for name, curve in result.learning_curves.items()}
-    lines |= {name: [result.errors[name].of(result.metric)] * len(sizes) for name in BOUNDS if name in result.errors}
+    levels = (name for name in BOUNDS if name in result.errors and name not in lines)
+    lines |= {name: [result.errors[name].of(result.metric)] * len(sizes) for name in levels}
     return [
         {"label": law_style(name).label, "sizes": sizes, "intervals": finely([asdict(one) for one in line])}
         for name, line in lines.items()

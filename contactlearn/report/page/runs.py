@@ -359,6 +359,7 @@ def learning_lines(runs: Sequence[ComparedRun], settings: Settings, metric: str)
         return {"curves": []}
     ends = min(size for line in lines for size in line.points), max(size for line in lines for size in line.points)
     yardsticks = _yardsticks(runs, settings, metric, {line.sha256 for line in lines})
+    yardsticks = [one for one in yardsticks if one.model not in {line.model for line in lines}]
     drawn, words = [*lines, *yardsticks], [*_labels(lines), *_labels(yardsticks)]
     looks = [*_distinct_styles(lines), *(law_style(line.model) for line in yardsticks)]
     entries, curves, levels = list[dict[str, Any]](), dict[str, dict[float, Interval]](), dict[str, Interval]()
@@ -409,6 +410,7 @@ def _within(runs: Sequence[ComparedRun], metric: str) -> list[_Line]:
         for k, run in enumerate(runs)
         if isinstance(run.result, Evaluation)
         for name, curve in run.result.learning_curves.items()
+        if metric in curve.intervals
     ]
 
 
