@@ -21,6 +21,7 @@ from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation import metrics
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
+from contactlearn.results.runs import read_runs
 from contactlearn.simulation import synthetic
 
 TRAIN = ("data.size=60", "train.size=20", "bootstrap=50")
@@ -63,7 +64,7 @@ def test_the_printed_line_judges_it_on_other_data_and_trains_nothing(trained, tm
     (line,) = re.findall(r"^judge +python (.*) data=…$", printed, re.MULTILINE)
     with patch("contactlearn.inference.learning.recipe.Regressor.fit", side_effect=AssertionError):
         printed = run(*shlex.split(line), *OTHERS, f"hydra.run.dir={tmp_path}")
-    assert f"x1_wrench: {folder / 'model.pt'}, trained on 20 impacts of synthetic drops (wang_mason, seed 0)" in printed
+    assert f"x1_wrench: {folder / 'model.pt'}\n" in printed
     found = results(tmp_path)
     assert list(found["errors"]) == ["mirtich", "best_post_hoc", "irb", "x1_wrench"]
     _, test = synthetic.load(size=60, seed=5).split(0.25, torch.Generator().manual_seed(0))
@@ -75,12 +76,17 @@ def test_the_printed_line_judges_it_on_other_data_and_trains_nothing(trained, tm
     assert judged["data"] == results(folder)["provenance"]["data"]
     inside = metrics.squared_distance(test, model.predict(test)) <= metrics.CHI_SQUARED_95
     assert judged["coverage"] == pytest.approx(inside.double().mean().item())
-    assert f"x1_wrench: {100 * judged['coverage']:.1f} % of the held-out (v_x, v_y, ω)" in printed
+    told = (
+        f"was trained elsewhere, on 20 impacts of synthetic drops (wang_mason, seed 0); {100 * judged['coverage']:.1f}"
+    )
+    assert f"x1_wrench {told} % of the held-out" in printed.replace("\u00a0", " ")
+    assert "X1 → wrench was trained elsewhere" in (tmp_path / "report.html").read_text()
+    (judging,), _ = read_runs([tmp_path])
+    assert (judging.learned, judging.trained_on) == ("x1_wrench", 20)
     assert (tmp_path / "figures" / "calibration_of_trained.png").exists()
     assert (folder / "model.pt").read_bytes() == before
     lines = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
     assert [one["trained_on"] for one in lines if "mass_error/x1_wrench" in one] == [20]
-    assert "X1 → wrench" in (tmp_path / "report.html").read_text()
 
 
 def test_models_of_a_sweep_are_named_by_the_settings_in_which_they_differ(trained, tmp_path):

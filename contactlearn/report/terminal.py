@@ -24,7 +24,6 @@ from contactlearn.results.types import (
     BodyTransfer,
     Evaluation,
     JointEstimate,
-    JudgedModel,
     LawEstimate,
     LearningCurve,
     ProcessEstimate,
@@ -89,13 +88,6 @@ def show_models(result: Training | Evaluation) -> None:
             print_line(
                 f"note: {100 * fit.mu_undetermined:.0f} % of the subsets leave μ of {fit.law} undetermined (flat cost)"
             )
-
-
-def show_coverage(trained: Mapping[str, JudgedModel]) -> None:
-    """Print how many of the held-out outcomes lie where models from checkpoints expect them."""
-    for name, one in trained.items():
-        if one.coverage is not None:
-            print_line(f"{name}: {100 * one.coverage:.1f} % of the held-out (v_x, v_y, ω) lie in its 95 % ellipsoids")
 
 
 def show_joint(name: str, fit: JointEstimate) -> None:

@@ -41,6 +41,7 @@ from contactlearn.results.types import (
     DataSource,
     DiagnosisRun,
     Evaluation,
+    JudgedModel,
     ModelErrors,
     Training,
     Transfer,
@@ -110,7 +111,14 @@ class ComparedRun:
     def learned(self) -> str | None:
         """Name of the learned model; None for a law, with effects or without."""
         learned = self.result.learned if isinstance(self.result, Training) else None
+        if self._judged is not None and self._judged.coverage is not None:
+            learned = self.own
         return None if learned is None else printable(learned)
+
+    @property
+    def _judged(self) -> JudgedModel | None:
+        """The run's own model, if it is one from a checkpoint."""
+        return self.result.trained.get(self.result.model) if isinstance(self.result, Evaluation) else None
 
     @property
     def given(self) -> tuple[EffectId, ...]:
@@ -127,6 +135,8 @@ class ComparedRun:
         """Number of training trials; None for a diagnosis."""
         if isinstance(self.result, Training):
             return self.result.trained_on
+        if self._judged is not None:
+            return self._judged.trained_on
         return self.result.fits[0].trials if isinstance(self.result, Evaluation) else None
 
     @property

@@ -34,6 +34,7 @@ from contactlearn.report.figures.impulse_space import reachable_impulses
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
 from contactlearn.report.tensorboard import Tracker
+from contactlearn.report.text import phrase
 from contactlearn.results import estimates, folder
 from contactlearn.results.tables import HeldOut, save_curves, save_held_out, save_trial_parameters
 from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation
@@ -66,7 +67,8 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
     save_trial_parameters(data.impacts, list(compared.trials.values()), path)
     folder.write_result(run.folder, result)
     terminal.show_models(result)
-    terminal.show_coverage(result.trained)
+    for name, one in result.trained.items():
+        terminal.print_line(phrase("judged_model", name, one))
     if result.joint:
         terminal.show_joint(*list(result.joint.items())[-1])
     if settings.reference:

@@ -21,9 +21,7 @@ def check_models(models: Mapping[str, TrainedModel], data: Split, settings: Spli
     for name, one in models.items():
         _refuse_unfit(one, data.pool)
         _refuse_seen(one, data, settings)
-        known = "" if one.provenance is None else f" of {one.provenance.data.source}"
-        size = "" if one.trained_on is None else f", trained on {one.trained_on} impacts"
-        terminal.print_line(f"{name}: {one.path}{size}{known}")
+        terminal.print_line(f"{name}: {one.path}")
         for doubt in _doubts(one.processes, data.test) if one.processes is not None else ():
             terminal.print_line(f"note: {name} {doubt}")
 

@@ -95,6 +95,8 @@ def _sentences(result: Evaluation, labels: Mapping[str, str], closest: str, tria
     sentences = phrases("evaluation_summary", labels, errors, result.best, result.differences, closest, trials)
     if note := phrase("joint_row", result.fits, result.joint):
         sentences.append(sentence(note))
+    if (judged := result.trained.get(result.model)) is not None:
+        sentences.append(sentence(phrase("judged_model", labels[result.model], judged)))
     return sentences + (["Learned models are under Learning curves."] if result.learning_curves else [])
 
 
