@@ -133,6 +133,7 @@ def test_recordings_are_read_as_their_columns_say(tmp_path, monkeypatch):
         pytest.param(["vx_post", "inertia [g·mm²]", "massKg"], {"units.mass": OPEN}, id="two masses"),
         pytest.param(["vx_post", "vx_pots"], {"columns.vx": OPEN}, id="a slip"),
         pytest.param(["vx_post", "mass", "inertia", "rx", "ry"], {"shape": None}, id="nothing to compute"),
+        pytest.param(["vx_post", "inertia", "rx"], {"shape": None, "columns.ry": OPEN}, id="half of a contact point"),
         pytest.param(["time", "x", "y", "theta"], {"mass": OPEN, "unit": None, "angle": None}, id="a recording"),
         pytest.param(["t_ms", "x", "y", "phi"], {"rate": OPEN, "columns.time": None}, id="milliseconds"),
         pytest.param(["t", "x", "y", "z", "theta"], {"columns.position": OPEN}, id="which plane"),

@@ -21,7 +21,7 @@ from contactlearn.data.table.columns import COLUMNS, COMPUTED, POWERS, REQUIRED,
 from contactlearn.mechanics.impacts import COMPONENTS
 
 OPEN = "???"
-"""The value of a setting that must be stated."""
+"""The value of a setting that must be stated: OmegaConf's."""
 
 _SHAPE = (
     "lengths in m: {kind: ellipse, semi_axes: [a, b]}, {kind: disc, radius: R} or {kind: polygon, vertices: "
@@ -48,7 +48,6 @@ _MEANINGS = {
     "x": "of the centre of mass, to the right", "y": "of the centre of mass, up, along the floor's normal",
     "theta": "of the body, counter-clockwise", "vx": "to the right", "vy": "up", "omega": "counter-clockwise",
     "rx": "contact point minus centre of mass, to the right", "ry": "contact point minus centre of mass, up",
-    "inertia": "about the centre of mass",
 }  # fmt: skip
 _FRAME = ("time", "x", "y", "z", "theta", "qw", "qx", "qy", "qz", "recording")
 
@@ -65,7 +64,7 @@ class Setting:
 
     name: str
     value: Any
-    comment: str = ""
+    comment: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +189,7 @@ def _markers(header: Sequence[str]) -> list[list[str]]:
 def _table(path: Path, found: _Columns) -> Iterator[Setting]:
     """The settings of a table of impacts."""
     lacking = [column for column in REQUIRED if column not in found.names]
-    computed = [column for columns in COMPUTED.values() for column in columns if column in lacking]
+    computed = [column for columns in COMPUTED.values() if {*columns} <= {*lacking} for column in columns]
     known = {quantity: next(iter(units)) for quantity, units in found.units.items() if len(units) == 1}
     units = Units(SI | known)
     yield Setting(name="path", value=str(path), comment="from the folder in which commands run")

@@ -37,29 +37,29 @@ def write_settings(path: Path, name: str | None) -> str:
         raise ContactLearnError(f"data={own} is a source of this package; choose another name, --name my{own}")
     if file.exists():
         raise ContactLearnError(f"{file} exists already and is not replaced; edit it, or choose another --name")
-    proposal = propose(path)
+    contents = propose(path)
     try:
         with atomic_write(file) as part:
-            part.write_text(_text(path, own, proposal), encoding="utf-8")
+            part.write_text(_text(path, own, contents), encoding="utf-8")
     except (OSError, UnicodeError) as error:
         raise ContactLearnError(f"{file}: cannot be written: {error}") from error
-    missing = [one.name for one in proposal.settings if one.value == OPEN]
-    lines = [f"{file} written: {path} is {_KINDS[proposal.source]}"]
+    missing = [one.name for one in contents.settings if one.value == OPEN]
+    lines = [f"{file} written: {path} is {_KINDS[contents.source]}"]
     lines += [f"fill in  {', '.join(missing)}: each has a comment"] if missing else []
-    lines += [f"not used {', '.join(map(repr, proposal.unused))}"] if proposal.unused else []
+    lines += [f"not used {', '.join(map(repr, contents.unused))}"] if contents.unused else []
     lines.append(f"then     contactlearn audit data={own}, and data={own} on every command in this folder")
     return "\n".join(lines)
 
 
-def _text(path: Path, name: str, proposal: FileContents) -> str:
+def _text(path: Path, name: str, contents: FileContents) -> str:
     """The file's text."""
     lines = [
-        f"# {str(path)!r}, {_KINDS[proposal.source]}: data={name} on every command in this folder.",
+        f"# {str(path)!r}, {_KINDS[contents.source]}: data={name} on every command in this folder.",
         "# A value of ??? must be filled in.",
-        f"_target_: contactlearn.data.{proposal.source}.load",
+        f"_target_: contactlearn.data.{contents.source}.load",
     ]
     section = ""
-    for one in proposal.settings:
+    for one in contents.settings:
         group, _, key = one.name.rpartition(".")
         lines += [f"{group}: # {_SECTIONS[group]}"] if group not in ("", section) else []
         section = group
