@@ -19,6 +19,7 @@ from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 
+from tensorboard.compat.proto import event_pb2
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.plugins.hparams import api_pb2, metadata
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData, SessionEndInfo, SessionStartInfo
@@ -42,6 +43,9 @@ literally, is drawn with its interval.  TensorBoard joins the charts of all runs
 first, and loses charts that differ between runs under any other: a category with such charts belongs
 in every run.
 """
+HELD_OUT_CHARTS = "Held-out error against the number of training impacts"
+"""The category that every run has."""
+METRICS_FILE = "metrics.jsonl"
 NO_CHARTS: Charts = MappingProxyType({})
 
 
@@ -67,7 +71,7 @@ class Tracker:
 
     @cached_property
     def _writer(self) -> SummaryWriter:
-        (self._folder / "metrics.jsonl").unlink(missing_ok=True)
+        (self._folder / METRICS_FILE).unlink(missing_ok=True)
         writer = SummaryWriter(str(self._folder), purge_step=0)
         layout = {
             category: {
@@ -83,8 +87,19 @@ class Tracker:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file of events, if there is one."""
         if "_writer" in vars(self):
             self._writer.close()
+
+    def begin_again(self) -> None:
+        """Log in place of all that was logged so far."""
+        writer = self._writer.file_writer
+        assert writer is not None  # as long as the tracker is open
+        writer.add_event(event_pb2.Event(session_log=event_pb2.SessionLog(status=event_pb2.SessionLog.START)), step=0)
+        (self._folder / METRICS_FILE).unlink(missing_ok=True)
 
     def __call__(self, event: Event) -> None:
         """Log the numbers of an event, if it is one of a training."""
@@ -181,7 +196,7 @@ class Tracker:
         for tag, number in numbers.items():
             self._writer.add_scalar(tag, number, step)
         self._writer.flush()
-        with (self._folder / "metrics.jsonl").open("a", encoding="utf-8") as lines:
+        with (self._folder / METRICS_FILE).open("a", encoding="utf-8") as lines:
             lines.write(json.dumps({**place, **numbers}) + "\n")
 
 

@@ -18,11 +18,10 @@ from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.style import save
-from contactlearn.report.tensorboard import NO_CHARTS, Charts, Tracker, ends
+from contactlearn.report.tensorboard import HELD_OUT_CHARTS, NO_CHARTS, Charts, Tracker, ends
 from contactlearn.results.types import IRB, JointEstimate, LawEstimate, ModelErrors, Provenance
 
 _NONE = "none"  # hyperparameter of a run without a law, or without effects
-_HEADLINE_CHARTS = "Held-out error against the number of training impacts"
 Scalars = Mapping[str, float | Interval]
 
 
@@ -83,7 +82,7 @@ def tracker_of(
         chosen[f"Learned models, Best Post Hoc and IRB bound: {error}"] = [f"{tag}(?!({named})$)"]
         chosen[f"Laws, Best Post Hoc and IRB bound: {error}"] = [f"{tag}({named}|best_post_hoc|irb)$"]
         chosen |= {f"{name}: {error} with 95 % interval": f"{tag}{name}" for name in curves}
-    return Tracker(run.folder, trained_on, {_HEADLINE_CHARTS: chosen, **charts})
+    return Tracker(run.folder, trained_on, {HELD_OUT_CHARTS: chosen, **charts})
 
 
 def write_record(tracker: Tracker, run: Run, provenance: Provenance, record: RunRecord) -> None:

@@ -13,6 +13,7 @@ import sys
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -154,7 +155,8 @@ def sweep(
         target = str(config.hydra.launcher._target_)
         at_once = jobs_at_a_time(-1, gigabytes) if target.endswith("LocalLauncher") else None
         launch = _launcher(config, context, task, gigabytes, len(plan.pending))
-        outcome = run_jobs(plan.pending, launch, at_once, queues=target.endswith("SlurmLauncher"))
+        with _curves(folder, plan):
+            outcome = run_jobs(plan.pending, launch, at_once, queues=target.endswith("SlurmLauncher"))
     finished = [job.folder for job in (*plan.finished, *outcome.finished)]
     if finished:
         show_sweep(finished, folder)
@@ -171,6 +173,18 @@ def sweep(
         print(f"{again} runs the failed ones again, and no others.", file=sys.stderr)
     if outcome.failed or outcome.queued:
         sys.exit(1)
+
+
+def _curves(folder: Path, plan: Plan) -> AbstractContextManager[None]:
+    """Learning curves that grow in TensorBoard, where the sweep is over train.size."""
+    jobs = {job.folder: job.words for job in (*plan.finished, *plan.pending)}
+    everywhere = set[str]().union(*jobs.values()).intersection(*jobs.values())
+    swept = {folder: [word for word in words if word not in everywhere] for folder, words in jobs.items()}
+    if not any(word.startswith("train.size=") for words in swept.values() for word in words):
+        return nullcontext()
+    from contactlearn.report.sweep_curves import growing_curves  # TensorBoard takes long to load
+
+    return growing_curves(folder, swept)
 
 
 def run_jobs(jobs: Sequence[Job], launch: Launch, at_once: int | None, queues: bool) -> Outcome:

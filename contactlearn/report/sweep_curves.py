@@ -1,0 +1,115 @@
+"""Learning curves of a sweep over train.size in TensorBoard: a line for each model and bound, as its jobs end."""
+
+from collections import defaultdict
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from statistics import fmean
+from threading import Event, Thread
+
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.inference.evaluation.metrics import METRICS, Interval
+from contactlearn.report.tensorboard import HELD_OUT_CHARTS, Tracker
+from contactlearn.results.runs import ComparedRun, common_metric, read_runs
+from contactlearn.results.state import DONE
+from contactlearn.results.types import Evaluation, ModelErrors
+
+FOLDER = "learning_curves"
+"""Name of the folder of these curves in that of a sweep."""
+_PERIOD = 2.0  # s between looks at the jobs
+_UNNAMED = ("train.size", "seed", "model", "effect")  # along a line, averaged over, or in the name of the model
+_OF_BOUNDS = ("data", "split_seed", "test", "bounds")  # settings that move a bound
+
+Points = dict[tuple[str, int], Interval]
+"""An error by its tag and the number of training impacts, mean over the runs that differ in their seed alone."""
+Settings = Mapping[Path, Sequence[str]]
+"""Swept settings of each job by its folder, as they were typed."""
+
+
+@contextmanager
+def growing_curves(sweep: Path, jobs: Settings) -> Generator[None]:
+    """Log the curves of a sweep in its folder while its jobs run, and once more at the end.
+
+    Args:
+        sweep: folder of the sweep.
+        jobs: of the sweep, also those that ended before.
+    """
+    curves, ended = SweepCurves(sweep / FOLDER, jobs), Event()
+
+    def watch() -> None:
+        while not ended.wait(_PERIOD):
+            curves.update()
+
+    thread = Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        curves.update()
+        curves.close()
+
+
+class SweepCurves:
+    """The curves of the jobs that have ended; `update` logs what is new, and all again where a line has changed."""
+
+    def __init__(self, folder: Path, jobs: Settings) -> None:
+        self._folder, self._left = folder, dict(jobs)
+        self._runs = list[tuple[ComparedRun, Sequence[str]]]()
+        self._logged, self._tracker = Points(), None
+
+    def update(self) -> None:
+        """Read the jobs that have ended since, and log their points; a disk that is full stops no sweep."""
+        ended = [job for job in self._left if (job / DONE).exists()]
+        for job in ended:
+            settings = self._left.pop(job)
+            with suppress(ContactLearnError, OSError):
+                self._runs += [(run, settings) for run in read_runs([job])[0] if run.trained_on is not None]
+        if ended and self._runs:
+            with suppress(OSError):
+                self._log(points(self._runs))
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._tracker is not None:
+            self._tracker.close()
+
+    def _log(self, found: Points) -> None:
+        latest = defaultdict[str, int](int)
+        for tag, size in self._logged:
+            latest[tag] = max(latest[tag], size)
+        changed = any(found.get(key) != value for key, value in self._logged.items())
+        new = {key: value for key, value in found.items() if key not in self._logged}
+        if self._tracker is None:
+            self._folder.mkdir(exist_ok=True)
+            metric = common_metric(run for run, _ in self._runs)
+            chart = {f"Sweep over train.size, with both bounds: {METRICS[metric].name}": [f"curve_{metric}/"]}
+            self._tracker = Tracker(self._folder, 0, {HELD_OUT_CHARTS: chart})
+        if changed or any(size < latest[tag] for tag, size in new):
+            self._tracker.begin_again()
+            new = found
+        for size in sorted({size for _, size in new}):
+            self._tracker.scalars({tag: value for (tag, at), value in new.items() if at == size}, size)
+        self._logged = found
+
+
+def points(runs: Iterable[tuple[ComparedRun, Sequence[str]]]) -> Points:
+    """Return the points of the lines through some runs: of their own models and bounds; of evaluations, of all laws."""
+    values = defaultdict[tuple[str, int], list[Interval]](list)
+    for run, settings in runs:
+        for model in run.errors if isinstance(run.result, Evaluation) else (run.own, *run.bounds):
+            errors, size = run.errors.get(model), run.trained_on
+            if isinstance(errors, ModelErrors) and size is not None:
+                line = ", ".join((model, *_named(settings, model, model in run.bounds)))
+                for metric, interval in errors.intervals.items():
+                    values[f"curve_{metric}/{line}", size].append(interval)
+    return {key: Interval(*map(fmean, zip(*several, strict=True))) for key, several in values.items()}
+
+
+def _named(settings: Iterable[str], model: str, bound: bool) -> Iterator[str]:
+    """Yield the swept settings that distinguish a line from others of the same model."""
+    for setting in settings:
+        key, _, value = setting.partition("=")
+        if key.partition(".")[0] in _OF_BOUNDS if bound else key not in _UNNAMED and value not in model:
+            yield setting
