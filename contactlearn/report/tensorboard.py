@@ -19,13 +19,16 @@ from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 
+from jaxtyping import Float
 from tensorboard.compat.proto import event_pb2
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.plugins.hparams import api_pb2, metadata
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData, SessionEndInfo, SessionStartInfo
+from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 
-from contactlearn.diagnosis.events import CurvePoint, Event, RoundScored, TrainingRound
+from contactlearn.core.numerics import Z_95
+from contactlearn.diagnosis.events import CurvePoint, EffectsFound, Event, LimitsEstimated, RoundScored, TrainingRound
 from contactlearn.inference.evaluation.metrics import Interval
 
 _SHOWN = ("command", "effects", "law", "model", "train_size")
@@ -102,7 +105,7 @@ class Tracker:
         (self._folder / METRICS_FILE).unlink(missing_ok=True)
 
     def __call__(self, event: Event) -> None:
-        """Log the numbers of an event, if it is one of a training."""
+        """Log the numbers of an event, if it has such as change while a run goes on."""
         values: dict[str, float | Interval]
         if isinstance(event, TrainingRound):
             values = {"fit/loss": statistics.fmean(event.loss.values())}
@@ -124,6 +127,17 @@ class Tracker:
                 values[f"curve_coverage/{event.model}"] = event.coverage
                 values[f"curve_negative_log_density/{event.model}"] = event.negative_log_density
             self.scalars(values, event.trained_on)
+        elif isinstance(event, LimitsEstimated):
+            limits = event.limits
+            names = {"law": limits.base, "ceiling": limits.ceiling, "rigid_bound": limits.bound}
+            self.scalars({f"limits/mass_error/{name}": error for name, error in names.items()})
+        elif isinstance(event, EffectsFound):
+            for found in event.effects:
+                values = {f"effect/{found.effect.name}/confidence": found.confidence}
+                for one in found.parameters:
+                    ends = one.value - Z_95 * one.standard_error, one.value + Z_95 * one.standard_error
+                    values[f"effect/{found.effect.name}/{one.name}"] = Interval(one.value, *ends)
+                self.scalars(values)
 
     def scalars(self, values: Mapping[str, float | Interval], trained_on: int | None = None) -> None:
         """Log values by tag, such as `mass_error/whittaker`, at a number of training impacts; by default the run's."""
@@ -134,6 +148,11 @@ class Tracker:
         """Log a value for each rung of a ladder; its x axis is the rung."""
         for step, value in enumerate(values):
             self._log({tag: value}, step, {"trained_on": self._trained_on, "rung": step})
+
+    def histogram(self, tag: str, values: Float[Tensor, "..."], trained_on: int | None = None) -> None:
+        """Log the distribution of values; TensorBoard draws those of several numbers of training impacts in a row."""
+        step = self._trained_on if trained_on is None else trained_on
+        self._writer.add_histogram(tag, values.flatten().numpy(), step)
 
     def figure(self, tag: str, png: bytes) -> None:
         """Log a picture."""

@@ -206,6 +206,14 @@ def _record(
             ),
             (size, {record.own_tags(result.metric)[0]: errors[result.model]}),
         ],
+        histograms=[
+            (size, record.distributions(result.metric, data.test, held_out.predictions, result.model)),
+            *(
+                (size, {f"curve_errors/{name}": curve.errors[result.metric][place]})
+                for name, curve in learned.items()
+                for place, size in enumerate(curve.sizes)
+            ),
+        ],
         figures=drawn,
         law=result.law,
         effects=[effect.name for effect in result.effects],

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from matplotlib.figure import Figure
+from torch import Tensor
 
 from contactlearn import laws
 from contactlearn.cli.commands.fitting import CostSurface
@@ -13,7 +14,7 @@ from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.evaluation.bounds import NORMS
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
-from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures.effects import effect_curve
@@ -34,6 +35,7 @@ class RunRecord:
         metric: by which its models are compared.
         scalars: values by tag, each set with its number of training trials.
         figures: by file name.
+        histograms: values to draw the distribution of by tag, each set with its number of training trials.
         law: name of the law, if the run has one.
         effects: names of the effects.
         equations: models as they print themselves.
@@ -54,6 +56,7 @@ class RunRecord:
     model: str = "analytical"
     series: Mapping[str, Sequence[float | Interval]] = field(default_factory=dict)
     verdict: Mapping[str, str] = field(default_factory=dict)
+    histograms: Sequence[tuple[int, Mapping[str, Tensor]]] = ()
 
 
 def own_tags(metric: str) -> tuple[str, str]:
@@ -91,6 +94,9 @@ def write_record(tracker: Tracker, run: Run, provenance: Provenance, record: Run
         tracker.scalars(values, trained_on)
     for tag, values in record.series.items():
         tracker.series(tag, values)
+    for trained_on, distributions in record.histograms:
+        for tag, values in distributions.items():
+            tracker.histogram(tag, values, trained_on)
     for name, figure in record.figures.items():
         png, _ = save(figure, run.folder / "figures", name)
         tracker.figure(f"figures/{name}", png.read_bytes())
@@ -122,6 +128,13 @@ def scalars(
     for model, fit in joint.items():
         values |= {f"parameters/{model}/{p.name}": p.value for p in fit.parameters}
     return values
+
+
+def distributions(metric: str, test: Impacts, predictions: Mapping[str, Prediction], model: str) -> dict[str, Tensor]:
+    """Return the errors of all models on the held-out trials, and the residuals of one of them, by tag."""
+    found = {f"errors/{metric}/{name}": metrics.METRICS[metric].error(test, one) for name, one in predictions.items()}
+    residual = test.v_post - predictions[model].v_post
+    return found | {f"residuals/{name}": x for name, x in zip(("v_x", "v_y", "ω"), residual.T, strict=True)}
 
 
 def law_equation(fit: LawEstimate) -> str:

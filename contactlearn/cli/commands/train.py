@@ -207,9 +207,11 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
     for one in result.processes:
         values |= {f"loss/{one.output}": one.loss, f"noise/{one.output}": one.noise}
         values |= {f"length_scale/{one.output}/{name}": x for name, x in one.length_scales.items()}
-    prediction = trained.model.predict(test)
+    predictions = trained.predict(test, settings.norm)
+    prediction = predictions[trained.name]
     spread = None if prediction.covariance is None else metrics.predicted_spread(prediction)
     drawn = record.draw_effects(list(trained.joint.values())[-1].model, test) if settings.effects else {}
+    distributions = record.distributions(result.metric, test, predictions, trained.name)
     drawn["predicted_against_measured"] = quality.predicted_against_measured(test.v_post, prediction.v_post, spread)
     if trained.surface is not None:
         drawn["cost_surface"] = record.draw_cost_surface(trained.surface)
@@ -220,6 +222,8 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
             output: dict(zip(columns, (1 / lengths[: len(columns)]).tolist(), strict=True))
             for output, lengths in zip(TARGETS[recipe.target], regressor.gps.hyperparameters(), strict=True)
         }
+        lengths = torch.tensor([list(one.length_scales.values()) for one in result.processes])
+        distributions |= {f"length_scales/{one.output}": x for one, x in zip(result.processes, lengths, strict=True)}
         distance = metrics.squared_distance(test, prediction)
         drawn |= {
             "calibration": quality.calibration_curve({trained.name: metrics.calibration(distance)}),
@@ -229,6 +233,7 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
         trained_on=result.trained_on,
         metric=result.metric,
         scalars=[(result.trained_on, values)],
+        histograms=[(result.trained_on, distributions)],
         figures=drawn,
         law=result.law,
         effects=list(settings.effects),
