@@ -6,6 +6,7 @@ import re
 import shutil
 import sys
 import tomllib
+from types import SimpleNamespace
 from unittest.mock import patch
 
 import pandas as pd
@@ -22,8 +23,8 @@ from contactlearn.cli.commands import loading, record
 from contactlearn.cli.commands.fitting import law_surface
 from contactlearn.cli.commands.record import draw_cost_surface
 from contactlearn.cli.config_files import choices, restrict_settings
-from contactlearn.cli.job import invocation
-from contactlearn.cli.settings import IdentificationSettings, TrainSettings
+from contactlearn.cli.job import Run, invocation
+from contactlearn.cli.settings import DiagnoseSettings, IdentificationSettings, TrainSettings
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.data import table
 from contactlearn.data.blocks import sampled
@@ -534,6 +535,17 @@ def test_every_command_takes_the_experiment_of_the_paper(command, parts):
     assert {"train", "bounds", "reference"} & {*map(str, cfg)} == {*parts}
     with pytest.raises(ContactLearnError, match=r"unknown setting 'bounds\.patchy'|bounds is a setting of"):
         hydra_main.compose(command, ["experiment=fazeli2017", "+bounds.patchy=3"])
+
+
+def test_the_command_after_a_diagnosis_has_its_experiment(tmp_path):
+    words = ("experiment=fazeli2017", "data.correct=[mirrored_x]")
+    settings = DiagnoseSettings.from_config(hydra_main.compose("diagnose", [*words]))
+    done = Run(command="diagnose", overrides=words, config={}, folder=tmp_path, partial=tmp_path)
+    found = SimpleNamespace(corrections=(), law="mirtich", effects=(), missing=(), record=None)
+    printed = next_command(settings, done, found)
+    assert printed.endswith(
+        "evaluate.py experiment=fazeli2017 'data.correct=[mirrored_x]' law=mirtich 'effect=[]' 'model=[]'"
+    )
 
 
 @pytest.mark.parametrize("command", ["train", "evaluate", "diagnose"])

@@ -104,7 +104,7 @@ def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[s
 def _next_command(settings: DiagnoseSettings, run: Run, found: Diagnosis) -> str:
     """The command that evaluates the found model on these data."""
     task = run.overrides
-    words = [*invocation("evaluate"), *(word for word in task if word.lstrip("+~").startswith("data"))]
+    words = [*invocation("evaluate"), *(word for word in task if word.lstrip("+~").startswith(("data", "experiment=")))]
     repairs = found.corrections
     if repairs:
         words = [word for word in words if not word.lstrip("+").startswith("data.correct")]
