@@ -19,24 +19,24 @@ from contactlearn.effects import catalogue
 ROOT = Path(__file__).parent.parent
 SMALL = ("data.size=80", "train.size=20", "train.repetitions=4", "figures.repetitions=2", "bootstrap=50", "model=[]")
 TRAIN = ("data.size=80", "train.size=20", "train.repetitions=4", "bootstrap=50", "model=analytical")
-
-
+LAWS = ("wang_mason", "mirtich")  # of a small search
+EFFECTS = ("surface_tilt", "spin_damping", "side_drag", "contact_patch", "sampling_delay", "parameter_drift")
 PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNoAAAAggCBd81ytgAAAABJRU5ErkJggg=="
 )  # a PNG
 
 
-def run(*arguments, cwd=ROOT, status=0, figures=False, forms=False):
+def run(*arguments, cwd=ROOT, status=0, figures=False):
     """Run `train.py …`, `evaluate.py …`, `diagnose.py …` or `contactlearn …` from `cwd`; its output.
 
     Unless `figures`, the files of figures hold nothing, for drawing takes longer than everything else;
-    unless `forms`, a diagnosis searches the first form of each effect alone.
+    a diagnosis is a `small_search`.
     """
     printed, handlers = io.StringIO(), list(logging.getLogger().handlers)
     try:
         with (
             contextlib.nullcontext() if figures else without_figures(),
-            contextlib.nullcontext() if forms or arguments[0] != "diagnose.py" else first_forms(),
+            small_search() if arguments[0] == "diagnose.py" else contextlib.nullcontext(),
             contextlib.chdir(cwd),
             contextlib.redirect_stdout(printed),
             contextlib.redirect_stderr(printed),
@@ -50,10 +50,16 @@ def run(*arguments, cwd=ROOT, status=0, figures=False, forms=False):
 
 
 @contextlib.contextmanager
-def first_forms():
-    """Diagnoses search the first form of each effect alone, for tests that are not about the search."""
-    first = lambda: few(*catalogue())  # noqa: E731
+def small_search():
+    """Diagnoses search six effects, and a user's own, and compare two laws, for tests that are not about the search."""
+
+    def first():
+        own = (name for name, (kind, *_) in catalogue().items() if not kind.__module__.startswith("contactlearn."))
+        return few(*EFFECTS, *own)
+
     with (
+        patch("contactlearn.cli.settings.SEARCHED_LAWS", LAWS),
+        patch("contactlearn.diagnosis.search.candidates.SEARCHED_LAWS", LAWS),
         patch("contactlearn.diagnosis.pipeline.all_candidates", first),
         patch("contactlearn.cli.commands.diagnose.all_candidates", first),
     ):

@@ -2,10 +2,10 @@
 
 import sys
 
-from commands import first_forms, without_figures
+from commands import small_search, without_figures
 
 from contactlearn.__main__ import main
 
 if __name__ == "__main__":
-    with first_forms(), without_figures():
+    with small_search(), without_figures():
         sys.exit(main(sys.argv[1:]))

@@ -1,13 +1,11 @@
 """Shapes of tensors, checked at every call while testing: what `Float[Tensor, "*batch n 3"]` says must hold.
 
-A call costs about a third more, too much for all tests, so test_shapes runs some commands as
-`python tests/shapecheck.py train.py … -- diagnose.py …`.  `install` makes jaxtyping wrap every function and dataclass
+A call costs about a third more, too much for all tests, so test_shapes runs some commands in processes of their own
+that begin with `install`.  It makes jaxtyping wrap every function and dataclass
 of the package as it is imported.  Arrays alone are checked: the other annotations are pyright's, and tests pass wrong
 values on purpose to see them refused.
 """
 
-import itertools
-import sys
 from collections.abc import Callable
 from typing import Any, TypeVar, get_args
 
@@ -35,12 +33,3 @@ def _has_array(hint: Any) -> bool:
     if isinstance(hint, type) and issubclass(hint, AbstractArray):
         return True
     return any(map(_has_array, get_args(hint)))
-
-
-if __name__ == "__main__":  # python shapecheck.py train.py … -- diagnose.py …: commands with every call checked
-    install()
-    from commands import run  # from here on the package is imported
-
-    for between, words in itertools.groupby(sys.argv[1:], "--".__eq__):
-        if not between:
-            print(run(*words))

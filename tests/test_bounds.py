@@ -225,12 +225,10 @@ def planted(request):
     return active, impacts, problem, v_star.numpy() / problem.scale, prediction.v_post.numpy() / problem.scale
 
 
-def test_irb_finds_the_planted_optimum(planted):
+def test_the_active_set_is_the_planted_one_and_the_gap_is_the_least(planted):
+    """The planted optimum is found, its constraints are active, and a cone solver and SLSQP find no less."""
     _, impacts, problem, z_star, z = planted
     assert_same_gap(measured_gap(problem, impacts, z), measured_gap(problem, impacts, z_star))
-
-
-def test_active_constraints_are_the_planted_ones(planted):
     active, _, problem, _, z = planted
     slack = np.einsum("nki,ni->nk", problem.a, z) - problem.b
     for k, name in enumerate(problem.names):
@@ -238,17 +236,9 @@ def test_active_constraints_are_the_planted_ones(planted):
     assert ((np.abs(1 - (z**2).sum(-1)) <= TOLERANCE) == ("E" in active)).all()
     if problem.equal is not None:
         assert np.abs((problem.equal * (z - problem.z_pre)).sum(-1)).max() <= TOLERANCE
-
-
-def test_irb_agrees_with_a_cone_solver(planted):
     _, impacts, problem, _, z = planted
     gap = measured_gap(problem, impacts, z)
     assert_same_gap(gap, clarabel_gap(problem, impacts.v_post.numpy() / problem.scale))
-
-
-def test_irb_agrees_with_slsqp(planted):
-    _, impacts, problem, _, z = planted
-    gap = measured_gap(problem, impacts, z)
     assert_same_gap(gap, slsqp_gap(problem, impacts.v_post.numpy() / problem.scale, gap))
 
 
@@ -318,16 +308,11 @@ def test_no_law_without_energy_gain_beats_the_bound(name, norm):
 
 
 @pytest.mark.parametrize("norm", NORMS)
-def test_a_wider_patch_explains_no_less(norm):
+def test_a_wider_patch_explains_no_less_and_a_narrow_one_is_a_point(norm):
     impacts = random_impacts()
     bound = distance(impacts, irb(impacts, norm, WIDTHS).v_post, norm)
     assert (bound[1:] <= bound[:-1] * (1 + TOLERANCE)).all()
     assert (bound[-1] < 0.99 * bound[0]).double().mean() > 0.5  # it does matter
-
-
-@pytest.mark.parametrize("norm", NORMS)
-def test_a_narrow_patch_tends_to_a_point(norm):
-    impacts = random_impacts()
     point = irb(impacts, norm)
     curve = irb(impacts, norm, torch.tensor([[0.0], [1e-12], [1.0]]))
     assert torch.equal(curve.wrench[0], point.wrench)
@@ -413,9 +398,6 @@ def test_best_post_hoc_takes_the_closest_model():
     several, index = best_post_hoc(impacts, {"one": models["wang_mason"], "many": seeds})
     assert several.v_post.shape == (4, 200, 3)
     assert index.shape == (4, 200)
-
-
-def test_distance_is_the_named_norm():
     impacts = random_impacts(20)
     e = impacts.v_post - impacts.v_pre
     torch.testing.assert_close(distance(impacts, impacts.v_pre, "euclidean"), e.norm(dim=-1))

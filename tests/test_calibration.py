@@ -14,14 +14,11 @@ def test_it_is_a_probability():
         for gain in (-0.1, 0.0, 1.0):
             for left in (-0.2, 0.9):
                 assert 0 < calibrated(share, gain, left) < 1
+    assert calibrated(**SURE) > 0.85
+    assert calibrated(share=0.4, gain=0.03, left=0.3) < 0.5
+    assert not math.isclose(calibrated(**SURE), 1.0, abs_tol=1e-3)  # nothing that was fitted is that sure
 
 
 @pytest.mark.parametrize(("name", "less", "more"), [("share", 0.4, 0.99), ("gain", 0.02, 0.5), ("left", 0.4, 0.0)])
 def test_more_evidence_never_means_less_confidence(name, less, more):
     assert calibrated(**(SURE | {name: less})) <= calibrated(**(SURE | {name: more}))
-
-
-def test_a_doubtful_name_is_doubted():
-    assert calibrated(**SURE) > 0.85
-    assert calibrated(share=0.4, gain=0.03, left=0.3) < 0.5
-    assert not math.isclose(calibrated(**SURE), 1.0, abs_tol=1e-3)  # nothing that was fitted is that sure

@@ -86,11 +86,19 @@ def test_purely_learned_models_come_back(tmp_path, space):
     assert loaded.residual.inputs.scale.isinf().any() == (space == "state")  # its mass never changes
 
 
-def test_models_on_models_come_back(tmp_path):
+def test_purely_learned_models_and_models_on_models_come_back(tmp_path):
     base = learn(Recipe("x1", "parameters_likelihood", find("wang_mason")), IMPACTS, ROWS, law(ROWS))
     middle = learn(Recipe("x2", "impulse"), IMPACTS, ROWS, base)
     loaded = round_trip(learn(Recipe("state", "velocity"), IMPACTS, ROWS, middle), tmp_path)
     assert loaded.base.base.base.name == "wang_mason"
+    noise = torch.eye(3, dtype=torch.float64).expand(10_000, 3, 3).clone()[7]
+    path = checkpoint.save(ContactModel(LAWS["numbers"], noise=noise), tmp_path / "model.pt", provenance=PROVENANCE)
+    assert path.stat().st_size < 10_000
+    contents = torch.load(path, weights_only=True)
+    assert json.loads(contents["description"])["provenance"] == PROVENANCE
+    tensors = contents["tensors"]
+    assert set(tensors) == {"model.noise", "model.base.mu", "model.base.eps", "model.base.e_t"}
+    assert torch.equal(tensors["model.noise"], noise)
 
 
 LAWS = {
@@ -108,7 +116,7 @@ def test_laws_alone_come_back(tmp_path, alone):
     assert (loaded.residual, loaded.parameters, loaded.noise) == (None, None, None)
 
 
-def test_older_files_have_an_e_t_in_every_law(tmp_path):
+def test_laws_of_older_files_and_no_impulse_come_back(tmp_path):
     path = checkpoint.save(ContactModel(LAWS["sweep"]), tmp_path / "model.pt", provenance=PROVENANCE)
 
     def older(description, tensors):
@@ -118,24 +126,7 @@ def test_older_files_have_an_e_t_in_every_law(tmp_path):
     loaded, _ = checkpoint.load(changed(tmp_path / "older.pt", path, older))
     assert loaded.base.options == {}
     assert torch.equal(loaded.base.mu, LAWS["sweep"].mu)
-
-
-def test_the_model_of_no_impulse_comes_back(tmp_path):
     assert round_trip(ContactModel(), tmp_path) == ContactModel()
-
-
-def test_a_file_holds_text_and_no_more_numbers_than_the_model(tmp_path):
-    noise = torch.eye(3, dtype=torch.float64).expand(10_000, 3, 3).clone()[7]
-    path = checkpoint.save(ContactModel(LAWS["numbers"], noise=noise), tmp_path / "model.pt", provenance=PROVENANCE)
-    assert path.stat().st_size < 10_000
-    contents = torch.load(path, weights_only=True)
-    assert json.loads(contents["description"])["provenance"] == PROVENANCE
-    tensors = contents["tensors"]
-    assert set(tensors) == {"model.noise", "model.base.mu", "model.base.eps", "model.base.e_t"}
-    assert torch.equal(tensors["model.noise"], noise)
-
-
-# --- Saving --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("fault", [OSError("disk full"), RuntimeError("disk full"), KeyboardInterrupt()], ids=repr)
@@ -163,9 +154,8 @@ def test_what_cannot_be_saved_is_refused(tmp_path):
     (tmp_path / "folder.pt").mkdir()
     with pytest.raises(DataError, match=r"folder\.pt: cannot be written"):
         checkpoint.save(ContactModel(), tmp_path / "folder.pt", provenance={})
-
-
-# --- Files that are not what they should be ------------------------------------------------------
+    refused(tmp_path / "model.pt", "no such file; check the path")
+    refused(tmp_path, "cannot be read", "directory")
 
 
 def refused(path: Path, *fragments: str) -> None:
@@ -173,11 +163,6 @@ def refused(path: Path, *fragments: str) -> None:
         checkpoint.load(path)
     for fragment in (str(path), *fragments):
         assert fragment in str(caught.value)
-
-
-def test_missing_files_and_directories_are_refused(tmp_path):
-    refused(tmp_path / "model.pt", "no such file; check the path")
-    refused(tmp_path, "cannot be read", "directory")
 
 
 class Bomb:
@@ -239,15 +224,11 @@ def learned(tmp_path_factory) -> Path:
     return checkpoint.save(model, tmp_path_factory.mktemp("learned") / "model.pt", provenance=PROVENANCE)
 
 
-def test_truncated_files_are_refused(tmp_path, learned):
+def test_truncated_and_changed_files_are_refused_or_harmless(tmp_path, learned):
     whole, path = learned.read_bytes(), tmp_path / "model.pt"
     for length in (3, 100, len(whole) // 2, len(whole) - 200, len(whole) - 1):
         path.write_bytes(whole[:length])
         refused(path, "not all of one", "copy the file again")
-
-
-def test_a_changed_byte_is_refused_or_harmless(tmp_path, learned):
-    whole, path = learned.read_bytes(), tmp_path / "model.pt"
     model, outcomes = checkpoint.load(learned)[0], set()
     for position in range(40, len(whole), len(whole) // 100):
         path.write_bytes(whole[:position] + bytes([whole[position] ^ 16]) + whole[position + 1 :])
@@ -257,6 +238,8 @@ def test_a_changed_byte_is_refused_or_harmless(tmp_path, learned):
         except DataError:
             outcomes.add("refused")
     assert "refused" in outcomes
+    path = changed(tmp_path / "model.pt", learned, lambda description, tensors: None)
+    assert_same(checkpoint.load(path)[0], checkpoint.load(learned)[0])
 
 
 def changed(path: Path, learned: Path, change) -> Path:
@@ -380,8 +363,3 @@ def test_bombs_are_refused_before_they_go_off(tmp_path, kind):
     refused(path, "is compressed" if kind != "expanded" else "has tensors of 10737418", "copy the file again")
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 * 2**10  # KiB
     assert time.process_time() - start < 2
-
-
-def test_an_unchanged_copy_is_accepted(tmp_path, learned):
-    path = changed(tmp_path / "model.pt", learned, lambda description, tensors: None)
-    assert_same(checkpoint.load(path)[0], checkpoint.load(learned)[0])

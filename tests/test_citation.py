@@ -23,21 +23,15 @@ def _keys(text):
 def test_a_law_cites_the_paper_and_itself():
     assert _keys(cite(laws.find("mirtich"))) == ["fazeli2017", "mirtich1996", "stronge1990"]
     assert cite(ContactModel(laws.find("mirtich"))) == cite(laws.find("mirtich"))
-
-
-def test_a_fitted_model_cites_effects_and_method():
+    drops = synthetic.load(size=40)
+    law = laws.find("whittaker").at(0.1, 0.5)
+    model = learn(Recipe("x1", "impulse", law), drops, torch.arange(30), law)
+    assert _keys(cite(model)) == ["fazeli2017", "whittaker1944", "rasmussen2006", "gardner2018"]
     drops = synthetic.load(size=60)
     effects = {"drag": find_effect("side_drag")(), "soft": find_effect("velocity_dependent_restitution")()}
     model = identify_jointly(laws.find("wang_mason"), effects, drops).model
     fit = ["lange1989", "mackinnon1985", "boggs1987", "fuller1987", "carroll2006"]
     assert _keys(cite(model)) == ["fazeli2017", "wang1992", "johnson1985", "kuwabara1987", *fit]
-
-
-def test_a_learned_model_cites_processes():
-    drops = synthetic.load(size=40)
-    law = laws.find("whittaker").at(0.1, 0.5)
-    model = learn(Recipe("x1", "impulse", law), drops, torch.arange(30), law)
-    assert _keys(cite(model)) == ["fazeli2017", "whittaker1944", "rasmussen2006", "gardner2018"]
 
 
 def test_an_own_law_cites_its_entry_or_names_the_missing_key():

@@ -30,6 +30,7 @@ from contactlearn.cli.settings import DiagnoseSettings, IdentificationSettings, 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.data import table
 from contactlearn.data.blocks import sampled
+from contactlearn.diagnosis.events import FILE, TaskProgress, read_events
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.identification.shared import Box, cost_surface
 from contactlearn.inference.learning import curves
@@ -42,6 +43,12 @@ FIGURES = (
 )  # fmt: skip
 
 
+def assert_progress(folder, task):
+    """A run folder holds the progress of its run."""
+    steps = [one for one in read_events(folder / FILE) if isinstance(one, TaskProgress) and one.task == task]
+    assert (steps[0].done, steps[-1].done) == (0, steps[-1].total)
+
+
 @pytest.fixture(scope="module")
 def evaluation(tmp_path_factory):
     """One small evaluation: (what it printed, its folder)."""
@@ -50,7 +57,7 @@ def evaluation(tmp_path_factory):
     return printed, folder
 
 
-def test_evaluation_prints_every_model(evaluation):
+def test_an_evaluation_prints_and_leaves_results_tables_figures_and_events(evaluation):
     printed, folder = evaluation
     assert "models are fitted to random subsets of 20 of them (train.size)" in printed
     assert re.search(r"back-spin +reach", printed)
@@ -58,17 +65,6 @@ def test_evaluation_prints_every_model(evaluation):
     for model in (*laws.PAPER_LAWS, "best_post_hoc", "irb"):
         assert re.search(rf"^ *{model} ", printed, re.MULTILINE), model
     assert f"tensorboard --logdir {folder}" in printed
-
-
-def test_the_log_holds_what_was_printed(evaluation):
-    printed, folder = evaluation
-    logged = (folder / "evaluate.log").read_text("utf-8")
-    logged = re.sub(r"^\[.*?\]\[contactlearn\]\[INFO\] - ", "", logged, flags=re.MULTILINE)
-    assert logged.split() == printed.split()
-    assert not any(isinstance(one, logging.FileHandler) for one in logging.getLogger("contactlearn").handlers)
-
-
-def test_evaluation_leaves_results(evaluation):
     _, folder = evaluation
     results = json.loads((folder / "results.json").read_text())
     assert {fit["law"] for fit in results["fits"]} == set(laws.PAPER_LAWS)
@@ -84,11 +80,6 @@ def test_evaluation_leaves_results(evaluation):
     error = {model: entry["mass_error"]["mean"] for model, entry in results["errors"].items()}
     assert min(laws.PAPER_LAWS, key=error.get) in ("wang_mason", "mirtich")
     assert error["irb"] <= error["best_post_hoc"] <= min(error[law] for law in laws.PAPER_LAWS)
-
-
-def test_evaluation_predictions_agree_with_results(evaluation):
-    _, folder = evaluation
-    results = json.loads((folder / "results.json").read_text())
     frame = pd.read_csv(folder / "predictions.csv")
     assert len(frame) == 20 * 8
     means = frame.groupby("model")["mass_error"].mean()
@@ -97,10 +88,6 @@ def test_evaluation_predictions_agree_with_results(evaluation):
     parameters = pd.read_csv(folder / "trial_parameters.csv")
     assert len(parameters) == 80 * len(laws.PAPER_LAWS)
     assert (parameters["mu_low"] <= parameters["mu_high"]).all()
-
-
-def test_evaluation_figures_and_events(evaluation):
-    _, folder = evaluation
     for name in FIGURES:
         assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
         assert (folder / "figures" / f"{name}.pdf").read_bytes().startswith(b"%PDF")
@@ -109,12 +96,20 @@ def test_evaluation_figures_and_events(evaluation):
     events = EventAccumulator(str(folder)).Reload()
     assert {f"figures/{name}" for name in FIGURES} <= set(events.Tags()["images"])
     logged = events.Scalars("mass_error/wang_mason")
-    results = json.loads((folder / "results.json").read_text())
     assert logged[0].step == 20
     assert logged[0].value == pytest.approx(results["errors"]["wang_mason"]["mass_error"]["mean"], rel=1e-6)
     assert len(list(folder.glob("events.*"))) == 1  # hyperparameters make no run of their own
     lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
     assert lines[0]["trained_on"] == 20
+    assert_progress(folder, "every trial")
+
+
+def test_the_log_holds_what_was_printed(evaluation):
+    printed, folder = evaluation
+    logged = (folder / "evaluate.log").read_text("utf-8")
+    logged = re.sub(r"^\[.*?\]\[contactlearn\]\[INFO\] - ", "", logged, flags=re.MULTILINE)
+    assert logged.split() == printed.split()
+    assert not any(isinstance(one, logging.FileHandler) for one in logging.getLogger("contactlearn").handlers)
 
 
 @pytest.fixture(scope="module")
@@ -213,17 +208,6 @@ def test_cost_surface_is_that_of_one_subset():
     assert "20 trials" in draw_cost_surface(found).axes[0].get_title()
 
 
-@pytest.mark.nightly  # test_sweeps has sweeps of laws, and a learned model is trained below
-def test_sweep(tmp_path):
-    run("train.py", "-m", *TRAIN, "train.size=10,20", "model=analytical,x2_impulse", f"hydra.sweep.dir={tmp_path}")
-    for size, model, of in ((10, "analytical", "wang_mason"), (20, "x2_impulse", "x2_impulse")):
-        (folder,) = tmp_path.glob(f"train.size={size},model={model}-*")
-        result = json.loads((folder / "results.json").read_text())
-        assert [*result["errors"]] == [of]
-        assert result["provenance"]["config"]["train"]["size"] == size
-    assert len(list(tmp_path.glob("*/done.json"))) == 4
-
-
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     """One small evaluation with learning curves: (what it printed, its folder)."""
@@ -253,9 +237,6 @@ def test_learning_curves(study):
         assert best <= min(error[law][place] for law in laws.PAPER_LAWS)
     assert error["best_post_hoc"][0] != error["best_post_hoc"][1]
     assert re.search(r"^ *best_post_hoc +0", printed.partition("learning curves:")[2], re.MULTILINE)
-
-
-def test_learning_curves_in_tables_and_events(study):
     _, folder = study
     results = json.loads((folder / "results.json").read_text())
     frame = pd.read_csv(folder / "learning_curves.csv")
@@ -274,9 +255,9 @@ def test_learning_curves_in_tables_and_events(study):
 
 def test_trained_model_predicts_the_same_from_its_checkpoint(tmp_path):
     """The errors in results.json are those of the saved model on the same held-out trials."""
-    printed = run(
-        "train.py", *TRAIN, "model=residual_wrench", "law=whittaker", f"hydra.run.dir={tmp_path}", figures=True
-    )
+    words = ("model=residual_wrench", "law=whittaker", f"hydra.run.dir={tmp_path}")
+    printed = run("train.py", *TRAIN, *words, figures=True)
+    assert_progress(tmp_path, "held-out trials")
     assert "Length scales" in printed
     results = json.loads((tmp_path / "results.json").read_text())
     model, provenance = checkpoint.load(tmp_path / "model.pt")
@@ -444,12 +425,6 @@ def test_one_repetition_has_no_spread(tmp_path):
     fit = json.loads((tmp_path / "results.json").read_text())["fits"][0]
     assert fit["mu_std"] is None
     assert fit["mu_range"][0] <= fit["mu"] <= fit["mu_range"][1]
-
-
-@pytest.mark.nightly  # of a model that is not learned, as in every evaluation above
-def test_a_law_alone_has_no_learning_curve(tmp_path):
-    run("evaluate.py", *SMALL[:5], "model=analytical", f"hydra.run.dir={tmp_path}")
-    assert json.loads((tmp_path / "results.json").read_text())["learning_curves"] == {}
 
 
 def test_a_stopped_evaluation_resumes_after_its_finished_trainings(tmp_path, monkeypatch):

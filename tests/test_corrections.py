@@ -45,18 +45,17 @@ def test_mirrors_and_swaps_undo_themselves(drops, name):
     assert_equal(correct(drops.replace(validate=False), [name, name]), drops)
 
 
-def test_corrections_are_pure(drops):
+def test_corrections_are_pure_and_complete(drops):
     before = drops.fingerprint()
     for name in CORRECTIONS:
         correct(drops.replace(validate=False), [name])
     assert drops.fingerprint() == before
-
-
-def test_every_correction_is_tested_and_explained():
     others = {"inertia_scaled", "drop_incomplete", "drop_duplicates", "drop_outliers", "ordered_by_time"}
     others |= {"averaged_vx", "averaged_vy", "averaged_omega"}  # test_spread.py
     assert set(CORRECTIONS) == set(CORRUPTIONS) | others
     assert all(correction.description for correction in CORRECTIONS.values())
+    for name in set(CORRECTIONS) - {"ordered_by_time"}:
+        assert correct(drops.replace(q_post=None, validate=False), [name]).q_post is None
 
 
 @pytest.mark.parametrize("factor", [1e-3, 0.4, 2.5, 1e6])
@@ -66,17 +65,23 @@ def test_inertia_comes_from_the_moment_balance(drops, factor):
     assert torque(corrected).inertia_factor.item() == pytest.approx(1, rel=1e-12)
 
 
-def test_a_negative_inertia_is_refused(drops):
+def test_inertia_comes_from_a_positive_balance(drops):
     with pytest.raises(DataError, match=r"no positive moment of inertia .* correct the signs first"):
         correct(corrupt(drops, "mirrored_theta"), ["inertia_scaled"])
+    with pytest.raises(DataError, match="none of 60 trials would be left"):
+        correct(corrupt(drops, "mirrored_y"), ["drop_outliers"])
 
 
-def test_duplicates_keep_the_first(drops):
+def test_duplicates_keep_the_first_and_order_follows_time(drops):
     rows = torch.tensor([0, 1, 0, 2, 1, 0, 3])
     values = {name: getattr(drops, name)[rows] for name in COMPONENTS}
     twice = Impacts(**values, trial=tuple("abcdefg"))
     assert correct(twice, ["drop_duplicates"]).trial == ("a", "b", "d", "g")
     assert correct(drops, ["drop_duplicates"]).trial == drops.trial
+    mixed = drops.replace(time=drops.time.flip(0))
+    assert correct(mixed, ["ordered_by_time"]).order.tolist() == list(range(60, 0, -1))
+    with pytest.raises(DataError, match="no column time"):
+        correct(drops.replace(time=None), ["ordered_by_time"])
 
 
 def test_outliers_are_dropped_and_only_they(drops):
@@ -91,23 +96,6 @@ def test_outliers_are_dropped_and_only_they(drops):
     assert correct(drops, ["drop_outliers"]).trial == drops.trial
 
 
-def test_nothing_left_is_refused(drops):
-    with pytest.raises(DataError, match="none of 60 trials would be left"):
-        correct(corrupt(drops, "mirrored_y"), ["drop_outliers"])
-
-
-def test_order_follows_time(drops):
-    mixed = drops.replace(time=drops.time.flip(0))
-    assert correct(mixed, ["ordered_by_time"]).order.tolist() == list(range(60, 0, -1))
-    with pytest.raises(DataError, match="no column time"):
-        correct(drops.replace(time=None), ["ordered_by_time"])
-
-
-def test_optional_poses_may_be_missing(drops):
-    for name in set(CORRECTIONS) - {"ordered_by_time"}:
-        assert correct(drops.replace(q_post=None, validate=False), [name]).q_post is None
-
-
 def test_names(drops):
     assert correct(drops, []) is drops
     with pytest.raises(UnknownNameError, match=r"unknown correction 'mirror_x', did you mean 'mirrored_x'"):
@@ -116,9 +104,17 @@ def test_names(drops):
         correct(drops, "mirrored_x")
     with pytest.raises(DataError, match="approach the floor"):  # validated in full
         correct(drops, ["mirrored_y"])
-
-
-# --- Through the configuration -----------------------------------------------------------------
+    corrected = load_data(SourceSettings.from_values({**FIVE, "correct": ["mirrored_x"]}))
+    assert_equal(corrected, corrupt(synthetic.load(size=5), "mirrored_x"))
+    assert corrected.source.endswith("(corrected: mirrored_x)")
+    with pytest.raises(UnknownNameError, match="did you mean 'mirrored_x'"):
+        load_data(SourceSettings.from_values({**FIVE, "correct": ["miror_x"]}))
+    with pytest.raises(ContactLearnError, match=r"such as \[mirrored_x\]"):
+        SourceSettings.from_values({**FIVE, "correct": "mirrored_x"})
+    assert (
+        load_data(SourceSettings.from_values({**FIVE, "correct": None})).source
+        == "synthetic drops (wang_mason, seed 0)"
+    )
 
 
 FIVE = {"_target_": "contactlearn.simulation.synthetic.load", "size": 5}
@@ -143,23 +139,6 @@ def test_a_table_that_would_be_refused_is_corrected(tmp_path, drops, name):
     assert read.fingerprint() == corrupted.fingerprint()
     with pytest.raises(DataError, match="approach the floor"):  # a correction that does not do
         load_data(config(path, correct=["grams"]))
-
-
-def test_every_source_can_be_corrected():
-    corrected = load_data(SourceSettings.from_values({**FIVE, "correct": ["mirrored_x"]}))
-    assert_equal(corrected, corrupt(synthetic.load(size=5), "mirrored_x"))
-    assert corrected.source.endswith("(corrected: mirrored_x)")
-
-
-def test_configured_corrections_must_be_a_list_of_known_names():
-    with pytest.raises(UnknownNameError, match="did you mean 'mirrored_x'"):
-        load_data(SourceSettings.from_values({**FIVE, "correct": ["miror_x"]}))
-    with pytest.raises(ContactLearnError, match=r"such as \[mirrored_x\]"):
-        SourceSettings.from_values({**FIVE, "correct": "mirrored_x"})
-    assert (
-        load_data(SourceSettings.from_values({**FIVE, "correct": None})).source
-        == "synthetic drops (wang_mason, seed 0)"
-    )
 
 
 @pytest.mark.parametrize("named", [True, False], ids=["names", "no names"])

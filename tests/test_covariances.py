@@ -41,6 +41,13 @@ def test_they_are_indexed_replaced_and_part_of_the_fingerprint():
         without = impacts.replace(**{name: None})
         assert getattr(without[rows], name) is None
         assert without.fingerprint() != impacts.fingerprint()
+    exact = torch.zeros(30, 3, 3)
+    exact[:, 2, 2] = 1e-300
+    assert torch.equal(drops(v_pre_cov=exact).v_pre_cov, exact.double())
+    impacts = drops(validate=False, v_post_cov=None)
+    swapped = correct(impacts, ["swapped_pre_post"])
+    assert swapped.v_pre_cov is None
+    assert torch.equal(swapped.v_post_cov, impacts.v_pre_cov)
 
 
 @pytest.mark.parametrize(
@@ -63,12 +70,6 @@ def test_what_is_no_covariance_is_refused(change, fragments):
         drops(v_pre_cov=change(covariances(30)))
     for fragment in fragments:
         assert fragment in str(caught.value)
-
-
-def test_nothing_at_all_and_exact_components_are_covariances():
-    exact = torch.zeros(30, 3, 3)
-    exact[:, 2, 2] = 1e-300
-    assert torch.equal(drops(v_pre_cov=exact).v_pre_cov, exact.double())
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
@@ -104,13 +105,6 @@ def test_corrections_carry_them_as_they_carry_velocities(name, change):
     torch.testing.assert_close(corrected.v_pre_cov, change @ impacts.v_pre_cov @ change.T)
     if not name.startswith("averaged"):
         torch.testing.assert_close(corrected.v_post_cov, change @ impacts.v_post_cov @ change.T)
-
-
-def test_what_is_swapped_is_swapped_with_its_errors():
-    impacts = drops(validate=False, v_post_cov=None)
-    swapped = correct(impacts, ["swapped_pre_post"])
-    assert swapped.v_pre_cov is None
-    assert torch.equal(swapped.v_post_cov, impacts.v_pre_cov)
 
 
 def test_a_fit_takes_them_for_the_stated_noise():
@@ -172,15 +166,12 @@ def test_the_wrench_of_a_trial_has_the_noise_of_its_velocities():
     assert torch.allclose(noise_weight(impacts, "wrench"), expected, rtol=0.05)
 
 
-def test_what_remains_is_learnt_with_the_same_weights():
+def test_a_process_learns_what_remains_with_the_same_weights():
     impacts, rows = drops(), torch.stack((torch.arange(20), torch.arange(10, 30)))
     residual = torch.randn(30, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     learned = Processes.of(impacts, residual, rows).gps.likelihood.weight
     assert torch.equal(learned, noise_weight(impacts, "wrench")[rows].mT)
-
-
-def test_processes_learn_less_from_noisy_trials():
-    """Half of the trials have twenty times the noise; a process that is told so predicts the others better."""
+    # Half of the trials have twenty times the noise; a process that is told so predicts the others better.
     pool, test = synthetic.load(size=80, seed=1), synthetic.load(size=200, seed=2)
     scale = torch.tensor((V, V, OMEGA), dtype=torch.float64)
     sigma = scale * torch.where(torch.arange(80) % 2 == 0, 1.0, 20.0).double()[:, None]

@@ -69,16 +69,10 @@ def test_a_curve_is_a_natural_cubic_spline():
         - spline((KNOTS[1] + KNOTS[2]) / 2).item()
     )
     torch.testing.assert_close(speed_curve(*rises).change(u), expected, rtol=ROUNDING, atol=ROUNDING)
-
-
-def test_equal_slopes_are_a_straight_line():
-    """A curve holds the linear form."""
+    # A curve holds the linear form.
     line = speed_curve(*(0.1 * (b - a) for a, b in itertools.pairwise(KNOTS)))
     u = torch.linspace(0, 5, 50, dtype=torch.float64)
     torch.testing.assert_close(line.change(u), 0.1 * (u - 1.55), rtol=ROUNDING, atol=ROUNDING)
-
-
-def test_a_curve_over_spin_starts_at_rest():
     knots = find_effect("rolling_resistance", "curve")().prepare(_wide(200, 1)).knots
     assert knots[0] == 0.0
     spin = find_effect("rolling_resistance", "curve")(0.001, 0.001, 0.0, knots)

@@ -146,15 +146,12 @@ def test_parquet_refuses(tmp_path, changes, fragments):
         table.load(path)
 
 
-def test_parquet_with_a_column_twice_is_refused(tmp_path):
+def test_broken_parquet_is_refused(tmp_path):
     path = tmp_path / "drops.parquet"
     names = [*HEADER, "mass"]
     parquet.write_table(pyarrow.table([["1"] if name in table.NAMES else [1.0] for name in names], names), path)
     with pytest.raises(DataError, match="unique; repeated: 'mass'"):
         table.load(path)
-
-
-def test_broken_parquet_is_refused(tmp_path):
     path = table.save(synthetic.load(size=500), tmp_path / "drops.parquet")
     whole = path.read_bytes()
     middle = len(whole) // 2
@@ -215,17 +212,11 @@ def test_csv_as_people_write_it(tmp_path):
     assert impacts.r[0].tolist() == [0.005, -0.03]
     assert impacts.v_post[2].tolist() == [0.3, 1.2, 4.0]
     assert (impacts.q_post, impacts.time) == (None, None)
-
-
-def test_names_may_be_missing(tmp_path):
     path = tmp_path / "drops.csv"
     path.write_text(without("trial", "object"))
     impacts = table.load(path)
     assert impacts.trial == ("1", "2", "3")
     assert impacts.object == ("body",) * 3
-
-
-def test_bad_shape_is_refused_before_the_file_is_read(tmp_path):
     with pytest.raises(UnknownNameError, match="did you mean 'disc'"):
         table.load(tmp_path / "none.csv", shape={"kind": "disk", "radius": 1})
 
@@ -241,9 +232,6 @@ def test_parquet_numbers_of_other_kinds_are_converted(tmp_path):
     assert impacts.object == ("a", "b", "a")
     assert impacts.mass.tolist() == [1.0, 2.0, 3.0]
     assert impacts.inertia.tolist() == [float(np.float32(0.1))] * 3
-
-
-def test_parquet_takes_no_columns_from_folder_names(tmp_path):
     folder = tmp_path / "mass=3"
     folder.mkdir()
     assert table.load(write_parquet(folder / "drops.parquet")).mass.tolist() == [0.0364] * 3
@@ -320,9 +308,6 @@ def test_saved_csv_is_plain_text_with_the_documented_columns(tmp_path):
     assert rows[0][:3] == ["1", "ellipse", "0.0364"]
 
 
-# The published drops
-
-
 def test_published_drops_are_the_papers(ellipse_drops):
     assert len(ellipse_drops) == 1718
     assert set(ellipse_drops.object) == {"ellipse"}
@@ -332,26 +317,17 @@ def test_published_drops_are_the_papers(ellipse_drops):
     assert ellipse_drops.time is None
     assert ellipse_drops.mass.unique().tolist() == [0.0364]
     assert ellipse_drops.inertia.unique().item() == pytest.approx(0.0364 * (0.035**2 + 0.025**2) / 4, rel=ROUNDING)
-
-
-def test_published_contact_point_agrees_with_the_ellipse(ellipse_drops):
     error = (ellipse_drops.r - contact_point(ellipse_drops.shape, ellipse_drops.q[:, 2])).abs()
     # Means of 2.7e-4 and 1.2e-4 m and at most 1.7e-3 m: the published rows are not quite those of the ellipse.
     assert error[:, 0].mean() < 3e-4
     assert error[:, 1].mean() < 1.3e-4
     assert error.max() < 2e-3
-
-
-def test_published_drops_bounce(ellipse_drops):
-    """Signs and order of the columns: down before, up after, and the pose hardly moves between frames."""
+    # Signs and order of the columns: down before, up after, and the pose hardly moves between frames.
     assert (ellipse_drops.v_pre[:, 1] < -2).all()
     assert (ellipse_drops.v_post[:, 1] > 0).all()
     moved = (ellipse_drops.q_post - ellipse_drops.q).abs()
     assert moved[:, :2].median() < 0.01
     assert moved[:, 2].median() < 0.3
-
-
-def test_published_fields_come_from_their_places(ellipse_drops):
     from scipy.io import loadmat
 
     array = loadmat(published.find())["bounce_array"]
@@ -363,9 +339,6 @@ def test_published_fields_come_from_their_places(ellipse_drops):
     kept = {int(trial) - 1 for trial in ellipse_drops.trial}
     flags = [bool(drop["flags"].any()) for drop in array[0]]
     assert kept == {place for place, flag in enumerate(flags) if not flag}
-
-
-def test_flagged_drops_the_other_inertia_and_free_fall_are_options(ellipse_drops):
     root = published.find().parent
     every = published.load(root, inertia="fazeli2017", flagged=True)
     assert len(every) == 2000
@@ -438,19 +411,14 @@ def test_mat_missing_under_the_given_root(tmp_path, monkeypatch, no_download):
         monkeypatch.setenv("CONTACTLEARN_DATA", str(tmp_path))
 
 
-def test_mat_with_another_checksum(tmp_path, monkeypatch, no_download):
+def test_broken_mat_files_are_refused(tmp_path, monkeypatch, no_download):
     path = make_mat(tmp_path / "ellipse_uniform.mat", monkeypatch)
     whole = path.read_bytes()
     for content in (b"", b"garbage" * 99, whole[:200], whole + b"\0", whole[:-1] + bytes([whole[-1] ^ 1])):
         path.write_bytes(content)
         with refused((str(path), "sha256 must be", published.SHA256, f"{len(content)} bytes", "again from https://")):
             published.load(tmp_path)
-
-
-def test_broken_mat_with_the_right_checksum(tmp_path, monkeypatch, no_download):
-    """Only the parser stands between these and the impacts: every truncation is refused."""
-    path = make_mat(tmp_path / "ellipse_uniform.mat", monkeypatch)
-    whole = path.read_bytes()
+    # Only the parser stands between these and the impacts: every truncation is refused.
     for content in [b"", b"garbage" * 99, *(whole[:size] for size in range(8, len(whole), 37))]:
         path.write_bytes(content)
         trust(path, monkeypatch)
@@ -458,13 +426,10 @@ def test_broken_mat_with_the_right_checksum(tmp_path, monkeypatch, no_download):
             published.load(tmp_path)
 
 
-def test_mat_without_its_fields(tmp_path, monkeypatch, no_download):
+def test_a_mat_file_of_other_content_is_refused(tmp_path, monkeypatch, no_download):
     make_mat(tmp_path / "ellipse_uniform.mat", monkeypatch, fields=("states", "n", "d"))
     with pytest.raises(DataError, match=r"cannot be parsed .*flags"):
         published.load(tmp_path)
-
-
-def test_mat_with_an_invalid_impact(tmp_path, monkeypatch, no_download):
     make_mat(tmp_path / "ellipse_uniform.mat", monkeypatch)
     monkeypatch.setattr(published, "MASS", -1.0)
     with pytest.raises(DataError, match=r"ellipse_uniform\.mat: row 1 .*mass.*positive"):
@@ -539,9 +504,6 @@ def test_the_download_itself(tmp_path, monkeypatch):
     assert path.exists()
 
 
-# Synthetic drops
-
-
 def test_synthetic_depends_on_its_seed_alone():
     state = torch.get_rng_state()
     a = synthetic.load(size=30, seed=5)
@@ -550,16 +512,6 @@ def test_synthetic_depends_on_its_seed_alone():
     assert_same(a, synthetic.load(size=30, seed=5))
     assert not torch.equal(a.q, synthetic.load(size=30, seed=6).q)
     torch.set_rng_state(state)
-
-
-@pytest.mark.parametrize("law", names())
-def test_synthetic_without_noise_predicts_itself(law):
-    drops = synthetic.load(size=200, law=law, velocity_noise=0, spin_noise=0)
-    assert torch.equal(ContactModel(find(law).at(0.12, 0.55)).predict(drops).v_post, drops.v_post)
-    assert drops.wrench[:, 2].abs().max() < ROUNDING
-
-
-def test_synthetic_drops_are_always_the_same():
     drops = synthetic.load(size=2)
     wanted = {
         "q": (0.4874222607587523, 0.03440689397952069, 1.3057707185368015),
@@ -569,6 +521,24 @@ def test_synthetic_drops_are_always_the_same():
     }
     for name, first in wanted.items():
         assert getattr(drops, name)[0].tolist() == pytest.approx(first, rel=ROUNDING)
+    base = synthetic.load(size=100)
+    for change in ({"mu": 0.0}, {"eps": 0.1}, {"law": "whittaker", "mu": 0.5}, {"law": "whittaker"}):
+        assert not torch.equal(synthetic.load(size=100, **change).v_post, base.v_post)
+    textbook, theirs = (synthetic.load(law="whittaker", variant=v) for v in ("textbook", "fazeli2017"))
+    assert not torch.equal(textbook.v_post, theirs.v_post)
+    large = synthetic.load(size=300, shape=Ellipse((3.0, 1.0)))
+    longest = synthetic.load(size=300, shape=Polygon(((1e6, 1), (-1e6, 1), (-1e6, -1), (1e6, -1))))
+    noisy = synthetic.load(size=300, velocity_noise=5.0)
+    for drops in (large, longest, noisy):
+        assert len(drops) == 300
+        assert (drops.v_c[:, 1] < 0).all()
+
+
+@pytest.mark.parametrize("law", names())
+def test_synthetic_without_noise_predicts_itself(law):
+    drops = synthetic.load(size=200, law=law, velocity_noise=0, spin_noise=0)
+    assert torch.equal(ContactModel(find(law).at(0.12, 0.55)).predict(drops).v_post, drops.v_post)
+    assert drops.wrench[:, 2].abs().max() < ROUNDING
 
 
 BODIES = {
@@ -601,9 +571,6 @@ def test_synthetic_is_spread_like_the_real_drops():
     assert torch.equal(drops.q_post, drops.q)
     assert drops.time is None
     assert drops.inertia[0].item() == pytest.approx(0.0364 * (0.035**2 + 0.025**2) / 4, rel=ROUNDING)
-
-
-def test_synthetic_noise_has_the_given_deviation():
     size = 20_000
     exact = synthetic.load(size=size, velocity_noise=0, spin_noise=0)
     noisy = synthetic.load(size=size, velocity_noise=0.02, spin_noise=0.7)
@@ -614,23 +581,6 @@ def test_synthetic_noise_has_the_given_deviation():
     torch.testing.assert_close(noise.std(0), wanted, rtol=accuracy, atol=0)
     torch.testing.assert_close(noise.mean(0) / wanted, torch.zeros_like(wanted), rtol=0, atol=accuracy)
     torch.testing.assert_close(torch.corrcoef(noise.T), torch.eye(6, dtype=torch.float64), rtol=0, atol=accuracy)
-
-
-def test_synthetic_draws_separating_drops_again():
-    large = synthetic.load(size=300, shape=Ellipse((3.0, 1.0)))
-    longest = synthetic.load(size=300, shape=Polygon(((1e6, 1), (-1e6, 1), (-1e6, -1), (1e6, -1))))
-    noisy = synthetic.load(size=300, velocity_noise=5.0)
-    for drops in (large, longest, noisy):
-        assert len(drops) == 300
-        assert (drops.v_c[:, 1] < 0).all()
-
-
-def test_synthetic_options_reach_the_law():
-    base = synthetic.load(size=100)
-    for change in ({"mu": 0.0}, {"eps": 0.1}, {"law": "whittaker", "mu": 0.5}, {"law": "whittaker"}):
-        assert not torch.equal(synthetic.load(size=100, **change).v_post, base.v_post)
-    textbook, theirs = (synthetic.load(law="whittaker", variant=v) for v in ("textbook", "fazeli2017"))
-    assert not torch.equal(textbook.v_post, theirs.v_post)
 
 
 BAD_SYNTHETIC = {
@@ -660,8 +610,6 @@ def test_synthetic_refuses(options, fragments):
     with refused(fragments, ContactLearnError):
         synthetic.load(**options)
 
-
-# Configurations
 
 SOURCES = {
     "ellipse_drops": published, "mujoco": mujoco, "mystery": hidden_effects, "synthetic": synthetic, "table": table,

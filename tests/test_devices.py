@@ -117,9 +117,6 @@ def assert_alike(found, expected, device, tolerance):
         assert (apart <= tolerance * scale).all(), f"{name} is {apart.max():.2g} off, of {scale:.2g}"
 
 
-# --- What moves -----------------------------------------------------------------------------------------
-
-
 def test_what_is_there_already_is_not_copied(drops):
     model = learn(RECIPES["wrench"], drops, torch.arange(30), ROUTH.at(0.1, 0.5))
     for thing in (drops, model, {"a": (model, [drops.mass])}, ROUTH, "text", None):
@@ -143,14 +140,8 @@ def test_impacts_move_there_and_back(drops, device):
 def test_impacts_lie_on_one_device(drops, device):
     with pytest.raises(DataError, match=f"r must be on {device.type}:0 as mass is, got cpu"):
         moved(drops, device).replace(r=drops.r)
-
-
-def test_measurements_are_checked_there(drops, device):
     with pytest.raises(DataError, match=r"row 2 .* column mass: must be positive"):
         moved(drops, device).replace(mass=torch.where(torch.arange(60) == 1, -1.0, drops.mass).to(device))
-
-
-# --- Closed forms ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", LAWS, ids=lambda kind: f"{kind.name}-{kind.variant}")
@@ -252,9 +243,6 @@ def test_errors(drops, device):
     assert_alike(found[1], found[0], torch.device("cpu"), CLOSED_FORM)
 
 
-# --- Identification -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "target", ["momentum", *(pytest.param(name, marks=pytest.mark.nightly) for name in ("least_squares", "contact"))]
 )
@@ -321,9 +309,6 @@ def test_joint_fit_with_covariances(drops, device):
     assert_alike(fit, identify_jointly(ROUTH, ["spin_damping"], drops, options=FitOptions(starts=2)), device, FITTED)
 
 
-# --- Processes ------------------------------------------------------------------------------------------
-
-
 def exact_and_sparse():
     """Every recipe with exact processes; with sparse ones nightly, but for one."""
     for name, recipe in RECIPES.items():
@@ -387,8 +372,6 @@ def test_learning_curves(drops, device):
     pool, test = drops[:40], drops[40:]
     assert_alike(computed(*moved((pool, test), device)), computed(pool, test), device, FITTED)
 
-
-# --- Commands -------------------------------------------------------------------------------------------
 
 SMALL = ("data.size=50", "train.size=15", "train.repetitions=2", "bootstrap=20", "model=analytical")
 COMMANDS = {
@@ -463,9 +446,6 @@ def test_a_full_gpu_is_one_clear_line(monkeypatch, tmp_path):
 def test_auto_takes_the_gpu_that_is_there(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     assert [devices.find(name).type for name in devices.NAMES] == ["cuda", "cpu", "cuda"]
-
-
-def test_a_device_that_does_not_exist_is_unknown():
     with pytest.raises(UnknownNameError, match="unknown device 'cudaa', did you mean 'cuda'"):
         devices.find("cudaa")
     assert "unknown device 'gpu'" in run("train.py", "device=gpu", status=2)

@@ -1,18 +1,14 @@
 """The diagnosis: on nature's own physics, through Python and through the commands."""
 
-import json
-import re
-import shlex
-
 import pytest
 import torch
 from diagnoses import few
 from observers import RecordingObserver
 from repetitions import repeated
-from test_commands import ROOT, run
 
 from contactlearn.core.errors import DataError
 from contactlearn.data import table
+from contactlearn.diagnosis import events
 from contactlearn.diagnosis.events import AuditFindings, LawChanged, LawsCompared
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis, NoiseSource
@@ -25,7 +21,8 @@ from contactlearn.inference.identification.joint import FitOptions, identify_joi
 from contactlearn.inference.validation import Folds
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Prediction
-from contactlearn.results import folder as run_folder
+from contactlearn.report.events import event_lines
+from contactlearn.report.text import headline
 from contactlearn.simulation import hidden_effects, synthetic
 
 
@@ -156,7 +153,9 @@ def test_a_law_that_is_given_is_compared_with_the_others():
     errors = {fit.name: fit.error for fit in compared.fits}
     assert compared.law == found.law == "whittaker"
     assert errors["whittaker"] > 3 * errors["mirtich"]
-    assert found.verdict == "unknown"  # for a better model is known
+    assert found.better_law.name == "mirtich"
+    assert found.verdict == "unknown"
+    assert headline(found).startswith("Whittaker does not describe these data: Mirtich alone has an error of")
 
 
 @pytest.mark.parametrize("is_stated", repeated(True, False), ids=["stated noise", "estimated noise"])
@@ -219,31 +218,6 @@ def test_data_of_no_impact_are_refused():
     assert found.missing == ()
 
 
-def test_the_loop_from_the_command_line(tmp_path):
-    """Make data, diagnose, evaluate by the printed command as it is: the held-out error falls to near the floor."""
-    impacts, truth = hidden_effects.draw(8, effects=["contact_patch"], size=150)
-    a, b = impacts.shape.semi_axes
-    table.save(impacts, tmp_path / "drops.csv")
-    shape = f"+data.shape={{kind: ellipse, semi_axes: [{a}, {b}]}}"
-    words = ("data=table", f"data.path={tmp_path / 'drops.csv'}", shape, f"law={truth['law']}")
-    printed = run("diagnose.py", *words, f"hydra.run.dir={tmp_path / 'found'}")
-    result = run_folder.read_result(tmp_path / "found" / "diagnosis.json")
-    found = result.diagnosis
-    assert found.effects[0] == "contact_patch"
-    assert (tmp_path / "found" / "figures" / "ladder.png").exists()
-    assert "missing: contact patch" in printed
-    assert "verdict: " in printed
-    (command,) = re.findall(r"to use it: python (.*)", printed)
-    assert command == result.use.removeprefix("python ")
-    run(*shlex.split(command), "train.repetitions=5", "figures.repetitions=2", "bootstrap=50",
-        f"hydra.run.dir={tmp_path / 'used'}", cwd=ROOT)  # fmt: skip
-    errors = json.loads((tmp_path / "used" / "results.json").read_text())["errors"]
-    with_ = next(entry for name, entry in errors.items() if "contact_patch" in name)["mass_error"]["mean"]
-    floor = mass_error(impacts, Prediction(torch.tensor(truth["v_post_from_measured"]), None)).mean().item()
-    base = errors[found.law]["mass_error"]["mean"]
-    assert base - with_ > 0.85 * (base - floor)
-
-
 @pytest.mark.parametrize(
     "options", repeated({"noise": (0.01, 0.01, 0.4)}, {"target": "wrench"}), ids=["noise", "wrench"]
 )
@@ -253,14 +227,26 @@ def test_what_is_compared_does_not_change_what_is_found(options):
     assert list(selection.present.effects) == ["surface_tilt"]
 
 
-def test_an_unknown_effect_is_reported_as_unknown():
+def test_an_unknown_effect_is_reported_as_unknown(tmp_path):
+    """And in the events of the run, which a file holds as they were."""
     impacts, truth = hidden_effects.draw(7, effects=["magnetic_pull"], size=150)
-    found = diagnose(impacts, **alone(truth))
+    recorded, path = RecordingObserver(), tmp_path / events.FILE
+
+    def on_event(event):
+        recorded(event)
+        events.append_event(path, event)
+
+    found = diagnose(impacts, on_event=on_event, **alone(truth))
     assert found.verdict == "unknown"
     assert found.remainder.components[0] == "tau"
     assert found.remainder.variables[0].symbol == "theta"
     assert found.formulas[0].overrides()[0].startswith("+effect.mine.tau=")
     assert Diagnosis.from_json(found.to_json()) == found
+    assert events.read_events(path) == recorded
+    assert [type(one).__name__ for one in recorded if not isinstance(one, events.TaskProgress)] == [
+        "AuditFindings", "LawsCompared", "LimitsEstimated", "RegionsFound", "EffectsFound", "RemainderLearned",
+    ]  # fmt: skip
+    assert [line.partition(":")[0] for line in event_lines(recorded[0])] == ["audit"]
 
 
 def test_a_law_that_was_chosen_without_the_effects_is_chosen_again_with_them():

@@ -138,9 +138,6 @@ def line(axes, label: str) -> np.ndarray:
     return np.stack(one.get_data(), -1)
 
 
-# --- The audit ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", SPOILT)
 def test_every_finding_has_a_figure(name, drops):
     spoilt = SPOILT[name](drops)
@@ -306,9 +303,6 @@ def test_figures_of_corrections_of_a_frame_are_sound(name, drops):
     assert_sound(corrected_figure(name, drops))
 
 
-# --- Regions ------------------------------------------------------------------------------------
-
-
 def with_regions(found: result.Diagnosis, *limits: tuple[str, float, float]) -> result.Diagnosis:
     record = found.record
     known = {v.name: v for v in variables(record.impacts, record.base.predict(record.impacts))}
@@ -351,10 +345,15 @@ def test_the_shaded_span_is_the_region(case, found):
         assert sum(axes.get_xlim()) / 2 == pytest.approx(sum(wanted) / 2)
 
 
-def test_open_regions_reach_the_end_of_the_axis(found):
+def test_up_to_five_regions_reach_the_ends_of_their_axes(found):
     left, right = of_regions(with_regions(found, ("location", -math.inf, 0.3), ("spin_rate", 4, math.inf))).axes
     assert shaded(left) == pytest.approx((left.get_xlim()[0], 0.3))
     assert shaded(right) == pytest.approx((4, right.get_xlim()[1]))
+    regions = with_regions(found, ("mode", -0.5, 0.5), ("spin", -3, 2)).regions
+    figure = regions_figure(regions, recorded(found.record, model=found.record.base, residuals=()))
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "Region", "Trial, law", "Law, running median",
+    ]  # fmt: skip
 
 
 def test_errors_of_law_and_model_are_those_of_all_trials(found):
@@ -380,17 +379,6 @@ def test_up_to_five_regions_have_a_panel_each(count, found):
     figure = of_regions(with_regions(found, *limits))
     assert len(visible_axes(figure)) == count
     assert_sound(figure)
-
-
-def test_without_effects_there_is_one_median(found):
-    regions = with_regions(found, ("mode", -0.5, 0.5), ("spin", -3, 2)).regions
-    figure = regions_figure(regions, recorded(found.record, model=found.record.base, residuals=()))
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
-        "Region", "Trial, law", "Law, running median",
-    ]  # fmt: skip
-
-
-# --- What remains -------------------------------------------------------------------------------
 
 
 COMPONENTS = tuple(result.WrenchComponent)
@@ -454,17 +442,11 @@ def test_means_and_standard_errors_are_those_of_the_trials_in_a_group(found):
     heights = [np.ptp(segment[:, 1]) / 2 for segment in bars.lines[2][0].get_segments()]
     wanted = [group[:, 1].std() / math.sqrt(len(points) / 20) for group in groups]
     assert heights == pytest.approx(wanted)
-
-
-def test_orientation_is_shown_in_one_turn(found):
     impacts = found.record.impacts
     turned = impacts.replace(q=impacts.q + torch.tensor((0, 0, 14 * math.pi), dtype=torch.float64))
     left = with_remainder(found, ("tau",), {"theta": 1.0}).remainder
     (axes,) = residual_figure(left, recorded(found.record, impacts=turned)).axes
     assert abs(line(axes, "Trial")[:, 0]).max() <= math.pi
-
-
-# --- All of them --------------------------------------------------------------------------------
 
 
 def test_a_diagnosis_is_drawn_by_name(found):

@@ -31,7 +31,7 @@ def three():
 
 @pytest.fixture(scope="module")
 def found(impacts, three):
-    return diagnose(impacts, find("wang_mason"), candidates=three)
+    return diagnose(impacts, find("wang_mason"), candidates=three, laws=[find("wang_mason"), find("mirtich")])
 
 
 def test_a_diagnosis_is_read_back_equal(found):
@@ -41,9 +41,6 @@ def test_a_diagnosis_is_read_back_equal(found):
     assert found.missing
     with pytest.raises(ContactLearnError, match="verdict"):
         Diagnosis.from_json(text.replace('"verdict": "effects"', '"verdict": "perhaps"'))
-
-
-def test_a_prompt_shows_the_story(found):
     shown = repr(found)
     assert shown.startswith("Diagnosis(verdict='effects', law='wang_mason', ")
     assert all(f"{one.effect} (" in shown for one in found.missing)
@@ -51,9 +48,18 @@ def test_a_prompt_shows_the_story(found):
     fit = repr(identify_jointly("wang_mason", ["side_drag"], found.record.impacts))
     assert "side_drag" in fit
     assert fit.count("tensor") == 3  # loss, agreement and whether it converged
+    assert [rung.kind for rung in found.ladder] == [
+        RungKind.LAW, *[RungKind.EFFECT] * len(found.missing), RungKind.PROCESSES, RungKind.NOISE
+    ]  # fmt: skip
+    assert [rung.effect for rung in found.ladder[1:-2]] == [missing.effect for missing in found.missing]
+    budget = found.budget
+    assert (budget.base, budget.named) == (found.ladder[0].error, found.ladder[len(found.missing)].error)
+    assert (budget.flexible, budget.noise) == (found.ladder[-2].error, found.ladder[-1].error)
 
 
 def test_its_record_is_read_back_to_the_last_bit(found, tmp_path):
+    with pytest.raises(ContactLearnError, match="no such file"):
+        Record.load(tmp_path)
     found.record.save(tmp_path, {"made": "by hand"})
     read = Record.load(tmp_path)
     kept = found.record
@@ -67,12 +73,6 @@ def test_its_record_is_read_back_to_the_last_bit(found, tmp_path):
         for field in fields(other):
             mine, theirs = getattr(one, field.name), getattr(other, field.name)
             assert torch.equal(mine, theirs) if isinstance(theirs, torch.Tensor) else mine == theirs
-
-
-def test_a_record_of_something_else_is_refused(found, tmp_path):
-    with pytest.raises(ContactLearnError, match="no such file"):
-        Record.load(tmp_path)
-    found.record.save(tmp_path, {})
     arrays = dict(np.load(tmp_path / "record.npz"))
     np.savez(tmp_path / "record.npz", **arrays | {"outcomes": arrays["outcomes"][:, 1:]})
     with pytest.raises(DataError, match="do the files belong to one run"):
@@ -105,9 +105,6 @@ def test_choices_are_joint_fits(found, impacts):
         fit = identify_jointly(find("wang_mason"), chosen, impacts)
         expected = mass_error(impacts, fit.model.predict(impacts)).mean().item()
         assert interval.mean == pytest.approx(expected, rel=0.01)
-
-
-def test_the_reduction_on_all_trials_is_that_of_the_choices(found, impacts):
     full = len(found.record.outcomes) - 1
     for j, missing in enumerate(found.missing):
         without, with_ = (
@@ -115,19 +112,6 @@ def test_the_reduction_on_all_trials_is_that_of_the_choices(found, impacts):
         )
         expected = bootstrap(without - with_, torch.Generator().manual_seed(0), 10).mean
         assert missing.reduction_on_all_trials.mean == pytest.approx(expected)
-
-
-def test_rungs_name_their_kind(found):
-    assert [rung.kind for rung in found.ladder] == [
-        RungKind.LAW, *[RungKind.EFFECT] * len(found.missing), RungKind.PROCESSES, RungKind.NOISE
-    ]  # fmt: skip
-    assert [rung.effect for rung in found.ladder[1:-2]] == [missing.effect for missing in found.missing]
-    budget = found.budget
-    assert (budget.base, budget.named) == (found.ladder[0].error, found.ladder[len(found.missing)].error)
-    assert (budget.flexible, budget.noise) == (found.ladder[-2].error, found.ladder[-1].error)
-
-
-def test_laws_are_rebuilt(found, impacts):
     fit = next(one for one in found.laws if one.name == "mirtich")
     law = identify_jointly(find("mirtich"), {}, impacts).model.base
     assert float(fit.law().mu) == pytest.approx(float(law.mu), abs=1e-4)
@@ -136,7 +120,8 @@ def test_laws_are_rebuilt(found, impacts):
 def test_thresholds_decide(impacts, three):
     """An effect that would have to halve the error is not named, and a region no worse than the rest not reported."""
     strict = Thresholds(least_gain=0.99, region_ratio=100.0)
-    found = diagnose(impacts, find("wang_mason"), candidates=three, thresholds=strict)
+    law = find("wang_mason")
+    found = diagnose(impacts, law, candidates=three, laws=[law], thresholds=strict)
     assert found.missing == ()
     assert found.regions == ()
     assert found.verdict is Verdict.UNKNOWN  # for the processes still find something

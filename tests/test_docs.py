@@ -7,7 +7,7 @@ import shlex
 from pathlib import Path
 
 import pytest
-from commands import first_forms
+from commands import small_search
 from evaluations import training
 
 from contactlearn import laws
@@ -66,7 +66,7 @@ def test_python_blocks_run(document, tmp_path, monkeypatch):
     folder.write_result(tmp_path / "outputs" / "train", training())
     monkeypatch.chdir(tmp_path)
     names = {}
-    with first_forms():
+    with small_search():
         for code, line in _blocks(document):
             exec(compile("\n" * line + code, document, "exec"), names)
     _pass_contracts(names)

@@ -2,9 +2,6 @@
 
 import gc
 import inspect
-import os
-import subprocess
-import sys
 from abc import abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,30 +32,17 @@ class TestCatalogue(EffectContract):
         self.effect, self.law, self.shape = kind(), find(law), SHAPES.get(kind.name)
 
 
-@pytest.mark.nightly  # docs/first-effect.md inherits it, too
-def test_the_example_can_inherit_the_contract(tmp_path):
-    """In a process of its own, for an effect that has been imported once is in the catalogue."""
-    lines = (
-        "from cable_torque import CableTorque",
-        "from contactlearn.testing import EffectContract",
-        "class TestCableTorque(EffectContract):",
-        "    effect = CableTorque()",
-    )
-    (tmp_path / "test_cable_torque.py").write_text("\n".join(lines) + "\n")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
-    done = subprocess.run(command, cwd=EXAMPLES, env=os.environ | {"PYTHONPATH": "."}, capture_output=True, text=True)
-    assert "7 passed" in done.stdout, done.stdout + done.stderr
-
-
 def test_an_effect_acts_at_one_place():
     with pytest.raises(TypeError, match="must override one of state, law, wrench, velocity, not none"):
         type("Nowhere", (Effect,), {})
     both = {"law": Effect.law, "wrench": Effect.wrench}
     with pytest.raises(TypeError, match="not \\['law', 'wrench'\\]"):
         type("Everywhere", (Effect,), both)
-
-
-# --- Families ------------------------------------------------------------------------------------------
+    with pytest.raises(ContactLearnError, match="side_drag:linear: c must be a number, got 'a'"):
+        find_effect("side_drag")("a")
+    assert find_effect("gravity_impulse").form is None
+    with pytest.raises(ContactLearnError, match="effect gravity_impulse has no forms to choose from, got 'late'"):
+        find_effect("gravity_impulse", "late")
 
 
 @pytest.fixture
@@ -91,11 +75,6 @@ def form_of(parent, name, **own):
     return dataclass(frozen=True, eq=False)(type(f"{name.title()}Gust", (parent,), body))
 
 
-def test_a_parameter_is_a_number():
-    with pytest.raises(ContactLearnError, match="side_drag:linear: c must be a number, got 'a'"):
-        find_effect("side_drag")("a")
-
-
 def test_families_are_abstract_and_forms_final():
     for forms in catalogue().values():
         for kind in forms:
@@ -109,6 +88,12 @@ def test_families_are_abstract_and_forms_final():
 
 
 def test_a_family_of_ones_own_is_known_by_its_forms(forgotten):
+    # A form of one's own comes after those that are declared with the family, and so is never the default.
+    turbulent = dataclass(frozen=True, eq=False)(
+        type("Turbulent", (SpinDamping,), {"form": "turbulent", "wrench": lambda self, state, wrench: wrench})
+    )
+    assert find_effect("spin_damping", "turbulent") is turbulent
+    assert find_effect("spin_damping").form == "after"
     parent = family()
     steady, gusty = form_of(parent, "steady"), form_of(parent, "gusty")
     assert "gust" not in catalogue()
@@ -125,21 +110,6 @@ def test_a_family_of_ones_own_is_known_by_its_forms(forgotten):
     form_of(parent, "steady")
     with pytest.raises(ContactLearnError, match="two forms of gust are called steady"):
         forms_of(parent)
-
-
-def test_a_form_may_join_a_family_of_another_package(forgotten):
-    """It comes after those that are declared with the family, and so is never the default."""
-    turbulent = dataclass(frozen=True, eq=False)(
-        type("Turbulent", (SpinDamping,), {"form": "turbulent", "wrench": lambda self, state, wrench: wrench})
-    )
-    assert find_effect("spin_damping", "turbulent") is turbulent
-    assert find_effect("spin_damping").form == "after"
-
-
-def test_an_effect_without_forms_has_none_to_choose_from():
-    assert find_effect("gravity_impulse").form is None
-    with pytest.raises(ContactLearnError, match="effect gravity_impulse has no forms to choose from, got 'late'"):
-        find_effect("gravity_impulse", "late")
 
 
 def test_two_effects_of_one_name_are_refused(forgotten):

@@ -28,7 +28,7 @@ from contactlearn.inference.validation import Folds, paired_gain, robust_covaria
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import contact_point
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.simulation import hidden_effects, synthetic
+from contactlearn.simulation import synthetic
 
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
 POWER, VISCOELASTIC = (EffectId("velocity_dependent_restitution", form) for form in ("power", "kuwabara_kono"))
@@ -106,10 +106,19 @@ def test_drops_from_one_height_do_not_tell_a_late_frame_from_an_offset_of_the_co
     assert worse == sorted(worse)
     # Spin damping mimics some of it only with the wrong sign.
     assert "spin_damping" not in [one.rival.effect.name for one in found]
+    selection, found = one_height
+    models = {Substitution(LATE, one.rival.effect): one.fitted.fit.model for one in found}
+    assert len(models) >= 2
+    planned = next_experiment(selection.impacts, selection.present.fit.model, models, generator=seeded(0), limits=WIDE)
+    assert [Substitution(one.effect, one.rival) for one in planned.separations] == [*models]
+    assert all(one.drops_needed <= 60 for one in planned.separations)
 
 
 def test_many_drops_from_many_heights_do():
     assert find_rivals(having(drops(gravity(0.02), 400), LATE)) == {LATE: ()}
+    impacts = drops(gravity(0.004), 60, seed=1, width=0.1)
+    given = {"gravity_impulse": gravity(0.0)}
+    assert find_rivals(chosen("wang_mason", impacts, given)) == {}
 
 
 @pytest.mark.parametrize("seed", repeated(1, 2, 3))
@@ -118,31 +127,16 @@ def test_few_drops_do_not_tell_a_weak_dependence_on_the_speed_from_adhesion(seed
     assert EffectId("adhesion", "work") in [one.rival.effect for one in find_rivals(selection)[POWER]]
 
 
-def test_adhesion_cannot_stand_for_a_restitution_that_falls_with_the_speed():
+def test_adhesion_and_other_forms_are_no_equivalents():
     """It mimics that to first order, but would have to be negative: the refit says so."""
     selection = having(drops(slowing(0.25), 100), POWER, among=("velocity_dependent_restitution", "adhesion"))
     assert similarity(selection, POWER)[EffectId("adhesion", "work")].similarity > 0.5
     assert find_rivals(selection) == {POWER: ()}
-
-
-def test_forms_of_one_effect_are_not_equivalents_of_each_other():
     selection = having(drops(slowing(0.1), 60), POWER, among=("velocity_dependent_restitution",))
     spec = Spec("wang_mason", frozenset({VISCOELASTIC}))
     other = validated(selection.pool, selection.folds, selection.pool.fitted(spec))
     assert abs(paired_gain(selection.present, other)[0]) < 0.01  # though they are as good
     assert find_rivals(selection) == {POWER: ()}
-
-
-@pytest.mark.nightly  # drops from many heights and other forms have no equivalents in the tests before
-def test_a_hidden_tilt_has_no_equivalent():
-    impacts, truth = hidden_effects.draw(1, effects=["surface_tilt"], size=500)
-    assert find_rivals(chosen(truth["law"], impacts)) == {EffectId("surface_tilt", "computed"): ()}
-
-
-def test_given_effects_are_not_discriminated():
-    impacts = drops(gravity(0.004), 60, seed=1, width=0.1)
-    given = {"gravity_impulse": gravity(0.0)}
-    assert find_rivals(chosen("wang_mason", impacts, given)) == {}
 
 
 def test_next_drops_separate_better_than_random_ones(rivals):
@@ -152,10 +146,6 @@ def test_next_drops_separate_better_than_random_ones(rivals):
     expected = [sum(d.differences[0] ** 2 for d in some) / len(some) for some in (best, everywhere)]
     assert expected[0] > 2 * expected[1]
     assert expected[1] > separations_of(impacts, chosen, others, impacts).mean()  # than the drops that were made
-
-
-def test_next_drops_are_within_limits_approach_and_differ(rivals):
-    impacts, chosen, others = rivals
     limits = WIDE | {"theta": (-0.5, 0.5)}
     found = next_experiment(impacts, chosen, others, generator=seeded(0), limits=limits).drops
     assert len(found) == len(set(found)) == 6
@@ -166,13 +156,25 @@ def test_next_drops_are_within_limits_approach_and_differ(rivals):
         r_x = contact_point(impacts.shape, torch.tensor(drop.theta, dtype=torch.float64))[0].item()
         assert drop.v_y + r_x * drop.omega < 0
     assert max(d.v_y for d in found) - min(d.v_y for d in found) > 1
-
-
-def test_next_drops_are_reproducible(rivals):
-    impacts, chosen, others = rivals
     first, again, other = (next_experiment(impacts, chosen, others, generator=seeded(s)) for s in (3, 3, 4))
     assert first == again != other
     assert from_json(Experiment, to_json(first)) == first
+    found = next_experiment(impacts.replace(shape=None), chosen, others, generator=seeded(0)).drops
+    assert all(d.theta in impacts.q[:, 2].tolist() for d in found)
+    impacts, _, _ = rivals
+    within = dict(zip(STATES, state_limits(impacts, {"v_x": (0.0, 1.0)}).tolist(), strict=True))
+    assert within["v_x"] == [0.0, 1.0]
+    assert within["v_y"] == pytest.approx(
+        [1.25 * impacts.v_pre[:, 1].min().item(), 0.75 * impacts.v_pre[:, 1].max().item()]
+    )
+    assert within["x"] == [impacts.q[:, 0].min(), impacts.q[:, 0].max()]
+    bending = find_effect("location_dependent_restitution")().prepare(impacts)
+    bent = bending.at([0.1] * len(bending.parameters))
+    law = laws.find("wang_mason").at(0.12, 0.55)
+    models = {PATCH: ContactModel(law, effects={bent.name: bent})}
+    found = next_experiment(impacts, ContactModel(law), models, generator=seeded(0)).drops
+    low, high = impacts.q[:, 0].aminmax()
+    assert all(low <= d.x <= high for d in found)
 
 
 def test_the_proposed_drops_discriminate_the_two(rivals):
@@ -208,32 +210,6 @@ def joined(first, second):
     return Impacts(*(torch.cat((getattr(first, n), getattr(second, n))) for n in names), shape=first.shape)
 
 
-def test_without_a_shape_poses_are_those_measured(rivals):
-    impacts, chosen, others = rivals
-    found = next_experiment(impacts.replace(shape=None), chosen, others, generator=seeded(0)).drops
-    assert all(d.theta in impacts.q[:, 2].tolist() for d in found)
-
-
-def test_the_place_is_reported_where_it_matters(rivals):
-    impacts, _, _ = rivals
-    bending = find_effect("location_dependent_restitution")().prepare(impacts)
-    bent = bending.at([0.1] * len(bending.parameters))
-    law = laws.find("wang_mason").at(0.12, 0.55)
-    models = {PATCH: ContactModel(law, effects={bent.name: bent})}
-    found = next_experiment(impacts, ContactModel(law), models, generator=seeded(0)).drops
-    low, high = impacts.q[:, 0].aminmax()
-    assert all(low <= d.x <= high for d in found)
-
-
-def test_each_rival_gets_its_drops(one_height):
-    selection, found = one_height
-    models = {Substitution(LATE, one.rival.effect): one.fitted.fit.model for one in found}
-    assert len(models) >= 2
-    planned = next_experiment(selection.impacts, selection.present.fit.model, models, generator=seeded(0), limits=WIDE)
-    assert [Substitution(one.effect, one.rival) for one in planned.separations] == [*models]
-    assert all(one.drops_needed <= 60 for one in planned.separations)
-
-
 def test_evidence_drop_by_drop_is_that_of_all_of_them_together():
     difference, slope, root = (
         torch.randn(shape, generator=seeded(k), dtype=torch.float64)
@@ -250,6 +226,9 @@ def test_evidence_drop_by_drop_is_that_of_all_of_them_together():
     J = slope.flatten(0, 1)
     together = torch.block_diag(*[noise] * 4) + J @ covariance @ J.T
     assert total == pytest.approx((difference.flatten() @ torch.linalg.solve(together, difference.flatten())).item())
+    left = NOISE * torch.randn((2000, 3), generator=seeded(0), dtype=torch.float64)
+    left[:40] *= 30
+    assert (robust_covariance(left).diagonal().sqrt() / NOISE - 1).abs().max() < 0.08
 
 
 def test_models_without_uncertainty_need_the_drops_of_a_likelihood_ratio(rivals):
@@ -262,22 +241,6 @@ def test_models_without_uncertainty_need_the_drops_of_a_likelihood_ratio(rivals)
     assert one.drops_needed == math.ceil(math.log(20) / (drop.differences[0] ** 2 / 2))
     (same,) = next_experiment(impacts, late, {PATCH: late}, generator=seeded(0)).separations
     assert same.drops_needed is None
-
-
-def test_noise_is_seen_through_outliers():
-    left = NOISE * torch.randn((2000, 3), generator=seeded(0), dtype=torch.float64)
-    left[:40] *= 30
-    assert (robust_covariance(left).diagonal().sqrt() / NOISE - 1).abs().max() < 0.08
-
-
-def test_limits_reach_a_quarter_beyond_what_was_measured(rivals):
-    impacts, _, _ = rivals
-    within = dict(zip(STATES, state_limits(impacts, {"v_x": (0.0, 1.0)}).tolist(), strict=True))
-    assert within["v_x"] == [0.0, 1.0]
-    assert within["v_y"] == pytest.approx(
-        [1.25 * impacts.v_pre[:, 1].min().item(), 0.75 * impacts.v_pre[:, 1].max().item()]
-    )
-    assert within["x"] == [impacts.q[:, 0].min(), impacts.q[:, 0].max()]
 
 
 @pytest.mark.parametrize(("limits", "error", "words"), [

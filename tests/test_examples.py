@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import first_forms
+from commands import small_search
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 MODULES = ("pages", "cable_torque", "smooth_floor")
@@ -49,7 +49,7 @@ def pages(monkeypatch):
     "name", [pytest.param(name, marks=pytest.mark.nightly if name in LONGEST else ()) for name in SIZES]
 )
 def test_an_example_is_a_page(name, pages, tmp_path):
-    with first_forms():
+    with small_search():
         text = pages.page(EXAMPLES / f"{name}.py", tmp_path, *SIZES[name])
     assert re.search(SAYS[name], text), text
     figures = re.findall(r"!\[.*\]\((.*\.png)\)", text)

@@ -39,9 +39,6 @@ def column(space: str, name: str, impacts: Impacts) -> Tensor:
     return impacts.features(space).values[:, list(SPACES[space].columns).index(name)]
 
 
-# --- The spaces ---------------------------------------------------------------------------------
-
-
 @SPACE
 def test_a_row_a_trial_and_a_column_a_symbol(space, impacts):
     x = impacts.features(space).values
@@ -49,17 +46,9 @@ def test_a_row_a_trial_and_a_column_a_symbol(space, impacts):
     assert x.dtype == torch.float64
     assert x.isfinite().all()
     assert x.std(0).min() > 0
-
-
-@SPACE
-def test_a_trial_is_described_by_itself_alone(space, impacts):
     rows = torch.tensor([7, 499, 0, 7])
     picked = impacts[rows[:3]]
     assert torch.equal(picked.features(space).values, impacts.features(space).values[rows[:3]])
-
-
-@SPACE
-def test_the_outcome_is_no_feature(space, impacts):
     later = impacts.replace(v_post=impacts.v_post + 1, q_post=impacts.q + 1, time=torch.arange(500.0))
     assert torch.equal(later.features(space).values, impacts.features(space).values)
 
@@ -117,6 +106,8 @@ def test_state_is_the_measured_state(impacts):
     }
     assert list(wanted) == list(SPACES["state"].columns)
     np.testing.assert_allclose(impacts.features("state").values, np.stack(list(wanted.values()), -1), rtol=1e-14)
+    with pytest.raises(UnknownNameError, match="unknown feature space 'x2_pola', did you mean 'x2_polar'"):
+        impacts.features("x2_pola")
 
 
 @pytest.mark.parametrize("turns", [1, -1, 5])
@@ -143,6 +134,20 @@ def test_x1_is_the_inverse_of_w_and_the_contact_points_velocity(impacts):
         M_c = np.linalg.inv(J @ np.diag([1 / mass, 1 / mass, 1 / inertia]) @ J.T)
         wanted.append([M_c[0, 0], M_c[0, 1], M_c[1, 1], *(J @ v)])
     np.testing.assert_allclose(impacts.features("x1").values, wanted, rtol=ROUNDING, atol=ROUNDING)
+    stop = torch.nn.functional.pad(-impacts.features("x2").values, (0, 1))
+    v = rigid_body.apply_wrench(impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, stop)
+    # What is left, by the sizes of what was added up.
+    size = impacts.v_pre.norm(dim=-1) + impacts.r.norm(dim=-1) * (v - impacts.v_pre).norm(dim=-1) + v.norm(dim=-1)
+    left = rigid_body.contact_velocity(impacts.r, v).norm(dim=-1) / size
+    assert left.max() < ROUNDING
+    tt, tn, nn, v_t, v_n = impacts.features("x1").values.T
+    close(impacts.features("x2").values, torch.stack((tt * v_t + tn * v_n, tn * v_t + nn * v_n), -1), **CLOSE)
+    angle, norm = impacts.features("x2_polar").values.T
+    close(impacts.features("x2").values, torch.stack((norm * angle.sin(), -norm * angle.cos()), -1), **CLOSE)
+    assert (norm > 0).all()
+    assert (angle.abs() <= math.pi).all()
+    # Straight down is the angle 0, and it grows towards +t.
+    assert (column("x2_polar", "angle", impacts) * column("x2", "p_t", impacts) >= 0).all()
 
 
 def test_x1_is_a_point_mass_where_nothing_turns():
@@ -153,34 +158,6 @@ def test_x1_is_a_point_mass_where_nothing_turns():
     close(impacts.features("x1").values, wanted, **CLOSE)
 
 
-def test_x2_is_the_impulse_that_stops_the_contact_point(impacts):
-    stop = torch.nn.functional.pad(-impacts.features("x2").values, (0, 1))
-    v = rigid_body.apply_wrench(impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, stop)
-    # What is left, by the sizes of what was added up.
-    size = impacts.v_pre.norm(dim=-1) + impacts.r.norm(dim=-1) * (v - impacts.v_pre).norm(dim=-1) + v.norm(dim=-1)
-    left = rigid_body.contact_velocity(impacts.r, v).norm(dim=-1) / size
-    assert left.max() < ROUNDING
-
-
-def test_x2_follows_from_x1(impacts):
-    tt, tn, nn, v_t, v_n = impacts.features("x1").values.T
-    close(impacts.features("x2").values, torch.stack((tt * v_t + tn * v_n, tn * v_t + nn * v_n), -1), **CLOSE)
-
-
-def test_polar_and_cartesian_are_the_same_point(impacts):
-    angle, norm = impacts.features("x2_polar").values.T
-    close(impacts.features("x2").values, torch.stack((norm * angle.sin(), -norm * angle.cos()), -1), **CLOSE)
-    assert (norm > 0).all()
-    assert (angle.abs() <= math.pi).all()
-    # Straight down is the angle 0, and it grows towards +t.
-    assert (column("x2_polar", "angle", impacts) * column("x2", "p_t", impacts) >= 0).all()
-
-
-def test_an_unknown_space_is_named(impacts):
-    with pytest.raises(UnknownNameError, match="unknown feature space 'x2_pola', did you mean 'x2_polar'"):
-        impacts.features("x2_pola")
-
-
 @SPACE
 def test_a_table_has_units_in_its_header(space, impacts):
     found = impacts.features(space)
@@ -189,9 +166,6 @@ def test_a_table_has_units_in_its_header(space, impacts):
     assert np.array_equal(frame.to_numpy()[:, 1:].astype(float), found.values)
     assert [name.partition(" (")[0] for name in frame.columns[1:]] == list(SPACES[space].columns)
     assert {"x1": "v_t (m/s)", "state": "cos θ"}.get(space, "trial") in frame
-
-
-# --- Standardisation ------------------------------------------------------------------------------
 
 
 def sample(*shape: int, seed: int = 0) -> Tensor:
@@ -264,18 +238,20 @@ def test_a_constant_column_is_exactly_zero_everywhere(value, n, D):
     assert standard.spread[0, -1] == 0
 
 
-def test_a_column_may_be_constant_in_one_subset_only():
+def test_a_small_variation_about_a_large_mean_is_no_constant():
     x = sample(2, 10, 1)
     x[0] = 3.0
     z = Standardisation.of(x).apply(sample(4, 1))
     assert (z[0] == 0).all()
     assert (z[1] != 0).all()
-
-
-def test_a_small_variation_about_a_large_mean_is_no_constant():
-    """Milligrams in a kilogram are information; they are told from rounding by a margin of 10⁷."""
+    # Milligrams in a kilogram are information; they are told from rounding by a margin of 10⁷.
     x = 1 + 1e-6 * sample(30, 1)
     close(Standardisation.of(x).apply(x), Standardisation.of(sample(30, 1)).apply(sample(30, 1)), rtol=1e-6, atol=1e-6)
+    # A disc's contact is below its centre: M_c,tn says nothing, whatever its last digits are.
+    disc = synthetic.load(40, shape={"kind": "ellipse", "semi_axes": [0.03, 0.03]})
+    scale = Standardisation.of(disc.features("x1").values).scale
+    assert torch.isinf(scale[0, 1])
+    assert torch.isfinite(scale[0, 3:]).all()
 
 
 @SPACE
@@ -295,11 +271,3 @@ def test_statistics_are_of_the_training_rows_alone(space):
         assert torch.equal(getattr(fits[0], name).scale, getattr(fits[1], name).scale)
     for one, two in zip(fits[0].predict(drops), fits[1].predict(drops), strict=True):
         assert torch.equal(one, two)
-
-
-def test_what_is_zero_but_for_rounding_is_constant():
-    """A disc's contact is below its centre: M_c,tn says nothing, whatever its last digits are."""
-    disc = synthetic.load(40, shape={"kind": "ellipse", "semi_axes": [0.03, 0.03]})
-    scale = Standardisation.of(disc.features("x1").values).scale
-    assert torch.isinf(scale[0, 1])
-    assert torch.isfinite(scale[0, 3:]).all()

@@ -154,18 +154,9 @@ def test_every_figure_fits_names_its_units_and_is_written_as_vectors(build, drop
     assert len(pdf) < 500_000
 
 
-def test_no_global_state_of_pyplot_is_used():
-    sources = [path.read_text() for path in Path(figures.__file__).parent.glob("*.py")]
-    assert len(sources) > 3
-    assert not any("pyplot" in source for source in sources)
-
-
-def test_same_figure_gives_same_bytes(tmp_path):
+def test_same_figure_gives_same_bytes(tmp_path, monkeypatch):
     first, second = ([path.read_bytes() for path in save(patch(), tmp_path, "a")] for _ in range(2))
     assert first == second
-
-
-def test_save_leaves_the_old_files_when_writing_fails(tmp_path, monkeypatch):
     figure = patch()
     old = [path.read_bytes() for path in save(figure, tmp_path, "a")]
     write = figure.savefig
@@ -181,9 +172,9 @@ def test_save_leaves_the_old_files_when_writing_fails(tmp_path, monkeypatch):
         save(figure, tmp_path, "a")
     assert [(tmp_path / f"a{suffix}").read_bytes() for suffix in (".png", ".pdf")] == old
     assert len(list(tmp_path.iterdir())) == 2
-
-
-# --- In a browser --------------------------------------------------------------------------------
+    sources = [path.read_text() for path in Path(figures.__file__).parent.glob("*.py")]
+    assert len(sources) > 3
+    assert not any("pyplot" in source for source in sources)
 
 
 def traces_of(shown):
@@ -219,6 +210,8 @@ def test_a_browser_shows_bars_boxes_and_hidden_markers(drops):
     densities = as_plotly(learning.error_densities({"x1_wrench": torch.rand(50)}, "e (–)"))
     (line,) = densities["data"]
     assert sum(size > 0 for size in line["marker"]["size"]) == 1
+    with pytest.raises(TypeError, match="no counterpart"):
+        as_plotly(surface(drops))
 
 
 def test_a_browser_shows_every_law_in_impulse_space(drops):
@@ -244,14 +237,6 @@ def test_names_in_a_browser_are_text(name):
     assert html.unescape(shown["layout"]["shapes"][0]["name"]) == plain(name).replace(r"\$", "$").strip()
 
 
-def test_an_artist_that_no_browser_shows_is_refused(drops):
-    with pytest.raises(TypeError, match="no counterpart"):
-        as_plotly(surface(drops))
-
-
-# --- Names --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", HOSTILE)
 def test_names_are_shown_as_they_are(name, drops):
     figure = reachable_impulses(inadmissible(drops, name), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)})
@@ -268,9 +253,8 @@ def test_plain_text_is_no_formula():
     assert Text(text=plain("$a_b$"))._preprocess_math(plain("$a_b$")) == ("$a_b$", False)
     assert plain("x" * 30 + "y" * 30) == "x" * 20 + "…" + "y" * 19
     assert plain("π字") == "π?"
-
-
-# --- Laws ---------------------------------------------------------------------------------------
+    assert law_style("Wang–Mason") is law_style("wang_mason") is LAW_STYLE["wang_mason"]
+    assert law_style("my GP").label == "my GP"
 
 
 def _seen(color: str, blindness: str) -> np.ndarray:
@@ -305,14 +289,6 @@ def test_every_law_and_model_has_its_own_color_marker_and_line(blindness):
     assert all(color[0] < 80 for color in colors.values())  # seen on white paper
 
 
-def test_styles_are_found_by_name_and_label():
-    assert law_style("Wang–Mason") is law_style("wang_mason") is LAW_STYLE["wang_mason"]
-    assert law_style("my GP").label == "my GP"
-
-
-# --- What is drawn ------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("variant", ["textbook", "fazeli2017"])
 @pytest.mark.parametrize("name", laws.names())
 def test_reach_holds_what_the_law_gives_and_nothing_else(name, variant, drops):
@@ -345,17 +321,17 @@ def test_ellipse_shows_measurement_prediction_and_bound(drops):
     assert "IRB bound" not in [text.get_text() for text in inside.legends[0].get_texts()]
 
 
-def test_convergence_shows_mean_and_deviation(drops):
+def test_convergence_and_comparison_show_their_numbers(drops):
     found = shared(drops)
     upper = figures.convergence(found).axes[0]
     drawn = sorted(line.get_ydata()[-1] for line in upper.lines)
     mean, std = found.mean()[0], found.std()[0]
     np.testing.assert_allclose(drawn, (mean - std, mean, mean + std), rtol=1e-12)
-
-
-def test_viscous_friction_has_its_unit(drops):
-    found = identify_trials(laws.find("mirtich", "fazeli2017"), drops[:5])
-    assert figures.trial_parameters(found, drops[:5]).axes[0].get_xlabel().endswith("(s/m)")
+    names = ("irb", "mirtich", "best_post_hoc", "my GP")
+    axes = comparison(names).axes[0]
+    assert [t.get_text() for t in axes.get_yticklabels()] == ["IRB bound", "Mirtich", "Best Post Hoc", "my GP"]
+    assert axes.get_ylim()[0] > axes.get_ylim()[1]  # the first on top
+    assert [bool(patch.get_hatch()) for patch in axes.patches] == [True, False, True, False]
 
 
 def test_trials_that_leave_friction_open_are_intervals(drops):
@@ -368,21 +344,11 @@ def test_trials_that_leave_friction_open_are_intervals(drops):
     assert len(dots.get_offsets()) == len(drops) - flat
     assert max(segment[:, 0].max() for segment in lines.get_segments()) <= 0.5
     assert any(f"{flat} of 80 trials leave μ undetermined" in a.get_title() for a in axes)
-
-
-def test_all_trials_may_leave_friction_open(drops):
-    found = identify_trials(laws.find("anitescu_potra_newton"), drops)
     rows = found.flat.nonzero()[:, 0]
     found = identify_trials(laws.find("anitescu_potra_newton"), drops[rows])
     assert_fits(figures.trial_parameters(found, drops[rows]))
-
-
-def test_comparison_keeps_the_order_and_sets_the_bounds_apart():
-    names = ("irb", "mirtich", "best_post_hoc", "my GP")
-    axes = comparison(names).axes[0]
-    assert [t.get_text() for t in axes.get_yticklabels()] == ["IRB bound", "Mirtich", "Best Post Hoc", "my GP"]
-    assert axes.get_ylim()[0] > axes.get_ylim()[1]  # the first on top
-    assert [bool(patch.get_hatch()) for patch in axes.patches] == [True, False, True, False]
+    found = identify_trials(laws.find("mirtich", "fazeli2017"), drops[:5])
+    assert figures.trial_parameters(found, drops[:5]).axes[0].get_xlabel().endswith("(s/m)")
 
 
 BAD = {

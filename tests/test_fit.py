@@ -32,9 +32,6 @@ def orders(n: int, size: int, repetitions: int, seed: int) -> list[torch.Tensor]
     return [torch.randperm(n, generator=generator)[:size] for _ in range(repetitions)]
 
 
-# --- Planted parameters -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("law", "variant", "mu", "eps"), crossed(DISTINCT, [(0.12, 0.55), (0.03, 0.9), (0.2, 0.1)]))
 def test_noiseless_drops_give_back_their_parameters(law, variant, mu, eps):
     drops = synthetic.load(100, law, mu, eps, velocity_noise=0, spin_noise=0, variant=variant)
@@ -59,9 +56,6 @@ def test_scatter_falls_as_one_over_root_k(law):
         slope = np.polyfit(np.log(sizes), values.std(0).log().numpy(), 1)[0]
         assert -0.75 < slope < -0.3  # −1/2, and 60 repetitions know a deviation to a tenth
         assert abs(values[:, -1].mean().item() - truth) < 0.02
-
-
-# --- The global minimum -------------------------------------------------------------------------
 
 
 def brute_force(law: str, variant: str, impacts, subsets: list[torch.Tensor], nodes: int) -> torch.Tensor:
@@ -149,9 +143,6 @@ def test_scale_and_mirror_change_nothing_else():
         torch.testing.assert_close(other.cost, scale * base.cost, rtol=ROUNDING, atol=0)
 
 
-# --- Directions that the data leaves open ---------------------------------------------------------
-
-
 @pytest.mark.parametrize(("law", "variant"), STICKY)
 def test_where_all_trials_stick_mu_is_flat(law, variant):
     drops = synthetic.load(400, law, 5.0, 0.55, velocity_noise=0, spin_noise=0, variant=variant)
@@ -209,9 +200,6 @@ def test_ranges_hold_the_optimum_and_the_box_holds_both(law, variant):
         assert (ends[..., 1] <= high).all()
 
 
-# --- Random orders ------------------------------------------------------------------------------
-
-
 def test_reproducible_from_the_generator_alone():
     drops = synthetic.load(60)
 
@@ -228,6 +216,20 @@ def test_reproducible_from_the_generator_alone():
         assert torch.equal(getattr(first, name), getattr(second, name))
     assert torch.equal(run().mu, run(seeded(0)).mu)
     assert not torch.equal(first.mu, run(seeded(4)).mu)
+    fit = identify(find("whittaker"), synthetic.load(20), sizes=(10,), repetitions=1)
+    assert all(math.isnan(x) for x in fit.std())
+    assert fit.mean() == (fit.mu.item(), fit.eps.item())
+    seen = []
+
+    def progress(blocks):
+        for block in blocks:
+            seen.append(block)
+            yield block
+
+    drops = synthetic.load(30)
+    fit = identify(find("whittaker"), drops, sizes=range(1, 31), repetitions=9, progress=progress)
+    assert torch.equal(torch.cat(seen), torch.stack(orders(30, 30, 9, seed=0)))
+    assert len(fit.mu) == 9
 
 
 def test_orders_may_be_given():
@@ -238,10 +240,7 @@ def test_orders_may_be_given():
         given = identify(find("wang_mason"), drops, sizes=sizes, orders=torch.stack(orders(60, width, 4, seed=3)))
         for name in ("mu", "eps", "cost", "mu_range", "eps_range", "mu_flat"):
             assert torch.equal(getattr(given, name), getattr(drawn, name))
-
-
-def test_each_given_order_is_fitted_by_itself():
-    """As if there were no other trials: whatever these are, and one order or three."""
+    # As if there were no other trials: whatever these are, and one order or three.
     drops, rows = synthetic.load(60, velocity_noise=0.05), torch.stack(orders(60, 20, 3, seed=7))
     options = {"sizes": (5, 20), "generator": seeded(1)}
     every = identify(find("whittaker"), drops, orders=rows, **options)
@@ -256,34 +255,18 @@ def test_each_given_order_is_fitted_by_itself():
     assert torch.equal(identify(find("whittaker"), other, orders=rows, **options).mu, every.mu)
 
 
-def test_one_repetition_has_no_scatter():
-    fit = identify(find("whittaker"), synthetic.load(20), sizes=(10,), repetitions=1)
-    assert all(math.isnan(x) for x in fit.std())
-    assert fit.mean() == (fit.mu.item(), fit.eps.item())
-
-
-def test_progress_wraps_every_block():
-    seen = []
-
-    def progress(blocks):
-        for block in blocks:
-            seen.append(block)
-            yield block
-
-    drops = synthetic.load(30)
-    fit = identify(find("whittaker"), drops, sizes=range(1, 31), repetitions=9, progress=progress)
-    assert torch.equal(torch.cat(seen), torch.stack(orders(30, 30, 9, seed=0)))
-    assert len(fit.mu) == 9
-
-
-# --- Measured impulses and the cost surface -------------------------------------------------------
-
-
 def test_targets_agree_where_the_moment_is_zero():
     drops = synthetic.load(50, velocity_noise=0, spin_noise=0)
     assert drops.wrench[:, 2].abs().max() < 1e-15
     for target in IMPULSE_TARGETS:
         torch.testing.assert_close(measured_impulse(drops, target), drops.wrench[:, :2], rtol=1e-10, atol=1e-14)
+    drops = synthetic.load(5)
+    dv = drops.v_post - drops.v_pre
+    torch.testing.assert_close(measured_impulse(drops), drops.mass[:, None] * dv[:, :2], rtol=ROUNDING, atol=0)
+    mu, eps = Box(mu=(0.1, 0.7), eps=(0.2, 0.9), nodes=5).axes()
+    np.testing.assert_allclose(mu, np.linspace(0.1, 0.7, 5), rtol=ROUNDING)
+    np.testing.assert_allclose(eps, np.linspace(0.2, 0.9, 5), rtol=ROUNDING)
+    assert mu.dtype == eps.dtype == torch.float64
 
 
 @pytest.mark.parametrize("target", ["least_squares", "contact"])
@@ -298,12 +281,6 @@ def test_targets_are_least_squares_solutions(target):
     P = torch.linalg.lstsq(weight * A, weight * b).solution[..., 0]
     torch.testing.assert_close(measured_impulse(drops, target), P, rtol=1e-9, atol=1e-14)
     assert (P - drops.wrench[:, :2]).norm(dim=-1).min() > 1e-6  # with a moment, not the momentum
-
-
-def test_momentum_is_the_first_two_of_the_wrench():
-    drops = synthetic.load(5)
-    dv = drops.v_post - drops.v_pre
-    torch.testing.assert_close(measured_impulse(drops), drops.mass[:, None] * dv[:, :2], rtol=ROUNDING, atol=0)
 
 
 @pytest.mark.parametrize("target", IMPULSE_TARGETS)
@@ -329,16 +306,6 @@ def test_identify_fits_the_target(target):
     fit = identify(find("wang_mason"), drops, sizes=(40,), repetitions=1, target=target)
     cost = cost_surface(find("wang_mason"), drops, fit.mu[0], fit.eps[0], target=target)
     assert fit.cost.item() == pytest.approx(cost.item(), rel=1e-9)
-
-
-# --- What is refused ----------------------------------------------------------------------------
-
-
-def test_box_axes_span_the_box():
-    mu, eps = Box(mu=(0.1, 0.7), eps=(0.2, 0.9), nodes=5).axes()
-    np.testing.assert_allclose(mu, np.linspace(0.1, 0.7, 5), rtol=ROUNDING)
-    np.testing.assert_allclose(eps, np.linspace(0.2, 0.9, 5), rtol=ROUNDING)
-    assert mu.dtype == eps.dtype == torch.float64
 
 
 REFUSED = {

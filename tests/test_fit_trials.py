@@ -62,9 +62,6 @@ def best_in_eps(law: str, variant: str, impacts: Impacts, mu: torch.Tensor) -> t
     return error
 
 
-# --- The global minimum -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("law", "variant", "source"), crossed(DISTINCT, SOURCES))
 def test_no_grid_beats_any_trial(law, variant, source, request):
     slow = (law, variant) == VISCOUS
@@ -121,9 +118,6 @@ def test_error_is_against_the_target(target):
     attained = distances(find("wang_mason"), drops, fit.mu, fit.eps, target=target)
     torch.testing.assert_close(fit.error, attained, rtol=0, atol=1e-9 * size(drops).max().item())
     assert (fit.error <= 0.2 * size(drops)).all()
-
-
-# --- The interval of μ --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("law", "variant"), NEWTON)
@@ -188,9 +182,6 @@ def test_a_smooth_minimum_is_no_interval(law, variant, source, request):
     assert (fit.flat == (width > 1e-6)).all()
 
 
-# --- Invariance ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("law", "variant"), DISTINCT)
 def test_scale_and_mirror_change_nothing_else(law, variant):
     drops = synthetic.load(60, law, 0.15, 0.5, velocity_noise=0.1, spin_noise=4.0, variant=variant)
@@ -216,18 +207,12 @@ def test_trials_are_independent():
     for name in ("mu", "eps", "error", "mu_low", "mu_high"):
         torch.testing.assert_close(getattr(some, name), getattr(every, name)[rows], rtol=1e-6, atol=1e-9)
         torch.testing.assert_close(getattr(one, name), getattr(every, name)[rows[1:2]], rtol=1e-6, atol=1e-9)
-
-
-def test_no_random_numbers():
     drops = synthetic.load(40)
     before = torch.get_rng_state()
     first, second = identify_trials(find("mirtich"), drops), identify_trials(find("mirtich"), drops)
     assert torch.equal(torch.get_rng_state(), before)
     assert torch.equal(first.mu, second.mu)
     assert (first.law.name, first.law.variant) == ("mirtich", "textbook")
-
-
-def test_unknown_names():
     drops = synthetic.load(5)
     with pytest.raises(UnknownNameError, match="did you mean 'whittaker'"):
         identify_trials(find("witaker"), drops)

@@ -43,9 +43,6 @@ def assert_found(fit, expected):
     assert ((fit.values - expected).abs() <= SIGMAS * fit.standard_errors).all(), (fit.values, fit.standard_errors)
 
 
-# --- A floor that leans, with a contact point that was seen ------------------------------------------
-
-
 def turned(impacts, phi):
     """The same impacts in a frame that is turned clockwise, so that the floor leans by φ."""
     angle = torch.full((len(impacts),), phi, dtype=torch.float64)
@@ -67,18 +64,12 @@ def test_a_turned_frame_is_a_tilt_with_a_contact_that_was_seen():
     assert (predicted(computed, exact) - exact.v_post).abs().max() > 0.01
     fit = identify_jointly(find("wang_mason"), {"tilt": seen}, noisy(exact, exact.v_post))
     assert_found(fit, torch.tensor((0.2, 0.6, 0.04), dtype=torch.float64))
-
-
-def test_without_a_shape_and_on_a_vertex_both_tilts_are_one():
     seen, computed = (find_effect("surface_tilt", form)(0.01) for form in ("seen", "computed"))
     exact = drops().replace(shape=None)
     assert torch.equal(predicted(seen, exact), predicted(computed, exact))
     exact = drops(HEXAGON)
     apart = (predicted(seen, exact) - predicted(computed, exact)).abs().amax(-1)
     assert 0.95 < (apart < ROUNDING).double().mean() < 1  # the others touch with another vertex
-
-
-# --- Tangential rebound of a ball --------------------------------------------------------------------
 
 
 def ball(slips):
@@ -101,9 +92,6 @@ def test_the_impulse_that_stopped_a_ball_rebounds_within_the_cone():
     slides = (slips - (1 + eps) * limit).clamp_min(0)
     torch.testing.assert_close(after[:, 0], torch.where(slips < limit, -rebound, slides), rtol=0, atol=ROUNDING)
     torch.testing.assert_close(after[:, 1], torch.full_like(slips, 0.6 * 2), rtol=0, atol=ROUNDING)
-
-
-def test_both_rebounds_of_a_ball_that_grips_are_one():
     impacts = ball(torch.linspace(-0.7, 0.7, 15))
     one, other = (find_effect("tangential_restitution", form)(0.4) for form in ("slip", "impulse"))
     torch.testing.assert_close(predicted(one, impacts), predicted(other, impacts), rtol=0, atol=ROUNDING)
@@ -128,13 +116,21 @@ def test_a_ball_on_springs_swings_back():
         torch.testing.assert_close(after[:, 1], torch.full_like(slips, eps * 2), rtol=0, atol=1e-3)
 
 
-def test_a_planted_rebound_of_the_impulse_is_found():
+def test_planted_forms_are_found():
     exact, effect = drops(), find_effect("tangential_restitution", "impulse")
     fit = identify_jointly(find("wang_mason"), {"it": effect()}, noisy(exact, predicted(effect(0.4), exact)))
     assert_found(fit, torch.tensor((0.2, 0.6, 0.4), dtype=torch.float64))
-
-
-# --- Round corners -----------------------------------------------------------------------------------
+    sharp = drops(HEXAGON, 300)
+    true = sharp.replace(r=lowest_of_rounded(sharp.q[:, 2], 0.003), validate=False)
+    v_post = ContactModel(LAW).predict(true).v_post
+    fit = identify_jointly(find("wang_mason"), {"it": find_effect("corner_radius")()}, noisy(sharp, v_post))
+    assert_found(fit, torch.tensor((0.2, 0.6, 0.003), dtype=torch.float64))
+    assert fit.standard_errors[2] < 5e-4
+    impacts = drops(size=300)
+    step = find_effect("parameter_drift", "restitution_step")
+    made = noisy(impacts, predicted(step(0.15, 0.4, trials=300.0), impacts))
+    fit = identify_jointly(LAW, {"it": step()}, made)
+    assert_found(fit, torch.tensor((0.2, 0.6, 0.15, 0.4)))
 
 
 def lowest_of_rounded(theta, radius):
@@ -158,23 +154,12 @@ def test_round_corners_are_those_of_discs_inside_the_body():
     assert ((rounder.r - state.r).norm(dim=-1) > 1e-5).all()
     backwards = drops(Polygon(HEXAGON.vertices[::-1]), 60)
     torch.testing.assert_close(find_effect("corner_radius")(0.004).state(State.of(backwards)).r, rounder.r)
-
-
-def test_planted_round_corners_are_found():
-    sharp = drops(HEXAGON, 300)
-    true = sharp.replace(r=lowest_of_rounded(sharp.q[:, 2], 0.003), validate=False)
-    v_post = ContactModel(LAW).predict(true).v_post
-    fit = identify_jointly(find("wang_mason"), {"it": find_effect("corner_radius")()}, noisy(sharp, v_post))
-    assert_found(fit, torch.tensor((0.2, 0.6, 0.003), dtype=torch.float64))
-    assert fit.standard_errors[2] < 5e-4
-
-
-def test_a_body_without_corners_keeps_its_contact():
     state = State.of(drops(None, 20))
     assert torch.equal(find_effect("corner_radius")(0.004).state(state).r, state.r)
+    # Corners of an ellipse, and a table of one object.
+    impacts = drops(size=100)
+    assert usable(all_candidates(), impacts).keys() == all_candidates().keys()
 
-
-# --- Objects of one table ----------------------------------------------------------------------------
 
 NAMES = ("steel", "brass", "oak")
 
@@ -226,15 +211,6 @@ def test_one_object_or_many_tell_nothing(count):
     torch.testing.assert_close(fit.values, alone.values)
 
 
-def test_candidates_that_cannot_act_are_no_error():
-    """Corners of an ellipse, and a table of one object."""
-    impacts = drops(size=100)
-    assert usable(all_candidates(), impacts).keys() == all_candidates().keys()
-
-
-# --- Friction over slip, and what happens once -------------------------------------------------------
-
-
 def test_friction_over_slip_is_that_of_a_ball_whose_slip_is_followed():
     """Of a ball in many steps of its normal impulse, whether it slides to the end or comes to roll."""
     ball = drops(size=60)
@@ -251,9 +227,6 @@ def test_friction_over_slip_is_that_of_a_ball_whose_slip_is_followed():
     change = taken - torch.minimum(0.03 * h * steps, first / w_tt)
     assert change.max() > 0.2 * taken.max()
     torch.testing.assert_close(impulse.abs(), taken, atol=0.01 * taken.max().item(), rtol=0.01)
-
-
-# --- Formulas as they stand on paper: of the state before contact, or added to what the law gives -----
 
 
 def on_paper(name, impacts, amount):
@@ -297,14 +270,6 @@ def test_a_formula_on_paper_has_its_form(name, form, amount):
     found = identify_jointly(find("wang_mason"), {"it": find_effect(name, form)()}, noisy(impacts, impacts.v_post))
     if name != "velocity_dependent_friction":  # whose rises depend on the knots
         assert_found(found, torch.tensor((0.2, 0.6, amount, 0.0)[: len(found.values)], dtype=torch.float64))
-
-
-def test_a_step_is_found_where_it_is():
-    impacts = drops(size=300)
-    step = find_effect("parameter_drift", "restitution_step")
-    made = noisy(impacts, predicted(step(0.15, 0.4, trials=300.0), impacts))
-    fit = identify_jointly(LAW, {"it": step()}, made)
-    assert_found(fit, torch.tensor((0.2, 0.6, 0.15, 0.4)))
 
 
 def test_large_bodies_have_large_lengths():

@@ -62,8 +62,6 @@ def pointed(text: str) -> tuple[str, str]:
     return rule, shown[len(caret) - 1 :]
 
 
-# --- Expressions -----------------------------------------------------------------------------------
-
 X, Y = (torch.linspace(*ends, 7, dtype=torch.float64) for ends in ((-2, 3), (0.5, 4)))
 MEANINGS = {
     "x + y*2 - 1": X + Y * 2 - 1,
@@ -94,25 +92,24 @@ def test_expressions_mean_what_they_mean_in_python(text):
     assert torch.equal(pickle.loads(pickle.dumps(expression)).evaluate({"x": X, "y": Y}), value)
 
 
-def test_names_come_in_order_with_their_columns():
+def test_expressions_are_differentiable():
     assert Expression("b*a + sin(b) + pi*c2").names == {"b": 0, "a": 2, "c2": 18}
+    x, y = X.clone().requires_grad_(), Y.clone().requires_grad_()
+    smooth = Expression("sin(x)*y**2 + exp(-y)*tanh(x) + sqrt(y)*x**3/2 - min(x, y)*max(x, 0.1) + abs(x)")
+    assert torch.autograd.gradcheck(lambda x, y: smooth.evaluate({"x": x, "y": y}), (x, y))
+    with pytest.raises(ContactLearnError, match=r"unknown symbol 'omga', did you mean 'omega'\?.*\n.*\n {6}\^"):
+        Expression("c*omga").evaluate({"c": X, "omega": Y})
+    assert Expression("x" * MAX_LENGTH).names
+    assert Expression("(" * MAX_DEPTH + "x" + ")" * MAX_DEPTH).names
+    assert Expression("-" * (MAX_DEPTH - 1) + "x").names
+    terms = "+".join(["(x+x+x+x+x)"] * (MAX_STEPS // 10))
+    assert Expression(terms).evaluate({"x": X}).allclose(X * 5 * (MAX_STEPS // 10))
 
 
 @pytest.mark.parametrize(("text", "value"), [("9**9**9", math.inf), ("1/0", math.inf), ("-1/0", -math.inf)])
 def test_numbers_are_float64_at_once(text, value):
     assert Expression(text).evaluate({}).item() == value
     assert Expression("0/0").evaluate({}).isnan()
-
-
-def test_expressions_are_differentiable():
-    x, y = X.clone().requires_grad_(), Y.clone().requires_grad_()
-    smooth = Expression("sin(x)*y**2 + exp(-y)*tanh(x) + sqrt(y)*x**3/2 - min(x, y)*max(x, 0.1) + abs(x)")
-    assert torch.autograd.gradcheck(lambda x, y: smooth.evaluate({"x": x, "y": y}), (x, y))
-
-
-def test_a_name_without_a_value_is_pointed_at():
-    with pytest.raises(ContactLearnError, match=r"unknown symbol 'omga', did you mean 'omega'\?.*\n.*\n {6}\^"):
-        Expression("c*omga").evaluate({"c": X, "omega": Y})
 
 
 REFUSED = {  # text: (what the caret is under and what follows, part of the message)
@@ -222,17 +219,6 @@ def test_only_text_is_an_expression(text):
         Expression(text)
 
 
-def test_the_bounds_themselves_are_allowed():
-    assert Expression("x" * MAX_LENGTH).names
-    assert Expression("(" * MAX_DEPTH + "x" + ")" * MAX_DEPTH).names
-    assert Expression("-" * (MAX_DEPTH - 1) + "x").names
-    terms = "+".join(["(x+x+x+x+x)"] * (MAX_STEPS // 10))
-    assert Expression(terms).evaluate({"x": X}).allclose(X * 5 * (MAX_STEPS // 10))
-
-
-# --- Symbols ---------------------------------------------------------------------------------------
-
-
 def test_symbols_have_their_named_values():
     state = State.of(DROPS).replace(mu=torch.tensor(0.25).double(), eps=torch.tensor(0.5).double())
     wrench = dict(zip(OUTPUTS["wrench"], DROPS.wrench.unbind(-1), strict=True))
@@ -245,25 +231,9 @@ def test_symbols_have_their_named_values():
     measured += [DROPS.v_post[:, 1] + DROPS.r[:, 0] * DROPS.v_post[:, 2]]
     for (name, value), expected in zip(seen.items(), measured, strict=True):
         torch.testing.assert_close(value, expected.double(), rtol=1e-9, atol=1e-9, msg=name)
-
-
-def test_state_symbols_come_from_a_state_alone():
     seen = of_state(State.of(DROPS))
     assert list(seen) == at_place("state")
     assert all(value.shape == (60,) and value.dtype == torch.float64 for value in seen.values())
-
-
-@PLACE
-def test_the_table_is_complete(place):
-    assert set(OUTPUTS[place]) <= set(at_place(place))
-    for name, symbol in SYMBOLS.items():
-        assert all((symbol.letter, symbol.unit, symbol.description))
-        assert set(symbol.places) <= set(PLACES)
-        assert name not in FUNCTIONS
-        assert name not in CONSTANTS
-
-
-def test_symbols_that_are_not_known_are_refused():
     state = State.of(DROPS)
     with pytest.raises(UnknownNameError, match=r"place law 'omga', did you mean 'omega'"):
         symbols(state, ["omga"], "law")
@@ -274,7 +244,33 @@ def test_symbols_that_are_not_known_are_refused():
             symbols(state, names, "wrench")
 
 
-# --- Formulas as effects -----------------------------------------------------------------------------
+@PLACE
+def test_the_place_follows_from_the_outputs(place):
+    assert set(OUTPUTS[place]) <= set(at_place(place))
+    for name, symbol in SYMBOLS.items():
+        assert all((symbol.letter, symbol.unit, symbol.description))
+        assert set(symbol.places) <= set(PLACES)
+        assert name not in FUNCTIONS
+        assert name not in CONSTANTS
+    effect = BY_PLACE[place]
+    assert (effect.place, effect.name) == (place, f"{place}_formula")
+    assert find_effect(effect.name) is type(effect)
+    assert effect.name not in catalogue()
+    assert (effect.mirror_symmetric, effect.adds_energy) == (False, True)
+    assert effect.needs_shape == (place == "state")
+    effect = BY_PLACE[place].prepare(DROPS)
+    plain = ContactModel(LAW).predict(DROPS)
+    mine = ContactModel(LAW, effects={"mine": effect.vanished()}).predict(DROPS)
+    assert torch.equal(mine.wrench, plain.wrench)
+    assert torch.equal(mine.v_post, plain.v_post)
+    assert not torch.equal(predict(effect.at(POINTS[place])), plain.v_post)
+    scales = torch.linspace(-1, 1, 5, dtype=torch.float64)
+    points = scales[:, None] * torch.tensor(POINTS[place], dtype=torch.float64)
+    together = predict(BY_PLACE[place].at(points[:, None]))
+    assert together.shape == (5, 60, 3)
+    for one, point in zip(together, points, strict=True):
+        torch.testing.assert_close(one, predict(BY_PLACE[place].at(point)), rtol=ROUNDING, atol=ROUNDING)
+
 
 EQUIVALENTS = {
     "spin_damping": (formula(tau="-c*I*omega_post", parameters=C), SpinDampingAfter(), [0.3]),
@@ -290,26 +286,6 @@ def test_formulas_equal_the_effects_that_they_spell(name):
     expected = predict(theirs.at(values))
     assert (expected - predict(theirs)).abs().max() > 1e-3
     torch.testing.assert_close(predict(mine.prepare(DROPS).at(values)), expected, rtol=ROUNDING, atol=ROUNDING)
-
-
-@PLACE
-def test_the_place_follows_from_the_outputs(place):
-    effect = BY_PLACE[place]
-    assert (effect.place, effect.name) == (place, f"{place}_formula")
-    assert find_effect(effect.name) is type(effect)
-    assert effect.name not in catalogue()
-    assert (effect.mirror_symmetric, effect.adds_energy) == (False, True)
-    assert effect.needs_shape == (place == "state")
-
-
-@PLACE
-def test_vanished_formulas_change_no_bit(place):
-    effect = BY_PLACE[place].prepare(DROPS)
-    plain = ContactModel(LAW).predict(DROPS)
-    mine = ContactModel(LAW, effects={"mine": effect.vanished()}).predict(DROPS)
-    assert torch.equal(mine.wrench, plain.wrench)
-    assert torch.equal(mine.v_post, plain.v_post)
-    assert not torch.equal(predict(effect.at(POINTS[place])), plain.v_post)
 
 
 def test_each_output_follows_its_expression():
@@ -346,17 +322,7 @@ def test_gradients_are_those_of_differences(place):
 
 
 @PLACE
-def test_leading_axes_equal_a_loop(place):
-    scales = torch.linspace(-1, 1, 5, dtype=torch.float64)
-    points = scales[:, None] * torch.tensor(POINTS[place], dtype=torch.float64)
-    together = predict(BY_PLACE[place].at(points[:, None]))
-    assert together.shape == (5, 60, 3)
-    for one, point in zip(together, points, strict=True):
-        torch.testing.assert_close(one, predict(BY_PLACE[place].at(point)), rtol=ROUNDING, atol=ROUNDING)
-
-
-@PLACE
-def test_formulas_survive_pickling_and_their_own_options(place):
+def test_formulas_survive_pickling_their_own_options_and_a_checkpoint(place, tmp_path):
     effect = BY_PLACE[place].at(POINTS[place])
     again = pickle.loads(pickle.dumps(effect))
     options = json.loads(json.dumps(effect.options))
@@ -365,10 +331,6 @@ def test_formulas_survive_pickling_and_their_own_options(place):
         assert (copy.parameters, copy.equation, copy.options) == (effect.parameters, effect.equation, effect.options)
         assert copy.needs_shape == effect.needs_shape
         assert torch.equal(predict(copy), predict(effect))
-
-
-@PLACE
-def test_formulas_survive_a_checkpoint(tmp_path, place):
     for values in (POINTS[place], torch.tensor(POINTS[place]).double() * torch.tensor([[[1.0]], [[0.5]]]).double()):
         model = ContactModel(LAW, effects={"mine": BY_PLACE[place].at(values)})
         loaded, _ = checkpoint.load(checkpoint.save(model, tmp_path / "model.pt", provenance={}))
@@ -377,16 +339,13 @@ def test_formulas_survive_a_checkpoint(tmp_path, place):
         assert loaded.effects["mine"].parameters == BY_PLACE[place].parameters
 
 
-def test_formulas_print_themselves():
+def test_parameters_are_as_declared():
     effect = formula(tau="-c*rx*Pn ", Pn="d*Pn", parameters={"c": {"low": 0, "high": 1, "unit": "m"}, "d": [-1, 1]})
     assert effect.equation == "τ ← τ + (-c*rx*Pn), P_n ← P_n + (d*Pn)"
     assert "mine: τ ← τ + (-c*rx*Pn), P_n ← P_n + (d*Pn), c = 0 m, d = 0" in str(
         ContactModel(LAW, effects={"mine": effect})
     )
     assert formula(vx_post="-c*vx_post", parameters=C).equation == "v_x⁺ ← v_x⁺ + (-c*vx_post)"
-
-
-def test_parameters_are_as_declared():
     given = {"low": -1, "high": 2, "unit": "m", "symbol": "k₁"}
     plain, full, free = formula(
         tau="c*k*p",
@@ -396,20 +355,23 @@ def test_parameters_are_as_declared():
     assert (plain.low, plain.high, plain.vanishing, plain.start) == (-1, 1, 0, 0)
     assert (full.symbol, full.unit, full.low, full.high, full.vanishing, full.start) == ("k₁", "m", -1, 2, 1, 2)
     assert (free.vanishing, free.start) == (None, 0.5)
-
-
-def test_a_configuration_is_as_good_as_plain_values():
     lines = ["tau=-c*d*rx*Pn", "parameters.c=[-1,1]", "parameters.d={low: 1, high: 2, unit: m, vanishing: null}"]
     effect = formula(**OmegaConf.from_dotlist(lines))
     assert json.loads(json.dumps(effect.options)) == effect.options
     assert type(effect.expressions["tau"]) is str
     assert [p.vanishing for p in effect.prepare(DROPS).parameters] == [0, None]
     assert pickle.loads(pickle.dumps(effect)).options == effect.options
-
-
-def test_values_must_be_as_many_as_parameters():
     with pytest.raises(ContactLearnError, match="has 1 parameters, got 2 values"):
         formula(tau="c*Pn", parameters=C).at([0.1, 0.2])
+    with pytest.raises(ContactLearnError, match="must be of the wrench, got mu of the law"):
+        WrenchFormula({"mu": "c"}, C)
+    first = int((DROPS.r[:, 0] < 0).nonzero()[0]) + 1
+    with pytest.raises(ContactLearnError, match=f"value nan on trial '{first}' of"):
+        formula(tau="c*sqrt(rx)", parameters=C).prepare(DROPS)
+    bare = DROPS.replace(shape=None)
+    with pytest.raises(DataError, match="state_formula moves the contact point, so it needs the body's shape"):
+        formula(theta="c", parameters=C).prepare(bare)
+    formula(rx="c", parameters=C).prepare(bare)
 
 
 BAD = {
@@ -453,13 +415,6 @@ def test_formulas_that_make_no_sense_are_refused(entries, message):
         formula(**entries)
 
 
-def test_a_class_takes_only_outputs_of_its_place():
-    with pytest.raises(ContactLearnError, match="must be of the wrench, got mu of the law"):
-        WrenchFormula({"mu": "c"}, C)
-
-
-# --- Trying a formula on measurements ------------------------------------------------------------------
-
 NULL = {"low": 0.0, "high": 1.0, "vanishing": None}
 UNFIT = {
     "constant": ({"tau": "rx*Pn + c", "parameters": C},
@@ -485,22 +440,9 @@ def test_formulas_that_do_not_fit_the_measurements_are_refused(entries, message)
         effect.prepare(DROPS)
 
 
-def test_the_first_bad_trial_is_named():
-    first = int((DROPS.r[:, 0] < 0).nonzero()[0]) + 1
-    with pytest.raises(ContactLearnError, match=f"value nan on trial '{first}' of"):
-        formula(tau="c*sqrt(rx)", parameters=C).prepare(DROPS)
-
-
 @pytest.mark.parametrize("grad", [torch.no_grad, torch.enable_grad])
 @PLACE
 def test_prepare_gives_the_effect_back(place, grad):
     effect = BY_PLACE[place].at(POINTS[place])
     with grad():
         assert effect.prepare(DROPS) is effect
-
-
-def test_theta_needs_a_shape():
-    bare = DROPS.replace(shape=None)
-    with pytest.raises(DataError, match="state_formula moves the contact point, so it needs the body's shape"):
-        formula(theta="c", parameters=C).prepare(bare)
-    formula(rx="c", parameters=C).prepare(bare)

@@ -87,9 +87,6 @@ def one_thread():
         yield
 
 
-# ---- evidence
-
-
 @pytest.mark.parametrize("weighted", [False, True], ids=["plain", "weighted"])
 @pytest.mark.parametrize(("B", "n", "D"), [(4, 1, 2), (4, 2, 1), (3, 3, 5), (5, 30, 3), (2, 130, 10), (2, 400, 2)])
 def test_evidence_agrees_with_autograd(B, n, D, weighted):
@@ -124,10 +121,7 @@ def test_evidence_does_not_depend_on_earlier_calls():
     assert plain[2] is None
     assert torch.equal(plain[0], first[0])
     assert torch.equal(plain[1], first[1])
-
-
-def test_evidence_far_away_is_finite():
-    """Where every entry off the diagonal vanishes, and where every one is the same."""
+    # Where every entry off the diagonal vanishes, and where every one is the same.
     x, y, _ = random_data(2, 20, 3)
     phi = torch.tensor([[LENGTH[0]] * 3 + [SCALE[1], NOISE[1]], [LENGTH[1]] * 3 + [1.0, 1e-2]]).double().log()
     assert_matches_reference(phi, torch.arange(2), x, y, None)
@@ -175,9 +169,6 @@ def test_evidence_is_nan_where_the_matrix_is_not_positive_definite(lapack, n):
         close(part[good], wanted, **CLOSE)
 
 
-# ---- minimiser
-
-
 def unbounded(P: int) -> tuple[Tensor, Tensor]:
     return torch.full((P,), -torch.inf, dtype=torch.float64), torch.full((P,), torch.inf, dtype=torch.float64)
 
@@ -223,12 +214,18 @@ def test_quadratics_reach_their_minimum(P, curved):
         assert (found.evaluations[far < 1] <= 10).all()
 
 
-def test_rosenbrocks_valley_is_followed():
+def test_the_limit_of_evaluations():
     start = torch.tensor([-1.2, 1.0]).double().expand(12, 2)
     found = minimise(rosenbrock, start, *unbounded(2), tolerance=1e-14)
     a = 1 + torch.arange(12) / 10
     assert found.converged.all()
     close(found.x, torch.stack((a, a**2), -1).double(), rtol=1e-5, atol=1e-5)
+    start = torch.tensor([[-1.2, 1.0], [1.0, 1.0]]).double()
+    found = minimise(rosenbrock, start, *unbounded(2), tolerance=1e-14, evaluations=7)
+    assert not found.converged[0]
+    assert found.evaluations[0] == 7
+    assert found.value[0] < rosenbrock(start, torch.arange(2), False)[0][0]
+    assert (minimise(rosenbrock, start, *unbounded(2), tolerance=1e-14, evaluations=1).evaluations == 1).all()
 
 
 @pytest.mark.parametrize("curved", [True, False], ids=["curved", "flat"])
@@ -282,15 +279,6 @@ def test_a_problem_that_starts_without_a_value_ends_there(broken):
     close(found.value[[0, 2]], torch.zeros(2).double(), rtol=0, atol=1e-10)
 
 
-def test_the_limit_of_evaluations():
-    start = torch.tensor([[-1.2, 1.0], [1.0, 1.0]]).double()
-    found = minimise(rosenbrock, start, *unbounded(2), tolerance=1e-14, evaluations=7)
-    assert not found.converged[0]
-    assert found.evaluations[0] == 7
-    assert found.value[0] < rosenbrock(start, torch.arange(2), False)[0][0]
-    assert (minimise(rosenbrock, start, *unbounded(2), tolerance=1e-14, evaluations=1).evaluations == 1).all()
-
-
 def test_batched_problems_equal_looped():
     start = torch.tensor([[-1.2, 1.0], [0.3, 0.1], [3.0, -2.0], [1.0, 1.0]]).double()
     low, high = torch.tensor([-2.0, -3.0]).double(), torch.tensor([1.05, 3.0]).double()
@@ -310,9 +298,6 @@ def test_batched_problems_equal_looped():
         )  # fmt: skip
         for one, every in zip(alone[:4], (part[i : i + 1] for part in batch[:4]), strict=True):
             close(one, every, **CLOSE)
-
-
-# ---- exact processes
 
 
 def processes(x: Tensor, y: Tensor, weight: Tensor | None = None) -> ExactGPs:

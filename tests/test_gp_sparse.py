@@ -45,17 +45,12 @@ def losses(gps: SparseGPs, weight: torch.Tensor | None) -> torch.Tensor:
 
 
 @WEIGHTED
-def test_with_all_points_inducing_the_bound_is_the_evidence(weighted):
+def test_with_all_points_inducing_the_bound_is_the_evidence(weighted, monkeypatch):
     x, y, w = problem(weighted=weighted)
     gps = SparseGPs(x, y, w)
     theta = set_hyperparameters(gps)
     exact = LogEvidence(*gps.train_inputs, y, w)(theta.log(), torch.arange(2))[0]
     torch.testing.assert_close(losses(gps, w), exact, **JITTER)
-
-
-@WEIGHTED
-def test_with_fewer_it_is_below_and_rises_with_their_number(weighted, monkeypatch):
-    x, y, w = problem(weighted=weighted)
     bounds = []
     for M in (5, 15, 30, 60):
         monkeypatch.setattr(sparse, "INDUCING", M)
@@ -63,12 +58,7 @@ def test_with_fewer_it_is_below_and_rises_with_their_number(weighted, monkeypatc
         set_hyperparameters(gps)
         bounds.append(-losses(gps, w))
     assert (torch.stack(bounds).diff(dim=0) > 1e-3).all()
-
-
-@WEIGHTED
-def test_it_is_gpytorchs_own(weighted, monkeypatch):
     monkeypatch.setattr(sparse, "INDUCING", 12)
-    x, y, w = problem(weighted=weighted)
     gps = SparseGPs(x, y, w)
     set_hyperparameters(gps)
     gps.train()
@@ -139,9 +129,6 @@ def test_training_ends_at_the_maximum(fitted):
         for step in (*0.3 * torch.eye(5).double(), *-0.3 * torch.eye(5).double()):
             assert sparse._loss_and_gradient(p + step, *process)[0] > loss - 1e-4
     assert (gps.likelihood.noise[:, 0].sqrt() / 0.2 - 1).abs().max() < 0.1
-
-
-def test_trained_sparse_processes_are_as_good_as_exact_ones(fitted):
     data, gps, _ = fitted
     exact = ExactGPs(*data)
     exact.fit(prior=False)
@@ -149,13 +136,16 @@ def test_trained_sparse_processes_are_as_good_as_exact_ones(fitted):
     ours, theirs = ((model.predict(new)[0] - truth).square().mean(-1).sqrt() for model in (gps, exact))
     assert (ours < 1.05 * theirs).all()
     assert (theirs < 0.15).all()
-
-
-def test_training_can_begin_at_another_models_hyperparameters(fitted):
     data, gps, fit = fitted
     again = SparseGPs(*data).fit(gps)
     torch.testing.assert_close(again.loss, fit.loss, rtol=0, atol=1e-3)  # other inducing points
     assert (again.evaluations <= fit.evaluations).all()
+    data, gps, _ = fitted
+    other, new = SparseGPs(*data), problem(n=20, seed=3)[0]
+    other.load_state_dict(gps.state_dict())
+    for call in (lambda model: model.predict(new), lambda model: model.leave_one_out()):
+        for found, expected in zip(call(other), call(gps), strict=True):
+            torch.testing.assert_close(found, expected, rtol=0, atol=1e-12)
 
 
 def test_a_batch_is_trained_as_each_alone(monkeypatch):
@@ -170,15 +160,6 @@ def test_a_batch_is_trained_as_each_alone(monkeypatch):
             torch.testing.assert_close(found, expected[i], **OPTIMA)
         for found, expected in zip(alone.leave_one_out(), batch.leave_one_out(), strict=True):
             torch.testing.assert_close(found, expected[i], **OPTIMA)
-
-
-def test_what_is_saved_predicts_the_same(fitted):
-    data, gps, _ = fitted
-    other, new = SparseGPs(*data), problem(n=20, seed=3)[0]
-    other.load_state_dict(gps.state_dict())
-    for call in (lambda model: model.predict(new), lambda model: model.leave_one_out()):
-        for found, expected in zip(call(other), call(gps), strict=True):
-            torch.testing.assert_close(found, expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("signal", ["sines", "constant", "free of noise"])

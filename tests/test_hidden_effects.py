@@ -20,6 +20,7 @@ import contactlearn
 from contactlearn.__main__ import main
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.data import table
+from contactlearn.data.audit.findings import audit
 from contactlearn.mechanics.rigid_body import apply_wrench, contact_velocity, measured_wrench
 from contactlearn.mechanics.shapes import Disc, Ellipse
 from contactlearn.simulation.hidden_effects import EFFECTS, UNKNOWN, draw, load, reveal
@@ -67,9 +68,6 @@ def drops(n: int = 50, seed: int = 0) -> States:
 
 
 WORLD = World(Ellipse((0.04, 0.025)), mu=0.15, eps=0.6, energetic=False)
-
-
-# --- Contacts ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("steps", [1, 7, 200])
@@ -149,16 +147,10 @@ def test_parting_costs_its_work():
     assert (energy(contact, v) - energy(contact, parted)).item() == pytest.approx(0.01, rel=1e-9)
     stopped = detach(contact, v, 1e3)
     assert contact_velocity(contact.r, stopped)[0, 1].item() == pytest.approx(0, abs=1e-12)
-
-
-def test_contacts_that_never_end_are_refused():
     bad = one_contact()._replace(eps=torch.full((1,), torch.nan, dtype=torch.float64))
     for collide in (collide_rigid, lambda contact, steps: collide_compliant(contact, 1.0, 0.0, steps)):
         with pytest.raises(DataError, match=r"1 simulated contacts do not come to an end"):
             collide(bad, 10)
-
-
-# --- The world ---------------------------------------------------------------------------------
 
 
 def test_tilted_floor_is_a_turned_camera():
@@ -170,10 +162,7 @@ def test_tilted_floor_is_a_turned_camera():
     level, states = replace(WORLD, shape=Disc(0.03)), drops()
     tilted = replace(level, tilt=φ.item()).outcome(states._replace(v=states.v @ turn.T))
     torch.testing.assert_close(tilted, level.outcome(states) @ turn.T, rtol=0, atol=1e-10)
-
-
-def test_tracked_point_is_not_the_centre_of_mass():
-    """What the camera sees and the centre of mass differ by ω × d before and after; the contact knows the latter."""
+    # What the camera sees and the centre of mass differ by ω × d before and after; the contact knows the latter.
     world, states = replace(WORLD, centre=(0.004, -0.003)), drops()
     here = world.touch(states)
     moved = torch.tensor((0.004, -0.003), dtype=torch.float64).norm()
@@ -205,7 +194,7 @@ def test_effects_vanish_at_size_0(name):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_effects_change_the_outcome_by_what_they_say(name):
+def test_effects_change_the_outcome_by_what_they_say_and_are_no_mistakes(name):
     impacts, truth = draw(6, size=200, effects=[name])
     (effect,) = truth["effects"]
     assert effect["name"] == name
@@ -220,6 +209,8 @@ def test_effects_change_the_outcome_by_what_they_say(name):
     assert 1.7 < multiple < 5.7  # 2 to 5 on the sample that it was sized on
     residual = (impacts.v_post - with_it) / sigma
     assert residual.std().item() == pytest.approx(1, abs=0.1)
+    for given in (impacts, impacts.replace(shape=None)):
+        assert not [finding for finding in audit(given) if finding.mistake]
 
 
 def test_each_form_acts():
@@ -235,20 +226,21 @@ def test_each_form_acts():
             assert change.abs().max() > 0.02, form.text
 
 
-# --- Drawing -----------------------------------------------------------------------------------
-
-
 def test_a_seed_gives_the_same_bits():
     (a, truth_a), (b, truth_b), (c, truth_c) = draw(7, size=40), draw(7, size=40), draw(8, size=40)
     assert a.fingerprint() == b.fingerprint() != c.fingerprint()
     assert truth_a == truth_b != truth_c
-
-
-def test_global_random_state_is_left_alone():
     torch.manual_seed(1)
     before = torch.get_rng_state()
     draw(7, size=5)
     assert (torch.get_rng_state() == before).all()
+    impacts, truth = draw(9, size=50, effects=[], noise=0)
+    P = impulse(truth["law"], impacts.W, impacts.v_c, truth["mu"], truth["eps"])
+    expected = apply_wrench(
+        impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, torch.cat((P, torch.zeros_like(P[:, :1])), -1)
+    )
+    torch.testing.assert_close(impacts.v_post, expected, rtol=1e-9, atol=1e-9)
+    assert truth["effects"] == []
 
 
 @pytest.mark.parametrize("seeds", repeated(range(6), range(6, 12)))
@@ -269,16 +261,6 @@ def test_what_is_drawn_is_plausible(seeds):
     assert len(names) > 8
     assert not set(EFFECTS) & set(UNKNOWN)
     assert len(EFFECTS) == 23
-
-
-def test_nothing_hidden_is_the_law_alone():
-    impacts, truth = draw(9, size=50, effects=[], noise=0)
-    P = impulse(truth["law"], impacts.W, impacts.v_c, truth["mu"], truth["eps"])
-    expected = apply_wrench(
-        impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, torch.cat((P, torch.zeros_like(P[:, :1])), -1)
-    )
-    torch.testing.assert_close(impacts.v_post, expected, rtol=1e-9, atol=1e-9)
-    assert truth["effects"] == []
 
 
 REFUSED = {
@@ -304,10 +286,7 @@ def test_bad_arguments(changes, message):
     assert isinstance(error.value, UnknownNameError if "unknown" in message else DataError)
 
 
-# --- The truth beside the drops ----------------------------------------------------------------
-
-
-def test_drops_and_truth_are_written(tmp_path):
+def test_drops_and_truth_are_written(tmp_path, monkeypatch):
     impacts = load(7, 30, str(tmp_path / "a"))
     assert json.loads((tmp_path / "a" / "truth.json").read_text("utf-8")) == draw(7, size=30)[1]
     assert table.load(tmp_path / "a" / "drops.csv").fingerprint() == impacts.fingerprint()
@@ -315,9 +294,6 @@ def test_drops_and_truth_are_written(tmp_path):
     assert set(before) == {"drops.csv", "truth.json"}
     load(7, 30, str(tmp_path / "a"))
     assert {path.name: path.read_bytes() for path in (tmp_path / "a").iterdir()} == before
-
-
-def test_config(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     config = OmegaConf.load(CONFIG)
     assert config.pop("correct") == []
@@ -326,6 +302,11 @@ def test_config(tmp_path, monkeypatch):
     impacts = instantiate(OmegaConf.merge(config, {"seed": 3, "size": 20}), _convert_="all")
     assert impacts.source == "mystery drops (seed 3)"
     assert "seed 3, 20 drops" in reveal("outputs/mystery/seed_3")
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "file").write_text("")
+    with pytest.raises(DataError, match="cannot be written"):
+        load(1, 10, str(tmp_path / "b" / "file"))
+    assert [path.name for path in (tmp_path / "b").iterdir()] == ["file"]
 
 
 def test_reveal_command(tmp_path, capsys):
@@ -348,6 +329,14 @@ def test_reveal_command(tmp_path, capsys):
     truth.write_text(json.dumps(draw(3, size=10, effects=[])[1]), encoding="utf-8")
     assert main(["reveal", str(tmp_path)]) == 0
     assert "hidden nothing" in capsys.readouterr().out
+    assert main(["reveal", str(tmp_path / "nowhere")]) == 2
+    assert "no such folder" in capsys.readouterr().err
+    truth.unlink()
+    assert main(["reveal", str(tmp_path)]) == 2
+    assert "holds no truth.json" in capsys.readouterr().err
+    (tmp_path / "sealed.bin").write_text("an older version's")
+    assert main(["reveal", str(tmp_path)]) == 2
+    assert "sealed.bin is of an older version; make the drops again" in capsys.readouterr().err
 
 
 def truth_with(**changes) -> dict:
@@ -379,26 +368,6 @@ def test_damaged_truth(content, tmp_path, capsys):
     assert "make it again with data=mystery" in said
 
 
-def test_nothing_to_reveal(tmp_path, capsys):
-    assert main(["reveal", str(tmp_path / "nowhere")]) == 2
-    assert "no such folder" in capsys.readouterr().err
-    assert main(["reveal", str(tmp_path)]) == 2
-    assert "holds no truth.json" in capsys.readouterr().err
-    (tmp_path / "sealed.bin").write_text("an older version's")
-    assert main(["reveal", str(tmp_path)]) == 2
-    assert "sealed.bin is of an older version; make the drops again" in capsys.readouterr().err
-
-
-def test_folder_that_cannot_be_written(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(DataError, match="cannot be written"):
-        load(1, 10, str(tmp_path / "file"))
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-# --- Two sides ---------------------------------------------------------------------------------
-
-
 def test_the_analysis_never_opens_the_truth():
     """Only the command and the workbench reveal it, when a user asks."""
     ours, revealing = PACKAGE / "simulation" / "hidden_effects", {"cli/tools.py", "workbench/files.py"}
@@ -409,9 +378,6 @@ def test_the_analysis_never_opens_the_truth():
             assert "truth.json" not in text, path
             assert "hidden_effects import reveal" not in text, path
             assert "hidden_effects.truth" not in text, path
-
-
-def test_the_simulator_shares_no_formula_with_the_analysis():
     paths = [*(PACKAGE / "simulation" / "hidden_effects").glob("*.py")]
     assert len(paths) > 4
     for path in paths:

@@ -62,28 +62,17 @@ def run(tmp_path_factory) -> tuple[Path, str]:
     return root, printed.getvalue()
 
 
-def test_the_terminal_is_not_steered(run):
+def test_names_steer_no_terminal_file_page_or_result(run):
     _, printed = run
     assert "columns not used" in printed
     assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f\u202e]", printed)
-
-
-def test_nothing_is_written_elsewhere(run):
     root, _ = run
     assert {path.name for path in root.iterdir()} == {"plain.csv", "<b>drops & [red]\x1b[31m.csv", "run"}
     assert all(re.fullmatch(r"[\w.-]+", path.name) for path in (root / "run").rglob("*"))
-
-
-def test_the_page_runs_nothing_of_theirs(run):
-    root, _ = run
     text = (root / "run" / "report.html").read_text(encoding="utf-8")
     assert "<script>window" not in text
     assert "<img src=x" not in text
     assert "<b>drops" not in text
-
-
-def test_results_keep_the_names_as_they_are(run):
-    root, _ = run
     result = read_result(root / "run" / "results.json")
     assert "<b>drops & [red]\x1b[31m.csv" in result.provenance.data.source
     held_out = pd.read_csv(next((root / "run").glob("predictions.csv")), keep_default_na=False)
@@ -117,6 +106,13 @@ def test_cells_of_tables_are_no_markup(capsys, monkeypatch):
     printed = capsys.readouterr().out
     assert all(name in printed for name in HOSTILE[5:7])
     assert "\x1b" not in printed
+    # Its texts are children of Dash's components, which escape them; names in figures are Plotly's to escape.
+    sources = [*(PACKAGE / "workbench").rglob("*.py"), *(PACKAGE / "workbench").rglob("*.js")]
+    assert sources
+    for path in sources:
+        assert not re.search(
+            r"Markdown|dangerously|innerHTML|outerHTML|document\.write|srcDoc", path.read_text("utf-8")
+        ), path
 
 
 @pytest.mark.parametrize("name", HOSTILE)
@@ -125,13 +121,3 @@ def test_harmless_text_steers_nothing(name):
     assert len(shown) == len(name)
     assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f\u202e\u200b]", shown)
     assert terminal_safe("μ = 0.12 ± 0.01\n  é 日本") == "μ = 0.12 ± 0.01\n  é 日本"
-
-
-def test_the_workbench_has_no_place_for_markup():
-    """Its texts are children of Dash's components, which escape them; names in figures are Plotly's to escape."""
-    sources = [*(PACKAGE / "workbench").rglob("*.py"), *(PACKAGE / "workbench").rglob("*.js")]
-    assert sources
-    for path in sources:
-        assert not re.search(
-            r"Markdown|dangerously|innerHTML|outerHTML|document\.write|srcDoc", path.read_text("utf-8")
-        ), path

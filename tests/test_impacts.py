@@ -66,23 +66,20 @@ def test_impacts_refuse(changes, fragments):
         assert fragment in str(caught.value)
 
 
-def test_no_impacts_are_refused():
+def test_names_default_to_the_row_and_body():
     with pytest.raises(DataError, match="at least one"):
         make(0)
-
-
-def test_names_default_to_the_row_and_body():
     impacts = make(3)
     assert impacts.trial == ("1", "2", "3")
     assert impacts.object == ("body",) * 3
     assert make(2, trial=(7, "007")).trial == ("7", "007")
-
-
-def test_numbers_of_any_kind_become_float64():
     impacts = make(2, mass=[1, 2], inertia=np.array([1, 2]), q=torch.ones(2, 3, dtype=torch.float32))
     assert {getattr(impacts, name).dtype for name in COMPONENTS if getattr(impacts, name) is not None} == {
         torch.float64
     }
+    assert repr(make(shape=Disc(0.03), source="a.csv")) == (
+        "Impacts(4 trials of body, shape=Disc(radius=0.03), source='a.csv')"
+    )
 
 
 @pytest.mark.parametrize(("rows", "expected"), [
@@ -147,9 +144,6 @@ def test_impacts_are_immutable():
     part = impacts[:2]
     part.q[0] = 99
     assert impacts.q.max() < 99
-
-
-def test_replace_makes_a_validated_copy():
     impacts = make()
     heavy = impacts.replace(mass=2 * impacts.mass)
     assert torch.equal(heavy.mass, 2 * impacts.mass)
@@ -157,15 +151,6 @@ def test_replace_makes_a_validated_copy():
     assert not torch.equal(heavy.W, impacts.W)
     with pytest.raises(DataError, match="positive"):
         impacts.replace(mass=-impacts.mass)
-
-
-def test_impacts_print_themselves():
-    assert repr(make(shape=Disc(0.03), source="a.csv")) == (
-        "Impacts(4 trials of body, shape=Disc(radius=0.03), source='a.csv')"
-    )
-
-
-def test_prediction_from_the_measured_wrench_is_the_measurement():
     impacts = synthetic.load(size=50)
     prediction = Prediction.from_wrench(impacts, impacts.wrench)
     torch.testing.assert_close(prediction.v_post, impacts.v_post, rtol=1e-10, atol=1e-12)
@@ -214,11 +199,6 @@ def test_polygon_contact_point_is_the_lowest_of_the_outline(shape):
         torch.testing.assert_close(r, lowest(sides, theta), rtol=0, atol=ROUNDING)
 
 
-def test_polygon_on_a_flat_side_touches_at_its_first_corner():
-    square = CORNERED["square"]
-    assert contact_point(square, torch.tensor(0.0, dtype=torch.float64)).tolist() == [-0.02, -0.02]
-
-
 @pytest.mark.parametrize("shape", [*ROUND.values(), *CORNERED.values()], ids=[*ROUND, *CORNERED])
 def test_contact_point_of_a_batch_is_that_of_each(shape):
     theta = THETA[:56].reshape(7, 8) + 0.01
@@ -265,17 +245,13 @@ def test_gyration_of_a_disc_is_that_of_its_ellipse_and_of_many_sides():
     assert Polygon(disc.outline(sides + 1)[:-1].tolist()).gyration_squared() == pytest.approx(
         0.03**2 * (2 + math.cos(2 * math.pi / sides)) / 6, rel=ROUNDING
     )
-
-
-def test_polygon_off_its_centroid_has_no_uniform_density():
     corners = [(0.03, 0.0), (0.0, 0.03), (-0.01, -0.01)]
     with pytest.raises(DataError, match=r"centroid.*\(0\.00666666667, 0\.00666666667\) m: subtract it"):
         Polygon(corners).gyration_squared()
     mended = Polygon([(x - 0.00666666667, y - 0.00666666667) for x, y in corners])
     assert mended.gyration_squared() > 0
-
-
-def test_ellipse_outline_is_on_the_ellipse_and_closed():
+    square = CORNERED["square"]
+    assert contact_point(square, torch.tensor(0.0, dtype=torch.float64)).tolist() == [-0.02, -0.02]
     outline = Ellipse((0.035, 0.025)).outline(41)
     on = (outline / torch.tensor([0.035, 0.025], dtype=torch.float64)).square().sum(-1)
     torch.testing.assert_close(on, torch.ones(41, dtype=torch.float64), rtol=ROUNDING, atol=0)

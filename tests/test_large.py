@@ -54,9 +54,6 @@ def predicted(parts):
     return [(part, {name: model.predict(part) for name, model in models().items()}) for part in parts]
 
 
-# Reading
-
-
 @SUFFIXES
 def test_blocks_of_a_table_are_the_table(suffix, drops, small_blocks, tmp_path):
     path = table.save(drops, tmp_path / f"drops.{suffix}")
@@ -125,15 +122,22 @@ def test_corrections_go_block_by_block_or_are_made_in_memory(drops, small_blocks
         loaded("drop_duplicates")
 
 
-# Computing
-
-
 def test_sums_over_blocks_are_the_errors_of_all(drops, monkeypatch):
+    sums = ErrorSums(models())
+    for part, predictions in predicted([drops[:90], drops[90:]]):
+        sums.add(part, predictions)
+    ((_, whole),) = predicted([drops])
+    error = metrics.mass_error(drops, whole["mirtich"])
+    expected = metrics.bootstrap(error, torch.Generator().manual_seed(2), 60)
+    assert sums.interval("mass_error", "mirtich", torch.Generator().manual_seed(2), 60) == expected
+    still = drops.v_post.clone()
+    still[200] = 0
+    with pytest.raises(DataError, match="trial '201' has v_post = 0"):
+        sums.add(drops.replace(v_post=still), {})
     monkeypatch.setattr("contactlearn.inference.evaluation.metrics.BOOTSTRAPPED", 100)
     sums = ErrorSums(models())
     for part, predictions in predicted([drops[:90], drops[90:91], drops[91:]]):
         sums.add(part, predictions)
-    ((_, whole),) = predicted([drops])
     for name, metric in metrics.METRICS.items():
         errors = {model: metric.error(drops, one) for model, one in whole.items()}
         pair = sums.difference(name, "whittaker", "mirtich", torch.Generator())
@@ -143,16 +147,6 @@ def test_sums_over_blocks_are_the_errors_of_all(drops, monkeypatch):
             torch.testing.assert_close(torch.tensor([*found]), torch.tensor([*expected]), **ROUNDING)
 
 
-def test_few_trials_have_the_bootstrap_of_all_together(drops):
-    sums = ErrorSums(models())
-    for part, predictions in predicted([drops[:90], drops[90:]]):
-        sums.add(part, predictions)
-    ((_, whole),) = predicted([drops])
-    error = metrics.mass_error(drops, whole["mirtich"])
-    expected = metrics.bootstrap(error, torch.Generator().manual_seed(2), 60)
-    assert sums.interval("mass_error", "mirtich", torch.Generator().manual_seed(2), 60) == expected
-
-
 def test_the_gaussian_limit_is_that_of_the_bootstrap(monkeypatch):
     errors = torch.randn(metrics.BOOTSTRAPPED, generator=torch.Generator().manual_seed(0)).double().square()
     drawn = metrics.bootstrap(errors, torch.Generator().manual_seed(1), 500)
@@ -160,13 +154,6 @@ def test_the_gaussian_limit_is_that_of_the_bootstrap(monkeypatch):
     limit = metrics.bootstrap(errors, torch.Generator().manual_seed(1), 500)
     assert limit.mean == drawn.mean
     assert (limit.high - limit.low) / (drawn.high - drawn.low) == pytest.approx(1, abs=0.15)  # of 500 resamples
-
-
-def test_an_outcome_at_rest_is_refused_wherever_it_is(drops):
-    still = drops.v_post.clone()
-    still[200] = 0
-    with pytest.raises(DataError, match="trial '201' has v_post = 0"):
-        ErrorSums(models()).add(drops.replace(v_post=still), {})
 
 
 @SUFFIXES
@@ -219,9 +206,6 @@ def test_a_training_in_blocks_is_that_in_memory(drops, small_blocks, tmp_path, m
     assert one.replace("/blocks", "/memory") == other
 
 
-# Memory
-
-
 def test_memory_does_not_grow_with_the_table(tmp_path, monkeypatch):
     """Blocks that live side by side would add up: of ten times as many trials the peak is nearly the same."""
     monkeypatch.setattr(blocks_module, "BLOCK", 500)
@@ -272,9 +256,6 @@ def test_a_training_larger_than_memory_is_made_smaller(drops, tmp_path, monkeypa
         "model=analytical",
     )
     assert "50 trials are used" in run("train.py", *words, f"hydra.run.dir={tmp_path / 'out'}")
-
-
-# Writing
 
 
 @SUFFIXES

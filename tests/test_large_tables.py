@@ -30,9 +30,6 @@ SMALL = Thresholds(whole=375)  # subsamples of 150, 300 and 600 trials
 LAW = find("wang_mason").at(0.12, 0.55)
 
 
-# Draw
-
-
 @pytest.fixture(scope="module")
 def many():
     impacts = synthetic.load(size=20_000, law="wang_mason", mu=0.12, eps=0.55, seed=1)
@@ -48,16 +45,14 @@ def test_a_sample_is_even_over_objects_sequence_and_inputs(many):
         octaves = torch.bincount(values.argsort().argsort()[rows] // 2500, minlength=8)
         assert (octaves - 62.5).abs().max() < 16  # 2 standard deviations of a random draw, of 32 cells in all
         assert (torch.bincount(values.argsort().argsort()[rows] // 10_000) - 250).abs().max() <= 6
-
-
-def test_every_trial_is_as_likely_to_be_drawn(many):
     some = many[slice(0, 400)]
     counts = sum(torch.bincount(space_filling(some, 100, seeded(seed)), minlength=400) for seed in range(200))
     assert counts.min() > 20  # 50 on the average, 6 the deviation
     assert counts.max() < 80
-
-
-# Growth
+    some = many.replace(validate=False)[torch.tensor([0, 1, 2, 1, 3, 0, 1])]
+    r = some.r.clone()
+    r[:, 0] = torch.tensor((0.0, 1, 2, 1, 3, -0.0, 1))
+    assert repeated(some.replace(r=r)).tolist() == [False, False, False, True, False, True, True]
 
 
 def grown(impacts, diagnosed, thresholds=SMALL, on_event=ignore, **options):
@@ -131,9 +126,6 @@ def test_a_stopped_run_goes_on_behind_its_finished_subsamples(many, tmp_path):
     assert diagnosed == [300, 150]
 
 
-# Answer
-
-
 def test_a_large_table_is_diagnosed_on_samples():
     impacts, _ = hidden_effects.draw(8, effects=["contact_patch"], size=900)
     law, events = find("wang_mason"), RecordingObserver()
@@ -148,9 +140,6 @@ def test_a_large_table_is_diagnosed_on_samples():
     assert sum(sample.confirmation.map.trials) == 900
     assert Diagnosis.from_json(found.to_json()) == found.without_record()
     assert "300 of 900 trials" in phrase("sample_support", found.sample)
-
-
-# All trials
 
 
 def test_what_is_rare_is_found_among_all_trials(many):
@@ -175,16 +164,6 @@ def test_what_is_rare_is_found_among_all_trials(many):
     assert f"'{impacts.trial[lost]}'" in found.outliers.sentence or str(lost + 1) in str(found.outliers.evidence)
 
 
-def test_equal_rows_are_found_as_by_hand(many):
-    some = many.replace(validate=False)[torch.tensor([0, 1, 2, 1, 3, 0, 1])]
-    r = some.r.clone()
-    r[:, 0] = torch.tensor((0.0, 1, 2, 1, 3, -0.0, 1))
-    assert repeated(some.replace(r=r)).tolist() == [False, False, False, True, False, True, True]
-
-
-# Page
-
-
 @pytest.fixture(scope="module")
 def large():
     """A diagnosis of 4000 of 20 000 trials."""
@@ -201,19 +180,13 @@ def test_the_page_of_a_large_table_is_small(large):
     assert "4000 of 20\u00a0000 trials" in content["verdict"]["support"]
     assert large.record.impacts.trial[0] == content["trials"]["name"][0]
     assert large.record.impacts.trial[-1] == content["trials"]["name"][-1]
-
-
-def test_the_page_of_a_table_diagnosed_whole_says_nothing_of_samples():
-    found = made_up(30)
-    content = of_diagnosis(found, provenance_of(found.record.impacts))
-    assert "sample" not in content
-    assert content["trials"]["count"] == 30
-    assert phrase("sample_support", found.sample) == ""
-
-
-def test_an_answer_is_names_law_and_verdict(large):
     one = large.sample.answers[0]
     assert one.agrees(replace(one, error=ERROR, trials=1))
     assert one.agrees(replace(one, effects=(EffectId("side_drag", "other"), EffectId("surface_tilt"))))
     assert not one.agrees(replace(one, effects=one.effects[:1]))
     assert not one.agrees(replace(one, physics=Verdict.UNKNOWN))
+    found = made_up(30)
+    content = of_diagnosis(found, provenance_of(found.record.impacts))
+    assert "sample" not in content
+    assert content["trials"]["count"] == 30
+    assert phrase("sample_support", found.sample) == ""

@@ -124,7 +124,7 @@ def test_a_launcher_that_is_not_there_is_named(launcher, tmp_path):
     assert printed.splitlines()[-1].endswith(f"is not installed: {install_hint(extra)}")
 
 
-def test_requests_to_slurm():
+def test_requests_to_slurm_and_ray():
     """One core, the stated memory, a limit of time, and to be queued again."""
     found = hydra_main.compose(
         "train", ["hydra/launcher=submitit_slurm", "hydra.sweeper.gigabytes=3"], return_hydra_config=True
@@ -134,10 +134,7 @@ def test_requests_to_slurm():
     assert wanted["additional_parameters"] == {"requeue": True}
     assert found.hydra.launcher.mem_gb == 3
     assert found.threads == 1
-
-
-def test_requests_to_ray():
-    """On this machine as many jobs as fit; on a cluster the memory of each, where its own settings say nothing else."""
+    # On this machine as many jobs as fit; on a cluster the memory of each, where its own settings say nothing else.
     own = hydra_main.compose("train", ["hydra/launcher=ray"], return_hydra_config=True).hydra.launcher
     _limit(own, gigabytes=2, jobs=64)
     assert own.ray.init.num_cpus == jobs_at_a_time(-1, 2)

@@ -14,6 +14,7 @@ from contactlearn import laws
 from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings, TrainSettings
 from contactlearn.core.errors import ContactLearnError
+from contactlearn.laws import PAPER_LAWS
 from contactlearn.models import checkpoint
 
 SETTINGS = {"train": TrainSettings, "evaluate": EvaluateSettings, "diagnose": DiagnoseSettings}
@@ -52,12 +53,13 @@ def test_a_law_of_ones_own_takes_part_in_an_evaluation(package, tmp_path):
 
 
 def test_a_law_of_ones_own_takes_part_in_a_diagnosis(package, tmp_path):
-    printed = run("diagnose.py", "data.size=40", "seconds=1", *CHOSEN, f"hydra.run.dir={tmp_path / 'run'}")
+    given = ("fit.noise=[0.01,0.01,0.5]", "+limits.v_y=[-3,-1]")
+    printed = run("diagnose.py", "data.size=40", "seconds=1", *CHOSEN, *given, f"hydra.run.dir={tmp_path / 'run'}")
     assert "bumpy_floor" in printed
     found = results(tmp_path / "run", "diagnosis.json")
     assert found["diagnosis"]["law"] == "bumpy_floor"
     assert "Bumpy floor" in (tmp_path / "run" / "report.html").read_text("utf-8")
-    assert all(word in found["use"] for word in CHOSEN)
+    assert all(word in found["use"] for word in (*CHOSEN, given[0]))
 
 
 def test_a_trained_law_of_ones_own_comes_back(package, tmp_path):
@@ -98,4 +100,5 @@ def test_variants_and_options():
     ]
     train = TrainSettings.from_config(compose("train", ["law=mirtich", "variant=fazeli2017"]))
     assert type(train.law).__name__ == "MirtichFazeli2017"
-    assert DiagnoseSettings.from_config(compose("diagnose", [])).law is None
+    diagnosed = DiagnoseSettings.from_config(compose("diagnose", []))
+    assert (diagnosed.law, [one.name for one in diagnosed.laws]) == (None, [*PAPER_LAWS, "wang_mason_newton"])

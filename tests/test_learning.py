@@ -106,9 +106,6 @@ def assert_same(one: Prediction, two: Prediction, rtol: float = REPEATED):
         assert ((a - b).abs() <= rtol * size).all()
 
 
-# --- What a known law leaves ----------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def exact() -> tuple[Impacts, Impacts]:
     """Drops of the same law without any noise: to learn from, and to test."""
@@ -170,9 +167,6 @@ def test_error_falls_with_the_number_of_trials(name, pool, test):
     # X2 cannot tell bodies at different angles apart: the impulse depends on W too.
     least = error(ContactModel(find("wang_mason").at(MU, EPS)), test)
     assert errors[-1] > 2 * least if "x2" in name else errors[-1] < 1.4 * least
-
-
-# --- Parameters that depend on the impact ---------------------------------------------------------
 
 
 def planted(n: int, name: str, mu: float, eps, seed: int) -> tuple[Impacts, Tensor]:
@@ -273,8 +267,6 @@ def test_parameters_that_are_the_same_everywhere_are_constant(exact):
     assert variance[..., 1].max() < 1e-9
 
 
-# --- Uncertainty ----------------------------------------------------------------------------------
-
 QUANTILE = chi2.ppf(0.95, 3)
 
 
@@ -340,9 +332,6 @@ def test_drops_without_noise_have_a_density(recipe, exact):
     assert metrics.negative_log_density(test, prediction).isfinite().all()
 
 
-# --- Subsets, symmetries and who may see what -----------------------------------------------------
-
-
 @pytest.mark.parametrize(("recipe", "n"), crossed(RECIPES, [2, 10, 40]))
 def test_batched_subsets_equal_looped(recipe, n, pool, test):
     rows = subsets(900, n)
@@ -372,35 +361,25 @@ def test_held_out_trials_are_never_seen(recipe, pool, test):
 
 
 @RECIPE
-def test_the_order_of_trials_does_not_matter(recipe, pool, test):
+def test_the_order_of_trials_and_the_unit_of_mass_do_not_matter(recipe, pool, test):
     rows = subsets(900, 25)
     order = torch.randperm(25, generator=torch.Generator().manual_seed(1))
     one, two = (trained(recipe, pool, chosen).predict(test) for chosen in (rows, rows[:, order]))
     assert_same(one, two)
 
-
-@RECIPE
-def test_velocities_do_not_depend_on_the_unit_of_mass(recipe, pool, test):
     def heavy(impacts: Impacts) -> Impacts:
         return impacts.replace(mass=4 * impacts.mass, inertia=4 * impacts.inertia)
 
-    rows = subsets(900, 25)
     one = trained(recipe, pool, rows).predict(test)
     two = trained(recipe, heavy(pool), rows).predict(heavy(test))
     assert_same(one, Prediction(two.v_post, two.wrench / 4, two.covariance))
-
-
-@RECIPE
-def test_mirror(recipe, pool, test):
-    """What is learnt from mirrored drops is the mirror image."""
+    # What is learnt from mirrored drops is the mirror image.
     flip = torch.tensor([-1.0, 1.0, -1.0], dtype=torch.float64)
 
     def mirrored(impacts: Impacts) -> Impacts:
         fields = {name: getattr(impacts, name) * flip for name in ("q", "v_pre", "v_post")}
         return impacts.replace(r=impacts.r * flip[:2], **fields)
 
-    rows = subsets(900, 25)
-    one = trained(recipe, pool, rows).predict(test)
     two = trained(recipe, mirrored(pool), rows).predict(mirrored(test))
     assert_same(one, Prediction(two.v_post * flip, two.wrench * flip, two.covariance * flip[:, None] * flip))
 
@@ -440,9 +419,6 @@ def test_many_trials_are_learnt_sparsely(name, pool, test, monkeypatch):
     exact = trained(RECIPES[name], pool, subsets(900, 31))
     assert isinstance((exact.parameters or exact.residual).gps, ExactGPs)
     assert error(many, test).mean() < 1.3 * error(exact, test).mean()
-
-
-# --- What is refused ------------------------------------------------------------------------------
 
 
 @RECIPE

@@ -166,24 +166,15 @@ def test_figures_with_such_names_are_readable(name, build):
     assert_readable(build(name))
 
 
-# --- Styles -------------------------------------------------------------------------------------
-
-
 def test_classes_hold_the_learned_models():
     assert (*style.CLASS_I, *style.CLASS_II) == tuple(style.MODEL_STYLE)
     assert len(style.CLASS_I) == len(style.CLASS_II) == 4
     assert style.law_style("X1 → wrench") is style.law_style("x1_wrench") is style.MODEL_STYLE["x1_wrench"]
-
-
-def test_unknown_models_differ_in_marker_and_line():
     names = [f"model {k}" for k in range(50)]
     styles = style.law_styles(("irb", *names))
     assert styles["irb"] is style.LAW_STYLE["irb"]
     assert styles["model 0"] == style.law_style("model 0")
     assert len({(styles[name].marker, styles[name].linestyle) for name in names}) == 50
-
-
-# --- What is drawn ------------------------------------------------------------------------------
 
 
 def line(axes, label: str):
@@ -210,9 +201,6 @@ def test_learning_curve_shows_what_was_run():
     np.testing.assert_allclose([bar[:, 1] for bar in bars], GAP[[1, 2, 4, 5, 6], 1:])
     at = [line(figure.axes[0], name).get_xdata()[-1] for name in ("X1 → wrench", "X1 → impulse")]
     assert at[0] < 450 < at[1]  # side by side
-
-
-def test_large_error_of_few_impacts_leaves_the_panel():
     assert curve(first=90.0).axes[0].get_ylim()[1] == pytest.approx(0.8)
     high = learning.learning_curve(SIZES, {"x1_wrench": decay(3.0, 90.0)}, {"irb": (0.2, 0.1, 0.3)}, METRIC)
     assert high.axes[0].get_ylim()[1] == pytest.approx(1.15 * 3.3)
@@ -234,9 +222,6 @@ def test_spike_of_a_bound_does_not_flatten_the_models():
     errors = {"irb": torch.cat((1e-4 * trials(1.0), trials(0.2, 20))), "x1_wrench": trials(0.4)}
     axes = learning.error_densities(errors, METRIC).axes[0]
     assert axes.get_ylim()[1] < 1.6 * line(axes, "X1 → wrench").get_ydata().max()
-
-
-def test_outliers_do_not_stretch_the_axis():
     errors = torch.cat((trials(0.4), torch.tensor([500.0])))
     axes = learning.error_densities({"x1_wrench": errors}, METRIC).axes[0]
     assert axes.get_xlim()[1] < 1
@@ -249,15 +234,9 @@ def test_velocities_state_their_fit():
     assert [a.get_title() for a in axes] == [
         "R² = 0.96, rms 0.1 m/s", "R² undefined, rms 0 m/s", "R² = −99, rms 50 rad/s",
     ]  # fmt: skip
-
-
-def test_bars_of_the_prediction_hold_95_percent():
     axes = velocities(5).axes[0]
     heights = [np.ptp(bar[:, 1]) for bar in axes.collections[0].get_segments()]
     np.testing.assert_allclose(heights, 2 * 1.96 * 0.2)
-
-
-def test_calibration_shows_the_shares():
     axes = covered(("x1_impulse",)).axes[0]
     x, y = line(axes, "X1 → impulse").get_data()
     np.testing.assert_allclose(y, x**0.8, rtol=1e-6)
@@ -269,9 +248,6 @@ def test_transfer_has_one_legend_and_one_scale_for_all_bodies():
     assert entries == ["from scratch", "trained model as prior", "Trained model, no trial of this body"]
     assert len({axes.get_ylim() for axes in figure.axes}) == 1
     assert [axes.get_title() for axes in figure.axes] == ["Square", "Triangle"]
-
-
-def test_training_shows_relevances_of_each_output():
     figure = quality.training(torch.ones(5), {"P_t": {"v_t": 0.4}, "P_n": {"v_n": 0.7, "v_t": 0.1}})
     left, right = figure.axes
     assert left.get_legend() is None

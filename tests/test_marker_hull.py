@@ -70,7 +70,7 @@ def plane(tmp_path_factory):
     return found_in(path, inertia=MASS * 4e-4), truth, shape
 
 
-def test_contact_points_are_those_of_the_true_body_within_their_errors(plane):
+def test_contact_points_and_velocities_are_those_of_the_true_body_within_their_errors(plane):
     found, truth, shape = plane
     rows = paired(found, truth)
     assert len(rows) >= 20
@@ -80,19 +80,13 @@ def test_contact_points_are_those_of_the_true_body_within_their_errors(plane):
     assert np.abs(off).max() < 3e-4
     assert np.median(score) < 4  # 1.4 is expected, and an error of the places is common to all
     assert np.sqrt(found.r_cov.diagonal(axis1=1, axis2=2)).max() < 2e-4
-
-
-def test_velocities_are_those_of_the_centre_of_mass(plane):
-    """The markers' mean is 3 mm off it: its velocity is another by 20 mm/s in the median."""
+    # The markers' mean is 3 mm off it: its velocity is another by 20 mm/s in the median.
     found, truth, _ = plane
     rows = paired(found, truth)
     errors = found.impacts.v_pre.numpy() - truth.v_pre[rows]
     scores = errors / found.impacts.v_pre_cov.diagonal(dim1=-2, dim2=-1).sqrt().numpy()
     assert np.abs(errors[:, :2]).max() < 5e-3
     assert (np.mean(scores**2, 0) < 3).all()
-
-
-def test_markers_inside_the_hull_are_no_corners(plane):
     found, _, shape = plane
     assert len(found.shape.vertices) == 4
     assert found.shape.gyration_squared() == pytest.approx(shape.gyration_squared(), rel=0.01)

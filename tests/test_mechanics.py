@@ -50,16 +50,10 @@ def test_inverse_inertia_is_the_jacobians():
     torch.testing.assert_close(W, J @ (J.mT / weights()[..., None]))
     torch.testing.assert_close(W, CONTACTS.W)
     assert (torch.linalg.eigvalsh(W) > 0).all()
-
-
-def test_effective_inertia_inverts_it():
     M_c = rigid_body.effective_inertia(CONTACTS.W)
     identity = torch.eye(2, dtype=torch.float64).expand(N, 2, 2)
     torch.testing.assert_close(M_c @ CONTACTS.W, identity, rtol=0, atol=ROUNDING)
     torch.testing.assert_close(M_c, M_c.mT, rtol=0, atol=0)
-
-
-def test_a_central_impact_is_uncoupled():
     two, r = torch.tensor(2.0, dtype=torch.float64), torch.tensor([0.0, -3.0], dtype=torch.float64)
     W = rigid_body.inverse_inertia(two, 4 * two, r)
     assert torch.equal(W, torch.tensor([[0.5 + 9 / 8, 0], [0, 0.5]], dtype=torch.float64))
@@ -75,10 +69,6 @@ def test_measured_wrench_inverts_apply_wrench():
     assert ((measured - wrench) / size).abs().max() <= 1e-12
     again = rigid_body.apply_wrench(*BODIES, measured)
     torch.testing.assert_close(again, v_post, rtol=ROUNDING, atol=1e-6)
-
-
-def test_wrench_obeys_the_equation_of_motion():
-    wrench = wrenches()
     change = weights() * (rigid_body.apply_wrench(*BODIES, wrench) - BODIES.v)
     J = rigid_body.contact_jacobian(BODIES.r)
     force = (J.mT @ wrench[:, :2, None])[..., 0] + torch.nn.functional.pad(wrench[:, 2:], (2, 0))
@@ -112,24 +102,18 @@ def test_velocity_per_wrench_is_the_derivative():
             lambda v, body=body: rigid_body.measured_wrench(*body, v), body[3]
         )
         torch.testing.assert_close(measured @ A[i], torch.eye(3).double(), rtol=0, atol=ROUNDING)
-
-
-def test_velocity_per_wrench_of_any_leading_axes():
     bodies = [part[:12].reshape(3, 4, *part.shape[1:]) for part in BODIES[:3]]
     every = rigid_body.velocity_per_wrench(*bodies)
     assert torch.equal(every.flatten(0, 1), rigid_body.velocity_per_wrench(*(part[:12] for part in BODIES[:3])))
     assert torch.equal(every[1, 2], rigid_body.velocity_per_wrench(*(part[6] for part in BODIES[:3])))
 
 
-def test_energy_excess_is_the_kinetic_energy_gained():
+def test_energy_ellipse_goes_round_and_through_no_impulse():
     P = wrenches()[:, :2]
     v_post = rigid_body.apply_wrench(*BODIES, torch.nn.functional.pad(P, (0, 1)))
     before, after = (0.5 * (weights() * v**2).sum(-1) for v in (BODIES.v, v_post))
     excess = rigid_body.energy_excess(CONTACTS.W, CONTACTS.v_c, P)
     assert ((excess - (after - before)) / (before + after)).abs().max() <= ROUNDING
-
-
-def test_energy_ellipse_has_no_excess():
     for shape in ((), (50,), (3, 7)):
         index = torch.arange(math.prod(shape)).reshape(shape)
         W, v_c = CONTACTS.W[index], CONTACTS.v_c[index]
@@ -139,9 +123,6 @@ def test_energy_ellipse_has_no_excess():
         excess = rigid_body.energy_excess(W[..., None, :, :], v_c[..., None, :], ellipse)
         assert (excess / incident[..., None]).abs().max() <= ROUNDING
         torch.testing.assert_close(ellipse[..., 0, :], ellipse[..., -1, :])
-
-
-def test_energy_ellipse_goes_round_and_through_no_impulse():
     W, v_c = CONTACTS.W[:50], CONTACTS.v_c[:50]
     ellipse = rigid_body.energy_ellipse(W, v_c, points=20_001)
     centre = -(rigid_body.effective_inertia(W) @ v_c[..., None])[..., 0]
@@ -203,17 +184,6 @@ def test_admissible(P, allowed):
     assert rigid_body.admissible(W, v_c, torch.tensor(P, dtype=torch.float64)).item() is allowed
 
 
-def test_admissible_refuses_a_pull_that_nothing_else_refuses():
-    # Strong coupling: rubbing alone lifts the contact point, so that only P_n < 0 is wrong.
-    W = torch.tensor([[9.0, 8.0], [8.0, 9.0]], dtype=torch.float64)
-    v_c = torch.tensor([-4.0, -1.0], dtype=torch.float64)
-    P = torch.tensor([0.5, -0.1], dtype=torch.float64)
-    assert rigid_body.energy_excess(W, v_c, P) < 0
-    assert v_c[1] + W[1] @ P > 0
-    assert not rigid_body.admissible(W, v_c, P)
-    assert rigid_body.admissible(W, v_c, P + torch.tensor([0.0, 0.1], dtype=torch.float64))
-
-
 def test_admissible_is_relative():
     # The tolerance goes with the size of the contact: masses and speeds of any unit.
     for mass, speed in ((1e-9, 1e-6), (1.0, 1.0), (1e9, 1e6)):
@@ -222,6 +192,14 @@ def test_admissible_is_relative():
         P = mass * speed * torch.tensor([[0.0, 2.0], [0.0, 2.01], [0.0, 1.0], [0.0, 0.99]], dtype=torch.float64)
         assert rigid_body.admissible(W, v_c, P).tolist() == [True, False, True, False]
         assert rigid_body.admissible(W, v_c, P, tolerance=0.1).all()
+    # Strong coupling: rubbing alone lifts the contact point, so that only P_n < 0 is wrong.
+    W = torch.tensor([[9.0, 8.0], [8.0, 9.0]], dtype=torch.float64)
+    v_c = torch.tensor([-4.0, -1.0], dtype=torch.float64)
+    P = torch.tensor([0.5, -0.1], dtype=torch.float64)
+    assert rigid_body.energy_excess(W, v_c, P) < 0
+    assert v_c[1] + W[1] @ P > 0
+    assert not rigid_body.admissible(W, v_c, P)
+    assert rigid_body.admissible(W, v_c, P + torch.tensor([0.0, 0.1], dtype=torch.float64))
 
 
 def test_mirror():

@@ -36,6 +36,15 @@ def test_errors_are_their_formulas(case):
     np.testing.assert_allclose(metrics.euclidean_error(impacts, prediction), euclidean, rtol=EXACT)
     ratio = euclidean / np.linalg.norm(v, axis=1)
     np.testing.assert_allclose(metrics.normalised_euclidean_error(impacts, prediction), ratio, rtol=EXACT)
+    # Grams for kilograms, and millimetres for metres, change nothing.
+    expected = metrics.mass_error(impacts, prediction)
+    lengths = torch.tensor((1e3, 1e3, 1.0), dtype=torch.float64)
+    changed = impacts.replace(
+        mass=1e3 * impacts.mass, inertia=1e9 * impacts.inertia, r=1e3 * impacts.r, v_pre=impacts.v_pre * lengths,
+        v_post=impacts.v_post * lengths,
+    )  # fmt: skip
+    actual = metrics.mass_error(changed, Prediction(prediction.v_post * lengths, prediction.wrench))
+    torch.testing.assert_close(actual, expected, rtol=EXACT, atol=0)
 
 
 @pytest.mark.parametrize("norm", bounds.NORMS)
@@ -76,19 +85,6 @@ def test_velocity_error_is_bounded_by_nothing():
         assert error(impacts, bounds.irb(impacts, norm)).mean() > error(impacts, law).mean()
 
 
-def test_mass_error_does_not_depend_on_units(case):
-    """Grams for kilograms, and millimetres for metres, change nothing."""
-    impacts, prediction = case
-    expected = metrics.mass_error(impacts, prediction)
-    lengths = torch.tensor((1e3, 1e3, 1.0), dtype=torch.float64)
-    changed = impacts.replace(
-        mass=1e3 * impacts.mass, inertia=1e9 * impacts.inertia, r=1e3 * impacts.r, v_pre=impacts.v_pre * lengths,
-        v_post=impacts.v_post * lengths,
-    )  # fmt: skip
-    actual = metrics.mass_error(changed, Prediction(prediction.v_post * lengths, prediction.wrench))
-    torch.testing.assert_close(actual, expected, rtol=EXACT, atol=0)
-
-
 def test_bootstrap_interval_covers_as_promised():
     """95 % intervals of the mean of 40 exponential errors hold the true mean nearly that often."""
     generator = torch.Generator().manual_seed(0)
@@ -99,9 +95,6 @@ def test_bootstrap_interval_covers_as_promised():
     assert 0.88 < covered < 0.98
     assert all(interval.low < interval.mean < interval.high for interval in intervals)
     assert intervals[0].mean == pytest.approx(draws[0].mean().item(), rel=EXACT)
-
-
-def test_bootstrap_is_reproducible():
     errors = torch.rand(30, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     first, again = (metrics.bootstrap(errors, torch.Generator().manual_seed(2), 100) for _ in range(2))
     assert first == again

@@ -116,9 +116,6 @@ def assert_same(one: Prediction, two: Prediction):
     assert ((one.wrench - two.wrench).abs() <= ROUNDING * one.wrench.abs().amax()).all()
 
 
-# --- The mean -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("law", names())
 def test_a_law_alone(law, drops):
     """In NumPy: P from the law, v⁺ from M Δv = Jᵀ P."""
@@ -142,12 +139,16 @@ def test_a_law_with_parameters_of_each_subset(drops):
     for i in range(3):
         one = ContactModel(find("mirtich").at(mu[i].item(), eps[i].item())).predict(drops)
         assert_same(Prediction(prediction.v_post[i], prediction.wrench[i]), one)
-
-
-def test_nothing_happens_without_a_base(drops):
     prediction = ContactModel().predict(drops)
     assert torch.equal(prediction.v_post, drops.v_pre)
     assert (prediction.wrench == 0).all()
+    # Impulses add up in any order, and so do the velocities that they make.
+    wrench, velocity = learned("wrench"), learned("velocity", seed=1)
+    first = ContactModel(ContactModel(LAW, wrench, "wrench"), velocity, "velocity")
+    second = ContactModel(ContactModel(LAW, velocity, "velocity"), wrench, "wrench")
+    assert_same(first.predict(drops), second.predict(drops))
+    assert ContactModel(LAW, learned("wrench"), "wrench").predict(drops).covariance is None
+    assert ContactModel(LAW, parameters=learned_parameters()).predict(drops).covariance is None
 
 
 @KIND
@@ -162,10 +163,6 @@ def test_velocity_and_wrench_obey_the_equation_of_motion(model, drops):
     lever = torch.stack((-drops.r[:, 1], drops.r[:, 0]), -1) / drops.inertia[:, None]
     W_P = (drops.W @ prediction.wrench[..., :2, None])[..., 0] + lever * prediction.wrench[..., 2:]
     assert_close(v_c, drops.v_c + W_P)
-
-
-@KIND
-def test_predicting_is_completing_the_mean(model, drops):
     part = model.parameters or model.residual
     if part is None:
         assert_same(model.predict(drops), model.base_prediction(drops))
@@ -187,14 +184,6 @@ def test_a_residual_adds_to_its_base(target, base, drops):
         assert torch.equal(found.wrench[..., 2], below.wrench[..., 2].expand(2, N))
 
 
-def test_two_residuals_commute(drops):
-    """Impulses add up in any order, and so do the velocities that they make."""
-    wrench, velocity = learned("wrench"), learned("velocity", seed=1)
-    first = ContactModel(ContactModel(LAW, wrench, "wrench"), velocity, "velocity")
-    second = ContactModel(ContactModel(LAW, velocity, "velocity"), wrench, "wrench")
-    assert_same(first.predict(drops), second.predict(drops))
-
-
 def test_batched_equals_looped(drops):
     for target in RESIDUALS:
         part, extra = learned(target, 3), noise(3)
@@ -209,9 +198,6 @@ def test_batched_equals_looped(drops):
         one = ContactModel(LAW, parameters=Known(part.mean[i], part.variance[i]), noise=noise()).predict(drops)
         assert_same(one, Prediction(every.v_post[i], every.wrench[i]))
         assert_close(one.covariance.flatten(1), every.covariance[i].flatten(1))
-
-
-# --- Parameters -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("law", names())
@@ -255,14 +241,6 @@ def test_wrench_per_parameter_against_differences(law, variant, drops):
         assert (error <= DIFFERENCES * drops.mass[0] * 3).double().mean() > 0.95  # impulses are of size m · 3 m/s
 
 
-# --- The covariance -------------------------------------------------------------------------------
-
-
-def test_covariance_needs_noise_to_be_known(drops):
-    assert ContactModel(LAW, learned("wrench"), "wrench").predict(drops).covariance is None
-    assert ContactModel(LAW, parameters=learned_parameters()).predict(drops).covariance is None
-
-
 @SURE
 def test_covariance_is_symmetric_and_positive_definite(model, drops):
     prediction = model.predict(drops)
@@ -273,10 +251,6 @@ def test_covariance_is_symmetric_and_positive_definite(model, drops):
     floor = torch.linalg.eigvalsh(model.noise)[..., :1]
     # No direction is surer than the noise lets it be.
     assert (torch.linalg.eigvalsh(C)[..., 0] >= floor * (1 - CANCELLED)).all()
-
-
-@SURE
-def test_noise_comes_on_top_of_the_spread(model, drops):
     part = model.parameters or model.residual
     C, spread = model.predict(drops).covariance, model.spread(drops, part.mean, part.variance)
     assert_close((C - model.noise[..., None, :, :]).flatten(-2), spread.flatten(-2), rtol=CANCELLED)

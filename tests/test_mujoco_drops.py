@@ -64,9 +64,6 @@ def test_a_point_contact_explains_the_drops(drops):
     assert restitution(drops).std() < 0.015
     assert (drops.v_pre[:, 0] < 0).any()
     assert (drops.v_pre[:, 0] > 0).any()
-
-
-def test_laws_that_follow_the_contact_fit(drops):
     for law in ("wang_mason", "mirtich"):
         (mu, eps), error = law_error(law, drops)
         assert error < 0.012
@@ -92,9 +89,6 @@ def test_a_wheel_slides_against_its_slip():
     assert sliding.sum() > 50
     torch.testing.assert_close(p_t[sliding], (-wheel.v_c[:, 0].sign() * 0.05 * p_n)[sliding], rtol=0.003, atol=0)
     torch.testing.assert_close(wheel.inertia * (wheel.v_post - wheel.v_pre)[:, 2], 0.03 * p_t, rtol=0.005, atol=1e-9)
-
-
-def test_sticking_ends_the_slip():
     rough = load(mu=3.0)
     ratio = contact_velocity(rough.r, rough.v_post)[:, 0].abs() / -rough.v_c[:, 1]
     assert ratio.median() < 0.01
@@ -108,15 +102,18 @@ def test_flight_to_a_late_sample():
     torch.testing.assert_close(late.v_post, prompt.v_post + fall, rtol=ROUNDING, atol=ROUNDING)
     moved = 0.004 * (prompt.v_post + fall / 2)
     torch.testing.assert_close(late.q_post - prompt.q_post, moved, rtol=0, atol=1e-5)  # first-order steps of 0.1 ms
-
-
-def test_damping_is_exponential_at_its_rate():
     prompt, late = load(damping=20.0), load(damping=20.0, delay=0.005)
     decay, top = torch.exp(torch.tensor(-20.0 * 0.005, dtype=torch.float64)), mujoco.GRAVITY / 20
     terminal = torch.tensor((0.0, -top, 0.0), dtype=torch.float64)
     expected = terminal + (prompt.v_post - terminal) * decay
     torch.testing.assert_close(late.v_post, expected, rtol=0.002, atol=1e-4)  # first-order steps of 0.1 ms
     assert (prompt.v_post - load().v_post).abs().max() > 1e-4  # it acts in contact, too
+    plain, noisy = load(), load(velocity_noise=0.01, spin_noise=0.5)
+    assert torch.equal(noisy.q, plain.q)
+    for name in ("v_pre", "v_post"):
+        spread = (getattr(noisy, name) - getattr(plain, name)).std(0)
+        expected = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
+        torch.testing.assert_close(spread, expected, rtol=0.15, atol=0)
 
 
 def test_a_tilted_floor():
@@ -163,15 +160,6 @@ def test_an_inertia_that_is_not_the_reported_one():
     assert imbalance(true).max() < BALANCE
 
 
-def test_noise_is_added_to_velocities_alone():
-    plain, noisy = load(), load(velocity_noise=0.01, spin_noise=0.5)
-    assert torch.equal(noisy.q, plain.q)
-    for name in ("v_pre", "v_post"):
-        spread = (getattr(noisy, name) - getattr(plain, name)).std(0)
-        expected = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
-        torch.testing.assert_close(spread, expected, rtol=0.15, atol=0)
-
-
 def test_long_boxes_keep_to_one_corner():
     """A rod that lies down on a side, or touches again before the sample, is drawn again."""
     rods = load(kind="box", semi_axes=(0.06, 0.005), delay=0.002)
@@ -189,6 +177,13 @@ def test_same_seed_same_bits():
     assert torch.equal(torch.get_rng_state(), state)
     assert len(mujoco.load(size=1)) == 1
     assert first.source == "MuJoCo drops (seed 3)"
+    config = OmegaConf.load(CONFIG)
+    assert config.pop("correct") == []
+    defaults = {name: p.default for name, p in inspect.signature(mujoco.load).parameters.items()}
+    written = {key: tuple(value) if OmegaConf.is_list(value) else value for key, value in config.items()}
+    assert written.pop("_target_") == "contactlearn.simulation.mujoco.load"
+    assert written == defaults
+    assert instantiate(config, size=3).fingerprint() == mujoco.load(size=3).fingerprint()
 
 
 ENDS = {
@@ -233,28 +228,12 @@ def test_settings_out_of_range(settings, message):
         mujoco.load(**settings)
 
 
-def test_hardly_any_single_contacts():
+def test_hardly_any_single_contacts(monkeypatch):
     """So much drag stops the body in the floor, and no contact ends."""
     with pytest.raises(DataError, match="only 0 of 600 drops are single contacts, 2 are wanted"):
         mujoco.load(size=2, damping=1e6)
-
-
-def test_unknown_kind():
     with pytest.raises(UnknownNameError, match="did you mean 'ellipse'"):
         mujoco.load(kind="elipse")
-
-
-def test_without_the_engine(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(ContactLearnError, match=r"pip install 'contactlearn\[mujoco\]'"):
         mujoco.load(size=1)
-
-
-def test_configuration_says_the_defaults():
-    config = OmegaConf.load(CONFIG)
-    assert config.pop("correct") == []
-    defaults = {name: p.default for name, p in inspect.signature(mujoco.load).parameters.items()}
-    written = {key: tuple(value) if OmegaConf.is_list(value) else value for key, value in config.items()}
-    assert written.pop("_target_") == "contactlearn.simulation.mujoco.load"
-    assert written == defaults
-    assert instantiate(config, size=3).fingerprint() == mujoco.load(size=3).fingerprint()

@@ -42,24 +42,15 @@ def test_one_index_is_one_trial_and_a_loop_ends():
     assert [one.trial[0] for one in DROPS] == list(DROPS.trial)
     with pytest.raises(IndexError):
         DROPS[30]
-
-
-def test_the_impulse_asks_for_the_contact_points_velocity():
+    with pytest.raises(ContactLearnError, match=r"such as torch\.Generator\(\)\.manual_seed\(0\), got 0"):
+        DROPS.split(0.2, 0)
+    assert len(DROPS.split(0.2, torch.Generator().manual_seed(0))[1]) == 6
+    time = np.arange(300) / 240
+    one = Recording(name="a", source="a.csv", time=time, position=np.zeros((300, 2)), angle=time)
+    assert repr(one) == "Recording('a', 300 frames in 1.25 s, source='a.csv')"
     with pytest.raises(
         ContactLearnError, match=r"such as impacts\.W and impacts\.v_c, got Tensor \[30, 2, 2\] and .* \[30, 3\]"
     ):
         LAW.impulse(DROPS.W, DROPS.v_pre)
     with pytest.raises(ContactLearnError, match=r"must be tensors, .* got ndarray \[30, 2, 2\]"):
         LAW.impulse(DROPS.W.numpy(), DROPS.v_c.numpy())
-
-
-def test_a_seed_is_no_generator():
-    with pytest.raises(ContactLearnError, match=r"such as torch\.Generator\(\)\.manual_seed\(0\), got 0"):
-        DROPS.split(0.2, 0)
-    assert len(DROPS.split(0.2, torch.Generator().manual_seed(0))[1]) == 6
-
-
-def test_a_recording_shows_itself_in_a_line():
-    time = np.arange(300) / 240
-    one = Recording(name="a", source="a.csv", time=time, position=np.zeros((300, 2)), angle=time)
-    assert repr(one) == "Recording('a', 300 frames in 1.25 s, source='a.csv')"

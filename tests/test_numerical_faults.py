@@ -181,8 +181,6 @@ def test_answers_are_numbers(fault, function):
                 assert number.isfinite().all() if number.is_floating_point() else True
 
 
-# --- The same drops of another mass and size ------------------------------------------------------
-
 SCALES = {
     "1 mg, 1 mm": (1e-6 / 0.0364, 1e-3 / 0.03), "1000 t, 1 km": (1e6 / 0.0364, 1e3 / 0.03),
     "1000 t, 1 mm": (1e6 / 0.0364, 1e-3 / 0.03), "1 mg, 1 km": (1e-6 / 0.0364, 1e3 / 0.03),

@@ -65,7 +65,13 @@ def test_a_slip_in_an_effect_is_one_line(velocity, message):
         check_effect(effect, "own.Own")
 
 
-def test_an_effect_without_a_parameter_is_refused():
+def test_no_effect_and_no_law_of_the_catalogue_is_refused():
+    for name, forms in SHIPPED.items():
+        for kind in forms:
+            check_effect(kind(), name)
+    for name in names():
+        check_law(find(name), name)
+
     @dataclass(frozen=True, eq=False)
     class Fixed(Effect):
         formula = "v_x⁺ ← v_x⁺ + u"
@@ -76,12 +82,6 @@ def test_an_effect_without_a_parameter_is_refused():
 
     with pytest.raises(ContactLearnError, match=r"own has no parameter to fit; .* parameter\("):
         check_effect(Fixed(), "own")
-
-
-def test_no_effect_of_the_catalogue_is_refused():
-    for name, forms in SHIPPED.items():
-        for kind in forms:
-            check_effect(kind(), name)
 
 
 LAWS = {
@@ -99,18 +99,10 @@ def test_a_slip_in_a_law_is_one_line(solve, message):
         check_law(law, "own.OwnLaw")
 
 
-def test_no_law_is_refused():
-    for name in names():
-        check_law(find(name), name)
-
-
 def test_the_command_tries_a_law_user_candidates(monkeypatch):
     law = law_with(lambda P: (torch.zeros_like(P), P / 0))
     monkeypatch.setitem(globals(), "Mine", type(law))
     with pytest.raises(ContactLearnError, match=r"Mine\.solve gives an impulse that is no finite number"):
         parse_law({"_target_": f"{__name__}.Mine"}, "textbook")
-
-
-def test_a_module_is_no_class():
     with pytest.raises(ContactLearnError, match=r"must be a class in its module, such as my_law\.Law, got my_law"):
         parse_law({"_target_": "my_law"}, "textbook")

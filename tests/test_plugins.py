@@ -40,28 +40,42 @@ class SpinLoss(Effect):
         return columns(P_t, P_n, tau - self.c * state.inertia * state.v_after(wrench)[..., 2])
 '''
 NEW = {"contactlearn/effects/spin_loss.py": EFFECT, "contactlearn/laws/bumpy_floor.py": LAW}
-ENTRIES = "[contactlearn.effects]\nspin_loss = spin_loss:SpinLoss\n[contactlearn.laws]\nbumpy = bumpy\n"
+ENTRIES = "[contactlearn.effects]\nspin_gain = spin_loss:SpinGain\n[contactlearn.laws]\nbumpy = bumpy\n"
 CATALOGUES = """
-from contactlearn.cli.hydra_main import compose
+import sys
+from contactlearn.cli import hydra_main
 from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.effects import catalogue
 
-cfg = compose('evaluate', ['laws=[bumpy_floor,mirtich]', 'law=bumpy_floor', 'effect=[spin_loss]'])
+cfg = hydra_main.compose('evaluate', ['laws=[dented_floor,bumpy_floor]', 'law=dented_floor', 'effect=[spin_gain]'])
 settings = EvaluateSettings.from_config(cfg)
-print(*settings.laws, 'spin_loss' in catalogue(), settings.law.name, type(settings.effects['spin_loss']).__name__)
+print(*settings.laws, 'spin_gain' in catalogue(), settings.law.name, type(settings.effects['spin_gain']).__name__)
+
+def train(words):
+    sys.argv = ['train.py', *words]
+    hydra_main.train()
+
 """
 
 
-def test_a_law_and_an_effect_of_the_package_are_one_file_each(tmp_path):
-    """In a copy of the package that nothing else is changed in."""
+def test_new_laws_and_effects_are_a_file_each_or_announced_by_another_package(tmp_path, monkeypatch):
+    """In a copy of the package that nothing else is changed in, beside a package with entry points."""
     for part in ("contactlearn", "configs"):
         shutil.copytree(ROOT / part, tmp_path / part)
-    shutil.copy(ROOT / "train.py", tmp_path)
     before = set(_files(tmp_path))
     for path, text in NEW.items():
         (tmp_path / path).write_text(text)
+    theirs = tmp_path / "run" / "theirs"
+    about = theirs / "theirs-1.0.dist-info"
+    about.mkdir(parents=True)
+    (theirs / "bumpy.py").write_text(LAW.replace("BumpyFloor", "DentedFloor"))
+    (theirs / "spin_loss.py").write_text(EFFECT.replace("SpinLoss", "SpinGain"))
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(ENTRIES)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{theirs}:{ROOT}")
     words = (*TRAIN, "law=bumpy_floor", "law.share=0.5", "effect=[spin_loss]", "hydra.run.dir=run")
-    assert "bumpy_floor" in run_alone("train.py", *words, cwd=tmp_path)
+    printed = run_alone("-c", CATALOGUES + f"train({words})", cwd=tmp_path)
+    assert printed.startswith("dented_floor bumpy_floor True dented_floor SpinGain\n")
     results = json.loads((tmp_path / "run" / "results.json").read_text())
     assert "bumpy_floor + spin_loss" in results["joint"]
     changed = {path for path in _files(tmp_path) if path not in before and not path.startswith("run/")}
@@ -72,15 +86,3 @@ def _files(folder):
     """Paths within a folder, but for what Python compiles."""
     paths = (path for path in folder.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
     return (path.relative_to(folder).as_posix() for path in paths)
-
-
-def test_another_package_announces_laws_and_effects(tmp_path, monkeypatch):
-    """Under the entry points."""
-    (tmp_path / "bumpy.py").write_text(LAW)
-    (tmp_path / "spin_loss.py").write_text(EFFECT)
-    about = tmp_path / "theirs-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text(ENTRIES)
-    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{ROOT}")
-    assert run_alone("-c", CATALOGUES) == "bumpy_floor mirtich True bumpy_floor SpinLoss\n"

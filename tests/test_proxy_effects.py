@@ -1,12 +1,11 @@
 """Effects that only stand for something unknown are left out; a true one beside it is not."""
 
-import pytest
 import torch
+from diagnoses import few
 from drops import LAW, fitted
 
 from contactlearn import diagnose
 from contactlearn.diagnosis.result import Diagnosis, Verdict
-from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.proxy_effects import index_without_proxies
 from contactlearn.effects import State, find_effect
@@ -33,14 +32,6 @@ def models(drops, *sets):
     return [identify_jointly(LAW, {name: find_effect(name)() for name in names}, drops) for names in sets]
 
 
-@pytest.mark.nightly  # so does the diagnosis below
-@pytest.mark.parametrize("sets", [((), (TRUE,)), ((), (TRUE,), (TRUE, STAND_IN))])
-def test_the_fewest_effects_that_predict_no_worse(sets):
-    drops = hidden()
-    fits = models(drops, *sets)
-    assert index_without_proxies(drops, fits, FitOptions(), Thresholds()) == sets.index((TRUE,))
-
-
 def test_nothing_is_left_out_where_the_state_tells_nothing():
     drops = hidden(restitution=None)
     fits = models(drops, (TRUE,), (TRUE, "spin_damping"))
@@ -48,8 +39,7 @@ def test_nothing_is_left_out_where_the_state_tells_nothing():
 
 
 def test_a_diagnosis_reports_excluded_candidates():
-    few = {key: effect for key, effect in all_candidates().items() if key.name in (TRUE, STAND_IN)}
-    found = diagnose(hidden(size=180), "wang_mason", candidates=few, laws=[find("wang_mason")])
+    found = diagnose(hidden(size=180), "wang_mason", candidates=few(TRUE, STAND_IN), laws=[find("wang_mason")])
     assert found.verdict is Verdict.UNKNOWN
     assert list(found.effects) == [TRUE]
     assert found.remainder is not None

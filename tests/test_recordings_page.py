@@ -95,7 +95,7 @@ def test_a_recording_has_its_frames_flights_and_contacts(found):
     assert shown["before"] == 0
 
 
-def test_long_recordings_are_thinned(found):
+def test_long_recordings_are_thinned(found, tmp_path):
     (one,) = found.again({"0001"})
     frames = 40 * len(one.track)
     time = np.arange(frames) * one.track.step
@@ -107,10 +107,7 @@ def test_long_recordings_are_thinned(found):
     assert "of them shown" in about["summary"]
     whole = of_recording(replace(one, track=long, flights=()), (), ())
     assert FRAMES / 2 < len(whole["time"]) <= FRAMES
-
-
-def test_many_recordings_are_chosen_from(found):
-    """Half of the page at most has refused parts, the rest is spread over those with impacts."""
+    # Half of the page at most has refused parts, the rest is spread over those with impacts.
     hit, survey = found.survey.contacts[0], found.survey
     rest = replace(survey.refusals[0], reason=Reason.REST)
     contacts = [replace(hit, recording=f"{k:04d}") for k in range(1000)]
@@ -127,9 +124,6 @@ def test_many_recordings_are_chosen_from(found):
         "6 of 1000 recordings are on this page"
         in of_recordings(replace(found, survey=replace(survey, recordings=1000)))["_limits"]
     )
-
-
-def test_residuals_are_counted(found):
     content = of_recordings(found)
     scores = standardised([*found.again(set(chosen(found)))])
     shown = [trace["y"] for trace in content["figures"]["residuals"]["data"] if trace["type"] == "bar"]
@@ -138,6 +132,9 @@ def test_residuals_are_counted(found):
         assert max(bars) == pytest.approx(0.4, abs=0.15)
         assert score.std() == pytest.approx(1, abs=0.1)
     assert f"x: standard deviation {scores[:, 0].std():.3g}, " in content["_residuals"][0]
+    (tmp_path / "file").touch()
+    with pytest.raises(DataError, match=r"recordings\.html: cannot be written"):
+        write_recordings_page(tmp_path / "file" / "recordings.html", found)
 
 
 def test_names_are_text(found, page):
@@ -154,13 +151,18 @@ def test_names_are_text(found, page):
     assert all(target.startswith(("#", "data:")) for target in loads)
 
 
-def test_the_command_writes_the_page(takes, tmp_path):
+def test_the_command_and_a_run_write_the_page(takes, tmp_path, found):
     shape = f"shape={{kind: ellipse, semi_axes: {list(SEMI_AXES)}}}"
     folder = tmp_path / "takes"
     shutil.copytree(takes, folder, ignore=shutil.ignore_patterns("9_*"))
     told = run("contactlearn", "impacts", str(folder), "-o", str(tmp_path / "out.csv"), f"mass={MASS}", shape)
     assert f"page     {tmp_path / 'out.recordings.html'}" in told
     assert data_of(tmp_path / "out.recordings.html")["title"] in told
+    impacts = load_data(settings(takes), folder=tmp_path)
+    assert impacts.fingerprint() == found.impacts.fingerprint()
+    assert data_of(tmp_path / "recordings.html")["title"] == f"{len(impacts)} impacts from 6 recordings"
+    with pytest.raises(ContactLearnError, match="colour"):
+        load_data(settings(takes, "+data.colour=red"), folder=tmp_path)
 
 
 def settings(takes, *more):
@@ -170,22 +172,11 @@ def settings(takes, *more):
     return SourceSettings.from_config(compose("evaluate", words))
 
 
-def test_a_run_leaves_the_page_in_its_folder(takes, found, tmp_path):
-    impacts = load_data(settings(takes), folder=tmp_path)
-    assert impacts.fingerprint() == found.impacts.fingerprint()
-    assert data_of(tmp_path / "recordings.html")["title"] == f"{len(impacts)} impacts from 6 recordings"
-    with pytest.raises(ContactLearnError, match="colour"):
-        load_data(settings(takes, "+data.colour=red"), folder=tmp_path)
-
-
 @pytest.mark.parametrize("source", ["data.tracks", "simulation.recordings", "simulation.synthetic"])
 def test_the_report_links_to_the_page(source):
     content = reproduced(provenance({"data": {"_target_": f"contactlearn.{source}.load"}}))
     assert content["recordings"] == ("" if source == "simulation.synthetic" else "recordings.html")
     assert not reproduced(provenance({"data": None}))["recordings"]
-
-
-# In a browser.
 
 
 @pytest.fixture
@@ -249,9 +240,3 @@ def test_refused_recordings_are_a_click_away(shown):
     assert options[0].startswith(NAME)
     assert not shown.execute_script("return window.hacked")
     assert not shown.get_log("browser")
-
-
-def test_a_page_that_cannot_be_written_is_one_clear_error(found, tmp_path):
-    (tmp_path / "file").touch()
-    with pytest.raises(DataError, match=r"recordings\.html: cannot be written"):
-        write_recordings_page(tmp_path / "file" / "recordings.html", found)

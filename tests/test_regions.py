@@ -179,16 +179,10 @@ def test_same_generator_same_regions():
     drops, prediction, _ = plant("location")
     first, again = (find_regions(drops, prediction, generator=seeded(3)) for _ in range(2))
     assert first == again
-
-
-def test_seeds_are_averaged():
     drops, prediction, _ = plant("location")
     twice = Prediction(prediction.v_post.expand(2, -1, -1), prediction.wrench.expand(2, -1, -1))
     expected, actual = (find_regions(drops, p, generator=seeded(0))[0] for p in (prediction, twice))
     assert actual == expected
-
-
-def test_an_open_region_is_written_and_read_back():
     drops, prediction, _ = plant("order")
     region = find_regions(drops, prediction, generator=seeded(0))[0]
     assert region.where == f"order ≥ {region.low:g}"
@@ -232,17 +226,11 @@ def test_inputs_that_never_change_and_errors_that_tie():
     assert {region.variable for region in find_regions(drops, prediction, generator=seeded(0))} == {"mode"}
     exact = Prediction(drops.v_post, drops.wrench)
     assert find_regions(drops, exact, generator=seeded(0)) == ()
-
-
-def test_an_error_must_be_finite():
     drops = synthetic.load(size=50)
     prediction = MODEL.predict(drops)
     prediction.v_post[7] = math.nan
     with pytest.raises(DataError, match="row 8: its error must be finite, got nan"):
         find_regions(drops, prediction, generator=seeded(0))
-
-
-def test_symmetry_of_bodies():
     square = Polygon(((1, 1), (-1, 1), (-1, -1), (1, -1)))
     brick = Polygon(((2, 1), (-2, 1), (-2, -1), (2, -1)))
     wedge = Polygon(((2, -1), (0, 1), (-1, -1)))
@@ -265,9 +253,6 @@ def test_improvement_by_region():
     assert not worse.helped
     (same,) = improvement_by_region(regions[:1], before, before)
     assert (same.helped, same.change.mean, same.share) == (False, 0, 0)
-
-
-def test_what_helps_everywhere_alike_does_not_help_a_region():
     rows = torch.arange(200) < 80
     region = Region(
         variable="order", where="order < 80", low=0.0, high=80.0, ratio=Interval(2.0, 1.5, 2.5), p_value=1e-6,

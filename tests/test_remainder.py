@@ -68,9 +68,6 @@ def unknown(request):
     return request.param, drops, truth, fit, formulas(drops, fit.model, UNKNOWN[request.param][0], folds(drops))
 
 
-# --- What remains ------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("seed", repeated(*range(SETS)))
 def test_nothing_remains_where_nothing_is_hidden(seed):
     drops, _, fit = hidden(seed=seed)
@@ -82,7 +79,7 @@ def test_nothing_remains_where_nothing_is_hidden(seed):
     assert -0.15 < found.share.mean < 0.03
 
 
-def test_an_unknown_effect_remains_with_its_component_and_symbols(unknown):
+def test_an_unknown_effect_remains_and_its_formula_is_found(unknown):
     name, drops, truth, fit, _ = unknown
     component, symbols, _ = UNKNOWN[name]
     learned = what_remains(drops, fit, inliers=fit.inliers)
@@ -96,6 +93,34 @@ def test_an_unknown_effect_remains_with_its_component_and_symbols(unknown):
     best = torch.tensor(truth["v_post_from_measured"], dtype=torch.float64)
     floor = mass_error(drops, replace(fit.model.predict(drops), v_post=best)).mean()
     assert learned.error.nanmean() < 1.35 * floor
+    name, drops, truth, fit, found = unknown
+    component, _, terms = UNKNOWN[name]
+    assert 1 <= len(found) <= 2
+    best = found[0]
+    assert best.component == component
+    assert len(best.terms) == 1
+    assert set(best.terms) <= terms
+    assert best.error_reduction > 0.3
+    assert best.error_reduction > 5 * best.standard_error
+    if terms == set(best.terms):
+        (value,) = truth["effects"][0]["parameters"].values()
+        assert best.coefficients[0] == pytest.approx(value, rel=0.1)
+    best_possible = torch.tensor(truth["v_post_from_measured"], dtype=torch.float64)
+    floor = mass_error(drops, replace(fit.model.predict(drops), v_post=best_possible)).mean()
+    before = mass_error(drops, fit.model.predict(drops)).mean()
+    assert (1 - best.error_reduction) * before < FLOOR * floor
+    _, drops, _, fit, (best, *_) = unknown
+    given = {}
+    for override in OverridesParser.create().parse_overrides(list(best.overrides())):
+        given[override.key_or_group] = override.value()
+    output = best.component.output
+    prefix, names = f"effect.mine.{output}", [f"c{k + 1}" for k in range(len(best.terms))]
+    assert set(given) == {prefix, *(f"effect.mine.parameters.{key}" for key in names)}
+    parameters = {key: given[f"effect.mine.parameters.{key}"] for key in names}
+    effect = formula(parameters, **{output: given[prefix]})
+    assert effect.equation == formula_effect(best.component, best.terms, best.ranges).equation
+    again = identify_jointly(fit.model.base, {"mine": effect}, drops)
+    assert again.values[2:].tolist() == pytest.approx(best.coefficients, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", ["com_offset", "velocity_dependent_restitution", "surface_tilt"])
@@ -128,9 +153,6 @@ def test_trials_that_are_never_held_out_have_no_error():
     assert int(learned.error.isnan().sum()) == 1
     assert torch.equal(learned.error.isnan(), learned.before.isnan())
     assert learned.remainder.components == ("n",)
-
-
-def test_the_model_predicts_alone_and_all_is_reproducible():
     drops, _, fit = hidden("elastic_strap")
     one, two = (what_remains(drops, fit) for _ in range(2))
     assert torch.equal(one.before, mass_error(drops, fit.model.predict(drops)))
@@ -154,49 +176,9 @@ def test_a_component_needs_both_size_and_certainty():
     assert is_significant(0.5, 0.1, limits)
     assert not is_significant(0.5, 0.2, limits)
     assert not is_significant(0.03, 0.001, limits)
-
-
-def test_too_few_trials_are_refused():
     drops, _, fit = hidden(size=30)
     with pytest.raises(DataError, match="at least 2 trials"):
         what_remains(drops, fit, inliers=torch.zeros(30, dtype=bool))
-
-
-# --- Formulas ----------------------------------------------------------------------------------
-
-
-def test_the_formula_of_an_unknown_effect_is_found(unknown):
-    name, drops, truth, fit, found = unknown
-    component, _, terms = UNKNOWN[name]
-    assert 1 <= len(found) <= 2
-    best = found[0]
-    assert best.component == component
-    assert len(best.terms) == 1
-    assert set(best.terms) <= terms
-    assert best.error_reduction > 0.3
-    assert best.error_reduction > 5 * best.standard_error
-    if terms == set(best.terms):
-        (value,) = truth["effects"][0]["parameters"].values()
-        assert best.coefficients[0] == pytest.approx(value, rel=0.1)
-    best_possible = torch.tensor(truth["v_post_from_measured"], dtype=torch.float64)
-    floor = mass_error(drops, replace(fit.model.predict(drops), v_post=best_possible)).mean()
-    before = mass_error(drops, fit.model.predict(drops)).mean()
-    assert (1 - best.error_reduction) * before < FLOOR * floor
-
-
-def test_a_pasted_formula_is_the_effect_that_was_fitted(unknown):
-    _, drops, _, fit, (best, *_) = unknown
-    given = {}
-    for override in OverridesParser.create().parse_overrides(list(best.overrides())):
-        given[override.key_or_group] = override.value()
-    output = best.component.output
-    prefix, names = f"effect.mine.{output}", [f"c{k + 1}" for k in range(len(best.terms))]
-    assert set(given) == {prefix, *(f"effect.mine.parameters.{key}" for key in names)}
-    parameters = {key: given[f"effect.mine.parameters.{key}"] for key in names}
-    effect = formula(parameters, **{output: given[prefix]})
-    assert effect.equation == formula_effect(best.component, best.terms, best.ranges).equation
-    again = identify_jointly(fit.model.base, {"mine": effect}, drops)
-    assert again.values[2:].tolist() == pytest.approx(best.coefficients, rel=1e-3)
 
 
 def test_two_terms_are_reported_where_both_are_needed():
@@ -209,12 +191,6 @@ def test_two_terms_are_reported_where_both_are_needed():
     values = dict(zip(best.terms, best.coefficients, strict=True))
     assert values["I*omega"] == pytest.approx(-0.15, abs=0.02)
     assert values["cos(2*theta)"] == pytest.approx(1.5 * inertia[0].item(), rel=0.1)
-
-
-@pytest.mark.parametrize("component", WrenchComponent)
-def test_no_formula_where_nothing_is_hidden(component):
-    drops, _, fit = hidden(seed=3)
-    assert formulas(drops, fit.model, component, folds(drops)) == ()
 
 
 def test_a_formula_stands_on_top_of_the_effects_of_the_model():
@@ -230,6 +206,8 @@ def test_every_term_is_accepted_as_an_effect(component):
     assert torch.allclose(library.columns.norm(dim=0), torch.ones(len(library.terms), dtype=y.dtype))
     for term in library.terms:
         formula_effect(component, (term,), ((-1.0, 1.0),)).prepare(drops)
+    drops, _, fit = hidden(seed=3)
+    assert formulas(drops, fit.model, component, folds(drops)) == ()
 
 
 def test_what_formulas_refuse(monkeypatch):

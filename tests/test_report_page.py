@@ -64,7 +64,7 @@ def data_of(path):
     return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', path.read_text(), re.S)[1])
 
 
-def test_the_numbers_are_those_of_the_diagnosis(found, content):
+def test_the_numbers_are_those_of_the_diagnosis(found, content, page, tmp_path):
     impacts = found.record.impacts
     assert [str(missing.effect) for missing in found.missing] == [effect["name"] for effect in content["effects"]]
     for shown, rung in zip(content["ladder"], found.ladder, strict=True):
@@ -78,9 +78,12 @@ def test_the_numbers_are_those_of_the_diagnosis(found, content):
     alone = mass_error(impacts, found.record.base.predict(impacts)).mean().item()
     assert content["models"][0]["mean"] == pytest.approx(alone, rel=1e-2)
     assert f"{found.ladder[0].error.mean:.4f}" in " ".join(content["verdict"]["sentences"])
-
-
-def test_the_ladder_stands_beside_where_the_law_fails_and_what_it_lacks(found, content, page):
+    # Rounding for JSON moves no fourth decimal.
+    assert f"{finely(0.1811496):.4f}" == "0.1811"
+    text = render(content)
+    for rung in found.ladder:
+        mean, low, high = rung.error
+        assert f"{mean:.4f} ({low:.4f}–{high:.4f})" in text
     assert [one["id"] for one in content["telling"]] == ["telling-map", "telling-0", "telling-1"]
     whole = found.record
     record = Record(
@@ -93,23 +96,10 @@ def test_the_ladder_stands_beside_where_the_law_fails_and_what_it_lacks(found, c
     less = of_diagnosis(replace(found, missing=found.missing[:1], record=record), about(record.impacts))
     assert [one["id"] for one in less["telling"]] == ["telling-map", "telling-0", "telling-laws"]
     assert page.read_text().index('id="rungs"') < page.read_text().index("<summary>The numbers</summary>")
-
-
-def test_a_page_is_drawn_again_from_the_files_of_its_run(found, content, tmp_path):
-    """To the last digit, without the data source and without a fit."""
+    # To the last digit, without the data source and without a fit.
     found.record.save(tmp_path, {"data": {}, "versions": {}, "config": {}})
     again = replace(Diagnosis.from_json(found.to_json()), record=Record.load(tmp_path))
     assert of_diagnosis(again, about(again.record.impacts), use="python evaluate.py") == content
-
-
-def test_every_choice_is_a_joint_fit(found):
-    impacts, effects = found.record.impacts, found.record.model.effects
-    names = [effect.name for effect in found.choices.effects]
-    assert found.record.outcomes.shape == (2 ** len(names), len(impacts), 3)
-    for k, error in enumerate(found.choices.errors):
-        chosen = {name: effects[name] for j, name in enumerate(names) if k >> j & 1}
-        fit = identify_jointly(find(found.law), chosen, impacts)
-        assert error.mean == pytest.approx(mass_error(impacts, fit.model.predict(impacts)).mean().item(), rel=0.01)
 
 
 def test_a_page_asks_for_nothing(page):
@@ -120,22 +110,16 @@ def test_a_page_asks_for_nothing(page):
     assert "default-src 'none'" in text
     assert "unsafe-eval" not in text
     assert not list(page.parent.glob("*.part"))
-
-
-def test_json_cannot_leave_its_script():
-    text = embedded({"name": HOSTILE + "</script><!--"})
-    assert not set("<>&\u2028\u2029") & set(text)
-    assert json.loads(text)["name"] == HOSTILE + "</script><!--"
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        embedded({"x": float("nan")})
-
-
-def test_names_are_escaped(page):
     text = page.read_text()
     assert "<script>window" not in text
     assert "<img" not in text
     assert "{{ 7*7 }}" in text
     assert data_of(page)["trials"]["name"][0] == HOSTILE
+    text = embedded({"name": HOSTILE + "</script><!--"})
+    assert not set("<>&\u2028\u2029") & set(text)
+    assert json.loads(text)["name"] == HOSTILE + "</script><!--"
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        embedded({"x": float("nan")})
 
 
 def test_fatal_data_have_a_page(found, tmp_path):
@@ -155,10 +139,9 @@ def test_a_large_page_is_small_enough():
     whole = made_up(1718, *SIX)
     text = render(of_diagnosis(whole, about(whole.record.impacts)))
     assert len(text.encode()) < 6e6
-
-
-def test_effects_beyond_those_that_can_be_ticked_are_named():
-    """Nothing is called the law alone that is not."""
+    whole = made_up(60, EffectId("contact_patch", "linear"))
+    assert "100\u00a0% is noise" in render(of_diagnosis(whole, about(whole.record.impacts)))
+    # Nothing is called the law alone that is not.
     whole = made_up(60, *SIX, EffectId("adhesion", "work"))
     content = of_diagnosis(whole, about(whole.record.impacts))
     names = [one["name"] for one in content["models"]]
@@ -168,20 +151,6 @@ def test_effects_beyond_those_that_can_be_ticked_are_named():
     text = render(content)
     assert text.count('<th scope="row">Wang–Mason</th>') >= 2  # ladder and budget, where it is the law alone
     assert f'<th scope="row">{names[0]}</th>' in text
-
-
-def test_numbers_are_written_as_in_the_ladder(found, content):
-    """Rounding for JSON moves no fourth decimal."""
-    assert f"{finely(0.1811496):.4f}" == "0.1811"
-    text = render(content)
-    for rung in found.ladder:
-        mean, low, high = rung.error
-        assert f"{mean:.4f} ({low:.4f}–{high:.4f})" in text
-
-
-def test_noise_is_no_more_than_all():
-    whole = made_up(60, EffectId("contact_patch", "linear"))
-    assert "100\u00a0% is noise" in render(of_diagnosis(whole, about(whole.record.impacts)))
 
 
 @pytest.fixture(scope="module")
@@ -254,9 +223,6 @@ def test_models_that_cannot_be_told_apart(found):
     assert of(["whittaker", "mirtich"])["verdict"]["headline"] == "Mirtich has the lowest error of 2 models."
 
 
-# In a browser.
-
-
 @pytest.fixture
 def shown(browser, page):
     return opened(browser, page)
@@ -306,17 +272,6 @@ def test_everything_is_drawn_in_silence(browser, page):
     shown.execute_script("dispatchEvent(new Event('beforeprint')); dispatchEvent(new Event('afterprint'))")
     assert shown.execute_script("return document.querySelector('#map').textContent.includes('undefined')") is False
     assert silent(shown)
-
-
-@pytest.mark.nightly  # figures fit the narrow window of the test before
-def test_a_figure_fits_its_place_when_that_changes(shown):
-    into_view(shown, "map")
-    width = shown.execute_script("return document.documentElement.clientWidth")
-    for narrower in (0.8, 1):
-        shown.execute_script(f"document.body.style.width = '{narrower * width}px'")
-        until(
-            shown, "document.querySelector('#map .main-svg').clientWidth === document.querySelector('#map').clientWidth"
-        )
 
 
 def test_an_evaluation_is_drawn_in_silence(browser, evaluation):

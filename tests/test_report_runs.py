@@ -124,15 +124,9 @@ def text_of(folder):
 def sweep(tmp_path_factory):
     """A real sweep with its page."""
     folder = tmp_path_factory.mktemp("sweep")
-    small = (
-        "data.size=80",
-        "bootstrap=50",
-        "train.size=10,40",
-        "law=wang_mason,whittaker",
-        "model=analytical",
-        "train.repetitions=3",
-    )
-    run("train.py", "-m", *small, f"hydra.sweep.dir={folder}")
+    small = ("data.size=80", "model=analytical", "train.repetitions=1", "bootstrap=20")
+    words = ("train.size=10,40", "law=wang_mason,whittaker", f"hydra.sweep.dir={folder}")
+    run("train.py", "-m", *small, *words)
     return run("contactlearn", "report", str(folder)), folder
 
 
@@ -176,9 +170,6 @@ def test_numbers_of_a_real_sweep(sweep):
     assert '<th scope="row">data.size</th><td>80</td>' in shared
     assert results["provenance"]["data"]["sha256"] in text
     assert "cannot be compared" not in text
-
-
-def test_learning_curves_join_runs(sweep):
     _, folder = sweep
     lines = {line["label"]: line for line in data_of(folder / "report.html")["curves"]}
     assert set(lines) == {"Wang–Mason", "Whittaker"}
@@ -210,7 +201,20 @@ def test_learning_curves_with_bounds(tmp_path):
     assert len({one["line"]["color"] for one in drawn}) == len(drawn) == 4
 
 
-def test_every_command_has_its_numbers(mixed):
+def test_runs_are_compared_in_the_error_that_they_share(tmp_path):
+    """Their headline; of both norms the mass error, in which the Euclidean bounds are none."""
+    for name, norms in (("euclidean", ("euclidean",)), ("both", ("euclidean", "mass"))):
+        for norm in norms:
+            leave(tmp_path / name / norm, evaluated(norm=norm))
+    assert {"Held-out Euclidean error", "IRB bound"} <= row(text_of(tmp_path / "euclidean"), "euclidean").keys()
+    text = text_of(tmp_path / "both")
+    assert "Their bounds are of different norms" in html.unescape(text)
+    cells = {norm: row(text, norm) for norm in ("euclidean", "mass")}
+    assert cells["euclidean"]["Held-out mass error"] == cells["mass"]["Held-out mass error"]
+    assert cells["euclidean"]["IRB bound"] == "–" != cells["mass"]["IRB bound"]
+
+
+def test_every_command_has_its_numbers(mixed, capsys):
     page, runs, _ = mixed
     text = page.read_text()
     assert [one.name for one in runs][:3] == ["b9", "b10", "evaluation"]
@@ -233,40 +237,9 @@ def test_every_command_has_its_numbers(mixed):
         assert row(text, run_name)[column] == written(interval(error))
     for step in own["ladder"]:
         assert f'<td class="value">{written(step["error"])}</td>' in text
-
-
-def test_runs_are_compared_in_the_error_that_they_share(tmp_path):
-    """Their headline; of both norms the mass error, in which the Euclidean bounds are none."""
-    for name, norms in (("euclidean", ("euclidean",)), ("both", ("euclidean", "mass"))):
-        for norm in norms:
-            leave(tmp_path / name / norm, evaluated(norm=norm))
-    assert {"Held-out Euclidean error", "IRB bound"} <= row(text_of(tmp_path / "euclidean"), "euclidean").keys()
-    text = text_of(tmp_path / "both")
-    assert "Their bounds are of different norms" in html.unescape(text)
-    cells = {norm: row(text, norm) for norm in ("euclidean", "mass")}
-    assert cells["euclidean"]["Held-out mass error"] == cells["mass"]["Held-out mass error"]
-    assert cells["euclidean"]["IRB bound"] == "–" != cells["mass"]["IRB bound"]
-
-
-def test_different_data_are_warned_of(mixed):
     text = mixed[0].read_text()
     assert "on 2 different sets of data, so their errors cannot be compared" in text
     assert "cross-validated over all trials" in text
-
-
-def test_what_is_no_run_is_named_with_the_reason(mixed, capsys):
-    page, runs, skipped = mixed
-    assert len(runs) == 5
-    assert "is not JSON, or was cut off" in skipped["cut (diagnosis.json)"]
-    assert "the run failed or was stopped" in skipped["failed"]
-    assert "<strong>failed</strong>: has neither" in page.read_text()
-    assert main(["report", str(page.parent)]) == 0
-    printed = capsys.readouterr().out
-    assert "left out failed: has neither" in printed
-    assert "5 runs, 2 left out" in printed
-
-
-def test_names_are_escaped_and_links_stay_inside(mixed):
     page, _, _ = mixed
     text = page.read_text()
     assert "<script>window" not in text
@@ -281,6 +254,15 @@ def test_names_are_escaped_and_links_stay_inside(mixed):
     loads = re.findall(r"(?:src|action|data)\s*=\s*[\"']([^\"']*)", re.sub("<script.*?</script>", "", text, flags=re.S))
     assert not loads
     assert "default-src 'none'" in text
+    page, runs, skipped = mixed
+    assert len(runs) == 5
+    assert "is not JSON, or was cut off" in skipped["cut (diagnosis.json)"]
+    assert "the run failed or was stopped" in skipped["failed"]
+    assert "<strong>failed</strong>: has neither" in page.read_text()
+    assert main(["report", str(page.parent)]) == 0
+    printed = capsys.readouterr().out
+    assert "left out failed: has neither" in printed
+    assert "5 runs, 2 left out" in printed
 
 
 def test_settings_that_only_some_runs_have(tmp_path):
@@ -312,6 +294,12 @@ def test_data_that_had_to_be_corrected_have_a_verdict(tmp_path):
     text = text_of(tmp_path)
     for physics in conclusions:
         assert row(text, f"{physics}")["Verdict"] == conclusion(result.Verdict.BAD_DATA, physics, ("mirrored_x",))
+    leave(
+        tmp_path / "refused",
+        ran(result.Diagnosis(verdict=result.Verdict.BAD_DATA, law=None, variant=None, findings=())),
+    )
+    cells = row(text_of(tmp_path), "refused")
+    assert (cells["Held-out mass error"], cells["Verdict"]) == ("–", conclusion(result.Verdict.BAD_DATA, None))
 
 
 LEARNT = json.loads(to_json(learning_curve((1,), (0.1,))))
@@ -383,15 +371,6 @@ def test_not_utf8(tmp_path):
     assert "\ufffd" not in page.read_text(encoding="utf-8")
 
 
-def test_data_that_are_refused_have_a_row(tmp_path):
-    leave(
-        tmp_path / "refused",
-        ran(result.Diagnosis(verdict=result.Verdict.BAD_DATA, law=None, variant=None, findings=())),
-    )
-    cells = row(text_of(tmp_path), "refused")
-    assert (cells["Held-out mass error"], cells["Verdict"]) == ("–", conclusion(result.Verdict.BAD_DATA, None))
-
-
 def test_where_the_page_goes(tmp_path, monkeypatch):
     one = leave(tmp_path / "one", trained(), page=True)
     leave(tmp_path / "two", trained())
@@ -431,9 +410,6 @@ def test_help(capsys):
     assert "examples: contactlearn report" in printed
 
 
-# In a browser.
-
-
 def order(browser):
     return browser.execute_script(
         "return [...document.querySelectorAll('#runs tbody tr:not([hidden])')].map(one => one.cells[0].textContent)"
@@ -456,6 +432,23 @@ def test_runs_are_drawn_in_silence(browser, mixed):
         "return document.getElementById('by-run').getAttribute('aria-label')"
     )
     assert nothing_sticks_out(shown)
+    assert silent(shown)
+    shown, names = opened(browser, mixed[0]), [one.name for one in mixed[1]]
+    error = {one.name: one.error(METRIC).mean for one in mixed[1]}
+    assert order(shown) == names
+    assert press(shown, "Held-out mass error") == "ascending"
+    assert order(shown) == sorted(names, key=error.get)
+    assert press(shown, "Held-out mass error") == "descending"
+    assert order(shown) == sorted(names, key=error.get, reverse=True)
+    into_view(shown, "by-run")
+    worst = f"document.querySelector('#by-run .ytick title').textContent.endsWith({json.dumps(order(shown)[0])})"
+    assert until(shown, worst)
+    noise = {one.name: x.mean for one in mixed[1] if (x := one.error(METRIC, "noise"))}
+    for direction in (False, True):  # those without stay at the end
+        press(shown, "Noise floor")
+        assert order(shown)[: len(noise)] == sorted(noise, key=noise.get, reverse=direction)
+    press(shown, "Run")
+    assert order(shown) == names
     assert silent(shown)
 
 
@@ -487,26 +480,6 @@ def test_runs_are_labelled_by_their_differences(browser, tmp_path):
     assert silent(shown)
 
 
-def test_sorting(browser, mixed):
-    shown, names = opened(browser, mixed[0]), [one.name for one in mixed[1]]
-    error = {one.name: one.error(METRIC).mean for one in mixed[1]}
-    assert order(shown) == names
-    assert press(shown, "Held-out mass error") == "ascending"
-    assert order(shown) == sorted(names, key=error.get)
-    assert press(shown, "Held-out mass error") == "descending"
-    assert order(shown) == sorted(names, key=error.get, reverse=True)
-    into_view(shown, "by-run")
-    worst = f"document.querySelector('#by-run .ytick title').textContent.endsWith({json.dumps(order(shown)[0])})"
-    assert until(shown, worst)
-    noise = {one.name: x.mean for one in mixed[1] if (x := one.error(METRIC, "noise"))}
-    for direction in (False, True):  # those without stay at the end
-        press(shown, "Noise floor")
-        assert order(shown)[: len(noise)] == sorted(noise, key=noise.get, reverse=direction)
-    press(shown, "Run")
-    assert order(shown) == names
-    assert silent(shown)
-
-
 @pytest.mark.nightly  # the lines are those of the tests without a browser; a sorted table is the test before
 def test_lines_follow_the_table(browser, tmp_path):
     """Of 40 lines 30 are drawn, those of the runs that come first; without intervals, or nothing could be seen."""
@@ -530,16 +503,6 @@ def test_lines_follow_the_table(browser, tmp_path):
     y = shown.execute_script("return document.querySelector('#curve').data[1].y")
     assert y == pytest.approx([1 / 27, 1 / 57])
     assert silent(shown)
-
-
-@pytest.mark.nightly  # by the buttons of the test of sorting
-def test_sorting_by_keyboard(browser, mixed):
-    from selenium.webdriver.common.by import By
-    from selenium.webdriver.common.keys import Keys
-
-    shown = opened(browser, mixed[0])
-    shown.find_element(By.CSS_SELECTOR, "#runs thead th:nth-child(2) button").send_keys(Keys.ENTER)
-    assert order(shown)[0] == "b10"
 
 
 def test_filtering_by_effect(browser, mixed):

@@ -37,10 +37,7 @@ def plain(text: str) -> str:
     return text.replace("\u00a0", " ")
 
 
-# --- Numbers and names ----------------------------------------------------------------------------
-
-
-def test_words():
+def test_small_errors_keep_two_digits():
     assert text.measured(0.10512, 0.00412, "m") == "0.1051 ± 0.0041 m"
     assert text.measured(-3.2e-7, 4e-8) == "−3.2e−7 ± 4e−8"
     known = EffectId("velocity_dependent_restitution", "kuwabara_kono")
@@ -52,22 +49,8 @@ def test_words():
     }  # fmt: skip
     assert text.sentence("x points left") == "x points left."
     assert text.sentence("no balance. Is it?") == "No balance. Is it?"
-
-
-@pytest.mark.parametrize(("x", "y", "message"), [
-    (0.1, 0.39, "3.9 times less"), (0.09, 0.1, "10 % less"), (0.11, 0.1, "10 % more"), (0.03988, 0.04, "0.3 % less"),
-    (3.0, 0.1, "30 times more"), (0.0, 0.1, "less"), (0.0, 0.0, "no less"),
-])  # fmt: skip
-def test_errors_are_compared_in_factors_where_percentages_mislead(x, y, message):
-    assert plain(text.compared(x, y)) == message
-
-
-def test_small_errors_keep_two_digits():
     assert [text.error(x) for x in (0.18114, 0.00042, 2e-5, 0.0)] == ["0.1811", "0.00042", "2e−5", "0.0000"]
     assert plain(text.interval(Interval(0.1, -0.02, 0.3))) == "0.1000 (95 %: −0.0200 to 0.3000)"
-
-
-def test_rungs_are_named_by_their_kind():
     effect = EffectId("velocity_dependent_friction", "stribeck")
     rungs = [
         result.Rung(kind=kind, error=Interval(0, 0, 0))
@@ -78,9 +61,18 @@ def test_rungs_are_named_by_their_kind():
     assert [text.rung_label(rung, "Mirtich") for rung in rungs] == [
         "Mirtich", "+ Gaussian processes on the residual", "noise floor", "+ velocity-dependent friction (Stribeck)",
     ]  # fmt: skip
+    message = text.conclusion(result.Verdict.BAD_DATA, result.Verdict.NONE, ("mirrored_x",))
+    assert message == "the data were corrected (mirrored_x); no missing effect is detectable"
+    assert text.conclusion(result.Verdict.BAD_DATA, None) == "the measurements are inconsistent"
+    assert text.conclusion(result.Verdict.EFFECTS, result.Verdict.EFFECTS) == "effects are missing"
 
 
-# --- The verdict ----------------------------------------------------------------------------------
+@pytest.mark.parametrize(("x", "y", "message"), [
+    (0.1, 0.39, "3.9 times less"), (0.09, 0.1, "10 % less"), (0.11, 0.1, "10 % more"), (0.03988, 0.04, "0.3 % less"),
+    (3.0, 0.1, "30 times more"), (0.0, 0.1, "less"), (0.0, 0.0, "no less"),
+])  # fmt: skip
+def test_errors_are_compared_in_factors_where_percentages_mislead(x, y, message):
+    assert plain(text.compared(x, y)) == message
 
 
 def test_the_headline_names_rivals_and_doubts(found):
@@ -107,12 +99,8 @@ def test_the_headline_names_rivals_and_doubts(found):
     assert text.headline(replace(found, findings=(replace(doubted, fatal=True),))).startswith(
         "The measurements are inconsistent"
     )
-
-
-def test_the_headline_without_effects(found):
     bare = replace(found, missing=(), physics=result.Verdict.NONE)
     assert text.headline(bare) == "These data show no effect missing from Wang–Mason."
-    more = remainder(Interval(0.05, 0.02, 0.08))
     assert text.headline(replace(bare, remainder=more)).endswith("but a small part of its residual is predictable.")
     unknown = text.headline(replace(bare, physics=result.Verdict.UNKNOWN))
     assert unknown.startswith("An unknown effect is missing from Wang–Mason: no effect in the catalogue explains")
@@ -154,10 +142,7 @@ def test_one_sentence_supports_the_headline(found):
     bare = text.support(replace(found, missing=(), physics=result.Verdict.NONE))
     assert bare == f"Wang–Mason has a held-out mass error of 0.1000; noise alone accounts for {noise:.4f}."
     assert text.support(replace(found, ladder=(), budget=None)) == ""
-
-
-def test_the_verdict_reports_the_residual(found):
-    """Components, variables and the best formula, as the terminal does."""
+    # Components, variables and the best formula, as the terminal does.
     left = remainder(Interval(0.4, 0.3, 0.5), result.WrenchComponent.MOMENT, result.WrenchComponent.TANGENTIAL)
     written = plain(" ".join(text.summary(replace(found, remainder=left, formulas=(BEST,)))))
     message = "Gaussian processes on the residual reduce the held-out error by 40 % (30 % to 50 %), in τ and P_t."
@@ -165,16 +150,13 @@ def test_the_verdict_reports_the_residual(found):
     assert "The predicted residual depends on ω (61 %) and θ (20 %)." in written
     assert "The best formula for the residual: τ ← τ + c1*omega reduces the held-out error by 25 % ± 0 %." in written
     assert text.formula_overrides(BEST) == "'+effect.mine.tau=\"c1*omega\"' '+effect.mine.parameters.c1=[-1,1]'"
-
-
-def test_the_conclusion_names_the_corrections():
-    message = text.conclusion(result.Verdict.BAD_DATA, result.Verdict.NONE, ("mirrored_x",))
-    assert message == "the data were corrected (mirrored_x); no missing effect is detectable"
-    assert text.conclusion(result.Verdict.BAD_DATA, None) == "the measurements are inconsistent"
-    assert text.conclusion(result.Verdict.EFFECTS, result.Verdict.EFFECTS) == "effects are missing"
-
-
-# --- The stages -----------------------------------------------------------------------------------
+    budget = replace(found.budget, noise_source=result.NoiseSource.STATED, noise=Interval(0.02, 0.01, 0.03))
+    quiet = remainder(Interval(0.0, -0.1, 0.1))
+    message = text.misfit(replace(found, budget=budget, remainder=quiet))
+    assert message.startswith("The residual is 5 times as large as the stated noise implies")
+    assert text.misfit(replace(found, remainder=quiet)) == ""  # it was estimated
+    agreeing = replace(budget, noise=Interval(0.09, 0.08, 0.1))
+    assert text.misfit(replace(found, budget=agreeing, remainder=quiet)) == ""
 
 
 def test_laws_are_compared_with_the_next_and_the_worst():
@@ -224,16 +206,6 @@ def test_the_next_experiment_states_region_and_number():
     ]
 
 
-def test_stated_noise_that_does_not_agree_is_questioned(found):
-    budget = replace(found.budget, noise_source=result.NoiseSource.STATED, noise=Interval(0.02, 0.01, 0.03))
-    quiet = remainder(Interval(0.0, -0.1, 0.1))
-    message = text.misfit(replace(found, budget=budget, remainder=quiet))
-    assert message.startswith("The residual is 5 times as large as the stated noise implies")
-    assert text.misfit(replace(found, remainder=quiet)) == ""  # it was estimated
-    agreeing = replace(budget, noise=Interval(0.09, 0.08, 0.1))
-    assert text.misfit(replace(found, budget=agreeing, remainder=quiet)) == ""
-
-
 def test_a_model_with_fewer_effects_that_does_nearly_as_well_is_named(found):
     tilt, damping = (one.effect for one in found.missing)
 
@@ -255,7 +227,7 @@ def test_a_model_with_fewer_effects_that_does_nearly_as_well_is_named(found):
         assert not text.phrase("simpler", clear)
 
 
-def test_the_chosen_model_is_listed_first_whatever_its_share(found):
+def test_the_chosen_model_is_listed_first_whatever_its_share(found, capsys):
     effects = tuple(one.effect for one in found.missing)
     laws = ("mirtich", "whittaker", "routh", "ap_newton", "ap_poisson")
     others = tuple(result.PlausibleModel(law=law, effects=effects, share=0.19) for law in laws)
@@ -269,17 +241,11 @@ def test_the_chosen_model_is_listed_first_whatever_its_share(found):
     assert [text.listed_name(alone, one) for one in text.listed_models(alone)] == [
         "Wang–Mason + spin damping (after) + surface tilt (computed)"
     ]
-
-
-def test_models_of_the_search_have_the_given_effects(found, capsys):
     effects = (EffectId("wind"),)
     best = result.FrontierModel(law="mirtich", effects=effects, error=Interval(0.105, 0.1, 0.11))
     likely = result.PlausibleModel(law="mirtich", effects=effects, share=1.0)
     show_verdict(replace(found, given=(EffectId("kick"),), frontier=(best,), models=(likely,)), "")
     assert capsys.readouterr().out.count(" Mirtich + kick + wind\n") == 2
-
-
-def test_own_candidates_that_were_not_selected_are_listed(found):
     assert "not selected" not in " ".join(text.search_notes(found))
     rejected = replace(found, unwanted=(EffectId("kick"), EffectId("wind")))
     assert "Tested, not selected: kick and wind." in text.search_notes(rejected)

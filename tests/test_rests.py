@@ -1,7 +1,6 @@
 """Bodies at rest: where they are still, what they tell of the floor and of the zero of θ, and what must not mislead."""
 
 import math
-from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -19,12 +18,10 @@ from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point
 from contactlearn.report.text.tracks import tracks_facts
 from contactlearn.simulation.camera import Camera
-from contactlearn.simulation.mujoco import Bench, Hidden
 from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate, write_recordings
-from contactlearn.simulation.recordings_mujoco import record_bounces
 
 ELLIPSE, BOX = Ellipse(SEMI_AXES), Polygon(((0.035, 0.025), (-0.035, 0.025), (-0.035, -0.025), (0.035, -0.025)))
-SETS, SLOPE = 100, math.radians(1.5)
+SETS, SLOPE = 60, math.radians(1.5)
 
 
 def touches(shape, theta, slope):
@@ -126,6 +123,13 @@ def test_an_ellipse_on_one_pole_does_not_tell_its_zero():
     same = [rest for rest in rests if abs(rest.pose[2]) < 1]
     assert len(same) > 8
     assert find_floor(contacts, ELLIPSE, same).orientation is None
+    assert len(Lying.of(Disc(0.03)).angles) == len(Lying.of(Ellipse((0.03, 0.03))).angles) == 0
+    rests = [Rest(recording="0", pose=np.array((0.1 * k, 0.03, k)), error=np.full(3, 1e-5)) for k in range(20)]
+    contacts = [SimpleNamespace(pose=np.array((0.05 * k, 0.03, 2.0 * k))) for k in range(20)]
+    floor = find_floor(contacts, Disc(0.03), rests)
+    assert floor.orientation is None
+    assert floor.rests == 20
+    assert abs(floor.slope.value) < 1e-6
 
 
 @pytest.mark.parametrize("odd", [1, 2, 3])
@@ -135,16 +139,6 @@ def test_rests_on_a_book_and_against_a_wall_are_left_out(odd):
     assert floor.rests == 10 - odd
     without = find_floor(contacts, BOX, rests[odd:])
     assert floor == without
-
-
-def test_discs_tell_nothing_of_the_zero():
-    assert len(Lying.of(Disc(0.03)).angles) == len(Lying.of(Ellipse((0.03, 0.03))).angles) == 0
-    rests = [Rest(recording="0", pose=np.array((0.1 * k, 0.03, k)), error=np.full(3, 1e-5)) for k in range(20)]
-    contacts = [SimpleNamespace(pose=np.array((0.05 * k, 0.03, 2.0 * k))) for k in range(20)]
-    floor = find_floor(contacts, Disc(0.03), rests)
-    assert floor.orientation is None
-    assert floor.rests == 20
-    assert abs(floor.slope.value) < 1e-6
 
 
 @pytest.mark.parametrize(("shape", "angles"), [
@@ -200,21 +194,3 @@ def test_recordings_tell_their_zero_by_bodies_at_rest(tmp_path, zero, rolled):
         "rests",
         f"{found.floor.rests} of 10 bodies at rest lie flat on the floor, which is also fitted to them",
     ) in tracks_facts(found)
-
-
-@pytest.mark.nightly  # test_tracks_mujoco has the engine, and contacts sink into the floor above
-def test_boxes_of_the_engine_tell_slope_and_zero(tmp_path):
-    """Contacts sink into the floor by a quarter of a millimetre and more; rests do not."""
-    pytest.importorskip("mujoco")
-    bench = Bench(
-        kind="box", semi_axes=SEMI_AXES, mass=MASS, mu=0.3, eps=0.5, contact_time=1e-3, hidden=Hidden(tilt=0.02)
-    )
-    recordings, _ = record_bounces(8, bench, Camera(frames=350), seed=2)
-    zero = math.radians(3)
-    write_recordings([replace(one, angle=one.angle - zero) for one in recordings], tmp_path)
-    options = tracks.track_options(contact_time=1e-3, sense="as_read", angle="rad")
-    found = tracks.find_impacts(tmp_path, mass=MASS, shape=BOX, options=options)
-    assert found.floor.rests >= 7
-    assert abs(found.floor.slope.value - 0.02) < 3.5 * found.floor.slope.error
-    assert abs(found.floor.orientation.value - zero) < 3.5 * found.floor.orientation.error
-    assert found.floor.orientation.error < math.radians(0.1)

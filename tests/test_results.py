@@ -72,16 +72,17 @@ def test_a_result_is_read_as_it_was_written(result, tmp_path):
     assert [one.name for one in tmp_path.iterdir()] == ["results.json"]
 
 
-def test_every_metric_has_an_entry():
+def test_a_number_that_is_not_finite_is_not_written(tmp_path, monkeypatch):
     for kind in (ModelErrors, LearningCurve):
         assert set(METRICS) <= {field.name for field in dataclasses.fields(kind)}
-
-
-def test_a_number_that_is_not_finite_is_not_written(tmp_path):
     wrong = dataclasses.replace(evaluation(), differences={"whittaker": interval(float("nan"))})
     with pytest.raises(ContactLearnError, match=r"differences\.whittaker\.mean: expected float, got null"):
         run_folder.write_result(tmp_path, wrong)
     assert not list(tmp_path.iterdir())
+    run_folder.write_result(tmp_path, training())
+    assert not has_page(tmp_path)
+    with pytest.raises(ContactLearnError, match="has no page of its own"):
+        redraw(tmp_path)
 
 
 def test_shapes_are_rebuilt_from_their_entries():
@@ -163,10 +164,3 @@ def test_a_damaged_run_is_not_drawn(small, tmp_path, capsys):
     assert main(["report", str(tmp_path)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not (tmp_path / "report.html").exists()
-
-
-def test_a_training_has_no_page_of_its_own(tmp_path, monkeypatch):
-    run_folder.write_result(tmp_path, training())
-    assert not has_page(tmp_path)
-    with pytest.raises(ContactLearnError, match="has no page of its own"):
-        redraw(tmp_path)

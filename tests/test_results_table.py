@@ -4,7 +4,7 @@ import json
 
 import pandas as pd
 import pytest
-from commands import TRAIN, run
+from commands import run
 from evaluations import evaluation
 from test_report_runs import changed, diagnosed, evaluated, leave, ran, trained
 
@@ -33,17 +33,13 @@ def mixed(tmp_path_factory):
     return folder, frame, dict(skipped)
 
 
-def test_each_run_and_model_is_a_row(mixed):
+def test_rows_and_numbers_are_those_of_the_results(mixed):
     folder, frame, _ = mixed
     assert list(frame[frame.run == "evaluate"].model) == list(evaluation().errors)
     assert (frame.groupby("run").own.sum() == 1).all()
     assert not frame.duplicated(["run", "model"]).any()
     assert list(frame.run.drop_duplicates())[:2] == ["b9", "b10"]
     pd.testing.assert_frame_equal(pd.read_parquet(folder / "results.parquet"), frame, check_dtype=False)
-
-
-def test_numbers_are_those_of_the_results(mixed):
-    folder, frame, _ = mixed
     for name in ("b9", "b10", "evaluate"):
         result = json.loads((folder / name / "results.json").read_text())
         for model, entry in result["errors"].items():
@@ -61,35 +57,22 @@ def test_numbers_are_those_of_the_results(mixed):
             assert row["version_contactlearn"] == result["provenance"]["versions"]["contactlearn"]
     assert set(frame[frame.run == "diagnose"].model) == {"named", "law", "noise", "irb"}
     assert frame[frame.bound].model.isin(["irb", "best_post_hoc", "noise"]).all()
-
-
-def test_roles_and_verdicts_are_columns(mixed):
-    """The law alone where there are effects; data that were refused have a row without a model."""
+    # The law alone where there are effects; data that were refused have a row without a model.
     _, frame, _ = mixed
     alone = frame[frame.law_alone].set_index("run")
     assert dict(alone.model) == {"b10": "mirtich", "diagnose": "law"}
     (refused,) = frame[frame.run == "refused"].to_dict("records")
     assert refused["own"]
     assert (refused["verdict"], pd.isna(refused["mass_error"])) == ("bad_data", True)
-
-
-def test_settings_that_differ_are_columns(mixed):
-    _, frame, _ = mixed
     assert set(frame[frame.run == "b9"]["setting_seed"]) == {7}
     assert frame["setting_seed"].dtype.kind == "f"
-
-
-def test_the_page_has_the_same_runs(mixed):
-    """And names the same others with the same reasons."""
+    # And names the same others with the same reasons.
     folder, frame, skipped = mixed
     _, runs, left_out = write_runs([folder])
     assert [row.name for row in runs] == list(frame.run.drop_duplicates())
     errors = frame[frame.own].set_index("run").mass_error.dropna()
     assert {row.name: error.mean for row in runs if (error := row.error("mass_error"))} == errors.to_dict()
     assert dict(left_out) == skipped
-
-
-def test_what_is_not_finished_is_left_out_with_the_reason(mixed):
     _, frame, skipped = mixed
     assert skipped["failed"] == "failed: no luck"
     assert "was stopped before its end" in skipped["half"]
@@ -98,7 +81,7 @@ def test_what_is_not_finished_is_left_out_with_the_reason(mixed):
 
 def test_identities_are_there(tmp_path):
     """Of runs that have one; two runs of the same settings have the same."""
-    words = ("train.py", *TRAIN)
+    words = ("train.py", "data.size=40", "train.size=10", "train.repetitions=1", "bootstrap=10", "model=analytical")
     run(*words, f"hydra.run.dir={tmp_path / 'a'}")
     run(*words, f"hydra.run.dir={tmp_path / 'b'}")
     run(*words, "seed=1", f"hydra.run.dir={tmp_path / 'c'}")

@@ -85,6 +85,12 @@ def test_the_order_counts_and_not_the_rows():
     inliers = torch.ones(n, dtype=torch.bool)
     inliers[50] = False
     assert dependence(spiked, numbered(n), inliers) == dependence(residual[inliers], numbered(n)[inliers])
+    generator = torch.Generator().manual_seed(6)
+    n = 300
+    slopes = sensitivities(n, generator)
+    residual = slopes[..., 1] * torch.linspace(-1.5, 1.5, n)[:, None] + SIZE * normal(n, 3, generator=generator)
+    mixed = torch.randperm(n, generator=generator)
+    assert drift_kind(residual[mixed], slopes[mixed], numbered(n)[mixed]) == "parameter"
 
 
 def sensitivities(n, generator):
@@ -103,15 +109,6 @@ def test_parameter_drift_differs_from_measurement_drift(n, rho):
         assert drift_kind(parameter, slopes, numbered(n)) in ("parameter", "undecided")
         assert drift_kind(measurement, slopes, numbered(n)) == "measurement"
         assert drift_kind(noise, slopes, numbered(n)) != "measurement"
-
-
-def test_a_strong_drift_of_a_parameter_is_named():
-    generator = torch.Generator().manual_seed(6)
-    n = 300
-    slopes = sensitivities(n, generator)
-    residual = slopes[..., 1] * torch.linspace(-1.5, 1.5, n)[:, None] + SIZE * normal(n, 3, generator=generator)
-    mixed = torch.randperm(n, generator=generator)
-    assert drift_kind(residual[mixed], slopes[mixed], numbered(n)[mixed]) == "parameter"
 
 
 @pytest.mark.parametrize(("n", "length", "folds"), [(60, 5, 5), (203, 10, 5), (1000, 30, 4), (50, 10, 5)])

@@ -83,9 +83,6 @@ def test_a_measurement_that_wanders_is_no_coefficient():
         drops, fit = fitted(160, 10 * seed, errors=wandering)
         found = find_serial_dependence(drops, fit, FitOptions())
         assert found is None or not found.large
-
-
-def test_trials_that_stick_tell_nothing_of_friction():
     drops = thrown(200, 3)
     slow = drops.replace(v_pre=drops.v_pre * torch.tensor([0.01, 1.0, 0.01]), validate=False)
     slow = slow[slow.v_c[:, 1] < -0.2].replace(validate=True)
@@ -96,9 +93,6 @@ def test_trials_that_stick_tell_nothing_of_friction():
     chance, found = screen_associations(scores, {}, 0.01)
     assert chance > 0.01
     assert not found
-
-
-def test_few_trials_give_no_serial_dependence():
     drops, fit = fitted(60, 4)
     assert find_serial_dependence(drops[:30], fit, FitOptions()) is None
 
@@ -112,9 +106,16 @@ def test_a_gap_in_the_sequence_hides_the_trial_before():
     after = int((drops.order <= 30).sum())
     assert hidden[after] == 0 != known[after]
     assert torch.equal(hidden[after + 1 :], known[after + 1 :])
-
-
-def test_the_level_decides():
+    drops = thrown(80, 8)
+    counted = histories(drops, ContactModel(LAW).predict(drops))
+    widest = max(
+        (one for one in counted if one.variable is LaggedVariable.PLACE), key=lambda one: (one.width, one.trials)
+    )
+    place = drops.q[:, 0] + drops.r[:, 0]
+    exact = (-0.5 * ((place[:, None] - place) / widest.width).square()).exp().tril(-1).sum(-1)
+    assert torch.corrcoef(torch.stack((exact, counted[widest])))[0, 1] > 0.999
+    alone = drops.replace(q=torch.zeros_like(drops.q), r=drops.r * torch.tensor([0.0, 1.0]))
+    assert not any(one.variable is LaggedVariable.PLACE for one in histories(alone, ContactModel(LAW).predict(alone)))
     drops, fit = fitted(150, 6)
     thresholds = Thresholds()
     always = replace(thresholds, dependence_level=1.0)
@@ -173,16 +174,3 @@ def test_a_floor_that_is_dented_where_it_was_hit():
     assert phrase("serial_dependence", replace(found, width=0.0132)) == (
         "restitution depends on how many of the last 10 impacts were within 13 mm of the same place"
     )
-
-
-def test_earlier_impacts_are_counted_by_their_place():
-    drops = thrown(80, 8)
-    counted = histories(drops, ContactModel(LAW).predict(drops))
-    widest = max(
-        (one for one in counted if one.variable is LaggedVariable.PLACE), key=lambda one: (one.width, one.trials)
-    )
-    place = drops.q[:, 0] + drops.r[:, 0]
-    exact = (-0.5 * ((place[:, None] - place) / widest.width).square()).exp().tril(-1).sum(-1)
-    assert torch.corrcoef(torch.stack((exact, counted[widest])))[0, 1] > 0.999
-    alone = drops.replace(q=torch.zeros_like(drops.q), r=drops.r * torch.tensor([0.0, 1.0]))
-    assert not any(one.variable is LaggedVariable.PLACE for one in histories(alone, ContactModel(LAW).predict(alone)))

@@ -54,9 +54,17 @@ def test_round_trip_is_exact(whole):
     assert from_json(Whole, text.encode()) == whole
 
 
-def test_text_is_indented_and_not_ascii():
+def test_text_is_indented_and_not_ascii(monkeypatch):
     assert to_json(Part(x=0.1)) == '{\n  "x": 0.1,\n  "colour": "red",\n  "sigma": null\n}\n'
     assert "μ" in to_json(Whole(name="μ"))
+    content = '{"name": "", "parts": {"a.b[...]`": {"x": 1}, "c.[0]\\n": {"x": null}}}'
+    with pytest.raises(ContactLearnError, match=r"^parts\.c\.\[0\] \.x: expected float, got null$"):
+        from_json(Whole, content)
+    with pytest.raises(ContactLearnError, match="is not JSON"):
+        from_json(Whole, b'{"\xe4": 1}')
+    monkeypatch.setattr(serialisation, "LARGEST_FILE", 5)
+    with pytest.raises(ContactLearnError, match="is larger than"):
+        from_json(Whole, '{"name": ""}')
 
 
 @pytest.mark.parametrize("x", [float("nan"), float("inf")])
@@ -92,20 +100,3 @@ def test_wrong_entries_are_named(text, reason):
         from_json(Whole, text)
     assert str(caught.value).startswith(reason)
     assert "\n" not in str(caught.value)
-
-
-def test_keys_that_look_like_paths_are_named_too():
-    content = '{"name": "", "parts": {"a.b[...]`": {"x": 1}, "c.[0]\\n": {"x": null}}}'
-    with pytest.raises(ContactLearnError, match=r"^parts\.c\.\[0\] \.x: expected float, got null$"):
-        from_json(Whole, content)
-
-
-def test_bytes_that_are_no_utf8():
-    with pytest.raises(ContactLearnError, match="is not JSON"):
-        from_json(Whole, b'{"\xe4": 1}')
-
-
-def test_large_files_are_refused(monkeypatch):
-    monkeypatch.setattr(serialisation, "LARGEST_FILE", 5)
-    with pytest.raises(ContactLearnError, match="is larger than"):
-        from_json(Whole, '{"name": ""}')

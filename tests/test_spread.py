@@ -50,9 +50,6 @@ def test_what_varies_is_measured():
     tilt = few("surface_tilt")
     for drops in (alike(0, spread=5.0), hidden_effects.draw(3, effects=[], size=120)[0]):
         assert diagnose(drops, LAW, candidates=tilt, laws=[LAW]).corrections == ()
-
-
-def test_the_mean_is_that_of_the_column():
     drops = alike(0)
     mended = correct(drops, ["averaged_vy"])
     torch.testing.assert_close(mended.v_pre[:, 1], drops.v_pre[:, 1].mean().expand(100))

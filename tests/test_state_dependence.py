@@ -76,7 +76,10 @@ def test_a_product_of_two_inputs_is_found(change, coefficient, named):
         assert (again := dependence_of(lost, fit)) is None or "theta" not in symbols(again)
 
 
-def test_an_outcome_that_depends_on_the_state_alike_is_no_coefficient():
+def test_no_dependence_is_found_in_noise():
+    drops, fit = fitted(300, 3)
+    assert dependence_of(drops, fit) is None
+    assert dependence_of(drops[:30], fit) is None
     drops, _ = fitted(300, 2)
     curtain = 0.3 * (drops.q[:, :1] - drops.q[:, 0].median()).clamp_min(0)
     pushed = drops.replace(v_post=drops.v_post - curtain * torch.tensor((1.0, 0.0, 20.0)))
@@ -84,12 +87,14 @@ def test_an_outcome_that_depends_on_the_state_alike_is_no_coefficient():
     assert found is not None
     assert found.coefficient is None
     assert symbols(found) == {"x"}
-
-
-def test_no_dependence_is_found_in_noise():
-    drops, fit = fitted(300, 3)
-    assert dependence_of(drops, fit) is None
-    assert dependence_of(drops[:30], fit) is None
+    drops, fit = fitted(300, 1, restitution=by_spin_with_slip)
+    thresholds = Thresholds()
+    more = replace(thresholds, least_gain=0.9)
+    found = dependence_of(drops, fit, thresholds=more)
+    assert found is not None
+    assert not found.large
+    never = replace(thresholds, dependence_level=0.0)
+    assert dependence_of(drops, fit, thresholds=never) is None
 
 
 def test_a_better_model_of_known_effects_explains_it():
@@ -181,17 +186,6 @@ def test_neighbours_that_resemble_each_other_have_one_sign():
             found[block] += bool(screen_state_associations(scores, {"x": state}, 0.005, block)[1])
     assert found[1] >= 4
     assert found[8] == 0
-
-
-def test_the_thresholds_decide():
-    drops, fit = fitted(300, 1, restitution=by_spin_with_slip)
-    thresholds = Thresholds()
-    more = replace(thresholds, least_gain=0.9)
-    found = dependence_of(drops, fit, thresholds=more)
-    assert found is not None
-    assert not found.large
-    never = replace(thresholds, dependence_level=0.0)
-    assert dependence_of(drops, fit, thresholds=never) is None
 
 
 @pytest.mark.parametrize(

@@ -68,9 +68,6 @@ def _only(found: set[str], excepted: set[str], rule: str) -> None:
     assert not excepted - found, f"exceptions that are none any more ({rule}): {sorted(excepted - found)}"
 
 
-# One way
-
-
 def test_imports_run_one_way_and_in_no_circle():
     """The layers and circles of `[tool.importlinter]` in pyproject.toml."""
     assert lint_imports(config_filename=str(ROOT / "pyproject.toml"), is_debug_mode=False) == 0
@@ -91,22 +88,14 @@ def test_the_report_fits_nothing():
     _only(found, set(), "the report is given complete results")
 
 
-# Short
-
-
 def test_functions_are_short():
     lengths = {f"{_name(p)}.{name}": _lines(node) for p in PATHS for name, node, _ in _functions(p)}
     _only({name for name, n in lengths.items() if n > LONGEST_FUNCTION}, set(), "functions are too long")
-
-
-def test_the_pipeline_is_read_at_one_glance():
     path = PACKAGE / "diagnosis" / "pipeline.py"
     (node,) = (node for name, node, _ in _functions(path) if name == "diagnose")
     body = {n for n, _ in _code(path)} & set(range(node.body[0].lineno, node.end_lineno + 1))
     assert len(body) <= 40
 
-
-# Once
 
 HOMONYMS = {"diagnose"}  # one act: the library's on impacts, the command's on what its settings name
 PATTERNS = {
@@ -203,9 +192,6 @@ def test_options_are_types():
     _only(found, KEYWORDS | OPTIONS, "keyword arguments are named, or the fields of a dataclass")
 
 
-# The front door
-
-
 @pytest.mark.parametrize("statement", ["import contactlearn", "from contactlearn import cli"])
 def test_importing_is_cheap(statement):
     """Neither torch nor anything as heavy is loaded before it is needed."""
@@ -213,17 +199,12 @@ def test_importing_is_cheap(statement):
     subprocess.run([sys.executable, "-c", f"{statement}\nimport sys\nassert not {heavy}"], check=True, cwd=ROOT)
 
 
-def test_diagnose_loads_no_more_than_it_needs():
+def test_importing_diagnose_is_quiet_and_loads_no_more_than_it_needs():
     """Beside torch; SciPy, pandas and GPyTorch are loaded where something is computed with them."""
     heavy = "{'scipy', 'pandas', 'pyarrow', 'gpytorch', 'sympy', 'omegaconf', 'matplotlib', 'rich'} & set(sys.modules)"
     words = f"from contactlearn import diagnose\nimport sys\nassert not {heavy}, {heavy}"
-    subprocess.run([sys.executable, "-c", words], check=True, cwd=ROOT)
-
-
-def test_importing_is_quiet():
-    """What other packages warn of each other is not shown to everybody."""
-    words = ("-W", "error::DeprecationWarning", "-W", "error::FutureWarning", "-c", "from contactlearn import diagnose")
-    subprocess.run([sys.executable, *words], check=True, cwd=ROOT)
+    quiet = ("-W", "error::DeprecationWarning", "-W", "error::FutureWarning")  # of what other packages warn each other
+    subprocess.run([sys.executable, *quiet, "-c", words], check=True, cwd=ROOT)
 
 
 def test_public_names_exist():
@@ -233,12 +214,7 @@ def test_public_names_exist():
         assert getattr(contactlearn, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'Impact'"):
         contactlearn.Impact  # noqa: B018
-
-
-def test_type_checkers_see_the_public_names():
-    """The imports that only a type checker follows are those that `__getattr__` makes."""
-    import contactlearn
-
+    # The imports that only a type checker follows are those that `__getattr__` makes.
     tree = _tree(PACKAGE / "__init__.py")
     (block,) = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
     seen = {alias.name: node.module for node in block.body for alias in node.names}

@@ -45,18 +45,12 @@ def test_a_curve_is_what_training_by_hand_gives(drops, curves):
         torch.testing.assert_close(
             learned["residual"].errors[name][1], metric.error(test, model.predict(test)), rtol=EXACT, atol=EXACT
         )
-
-
-def test_laws_are_identified_on_the_same_subsets(drops, curves):
     pool, _ = drops
     orders, fits, laws, _ = curves
     alone = identify(find("whittaker"), pool[orders[1, :10]], sizes=(10,), orders=torch.arange(10)[None])
     assert fits["whittaker"].mu[1, 0] == pytest.approx(alone.mu.item(), abs=1e-6)
     assert laws["whittaker"].errors["mass_error"].shape == (2, 3, 30)
     assert laws["whittaker"].density is None
-
-
-def test_more_processes_change_nothing(drops, curves):
     pool, test = drops
     orders, fits, _, alone = curves
     pair = study.learning_curves(RECIPES, pool, test, orders, (10, 30), bases(fits), work=study.Work(processes=2))
@@ -118,9 +112,6 @@ def test_transfer_learns_the_correction(drops):
     assert (mean["the same", "prior"] < 1.3 * zero).all()
     assert (mean["the same", "scratch"] > 2 * zero).all()
     assert mean["disc", "prior"][1] < mean["disc", "zero_shot"][0]
-
-
-def test_transfer_refuses_sizes_that_a_body_cannot_give(drops):
     pool, _ = drops
     with pytest.raises(DataError, match="disc: 40 trials were requested, but 30 are there"):
         study.transfer_curves(RECIPES["wrench"], pool, {"disc": (pool[:30], pool[30:])}, (4, 40), 1, torch.Generator())
@@ -152,18 +143,11 @@ def test_density_is_that_of_the_normal_distribution(predicted):
     test, prediction = predicted
     normal = torch.distributions.MultivariateNormal(prediction.v_post, prediction.covariance)
     torch.testing.assert_close(metrics.negative_log_density(test, prediction), -normal.log_prob(test.v_post))
-
-
-def test_distance_and_coverage(predicted):
-    test, prediction = predicted
     error = test.v_post - prediction.v_post
     distance = (error * torch.linalg.solve(prediction.covariance, error)).sum(-1)
     torch.testing.assert_close(metrics.squared_distance(test, prediction), distance)
     inside = error.abs() / prediction.covariance.diagonal(dim1=-2, dim2=-1).sqrt() <= 1.95996398454
     assert (metrics.covered(test, prediction) == inside).all()
-
-
-def test_calibration_of_a_right_model_is_the_diagonal():
     z = torch.randn(200_000, 3, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
     levels, shares = metrics.calibration(z.square().sum(-1))
     assert (levels - shares).abs().max() < 5 * math.sqrt(0.25 / len(z))

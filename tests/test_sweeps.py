@@ -49,9 +49,6 @@ def identity(name, *words):
     return job_identity(cfg, cfg.hydra)
 
 
-# The same command again
-
-
 def test_finished_jobs_are_skipped_and_not_even_composed(undisturbed):
     before = finished(undisturbed)
     with (
@@ -112,9 +109,6 @@ def test_other_data_are_another_job(tmp_path):
         printed = run("train.py", "-m", *small, "law=mirtich", "hydra.sweep.dir=s", cwd=tmp_path)
         assert "finished before" not in printed
     assert len(list(tmp_path.glob("s/*/done.json"))) == 2
-
-
-# Failures
 
 
 def test_a_failing_job_stops_no_other(tmp_path):
@@ -257,9 +251,6 @@ def test_jobs_at_once_are_limited(tmp_path):
     assert launcher.batches == [["a", "b"], ["c", "d"], ["e"]]
 
 
-# Killed
-
-
 @pytest.mark.parametrize("kills", repeated(1, 3))
 def test_killed_at_random_moments(kills, undisturbed, tmp_path):
     """Nothing finished is lost, nothing half-written is read, and the results are those of an undisturbed sweep.
@@ -328,9 +319,6 @@ def test_interrupted_while_a_configuration_is_composed(tmp_path):
     assert len(finished(tmp_path)) == 1
 
 
-# Side by side
-
-
 def test_two_processes_on_one_sweep(undisturbed, tmp_path):
     """They share the jobs; each is run once, and both end with all of them."""
     both = [ForkedSweep(tmp_path, *JOBS) for _ in range(2)]
@@ -349,9 +337,6 @@ def test_one_folder_has_one_holder(tmp_path):
         assert (first, second, is_locked(tmp_path)) == (True, False, True)
     assert not is_locked(tmp_path)
     assert not is_locked(tmp_path / "nowhere")
-
-
-# Single runs
 
 
 def test_runs_of_one_second_have_a_folder_each(tmp_path):
@@ -401,21 +386,11 @@ def test_other_sweepers_overwrite_nothing(tmp_path):
     assert found == {"0": 0, "1": 1, "0-2": 2, "1-2": 3}
 
 
-def test_interrupted_runs_leave_no_folder(tmp_path):
+def test_failed_and_interrupted_runs_leave_nothing(tmp_path):
     with patch("contactlearn.cli.commands.train.loading.split", side_effect=KeyboardInterrupt):
         assert "stopped" in run("train.py", *SMALL, cwd=tmp_path, status=130)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("word", ["train.size=1000", "data=table", "+data.sise=3", "train.eps=[1,0]"])
-def test_failed_runs_leave_no_folder(word, tmp_path):
-    words = SMALL if word != "data=table" else SMALL[1:]
-    run("train.py", *words, word, cwd=tmp_path, status=2)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_folder_of_the_user_is_never_cleared(tmp_path):
-    """hydra.run.dir=. is a folder with other things in it."""
+    # hydra.run.dir=. is a folder with other things in it.
     (tmp_path / "notes.txt").write_text("mine")
     run("train.py", *SMALL, "train.size=1000", "hydra.run.dir=.", cwd=tmp_path, status=2)
     run("train.py", *SMALL, "train.size=10", "hydra.run.dir=.", cwd=tmp_path)
@@ -423,7 +398,11 @@ def test_a_folder_of_the_user_is_never_cleared(tmp_path):
     assert (tmp_path / "results.json").exists()
 
 
-# Disks
+@pytest.mark.parametrize("word", ["train.size=1000", "data=table", "+data.sise=3", "train.eps=[1,0]"])
+def test_failed_runs_leave_no_folder(word, tmp_path):
+    words = SMALL if word != "data=table" else SMALL[1:]
+    run("train.py", *words, word, cwd=tmp_path, status=2)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.fixture
@@ -493,9 +472,6 @@ def test_a_folder_that_vanishes(tmp_path):
 def test_reasons_are_one_line(error, message):
     assert job_module.reason(error).startswith(message)
     assert "\n" not in job_module.reason(error)
-
-
-# Resources
 
 
 def test_no_more_jobs_than_memory_allows():

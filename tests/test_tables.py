@@ -126,10 +126,7 @@ def test_names_may_be_exchanged(tmp_path, drops):
     columns = columns_of(drops)
     columns["vx"], columns["vy"] = columns["vy"], columns["vx"]
     assert_close(table.load(written(tmp_path / "own.csv", columns), columns={"vx": "vy", "vy": "vx"}), drops)
-
-
-def test_velocities_before_impact_may_end_in_pre(tmp_path, drops):
-    """As those after impact are; names that are given or written as ours go first, and covariances keep theirs."""
+    # As those after impact are; names that are given or written as ours go first, and covariances keep theirs.
     columns = columns_of(drops)
     before = {f"{name}_pre" if name in ("vx", "vy", "omega") else name: values for name, values in columns.items()}
     assert_close(table.load(written(tmp_path / "own.csv", before)), drops)
@@ -156,18 +153,12 @@ def test_errors_name_the_column_and_the_value_as_written(tmp_path, drops):
         changed = own | {column: [own[column][0], value, *own[column][2:]]}
         with refused(fragments):
             table.load(written(tmp_path / "own.csv", changed), columns=names, units=units, validate=False)
-
-
-def test_the_first_missing_number_counts_the_others(tmp_path, drops):
     columns = columns_of(drops)
     gaps = [*columns["vx"][:7], "", *columns["vx"][8:20], "nan", *columns["vx"][21:]]
     with pytest.raises(DataError, match=r"row 8 .*the cell is empty: .*\(2 rows of the column are like this one\)"):
         table.load(written(tmp_path / "own.csv", columns | {"vx": gaps}))
     with pytest.raises(DataError, match=r"the cell is empty.*drop_incomplete[^(]*$"):
         table.load(written(tmp_path / "own.csv", columns | {"vx": [*columns["vx"][:7], "", *columns["vx"][8:]]}))
-
-
-# --- Columns that are not used, or computed -------------------------------------------------------
 
 
 def test_further_columns_are_not_used_and_named(tmp_path, drops, capsys):
@@ -179,6 +170,12 @@ def test_further_columns_are_not_used_and_named(tmp_path, drops, capsys):
     assert_close(found.impacts, drops)
     load_data(SourceSettings(target="contactlearn.data.table.load", options={"path": str(path)}))
     assert capsys.readouterr().out == "columns not used: friction, '', temperature\n"
+    path = written(tmp_path / "own.csv", columns_of(drops) | {"inertia": [7.0] * 40, "tme": ["noon"] * 40})
+    found = table.read(path, shape=SHAPE, columns={"inertia": None, "time": None})
+    assert found.unused == ("inertia", "tme")
+    torch.testing.assert_close(found.impacts.inertia, drops.inertia, rtol=ROUNDING, atol=0)
+    with pytest.raises(DataError, match=r"'tme', did you mean 'time'\?; 'data.columns=\{time: tme\}.*\{time: null\}"):
+        table.read(path)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
@@ -204,15 +201,6 @@ def test_the_shape_gives_what_is_left_out(tmp_path, drops, shape, left_out):
     r, inertia = contact_point(body, drops.q[:, 2]), drops.mass * body.gyration_squared()
     assert torch.equal(found.impacts.r, r) == ("rx" in left_out)
     assert torch.equal(found.impacts.inertia, inertia) == ("inertia" in left_out)
-
-
-def test_null_marks_a_column_as_absent(tmp_path, drops):
-    path = written(tmp_path / "own.csv", columns_of(drops) | {"inertia": [7.0] * 40, "tme": ["noon"] * 40})
-    found = table.read(path, shape=SHAPE, columns={"inertia": None, "time": None})
-    assert found.unused == ("inertia", "tme")
-    torch.testing.assert_close(found.impacts.inertia, drops.inertia, rtol=ROUNDING, atol=0)
-    with pytest.raises(DataError, match=r"'tme', did you mean 'time'\?; 'data.columns=\{time: tme\}.*\{time: null\}"):
-        table.read(path)
 
 
 BAD_HEADER = {
@@ -294,9 +282,6 @@ def test_contact_points_are_not_computed_from_degrees(tmp_path, drops):
     torch.testing.assert_close(table.load(path, SHAPE, units={"angle": "deg"}).r, drops.r, rtol=1e-9, atol=1e-12)
 
 
-# --- The audit ------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("mistakes", [(), ("mirrored_theta",), ("mirrored_y", "mirrored_theta", "grams")])
 @pytest.mark.parametrize("size", [200, 1718])
 def test_the_quick_audit_finds_what_the_audit_finds(mistakes, size):
@@ -336,8 +321,8 @@ def test_training_reports_the_audit_and_continues(tmp_path, monkeypatch):
 
 def test_evaluation_reports_the_audit(tmp_path):
     path = table.save(corrupt(synthetic.load(size=80), "grams", "mirrored_theta"), tmp_path / "own.csv")
-    words = ("evaluate.py", "data=table", f"data.path={path}", "model=[]", "figures.repetitions=2", *SMALL)
-    printed = run(*words, f"hydra.run.dir={tmp_path}/run")
+    words = ("evaluate.py", "data=table", f"data.path={path}", "model=[]", "laws=[mirtich]", "figures.repetitions=1")
+    printed = run(*words, *SMALL, f"hydra.run.dir={tmp_path}/run")
     assert printed.count(": use data.correct=[mirrored_theta,grams]\n") == 2
     assert "audit: the mass is in g: use" in printed
 
@@ -367,9 +352,6 @@ def test_the_audit_alone(tmp_path):
 ])  # fmt: skip
 def test_the_audit_refuses(words, fragment):
     assert fragment in run("contactlearn", "audit", *words, status=2)
-
-
-# --- What is listed -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("script", ["train.py", "evaluate.py", "diagnose.py"])

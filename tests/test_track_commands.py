@@ -121,6 +121,11 @@ def test_trials_out_of_the_plane_are_refused_with_their_number(tmp_path):
     (refusal,) = [r for r in found_in(tmp_path, **GENERIC).survey.refusals if r.reason is Reason.OUT_OF_PLANE]
     assert (refusal.recording, refusal.unit) == ("0002", "mm")
     assert refusal.value > 50
+    with pytest.raises(UnknownNameError, match="axes"):
+        recordings.load(size=2, folder=str(tmp_path), axes="sideways")
+    with pytest.raises(DataError, match="exposure"):
+        recordings.load(size=2, folder=str(tmp_path), exposure=1.0)
+    assert math.isclose(Camera().angle_noise, math.radians(0.1))
 
 
 def test_a_wall_is_refused(tmp_path):
@@ -205,14 +210,6 @@ def test_the_sources_compose(tmp_path, plain):
     words += [f"data.shape={{kind:ellipse,semi_axes:[{SEMI_AXES[0]},{SEMI_AXES[1]}]}}"]
     impacts = load_data(SourceSettings.from_config(compose("evaluate", words)))
     assert impacts.fingerprint() == found.impacts.fingerprint()
-
-
-def test_settings_of_simulated_recordings_are_checked(tmp_path):
-    with pytest.raises(UnknownNameError, match="axes"):
-        recordings.load(size=2, folder=str(tmp_path), axes="sideways")
-    with pytest.raises(DataError, match="exposure"):
-        recordings.load(size=2, folder=str(tmp_path), exposure=1.0)
-    assert math.isclose(Camera().angle_noise, math.radians(0.1))
 
 
 def test_a_long_file_is_shared_between_processes(tmp_path):

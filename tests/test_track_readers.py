@@ -29,9 +29,6 @@ def same(a, b, rounding=1e-8) -> None:
         np.testing.assert_allclose(x, y, rtol=rounding, atol=rounding)
 
 
-# Columns
-
-
 @pytest.mark.parametrize("recordings", [FLAT, SPACE], ids=["in a plane", "in space"])
 def test_csv(tmp_path, recordings):
     write_recordings(recordings, tmp_path)
@@ -90,15 +87,6 @@ def test_a_bad_recording_of_many_is_its_error_and_the_others_go_on(tmp_path, mon
     assert f"{path}: f: has 9 frames, more than 8: split it" in said["long"]
 
 
-def test_a_long_file_without_names_is_refused_before_it_is_read_through(tmp_path, monkeypatch):
-    monkeypatch.setattr(columns, "_ROWS", 4)
-    monkeypatch.setattr(columns, "MOST_FRAMES", 8)
-    path = tmp_path / "all.csv"
-    path.write_text("time,x,y,theta\n" + "".join(f"{k},1,2,3\n" for k in range(20)) + "never,read\n")
-    with pytest.raises(DataError, match="more than 8 frames and no column 'recording' of recordings: split it"):
-        list(read(path, Layout()))
-
-
 def test_memory_is_bounded_by_a_few_recordings(tmp_path, monkeypatch):
     """Peak memory of Python's and NumPy's objects, while 40 and 160 recordings of one file are read in pieces."""
     monkeypatch.setattr(columns, "_ROWS", 2000)
@@ -114,10 +102,20 @@ def test_memory_is_bounded_by_a_few_recordings(tmp_path, monkeypatch):
     assert peaks[1] < 1.3 * peaks[0]
 
 
-def test_named_components_say_their_order():
+def test_named_components_say_their_order(tmp_path, monkeypatch):
     assert Layout().order == "wxyz"
     assert Layout(quaternion=("rx", "ry", "rz", "rw")).order == "xyzw"
     assert Layout(quaternion=("q0", "q1", "q2", "q3")).order is None
+    (tmp_path / "a.csv").write_text("x,y,theta\n1,2,3\n1,2,\n1,2,3\n")
+    (found,) = read(tmp_path / "a.csv", Layout(rate=100))
+    assert found.time.tolist() == [0, 0.01, 0.02]
+    assert found.seen.tolist() == [True, False, True]
+    monkeypatch.setattr(columns, "_ROWS", 4)
+    monkeypatch.setattr(columns, "MOST_FRAMES", 8)
+    path = tmp_path / "all.csv"
+    path.write_text("time,x,y,theta\n" + "".join(f"{k},1,2,3\n" for k in range(20)) + "never,read\n")
+    with pytest.raises(DataError, match="more than 8 frames and no column 'recording' of recordings: split it"):
+        list(read(path, Layout()))
 
 
 BAD = {
@@ -146,13 +144,6 @@ def test_what_cannot_be_read_is_one_clear_line(tmp_path, content, layout, fragme
     with refused([str(path), *fragments]) as caught:
         list(read(path, Layout(**layout)))
     assert "\n" not in str(caught.value)
-
-
-def test_a_frame_rate_stands_for_times(tmp_path):
-    (tmp_path / "a.csv").write_text("x,y,theta\n1,2,3\n1,2,\n1,2,3\n")
-    (found,) = read(tmp_path / "a.csv", Layout(rate=100))
-    assert found.time.tolist() == [0, 0.01, 0.02]
-    assert found.seen.tolist() == [True, False, True]
 
 
 @pytest.mark.parametrize("rate", [100, 200.0, 201])
@@ -192,9 +183,6 @@ def test_folders(tmp_path):
 def _empty(folder: Path) -> Path:
     (folder / "empty").mkdir()
     return folder / "empty"
-
-
-# Motive
 
 
 def motive(version: str, rows: np.ndarray, *, units="Millimeters") -> str:
@@ -248,9 +236,6 @@ def test_motive_exports_that_are_no_use(tmp_path):
         path.write_text(good.replace(*change))
         with pytest.raises(DataError, match=message):
             list(read(path, Layout()))
-
-
-# Others
 
 
 def test_tum(tmp_path):

@@ -48,7 +48,7 @@ COMMANDS = {
     "evaluate_with": ("evaluate.py", *SMALL, "effect=[side_drag]", "laws=[whittaker]"),
     "transfer": ("evaluate.py", "experiment=transfer", "model=[x1_wrench]", "data.size=60", "train.size=30",
                  "transfer.sizes=[4,8]", "transfer.seeds=2", "bootstrap=50", "~transfer.bodies.rod", "workers=1"),
-    "diagnose": ("diagnose.py", "data=mystery", "data.seed=11", "data.size=100", "law=wang_mason"),
+    "diagnose": ("diagnose.py", "data=mystery", "data.seed=170", "data.size=100", "law=wang_mason"),
 }  # fmt: skip
 
 
@@ -213,14 +213,6 @@ def test_every_run_has_the_same_hyperparameters_and_metrics(runs):
         assert offered == [
             (i.name, str(i.domain_discrete)) for i in hparams(events["train"], "experiment").hparam_infos
         ]
-
-
-def diagnosed(folder):
-    """The result of the diagnosis among the runs."""
-    return run_folder.read_result(folder / "diagnose" / "diagnosis.json")
-
-
-def test_runs_say_what_they_were_made_with(runs):
     folder, events = runs
     made = {name: values(found) for name, found in events.items()}
     missing = diagnosed(folder).diagnosis.effects
@@ -238,6 +230,11 @@ def test_runs_say_what_they_were_made_with(runs):
         assert [key for key, value in made[name].items() if value is True] == sorted(f"effect_{e}" for e in effects)
         assert made[name]["effects"] == (", ".join(effects) or "none")
         assert made[name]["settings"].startswith(" ".join(COMMANDS[name][1:3]))
+
+
+def diagnosed(folder):
+    """The result of the diagnosis among the runs."""
+    return run_folder.read_result(folder / "diagnose" / "diagnosis.json")
 
 
 @pytest.mark.parametrize(
@@ -276,26 +273,7 @@ def test_learning_curves_have_the_bounds_beside_them(runs):
     for name, line in {"best_post_hoc": best, "irb": [level, level]}.items():
         logged = [event.value for event in events["evaluate"].Scalars(f"curve_mass_error/{name}")]
         assert logged == torch.tensor(line, dtype=torch.float32).tolist()
-
-
-def test_points_of_learning_curves_are_logged_in_order_as_soon_as_they_are_there(tmp_path):
-    """A size that is ready before a smaller one waits for it: TensorBoard drops what lies beyond a later step."""
-    drops, seen = synthetic.load(40), RecordingObserver()
-    settings = SimpleNamespace(split=SimpleNamespace(seed=0), bootstrap=50)
-    points, predicted = curves._Points(settings, (10, 20, 30), seen), ContactModel(find("whittaker")).predict(drops)
-    for model, size in [("a", 10), ("a", 30), ("b", 20), ("a", 20), ("b", 10)]:
-        points.add(model, Curve.of(drops, {size: predicted}))
-    with Tracker(tmp_path, 1) as tracker:
-        for event in seen:
-            tracker(event)
-    assert [(one.model, one.trained_on) for one in seen] == [("a", 10), ("a", 20), ("a", 30), ("b", 10), ("b", 20)]
-    assert len({one.errors["mass_error"] for one in seen}) == 1  # the same resamples
-    steps = [event.step for event in EventAccumulator(str(tmp_path)).Reload().Scalars("curve_mass_error/a")]
-    assert steps == [10, 20, 30]
-
-
-def test_every_chart_has_its_data(runs):
-    """Margin charts name tags that are there, with the mean inside; lines match something."""
+    # Margin charts name tags that are there, with the mean inside; lines match something.
     _, events = runs
     for name, found in events.items():
         tags, charts = found.Tags()["scalars"], [chart for part in layout(found).values() for chart in part.values()]
@@ -312,9 +290,6 @@ def test_every_chart_has_its_data(runs):
     assert {"whittaker", "x1_wrench", "irb"} <= {
         title.partition(":")[0] for title in layout(events["evaluate"])[HELD_OUT]
     }
-
-
-def test_the_charts_of_all_commands_stand_together(runs):
     folder, events = runs
     titles = {name: [title for part in layout(found).values() for title in part] for name, found in events.items()}
     shown = merged(folder)
@@ -326,7 +301,7 @@ def test_the_charts_of_all_commands_stand_together(runs):
     ]
 
 
-def test_the_ladder_is_a_chart(runs):
+def test_the_ladder_is_a_chart(runs, monkeypatch):
     folder, events = runs
     found, events = diagnosed(folder).diagnosis, events["diagnose"]
     ladder = [rung.error.mean for rung in found.ladder]
@@ -338,6 +313,22 @@ def test_the_ladder_is_a_chart(runs):
     for name, level in steps.items():
         assert events.Scalars(f"mass_error/{name}")[0].value == torch.tensor(level).item()
     assert "figures/ladder" in events.Tags()["images"]
+    folder, events = runs
+    result = diagnosed(folder)
+    found, rows = result.diagnosis, card(events["diagnose"])
+    assert "missing from Wang–Mason" in dict(row[:2] for row in rows)["Verdict"]
+    assert dict(row[:2] for row in rows)["To use it"] == result.use
+    steps = [rung_label(rung, base_label(found)) for rung in found.ladder]
+    assert [row[0] for row in rows[-len(steps) :]] == steps
+    assert any(row[0].partition(":")[0] == found.effects[0] for row in rows)
+    # From the folder alone: neither the data nor any fit is there.
+    folder = runs[0] / "diagnose"
+    drawn = (folder / "report.html").read_bytes()
+    (folder / "report.html").unlink()
+    monkeypatch.setattr(hidden_effects, "load", None)
+    monkeypatch.setattr(robust, "search", None)
+    assert main(["report", str(folder)]) == 0
+    assert (folder / "report.html").read_bytes() == drawn
 
 
 def test_cards_tell_what_was_run_and_found(runs):
@@ -361,28 +352,6 @@ def test_cards_tell_what_was_run_and_found(runs):
     assert shown["wang_mason + surface_tilt"] == [f"{entry['mean']:.4f}", f"{entry['low']:.4f}–{entry['high']:.4f}"]
 
 
-def test_the_page_of_a_diagnosis_is_drawn_again(runs, monkeypatch):
-    """From the folder alone: neither the data nor any fit is there."""
-    folder = runs[0] / "diagnose"
-    drawn = (folder / "report.html").read_bytes()
-    (folder / "report.html").unlink()
-    monkeypatch.setattr(hidden_effects, "load", None)
-    monkeypatch.setattr(robust, "search", None)
-    assert main(["report", str(folder)]) == 0
-    assert (folder / "report.html").read_bytes() == drawn
-
-
-def test_the_card_of_a_diagnosis_has_the_verdict_and_the_rungs(runs):
-    folder, events = runs
-    result = diagnosed(folder)
-    found, rows = result.diagnosis, card(events["diagnose"])
-    assert "missing from Wang–Mason" in dict(row[:2] for row in rows)["Verdict"]
-    assert dict(row[:2] for row in rows)["To use it"] == result.use
-    steps = [rung_label(rung, base_label(found)) for rung in found.ladder]
-    assert [row[0] for row in rows[-len(steps) :]] == steps
-    assert any(row[0].partition(":")[0] == found.effects[0] for row in rows)
-
-
 def test_a_diagnosis_of_no_impacts_is_a_run_too(tmp_path, runs):
     impacts, _ = hidden_effects.draw(5, effects=[], size=120)
     order = torch.randperm(120, generator=torch.Generator().manual_seed(0))
@@ -394,3 +363,19 @@ def test_a_diagnosis_of_no_impacts_is_a_run_too(tmp_path, runs):
     assert values(events).keys() == values(runs[1]["train"]).keys()
     assert values(events)["law"] == "none"
     assert "ladder/mass_error" not in events.Tags()["scalars"]
+
+
+def test_points_of_learning_curves_are_logged_in_order_as_soon_as_they_are_there(tmp_path):
+    """A size that is ready before a smaller one waits for it: TensorBoard drops what lies beyond a later step."""
+    drops, seen = synthetic.load(40), RecordingObserver()
+    settings = SimpleNamespace(split=SimpleNamespace(seed=0), bootstrap=50)
+    points, predicted = curves._Points(settings, (10, 20, 30), seen), ContactModel(find("whittaker")).predict(drops)
+    for model, size in [("a", 10), ("a", 30), ("b", 20), ("a", 20), ("b", 10)]:
+        points.add(model, Curve.of(drops, {size: predicted}))
+    with Tracker(tmp_path, 1) as tracker:
+        for event in seen:
+            tracker(event)
+    assert [(one.model, one.trained_on) for one in seen] == [("a", 10), ("a", 20), ("a", 30), ("b", 10), ("b", 20)]
+    assert len({one.errors["mass_error"] for one in seen}) == 1  # the same resamples
+    steps = [event.step for event in EventAccumulator(str(tmp_path)).Reload().Scalars("curve_mass_error/a")]
+    assert steps == [10, 20, 30]

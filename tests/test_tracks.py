@@ -53,9 +53,6 @@ def matched(size: int, camera: Camera, seed: int):
     return founds, pairs, truth
 
 
-# Flights
-
-
 @pytest.mark.parametrize("drag", [0.0, 0.8])
 def test_a_flight_is_fitted_with_its_covariance(drag):
     """Standardised errors of the state are standard normal, at the reference and far from it."""
@@ -75,14 +72,6 @@ def test_a_flight_is_fitted_with_its_covariance(drag):
     assert np.mean(scores) == pytest.approx(6, abs=0.7)  # χ² with 6 degrees of freedom; 4 standard errors
 
 
-def test_a_flight_ignores_a_single_bad_frame():
-    pose = bounce(noise=1.0)[:25]
-    bad = pose.copy()
-    bad[12] += 50 * SIGMA
-    states = [fit(np.arange(25) / RATE, p, np.arange(25), SIGMA, Air()).state for p in (pose, bad)]
-    assert (np.abs(states[1] - states[0])[:3] < SIGMA).all()
-
-
 @pytest.mark.parametrize(("rate", "spin"), [(250.0, 700.0), (250.0, -700.0), (1000.0, 2000.0)])
 def test_angles_are_unwrapped_at_any_rate_below_half_a_turn_a_frame(rate, spin):
     time = np.arange(200) / rate
@@ -91,9 +80,6 @@ def test_angles_are_unwrapped_at_any_rate_below_half_a_turn_a_frame(rate, spin):
     out = continuous(angle, time)
     seen = np.isfinite(out)
     np.testing.assert_allclose(np.diff(out[seen]) / np.diff(time[seen]), spin, rtol=1e-9)
-
-
-# Contacts
 
 
 def test_the_state_at_contact_is_right_and_so_are_its_errors():
@@ -154,6 +140,21 @@ def test_exact_tracks_give_exact_contacts():
     contact = one_contact(bounce(noise=0.0))
     assert contact.time == pytest.approx(0.1013, abs=1e-9)
     np.testing.assert_allclose(contact.v_pre, (0.6, -2.0, 5.0), atol=1e-6)
+    pose = bounce(noise=1.0)[:25]
+    bad = pose.copy()
+    bad[12] += 50 * SIGMA
+    states = [fit(np.arange(25) / RATE, p, np.arange(25), SIGMA, Air()).state for p in (pose, bad)]
+    assert (np.abs(states[1] - states[0])[:3] < SIGMA).all()
+    pose = bounce(seed=2)
+    pose[[19, 20]] += 40 * SIGMA
+    found = find_contacts(track_of(pose))
+    assert len(found.contacts) == 1
+    assert found.flights[found.contacts[0].flight].last >= 24
+    # It lasts longer than a frame: one frame before its instant and one after it belong to no flight.
+    found = find_contacts(track_of(bounce(at=0.102, seed=4)), FlightOptions(contact_time=3e-3))
+    assert len(found.contacts) == 1
+    before, after = found.flights
+    assert after.first - before.last == 3
 
 
 def test_blur_and_a_hand_do_no_harm():
@@ -165,9 +166,6 @@ def test_blur_and_a_hand_do_no_harm():
     assert np.median(scores) < 5
     held = [r for found in founds for r in found.refusals if r.reason is Reason.HAND_OR_WALL]
     assert len(held) == len(founds)
-
-
-# Refusals
 
 
 def refusals(pose: np.ndarray) -> set[Reason]:
@@ -190,7 +188,15 @@ def test_several_hits_are_refused(apart):
     assert Reason.DOUBLE_HIT in refusals(two_hits(apart))
 
 
-def test_rest_sliding_and_hands_are_told_from_flights():
+def test_few_and_lost_frames_are_refused():
+    pose = bounce()
+    assert refusals(pose[22:]) == {Reason.TOO_FEW_FRAMES}
+    assert refusals(pose[:30]) == {Reason.TOO_FEW_FRAMES}
+    assert refusals(pose[:5]) == {Reason.TOO_FEW_FRAMES}
+    pose[23:29] = np.nan
+    assert refusals(pose) == {Reason.LOST_FRAMES}
+    assert refusals(np.full((40, 3), np.nan)) == {Reason.LOST_FRAMES}
+    assert refusals(np.delete(bounce(at=1.0), [20, 21], 0)) == {Reason.LOST_FRAMES}
     time = np.arange(200) / RATE
     still = np.zeros((200, 3)) + SIGMA * np.random.default_rng(0).standard_normal((200, 3))
     sliding = still + np.stack((0.5 * time - 0.3 * time**2, 0 * time, 0 * time), 1)
@@ -200,20 +206,6 @@ def test_rest_sliding_and_hands_are_told_from_flights():
     assert refusals(carried) <= {Reason.SLIDING, Reason.HAND_OR_WALL}
 
 
-def test_few_and_lost_frames_are_refused():
-    pose = bounce()
-    assert refusals(pose[22:]) == {Reason.TOO_FEW_FRAMES}
-    assert refusals(pose[:30]) == {Reason.TOO_FEW_FRAMES}
-    assert refusals(pose[:5]) == {Reason.TOO_FEW_FRAMES}
-    pose[23:29] = np.nan
-    assert refusals(pose) == {Reason.LOST_FRAMES}
-    assert refusals(np.full((40, 3), np.nan)) == {Reason.LOST_FRAMES}
-
-
-def test_frames_that_are_skipped_in_flight_are_no_contact():
-    assert refusals(np.delete(bounce(at=1.0), [20, 21], 0)) == {Reason.LOST_FRAMES}
-
-
 def test_windows_grow_with_the_frame_rate_and_the_noise():
     """Until rest differs from flight."""
     widths = [
@@ -221,9 +213,6 @@ def test_windows_grow_with_the_frame_rate_and_the_noise():
         for rate in (250, 1000)
     ]
     assert widths[0] == FlightOptions().fewest < widths[1]
-
-
-# Recordings
 
 
 @pytest.mark.parametrize(
@@ -288,19 +277,3 @@ def test_a_flight_with_frames_of_the_next_one_is_too_short():
         accepted += len(found.contacts)
         assert all(len(contact.after.frames) >= width for contact in found.contacts)
     assert accepted <= 2
-
-
-def test_frames_within_the_duration_of_a_contact_are_no_second_hit():
-    """It lasts longer than a frame: one frame before its instant and one after it belong to no flight."""
-    found = find_contacts(track_of(bounce(at=0.102, seed=4)), FlightOptions(contact_time=3e-3))
-    assert len(found.contacts) == 1
-    before, after = found.flights
-    assert after.first - before.last == 3
-
-
-def test_a_flight_goes_on_behind_two_bad_frames_in_a_row():
-    pose = bounce(seed=2)
-    pose[[19, 20]] += 40 * SIGMA
-    found = find_contacts(track_of(pose))
-    assert len(found.contacts) == 1
-    assert found.flights[found.contacts[0].flight].last >= 24

@@ -7,7 +7,6 @@ import pytest
 
 from contactlearn.data import tracks
 from contactlearn.data.recordings.flights import FlightOptions, find_flights
-from contactlearn.data.recordings.result import Reason
 from contactlearn.data.recordings.track import turn
 from contactlearn.simulation import recordings, recordings_mujoco
 from contactlearn.simulation.camera import Camera
@@ -67,10 +66,6 @@ def test_impacts_agree_with_the_engines_states_within_their_errors(ellipses):
     assert len(scores) >= 35
     assert (np.abs(np.mean(scores, 0)) < 4 / len(scores) ** 0.5).all()
     assert 0.8 < np.std(scores) < 1.2
-
-
-def test_clean_contacts_are_found(ellipses):
-    found, truth, _ = ellipses
     shortest = FlightOptions().fewest + 1
     clean = {int(j) for j in np.flatnonzero(truth.frames.min(1) >= shortest)}
     there = {true_one(truth, contact) for contact in found.survey.contacts}
@@ -78,28 +73,9 @@ def test_clean_contacts_are_found(ellipses):
     assert wide == [FlightOptions().fewest] * 2, "the noise asks for no longer flights"
     assert len(clean & there) >= 0.93 * len(clean)
     assert min(truth.frames[j].min() for j in there) >= shortest - 3
-
-
-def test_a_tilted_floor_shows_in_the_heights(ellipses):
     slope = ellipses[0].impacts.apparatus.slope
     assert abs(slope.value - 0.01) < 4 * slope.error
     assert slope.error < 1e-3
-
-
-@pytest.mark.nightly  # test_tracks has two hits that are one, and bodies at rest
-def test_corners_that_clatter_are_several_hits(tmp_path):
-    """A box lands on a corner and soon on the next: no impacts, unless both are within two contacts' time."""
-    recordings, truth = recordings_mujoco.record_bounces(8, bench("box"), CAMERA, seed=2)
-    found = found_in(tmp_path, recordings, bench("box"))
-    reasons = [refusal.reason for refusal in found.survey.refusals]
-    assert reasons.count(Reason.DOUBLE_HIT) >= 8
-    assert Reason.REST in reasons
-    for contact in found.survey.contacts:
-        j = true_one(truth, contact)
-        assert abs(contact.time - truth.time[j]) < 0.5 / RATE
-        near = np.abs(truth.time - truth.time[j])[truth.recording == truth.recording[j]] < 2 * CONTACT_TIME
-        assert near.sum() > 1 or truth.frames[j].min() >= FlightOptions().fewest - 2
-    assert (truth.frames.min(1) < 4).sum() >= 20, "the boxes did clatter"
 
 
 def test_the_source_writes_its_recordings_and_finds_their_impacts(tmp_path):

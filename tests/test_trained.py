@@ -54,9 +54,6 @@ def copied(model, folder, change=lambda provenance: provenance):
     return checkpoint.save(loaded, folder / "model.pt", provenance=change(provenance))
 
 
-# Judged
-
-
 def test_the_printed_line_judges_it_on_other_data_and_trains_nothing(trained, tmp_path):
     folder, printed = trained
     before = (folder / "model.pt").read_bytes()
@@ -138,9 +135,6 @@ def test_a_model_that_has_seen_one_body_says_so(trained, tmp_path):
     assert "note: one_body has seen a single value of I, and ignores that these data have others" in printed
 
 
-# Refused
-
-
 def _subsets(folder):
     rows = torch.arange(20).reshape(2, 10)
     model = learn(Recipe("x1", "impulse"), synthetic.load(size=20), rows)
@@ -193,9 +187,6 @@ def test_what_does_not_fit_is_refused_in_one_line(command, make, words, message,
     (line,) = [line for line in printed.splitlines() if line.startswith("error: ")]
     assert message in line
     assert not (tmp_path / "run").exists()
-
-
-# The start of another training
 
 
 def test_training_goes_on_from_a_model(trained, tmp_path):

@@ -8,6 +8,7 @@ from itertools import product
 
 import pytest
 from commands import run
+from repetitions import repeated
 
 import contactlearn
 from contactlearn import ContactModel, Recipe, diagnose, identify, identify_jointly, laws
@@ -104,9 +105,6 @@ def test_names_stand_for_laws_and_effects():
         diagnose(drops, "mirtisch")
     with pytest.raises(UnknownNameError, match="did you mean 'spin_damping'"):
         identify_jointly("mirtich", ["spin_dampin"], drops)
-
-
-def test_what_is_wanted_is_said():
     for wrong in ("spin_damping", {"spin_damping": 0.1}, [3]):
         with pytest.raises(ContactLearnError):
             named_effects(wrong)
@@ -118,10 +116,7 @@ def test_what_is_wanted_is_said():
         Recipe("x1", "wrench", "mirtich")
     with pytest.raises(ContactLearnError, match="law must be a Law or its name"):
         identify_jointly(3, [], synthetic.load(size=20))
-
-
-def test_rooms_complete():
-    """What an editor offers is there, without an import of its own."""
+    # What an editor offers is there, without an import of its own.
     for room in ("data", "diagnosis", "inference", "mechanics", "models", "results", "simulation"):
         package = getattr(contactlearn, room)
         assert dir(package)
@@ -148,7 +143,7 @@ def test_a_finished_sweep_names_the_laws_and_effects_in_which_it_differs(tmp_pat
     assert sorted(rows) == list(product(("mirtich", "whittaker"), ("none", "spin_damping:after")))
 
 
-@pytest.mark.parametrize("name", ["mine", "torque"])
+@pytest.mark.parametrize("name", repeated("torque", "mine"))
 def test_ones_own_class_is_one_candidate_under_the_given_name(own, tmp_path, name):
     """An imported class is in the catalogue as well, which makes it no second candidate."""
     own(EFFECT.format(above=DECORATED, returned="wrench", more=""))

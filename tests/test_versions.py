@@ -16,9 +16,13 @@ def tool(name):
     return module
 
 
-def test_every_package_that_is_needed_has_a_lower_bound_to_be_tested():
+def test_every_package_that_is_needed_has_a_lower_bound_to_be_tested(monkeypatch):
     needed = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["dependencies"]
     assert len(tool("versions").lower_bounds()) == len(needed)
+    versions = tool("versions")
+    monkeypatch.setattr(versions, "pythons", lambda: ["python3"])
+    assert versions.asked([]) == (["oldest", "newest"], ["python3"])
+    assert versions.asked(["oldest", "python3"]) == (["oldest"], ["python3"])
 
 
 @pytest.mark.parametrize(("words", "message"), [
@@ -32,10 +36,3 @@ def test_versions_that_are_not_there_are_no_success(words, message, capsys, monk
     with pytest.raises(SystemExit, match="2"):
         versions.asked(words)
     assert message in capsys.readouterr().err
-
-
-def test_versions_asks_for_both_kinds(monkeypatch):
-    versions = tool("versions")
-    monkeypatch.setattr(versions, "pythons", lambda: ["python3"])
-    assert versions.asked([]) == (["oldest", "newest"], ["python3"])
-    assert versions.asked(["oldest", "python3"]) == (["oldest"], ["python3"])

@@ -85,9 +85,6 @@ def action(n, kind, of="", value=None):
     return {"n": n, "kind": kind, "of": of, "value": value}
 
 
-# Addresses
-
-
 SESSIONS = {
     "defaults": Session(),
     "data": Session(data=("data=mystery", "data.seed=7")),
@@ -133,16 +130,30 @@ def test_a_tick_takes_the_place_of_another_form():
     assert [str(one) for one in other.effects] == ["side_drag:quadratic", "surface_tilt"]
     assert other.manual == ()  # the values of another model
     assert session.without_effect(DRAG.name).effects == (EffectId("surface_tilt"),)
+    given, own = EffectId("side_drag", "linear"), EffectId("spin_damping", "after")
+    found = Diagnosis(verdict=Verdict.EFFECTS, law="wang_mason", variant="textbook", findings=(), given=(given,))
+    model = PlausibleModel(law="mirtich", effects=(own,), share=1.0)
+    shown = str(content._adopt_button("Take", Session(), found, model))
+    assert "Mirtich + side drag (linear) + spin damping (after)" in shown
+    assert str(Session(law="mirtich", effects=(given, own)).address) in shown
 
 
-# Lines
-
-
-def test_a_line_is_the_effect_of_the_command(session, models):
+def test_a_line_is_the_effect_of_the_command(session, models, act):
     effect = lines.parse_effect(LINE)
     assert effect.equation == "τ ← τ + (-c*rx*Pn)"
     words = [*session.data, *lines.overrides(LINE, "mine")]
     assert EvaluateSettings.from_config(compose("evaluate", words)).effects["mine"].options == effect.options
+    assert lines.completions("ta") == ["tau = "]
+    assert lines.completions("tau = -c*rx*P") == ["tau = -c*rx*Pt", "tau = -c*rx*Pn"]
+    assert "eps = c*P" not in "".join(lines.completions("eps = c*P"))  # the impulse is not known at the law
+    assert lines.completions("tau = -c*rx*Pn; c") == []
+    found = Formula(
+        component=WrenchComponent.MOMENT, terms=("Pn*sin(3*theta)",), ranges=((-0.5, 0.5),), coefficients=(0.1,),
+        error_reduction=0.1, standard_error=0.01,
+    )  # fmt: skip
+    assert lines.parse_effect(lines.formula_line(found)).equation == "τ ← τ + (c1*Pn*sin(3*theta))"
+    with pytest.raises(ContactLearnError, match="must change nothing where it vanishes"):
+        act(session, "line", "tau = c + Pn; c = [-1, 1]")
 
 
 @pytest.mark.parametrize(("line", "message"), [
@@ -157,33 +168,6 @@ def test_a_line_is_the_effect_of_the_command(session, models):
 def test_a_wrong_line_is_one_clear_error(line, message):
     with pytest.raises(ContactLearnError, match=message):
         lines.parse_effect(line)
-
-
-def test_a_line_is_completed():
-    assert lines.completions("ta") == ["tau = "]
-    assert lines.completions("tau = -c*rx*P") == ["tau = -c*rx*Pt", "tau = -c*rx*Pn"]
-    assert "eps = c*P" not in "".join(lines.completions("eps = c*P"))  # the impulse is not known at the law
-    assert lines.completions("tau = -c*rx*Pn; c") == []
-
-
-def test_a_model_of_the_search_is_taken_with_the_given_effects():
-    given, own = EffectId("side_drag", "linear"), EffectId("spin_damping", "after")
-    found = Diagnosis(verdict=Verdict.EFFECTS, law="wang_mason", variant="textbook", findings=(), given=(given,))
-    model = PlausibleModel(law="mirtich", effects=(own,), share=1.0)
-    shown = str(content._adopt_button("Take", Session(), found, model))
-    assert "Mirtich + side drag (linear) + spin damping (after)" in shown
-    assert str(Session(law="mirtich", effects=(given, own)).address) in shown
-
-
-def test_a_formula_of_a_diagnosis_is_a_line():
-    found = Formula(
-        component=WrenchComponent.MOMENT, terms=("Pn*sin(3*theta)",), ranges=((-0.5, 0.5),), coefficients=(0.1,),
-        error_reduction=0.1, standard_error=0.01,
-    )  # fmt: skip
-    assert lines.parse_effect(lines.formula_line(found)).equation == "τ ← τ + (c1*Pn*sin(3*theta))"
-
-
-# Caches
 
 
 def test_a_cache_computes_once_and_forgets_the_oldest():
@@ -204,32 +188,29 @@ def test_a_cache_computes_once_and_forgets_the_oldest():
         cache.get(key, lambda key=key: slow(key))
     assert computed == ["a", "b", "c", "a"]
     assert len(cache) == 2
-
-
-def test_a_cache_keeps_no_error():
     cache = Cache(2)
     with pytest.raises(ZeroDivisionError):
         cache.get("a", lambda: 1 / 0)
     assert cache.get("a", lambda: 1) == 1
 
 
-# Models
-
-
-def test_an_effect_that_is_planted_lowers_the_held_out_error(session, models):
+def test_an_effect_that_is_planted_lowers_the_held_out_error(session, models, act):
     alone, ticked = models.fitted(session), models.fitted(session.with_effect(DRAG))
     assert ticked.error.mean < 0.5 * alone.error.mean
     value = dict(zip((p.name for p in ticked.fit.parameters), ticked.fit.values.tolist(), strict=True))["side_drag.c"]
     assert value == pytest.approx(0.2, abs=0.01)
     assert [one.error.mean for one in models.ladder(session.with_effect(DRAG))] == [alone.error.mean, ticked.error.mean]
-
-
-def test_the_predicted_gain_of_a_planted_effect_is_near_the_fitted_one(session, models):
     first = models.predicted_gains(session)[0]
     fitted = models.fitted(session.with_effect(first.effect)).error.mean
     assert first.effect.name == "side_drag"
     assert 0.8 * fitted < first.error < 0.5 * models.fitted(session).error.mean
     assert all(one.effect.name != "side_drag" for one in models.predicted_gains(session.with_effect(DRAG)))
+    ticked = act(session, "ticks", "side_drag", True)
+    best = next(one.effect for one in models.predicted_gains(session) if one.effect.name == "side_drag")
+    assert ticked.effects == (best,)
+    assert act(ticked, "ticks", "side_drag", False) == session
+    fitted = models.fitted(session)
+    assert error(fitted.error.mean) in "".join(content.error_summary(session, fitted, models.manual(session), fitted))
 
 
 def test_a_parameter_is_set_by_hand_and_back(session, models, act):
@@ -263,21 +244,6 @@ def _floats(text):
     return np.frombuffer(base64.b64decode(text), "<f4")
 
 
-def test_a_tick_adds_the_form_with_the_largest_predicted_gain(session, models, act):
-    ticked = act(session, "ticks", "side_drag", True)
-    best = next(one.effect for one in models.predicted_gains(session) if one.effect.name == "side_drag")
-    assert ticked.effects == (best,)
-    assert act(ticked, "ticks", "side_drag", False) == session
-
-
-def test_trials_are_stepped_through_by_their_errors(session, page, act):
-    order, first = page.actions.ranked(session), act(session, "worst")
-    assert first.trial == order[0]
-    assert act(first, "worse").trial == order[1]
-    assert act(replace(session, trial=len(order) - 1), "next").trial == 0
-    assert page.actions.trial(replace(session, trial=10**8)) == len(order) - 1
-
-
 def test_without_a_shape_no_effect_that_needs_it_has_a_predicted_gain(session):
     models = Models()
     shape = "data.shape={kind:ellipse,semi_axes:[0.04,0.02]}"
@@ -294,28 +260,22 @@ def test_a_changed_file_is_read_again(models, tmp_path):
     assert len(models.split(other).impacts) == 101
 
 
-def test_a_line_that_never_vanishes_is_refused(session, act):
-    with pytest.raises(ContactLearnError, match="must change nothing where it vanishes"):
-        act(session, "line", "tau = c + Pn; c = [-1, 1]")
-
-
-def test_windows_hold_trials_also_around_the_circle(session, models):
+def test_windows_hold_trials_also_around_the_circle(session, models, monkeypatch, page, act):
     impacts = models.split(session).impacts
     among = map_variables(impacts, models.fitted(session).model.predict(impacts))
     assert inside((Window(variable="theta", low=-180.0, high=180.0),), among).all()
     some = inside((Window(variable="theta", low=170.0, high=190.0),), among)
     angle = torch.rad2deg(impacts.q[:, 2]).remainder(360)
     assert torch.equal(some, (angle >= 170) & (angle <= 190))
-
-
-def test_many_trials_have_no_curves(session, models, monkeypatch):
     monkeypatch.setattr("contactlearn.workbench.arrays._CURVE_TRIALS", 10)
     fitted, impacts = models.fitted(session.with_effect(DRAG)), models.split(session).impacts
     sent = of_model(impacts, fitted.v_post, fitted.v_post, fitted.model)
     assert sent["effects"] == []
-
-
-# Corrections
+    order, first = page.actions.ranked(session), act(session, "worst")
+    assert first.trial == order[0]
+    assert act(first, "worse").trial == order[1]
+    assert act(replace(session, trial=len(order) - 1), "next").trial == 0
+    assert page.actions.trial(replace(session, trial=10**8)) == len(order) - 1
 
 
 def test_a_correction_of_the_audit_is_applied_and_taken_back(models, page, tmp_path):
@@ -362,9 +322,6 @@ def _buttons(parts):
     return [one for part in parts for one in part._traverse() if hasattr(one, "data-action")]
 
 
-# Options of effects
-
-
 def test_an_option_is_written_fitted_and_in_the_command(session, models, act):
     name = "velocity_dependent_restitution"
     plain = session.with_effect(EffectId(name, "power")).with_effect(EffectId("location_dependent_friction"))
@@ -398,14 +355,14 @@ def _inputs(part):
     return [one for one in part._traverse() if type(one).__name__ == "Input"]
 
 
-# Commands
-
-
-def test_a_command_line_is_a_session_and_back(drops):
+def test_a_command_line_is_a_session_and_back(drops, session):
     words = ["data=table", f"data.path={drops}", "law=mirtich", "effect=[side_drag]", "effect.side_drag.form=quadratic"]
     session = commands.session_of(words)
     assert session.effects == (EffectId("side_drag", "quadratic"),)
     assert commands.session_of([w for w in commands.words_of(session) if w]) == session
+    text = commands.experiment(session.with_value("mu", 0.25))
+    assert "set by hand, which no command can do: mu = 0.25" in text
+    assert OmegaConf.create(text).seed == 0
 
 
 @pytest.mark.parametrize("words", [["model=[]"], ["law=best"], ["law._target_=os.system"], ["effect=[nothing]"]])
@@ -426,15 +383,6 @@ def test_the_shell_gives_the_same_error(way, session, models, tmp_path):
     run("evaluate.py", *words, *small, "hydra.run.dir=run", cwd=tmp_path)
     result = read_result(tmp_path / "run" / "results.json")
     assert result.errors[result.model].mass_error.mean == pytest.approx(models.fitted(session).error.mean, rel=1e-9)
-
-
-def test_the_experiment_file_says_what_it_leaves_out(session):
-    text = commands.experiment(session.with_value("mu", 0.25))
-    assert "set by hand, which no command can do: mu = 0.25" in text
-    assert OmegaConf.create(text).seed == 0
-
-
-# Background and saved runs
 
 
 def ended(run, seconds=120):
@@ -485,9 +433,6 @@ def test_diagnoses_are_cancelled_fail_with_their_error_and_no_more_than_two_run(
     assert "did you mean 'mystery'" in wrong.error
     runs.close()
     assert ended(second) is RunStatus.CANCELLED
-
-
-# Studies
 
 
 @pytest.mark.nightly  # the next two have a process that is cancelled, and the steps of the other study
@@ -549,11 +494,6 @@ def test_a_dropped_file_is_read_by_the_reader_of_tables(drops, models, tmp_path)
     with pytest.raises(DataError, match="did not arrive whole"):
         files.store_table("x.csv", "data:text/csv;base64,!!!")
     assert len(list((tmp_path / "uploads").iterdir())) == 1
-
-
-def test_numbers_are_written_as_in_the_report(session, models):
-    fitted = models.fitted(session)
-    assert error(fitted.error.mean) in "".join(content.error_summary(session, fitted, models.manual(session), fitted))
 
 
 def test_unanswered_actions_are_done_once_and_impossible_ones_are_refused(session, page):

@@ -234,21 +234,6 @@ def _event(box):
     return {"range": {"x": across, "y": up}}
 
 
-@pytest.mark.nightly  # all that a tab knows is its address, of which the links are a test
-def test_two_tabs_do_not_disturb_each_other(browser, served):
-    opened(browser, served + MYSTERY)
-    first = browser.current_window_handle
-    browser.switch_to.new_window("tab")
-    second = opened(browser, f"{served}{MYSTERY}&law=mirtich").current_window_handle
-    click(browser, "missing", "sampling delay")
-    until(browser, "location.search.includes('effect=sampling_delay')")
-    browser.switch_to.window(first)
-    assert "effect" not in browser.execute_script("return location.search")
-    browser.switch_to.window(second)
-    browser.close()
-    browser.switch_to.window(first)
-
-
 def test_the_hints_lead_to_the_truth(browser, served):
     opened(browser, served + MYSTERY)
     for number in range(1, 5):

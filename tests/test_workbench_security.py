@@ -44,6 +44,10 @@ def client(stranger):
 
 
 def test_the_address_gives_the_cookie_and_leaves_no_token(stranger):
+    # No other path takes it, so that none can lead elsewhere: //host is a path, too.
+    for path in ("/_dash-layout", "//evil.example/"):
+        there = {"PATH_INFO": path}
+        assert stranger.get(f"/?token={TOKEN}", base_url=HOME, environ_overrides=there).status_code == 403
     answer = stranger.get(f"/?token={TOKEN}&data=mystery&data.seed=7", base_url=HOME)
     assert answer.status_code == 302
     assert answer.headers["Location"] == "/?data=mystery&data.seed=7"
@@ -57,13 +61,6 @@ def test_the_address_gives_the_cookie_and_leaves_no_token(stranger):
 @pytest.mark.parametrize("query", ["", "?token=wrong", "?token="])
 def test_nothing_is_read_without_the_token(stranger, path, query):
     assert stranger.get(path + query, base_url=HOME).status_code == 403
-
-
-def test_the_token_opens_the_page_alone(stranger):
-    """No other path takes it, so that none can lead elsewhere: //host is a path, too."""
-    for path in ("/_dash-layout", "//evil.example/"):
-        there = {"PATH_INFO": path}
-        assert stranger.get(f"/?token={TOKEN}", base_url=HOME, environ_overrides=there).status_code == 403
 
 
 @pytest.mark.parametrize(
@@ -86,10 +83,6 @@ def test_foreign_origins_are_refused(client, origin):
     assert client.post(CALLBACK, base_url=HOME, json={}, headers={"Origin": origin}).status_code == 403
 
 
-def test_other_sites_are_refused_by_what_the_browser_says(client):
-    assert client.post(CALLBACK, base_url=HOME, json={}, headers={"Sec-Fetch-Site": "cross-site"}).status_code == 403
-
-
 @pytest.mark.parametrize("name", ["127.0.0.1", "localhost"])
 def test_the_page_itself_is_answered(client, name):
     client.get(f"/?token={TOKEN}", base_url=f"http://{name}:{PORT}")
@@ -102,9 +95,10 @@ def test_large_bodies_are_refused_before_they_are_read(client):
     assert answer.status_code == 413
     chunked = client.post(CALLBACK, base_url=HOME, headers={"Transfer-Encoding": "chunked"})
     assert chunked.status_code in (411, 413)
+    assert client.post(CALLBACK, base_url=HOME, json={}, headers={"Sec-Fetch-Site": "cross-site"}).status_code == 403
 
 
-def test_every_answer_forbids_foreign_scripts_and_frames(client, stranger):
+def test_every_answer_forbids_foreign_scripts_and_frames(client, stranger, app):
     for answer in (
         client.get("/", base_url=HOME),
         stranger.get("/none", base_url=HOME),
@@ -119,9 +113,6 @@ def test_every_answer_forbids_foreign_scripts_and_frames(client, stranger):
         assert answer.headers["X-Frame-Options"] == "DENY"
         assert answer.headers["X-Content-Type-Options"] == "nosniff"
         assert answer.headers["Referrer-Policy"] == "no-referrer"
-
-
-def test_the_policy_allows_every_script_of_the_page(client):
     page = client.get("/", base_url=HOME)
     policy = page.headers["Content-Security-Policy"]
     for attributes, text in re.findall(r"<script([^>]*)>(.*?)</script>", page.text, re.DOTALL):
@@ -132,6 +123,24 @@ def test_the_policy_allows_every_script_of_the_page(client):
             assert base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() in policy
     assert "http://" not in page.text
     assert "https://" not in page.text
+    assert app.server.debug is False
+    config = json.loads(
+        re.search(r'<script id="_dash-config"[^>]*>(.*?)</script>', client.get("/", base_url=HOME).text)[1]
+    )
+    assert config["ui"] is False
+    assert not config.get("hot_reload")
+    assert client.get("/?__debugger__=yes&cmd=resource&f=debugger.js", base_url=HOME).mimetype == "text/html"
+    assert client.get("/_alive_reload", base_url=HOME).status_code != 500
+    assert client.get("/runs/diagnose/run/report.html", base_url=HOME).text == "<p>report</p>"
+    for path in (
+        "diagnose/run/model.pt",
+        "../pyproject.toml",
+        "%2e%2e/pyproject.toml",
+        "diagnose/run/none/report.html",
+        "/etc/passwd",
+    ):
+        answer = client.get(f"/runs/{path}", base_url=HOME)
+        assert answer.status_code == 404 or "workbench" in answer.text  # a path that is no run's is the page
 
 
 @pytest.mark.parametrize(
@@ -159,30 +168,6 @@ def test_a_dragged_slider_is_answered_to_the_page_alone(client, stranger, header
 def test_what_is_no_slider_is_refused(client, body):
     answer = client.post("/preview", base_url=HOME, data=body, content_type="application/json")
     assert answer.status_code == 400
-
-
-def test_there_is_no_debugger(app, client):
-    assert app.server.debug is False
-    config = json.loads(
-        re.search(r'<script id="_dash-config"[^>]*>(.*?)</script>', client.get("/", base_url=HOME).text)[1]
-    )
-    assert config["ui"] is False
-    assert not config.get("hot_reload")
-    assert client.get("/?__debugger__=yes&cmd=resource&f=debugger.js", base_url=HOME).mimetype == "text/html"
-    assert client.get("/_alive_reload", base_url=HOME).status_code != 500
-
-
-def test_pages_of_runs_and_nothing_else_are_served(client):
-    assert client.get("/runs/diagnose/run/report.html", base_url=HOME).text == "<p>report</p>"
-    for path in (
-        "diagnose/run/model.pt",
-        "../pyproject.toml",
-        "%2e%2e/pyproject.toml",
-        "diagnose/run/none/report.html",
-        "/etc/passwd",
-    ):
-        answer = client.get(f"/runs/{path}", base_url=HOME)
-        assert answer.status_code == 404 or "workbench" in answer.text  # a path that is no run's is the page
 
 
 def test_other_addresses_of_this_machine_need_the_token_too(tmp_path):
