@@ -174,6 +174,7 @@ REFUSED = {
     "transfer": ("evaluate.py", _law, ("experiment=transfer",), "a transfer trains its own models"),
     "a law": ("train.py", _law, (), "training cannot go on from it: the model has no learned part"),
     "several": ("train.py", _two, (), "holds 2 models"),
+    "a list": ("train.py", lambda folder: f"[{folder}]", (), "training goes on from one checkpoint"),
     "a model": ("train.py", _law, ("model=x1_wrench",), "has its own model; take out model=…"),
     "effects": ("train.py", _law, ("effect=[spin_damping]",), "has its own effect; take out effect=…"),
 }

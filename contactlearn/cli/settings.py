@@ -215,7 +215,9 @@ class TrainSettings:
         for part in ("model", "effect"):
             if config[part]:
                 raise ContactLearnError(f"checkpoint={config['checkpoint']} has its own {part}; take out {part}=…")
-        found = load_model(str(config["checkpoint"]))
+        if isinstance(config["checkpoint"], list):
+            raise ContactLearnError("training goes on from one checkpoint; sweep over several with -m checkpoint=A,B")
+        found = load_model(config["checkpoint"])
         try:
             recipe = Recipe.of(found.model)
         except ContactLearnError as error:
