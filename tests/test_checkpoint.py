@@ -274,7 +274,7 @@ BOUND = "model.residual.gps.likelihood.noise_covar.raw_noise_constraint.upper_bo
 LENGTH = "model.residual.gps.covar_module.base_kernel.raw_lengthscale"
 UPGRADE = "upgrade contactlearn"
 BAD = {
-    "newer": (describe(format=3), ["format 3", "newest known is 2", UPGRADE]),
+    "newer": (describe(format=4), ["format 4", "newest known is 3", UPGRADE]),
     "format as text": (describe(format="1"), ["is not a checkpoint"]),
     "no model": (lambda description, tensors: description.pop("model"), ["is not a checkpoint", "model"]),
     "no provenance": (lambda description, tensors: description.pop("provenance"), ["provenance"]),

@@ -24,7 +24,9 @@ from torch.distributions import MultivariateNormal
 from contactlearn.models.gp import evidence as evidence_module
 from contactlearn.models.gp.bfgs import minimise
 from contactlearn.models.gp.evidence import LogEvidence
-from contactlearn.models.gp.exact import LENGTH, NOISE, SCALE, ExactGPs
+from contactlearn.models.gp.exact import ExactGPs
+from contactlearn.models.gp.processes import LENGTH, NOISE, SCALE
+from contactlearn.models.process_options import ProcessOptions
 
 TOLERANCE = 1e-9
 """Relative and absolute: what two exact routes leave of double precision at the condition numbers here, up to 1e5."""
@@ -325,6 +327,7 @@ def subsets(*batch: int, n: int = 25, D: int = 3, O: int = 2, weighted: bool = F
 
 
 BATCHES = pytest.mark.parametrize("batch", [(), (3,), (2, 2)], ids=str)
+PRIORS = pytest.mark.parametrize("prior", [True, False], ids=["prior", "no prior"])
 WEIGHTS = pytest.mark.parametrize("weighted", [False, True], ids=["plain", "weighted"])
 
 
@@ -339,10 +342,12 @@ def gpytorch_likelihood(gps: ExactGPs):
 
 @WEIGHTS
 @BATCHES
-def test_the_fitted_likelihood_is_gpytorchs(batch, weighted):
+@PRIORS
+def test_the_fitted_objective_is_gpytorchs(batch, weighted, prior):
     x, y, weight, _ = subsets(*batch, weighted=weighted)
-    gps = ExactGPs(x, y, weight)
-    fit = gps.fit(prior=False)
+    gps = ExactGPs(x, y, weight, ProcessOptions(prior=prior))
+    assert gps.has_closed_form
+    fit = gps.fit()
     assert fit.converged.all()
     assert fit.loss.shape == fit.evaluations.shape == (*batch, 2)
     close(fit.loss, -gpytorch_likelihood(gps), **CLOSE)
@@ -419,7 +424,7 @@ def test_the_optimum_is_better_than_from_single_starts(sets):
     """On few points with several optima: nearer to the best of eight starts, and more often, than most of them."""
     x, y, _, _ = subsets(sets, n=40)
     y = (y - y.mean(-1, keepdim=True)) / y.std(-1, keepdim=True)
-    loss = ExactGPs(x, y).fit(prior=False).loss.flatten()
+    loss = ExactGPs(x, y, options=ProcessOptions(prior=False)).fit().loss.flatten()
     others = torch.tensor([lbfgsb(x[s], y[s, o]) for s in range(sets) for o in range(2)], dtype=torch.float64)
     others = others.nan_to_num(torch.inf)
     near = (others - others.amin(1, keepdim=True) < 1e-3).double().mean(0)
@@ -462,13 +467,13 @@ CASES = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("prior", [True, False], ids=["prior", "no prior"])
+@PRIORS
 @pytest.mark.parametrize("n", [2, 3, 5, 30])
 @pytest.mark.parametrize("case", CASES)
 def test_degenerate_data(case, n, prior):
     x, y = degenerate(case, n)
-    gps = ExactGPs(x, y)
-    fit = gps.fit(prior=prior)
+    gps = ExactGPs(x, y, options=ProcessOptions(prior=prior))
+    fit = gps.fit()
     assert fit.loss.isfinite().all()
     assert_in_bounds(gps)
     mean, variance = gps.predict(x + 0.1)

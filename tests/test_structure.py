@@ -181,7 +181,7 @@ KEYWORDS = {
     "contactlearn.mechanics.impacts.Impacts.replace",
     "contactlearn.laws.base.Law.__init_subclass__",
     "contactlearn.laws.find",
-    "contactlearn.models.gp.exact.WeightedNoise._shaped_noise_covar",
+    "contactlearn.models.gp.processes.WeightedNoise._shaped_noise_covar",
     "contactlearn.core.workers.WorkerPool.submit",
 }
 OPTIONS = {"contactlearn.effects.formula.effect.formula"}

@@ -43,7 +43,9 @@ from torch import Tensor
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.gp.bfgs import minimise
 from contactlearn.models.gp.evidence import LogEvidence
-from contactlearn.models.gp.exact import LENGTH, NOISE, SCALE, STARTS, ExactGPs
+from contactlearn.models.gp.exact import ExactGPs
+from contactlearn.models.gp.processes import LENGTH, NOISE, SCALE, first_lengths
+from contactlearn.models.process_options import ProcessOptions
 from contactlearn.models.standardisation import Standardisation
 from speed.gp_evidence import ZeroMeanGP, covariance, set_parameters
 from speed.harness import drops, header, interleaved, medians, parser, row, timed
@@ -65,7 +67,7 @@ def box(inputs: int) -> Tensor:
 
 
 def first_start(inputs: int) -> Tensor:
-    return torch.tensor([STARTS[0]] * inputs + [0.0, -2.0], dtype=torch.float64)
+    return torch.tensor([first_lengths(1).item()] * inputs + [0.0, -2.0], dtype=torch.float64)
 
 
 def parameters(model: gpytorch.models.ExactGP) -> Tensor:
@@ -87,8 +89,8 @@ def one_by_one(fit: Callable[[Tensor, Tensor], Tensor]) -> Method:
 
 
 def ours(x: Tensor, y: Tensor) -> Tensor:
-    gps = ExactGPs(x, y)
-    gps.fit(prior=False)
+    gps = ExactGPs(x, y, options=ProcessOptions(prior=False))
+    gps.fit()
     return parameters(gps)
 
 

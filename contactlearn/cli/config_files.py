@@ -70,6 +70,14 @@ def own_data() -> dict[str, Path]:
     return {path.stem: path for path in files if not Path(CONFIGS, "data", path.name).exists()}
 
 
+def opened(words: Sequence[str]) -> list[str]:
+    """Return the words of a command with ++ before those that give a model's GPyTorch modules their arguments.
+
+    No file declares these arguments, and Hydra takes a setting that no file declares only after a plus.
+    """
+    return [re.sub(r"^(?=model\.[^.=]+\.(kernel|mean|likelihood|optimiser)\.)", "++", word) for word in words]
+
+
 def check_choices(words: list[str], command: str) -> None:
     """Raise for a choice that its group lacks, such as law=mirtisch; Hydra suggests nothing.
 

@@ -5,6 +5,7 @@ A `_target_` may name
     a class of this package
     a class of a package that announces laws or effects under an entry point: it was installed
     a class that the command line itself names: law._target_=my_module.MyLaw
+    under `model`, a class of GPyTorch or an optimiser of PyTorch, which `models.gp.modules` looks up
 
 and nothing else, before anything is imported.  Hydra's launchers and sweepers come from its plugins;
 its callbacks and settings of the environment are only taken from the command line, and its logging may only write logs.
@@ -100,7 +101,8 @@ def check_targets(cfg: DictConfig, words: Iterable[str]) -> None:
     """
     typed = list(words)
     for key, target in _targets({str(name): _resolved(cfg, name) for name in cfg if name != "hydra"}):
-        if not _is_declared(target) and not _is_typed(target, typed):
+        module = key.startswith("model.") and target.startswith(("gpytorch.", "torch.optim."))
+        if not module and not _is_declared(target) and not _is_typed(target, typed):
             raise ContactLearnError(
                 f"{key}={target} comes from a file; a class of another package is only taken from the command line: "
                 f"add {key}={target} to it, if you trust that class"

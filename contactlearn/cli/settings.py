@@ -41,12 +41,14 @@ from contactlearn.inference.identification.shared import Box
 from contactlearn.inference.learning.recipe import Recipe
 from contactlearn.laws import PAPER_LAWS, Contact, Law
 from contactlearn.mechanics.impacts import IMPULSE_TARGETS
+from contactlearn.models.process_options import ProcessOptions
 from contactlearn.models.regressor import Regressor
 from contactlearn.results.tables import FORMATS
 from contactlearn.simulation import synthetic
 
 _BEST = "best"  # law of a diagnosis: the one with the least held-out error
 _IDENTIFIED = "parameters_identified"  # target of learned models that identify each trial's (μ, ε) with the law alone
+_PROCESSES = ("kernel", "mean", "likelihood", "optimiser", "prior")  # of a learned model
 _DROPS, _MU, _EPS = 5, 0.2, 0.5
 _ROUNDING = 1e-9  # m/s and rad/s
 _NO_IF = "; a parameter has many values at once: torch.where(condition, a, b) takes the place of if"
@@ -565,7 +567,7 @@ def _recipes(config: Mapping[str, Any]) -> dict[str, Recipe]:
     found = {}
     for name, entry in (config.get("model") or {}).items():
         settings = entry if isinstance(entry, dict) else {}
-        unknown = settings.keys() - {"features", "target", "law"}
+        unknown = settings.keys() - {"features", "target", "law", *_PROCESSES}
         if not settings or unknown:
             wrong = f"unknown {', '.join(sorted(unknown))}" if unknown else repr(entry)
             raise ContactLearnError(f"model.{name} must hold features, target and law; got {wrong}")
@@ -576,8 +578,32 @@ def _recipes(config: Mapping[str, Any]) -> dict[str, Recipe]:
             raise ContactLearnError(f"model.{name} lacks {', '.join(sorted(missing))}; see configs/model")
         base = settings.get("law")
         law = None if base is None else parse_law(base, str(config["variant"]))
-        found[name] = Recipe(settings["features"], settings["target"], law)
+        try:
+            processes = _processes({key: settings[key] for key in _PROCESSES if settings.get(key) is not None})
+            found[name] = Recipe(settings["features"], settings["target"], law, processes)
+        except ContactLearnError as error:
+            raise ContactLearnError(f"model.{name}: {error}") from error
     return found
+
+
+def _processes(settings: Mapping[str, Any]) -> ProcessOptions:
+    """Options of processes; a class of the user's own is imported."""
+    for key, value in settings.items():
+        if not isinstance(value, bool if key == "prior" else dict):
+            wanted = "true or false" if key == "prior" else "a class by _target_ and its arguments"
+            raise ContactLearnError(f"{key} must be {wanted}, got {value!r}")
+        for target in _named_classes(value):
+            if not target.startswith(("gpytorch.", "torch.")):
+                _subclass(target, torch.nn.Module)
+    return ProcessOptions(**settings)
+
+
+def _named_classes(part: Any) -> Iterator[str]:
+    """Every `_target_` in a part of the configuration."""
+    for name, value in part.items() if isinstance(part, dict) else enumerate(part if isinstance(part, list) else ()):
+        if name == "_target_":
+            yield str(value)
+        yield from _named_classes(value)
 
 
 def _effects(config: Mapping[str, Any], part: str) -> dict[str, Effect]:

@@ -1,4 +1,4 @@
-"""Weights of trials by the stated covariances of their velocities: in learning, and in the search for outliers.
+"""Noise of trials by the stated covariances of their velocities: weights in learning and in the search for outliers.
 
     w² = 2 m / (m + s²)      of a value with the stated variance s², whose median is m over the trials that have one
 
@@ -14,7 +14,16 @@ from contactlearn.mechanics.impacts import Impacts
 
 
 def noise_weight(impacts: Impacts, target: str) -> Float[Tensor, "n o"] | None:
-    """Return the weights w of a value of each trial, whose noise variance is σ²/w²; None if no covariance is stated.
+    """Return the weights w of a value of each trial, whose noise variance is σ²/w²; None as of `noise_variance`."""
+    variance = noise_variance(impacts, target)
+    if variance is None:
+        return None
+    typical = variance.where(variance > 0, torch.nan).nanmedian(0).values.nan_to_num(1.0)
+    return (2 * typical / (typical + variance)).sqrt()
+
+
+def noise_variance(impacts: Impacts, target: str) -> Float[Tensor, "n o"] | None:
+    """Return the stated noise variance of a value of each trial; None if no covariance is stated.
 
     Args:
         impacts: measurements, with the covariances of v_pre, v_post or both.
@@ -30,6 +39,4 @@ def noise_weight(impacts: Impacts, target: str) -> Float[Tensor, "n o"] | None:
         slope = slope.permute(1, 2, 0)  # of the wrench in the change of velocity
         covariance = slope @ covariance @ slope.mT
     variance = covariance.diagonal(dim1=-2, dim2=-1)
-    variance = variance[:, :2] if target == "impulse" else variance
-    typical = variance.where(variance > 0, torch.nan).nanmedian(0).values.nan_to_num(1.0)
-    return (2 * typical / (typical + variance)).sqrt()
+    return variance[:, :2] if target == "impulse" else variance

@@ -27,11 +27,15 @@ from contactlearn.effects import Effect, columns
 from contactlearn.laws import Law
 from contactlearn.mechanics.features import SPACES
 from contactlearn.models.contact_model import RESIDUALS, ContactModel
+from contactlearn.models.process_options import ProcessOptions
 from contactlearn.models.regressor import Regressor
 from contactlearn.models.standardisation import Standardisation
 
-FORMAT = 2
-"""Number of the file format; a file of a higher one is refused.  Format 1 has an effect's form among its options."""
+FORMAT = 3
+"""Number of the file format; a file of a higher one is refused.
+
+Format 1 has an effect's form among its options, format 2 no modules of processes other than the default ones.
+"""
 
 _KINDS = {kind.__name__: kind for kind in (ContactModel, Regressor, Standardisation)}
 _INFINITE = (".scale", "_bound")  # may be so: of a constant column, of GPyTorch's constraints
@@ -109,8 +113,11 @@ def _refuse_bombs(archive: ZipFile, size: int) -> None:
     `save` compresses nothing, and no part of its files lies within another.
     """
     inside = sum(part.file_size for part in archive.infolist())
-    if inside > size or any(part.compress_type != ZIP_STORED for part in archive.infolist()):
+    written = [(part.compress_type, part.compress_size - part.file_size) for part in archive.infolist()]
+    if inside > size or any(one != (ZIP_STORED, 0) for one in written):
         raise DataError(f"is compressed, {inside} bytes in {size}, and a checkpoint never is")
+    if any(part.external_attr for part in archive.infolist()):  # PyTorch leaves the memory of a folder as it was
+        raise DataError("holds a folder, or a file with attributes, and a checkpoint never does")
 
 
 def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:
@@ -132,9 +139,13 @@ def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         about = {"kind": "Law", "name": part.name, "variant": part.variant} | ({"options": plain} if plain else {})
         return about | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
     if isinstance(part, torch.nn.Module):
+        from contactlearn.models.gp.modules import as_text  # GPyTorch takes long to load
+
         gps: Any = part
-        own = {"x": gps.train_inputs[0][..., 0, :, :], "y": gps.train_targets, "weight": gps.likelihood.weight}
-        own |= gps.state_dict()
+        x, y, weight, options, noise = gps.data()
+        own = {"x": x, "y": y, "weight": weight, "noise": noise} | gps.state_dict()
+        about = {"kind": type(part).__name__, "options": as_text(vars(replace(options, optimiser=None)))}
+        return about | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
     else:
         own = {field.name: getattr(part, field.name) for field in fields(part) if field.name != "status"}
     return {"kind": type(part).__name__} | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
@@ -153,9 +164,10 @@ def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         return {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
     if kind == "Law":
         return _build_law(description, name, tensors)
+    options = description.pop("options", {"prior": False})
     own = {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
     if kind not in _KINDS:
-        return _build_processes(kind, own)
+        return _build_processes(kind, own, options)
     part = _KINDS[kind](**own)
     if isinstance(part, ContactModel) and part.target not in RESIDUALS:
         raise UnknownNameError("target", part.target, RESIDUALS)
@@ -164,13 +176,16 @@ def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
     return part
 
 
-def _build_processes(kind: str, own: dict[str, Tensor]) -> torch.nn.Module:
-    """Gaussian processes of a class by name, from their training data and the other tensors."""
-    from contactlearn.models.gp.exact import ExactGPs  # GPyTorch takes long to load
+def _build_processes(kind: str, own: dict[str, Any], options: dict[str, Any]) -> torch.nn.Module:
+    """Gaussian processes of a class by name, from their training data, the other tensors, and their modules."""
+    from contactlearn.models.gp.exact import ExactGPs, checked_options  # GPyTorch takes long to load
     from contactlearn.models.gp.sparse import SparseGPs
 
     family = {"ExactGPs": ExactGPs, "SparseGPs": SparseGPs}[kind]
-    gps = family(*(own.pop(key) for key in ("x", "y", "weight")))
+    own = {"noise": None} | own
+    x, y, weight, noise = (own.pop(key) for key in ("x", "y", "weight", "noise"))
+    columns = list(map(str, range(x.shape[-1])))  # a file has their numbers
+    gps = family(x, y, weight, checked_options(ProcessOptions(**options), columns), noise)
     gps.load_state_dict(own)
     return gps.eval()
 

@@ -9,7 +9,9 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.mechanics.features import SPACES
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.process_options import ProcessOptions
 from contactlearn.models.standardisation import Standardisation
 
 if TYPE_CHECKING:  # GPyTorch takes long to load
@@ -41,6 +43,8 @@ class Regressor:
         weight: Float[Tensor, "*batch n o"] | None = None,
         outputs: Standardisation | None = None,
         like: "Regressor | None" = None,
+        noise: Float[Tensor, "*batch n o"] | None = None,
+        options: ProcessOptions = ProcessOptions(),
         on_round: "Callable[[Regressor], None] | None" = None,
     ) -> "Regressor":
         """Train on subsets of equal size.
@@ -52,13 +56,16 @@ class Regressor:
             weight: w [..., n, O] > 0; the noise variance of a value is σ²/w².  1 if left out.
             outputs: standardisation of the values; from the values if left out.
             like: a regressor to begin the training from, of the same shape.
+            noise: variances [..., n, O] of the values, for a likelihood that has them fixed.
+            options: modules of the processes and their training.
             on_round: receives the regressor after each round of the training, whose hyperparameters go on changing.
 
         Raises:
-            DataError: fewer than two trials.
+            DataError: fewer than two trials, or no noise for a likelihood that has it fixed.
             UnknownNameError: no such space.
+            ContactLearnError: options that do not fit the space.
         """
-        from contactlearn.models.gp.exact import ExactGPs
+        from contactlearn.models.gp.exact import ExactGPs, checked_options
         from contactlearn.models.gp.sparse import SparseGPs
 
         if rows.shape[-1] < 2:
@@ -66,7 +73,10 @@ class Regressor:
         x = impacts.features(space).values[rows]
         inputs, outputs = Standardisation.of(x), outputs or Standardisation.of(values)
         family = ExactGPs if rows.shape[-1] <= EXACT_LIMIT else SparseGPs
-        gps = family(inputs.apply(x), outputs.apply(values).mT, None if weight is None else weight.mT)
+        noise = None if noise is None else noise / outputs.scale**2
+        options = checked_options(options, list(SPACES[space].columns))
+        weight, noise = (None if part is None else part.mT for part in (weight, noise))
+        gps = family(inputs.apply(x), outputs.apply(values).mT, weight, options, noise)
         found = cls(space, inputs, outputs, gps)
         told = None if on_round is None else lambda status: on_round(replace(found, status=status))
         return replace(found, status=gps.fit(like and like.gps, on_round=told))
@@ -83,14 +93,21 @@ class Regressor:
         return self.status
 
     @property
+    def objective(self) -> str:
+        """What the training maximised: the posterior of the hyperparameters, or the marginal likelihood."""
+        return "posterior" if self.gps.options.prior else "marginal likelihood"
+
+    @property
     def kind(self) -> str:
-        """Exact processes, or sparse ones and why."""
+        """Exact processes, or sparse ones and why; and how they are trained, with modules that are not the default."""
         from contactlearn.models.gp.exact import ExactGPs
 
         if isinstance(self.gps, ExactGPs):
-            return "exact"
+            path = "closed form" if self.gps.has_closed_form else "GPyTorch"
+            return f"exact{self.gps.options}; {self.objective} maximised by {path}"
         points = self.gps.covar_module.inducing_points.shape[-2]
-        return f"sparse variational ({points} inducing points), since there are more than {EXACT_LIMIT} training trials"
+        why = f"since there are more than {EXACT_LIMIT} training trials"
+        return f"sparse ({points} inducing points){self.gps.options}, {why}; {self.objective} maximised by GPyTorch"
 
     def predict(self, impacts: Impacts) -> tuple[Float[Tensor, "*batch n o"], Float[Tensor, "*batch n o"]]:
         """Mean and variance [..., N, O], without the noise of a measurement, in the values' units."""

@@ -1,5 +1,6 @@
 """Fits and errors as plain numbers, of the types that result files hold."""
 
+import math
 from collections.abc import Mapping
 
 import torch
@@ -76,13 +77,14 @@ def joint_estimate(fit: JointFit) -> JointEstimate:
 def process_estimates(recipe: Recipe, regressor: Regressor) -> tuple[ProcessEstimate, ...]:
     """Return the hyperparameters of each output's process, spread and noise in the output's unit."""
     training, spread = regressor.training, regressor.outputs.spread[0]
+    columns = SPACES[recipe.features].columns
     entries = []
     for o, (output, unit) in enumerate(TARGETS[recipe.target].items()):
         *lengths, scale, noise = regressor.gps.hyperparameters()[o].tolist()
         entry = ProcessEstimate(
             output=output,
             unit=unit,
-            length_scales=dict(zip(SPACES[recipe.features].columns, lengths, strict=True)),
+            length_scales={name: x for name, x in zip(columns, lengths, strict=True) if x < math.inf},
             spread=scale**0.5 * spread[o].item(),
             noise=noise**0.5 * spread[o].item(),
             loss=training.loss[o].item(),

@@ -150,7 +150,7 @@ class ProcessEstimate:
         length_scales: by feature, in standard deviations of the feature over the training trials.
         spread: standard deviation of the process, in the output's unit.
         noise: standard deviation of the noise, in the output's unit.
-        loss: negative log marginal likelihood a trial, in nats.
+        loss: negative logarithm a trial of the marginal likelihood, or posterior, in nats.
         converged: whether the training settled.
         evaluations: of the loss and its gradient.
     """

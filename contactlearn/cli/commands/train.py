@@ -227,7 +227,7 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
         distance = metrics.squared_distance(test, prediction)
         drawn |= {
             "calibration": quality.calibration_curve({trained.name: metrics.calibration(distance)}),
-            "training": quality.training(regressor.training.history, relevance),
+            "training": quality.training(regressor.training.history, relevance, regressor.objective),
         }
     return RunRecord(
         trained_on=result.trained_on,
@@ -240,4 +240,5 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
         model=settings.model,
         equations=[record.law_equation(fit) for fit in result.fits] if alone else [result.equation],
         errors=shown,
+        verdict={} if result.processes_kind is None else {"Gaussian processes": result.processes_kind},
     )

@@ -28,8 +28,9 @@ from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
 from contactlearn.mechanics.features import SPACES
 from contactlearn.mechanics.impacts import Impacts, measured_impulse
-from contactlearn.mechanics.noise_weight import noise_weight
+from contactlearn.mechanics.noise_weight import noise_variance, noise_weight
 from contactlearn.models.contact_model import ContactModel, predict_with, wrench_per_parameter
+from contactlearn.models.process_options import ProcessOptions
 from contactlearn.models.regressor import Regressor
 from contactlearn.models.standardisation import Standardisation
 
@@ -56,14 +57,17 @@ _PRIOR_SPREAD = 0.1  # standard deviation of μ and ε about the shared values, 
 class Recipe:
     """Definition of a learned model: `features`, `target`, and the `law` whose residual or parameters it learns.
 
+    `processes` are the modules of its Gaussian processes and their training.
+
     Raises:
         UnknownNameError: no such feature space or target.
-        ContactLearnError: parameters to learn but no law.
+        ContactLearnError: parameters to learn but no law, or processes that do not fit the features.
     """
 
     features: str
     target: str
     law: Law | None = None
+    processes: ProcessOptions = ProcessOptions()
 
     def __post_init__(self) -> None:
         if self.features not in SPACES:
@@ -76,6 +80,10 @@ class Recipe:
             )
         if self.law is None and self.target.startswith("parameters"):
             raise ContactLearnError(f"target {self.target} needs a law, got none")
+        if self.processes != ProcessOptions():
+            from contactlearn.models.gp.exact import checked_options  # GPyTorch takes long to load
+
+            object.__setattr__(self, "processes", checked_options(self.processes, list(SPACES[self.features].columns)))
 
     @classmethod
     def of(cls, model: ContactModel) -> "Recipe":
@@ -89,8 +97,10 @@ class Recipe:
             raise ContactLearnError(f"no recipe makes a model on top of a learned model, such as {model}")
         target = model.target
         if model.parameters is not None:
-            target = f"parameters_{'identified' if processes.gps.likelihood.weight is None else 'likelihood'}"
-        return cls(processes.space, target, under.base if isinstance(under.base, Law) else None)
+            _, _, weight, *_ = processes.gps.data()
+            target = f"parameters_{'identified' if weight is None else 'likelihood'}"
+        law = under.base if isinstance(under.base, Law) else None
+        return cls(processes.space, target, law, processes.gps.options)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,6 +145,7 @@ def learn(
     """
     rows, start = rows.to(impacts.mass.device), _before_learning(recipe, base)
     part = "parameters" if recipe.target.startswith("parameters") else "residual"
+    fit = partial(Regressor.fit, recipe.features, impacts, rows, like=like, options=recipe.processes)
 
     def finished(values: Tensor, regressor: Regressor) -> ContactModel:
         return _with_noise(replace(start, **{part: regressor}), impacts, rows, values)
@@ -150,7 +161,7 @@ def learn(
     elif recipe.target == "parameters_identified":
         found = identify_trials(start.law, impacts, target=impulse, box=box)
         values = torch.stack((found.mu, found.eps), -1)[rows]
-        regressor = Regressor.fit(recipe.features, impacts, rows, values, like=like, on_round=tell(values))
+        regressor = fit(values, on_round=tell(values))
     else:
         left = start.base_prediction(impacts)
         values = {
@@ -158,11 +169,10 @@ def learn(
             "impulse": measured_impulse(impacts, impulse) - left.wrench[..., :2],
             "wrench": impacts.wrench - left.wrench,
         }[recipe.target]
-        values, weight = _at(values, rows), noise_weight(impacts, recipe.target)
-        weight = None if weight is None else weight[rows]
-        regressor = Regressor.fit(
-            recipe.features, impacts, rows, values, weight=weight, like=like, on_round=tell(values)
-        )
+        values = _at(values, rows)
+        stated = noise_weight(impacts, recipe.target), noise_variance(impacts, recipe.target)
+        weight, noise = (None if part is None else part[rows] for part in stated)
+        regressor = fit(values, weight=weight, noise=noise, on_round=tell(values))
     return finished(values, regressor)
 
 
@@ -228,6 +238,7 @@ def _learn_parameters(
             weight=weight,
             outputs=outputs,
             like=regressor,
+            options=recipe.processes,
             on_round=tell(observed),
         )
         theta = _at(regressor.predict(impacts)[0], rows)

@@ -90,14 +90,17 @@ def calibration_curve(coverage: Mapping[str, tuple[Float[Tensor, " levels"], Flo
 
 @st.look()
 def training(
-    loss: Float[Tensor, "iterations *processes"], hyperparameters: Mapping[str, Mapping[str, float]]
+    loss: Float[Tensor, "iterations *processes"],
+    hyperparameters: Mapping[str, Mapping[str, float]],
+    objective: str = "marginal likelihood",
 ) -> Figure:
     """Draw the loss of a fit, and the relevance of each feature for each output.
 
     Args:
-        loss: negative log marginal likelihood per point in nats, [iterations], or [iterations, G] of
+        loss: negative logarithm of the objective per point in nats, [iterations], or [iterations, G] of
             G Gaussian processes.
         hyperparameters: by output and feature, 1/lengthscale of the scaled feature.
+        objective: of the training, "posterior" or "marginal likelihood".
 
     Raises:
         ContactLearnError: no iterations, outputs or features.
@@ -109,7 +112,7 @@ def training(
     outputs = len(hyperparameters)
     figure = st.new_figure(st.PAGE, max(2.5, 0.9 + st.ROW * outputs + 0.075 * (outputs + 1) * len(features)))
     left, right = figure.subplots(1, 2)
-    st.name_axes(left, "Iteration (–)", "Negative log marginal\nlikelihood per point (nats)").margins(x=0.02)
+    st.name_axes(left, "Iteration (–)", f"Negative log {objective}\nper point (nats)").margins(x=0.02)
     if losses.shape[1] > 1:
         left.plot(losses, color=st.tint(st.CONTRAST[0], 0.4), linewidth=0.6)[0].set_label("One Gaussian process")
     left.plot(losses.mean(1), color=st.CONTRAST[0], label=f"Mean of {losses.shape[1]}")

@@ -1,0 +1,198 @@
+"""GPyTorch modules from descriptions: which kernel, mean and likelihood a process has.
+
+A description is what a YAML file or a checkpoint says: a class by `_target_`, its arguments by name, positional ones
+under `_args_`, and other modules as descriptions of their own.
+
+    {"_target_": "gpytorch.kernels.MaternKernel", "nu": 1.5}
+
+A class is found among GPyTorch's own kernels, means, likelihoods, priors and constraints, and among subclasses of these
+that have been imported already: a description never imports anything.  `batch_shape`, `ard_num_dims`, `input_size` and
+the fixed `noise` of a likelihood are filled in where a class takes them and the description leaves them out.
+"""
+
+import inspect
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import gpytorch
+import torch
+from gpytorch.constraints import Interval
+from gpytorch.kernels import Kernel
+from gpytorch.likelihoods import Likelihood
+from gpytorch.means import Mean
+from gpytorch.priors import Prior
+from torch import optim
+
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.core.numerics import is_whole
+
+_ROOMS = {"kernels": Kernel, "means": Mean, "likelihoods": Likelihood, "priors": Prior, "constraints": Interval}
+_LARGEST = 10_000  # of a whole number: a shared description must not fill the memory
+
+
+def find(target: object) -> type[torch.nn.Module]:
+    """Return the class of a dotted name, or the class itself.
+
+    Raises:
+        UnknownNameError: GPyTorch has no such module.
+        ContactLearnError: no class that is loaded.
+    """
+    if isinstance(target, type) and issubclass(target, tuple(_ROOMS.values())):
+        return target
+    package, _, path = str(target).partition(".")
+    room, _, name = path.partition(".")
+    if package == "gpytorch" and room in _ROOMS:
+        own = vars(getattr(gpytorch, room))
+        known = {key: kind for key, kind in own.items() if isinstance(kind, type) and issubclass(kind, _ROOMS[room])}
+        if name not in known:
+            raise UnknownNameError(f"module of gpytorch.{room}", name, known)
+        return known[name]
+    for kind in (kind for base in _ROOMS.values() for kind in _subclasses(base)):
+        if target == dotted_name(kind):
+            return kind
+    rooms = ", ".join(_ROOMS)
+    raise ContactLearnError(
+        f"{target} is no module of GPyTorch's {rooms}, and no subclass of one that has been imported; "
+        f"import {str(target).rpartition('.')[0] or 'its module'} first, if you trust it"
+    )
+
+
+def dotted_name(kind: type) -> str:
+    """Return the name by which `find` finds a class."""
+    for room in _ROOMS:
+        if vars(getattr(gpytorch, room)).get(kind.__name__) is kind:
+            return f"gpytorch.{room}.{kind.__name__}"
+    return f"{kind.__module__}.{kind.__qualname__}"
+
+
+def _subclasses(base: type) -> Iterator[type]:
+    for kind in base.__subclasses__():
+        yield kind
+        yield from _subclasses(kind)
+
+
+def resolved(description: Mapping[str, Any], columns: Sequence[str], room: str | None = None) -> dict[str, Any]:
+    """Return a description with classes for their names, and column numbers for names of features.
+
+    Args:
+        description: of a module.
+        columns: names of the features.
+        room: kernels, means or likelihoods, if it must be one.
+
+    Raises:
+        ContactLearnError: no `_target_`, a class that is not found, or an argument that it does not take.
+        UnknownNameError: no such feature.
+    """
+    if "_target_" not in description:
+        raise ContactLearnError(f"needs a class, such as _target_: gpytorch.kernels.MaternKernel; got {description}")
+    kind = find(description["_target_"])
+    if room is not None and not issubclass(kind, _ROOMS[room]):
+        raise ContactLearnError(f"must be a class of gpytorch.{room}, got {dotted_name(kind)}")
+    found: dict[str, Any] = {"_target_": kind}
+    for name, value in description.items():
+        if name not in ("_target_", "_args_") and name not in (known := _parameters(kind)):
+            raise UnknownNameError(f"argument of {kind.__name__}", name, sorted(known))
+        if name == "active_dims" and value is not None:
+            value = [_column(one, columns) for one in (value if isinstance(value, list | tuple) else [value])]
+        if name != "_target_":
+            found[name] = _plain(name, value, columns)
+    return found
+
+
+def resolved_optimiser(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of an optimiser with its class for its name, after a trial.
+
+    Raises:
+        ContactLearnError: numbers that are none, or arguments without a class or that it does not take.
+        UnknownNameError: torch.optim has no such optimiser.
+    """
+    found = {name: value for name, value in settings.items() if value is not None}
+    for name in ("starts", "iterations"):
+        if not is_whole(found.get(name, 1), 1):
+            raise ContactLearnError(f"{name} must be a whole number, 1 or more, got {found[name]!r}")
+    arguments = {name: value for name, value in found.items() if name not in ("_target_", "starts", "iterations")}
+    known = {f"torch.optim.{name}": kind for name, kind in vars(optim).items() if isinstance(kind, type)}
+    target = found.get("_target_")
+    if target is None and arguments:
+        raise ContactLearnError(f"{', '.join(arguments)} needs a class, such as _target_: torch.optim.Adam")
+    if target is not None:
+        if target not in known and target not in known.values():
+            raise UnknownNameError("optimiser", str(target), known)
+        kind: Any = known.get(target, target)
+        found["_target_"] = kind
+        kind([torch.zeros(1, requires_grad=True)], **arguments)
+    return found
+
+
+def _column(name: object, columns: Sequence[str]) -> int:
+    """The number of a feature."""
+    if isinstance(name, str) and name not in columns:
+        raise UnknownNameError("feature", name, columns)
+    number = columns.index(name) if isinstance(name, str) else name
+    if type(number) is not int or not 0 <= number < len(columns):
+        raise ContactLearnError(
+            f"active_dims are names of features, or numbers from 0 to {len(columns) - 1}, of {', '.join(columns)}; "
+            f"got {name!r}"
+        )
+    return number
+
+
+def _plain(name: str, value: Any, columns: Sequence[str]) -> Any:
+    """An argument: a number, text, a list of such, or a module's description."""
+    if isinstance(value, Mapping):
+        return resolved(value, columns)
+    if isinstance(value, list | tuple):
+        return [_plain(name, one, columns) for one in value]
+    if not (value is None or isinstance(value, bool | int | float | str)) or (
+        isinstance(value, int) and abs(value) > _LARGEST
+    ):
+        raise ContactLearnError(f"{name} must be a number (whole ones up to {_LARGEST}), a word or a list, got {value}")
+    return value
+
+
+def as_text(description: Any) -> Any:
+    """Return a resolved description, or several by name, with names for the classes, as JSON."""
+    if isinstance(description, Mapping):
+        return {name: as_text(value) for name, value in description.items()}
+    if isinstance(description, list):
+        return [as_text(value) for value in description]
+    return dotted_name(description) if isinstance(description, type) else description
+
+
+def build(description: Mapping[str, Any], filled: Mapping[str, Any]) -> Any:
+    """Make the module of a resolved description.
+
+    Args:
+        description: see `resolved`.
+        filled: arguments for classes that take them, where the description leaves them out.  `ard_num_dims` and
+            `input_size` are the number of features; those of a kernel on some columns are these alone.
+    """
+    kind, filled = description["_target_"], dict(filled)
+    if description.get("active_dims") is not None:
+        filled["ard_num_dims"] = len(description["active_dims"])
+    own = {name: value for name, value in description.items() if name not in ("_target_", "_args_")}
+    own = {name: _argument(value, kind, filled) for name, value in own.items()}
+    parts = [_argument(value, kind, filled) for value in description.get("_args_", ())]
+    if any(isinstance(part, Kernel) for part in (*own.values(), *parts)):
+        del filled["ard_num_dims"]  # of the kernels inside
+    takes = _parameters(kind)
+    return kind(*parts, **{name: value for name, value in filled.items() if name in takes} | own)
+
+
+def _argument(value: Any, kind: type, filled: Mapping[str, Any]) -> Any:
+    if isinstance(value, Mapping):
+        return build(value, filled)
+    exact = isinstance(value, float) and issubclass(kind, Prior)
+    return torch.tensor(value, dtype=torch.float64) if exact else value
+
+
+def _parameters(kind: type) -> set[str]:
+    """Names of a constructor's arguments, those that it hands on to its base with ** among them."""
+    names: set[str] = set()
+    for base in kind.__mro__:
+        if "__init__" in vars(base):
+            parameters = list(inspect.signature(base.__init__).parameters.values())[1:]
+            names |= {one.name for one in parameters if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)}
+            if not any(one.kind is one.VAR_KEYWORD for one in parameters):
+                break
+    return names
