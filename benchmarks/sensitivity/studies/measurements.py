@@ -5,9 +5,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from contactlearn.data.audit.findings import outlier_findings, shape_findings
 from contactlearn.data.audit.model_checks import find_model_outliers
-from contactlearn.data.audit.trials import gross_outliers, scale_findings
+from contactlearn.data.audit.trials import gross_outliers, scale_findings, trial_findings
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
@@ -99,7 +98,10 @@ def _spiked(share: tuple[float, float], seed: int) -> Impacts:
 
 def _not_dropped(impacts: Impacts, thresholds: Thresholds) -> bool:
     """Whether outliers are reported as too many to be dropped."""
-    return any(finding.correction is None for finding in outlier_findings(impacts, thresholds.audit))
+    return any(
+        finding.name == "gross_outliers" and finding.correction is None
+        for finding in trial_findings(impacts, thresholds.audit)
+    )
 
 
 DROPPED = Study(
@@ -125,7 +127,9 @@ SHAPE = Study(
     name="contact point of the shape",
     null=each(5, "surface_tilt", "com_offset", "shape_error", "orientation_offset"),
     planted=each(7, "axes", "scale", "turned"), prepare=_shaped,
-    alarm=lambda drops, thresholds: bool(shape_findings(drops, thresholds.audit)),
+    alarm=lambda drops, thresholds: any(
+        finding.name == "contact_point_off_shape" for finding in trial_findings(drops, thresholds.audit)
+    ),
 )  # fmt: skip
 
 
