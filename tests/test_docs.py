@@ -1,6 +1,7 @@
 """What the documents show works: Python blocks run, commands compose, links lead somewhere."""
 
 import gc
+import json
 import re
 import runpy
 import shlex
@@ -20,6 +21,14 @@ from contactlearn.results import folder
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/**/*.md")])
 HELP = sorted(ROOT.glob("configs/hydra/help/*.yaml"))
+
+
+def test_claims_of_the_paper_are_those_of_the_results():
+    claims = runpy.run_path(str(ROOT / "benchmarks" / "accuracy" / "paper_claims.py"))
+    made = claims["tables"](json.loads(claims["RESULTS"].read_text()))
+    assert f"<!-- paper_claims -->\n\n{made}\n\n<!-- end -->" in claims["PAGE"].read_text("utf-8")
+    words = ["experiment=fazeli2017", *claims["SMALLER"], claims["LEARNED"], "data.free_fall=0.008"]
+    assert [*compose("evaluate", words).model] == claims["LEARNED"][7:-1].split(",")
 
 
 def _blocks(document):

@@ -33,8 +33,10 @@ FRAMES = {"as published": "[]", "x mirrored": "[mirrored_x]"}
 RIGID = ("x1_impulse", "x2_impulse", "residual_impulse", "parameters_identified")
 SMALLER = (
     "train.repetitions=40", "figures.repetitions=2", "curves.seeds=5", "curves.sizes=[10,20,50,100,200,300,450]",
-    "model=[state_velocity,x1_impulse,x2_impulse,x1_wrench,residual_impulse,residual_wrench,parameters_identified]",
 )  # fmt: skip
+LEARNED = (
+    "model=[state_velocity,x1_impulse,x2_impulse,x1_wrench,residual_impulse,residual_wrench,parameters_identified]"
+)
 MODELS = ("best_post_hoc", "x1_impulse", "x2_impulse", "irb", "x1_wrench", "state_velocity")
 
 
@@ -144,7 +146,7 @@ def main() -> None:
         found = {
             f"{norm}, {frame}": evaluated(
                 options.out.absolute(), f"{norm}_{frame.replace(' ', '_')}",
-                f"bounds.norm={norm}", f"train.target={target}", f"data.correct={correct}",
+                LEARNED, f"bounds.norm={norm}", f"train.target={target}", f"data.correct={correct}",
             )
             for norm, target in IMPULSE.items()
             for frame, correct in FRAMES.items()
