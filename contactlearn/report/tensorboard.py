@@ -214,9 +214,9 @@ class Tracker:
                 numbers |= dict(zip((tag, *ends(tag)), value, strict=True))
             else:
                 numbers[tag] = value
-        for tag, number in numbers.items():
-            self._writer.add_scalar(tag, number, step)
-        self._writer.flush()
+        written = [Summary.Value(tag=tag, simple_value=number) for tag, number in numbers.items()]
+        self._file.add_summary(Summary(value=written), step)  # one event: each costs a handover to the writing thread
+        self._file.flush()
         with (self._folder / METRICS_FILE).open("a", encoding="utf-8") as lines:
             lines.write(json.dumps({**place, **numbers}) + "\n")
 
