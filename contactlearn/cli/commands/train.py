@@ -222,8 +222,8 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
             output: dict(zip(columns, (1 / lengths[: len(columns)]).tolist(), strict=True))
             for output, lengths in zip(TARGETS[recipe.target], regressor.gps.hyperparameters(), strict=True)
         }
-        lengths = torch.tensor([list(one.length_scales.values()) for one in result.processes])
-        distributions |= {f"length_scales/{one.output}": x for one, x in zip(result.processes, lengths, strict=True)}
+        lengths = {one.output: list(one.length_scales.values()) for one in result.processes}
+        distributions |= {f"length_scales/{output}": torch.tensor(found) for output, found in lengths.items() if found}
         distance = metrics.squared_distance(test, prediction)
         drawn |= {
             "calibration": quality.calibration_curve({trained.name: metrics.calibration(distance)}),
