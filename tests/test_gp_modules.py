@@ -1,0 +1,230 @@
+"""Processes with GPyTorch's modules: equal to GPyTorch by hand, chosen by name, saved and refused as they should be."""
+
+import gpytorch
+import pytest
+import torch
+from gpytorch.kernels import AdditiveKernel, LinearKernel, MaternKernel, RBFKernel, ScaleKernel
+from gpytorch.likelihoods import FixedNoiseGaussianLikelihood, GaussianLikelihood
+from gpytorch.mlls import ExactMarginalLogLikelihood
+
+from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.inference.learning.recipe import Recipe, learn
+from contactlearn.models import checkpoint, regressor
+from contactlearn.models.gp import modules
+from contactlearn.models.gp.exact import ExactGPs, checked_options
+from contactlearn.models.gp.sparse import SparseGPs
+from contactlearn.models.gp.training import losses, optimise
+from contactlearn.models.process_options import ProcessOptions
+from contactlearn.simulation import synthetic
+
+close = torch.testing.assert_close
+IMPACTS = synthetic.load(size=60)
+ROWS = torch.arange(20)
+COLUMNS = ["a", "b", "c"]
+MATERN = {"_target_": "gpytorch.kernels.MaternKernel", "nu": 1.5}
+SUM = {
+    "_target_": "gpytorch.kernels.AdditiveKernel",
+    "_args_": [
+        {"_target_": "gpytorch.kernels.PeriodicKernel", "active_dims": ["c"]},
+        {"_target_": "gpytorch.kernels.RBFKernel", "active_dims": [0, 1], "lengthscale_prior": {
+            "_target_": "gpytorch.priors.GammaPrior", "concentration": 3.0, "rate": 6.0}},
+    ],
+}  # fmt: skip
+ADAM = {"_target_": "torch.optim.Adam", "lr": 0.1, "starts": 1, "iterations": 5}
+
+
+def options(**parts) -> ProcessOptions:
+    return checked_options(ProcessOptions(**parts), COLUMNS)
+
+
+def problem(n: int = 12, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
+    """x [2, n, 3] and y [2, 2, n]: two subsets of a function with a kink, and noise."""
+    generator = torch.Generator().manual_seed(seed)
+    x = torch.randn(2, n, 3, generator=generator, dtype=torch.float64)
+    slopes = torch.tensor([[1.5, 0.5, 0.0], [-1.0, 0.3, 2.0]], dtype=torch.float64)
+    noise = 0.05 * torch.randn(2, 2, n, generator=generator, dtype=torch.float64)
+    return x, (slopes @ x.mT).abs() - 1 + noise
+
+
+class ByHand(gpytorch.models.ExactGP):
+    """What a user of GPyTorch writes."""
+
+    def __init__(self, x, y, likelihood, mean, kernel):
+        super().__init__(x, y, likelihood)
+        self.mean_module, self.covar_module = mean, kernel
+
+    def forward(self, x):
+        return gpytorch.distributions.MultivariateNormal(self.mean_module(x), self.covar_module(x))
+
+
+@pytest.mark.parametrize("which", ["matern", "sum"])
+def test_objective_and_gradient_are_those_of_gpytorch_by_hand(which):
+    x, y = problem()
+    batch, inputs = y.shape[:-1], x[:, None].expand(2, 2, -1, -1)
+    if which == "matern":
+        kernel = MaternKernel(nu=1.5, ard_num_dims=3, batch_shape=batch)
+        ours = options(kernel=MATERN, prior=False)
+        mean = gpytorch.means.ZeroMean()
+    else:
+        kernel = AdditiveKernel(
+            RBFKernel(active_dims=[0, 1], ard_num_dims=2, batch_shape=batch),
+            LinearKernel(ard_num_dims=3, batch_shape=batch),
+        )
+        mean = gpytorch.means.LinearMean(3, batch_shape=batch)
+        parts = [{"_target_": "gpytorch.kernels.RBFKernel", "active_dims": ["a", "b"]}]
+        parts.append({"_target_": "gpytorch.kernels.LinearKernel"})
+        ours = options(
+            kernel={"_target_": AdditiveKernel, "_args_": parts},
+            mean={"_target_": "gpytorch.means.LinearMean"},
+            prior=False,
+        )
+    likelihood = GaussianLikelihood(batch_shape=batch, noise_constraint=gpytorch.constraints.Positive())
+    theirs = ByHand(inputs, y, likelihood, mean, ScaleKernel(kernel, batch_shape=batch)).double().train()
+    gps = ExactGPs(x, y, options=ours).train()
+    generator = torch.Generator().manual_seed(1)
+    for a, b in zip(gps.parameters(), theirs.parameters(), strict=True):
+        a.data.copy_(torch.randn(a.shape, generator=generator, dtype=torch.float64))
+        b.data.copy_(a.data)
+    value, expected = losses(gps), -ExactMarginalLogLikelihood(likelihood, theirs)(theirs(inputs), y)
+    close(value, expected)
+    pairs = (value, gps), (expected, theirs)
+    gradients = (torch.autograd.grad(loss.sum(), list(model.parameters())) for loss, model in pairs)
+    for a, b in zip(*gradients, strict=True):
+        close(a, b)
+    for model in (gps, theirs):
+        model.eval()
+    with torch.no_grad():
+        posterior, (mean, variance) = theirs(x[:, None, :4].expand(2, 2, -1, -1) + 0.1), gps.predict(x[:, :4] + 0.1)
+    close(mean, posterior.mean, rtol=1e-6, atol=1e-8)
+    close(variance, posterior.variance, rtol=1e-6, atol=1e-8)
+
+
+def test_the_closed_form_and_gpytorch_find_the_same_optimum():
+    """By the same search, in nearly the same variables: of a default model, and of one that names its kernel."""
+    x, y = problem(n=30)
+    ours, named = ExactGPs(x, y), ExactGPs(x, y, options=options(kernel={"_target_": "gpytorch.kernels.RBFKernel"}))
+    assert ours.has_closed_form
+    assert named.has_closed_form
+    close(ours.fit().loss, optimise(named).loss, rtol=0, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"kernel": MATERN},
+        {"mean": {"_target_": "gpytorch.means.ConstantMean"}},
+        {"kernel": {"_target_": "gpytorch.kernels.RBFKernel", "active_dims": [0, 1, 2]}},
+        {"likelihood": {"_target_": "gpytorch.likelihoods.GaussianLikelihood", "noise_constraint": {
+            "_target_": "gpytorch.constraints.GreaterThan", "lower_bound": 0.01}}},
+        {"optimiser": ADAM},
+        {"kernel": SUM},
+    ],
+    ids=["kernel", "mean", "columns", "constraint", "optimiser", "sum"],
+)  # fmt: skip
+def test_the_closed_form_is_left_for_what_it_cannot_do(parts):
+    """Training settles, and its loss is GPyTorch's on the model that it leaves, priors included."""
+    x, y = problem()
+    gps = ExactGPs(x, y, options=options(**parts))
+    assert not gps.has_closed_form
+    rounds = []
+    fit = gps.fit(on_round=rounds.append)
+    close(losses(gps.train()), fit.loss)
+    close(rounds[-1].loss, fit.loss)
+    assert (fit.history[0] > fit.loss).all()
+    if "constraint" in str(parts):
+        assert (gps.likelihood.noise > 0.01).all()
+
+
+def test_a_matern_kernel_is_better_on_a_rough_function():
+    x, y = problem(n=60)
+    new, truth = problem(n=200, seed=1)
+    densities = []
+    for chosen in (options(kernel=MATERN | {"nu": 0.5}), options(kernel=MATERN), ProcessOptions()):
+        gps = ExactGPs(x, y, options=chosen)
+        gps.fit()
+        mean, variance = gps.predict(new)
+        spread = (variance + gps.likelihood.noise).sqrt()
+        densities.append(torch.distributions.Normal(mean, spread).log_prob(truth).mean())
+    assert max(densities[:2]) > densities[2] + 0.05
+
+
+def test_starts_and_iterations_are_those_of_the_optimiser():
+    x, y = problem()
+    for kernel in (None, MATERN):
+        few = ExactGPs(x, y, options=options(kernel=kernel, optimiser={"starts": 1, "iterations": 3}))
+        assert few.fit().evaluations.max() == 3
+
+
+@pytest.mark.parametrize("limit", [2000, 10], ids=["exact", "sparse"])
+def test_a_checkpoint_has_the_modules(tmp_path, monkeypatch, limit):
+    monkeypatch.setattr(regressor, "EXACT_LIMIT", limit)
+    chosen = ProcessOptions(
+        kernel=MATERN | {"active_dims": ["v_t", "v_n"]},
+        mean={"_target_": "gpytorch.means.ConstantMean"},
+        optimiser={"iterations": 3},
+    )
+    model = learn(Recipe("x1", "wrench", processes=chosen), IMPACTS, ROWS)
+    assert "MaternKernel, ConstantMean" in model.processes.kind
+    loaded, _ = checkpoint.load(checkpoint.save(model, tmp_path / "model.pt", provenance={}))
+    close(loaded.predict(IMPACTS).v_post, model.predict(IMPACTS).v_post, rtol=1e-9, atol=1e-9)
+    gps = loaded.processes.gps.train()
+    assert isinstance(gps, SparseGPs if limit == 10 else ExactGPs)
+    close(losses(gps), model.processes.training.loss)  # the priors of the file are those of the training
+    assert Recipe.of(loaded).processes.kernel == Recipe.of(model).processes.kernel
+
+
+class Own(RBFKernel):
+    """A kernel of the user's own."""
+
+
+def test_a_checkpoint_executes_no_class_that_is_not_there(tmp_path, monkeypatch):
+    own = {"_target_": f"{__name__}.Own"}
+    model = learn(
+        Recipe("x2", "impulse", processes=ProcessOptions(kernel=own, optimiser={"iterations": 2})), IMPACTS, ROWS
+    )
+    path = checkpoint.save(model, tmp_path / "model.pt", provenance={})
+    assert type(checkpoint.load(path)[0].processes.gps.kernel.base_kernel) is Own
+    monkeypatch.setattr(modules, "_subclasses", lambda base: iter(()))  # as if it had not been imported
+    with pytest.raises(DataError, match=rf"{__name__}.Own is no module of GPyTorch.*; import {__name__} first"):
+        checkpoint.load(path)
+
+
+BAD = {
+    "unknown": ({"kernel": {"_target_": "gpytorch.kernels.MaternKernal"}}, "did you mean 'MaternKernel'"),
+    "another part": ({"kernel": {"_target_": "gpytorch.means.ZeroMean"}}, "must be a class of gpytorch.kernels"),
+    "no module": ({"mean": {"_target_": "os.system"}}, "os.system is no module of GPyTorch"),
+    "hidden": ({"kernel": {"_target_": "gpytorch.kernels.torch"}}, "unknown module of gpytorch.kernels 'torch'"),
+    "no class": ({"kernel": {"nu": 1.5}}, "needs a class"),
+    "argument": ({"kernel": MATERN | {"nuu": 1.5}}, "unknown argument of MaternKernel 'nuu', did you mean 'nu'"),
+    "value": ({"kernel": MATERN | {"nu": 7}}, "kernel: does not fit 3 features: nu expected to be"),
+    "feature": ({"kernel": MATERN | {"active_dims": ["d"]}}, "unknown feature 'd'"),
+    "column": ({"kernel": MATERN | {"active_dims": [3]}}, "numbers from 0 to 2, of a, b, c; got 3"),
+    "length scales": ({"kernel": MATERN | {"ard_num_dims": 2}}, "kernel: does not fit 3 features"),
+    "memory": ({"kernel": {"_target_": "gpytorch.kernels.SpectralMixtureKernel", "num_mixtures": 10**9}}, "up to 10"),
+    "not Gaussian": ({"likelihood": {"_target_": "gpytorch.likelihoods.StudentTLikelihood"}}, "likelihood: does not"),
+    "optimiser": ({"optimiser": {"_target_": "torch.optim.Adm"}}, "did you mean 'torch.optim.Adam'"),
+    "its argument": ({"optimiser": ADAM | {"lrr": 1}}, "lrr"),
+    "its class": ({"optimiser": {"lr": 0.1}}, "lr needs a class"),
+    "starts": ({"optimiser": {"starts": 0}}, "starts must be a whole number, 1 or more, got 0"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("parts", "fragment"), BAD.values(), ids=BAD)
+def test_what_does_not_fit_is_refused_in_one_line(parts, fragment):
+    with pytest.raises(ContactLearnError) as caught:
+        options(**parts)
+    assert fragment in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_fixed_noise_is_that_of_the_covariances():
+    fixed = ProcessOptions(likelihood={"_target_": "gpytorch.likelihoods.FixedNoiseGaussianLikelihood"})
+    recipe = Recipe("x2", "impulse", processes=fixed)
+    with pytest.raises(DataError, match="these state none"):
+        learn(recipe, IMPACTS, ROWS)
+    spread = torch.tensor([0.01, 0.02, 0.3], dtype=torch.float64)
+    stated = IMPACTS.replace(v_post_cov=torch.diag(spread**2).expand(len(IMPACTS), 3, 3))
+    processes = learn(recipe, stated, ROWS).processes
+    assert isinstance(processes.gps.likelihood, FixedNoiseGaussianLikelihood)
+    noise = processes.gps.noise_variance().sqrt() * processes.outputs.spread.mT
+    close(noise, (IMPACTS.mass[:20] * spread[:2, None]).expand(2, -1))
