@@ -161,7 +161,7 @@ class GaussianProcesses(gpytorch.models.ExactGP):
         """
         (x,) = self.train_inputs
         lengths = x.new_full((*x.shape[:-2], x.shape[-1]), torch.inf)
-        _shorten(lengths, self.kernel, list(range(x.shape[-1])))
+        _shorten(lengths, self.kernel, torch.arange(x.shape[-1], device=x.device))
         variances = self.kernel(x[..., :1000, :], diag=True), self.likelihood.noise
         return torch.cat((lengths, *(variance.mean(-1, keepdim=True) for variance in variances)), -1)
 
@@ -250,11 +250,11 @@ def _log_noise(noise: HomoskedasticNoise) -> Tensor:
     return noise.noise.log()
 
 
-def _shorten(lengths: Tensor, kernel: Kernel, columns: list[int]) -> None:
+def _shorten(lengths: Tensor, kernel: Kernel, columns: Tensor) -> None:
     """Lower lengths [..., D] to the length scales that a kernel on some columns, and those in it, have."""
     inner = getattr(kernel, "base_kernel", None)
     if kernel.active_dims is not None and (inner is None or inner.active_dims is None):  # a wrapper repeats them
-        columns = [columns[place] for place in kernel.active_dims.tolist()]
+        columns = columns[kernel.active_dims]
     if kernel.has_lengthscale:
         lengths[..., columns] = torch.minimum(lengths[..., columns], kernel.lengthscale[..., 0, :])
     for child in kernel.children() if not hasattr(kernel, "kernels") else kernel.kernels:
